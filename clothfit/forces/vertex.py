@@ -1,0 +1,72 @@
+"""Weight and node damping: f_i = m_i (g − α v_i), with K = 0 and D = −α m_i I.
+
+Symbols: m (n,) kg, α 1/s, g (3,) m/s². Linear in v, so in the step's model the velocity before the step drops
+out: F(w) = m (g − α w).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.kernel import kernel
+from clothfit.arrays import Array, Elements, Flags
+
+GRAVITY = -9.81  # along y, m/s²
+
+
+class Vertex(NamedTuple):
+    """Constants of the vertices of one cloth."""
+
+    mass: Array  # m, (n,), kg
+    damping: float  # α, 1/s
+    gravity: Array  # g, (3,), m/s²
+    free: Flags  # (n,), False where the vertex is fixed
+
+
+def build(mass: Array, fixed: Flags, damping: float) -> Vertex:
+    """The vertices of a cloth with masses (n,) kg and damping α 1/s."""
+    return Vertex(np.array(mass, float), float(damping), np.array([0.0, GRAVITY, 0.0]), ~np.asarray(fixed))
+
+
+@kernel
+def add_force(vertex, y, u, f):
+    for i in range(len(vertex.mass)):
+        m = vertex.mass[i]
+        for c in range(3):
+            f[i, c] += m * (vertex.gravity[c] - vertex.damping * u[i, c])
+
+
+@kernel
+def add_damping(vertex, y, scale, d, out):
+    for i in range(len(vertex.mass)):
+        for c in range(3):
+            out[i, c] -= scale * vertex.damping * vertex.mass[i] * d[i, c]
+
+
+@kernel
+def add_step(vertex, y, u, h, A, b):
+    for i in range(len(vertex.mass)):
+        m = vertex.mass[i]
+        damping = h * vertex.damping * m
+        A.diagonal[i, 0] += damping
+        A.diagonal[i, 3] += damping
+        A.diagonal[i, 5] += damping
+        for c in range(3):
+            b[i, c] += h * m * vertex.gravity[c]
+
+
+@kernel
+def add_pullback(vertex, y, u, w, s, lam, h, grad, gy, gu):
+    # φ = h m λ·(g − α w): no y, no u.
+    for i in range(len(vertex.mass)):
+        for c in range(3):
+            grad.mass[i] += h * lam[i, c] * (vertex.gravity[c] - vertex.damping * w[i, c])
+
+
+@kernel
+def add_pushforward(vertex, y, u, w, s, dy, du, direction, h, out):
+    for i in range(len(vertex.mass)):
+        for c in range(3):
+            out[i, c] += h * direction.mass[i] * (vertex.gravity[c] - vertex.damping * w[i, c])

@@ -1,0 +1,43 @@
+"""The linear solve of a step: conjugate gradients, and a direct factorisation where they cannot be trusted.
+
+Conjugate gradients need a positive definite matrix; strongly compressed springs make it indefinite, and very stiff
+scenes need more iterations than a factorisation costs. The system is the same either way, so the motion stays the one that
+the scene means; every such solve is counted and reported.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import objmode
+
+from clothfit import cg, sparse
+from clothfit.arrays import Array, Flags, Indices
+from clothfit.kernel import kernel
+
+
+@kernel
+def solve(A, free, b, tolerance, work, w):
+    """Solve A w = b, w (n, 3) holding a first guess; returns the CG iterations and the direct solves (0 or 1) used."""
+    limit = min(10 * len(b) + 100, 5000)  # beyond, a factorisation is cheaper at any size
+    iterations, ended = cg.solve(A, free, b, tolerance, limit, work, w)
+    if ended == cg.CONVERGED:
+        return iterations, 0
+    row, column, diagonal, upper = A
+    with objmode(solution="float64[:, ::1]"):
+        solution = factorise_and_solve(row, column, diagonal, upper, free, b)
+    w[:] = solution
+    return iterations, 1
+
+
+def factorise_and_solve(row: Indices, column: Indices, diagonal: Array, upper: Array, free: Flags, b: Array) -> Array:
+    """Solve A w = b by a sparse LU factorisation of the free rows; NaN where A is singular or not finite."""
+    from scipy.sparse.linalg import splu
+
+    unknown = np.repeat(free, 3)
+    solution = np.zeros(b.size)
+    values = sparse.to_scipy(row, column, diagonal, upper)[unknown][:, unknown]
+    try:
+        solution[unknown] = splu(values.tocsc()).solve(b.reshape(-1)[unknown])
+    except (RuntimeError, ValueError):  # exactly singular, or not finite
+        solution[unknown] = np.nan
+    return solution.reshape(b.shape)

@@ -1,0 +1,94 @@
+"""Step after step in one compiled loop, keeping what the derivatives need.
+
+A Rollout is the memory of one cloth's motion: positions after every step and the velocities of every iteration in it.
+States are kept, matrices are not: assembling one again costs less than reading it back.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.arrays import Array, Indices
+from clothfit.kernel import kernel
+from clothfit.step import explicit, implicit
+from clothfit.system import IMPLICIT, System
+from clothfit.vectors import combine
+
+FAR = 1e12
+"""A coordinate beyond this many metres counts as diverged."""
+
+
+class Rollout(NamedTuple):
+    """T steps of one cloth with n vertices and up to N iterations per step."""
+
+    x: Array  # (T + 1, n, 3), positions, m; x[0] the start
+    w: Array  # (T, N, n, 3), velocities of the iterations of each step, m/s
+    used: Indices  # (T,), iterations of each step; w[t, used[t] − 1] is the velocity after step t
+    log: Indices  # (T, 2), CG iterations and direct solves of each step
+
+
+def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]:
+    """Simulate `steps` steps from rest; linear systems are solved to `tolerance`, relative.
+
+    Returns the rollout and how many of its steps are good: fewer than `steps` when the motion diverged.
+    """
+    n = len(system.x0)
+    iterations = system.newton_iterations if system.method == IMPLICIT else 1
+    memory = Rollout(
+        np.empty((steps + 1, n, 3)),
+        np.zeros((steps, iterations, n, 3)),
+        np.ones(steps, np.int32),
+        np.zeros((steps, 2), np.int32),
+    )
+    memory.x[0] = system.x0
+    return memory, run(system, tolerance, implicit.workspace(system), memory)
+
+
+@kernel
+def velocity(memory, t):
+    """Velocity (n, 3) before step t; the cloth starts at rest."""
+    if t == 0:
+        return np.zeros_like(memory.x[0])
+    return memory.w[t - 1, memory.used[t - 1] - 1]
+
+
+@kernel
+def run(system, tolerance, work, memory):
+    """Fill `memory`; returns the number of good steps."""
+    x, w, used, log = memory
+    for t in range(len(w)):
+        v = velocity(memory, t)
+        if system.method == IMPLICIT:
+            guess = work.lam
+            guess_velocity(memory, t, guess)
+            used[t], log[t, 0], log[t, 1] = implicit.step(system, x[t], v, guess, tolerance, work, w[t])
+        else:
+            explicit.step(system, x[t], v, w[t, 0])
+        explicit.position(system, x[t], v, w[t, used[t] - 1], x[t + 1])
+        if not finite(x[t + 1]):
+            return t
+    return len(w)
+
+
+@kernel
+def guess_velocity(memory, t, guess):
+    """First guess of the velocity after step t, extrapolated from the steps before: halves the CG iterations."""
+    v = velocity(memory, t)
+    if t < 2:
+        guess[:] = v
+    else:
+        combine(2.0, v, -1.0, velocity(memory, t - 1), guess)
+
+
+@kernel
+def finite(x):
+    """Whether all coordinates are numbers of a sensible size."""
+    largest = 0.0
+    for i in range(len(x)):
+        size = abs(x[i, 0]) + abs(x[i, 1]) + abs(x[i, 2])
+        if not size < FAR:  # catches NaN, which a maximum would drop
+            return False
+        largest = max(largest, size)
+    return largest < FAR

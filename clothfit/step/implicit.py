@@ -1,0 +1,186 @@
+"""The implicit (backward Euler) step: one linearised solve, or several Newton iterations.
+
+Each iteration linearises the forces at a point (y, u) and solves r = 0 for the new velocity w of the free vertices:
+
+    r = M (w − v) − h F(w),   F(w) = f(y, u) + K s + D (w − u),   s = x + h w − y,   x⁺ = x + h w
+      ⇔  A w = M v + h [f(y, u) + K (x − y) − D u],   A = M − h D − h² K at (y, u)
+
+The first iteration linearises at (x, v): the linearised step. The others linearise at (x + h u, u) with u the velocity
+of the iteration before: Newton's method on M (v⁺ − v) = h f(x + h v⁺, v⁺). The derivatives go through every
+iteration that was taken, so they are exact for two iterations as for twenty, converged or not.
+
+Transpose, with w̄ = v̄⁺ + h x̄⁺: solve A λ = w̄; then x̄, v̄ and the parameters receive the derivative of −λᵀ r.
+The term λᵀ (∂A/∂y) w that this contains never forms a tensor: per force element it is the derivative of a scalar.
+Arrays are (n, 3); fixed vertices have velocity 0 and λ 0.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit import cg, linear, sparse
+from clothfit.arrays import Array
+from clothfit.forces import total
+from clothfit.kernel import kernel
+from clothfit.system import System
+from clothfit.vectors import add, add_mass, add_rows_dot, combine, hold_fixed
+
+
+class Workspace(NamedTuple):
+    """Memory that a run of steps uses again and again; all (n, 3) but for A and cg."""
+
+    A: sparse.BlockMatrix
+    cg: cg.Workspace
+    b: Array  # right-hand side
+    w_bar: Array  # gradient by the velocity of an iteration
+    y: Array  # point of linearisation
+    s: Array  # x + h w − y
+    lam: Array  # solution of the derivative's system
+    gy: Array  # derivative by y
+    gu: Array  # derivative by u
+
+
+def workspace(system: System) -> Workspace:
+    """Memory for the steps of `system` and their derivatives."""
+    n = len(system.x0)
+    vectors = [np.zeros((n, 3)) for _ in range(7)]
+    return Workspace(sparse.zeros(system.row, system.column), cg.workspace(n), *vectors)
+
+
+@kernel
+def assemble(system, y, u, A, b):
+    """A at (y, u), and b = h (f − D u) there."""
+    A.diagonal[:] = 0.0
+    A.upper[:] = 0.0
+    b[:] = 0.0
+    for i in range(len(b)):
+        A.diagonal[i, 0] = A.diagonal[i, 3] = A.diagonal[i, 5] = system.vertex.mass[i]
+    total.add_step(system, y, u, system.h, A, b)
+
+
+@kernel
+def assemble_newton(system, x, v, u, y, A, f, b):
+    """Write y = x + h u, A at (y, u) and b = M (v − u) + h f(y, u) + A u, so that b − A u is Newton's residual."""
+    h = system.h
+    combine(1.0, x, h, u, y)
+    assemble(system, y, u, A, b)
+    sparse.multiply(A, u, b)
+    add_mass(system.vertex.mass, 1.0, v, b)
+    add_mass(system.vertex.mass, -1.0, u, b)
+    f[:] = 0.0
+    total.add_force(system, y, u, f)
+    add(h, f, b)
+
+
+@kernel
+def step(system, x, v, guess, tolerance, work, iterates):
+    """Fill iterates (N, n, 3) with the velocities of the iterations; the last one used is the new velocity.
+
+    Returns the number used, the CG iterations and the direct solves. Stops early when the residual of the
+    next iteration is already within `tolerance` of its right-hand side.
+    """
+    free = system.vertex.free
+    A, b = work.A, work.b
+    assemble(system, x, v, A, b)
+    add_mass(system.vertex.mass, 1.0, v, b)
+    hold_fixed(free, b)
+    iterates[0] = guess
+    iterations, direct = linear.solve(A, free, b, tolerance, work.cg, iterates[0])
+    for k in range(1, len(iterates)):
+        assemble_newton(system, x, v, iterates[k - 1], work.y, A, work.gy, b)
+        hold_fixed(free, b)
+        iterates[k] = iterates[k - 1]
+        more, more_direct = linear.solve(A, free, b, tolerance, work.cg, iterates[k])
+        if more == 0 and more_direct == 0:
+            return k, iterations, direct
+        iterations += more
+        direct += more_direct
+    return len(iterates), iterations, direct
+
+
+@kernel
+def pullback(system, x, v, iterates, used, tolerance, work, x_bar, v_bar, grad):
+    """Turn x_bar, v_bar (n, 3), the gradient by the state after the step, into that before it; add to `grad`.
+
+    work.lam holds a first guess of λ and receives λ of the first iteration. Returns the direct solves.
+    """
+    h, mass, free = system.h, system.vertex.mass, system.vertex.free
+    A, b, y, s, lam, gy, gu = work.A, work.b, work.y, work.s, work.lam, work.gy, work.gu
+    w_bar = work.w_bar
+    combine(1.0, v_bar, h, x_bar, w_bar)
+    v_bar[:] = 0.0
+    direct = 0
+    for k in range(used - 1, -1, -1):
+        w = iterates[k]
+        u = v if k == 0 else iterates[k - 1]
+        linearise(system, x, w, u, k, A, b, y, s)
+        b[:] = w_bar
+        hold_fixed(free, b)
+        direct += linear.solve(A, free, b, tolerance, work.cg, lam)[1]
+        gy[:] = 0.0
+        gu[:] = 0.0
+        total.add_pullback(system, y, u, w, s, lam, h, grad, gy, gu)
+        add_rows_dot(-1.0, lam, w, grad.mass)
+        add_rows_dot(1.0, lam, v, grad.mass)
+        add_mass(mass, 1.0, lam, v_bar)
+        add(1.0, gy, x_bar)
+        if k == 0:
+            add(1.0, gu, v_bar)
+        else:
+            # y = x + h u and s = h (w − u): ū = h (gy − h K λ) + gu, and −h² K λ = A λ − M λ + h D λ
+            sparse.multiply(A, lam, w_bar)
+            add_mass(mass, -1.0, lam, w_bar)
+            total.add_damping(system, y, h, lam, w_bar)
+            add(h, gy, w_bar)
+            add(1.0, gu, w_bar)
+    return direct
+
+
+@kernel
+def linearise(system, x, w, u, k, A, b, y, s):
+    """The point y, the matrix A and the offset s of iteration k, which went from u to w; b is scratch."""
+    h = system.h
+    if k == 0:
+        y[:] = x
+        combine(h, w, 0.0, w, s)
+    else:
+        combine(1.0, x, h, u, y)
+        combine(h, w, -h, u, s)
+    assemble(system, y, u, A, b)
+
+
+@kernel
+def pushforward(system, x, v, iterates, used, tolerance, work, dx, dv, direction):
+    """Turn dx, dv (n, 3), the change of the state before the step, into that after it, for the change `direction`.
+
+    work.lam holds a first guess of dw and receives dw of the last iteration. Returns the direct solves.
+    """
+    h, mass, free = system.h, system.vertex.mass, system.vertex.free
+    A, b, y, s, dw, dy, du = work.A, work.b, work.y, work.s, work.lam, work.gy, work.gu
+    direct = 0
+    for k in range(used):
+        w = iterates[k]
+        u = v if k == 0 else iterates[k - 1]
+        linearise(system, x, w, u, k, A, b, y, s)
+        if k == 0:
+            b[:] = 0.0
+            du[:] = dv
+            dy[:] = dx
+        else:
+            # ds = −h du, and −h² K du = A du − M du + h D du
+            du[:] = dw
+            combine(1.0, dx, h, du, dy)
+            sparse.multiply(A, du, b)
+            add_mass(mass, -1.0, du, b)
+            total.add_damping(system, y, h, du, b)
+        total.add_pushforward(system, y, u, w, s, dy, du, direction, h, b)
+        add_mass(mass, 1.0, dv, b)
+        add_mass(direction.mass, 1.0, v, b)
+        add_mass(direction.mass, -1.0, w, b)
+        hold_fixed(free, b)
+        direct += linear.solve(A, free, b, tolerance, work.cg, dw)[1]
+    dv[:] = dw
+    add(h, dw, dx)
+    return direct

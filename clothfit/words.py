@@ -1,0 +1,34 @@
+"""How messages name a place in a scene and show a value: short, on one line, whatever the value is."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+
+LONGEST = 40  # characters of a value in a message
+
+
+def shown(value: object) -> str:
+    """Show a JSON value as the file spells it; lists and objects by kind only, long values cut."""
+    if isinstance(value, list):
+        return "a list"
+    if isinstance(value, dict):
+        return "an object"
+    text = json.dumps(value)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+
+
+def place(path: Iterable[str | int]) -> str:
+    """Write a path of keys and indices as `objects[0].vertPos[5].y`; the empty path is "top level"."""
+    steps = [f"[{step}]" if isinstance(step, int) else f".{step}" for step in path]
+    return "".join(steps).removeprefix(".") or "top level"
+
+
+def counted(count: int, one: str, many: str) -> str:
+    """Write a count with its noun: `1 vertex`, `144 vertices`."""
+    return f"{count} {one if count == 1 else many}"
+
+
+def named(key: str) -> str:
+    """Write a key as a step of a place: as it is when short and plain, else in quotes, escaped and cut."""
+    return key if key.isidentifier() and key.isascii() and len(key) <= LONGEST else shown(key)
