@@ -6,6 +6,11 @@ Exit codes: 1 a fault of the program, 2 usage, 3 invalid input, 4 diverged, 5 no
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from clothfit.motion import Motion
+
 
 class ClothfitError(Exception):
     """Base of all errors that a user can act on; `exit_code` is what a command ends with."""
@@ -39,10 +44,14 @@ class InvalidMotion(InvalidInput):
 
 
 class Diverged(ClothfitError):
-    """The simulation left the finite numbers; `step` is the first step that cannot be used (1 = the first)."""
+    """The simulation left the finite numbers.
+
+    `step` is the first step that cannot be used (1 = the first); `motion`, where there is one, holds the frames before it.
+    """
 
     exit_code = 4
 
-    def __init__(self, message: str, step: int) -> None:
+    def __init__(self, message: str, step: int, motion: Motion | None = None) -> None:
         self.step = step
+        self.motion = motion
         super().__init__(message)

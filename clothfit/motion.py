@@ -1,0 +1,167 @@
+"""Motions: positions over time, simulated or read from a file.
+
+A motion file is an `.npz` archive: `positions` (frames, vertices, 3) m, the vertices of all objects in file order; `times` (frames,)
+s; `vertex_counts` (objects,); and `observed` (frames, vertices) where something was not seen. Positions that were
+not seen are NaN. An archive with `positions` alone, or a bare `.npy` array, is accepted where its shape fits.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import zipfile
+from dataclasses import dataclass
+from typing import IO
+
+import numpy as np
+
+from clothfit.arrays import Array, Flags
+from clothfit.errors import Diverged, InvalidInput, InvalidMotion
+from clothfit.output import write_atomically
+from clothfit.rollout import rollout
+from clothfit.scene import Scene
+from clothfit.system import build
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Positions of all vertices of a scene at some times."""
+
+    positions: Array  # (frames, vertices, 3), m; NaN where not observed
+    times: Array  # (frames,), s, increasing
+    vertex_counts: tuple[int, ...]  # vertices of each object
+    observed: Flags | None = None  # (frames, vertices); None: everything was seen
+    name: str = "motion"  # for messages
+    direct_solves: int = 0  # linear systems that conjugate gradients could not solve
+
+    def of(self, cloth: int) -> Array:
+        """Positions (frames, n, 3) of one object."""
+        start = sum(self.vertex_counts[:cloth])
+        return self.positions[:, start : start + self.vertex_counts[cloth]]
+
+    def seen(self, cloth: int) -> Flags:
+        """Which positions (frames, n) of one object were observed."""
+        if self.observed is None:
+            return np.ones((len(self.positions), self.vertex_counts[cloth]), bool)
+        start = sum(self.vertex_counts[:cloth])
+        return self.observed[:, start : start + self.vertex_counts[cloth]]
+
+
+def simulate(scene: Scene, frames: int | None = None, tolerance: float | None = None) -> Motion:
+    """Move the cloths of a scene as the editor's engine does.
+
+    `frames` counts the initial state (default: the scene's); `tolerance` is that of the linear solver (default: the
+    scene's). Raises Diverged, with the frames that are good as its `motion`, when a position is no longer a number.
+    """
+    count = scene.frames if frames is None else frames
+    if count < 1:
+        raise InvalidInput(f"frames: {count} is not possible, at least 1 is (the initial state)")
+    parts, direct, good = [], 0, count - 1
+    fault = ""
+    for index, cloth in enumerate(scene.cloths):
+        memory, steps = rollout(build(scene, index), count - 1, tolerance or scene.tolerance)
+        parts.append(memory.x)
+        direct += int(memory.log[:, 1].sum())
+        if steps < good:
+            good, fault = steps, f"objects[{index}], vertex {_worst(memory.x[steps + 1])} of {len(cloth.mass)}"
+    positions = np.concatenate(parts, axis=1)[: good + 1]
+    times = np.arange(good + 1) * scene.delta
+    motion = Motion(positions, times, tuple(len(c.mass) for c in scene.cloths), None, scene.name, direct)
+    if good < count - 1:
+        step = good + 1
+        message = (
+            f"{scene.name}: the simulation diverged at step {step} (t = {step * scene.delta:.4g} s), {fault}; "
+            f"try a smaller delta{'' if scene.method == 2 else ' or integrationMethod 2 (implicit)'}"
+        )
+        raise Diverged(message, step, motion)
+    return motion
+
+
+def _worst(x: Array) -> int:
+    """The vertex that is farthest from being a sensible position."""
+    size = np.abs(x).sum(axis=1)
+    return int(np.argmax(np.where(np.isfinite(size), size, np.inf)))
+
+
+def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]) -> None:
+    """Write a motion as `.npz`, whole or not at all. Raises InvalidInput when the path cannot be written."""
+    arrays = {
+        "positions": motion.positions,
+        "times": motion.times,
+        "vertex_counts": np.array(motion.vertex_counts, np.int64),
+    }
+    if motion.observed is not None:
+        arrays["observed"] = motion.observed
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    if isinstance(path_or_file, (str, os.PathLike)):
+        write_atomically(path_or_file, buffer.getvalue())
+    else:
+        path_or_file.write(buffer.getvalue())
+
+
+def load_motion(path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene) -> Motion:
+    """Read a motion of `scene` and check it. Raises InvalidMotion."""
+    is_path = isinstance(path_or_file, (str, os.PathLike))
+    name = os.path.basename(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else "motion"
+    try:
+        # a stream may not be seekable, an archive must be
+        file = path_or_file if is_path else io.BytesIO(path_or_file.read())  # type: ignore[union-attr]
+        with np.load(file, allow_pickle=False) as loaded:
+            if isinstance(loaded, np.ndarray):
+                arrays = {"positions": loaded}
+            else:
+                wanted = ("positions", "times", "vertex_counts", "observed")
+                arrays = {key: loaded[key] for key in wanted if key in loaded.files}
+    except FileNotFoundError:
+        raise InvalidMotion(f"{name}: there is no such file") from None
+    except IsADirectoryError:
+        raise InvalidMotion(f"{name}: is a folder, a motion file (.npz) is needed") from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, NotImplementedError, MemoryError) as error:
+        raise InvalidMotion(f"{name}: cannot be read as .npz or .npy ({_short(error)})") from None
+    return check_motion(arrays, scene, name)
+
+
+def _short(error: BaseException) -> str:
+    text = str(error).split("\n")[0]
+    return "it holds pickled objects" if "allow_pickle" in text else text or type(error).__name__
+
+
+def check_motion(arrays: dict[str, np.ndarray], scene: Scene, name: str) -> Motion:
+    """Make a Motion from the arrays of a file. Raises InvalidMotion naming the array and what would be right."""
+
+    def require(condition: object, place: str, message: str) -> None:
+        if not condition:
+            raise InvalidMotion(f"{name}: {place}: {message}")
+
+    counts = tuple(len(c.mass) for c in scene.cloths)
+    total = sum(counts)
+    require("positions" in arrays, "positions", "is missing")
+    positions = arrays["positions"]
+    require(positions.dtype.kind in "fiu", "positions", f"has type {positions.dtype}, numbers are needed")
+    right = positions.ndim == 3 and positions.shape[1:] == (total, 3) and len(positions) > 0
+    require(right, "positions", f"has shape {positions.shape}, (frames, {total}, 3) fits {scene.name}")
+    frames = len(positions)
+    stored = arrays.get("vertex_counts", np.array(counts))
+    require(
+        tuple(stored.reshape(-1).tolist()) == counts,
+        "vertex_counts",
+        f"is {stored.reshape(-1)[:8].tolist()}, the scene has {list(counts)[:8]}",
+    )
+    times = arrays.get("times", np.arange(frames) * scene.delta)
+    require(times.shape == (frames,) and times.dtype.kind in "fiu", "times", f"needs {frames} numbers, one per frame")
+    times = times.astype(np.float64)
+    require(np.isfinite(times).all() and (np.diff(times) > 0).all(), "times", "must be finite and increasing")
+    observed = arrays.get("observed")
+    if observed is not None:
+        right = observed.shape == (frames, total) and observed.dtype == bool
+        require(right, "observed", f"has shape {observed.shape} and type {observed.dtype}, ({frames}, {total}) bool fits")
+        observed = None if observed.all() else observed
+    positions = np.ascontiguousarray(positions, np.float64)
+    bad = ~np.isfinite(positions).all(axis=2)
+    if observed is not None:
+        bad &= observed
+    if bad.any():
+        frame, vertex = np.argwhere(bad)[0]
+        require(False, f"positions[{frame}, {vertex}]", "is not finite, though not marked as unobserved")
+    return Motion(positions, times, counts, observed, name)
