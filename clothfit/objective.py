@@ -10,7 +10,7 @@ import numpy as np
 
 from clothfit import adjoint, system
 from clothfit.arrays import Array
-from clothfit.cost import Target, cost_and_derivative, target
+from clothfit.cost import Target, cost, cost_and_derivative, target
 from clothfit.errors import Diverged, InvalidMotion
 from clothfit.motion import Motion
 from clothfit.parameters import blocks, check_shape, elements, fitted_cloths, parameters
@@ -57,7 +57,11 @@ class Objective:
     def cost(self, p: Array) -> float:
         """G(p), m². Raises Diverged."""
         self.evaluations += 1
-        return sum(cost_and_derivative(self._rollout(i, p).x, self.targets[i])[0] for i in self.cloths)
+        return sum(self.cost_of(i, p) for i in self.cloths)
+
+    def cost_of(self, cloth: int, p: Array) -> float:
+        """The part of G(p), m², that one fitted cloth contributes. Raises Diverged."""
+        return cost(self._rollout(cloth, p).x, self.targets[cloth])
 
     def cost_and_gradient(self, p: Array) -> tuple[float, Array]:
         """G(p), m², and ∂G/∂p (P,). Raises Diverged."""

@@ -73,11 +73,21 @@ def fitted_cloths(scene: Scene) -> list[int]:
     return sorted({block.cloth for block in blocks(scene)})
 
 
-def parameters(scene: Scene) -> Array:
-    """The flagged parameters (P,), kg and N/m: objects in order, mass before stiffness; mode G: the mean."""
-    values = [getattr(scene.cloths[block.cloth], block.name) for block in blocks(scene)]
-    parts = [v if block.mode == "L" else [v.mean()] for v, block in zip(values, blocks(scene), strict=True)]
-    return np.concatenate(parts).astype(float) if parts else np.zeros(0)
+def parameters(scene: Scene, flags: Scene | None = None) -> Array:
+    """The flagged parameters (P,), kg and N/m: objects in order, mass before stiffness; mode G: the mean.
+
+    `flags` is the scene whose settings say what is flagged, where that is another one. Raises InvalidInput when the objects
+    of the two differ in size.
+    """
+    parts = []
+    for block in blocks(flags or scene):
+        values = getattr(scene.cloths[block.cloth], block.name) if block.cloth < len(scene.cloths) else np.zeros(0)
+        if len(values) != block.elements:
+            raise InvalidInput(
+                f"{scene.name}: objects[{block.cloth}] has {len(values)} values of {block.name}, {block.elements} are needed"
+            )
+        parts.append(values if block.mode == "L" else values.mean(keepdims=True))
+    return np.concatenate(parts) if parts else np.zeros(0)
 
 
 def with_parameters(scene: Scene, p: Sequence[float] | Array) -> Scene:
@@ -127,10 +137,10 @@ def hidden(cloth: Cloth, name: str, spheres: int) -> Flags:
 
 
 def unidentifiable(scene: Scene, block: Block) -> list[int]:
-    """The elements of a block that the motion cannot reveal; in mode G all of them or none."""
+    """The parameters of a block that the motion cannot reveal, counted within the block (mode L: vertices or springs)."""
     mask = hidden(scene.cloths[block.cloth], block.name, len(scene.spheres))
-    if block.mode == "G" and not mask.all():
-        return []
+    if block.mode == "G":
+        return [0] if mask.all() else []
     return [int(i) for i in np.flatnonzero(mask)]
 
 
@@ -138,9 +148,5 @@ def identifiable(scene: Scene) -> Flags:
     """Which entries of the fit vector (P,) can be fitted."""
     kept = np.ones(size(scene), bool)
     for block in blocks(scene):
-        lost = unidentifiable(scene, block)
-        if block.mode == "L":
-            kept[block.start + np.array(lost, int)] = False
-        elif lost:
-            kept[block.start] = False
+        kept[block.start + np.array(unidentifiable(scene, block), int)] = False
     return kept

@@ -1,0 +1,83 @@
+"""clothfit: find the masses and stiffnesses of a mass-spring cloth whose motion matches a target.
+
+The names below are loaded when they are first used, so that `clothfit --help` does not wait for the numerical libraries.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from clothfit.degrade import degrade
+    from clothfit.errors import ClothfitError, Diverged, InvalidInput, InvalidMotion, InvalidScene
+    from clothfit.evaluation import Evaluation, evaluate
+    from clothfit.fit import Fit, estimate
+    from clothfit.motion import Motion, load_motion, save_motion, simulate
+    from clothfit.objective import Objective, cost_and_gradient
+    from clothfit.parameters import parameters, with_parameters
+    from clothfit.scene import Cloth, Scene, load, save
+
+_HOME = {
+    "degrade": "degrade",
+    "ClothfitError": "errors",
+    "Diverged": "errors",
+    "InvalidInput": "errors",
+    "InvalidMotion": "errors",
+    "InvalidScene": "errors",
+    "Evaluation": "evaluation",
+    "evaluate": "evaluation",
+    "Fit": "fit",
+    "estimate": "fit",
+    "Motion": "motion",
+    "load_motion": "motion",
+    "save_motion": "motion",
+    "simulate": "motion",
+    "Objective": "objective",
+    "cost_and_gradient": "objective",
+    "parameters": "parameters",
+    "with_parameters": "parameters",
+    "Cloth": "scene",
+    "Scene": "scene",
+    "load": "scene",
+    "save": "scene",
+}
+
+__all__ = [
+    "Cloth",
+    "ClothfitError",
+    "Diverged",
+    "Evaluation",
+    "Fit",
+    "InvalidInput",
+    "InvalidMotion",
+    "InvalidScene",
+    "Motion",
+    "Objective",
+    "Scene",
+    "cost_and_gradient",
+    "degrade",
+    "estimate",
+    "evaluate",
+    "load",
+    "load_motion",
+    "parameters",
+    "save",
+    "save_motion",
+    "simulate",
+    "with_parameters",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'clothfit' has no attribute {name!r}")
+    value = getattr(import_module(f"clothfit.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

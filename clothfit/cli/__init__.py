@@ -1,0 +1,104 @@
+"""The `clothfit` command. Commands only parse, call, write and exit; the libraries load when a command runs.
+
+Exit codes: 0 done, 1 a fault of the program, 2 usage, 3 invalid input, 4 the simulation diverged, 5 the fit ended without
+reaching its tolerance, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from importlib import import_module
+from typing import NoReturn
+
+import click
+
+from clothfit import __version__
+from clothfit.errors import ClothfitError
+
+COMMANDS = ("simulate", "target", "estimate", "evaluate")
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are modules of this package, in the order of a working day."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name not in COMMANDS:
+            return None
+        command: click.Command = import_module(f"clothfit.cli.{name}").command
+        return command
+
+
+@click.command(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="clothfit")
+def group() -> None:
+    """Find the masses and stiffnesses of a cloth whose motion matches a target.
+
+    \b
+    clothfit estimate scene.json                       fit to the scene's own motion, as a trial
+    clothfit estimate scene.json --target capture.npz  fit to a recorded motion
+    clothfit evaluate scene.json scene.fitted.json     how good is it?
+
+    SCENE is a file in the front end's JSON format, or - for standard input.
+    """
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run the command line and exit."""
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        code = run(list(sys.argv[1:] if arguments is None else arguments))
+        sys.stdout.flush()
+    except BrokenPipeError:  # whoever read our output has left: nothing to say, and nobody to say it to
+        with suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 3
+    sys.exit(code)
+
+
+def run(arguments: list[str]) -> int:
+    """Run the command line; returns the exit code, having reported what went wrong."""
+    try:
+        code = group.main(arguments, prog_name="clothfit", standalone_mode=False)
+        return int(code or 0)
+    except click.UsageError as error:
+        return _refuse(error)
+    except ClothfitError as error:
+        return _fail(str(error), error.exit_code)
+    except (KeyboardInterrupt, click.Abort):
+        return _fail("interrupted", 130)
+    except MemoryError:
+        return _fail("out of memory; try fewer frames (--steps, optimizationIterations)", 1)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        return _fail(f"{error.filename or 'standard output'}: {error.strerror or error}", 3)
+    except Exception as error:
+        if os.environ.get("CLOTHFIT_TRACEBACK"):
+            raise
+        kind = type(error).__name__
+        return _fail(f"a fault of the program: {kind}: {error} (set CLOTHFIT_TRACEBACK=1 to see where)", 1)
+
+
+def _refuse(error: click.UsageError) -> int:
+    value_is_wrong = isinstance(error, click.BadParameter) and not isinstance(error, click.MissingParameter)
+    hint = "" if value_is_wrong or error.ctx is None else f" (see {error.ctx.command_path} --help)"
+    message = error.format_message().rstrip(".").replace("\n", " ")
+    return _fail(f"{message[:1].lower()}{message[1:]}{hint}", 3 if value_is_wrong else 2)
+
+
+def _fail(message: str, code: int) -> int:
+    with suppress(OSError):
+        print(f"error: {message}", file=sys.stderr, flush=True)
+    return code
+
+
+def _interrupt(number: int, frame: object) -> NoReturn:
+    """Treat a polite request to end like Ctrl-C: a fit then writes the best so far."""
+    raise KeyboardInterrupt

@@ -1,0 +1,127 @@
+"""What commands say, all of it on standard error: messages, tables, progress. Standard output is for data.
+
+Colour and animation only on a terminal, and not where NO_COLOR is set; elsewhere a plain line every few seconds.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from clothfit.search import Progress
+
+PLAIN_INTERVAL = 5.0  # s between plain progress lines
+
+
+@dataclass
+class Console:
+    """Speaks to the user as loudly as asked."""
+
+    quiet: bool = False
+    verbose: bool = False
+    began: float = field(default_factory=time.perf_counter)
+
+    @property
+    def animated(self) -> bool:
+        """Whether standard error is a terminal that wants colour and movement."""
+        return sys.stderr.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+
+    def say(self, message: str) -> None:
+        """Tell the user something, unless quiet."""
+        if not self.quiet:
+            print(message, file=sys.stderr, flush=True)
+
+    def detail(self, message: str) -> None:
+        """Tell something that only --verbose asks for, with the time since the start."""
+        if self.verbose:
+            print(f"[{time.perf_counter() - self.began:7.2f} s] {message}", file=sys.stderr, flush=True)
+
+    def warn(self, message: str) -> None:
+        """Tell that something is not as the user may think."""
+        self.say(f"warning: {message}")
+
+    def table(self, rows: Sequence[Sequence[str]]) -> None:
+        """Print rows of equal length in columns; the first row is the header."""
+        widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+        for row in rows:
+            self.say("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+
+    def announce_compilation(self) -> None:
+        """Say so, once, when the first use of the program makes it compile: that takes seconds and looks like hanging."""
+        from numba.core import event
+
+        event.register("numba:compile", _FirstCompilation(self))
+
+    @contextmanager
+    def progress(self) -> Iterator[Callable[[Progress], None] | None]:
+        """Show the progress of a fit while the block runs; gives what to call with it."""
+        if self.quiet:
+            yield None
+        elif self.animated:
+            with _live() as show:
+                yield show
+        else:
+            yield _plain(self)
+
+
+def _FirstCompilation(console: Console) -> object:  # noqa: N802 (a class made late: its base needs numba)
+    from numba.core.event import Event, Listener
+
+    class FirstCompilation(Listener):  # type: ignore[misc]
+        told = False
+
+        def on_start(self, event: Event) -> None:
+            if not self.told:
+                console.say("compiling for this machine; this happens once and takes about 20 seconds …")
+            self.told = True
+
+        def on_end(self, event: Event) -> None:
+            pass
+
+    return FirstCompilation()
+
+
+def _line(progress: Progress) -> str:
+    return f"cost {progress.cost:.3e}  RMSE {metres(progress.rmse)}  evaluation {progress.evaluations}"
+
+
+def _plain(console: Console) -> Callable[[Progress], None]:
+    last = [time.perf_counter()]
+
+    def show(progress: Progress) -> None:
+        now = time.perf_counter()
+        if now - last[0] >= PLAIN_INTERVAL:
+            last[0] = now
+            console.say(f"{progress.seconds:6.1f} s  {_line(progress)}")
+
+    return show
+
+
+@contextmanager
+def _live() -> Iterator[Callable[[Progress], None]]:
+    from rich.console import Console as RichConsole
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("fitting"), BarColumn(), TimeElapsedColumn(), TextColumn("{task.fields[line]}"))
+    with Bar(*columns, console=RichConsole(stderr=True), transient=True) as bar:
+        task = bar.add_task("fit", total=None, line="")
+
+        def show(progress: Progress) -> None:
+            bar.update(task, total=progress.budget, completed=progress.evaluations, line=_line(progress))
+
+        yield show
+
+
+def metres(value: float) -> str:
+    """A length in the unit that suits its size."""
+    for unit, size in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
+        if value >= size:
+            return f"{value / size:.3g} {unit}"
+    return f"{value / 1e-9:.3g} nm"

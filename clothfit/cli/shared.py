@@ -1,0 +1,175 @@
+"""What the commands have in common: options, reading scenes and motions, default names, writing results."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from clothfit import __version__
+from clothfit.cli.console import Console
+from clothfit.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from clothfit.motion import Motion
+    from clothfit.scene import Scene
+
+SCHEMA_VERSION = 1
+STREAM = "-"
+F = TypeVar("F", bound=Callable[..., object])
+
+
+def command(name: str) -> Callable[[F], click.Command]:
+    """A command with the options that all of them have."""
+
+    def decorate(function: F) -> click.Command:
+        made: Any = function
+        for option in (
+            click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object on standard output."),
+            click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors."),
+            click.option("-v", "--verbose", is_flag=True, help="Say more: timings, how linear systems were solved."),
+            click.version_option(__version__, prog_name="clothfit"),
+        )[::-1]:
+            made = option(made)
+        return click.command(name, context_settings={"help_option_names": ["-h", "--help"]})(made)
+
+    return decorate
+
+
+@dataclass(frozen=True)
+class Output:
+    """Where a result goes: a path, or standard output."""
+
+    path: str
+
+    @property
+    def is_stream(self) -> bool:
+        """Whether it is standard output."""
+        return self.path == STREAM
+
+    def write(self, data: bytes) -> None:
+        """Write the whole result; an interrupt that comes now waits."""
+        from clothfit.output import write_atomically
+
+        with _uninterrupted():
+            if self.is_stream:
+                sys.stdout.buffer.write(data)
+                sys.stdout.buffer.flush()
+            else:
+                write_atomically(self.path, data)
+
+
+def output(
+    path: str | None, scene_path: str, suffix: str, inputs: tuple[str | None, ...], overwrite: bool = False, text: bool = False
+) -> Output:
+    """Decide where the result goes and check that it can go there.
+
+    The default name is the scene's with `suffix` in place of its own; `inputs` are the files, besides the scene, that must not
+    be written over; `text` tells that the result may be shown on a terminal.
+    Raises InvalidInput when the place cannot be written, or is one of the inputs and `overwrite` is not given.
+    """
+    from clothfit.output import check_writable
+
+    if path is None:
+        path = STREAM if scene_path == STREAM else str(Path(scene_path).with_suffix(suffix))
+    if path == STREAM:
+        if not text and sys.stdout.isatty():
+            raise InvalidInput("a motion is not text, so it is not written to a terminal; name a file with -o")
+        return Output(path)
+    for other in (scene_path, *inputs):
+        if other not in (None, STREAM) and not overwrite and _same_file(path, str(other)):
+            raise InvalidInput(f"cannot write {path}: it is an input, which is never written over; name another with -o")
+    check_writable(path)
+    return Output(path)
+
+
+def _same_file(a: str, b: str) -> bool:
+    try:
+        return os.path.samefile(a, b)
+    except OSError:
+        return os.path.realpath(a) == os.path.realpath(b)
+
+
+def read_scene(path: str, console: Console) -> Scene:
+    """Load a scene from a path or standard input, and pass its warnings on."""
+    import clothfit
+
+    scene = clothfit.load(sys.stdin.buffer if path == STREAM else path)
+    for warning in scene.warnings:
+        console.warn(f"{scene.name}: {warning}")
+    console.detail(f"{scene.name}: {len(scene.cloths)} objects, {sum(len(c.mass) for c in scene.cloths)} vertices")
+    return scene
+
+
+def read_motion(path: str, scene: Scene) -> Motion:
+    """Load a motion of the scene from a path or standard input."""
+    import clothfit
+
+    return clothfit.load_motion(sys.stdin.buffer if path == STREAM else path, scene)
+
+
+def motion_bytes(motion: Motion) -> bytes:
+    """A motion as the bytes of its file."""
+    import clothfit
+
+    buffer = io.BytesIO()
+    clothfit.save_motion(motion, buffer)
+    return buffer.getvalue()
+
+
+def frames_of(steps: int | None, scene: Scene) -> int:
+    """Number of frames for --steps. Raises InvalidInput when it is not positive."""
+    if steps is None:
+        return scene.frames
+    if steps < 1:
+        raise InvalidInput(f"--steps: {steps} is not possible, at least 1 is")
+    return steps + 1
+
+
+def check_tolerance(tolerance: float | None) -> None:
+    """Raise InvalidInput unless it is a relative tolerance that a solver can have."""
+    if tolerance is not None and not 0 < tolerance < 1:
+        raise InvalidInput(f"--tolerance: {tolerance:g} is not possible, it must be above 0 and below 1")
+
+
+def one_stream(*paths: str | None) -> None:
+    """Raise InvalidInput when standard input should be read twice."""
+    if sum(path == STREAM for path in paths) > 1:
+        raise InvalidInput("standard input (-) can be only one of the inputs")
+
+
+def print_json(command: str, summary: dict[str, Any], out: Output | None = None) -> None:
+    """Print a summary as JSON on standard output, or on standard error when the result itself goes there."""
+    text = json.dumps(plain({"schema_version": SCHEMA_VERSION, "command": command, **summary}), allow_nan=False)
+    print(text, file=sys.stderr if out is not None and out.is_stream else sys.stdout, flush=True)
+
+
+def plain(value: Any) -> Any:
+    """The value with what JSON cannot hold, numbers that are not finite, replaced by None."""
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    pending: list[int] = []
+    kinds = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(kind, lambda number, frame: pending.append(number)) for kind in kinds]
+    try:
+        yield
+    finally:
+        for kind, handler in zip(kinds, before, strict=True):
+            signal.signal(kind, handler)

@@ -1,0 +1,56 @@
+"""`clothfit target`: record what a fit should reproduce."""
+
+from __future__ import annotations
+
+import click
+
+from clothfit.cli import shared
+from clothfit.cli.console import Console, metres
+
+
+@shared.command("target")
+@click.argument("scene_path", metavar="SCENE")
+@click.option("--steps", type=int, metavar="N", help="Time steps.  [default: the scene's optimizationIterations − 1]")
+@click.option("--noise", type=float, default=0.0, metavar="METRES", help="Standard deviation per coordinate.  [default: 0]")
+@click.option("--observed", type=float, default=1.0, metavar="FRACTION", help="Of the vertices, drawn once.  [default: 1]")
+@click.option("--every", type=int, default=1, metavar="K", help="Keep every K-th frame.  [default: 1]")
+@click.option("--seed", type=click.IntRange(0), default=0, metavar="S", help="Of the random numbers.  [default: 0]")
+@click.option("--tolerance", type=float, metavar="T", help="Of the linear solver.  [default: as tight as a fit's]")
+@click.option("-o", "--output", "path", metavar="MOTION", help="Motion file.  [default: <stem>.target.npz]")
+def command(
+    scene_path: str,
+    steps: int | None,
+    noise: float,
+    observed: float,
+    every: int,
+    seed: int,
+    tolerance: float | None,
+    path: str | None,
+    as_json: bool,
+    quiet: bool,
+    verbose: bool,
+) -> int:
+    """Record the motion of SCENE with its own parameters, perfect or as a capture would see it.
+
+    \b
+    clothfit target scene.json
+    clothfit target scene.json --noise 0.001 --observed 0.25 --every 2 -o capture.npz
+    """
+    console = Console(quiet, verbose)
+    shared.check_tolerance(tolerance)
+    scene = shared.read_scene(scene_path, console)
+    frames = shared.frames_of(steps, scene)
+    out = shared.output(path, scene_path, ".target.npz", ())
+    from clothfit.degrade import check, degrade
+    from clothfit.fit import record_target
+
+    check(noise, observed, every)
+    console.announce_compilation()
+    motion = degrade(record_target(scene, frames, tolerance), noise, observed, every, seed)
+    out.write(shared.motion_bytes(motion))
+    seen = 1.0 if motion.observed is None else float(motion.observed.mean())
+    console.say(f"{scene.name}: {len(motion.times)} frames, {seen:.0%} seen, noise {metres(noise)} → {out.path}")
+    if as_json:
+        summary = {"scene": scene.name, "frames": len(motion.times), "observed": seen, "noise": noise, "output": out.path}
+        shared.print_json("target", summary, out)
+    return 0

@@ -1,0 +1,106 @@
+"""How good a fitted scene is: the distance of its motion from the truth, over the fitted frames and beyond, and that of its
+parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clothfit.arrays import Array, Flags
+from clothfit.cost import frame_steps
+from clothfit.errors import InvalidInput
+from clothfit.fit import FIT_TOLERANCE
+from clothfit.motion import Motion, simulate
+from clothfit.parameters import blocks, fitted_cloths, identifiable, parameters
+from clothfit.scene import Scene
+
+HORIZON = 500  # frames
+
+
+@dataclass(frozen=True)
+class Distance:
+    """Distance between two motions over the vertices of the objects that are fitted (of all, where none is flagged)."""
+
+    frames: int  # compared, the initial one included
+    rmse: float  # m
+    max_error: float  # largest distance of a vertex, m
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Relative deviation |fitted / true − 1| of one kind of parameter of one object, over those that can be identified."""
+
+    object: int
+    name: str  # "mass" or "stiffness"
+    mode: str  # "G" or "L"
+    count: int  # parameters, those that cannot be identified included
+    median_relative_deviation: float | None  # None where none can be identified
+    max_relative_deviation: float | None
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Report on a fitted scene."""
+
+    fitted: Distance  # over the frames that are fitted
+    horizon: Distance  # over a longer run
+    parameters: list[Deviation]
+
+
+def evaluate(
+    truth: Scene, fitted: Scene, target: Motion | None = None, frames: int | None = None, horizon: int = HORIZON
+) -> Evaluation:
+    """Compare a fitted scene with the true one, or with a target motion where one is given.
+
+    `frames` (default: the scene's) and `horizon` count the initial state; a target is compared as far as it reaches.
+    Raises InvalidInput when the scenes do not have the same objects, Diverged when a simulation diverges.
+    """
+    check_same_objects(truth, fitted)
+    near = truth.frames if frames is None else frames
+    if near < 2 or horizon < 2:
+        raise InvalidInput(f"frames: {min(near, horizon)} is too few to compare, at least 2 are needed")
+    length = max(near, horizon)
+    if target is None:
+        goal, steps = simulate(truth, length, FIT_TOLERANCE), np.arange(length)
+    else:
+        goal, steps = target, frame_steps(target, truth.delta)
+        length = min(length, int(steps[-1]) + 1)
+    own = simulate(fitted, length, FIT_TOLERANCE)
+    return Evaluation(
+        distance(own, goal, steps, truth, near), distance(own, goal, steps, truth, horizon), deviations(truth, fitted)
+    )
+
+
+def check_same_objects(truth: Scene, fitted: Scene) -> None:
+    """Raise InvalidInput unless both scenes have the same numbers of vertices and springs and the same time step."""
+    sizes = [[(len(c.mass), len(c.stiffness)) for c in scene.cloths] for scene in (truth, fitted)]
+    if sizes[0] != sizes[1]:
+        raise InvalidInput(f"{fitted.name}: its objects have (vertices, springs) {sizes[1]}, those of {truth.name} {sizes[0]}")
+    if truth.delta != fitted.delta:
+        raise InvalidInput(f"{fitted.name}: its delta is {fitted.delta:g} s, that of {truth.name} {truth.delta:g} s")
+
+
+def distance(own: Motion, goal: Motion, steps: Array, scene: Scene, frames: int) -> Distance:
+    """Distance of `own`, a simulated motion, from the frames of `goal` before step `frames`."""
+    kept = steps[steps < min(frames, len(own.positions))].astype(int)
+    gaps: list[Array] = []
+    for cloth in fitted_cloths(scene) or range(len(scene.cloths)):
+        seen: Flags = goal.seen(cloth)[: len(kept)]
+        gaps.append((own.of(cloth)[kept] - goal.of(cloth)[: len(kept)])[seen])
+    squares = (np.concatenate(gaps) ** 2).sum(axis=1)
+    if not squares.size:
+        raise InvalidInput(f"{goal.name}: shows no observed vertex in the first {frames} frames")
+    return Distance(len(kept), float(np.sqrt(squares.mean())), float(np.sqrt(squares.max())))
+
+
+def deviations(truth: Scene, fitted: Scene) -> list[Deviation]:
+    """Relative deviations of the parameters that the true scene flags."""
+    true, found, kept = parameters(truth), parameters(fitted, flags=truth), identifiable(truth)
+    listed = []
+    for block in blocks(truth):
+        usable = kept[block.part] & (true[block.part] != 0)
+        ratio = np.abs(found[block.part][usable] / true[block.part][usable] - 1.0)
+        middle, largest = (float(np.median(ratio)), float(ratio.max())) if ratio.size else (None, None)
+        listed.append(Deviation(block.cloth, block.name, block.mode, block.count, middle, largest))
+    return listed

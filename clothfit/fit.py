@@ -1,0 +1,204 @@
+"""Find the flagged masses and stiffnesses whose motion matches a target: the outer loop around the exact gradient.
+
+The default is L-BFGS-B on scaled log parameters (`search`); SciPy's other minimisers go by their names. Whatever ends
+the loop, its budget, an interrupt, a stalled line search, the best point it visited is the result.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clothfit.arrays import Array
+from clothfit.errors import Diverged, InvalidInput
+from clothfit.motion import Motion, simulate
+from clothfit.objective import Objective
+from clothfit.parameters import LOWER, UPPER, blocks, parameters, unidentifiable, with_parameters
+from clothfit.scene import Scene
+from clothfit.search import Progress, Search, Stop
+from clothfit.start import neutral_start
+
+METHODS = {
+    "l-bfgs-b": {"gradient": True, "bounds": True},
+    "tnc": {"gradient": True, "bounds": True},
+    "slsqp": {"gradient": True, "bounds": True},
+    "trust-constr": {"gradient": True, "bounds": True},
+    "bfgs": {"gradient": True, "bounds": False},
+    "cg": {"gradient": True, "bounds": False},
+    "nelder-mead": {"gradient": False, "bounds": True},
+    "powell": {"gradient": False, "bounds": True},
+    "cobyla": {"gradient": False, "bounds": True},
+}
+"""SciPy's minimisers that can fit, and what they take. Without bounds of their own, values are clipped to the bounds."""
+
+RMSE_TOLERANCE = 1e-8  # m: far below what a file in float32 can hold
+FIT_TOLERANCE = 1e-10  # linear systems, relative: the gradient is then good to about 1e-8
+BUDGET = 1000  # evaluations
+MEMORY = 30  # steps that L-BFGS-B remembers; SciPy's 10 converge about half as fast on per-vertex fits
+
+
+@dataclass(frozen=True)
+class FittedBlock:
+    """What became of one kind of parameter of one object."""
+
+    object: int
+    name: str  # "mass" or "stiffness"
+    mode: str  # "G" or "L"
+    count: int
+    at_bound: list[int]  # parameters at a bound, counted within the block
+    unidentifiable: list[int]  # parameters that the motion cannot reveal; they keep their starting value
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The result of a fit."""
+
+    scene: Scene  # with the best parameters found
+    status: str  # "converged", "stalled", "limit", "diverged" or "interrupted"
+    method: str
+    cost: float  # G, m²; inf when nothing could be evaluated
+    rmse: float  # m
+    frames: int  # compared
+    evaluations: int
+    seconds: float
+    parameters: list[FittedBlock]
+
+
+def record_target(scene: Scene, frames: int | None = None, tolerance: float | None = None) -> Motion:
+    """The motion of the scene's own parameters, solved as tightly as a fit does. Raises Diverged."""
+    return simulate(scene, frames, tolerance or min(FIT_TOLERANCE, scene.tolerance))
+
+
+def estimate(
+    scene: Scene,
+    target: Motion | None = None,
+    start: float | Array | Scene | None = None,
+    method: str = "auto",
+    *,
+    budget: int = BUDGET,
+    rmse_tolerance: float = RMSE_TOLERANCE,
+    tolerance: float | None = None,
+    report: Callable[[Progress], None] | None = None,
+) -> Fit:
+    """Fit the flagged parameters of a scene to a target motion.
+
+    Without `target`, the scene's own parameters are the truth: the target is simulated with them, and the fit starts from
+    values that do not depend on them. With one, it starts from the scene's values. `start` changes that: a
+    number for all parameters, an array (P,), or a scene whose values to take. `budget` is in evaluations of cost
+    and gradient, `rmse_tolerance` in metres, `tolerance` that of the linear systems; `report` is called after
+    every evaluation. An interrupt (KeyboardInterrupt) ends the fit with status "interrupted" and the best so far.
+
+    Raises InvalidInput when nothing is flagged, or an argument or the target does not fit; Diverged when the scene's own motion, needed
+    as target, diverges.
+    """
+    check_method(method)
+    if not blocks(scene):
+        raise InvalidInput(
+            f"{scene.name}: nothing to fit: no object flags anything; set its optimizationSettings, for example to 'nL'"
+        )
+    goal = record_target(scene) if target is None else target
+    objective = Objective(scene, goal, tolerance or FIT_TOLERANCE, frames=scene.frames)
+    if objective.observations == 0 or objective.frames < 2:
+        raise InvalidInput(f"{goal.name}: shows no observed frame after the start, so there is nothing to fit to")
+    p = choose_start(scene, goal, start, hidden=target is None)
+    search = Search(objective, p, rmse_tolerance, budget, report)
+    status = minimise(search, "l-bfgs-b" if method == "auto" else method)
+    return result(search, status, method)
+
+
+def check_method(method: str) -> None:
+    """Raise InvalidInput when there is no such method."""
+    if method != "auto" and method not in METHODS:
+        raise InvalidInput(f"method: there is no {method!r}; use auto, {', '.join(METHODS)}")
+
+
+def choose_start(scene: Scene, goal: Motion, start: float | Array | Scene | None, hidden: bool) -> Array:
+    """Starting values (P,) of all parameters. Raises InvalidInput when they are not positive numbers within the bounds."""
+    if start is None:
+        return neutral_start(scene, goal, scene.frames) if hidden else parameters(scene)
+    if isinstance(start, Scene):
+        return parameters(start, flags=scene)
+    count = len(parameters(scene))
+    values = np.asarray(start, float)
+    if values.ndim > 1 or values.size not in (1, count):
+        raise InvalidInput(f"start: {values.size} values given, {scene.name} has {count} parameters")
+    inside = (values >= LOWER) & (values <= UPPER)  # False for NaN
+    if not inside.all():
+        raise InvalidInput(f"start: {values[~inside].flat[0]:g} is not within the bounds {LOWER:g} … {UPPER:g}")
+    return np.broadcast_to(values.reshape(-1), (count,)).copy()
+
+
+def minimise(search: Search, method: str) -> str:
+    """Run a SciPy minimiser until it, the search or the user ends it; returns the status."""
+    from scipy.optimize import minimize
+
+    takes = METHODS[method]
+    arguments: dict[str, Any] = {"method": method, "options": options(method, search.budget)}
+    if takes["bounds"]:
+        arguments["bounds"] = search.bounds
+    try:
+        if search.fitted.any():
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # the status says what SciPy's warnings would
+                done = minimize(search if takes["gradient"] else search.cost, search.y, jac=takes["gradient"], **arguments)
+            status = "converged" if done.success else "stalled"
+        else:
+            search(search.y)
+            status = "stalled"
+    except Stop as stop:
+        status = stop.status
+    except KeyboardInterrupt:
+        status = "interrupted"
+    if not np.isfinite(search.best_cost) and status != "interrupted":
+        return "diverged"
+    return status
+
+
+def options(method: str, budget: int) -> dict[str, Any]:
+    """Options that leave the end to the search: no tolerance of SciPy's own, more iterations than the budget holds."""
+    common: dict[str, Any] = {"maxiter": 10 * budget + 1000}
+    own: dict[str, dict[str, Any]] = {
+        "l-bfgs-b": {"maxfun": 10 * budget + 1000, "maxcor": MEMORY, "ftol": 0.0, "gtol": 0.0},
+        "tnc": {"maxfun": 10 * budget + 1000, "ftol": 0.0, "gtol": 0.0, "xtol": 0.0},
+        "slsqp": {"ftol": 1e-30},
+        "trust-constr": {"gtol": 1e-30, "xtol": 1e-12},
+        "bfgs": {"gtol": 0.0},
+        "cg": {"gtol": 0.0},
+        "nelder-mead": {"xatol": 1e-10, "fatol": 1e-16, "adaptive": True},
+        "powell": {"xtol": 1e-10, "ftol": 1e-16},
+        "cobyla": {"tol": 1e-10},
+    }
+    if method == "tnc":
+        common = {}
+    return common | own[method]
+
+
+def result(search: Search, status: str, method: str) -> Fit:
+    """The fit as its user sees it."""
+    scene = search.objective.scene
+    found = []
+    for block in blocks(scene):
+        values = search.best[block.part]
+        lost = unidentifiable(scene, block)
+        bound = (values <= LOWER * (1 + 1e-9)) | (values >= UPPER * (1 - 1e-9))
+        bound[lost] = False
+        at_bound = [int(i) for i in np.flatnonzero(bound)]
+        found.append(FittedBlock(block.cloth, block.name, block.mode, block.count, at_bound, lost))
+    return Fit(
+        scene=with_parameters(scene, search.best),
+        status=status,
+        method=method,
+        cost=search.best_cost,
+        rmse=search.objective.rmse(search.best_cost),
+        frames=search.objective.frames,
+        evaluations=search.objective.evaluations,
+        seconds=search.seconds,
+        parameters=found,
+    )
+
+
+__all__ = ["METHODS", "Diverged", "Fit", "FittedBlock", "estimate", "record_target"]

@@ -1,0 +1,156 @@
+"""What every optimiser is given: a cost that never fails, in scaled log parameters, and a memory of the best point.
+
+    y_i = c_i log p_i,   c_i = sqrt(elements that parameter i moves)
+
+so that one value for a whole cloth and one value per element are of comparable weight. The cost is scaled to 1 at the
+first point. Where the simulation diverges or the cost overflows, the optimiser sees a bowl around the best point so
+far, above every cost met: its line search steps back.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from clothfit.arrays import Array
+from clothfit.errors import Diverged
+from clothfit.objective import Objective
+from clothfit.parameters import LOWER, UPPER, identifiable
+
+GRADIENT_TOLERANCE = 1e-5
+"""Converged where no parameter's change by a factor e would change the cost by more than this fraction (linearly)."""
+
+STALL_EVALUATIONS, STALL_REDUCTION = 100, 1e-3
+"""Stalled where this many evaluations in a row reduced the best cost by less than this fraction."""
+
+STEEPNESS = 1e3
+"""Height of the bowl, relative to the largest cost met, at distance 1 from the best point."""
+
+
+class Stop(Exception):
+    """Ends an optimisation from within the cost; `status` says why."""
+
+    def __init__(self, status: str) -> None:
+        self.status = status
+        super().__init__(status)
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a fit tells while it runs."""
+
+    evaluations: int
+    budget: int  # evaluations allowed
+    cost: float  # best so far, m²
+    rmse: float  # best so far, m
+    seconds: float
+
+
+class Search:
+    """The cost of one fit in the coordinates y of the parameters that can be identified (Q,)."""
+
+    def __init__(
+        self,
+        objective: Objective,
+        start: Array,
+        rmse_tolerance: float,
+        budget: int,
+        report: Callable[[Progress], None] | None = None,
+    ) -> None:
+        """`start` (P,): values of all parameters; those that cannot be identified keep them."""
+        self.objective = objective
+        self.fitted = identifiable(objective.scene)
+        self.best = np.array(start, float)
+        self.best[self.fitted] = np.clip(self.best[self.fitted], LOWER, UPPER)
+        self.best_cost = np.inf
+        self.best_gradient = np.zeros(len(start))
+        self.rmse_tolerance = rmse_tolerance
+        self.budget = budget
+        self.report = report
+        self.began = time.perf_counter()
+        self.history: list[float] = []  # best cost after each evaluation
+        weights = np.concatenate([np.full(b.count, b.elements / b.count) for b in objective.blocks] or [np.zeros(0)])
+        self.scale = np.sqrt(weights[self.fitted])
+        self.unit = 0.0
+        self.worst = 0.0
+
+    @property
+    def y(self) -> Array:
+        """Coordinates (Q,) of the best point."""
+        coordinates: Array = self.scale * np.log(self.best[self.fitted])
+        return coordinates
+
+    @property
+    def bounds(self) -> list[tuple[float, float]]:
+        """Bounds of the coordinates."""
+        return [(float(c * np.log(LOWER)), float(c * np.log(UPPER))) for c in self.scale]
+
+    @property
+    def seconds(self) -> float:
+        """Time since the search began."""
+        return time.perf_counter() - self.began
+
+    def parameters(self, y: Array) -> Array:
+        """All parameters (P,) at coordinates y (Q,)."""
+        p = self.best.copy()
+        p[self.fitted] = np.clip(np.exp(y / self.scale), LOWER, UPPER)
+        return p
+
+    def __call__(self, y: Array) -> tuple[float, Array]:
+        """Scaled cost and its gradient (Q,). Raises Stop when the fit is finished or its budget is spent."""
+        if self.objective.evaluations >= self.budget:
+            raise Stop("limit")
+        p = self.parameters(y)
+        try:
+            cost, gradient = self.objective.cost_and_gradient(p)
+        except Diverged:
+            cost, gradient = np.inf, np.zeros(len(p))
+        usable = bool(np.isfinite(cost) and np.isfinite(gradient).all())
+        if usable:
+            self._remember(p, cost, gradient)
+        self.history.append(self.best_cost)
+        self._tell()
+        self._check_end()
+        if not usable:
+            return self._bowl(y)
+        slope = gradient[self.fitted] * p[self.fitted] / self.scale
+        return cost / self.unit, slope / self.unit
+
+    def cost(self, y: Array) -> float:
+        """Scaled cost alone, for methods without a gradient."""
+        return self(y)[0]
+
+    def _remember(self, p: Array, cost: float, gradient: Array) -> None:
+        self.unit = self.unit or max(cost, np.finfo(float).tiny)
+        self.worst = max(self.worst, cost)
+        if cost < self.best_cost:
+            self.best, self.best_cost, self.best_gradient = p, cost, gradient
+
+    def _bowl(self, y: Array) -> tuple[float, Array]:
+        away = y - self.y
+        height = STEEPNESS * max(self.worst / self.unit if self.unit else 1.0, 1.0)
+        return float(height * (1.0 + away @ away)), 2.0 * height * away
+
+    def _tell(self) -> None:
+        if self.report and np.isfinite(self.best_cost):
+            rmse = self.objective.rmse(self.best_cost)
+            self.report(Progress(self.objective.evaluations, self.budget, self.best_cost, rmse, self.seconds))
+
+    def _check_end(self) -> None:
+        if self.objective.rmse(self.best_cost) <= self.rmse_tolerance or self._flat():
+            raise Stop("converged")
+        if len(self.history) > STALL_EVALUATIONS:
+            before = self.history[-1 - STALL_EVALUATIONS]
+            if np.isfinite(before) and self.best_cost > (1.0 - STALL_REDUCTION) * before:
+                raise Stop("stalled")
+
+    def _flat(self) -> bool:
+        """Whether the best point is stationary within the bounds."""
+        p = self.best[self.fitted]
+        slope = self.best_gradient[self.fitted] * p
+        slope[(p <= LOWER * (1 + 1e-9)) & (slope > 0)] = 0.0
+        slope[(p >= UPPER * (1 - 1e-9)) & (slope < 0)] = 0.0
+        return bool(np.isfinite(self.best_cost) and np.abs(slope).max(initial=0.0) <= GRADIENT_TOLERANCE * self.best_cost)

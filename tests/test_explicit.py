@@ -1,0 +1,109 @@
+"""The explicit and the symplectic step against their formulas, and their derivatives."""
+
+import numpy as np
+import physics
+import pytest
+from physics import STATES, dense_forces, full, relative, state
+
+from clothfit.arrays import Elements
+from clothfit.step import explicit, implicit
+from clothfit.system import EXPLICIT, SYMPLECTIC, with_elements
+
+FIXED = [0, 2]
+METHODS = [EXPLICIT, SYMPLECTIC]
+
+
+def system(method):
+    return full(fixed=FIXED, integrationMethod=method, delta=0.005)
+
+
+def start(system, name):
+    """State whose fixed vertices are at rest."""
+    at = state(system, name)
+    free = system.vertex.free[:, None]
+    return at._replace(u=at.u * free, du=at.du * free)
+
+
+def step(system, x, v):
+    """Position and velocity after the step."""
+    v_new, x_new = np.empty_like(x), np.empty_like(x)
+    explicit.step(system, x, v, v_new)
+    explicit.position(system, x, v, v_new, x_new)
+    return x_new, v_new
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_both_steps_are_those_of_the_scene_format(name):
+    one, other = (system(method) for method in METHODS)
+    at = start(one, name)
+    f = dense_forces(one, at.y, at.u)[0]
+    v_new = (at.u + one.h * f / one.vertex.mass[:, None]) * one.vertex.free[:, None]
+    for made, expected in ((step(one, at.y, at.u), at.y + one.h * at.u), (step(other, at.y, at.u), at.y + one.h * v_new)):
+        # sums of some tens of terms of one size
+        np.testing.assert_allclose(made[1], v_new, atol=1e-13 * np.abs(v_new).max())
+        np.testing.assert_allclose(made[0], expected, atol=1e-13)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_fixed_vertices_stay(method):
+    one = system(method)
+    at = start(one, "stretched")
+    x_new, v_new = step(one, at.y, at.u)
+    np.testing.assert_array_equal(x_new[FIXED], at.y[FIXED])
+    assert np.abs(v_new[FIXED]).max() == 0.0
+
+
+def push(system, at, change):
+    """dx, dv after the step."""
+    dx, dv = at.dy.copy(), at.du.copy()
+    v_new = step(system, at.y, at.u)[1]
+    explicit.pushforward(system, at.y, at.u, v_new, implicit.workspace(system), dx, dv, change)
+    return dx, dv
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", ["random", "stretched", "compressed"])
+def test_the_pushforward_misses_of_the_true_derivative_nothing_but_what_the_forces_leave_out(name, method):
+    # without drag, spheres and spring damping the step's model is the force itself and its derivative the true one
+    one = system(method)
+    one = one._replace(
+        springs=one.springs._replace(damping=0.0),
+        faces=one.faces._replace(corners=one.faces.corners[:0]),
+    )
+    check_derivative(one, start(one, name))
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", ["random", "stretched", "compressed"])
+def test_the_pushforward_is_the_derivative_of_the_step_with_every_force(name, method):
+    one = system(method)
+    check_derivative(one, start(one, name))
+
+
+def check_derivative(system, at):
+    change, t = physics.direction(system), 1e-6
+
+    def moved(t):
+        elements = (value + t * d for value, d in zip((system.vertex.mass, system.springs.stiffness), change, strict=True))
+        return np.array(step(with_elements(system, *elements), at.y + t * at.dy, at.u + t * at.du))
+
+    measured = (moved(t) - moved(-t)) / (2 * t)
+    # rounding 1e-16 / 1e-6, truncation 1e-12 times third derivatives
+    assert relative(np.array(push(system, at, change)), measured) < 1e-8
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", STATES)
+def test_the_pullback_is_the_transpose_of_the_pushforward(name, method):
+    one = system(method)
+    at = start(one, name)
+    change = physics.direction(one)
+    dx, dv = push(one, at, change)
+    x_bar, v_bar = at.lam.copy(), at.w.copy()
+    forward = np.vdot(x_bar, dx) + np.vdot(v_bar, dv)
+    size = np.abs(x_bar * dx).sum() + np.abs(v_bar * dv).sum()
+    grad = Elements(np.zeros(9), np.zeros(len(change.stiffness)))
+    v_new = step(one, at.y, at.u)[1]
+    explicit.pullback(one, at.y, at.u, v_new, implicit.workspace(one), x_bar, v_bar, grad)
+    back = np.vdot(x_bar, at.dy) + np.vdot(v_bar, at.du) + grad.mass @ change.mass + grad.stiffness @ change.stiffness
+    assert abs(forward - back) < 1e-12 * size  # rounding of sums of some 100 products

@@ -1,0 +1,64 @@
+"""The linear solve where conjugate gradients are enough, and where they are not."""
+
+import numpy as np
+import pytest
+from physics import dense_matrix
+from test_cg import ALL, FREE, N, dense_solution, matrix, right_side
+
+from clothfit import cg, linear
+
+
+def solve(A, b, tolerance=1e-12):
+    w = np.zeros((N, 3))
+    return w, linear.solve(A, FREE, b, tolerance, cg.workspace(N), w)
+
+
+def test_a_positive_definite_system_needs_no_factorisation():
+    A, b = matrix(), right_side()
+    w, (iterations, direct) = solve(A, b)
+    assert (iterations > 0, direct) == (True, 0)
+    np.testing.assert_allclose(w, dense_solution(A, b), atol=1e-10)  # tolerance 1e-12, condition number below 100
+
+
+@pytest.mark.parametrize("scale", [4.0, -30.0])
+def test_an_indefinite_system_is_solved_all_the_same(scale):
+    A, b = matrix(), right_side()
+    A.upper[:] *= scale
+    assert np.linalg.eigvalsh(dense_matrix(A)[np.ix_(ALL, ALL)]).min() < 0
+    w, (_, direct) = solve(A, b)
+    assert direct == 1
+    np.testing.assert_allclose(w, dense_solution(A, b), atol=1e-11)  # two factorisations, condition number below 1000
+    assert np.abs(w[2]).max() == 0.0
+
+
+def test_an_ill_conditioned_system_is_solved_when_the_iterations_run_out_or_before():
+    A, b = matrix(pull=1e9), right_side()
+    w, _ = solve(A, b, 1e-6)
+    residual = b.reshape(-1) - dense_matrix(A) @ w.reshape(-1)
+    # 1e-6 of |b|, or of a direct solver 1e-16 · 1e9 · |w| with |w| below |b|
+    assert np.linalg.norm(residual[ALL]) < 2e-6 * np.linalg.norm(b)
+
+
+def test_a_singular_system_gives_no_numbers():
+    A, b = matrix(), right_side()
+    A.diagonal[:] = 0.0
+    A.upper[:] = 0.0
+    w, (_, direct) = solve(A, b)
+    assert direct == 1
+    assert np.isnan(w[FREE]).all()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_matrix_that_is_not_finite_gives_no_numbers(value):
+    A, b = matrix(), right_side()
+    A.diagonal[0, 0] = value
+    w, (_, direct) = solve(A, b)
+    assert direct == 1
+    assert not np.isfinite(w[FREE]).all()
+
+
+def test_a_cloth_without_free_vertices_is_solved():
+    w = np.zeros((N, 3))
+    none = np.zeros(N, bool)
+    assert linear.solve(matrix(), none, np.zeros((N, 3)), 1e-12, cg.workspace(N), w) == (0, 0)
+    assert np.abs(w).max() == 0.0
