@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from clothfit.errors import ClothfitError, Diverged, InvalidInput, InvalidMotion, InvalidScene
     from clothfit.evaluation import Evaluation, evaluate
     from clothfit.fit import Fit, estimate
-    from clothfit.motion import Motion, load_motion, save_motion, simulate
+    from clothfit.motion import Motion, as_motion, load_motion, save_motion, simulate
     from clothfit.objective import Objective, cost_and_gradient
-    from clothfit.parameters import parameters, with_parameters
+    from clothfit.fit_vector import parameters, with_parameters
     from clothfit.scene import Cloth, Scene, load, save
 
 _HOME = {
@@ -32,13 +32,14 @@ _HOME = {
     "Fit": "fit",
     "estimate": "fit",
     "Motion": "motion",
+    "as_motion": "motion",
     "load_motion": "motion",
     "save_motion": "motion",
     "simulate": "motion",
     "Objective": "objective",
     "cost_and_gradient": "objective",
-    "parameters": "parameters",
-    "with_parameters": "parameters",
+    "parameters": "fit_vector",
+    "with_parameters": "fit_vector",
     "Cloth": "scene",
     "Scene": "scene",
     "load": "scene",
@@ -57,6 +58,7 @@ __all__ = [
     "Motion",
     "Objective",
     "Scene",
+    "as_motion",
     "cost_and_gradient",
     "degrade",
     "estimate",

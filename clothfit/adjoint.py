@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from clothfit import guess
 from clothfit.arrays import Array, Elements
 from clothfit.kernel import kernel
 from clothfit.rollout import Rollout, velocity
 from clothfit.step import explicit, implicit
 from clothfit.system import IMPLICIT, System
-from clothfit.vectors import add, combine
+from clothfit.vectors import add
 
 
 def gradient(system: System, memory: Rollout, by_position: Array, tolerance: float) -> Elements:
@@ -32,29 +33,15 @@ def tangent(system: System, memory: Rollout, direction: Elements, tolerance: flo
 
 
 @kernel
-def extrapolate(count, last, before, guess):
-    """Next of a smooth series from its last two values, which are shifted; `count` is how many there were."""
-    if count == 0:
-        guess[:] = 0.0
-        last[:] = 0.0
-        return
-    before[:] = last
-    last[:] = guess
-    if count > 1:
-        combine(2.0, last, -1.0, before, guess)
-
-
-@kernel
 def sweep_back(system, memory, by_position, tolerance, work, grad):
     x, w, used, _ = memory
     steps = len(w)
     x_bar, v_bar = np.zeros_like(x[0]), np.zeros_like(x[0])
-    last, before = np.zeros_like(x[0]), np.zeros_like(x[0])
     for t in range(steps - 1, -1, -1):
         add(1.0, by_position[t + 1], x_bar)
         v = velocity(memory, t)
         if system.method == IMPLICIT:
-            extrapolate(steps - 1 - t, last, before, work.lam)
+            guess.advance(work.past, steps - 1 - t, work.lam)
             implicit.pullback(system, x[t], v, w[t], used[t], tolerance, work, x_bar, v_bar, grad)
         else:
             explicit.pullback(system, x[t], v, w[t, 0], work, x_bar, v_bar, grad)
@@ -64,11 +51,10 @@ def sweep_back(system, memory, by_position, tolerance, work, grad):
 def sweep_forward(system, memory, direction, tolerance, work, change):
     x, w, used, _ = memory
     dx, dv = np.zeros_like(x[0]), np.zeros_like(x[0])
-    last, before = np.zeros_like(x[0]), np.zeros_like(x[0])
     for t in range(len(w)):
         v = velocity(memory, t)
         if system.method == IMPLICIT:
-            extrapolate(t, last, before, work.lam)
+            guess.advance(work.past, t, work.lam)
             implicit.pushforward(system, x[t], v, w[t], used[t], tolerance, work, dx, dv, direction)
         else:
             explicit.pushforward(system, x[t], v, w[t, 0], work, dx, dv, direction)

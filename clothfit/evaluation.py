@@ -12,7 +12,7 @@ from clothfit.cost import frame_steps
 from clothfit.errors import InvalidInput
 from clothfit.fit import FIT_TOLERANCE
 from clothfit.motion import Motion, simulate
-from clothfit.parameters import blocks, fitted_cloths, identifiable, parameters
+from clothfit.fit_vector import blocks, fitted_cloths, identifiable, parameters
 from clothfit.scene import Scene
 
 HORIZON = 500  # frames

@@ -15,9 +15,9 @@ import numpy as np
 
 from clothfit.arrays import Array
 from clothfit.errors import Diverged, InvalidInput
-from clothfit.motion import Motion, simulate
+from clothfit.motion import Motion, simulate, simulate_cloths
 from clothfit.objective import Objective
-from clothfit.parameters import LOWER, UPPER, blocks, parameters, unidentifiable, with_parameters
+from clothfit.fit_vector import LOWER, UPPER, blocks, fitted_cloths, parameters, unidentifiable, with_parameters
 from clothfit.scene import Scene
 from clothfit.search import Progress, Search, Stop
 from clothfit.start import neutral_start
@@ -70,7 +70,7 @@ class Fit:
 
 def record_target(scene: Scene, frames: int | None = None, tolerance: float | None = None) -> Motion:
     """The motion of the scene's own parameters, solved as tightly as a fit does. Raises Diverged."""
-    return simulate(scene, frames, tolerance or min(FIT_TOLERANCE, scene.tolerance))
+    return simulate(scene, frames, tolerance or FIT_TOLERANCE)
 
 
 def estimate(
@@ -100,10 +100,11 @@ def estimate(
         raise InvalidInput(
             f"{scene.name}: nothing to fit: no object flags anything; set its optimizationSettings, for example to 'nL'"
         )
-    goal = record_target(scene) if target is None else target
-    objective = Objective(scene, goal, tolerance or FIT_TOLERANCE, frames=scene.frames)
-    if objective.observations == 0 or objective.frames < 2:
-        raise InvalidInput(f"{goal.name}: shows no observed frame after the start, so there is nothing to fit to")
+    tight = tolerance or FIT_TOLERANCE
+    goal = target or simulate_cloths(scene, fitted_cloths(scene), tolerance=tight)
+    objective = Objective(scene, goal, tight, frames=scene.frames)
+    if not objective.shows_motion:
+        raise InvalidInput(f"{goal.name}: shows nothing after the start within {scene.frames} frames, so there is nothing to fit to")
     p = choose_start(scene, goal, start, hidden=target is None)
     search = Search(objective, p, rmse_tolerance, budget, report)
     status = minimise(search, "l-bfgs-b" if method == "auto" else method)

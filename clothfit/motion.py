@@ -10,7 +10,8 @@ from __future__ import annotations
 import io
 import os
 import zipfile
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from typing import IO
 
 import numpy as np
@@ -53,20 +54,31 @@ def simulate(scene: Scene, frames: int | None = None, tolerance: float | None = 
     `frames` counts the initial state (default: the scene's); `tolerance` is that of the linear solver (default: the
     scene's). Raises Diverged, with the frames that are good as its `motion`, when a position is no longer a number.
     """
+    return simulate_cloths(scene, range(len(scene.cloths)), frames, tolerance)
+
+
+def simulate_cloths(
+    scene: Scene, cloths: Collection[int], frames: int | None = None, tolerance: float | None = None
+) -> Motion:
+    """Move some of the cloths of a scene, as `simulate` does; the others count as not observed."""
     count = scene.frames if frames is None else frames
     if count < 1:
         raise InvalidInput(f"frames: {count} is not possible, at least 1 is (the initial state)")
-    parts, direct, good = [], 0, count - 1
-    fault = ""
-    for index, cloth in enumerate(scene.cloths):
+    counts = tuple(len(cloth.mass) for cloth in scene.cloths)
+    positions = np.full((count, sum(counts), 3), np.nan)
+    motion = Motion(positions, np.arange(count) * scene.delta, counts, None, scene.name)
+    direct, good, fault = 0, count - 1, ""
+    for index in cloths:
         memory, steps = rollout(build(scene, index), count - 1, tolerance or scene.tolerance)
-        parts.append(memory.x)
+        motion.of(index)[:] = memory.x
         direct += int(memory.log[:, 1].sum())
         if steps < good:
-            good, fault = steps, f"objects[{index}], vertex {_worst(memory.x[steps + 1])} of {len(cloth.mass)}"
-    positions = np.concatenate(parts, axis=1)[: good + 1]
-    times = np.arange(good + 1) * scene.delta
-    motion = Motion(positions, times, tuple(len(c.mass) for c in scene.cloths), None, scene.name, direct)
+            good, fault = steps, f"objects[{index}], vertex {_worst(memory.x[steps + 1])} of {counts[index]}"
+    moved = np.repeat([index in cloths for index in range(len(counts))], counts)
+    observed = None if moved.all() else np.broadcast_to(moved, (good + 1, len(moved))).copy()
+    motion = replace(
+        motion, positions=positions[: good + 1], times=motion.times[: good + 1], observed=observed, direct_solves=direct
+    )
     if good < count - 1:
         step = good + 1
         message = (
@@ -125,6 +137,13 @@ def load_motion(path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene) 
 def _short(error: BaseException) -> str:
     text = str(error).split("\n")[0]
     return "it holds pickled objects" if "allow_pickle" in text else text or type(error).__name__
+
+
+def as_motion(scene: Scene, positions: Array, times: Array | None = None, observed: Flags | None = None) -> Motion:
+    """Make a motion of `scene` from positions (frames, vertices, 3) m, with times (frames,) s (default: one frame a step) and what
+    was observed (frames, vertices) (default: everything). Raises InvalidMotion when they do not fit."""
+    given = {"positions": positions, "times": times, "observed": observed}
+    return check_motion({key: np.asarray(value) for key, value in given.items() if value is not None}, scene, "motion")
 
 
 def check_motion(arrays: dict[str, np.ndarray], scene: Scene, name: str) -> Motion:

@@ -13,7 +13,7 @@ from clothfit.arrays import Array
 from clothfit.cost import Target, cost, cost_and_derivative, target
 from clothfit.errors import Diverged, InvalidMotion
 from clothfit.motion import Motion
-from clothfit.parameters import blocks, check_shape, elements, fitted_cloths, parameters
+from clothfit.fit_vector import blocks, check_shape, elements, fitted_cloths, parameters
 from clothfit.rollout import Rollout, rollout
 from clothfit.scene import Scene
 
@@ -49,6 +49,11 @@ class Objective:
     def frames(self) -> int:
         """Number of frames that are compared."""
         return max((len(goal.step) for goal in self.targets.values()), default=0)
+
+    @property
+    def shows_motion(self) -> bool:
+        """Whether anything after the initial state is compared."""
+        return any(goal.observed[goal.step > 0].any() for goal in self.targets.values())
 
     def rmse(self, cost: float) -> float:
         """Root mean square distance, m, of a cost, m²."""
@@ -89,7 +94,7 @@ class Objective:
         return system.with_elements(self.systems[cloth], *elements(self.scene, cloth, p))
 
     def _rollout(self, cloth: int, p: Array) -> Rollout:
-        steps = int(self.targets[cloth].step[-1])
+        steps = int(self.targets[cloth].step.max(initial=0))
         memory, good = rollout(self._system(cloth, p), steps, self.tolerance)
         if good < steps:
             raise Diverged(f"{self.scene.name}: objects[{cloth}] diverged at step {good + 1}", good + 1)

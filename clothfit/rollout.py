@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clothfit import guess
 from clothfit.arrays import Array, Indices
 from clothfit.kernel import kernel
 from clothfit.step import explicit, implicit
 from clothfit.system import IMPLICIT, System
-from clothfit.vectors import combine
 
 FAR = 1e12
 """A coordinate beyond this many metres counts as diverged."""
@@ -61,25 +61,15 @@ def run(system, tolerance, work, memory):
     for t in range(len(w)):
         v = velocity(memory, t)
         if system.method == IMPLICIT:
-            guess = work.lam
-            guess_velocity(memory, t, guess)
-            used[t], log[t, 0], log[t, 1] = implicit.step(system, x[t], v, guess, tolerance, work, w[t])
+            work.lam[:] = v
+            guess.advance(work.past, t, work.lam)
+            used[t], log[t, 0], log[t, 1] = implicit.step(system, x[t], v, work.lam, tolerance, work, w[t])
         else:
             explicit.step(system, x[t], v, w[t, 0])
         explicit.position(system, x[t], v, w[t, used[t] - 1], x[t + 1])
         if not finite(x[t + 1]):
             return t
     return len(w)
-
-
-@kernel
-def guess_velocity(memory, t, guess):
-    """First guess of the velocity after step t, extrapolated from the steps before: halves the CG iterations."""
-    v = velocity(memory, t)
-    if t < 2:
-        guess[:] = v
-    else:
-        combine(2.0, v, -1.0, velocity(memory, t - 1), guess)
 
 
 @kernel

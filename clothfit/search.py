@@ -18,7 +18,7 @@ import numpy as np
 from clothfit.arrays import Array
 from clothfit.errors import Diverged
 from clothfit.objective import Objective
-from clothfit.parameters import LOWER, UPPER, identifiable
+from clothfit.fit_vector import LOWER, UPPER, identifiable
 
 GRADIENT_TOLERANCE = 1e-5
 """Converged where no parameter's change by a factor e would change the cost by more than this fraction (linearly)."""

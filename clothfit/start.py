@@ -16,7 +16,7 @@ from clothfit.arrays import Array
 from clothfit.errors import Diverged
 from clothfit.motion import Motion
 from clothfit.objective import Objective
-from clothfit.parameters import LOWER, UPPER
+from clothfit.fit_vector import LOWER, UPPER
 from clothfit.scene import Scene
 
 WINDOW = 30  # frames

@@ -3,18 +3,17 @@
 import numpy as np
 import physics
 import pytest
-from physics import TIGHT, dense_forces, full, relative, state
+from physics import STATES, TIGHT, dense_forces, full, relative, state
 
 from clothfit.arrays import Elements
 from clothfit.step import implicit
 from clothfit.system import with_elements
 
 FIXED = (0, 2)
-STATES = ("rest", "random", "stretched", "compressed")
 
 
-def system(newton=1):
-    return full(fixed=FIXED, forwardSubSteps=newton)
+def system(newton=1, delta=0.02):
+    return full(fixed=FIXED, forwardSubSteps=newton, delta=delta)
 
 
 def start(system, name):
@@ -73,12 +72,13 @@ def test_a_compressed_cloth_has_an_indefinite_matrix_and_is_stepped_all_the_same
     assert relative(velocities[-1], dense_step(one, at.y, at.u)) < 1e-10  # condition number below 1e4
 
 
-@pytest.mark.parametrize("name", ["rest", "stretched"])
+@pytest.mark.parametrize("name", ["rest", "random", "stretched"])
 def test_newton_starts_from_the_linearised_step_and_solves_backward_euler(name):
-    many = system(newton=60)
+    # the Jacobians are not complete, so the convergence is linear: a small time step keeps it quick
+    many = system(newton=60, delta=0.005)
     at = start(many, name)
     velocities, _, _ = step(many, at.y, at.u, 1e-12)
-    np.testing.assert_array_equal(velocities[0], step(system(), at.y, at.u, 1e-12)[0][0])  # the same operations
+    np.testing.assert_array_equal(velocities[0], step(system(delta=0.005), at.y, at.u, 1e-12)[0][0])  # the same operations
     error, size = residual(many, at.y, at.u, velocities[-1])
     assert 2 < len(velocities) < 60  # the residual was within tolerance before the iterations ran out
     assert error < 1e-10 * size  # tolerance relative to a right-hand side that contains A u
@@ -111,7 +111,7 @@ def push(system, at, velocities, change, tolerance=TIGHT):
 @pytest.mark.parametrize("newton", [1, 2, 5])
 @pytest.mark.parametrize("name", STATES)
 def test_the_pushforward_is_the_derivative_of_the_step(name, newton):
-    one = system(newton)
+    one = system(newton, delta=0.005)
     at = start(one, name)
     at = at._replace(du=at.du * one.vertex.free[:, None])
     change, t = physics.direction(one), 1e-6
@@ -125,7 +125,7 @@ def test_the_pushforward_is_the_derivative_of_the_step(name, newton):
     velocities = step(one, at.y, at.u)[0]
     assert len(velocities) == newton
     measured = (moved(t) - moved(-t)) / (2 * t)
-    # solves good to 1e-12 and a difference at 1e-6: rounding 1e-6 / condition; truncation 1e-12 times third derivatives
+    # solves good to 1e-13 and a difference at 1e-6 leave 1e-7; truncation 1e-12 times third derivatives
     assert relative(np.array(push(one, at, velocities, change)), measured) < 1e-6
 
 

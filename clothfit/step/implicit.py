@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit import cg, linear, sparse
+from clothfit import cg, guess, linear, sparse
 from clothfit.arrays import Array
 from clothfit.forces import total
 from clothfit.kernel import kernel
@@ -29,10 +29,11 @@ from clothfit.vectors import add, add_mass, add_rows_dot, combine, hold_fixed
 
 
 class Workspace(NamedTuple):
-    """Memory that a run of steps uses again and again; all (n, 3) but for A and cg."""
+    """Memory that a run of steps uses again and again; all (n, 3) but for A, cg and past."""
 
     A: sparse.BlockMatrix
     cg: cg.Workspace
+    past: guess.Past  # solutions of the last steps
     b: Array  # right-hand side
     w_bar: Array  # gradient by the velocity of an iteration
     y: Array  # point of linearisation
@@ -46,7 +47,7 @@ def workspace(system: System) -> Workspace:
     """Memory for the steps of `system` and their derivatives."""
     n = len(system.x0)
     vectors = [np.zeros((n, 3)) for _ in range(7)]
-    return Workspace(sparse.zeros(system.row, system.column), cg.workspace(n), *vectors)
+    return Workspace(sparse.zeros(system.row, system.column), cg.workspace(n), guess.past(n), *vectors)
 
 
 @kernel
@@ -75,8 +76,8 @@ def assemble_newton(system, x, v, u, y, A, f, b):
 
 
 @kernel
-def step(system, x, v, guess, tolerance, work, iterates):
-    """Fill iterates (N, n, 3) with the velocities of the iterations; the last one used is the new velocity.
+def step(system, x, v, first, tolerance, work, iterates):
+    """Fill iterates (N, n, 3) with the velocities of the iterations, from a first guess; the last one used is the new velocity.
 
     Returns the number used, the CG iterations and the direct solves. Stops early when the residual of the
     next iteration is already within `tolerance` of its right-hand side.
@@ -86,7 +87,7 @@ def step(system, x, v, guess, tolerance, work, iterates):
     assemble(system, x, v, A, b)
     add_mass(system.vertex.mass, 1.0, v, b)
     hold_fixed(free, b)
-    iterates[0] = guess
+    iterates[0] = first
     iterations, direct = linear.solve(A, free, b, tolerance, work.cg, iterates[0])
     for k in range(1, len(iterates)):
         assemble_newton(system, x, v, iterates[k - 1], work.y, A, work.gy, b)
