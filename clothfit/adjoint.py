@@ -15,7 +15,7 @@ from clothfit.kernel import kernel
 from clothfit.rollout import Rollout, velocity
 from clothfit.step import explicit, implicit
 from clothfit.system import IMPLICIT, System
-from clothfit.vectors import add
+from clothfit.vectors import add, copy
 
 
 def gradient(system: System, memory: Rollout, by_position: Array, tolerance: float) -> Elements:
@@ -58,4 +58,4 @@ def sweep_forward(system, memory, direction, tolerance, work, change):
             implicit.pushforward(system, x[t], v, w[t], used[t], tolerance, work, dx, dv, direction)
         else:
             explicit.pushforward(system, x[t], v, w[t, 0], work, dx, dv, direction)
-        change[t + 1] = dx
+        copy(dx, change[t + 1])

@@ -12,7 +12,7 @@ import numpy as np
 
 from clothfit.arrays import Array
 from clothfit.kernel import kernel
-from clothfit.vectors import combine
+from clothfit.vectors import combine, copy
 
 
 class Past(NamedTuple):
@@ -34,9 +34,9 @@ def advance(past, count, x):
     if count == 0:
         x[:] = 0.0
         return
-    past.c[:] = past.b
-    past.b[:] = past.a
-    past.a[:] = x
+    copy(past.b, past.c)
+    copy(past.a, past.b)
+    copy(x, past.a)
     if count == 2:
         combine(2.0, past.a, -1.0, past.b, x)
     elif count > 2:

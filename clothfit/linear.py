@@ -13,6 +13,7 @@ from numba import objmode
 from clothfit import cg, sparse
 from clothfit.arrays import Array, Flags, Indices
 from clothfit.kernel import kernel
+from clothfit.vectors import copy
 
 
 @kernel
@@ -25,7 +26,7 @@ def solve(A, free, b, tolerance, work, w):
     row, column, diagonal, upper = A
     with objmode(solution="float64[:, ::1]"):
         solution = factorise_and_solve(row, column, diagonal, upper, free, b)
-    w[:] = solution
+    copy(solution, w)
     return iterations, 1
 
 

@@ -15,6 +15,7 @@ from clothfit.arrays import Array, Indices
 from clothfit.kernel import kernel
 from clothfit.step import explicit, implicit
 from clothfit.system import IMPLICIT, System
+from clothfit.vectors import copy
 
 FAR = 1e12
 """A coordinate beyond this many metres counts as diverged."""
@@ -61,7 +62,7 @@ def run(system, tolerance, work, memory):
     for t in range(len(w)):
         v = velocity(memory, t)
         if system.method == IMPLICIT:
-            work.lam[:] = v
+            copy(v, work.lam)
             guess.advance(work.past, t, work.lam)
             used[t], log[t, 0], log[t, 1] = implicit.step(system, x[t], v, work.lam, tolerance, work, w[t])
         else:

@@ -15,6 +15,13 @@ def dot(a, b):
 
 
 @kernel
+def copy(a, out):
+    """out = a; `out[:] = a` would add seconds to the compilation, for its messages about shapes that differ."""
+    for i in range(len(out)):
+        out[i, 0], out[i, 1], out[i, 2] = a[i, 0], a[i, 1], a[i, 2]
+
+
+@kernel
 def combine(p, a, q, b, out):
     """out = p a + q b; out may be a or b."""
     for i in range(len(out)):

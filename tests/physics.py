@@ -82,6 +82,14 @@ def full(nx: int = 3, ny: int = 3, fixed: Any = (), **fields: Any) -> System:
     return system(cloth(nx, ny, vertIsFixed=held, dragCoefficient=0.4, damping=0.7), **made)
 
 
+def gentle(method: str = "implicit", newton: int = 1, nx: int = 3, ny: int = 3, **fields: Any) -> System:
+    """A cloth with every force on it, heavy enough for all three schemes, two corners fixed, resting on a sphere."""
+    mass = [0.1 + 0.01 * i for i in range(nx * ny)]
+    one = cloth(nx, ny, vertMass=mass, dragCoefficient=0.4, damping=0.7)
+    made = {"windVel": xyz((3, 1, -2)), "colliders": [ball((1.0, -0.75, 1.0), 0.8)], "delta": 0.005, **fields}
+    return system(one, integrationMethod=METHODS[method], forwardSubSteps=newton, **made)
+
+
 def unbound(system: System, **changes: Any) -> System:
     """The system without weight, and with other `changes` in its vertices."""
     return system._replace(vertex=system.vertex._replace(gravity=np.zeros(3), **changes))

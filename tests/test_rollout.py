@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import physics
 import pytest
-from physics import GRAVITY, METHODS, TIGHT, ball, placed, rotation, state, thing, unbound, xyz
+from physics import GRAVITY, METHODS, TIGHT, ball, gentle, placed, rotation, state, thing, unbound, xyz
 from scenes import cloth
 
 from clothfit.rollout import FAR, finite, rollout, velocity
@@ -105,28 +105,27 @@ def test_a_swinging_cloth_converges_with_order_one(method):
 @pytest.mark.parametrize("method", ALL)
 def test_terminal_velocity_of_a_falling_sheet(method):
     # a flat sheet of 2 × 2 cells whose masses are in proportion to the faces at each vertex falls without bending
-    one = cloth(3, 3, size=0.5, dragCoefficient=3.0, damping=0.0, vertIsFixed=[False] * 9)
+    one = cloth(3, 3, size=0.5, dragCoefficient=24.0, damping=0.0, vertIsFixed=[False] * 9)
     corners = np.bincount(one["triangles"])
-    one["vertMass"] = (0.01 * corners).tolist()
-    h, steps = 0.01, 200
-    x = run(at_method(method, one, delta=h), steps)
-    # per corner of a face: 0.01 g = (drag A / 3) |n|² v with A = 1/8, |n| = 2 A
-    speed = 0.01 * GRAVITY / (3.0 * 0.125 / 3 * 0.25**2)
-    rate = (3.0 * 0.125 / 3 * 0.25**2) / 0.01 * h
+    one["vertMass"] = (0.002 * corners).tolist()
+    h, steps = 0.01, 60
+    # per corner of a face: m g = (drag A / 3) |n|² v with A = 1/8, |n| = 2 A
+    drag = 24.0 * 0.125 / 3 * 0.25**2
+    speed, rate = 0.002 * GRAVITY / drag, h * drag / 0.002
     q = 1 / (1 + rate) if method == "implicit" else 1 - rate
-    assert q**steps < 0.25  # it comes near the terminal velocity
+    x = run(at_method(method, one, delta=h), steps)
     fall = -np.diff(x[:, :, 1], axis=0) / h
     t = np.arange(steps) + (0 if method == "explicit" else 1)
-    # a rounding of x per step over h
-    np.testing.assert_allclose(fall, np.broadcast_to((speed * (1 - q**t))[:, None], fall.shape), rtol=1e-10, atol=1e-11)
-    assert abs(run(at_method(method, one, delta=0.05), 1000)[-2:, 0, 1] @ [1, -1] / 0.05 - speed) < 1e-9 * speed
+    # the sums of some ten terms, rounded, per step; the sheet would flutter after several hundred steps
+    np.testing.assert_allclose(fall, np.broadcast_to((speed * (1 - q**t))[:, None], fall.shape), atol=1e-11)
+    np.testing.assert_allclose(fall[-1], speed, rtol=2 * q ** (steps - 1.0))  # what is left of the approach
 
 
 def test_a_hanging_chain_comes_to_rest_with_each_tension_the_weight_below():
     n, k = 5, 40.0
     mass = 0.1 + 0.05 * np.arange(n)
     one = thing([(0, -i, 0) for i in range(n)], [(i, i + 1) for i in range(n - 1)], mass=mass, stiffness=k, fixed=[0])
-    x = run(physics.system({**one, "damping": 4.0}, delta=0.2), 150)
+    x = run(physics.system({**one, "damping": 1.0}, delta=0.1), 300)
     tension = k * (-np.diff(x[-1, :, 1]) - 1)
     weight = GRAVITY * mass[::-1].cumsum()[::-1][1:]
     np.testing.assert_allclose(tension, weight, rtol=1e-10)  # 40 N/m on lengths of 1 m known to 1e-15; settled to less
@@ -198,13 +197,9 @@ def test_newton_keeps_momentum_as_well():
 VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3)]
 
 
-def everything(method, newton):
-    return physics.full(fixed=(0, 2), integrationMethod=METHODS[method], delta=0.005, forwardSubSteps=newton)
-
-
 @pytest.mark.parametrize(("method", "newton"), VARIANTS)
 def test_a_scene_turned_about_the_vertical_and_shifted_moves_in_the_same_way(method, newton):
-    system = everything(method, newton)
+    system = gentle(method, newton)
     turn, shift = rotation((0, 1, 0), 0.7), np.array([3.0, -2.0, 5.0])
     x, turned = run(system, 12), run(placed(system, turn, shift), 12)
     assert np.abs(x[-1] - x[0]).max() > 0.01
@@ -213,7 +208,7 @@ def test_a_scene_turned_about_the_vertical_and_shifted_moves_in_the_same_way(met
 
 @pytest.mark.parametrize(("method", "newton"), VARIANTS)
 def test_without_weight_any_turn_will_do(method, newton):
-    system = unbound(everything(method, newton))
+    system = unbound(gentle(method, newton))
     turn, shift = rotation((1, -2, 0.5), 2.1), np.array([-1.0, 4.0, 2.0])
     x, turned = run(system, 12), run(placed(system, turn, shift), 12)
     assert np.abs(x[-1] - x[0]).max() > 0.01
@@ -221,7 +216,7 @@ def test_without_weight_any_turn_will_do(method, newton):
 
 
 def test_with_weight_a_turn_about_another_axis_is_another_motion():
-    system = everything("implicit", 1)
+    system = gentle("implicit", 1)
     turn = rotation((1, 0, 0), 0.7)
     assert np.abs(run(placed(system, turn, np.zeros(3)), 12) - run(system, 12) @ turn.T).max() > 1e-4
 
@@ -231,7 +226,7 @@ def test_with_weight_a_turn_about_another_axis_is_another_motion():
 
 @pytest.mark.parametrize("method", ALL)
 def test_a_cloth_starts_at_rest_and_its_fixed_vertices_stay(method):
-    system = everything(method, 1)
+    system = gentle(method, 1)
     memory, good = rollout(system, 5, TIGHT)
     assert good == 5
     assert np.abs(velocity(memory, 0)).max() == 0.0
@@ -240,14 +235,14 @@ def test_a_cloth_starts_at_rest_and_its_fixed_vertices_stay(method):
 
 
 def test_no_steps_is_the_start_alone():
-    system = everything("implicit", 1)
+    system = gentle("implicit", 1)
     memory, good = rollout(system, 0, TIGHT)
     assert good == 0
     np.testing.assert_array_equal(memory.x, system.x0[None])
 
 
 def test_positions_follow_from_the_velocities_kept():
-    system = everything("implicit", 3)
+    system = gentle("implicit", 3)
     memory, _ = rollout(system, 6, TIGHT)
     for t in range(6):
         # one rounding of numbers of order 2
@@ -256,7 +251,7 @@ def test_positions_follow_from_the_velocities_kept():
 
 
 def test_the_tolerance_bounds_the_error_and_the_log_counts_the_work():
-    system = everything("implicit", 1)
+    system = gentle("implicit", 1)
     rough, fine = rollout(system, 5, 1e-3)[0], rollout(system, 5, TIGHT)[0]
     assert 0 < rough.log[:, 0].sum() < fine.log[:, 0].sum()
     assert 0 < np.abs(rough.x - fine.x).max() < 1e-2

@@ -13,7 +13,7 @@ from __future__ import annotations
 from clothfit.forces import total
 from clothfit.kernel import kernel
 from clothfit.system import EXPLICIT, SYMPLECTIC
-from clothfit.vectors import add, add_mass, add_rows_dot, combine, hold_fixed
+from clothfit.vectors import add, add_mass, add_rows_dot, combine, copy, hold_fixed
 
 
 @kernel
@@ -45,7 +45,7 @@ def position(system, x, v, v_new, x_new):
 def pullback(system, x, v, v_new, work, x_bar, v_bar, grad):
     """Turn x_bar, v_bar, the gradient by the state after the step, into that before it; add to `grad`."""
     h, lam, s, gy, gu = system.h, work.lam, work.s, work.gy, work.gu
-    lam[:] = v_bar
+    copy(v_bar, lam)
     if system.method == SYMPLECTIC:
         add(h, x_bar, lam)
     divide_by_mass(system.vertex, lam)
@@ -78,4 +78,4 @@ def pushforward(system, x, v, v_new, work, dx, dv, direction):
         add(h, dw, dx)
     else:
         add(h, dv, dx)
-    dv[:] = dw
+    copy(dw, dv)

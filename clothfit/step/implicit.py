@@ -25,7 +25,7 @@ from clothfit.arrays import Array
 from clothfit.forces import total
 from clothfit.kernel import kernel
 from clothfit.system import System
-from clothfit.vectors import add, add_mass, add_rows_dot, combine, hold_fixed
+from clothfit.vectors import add, add_mass, add_rows_dot, combine, copy, hold_fixed
 
 
 class Workspace(NamedTuple):
@@ -87,12 +87,12 @@ def step(system, x, v, first, tolerance, work, iterates):
     assemble(system, x, v, A, b)
     add_mass(system.vertex.mass, 1.0, v, b)
     hold_fixed(free, b)
-    iterates[0] = first
+    copy(first, iterates[0])
     iterations, direct = linear.solve(A, free, b, tolerance, work.cg, iterates[0])
     for k in range(1, len(iterates)):
         assemble_newton(system, x, v, iterates[k - 1], work.y, A, work.gy, b)
         hold_fixed(free, b)
-        iterates[k] = iterates[k - 1]
+        copy(iterates[k - 1], iterates[k])
         more, more_direct = linear.solve(A, free, b, tolerance, work.cg, iterates[k])
         if more == 0 and more_direct == 0:
             return k, iterations, direct
@@ -117,7 +117,7 @@ def pullback(system, x, v, iterates, used, tolerance, work, x_bar, v_bar, grad):
         w = iterates[k]
         u = v if k == 0 else iterates[k - 1]
         linearise(system, x, w, u, k, A, b, y, s)
-        b[:] = w_bar
+        copy(w_bar, b)
         hold_fixed(free, b)
         direct += linear.solve(A, free, b, tolerance, work.cg, lam)[1]
         gy[:] = 0.0
@@ -144,7 +144,7 @@ def linearise(system, x, w, u, k, A, b, y, s):
     """The point y, the matrix A and the offset s of iteration k, which went from u to w; b is scratch."""
     h = system.h
     if k == 0:
-        y[:] = x
+        copy(x, y)
         combine(h, w, 0.0, w, s)
     else:
         combine(1.0, x, h, u, y)
@@ -167,11 +167,11 @@ def pushforward(system, x, v, iterates, used, tolerance, work, dx, dv, direction
         linearise(system, x, w, u, k, A, b, y, s)
         if k == 0:
             b[:] = 0.0
-            du[:] = dv
-            dy[:] = dx
+            copy(dv, du)
+            copy(dx, dy)
         else:
             # ds = −h du, and −h² K du = A du − M du + h D du
-            du[:] = dw
+            copy(dw, du)
             combine(1.0, dx, h, du, dy)
             sparse.multiply(A, du, b)
             add_mass(mass, -1.0, du, b)
@@ -182,6 +182,6 @@ def pushforward(system, x, v, iterates, used, tolerance, work, dx, dv, direction
         add_mass(direction.mass, -1.0, w, b)
         hold_fixed(free, b)
         direct += linear.solve(A, free, b, tolerance, work.cg, dw)[1]
-    dv[:] = dw
+    copy(dw, dv)
     add(h, dw, dx)
     return direct

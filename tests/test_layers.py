@@ -1,0 +1,136 @@
+"""Imports go strictly downwards: the order of the modules, read from the syntax trees."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "clothfit"
+
+# From the bottom to the top: a module imports only modules that stand before it. A package without lines for its
+# modules is one entry; what it holds may import each other.
+ORDER = [
+    "errors",
+    "arrays",
+    "verify",
+    "words",
+    "kernel",
+    "vectors",
+    "guess",
+    "output",
+    "source",
+    "splice",
+    "structure",
+    "checks",
+    "scene",
+    "sparse",
+    "cg",
+    "linear",
+    "forces",
+    "forces.vertex",
+    "forces.springs",
+    "forces.wind",
+    "forces.spheres",
+    "system",
+    "forces.total",
+    "step",
+    "step.explicit",
+    "step.implicit",
+    "rollout",
+    "adjoint",
+    "motion",
+    "degrade",
+    "cost",
+    "parameters",
+    "objective",
+    "search",
+    "start",
+    "fit",
+    "evaluation",
+    "",
+    "cli",
+    "__main__",
+]
+
+
+def name_of(path):
+    """Dotted name of a module below the package; "" is the package itself."""
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {name_of(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+
+
+def entry(name):
+    """The line of ORDER for a module: its own, or that of the package it is in."""
+    while name not in ORDER and "." in name:
+        name = name.rpartition(".")[0]
+    return name
+
+
+def for_types_only(node):
+    """Whether a node is an `if TYPE_CHECKING:`, which never runs."""
+    return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+
+
+def nodes(tree):
+    """All nodes that can run."""
+    for child in ast.iter_child_nodes(tree):
+        if not for_types_only(child):
+            yield child
+            yield from nodes(child)
+
+
+def imports(source):
+    """Modules of the package that a source imports, anywhere in it."""
+    found = set()
+    for node in nodes(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names if alias.name.split(".")[0] == "clothfit"}
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "clothfit":
+            full = {f"{node.module}.{alias.name}" for alias in node.names}
+            found |= {name if name.partition(".")[2] in MODULES else node.module for name in full}
+    return {name.partition(".")[2] for name in found}
+
+
+def test_every_module_has_its_place():
+    assert [name for name in MODULES if entry(name) not in ORDER] == []
+    assert len(set(ORDER)) == len(ORDER)
+    assert [name for name in ORDER if name not in MODULES] == []
+
+
+@pytest.mark.parametrize("name", sorted(MODULES))
+def test_a_module_imports_only_what_stands_before_it(name):
+    own = entry(name)
+    used = {entry(module) for module in imports(MODULES[name].read_text("utf-8"))} - ({own} if own != name else set())
+    packages = {own} if MODULES[name].name == "__init__.py" else set()
+    assert [module for module in sorted(used - packages) if ORDER.index(module) >= ORDER.index(own)] == []
+
+
+def test_there_are_no_relative_imports():
+    trees = {name: ast.parse(path.read_text("utf-8")) for name, path in MODULES.items()}
+    assert [name for name, tree in trees.items() for node in nodes(tree) if getattr(node, "level", 0)] == []
+
+
+def test_the_reading_of_imports():
+    source = """
+import clothfit.cost
+from clothfit import adjoint, __version__
+from clothfit.forces import total
+from clothfit.step.implicit import step
+from typing import TYPE_CHECKING
+if TYPE_CHECKING:
+    from clothfit import fit
+def later():
+    from clothfit.scene import load
+"""
+    assert imports(source) == {"cost", "adjoint", "", "forces.total", "step.implicit", "scene"}
+
+
+def test_the_order_is_broken_by_an_import_from_above():
+    assert ORDER.index("objective") > ORDER.index("adjoint") > ORDER.index("system") > ORDER.index("errors")
+
+
+def test_the_derivative_checks_stand_at_the_bottom():
+    assert imports(MODULES["verify"].read_text("utf-8")) <= {"errors", "arrays"}
