@@ -1,6 +1,7 @@
 """clothfit: find the masses and stiffnesses of a mass-spring cloth whose motion matches a target.
 
-The names below are loaded when they are first used, so that `clothfit --help` does not wait for the numerical libraries.
+The names below are loaded when they are first used, so that `clothfit --help` does not wait for the numerical
+libraries.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ if TYPE_CHECKING:
     from clothfit.errors import ClothfitError, Diverged, InvalidInput, InvalidMotion, InvalidScene
     from clothfit.evaluation import Evaluation, evaluate
     from clothfit.fit import Fit, estimate
+    from clothfit.fit_vector import parameters, with_parameters
     from clothfit.motion import Motion, as_motion, load_motion, save_motion, simulate
     from clothfit.objective import Objective, cost_and_gradient
-    from clothfit.fit_vector import parameters, with_parameters
     from clothfit.scene import Cloth, Scene, load, save
 
 _HOME = {

@@ -1,8 +1,9 @@
 """Derivatives of a whole motion: the reverse sweep (gradient) and the forward sweep (tangent).
 
 Both walk through a Rollout step by step and know no physics: a step's transpose and tangent do the work. For a cost
-G(x₁ … x_T) the reverse sweep gives ∂G/∂m and ∂G/∂k of every vertex and spring at the price of about one more simulation; the
-forward sweep gives the change of all positions along one direction in them. They are each other's transpose.
+G(x₁ … x_T) the reverse sweep gives ∂G/∂m and ∂G/∂k of every vertex and spring at the price of about one more
+simulation; the forward sweep gives the change of all positions along one direction in them. They are each other's
+transpose.
 """
 
 from __future__ import annotations

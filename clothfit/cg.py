@@ -1,15 +1,13 @@
 """Preconditioned conjugate gradients for the symmetric 3×3-block matrix of a cloth.
 
-Solves A w = b from a given first guess until |b − A w| ≤ tolerance · |b|, with the inverses of the diagonal blocks
-as preconditioner. It says how it ended: a negative curvature pᵀ A p proves that A is not positive
-definite (strongly compressed springs do that), and then, or when the iterations run out, a direct solver takes over.
-Reference: Y. Saad, Iterative Methods for Sparse Linear Systems, 2nd ed., SIAM 2003, algorithm 9.1 (its line numbers stand at
-the right).
+Solves A w = b from a given first guess until |b − A w| ≤ tolerance · |b|, with the inverses of the diagonal blocks as
+preconditioner. It says how it ended: a negative curvature pᵀ A p proves that A is not positive definite (strongly
+compressed springs do that), and then, or when the iterations run out, a direct solver takes over. Reference: Y. Saad,
+Iterative Methods for Sparse Linear Systems, 2nd ed., SIAM 2003, algorithm 9.1 (its line numbers stand at the right).
 """
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import NamedTuple
 
 import numpy as np

@@ -27,14 +27,15 @@ class Target(NamedTuple):
 
 
 def frame_steps(motion: Motion, delta: float) -> Indices:
-    """The step of each frame of a motion, for time step `delta`. Raises InvalidMotion when a time lies between steps."""
+    """The step of each frame of a motion, for time step `delta`. Raises InvalidMotion for times between steps."""
     steps = motion.times / delta
     whole = np.rint(steps)
     wrong = (np.abs(steps - whole) > TIME_SLACK) | (whole < 0)
     if wrong.any():
         frame = int(np.argmax(wrong))
         raise InvalidMotion(
-            f"{motion.name}: times[{frame}]: {motion.times[frame]:.6g} s is not a multiple of the scene's delta, {delta:.6g} s"
+            f"{motion.name}: times[{frame}]: {motion.times[frame]:.6g} s is not a multiple of "
+            f"the scene's delta, {delta:.6g} s"
         )
     if (np.diff(whole) <= 0).any():
         raise InvalidMotion(f"{motion.name}: times: several frames fall on one step of {delta:.6g} s")

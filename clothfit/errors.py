@@ -46,7 +46,8 @@ class InvalidMotion(InvalidInput):
 class Diverged(ClothfitError):
     """The simulation left the finite numbers.
 
-    `step` is the first step that cannot be used (1 = the first); `motion`, where there is one, holds the frames before it.
+    `step` is the first step that cannot be used (1 = the first); `motion`, where there is one, holds the frames
+    before it.
     """
 
     exit_code = 4

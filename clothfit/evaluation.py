@@ -1,5 +1,6 @@
-"""How good a fitted scene is: the distance of its motion from the truth, over the fitted frames and beyond, and that of its
-parameters."""
+"""How good a fitted scene is: the distance of its motion from the truth, over the fitted frames and beyond, and that
+of its parameters.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clothfit.arrays import Array, Flags
+from clothfit.arrays import Array, Flags, Indices
 from clothfit.cost import frame_steps
 from clothfit.errors import InvalidInput
 from clothfit.fit import FIT_TOLERANCE
-from clothfit.motion import Motion, simulate
 from clothfit.fit_vector import blocks, fitted_cloths, identifiable, parameters
+from clothfit.motion import Motion, simulate
 from clothfit.scene import Scene
 
 HORIZON = 500  # frames
@@ -29,7 +30,9 @@ class Distance:
 
 @dataclass(frozen=True)
 class Deviation:
-    """Relative deviation |fitted / true − 1| of one kind of parameter of one object, over those that can be identified."""
+    """Relative deviation |fitted / true − 1| of one kind of parameter of one object, over those that can be
+    identified.
+    """
 
     object: int
     name: str  # "mass" or "stiffness"
@@ -62,7 +65,7 @@ def evaluate(
         raise InvalidInput(f"frames: {min(near, horizon)} is too few to compare, at least 2 are needed")
     length = max(near, horizon)
     if target is None:
-        goal, steps = simulate(truth, length, FIT_TOLERANCE), np.arange(length)
+        goal, steps = simulate(truth, length, FIT_TOLERANCE), np.arange(length, dtype=np.int32)
     else:
         goal, steps = target, frame_steps(target, truth.delta)
         length = min(length, int(steps[-1]) + 1)
@@ -76,14 +79,16 @@ def check_same_objects(truth: Scene, fitted: Scene) -> None:
     """Raise InvalidInput unless both scenes have the same numbers of vertices and springs and the same time step."""
     sizes = [[(len(c.mass), len(c.stiffness)) for c in scene.cloths] for scene in (truth, fitted)]
     if sizes[0] != sizes[1]:
-        raise InvalidInput(f"{fitted.name}: its objects have (vertices, springs) {sizes[1]}, those of {truth.name} {sizes[0]}")
+        raise InvalidInput(
+            f"{fitted.name}: its objects have (vertices, springs) {sizes[1]}, those of {truth.name} {sizes[0]}"
+        )
     if truth.delta != fitted.delta:
         raise InvalidInput(f"{fitted.name}: its delta is {fitted.delta:g} s, that of {truth.name} {truth.delta:g} s")
 
 
-def distance(own: Motion, goal: Motion, steps: Array, scene: Scene, frames: int) -> Distance:
+def distance(own: Motion, goal: Motion, steps: Indices, scene: Scene, frames: int) -> Distance:
     """Distance of `own`, a simulated motion, from the frames of `goal` before step `frames`."""
-    kept = steps[steps < min(frames, len(own.positions))].astype(int)
+    kept = steps[steps < min(frames, len(own.positions))]
     gaps: list[Array] = []
     for cloth in fitted_cloths(scene) or range(len(scene.cloths)):
         seen: Flags = goal.seen(cloth)[: len(kept)]

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from clothfit.arrays import Array
-from clothfit.errors import Diverged, InvalidInput
+from clothfit.errors import InvalidInput
+from clothfit.fit_vector import LOWER, UPPER, blocks, fitted_cloths, parameters, unidentifiable, with_parameters
 from clothfit.motion import Motion, simulate, simulate_cloths
 from clothfit.objective import Objective
-from clothfit.fit_vector import LOWER, UPPER, blocks, fitted_cloths, parameters, unidentifiable, with_parameters
 from clothfit.scene import Scene
 from clothfit.search import Progress, Search, Stop
 from clothfit.start import neutral_start
@@ -33,7 +33,8 @@ METHODS = {
     "powell": {"gradient": False, "bounds": True},
     "cobyla": {"gradient": False, "bounds": True},
 }
-"""SciPy's minimisers that can fit, and what they take. Without bounds of their own, values are clipped to the bounds."""
+"""SciPy's minimisers that can fit, and what they take. Without bounds of their own, values are clipped to the bounds.
+"""
 
 RMSE_TOLERANCE = 1e-8  # m: far below what a file in float32 can hold
 FIT_TOLERANCE = 1e-10  # linear systems, relative: the gradient is then good to about 1e-8
@@ -86,14 +87,14 @@ def estimate(
 ) -> Fit:
     """Fit the flagged parameters of a scene to a target motion.
 
-    Without `target`, the scene's own parameters are the truth: the target is simulated with them, and the fit starts from
-    values that do not depend on them. With one, it starts from the scene's values. `start` changes that: a
-    number for all parameters, an array (P,), or a scene whose values to take. `budget` is in evaluations of cost
-    and gradient, `rmse_tolerance` in metres, `tolerance` that of the linear systems; `report` is called after
-    every evaluation. An interrupt (KeyboardInterrupt) ends the fit with status "interrupted" and the best so far.
+    Without `target`, the scene's own parameters are the truth: the target is simulated with them, and the fit starts
+    from values that do not depend on them. With one, it starts from the scene's values. `start` changes that: a
+    number for all parameters, an array (P,), or a scene whose values to take. `budget` is in evaluations of cost and
+    gradient, `rmse_tolerance` in metres, `tolerance` that of the linear systems; `report` is called after every
+    evaluation. An interrupt (KeyboardInterrupt) ends the fit with status "interrupted" and the best so far.
 
-    Raises InvalidInput when nothing is flagged, or an argument or the target does not fit; Diverged when the scene's own motion, needed
-    as target, diverges.
+    Raises InvalidInput when nothing is flagged, or an argument or the target does not fit; Diverged when the scene's
+    own motion, needed as target, diverges.
     """
     check_method(method)
     if not blocks(scene):
@@ -104,7 +105,9 @@ def estimate(
     goal = target or simulate_cloths(scene, fitted_cloths(scene), tolerance=tight)
     objective = Objective(scene, goal, tight, frames=scene.frames)
     if not objective.shows_motion:
-        raise InvalidInput(f"{goal.name}: shows nothing after the start within {scene.frames} frames, so there is nothing to fit to")
+        raise InvalidInput(
+            f"{goal.name}: shows nothing after the start within {scene.frames} frames, so there is nothing to fit to"
+        )
     p = choose_start(scene, goal, start, hidden=target is None)
     search = Search(objective, p, rmse_tolerance, budget, report)
     status = minimise(search, "l-bfgs-b" if method == "auto" else method)
@@ -118,7 +121,9 @@ def check_method(method: str) -> None:
 
 
 def choose_start(scene: Scene, goal: Motion, start: float | Array | Scene | None, hidden: bool) -> Array:
-    """Starting values (P,) of all parameters. Raises InvalidInput when they are not positive numbers within the bounds."""
+    """Starting values (P,) of all parameters. Raises InvalidInput when they are not positive numbers within the
+    bounds.
+    """
     if start is None:
         return neutral_start(scene, goal, scene.frames) if hidden else parameters(scene)
     if isinstance(start, Scene):
@@ -135,8 +140,9 @@ def choose_start(scene: Scene, goal: Motion, start: float | Array | Scene | None
 
 def minimise(search: Search, method: str) -> str:
     """Run a SciPy minimiser until it, the search or the user ends it; returns the status."""
-    from scipy.optimize import minimize
+    from scipy import optimize
 
+    minimizer: Any = optimize.minimize  # its stubs know methods by literal names only
     takes = METHODS[method]
     arguments: dict[str, Any] = {"method": method, "options": options(method, search.budget)}
     if takes["bounds"]:
@@ -145,7 +151,9 @@ def minimise(search: Search, method: str) -> str:
         if search.fitted.any():
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # the status says what SciPy's warnings would
-                done = minimize(search if takes["gradient"] else search.cost, search.y, jac=takes["gradient"], **arguments)
+                done = minimizer(
+                    search if takes["gradient"] else search.cost, search.y, jac=takes["gradient"], **arguments
+                )
             status = "converged" if done.success else "stalled"
         else:
             search(search.y)
@@ -200,6 +208,3 @@ def result(search: Search, status: str, method: str) -> Fit:
         seconds=search.seconds,
         parameters=found,
     )
-
-
-__all__ = ["METHODS", "Diverged", "Fit", "FittedBlock", "estimate", "record_target"]

@@ -1,7 +1,8 @@
 """The fit vector: which masses and stiffnesses a scene flags, in which order, and the way there and back.
 
-An object's `optimizationSettings` has two letters, masses then stiffnesses: n nothing, G one value for the whole object, L one
-per vertex or spring. Parameters of all objects are concatenated in object order, masses before stiffnesses.
+An object's `optimizationSettings` has two letters, masses then stiffnesses: n nothing, G one value for the whole
+object, L one per vertex or spring. Parameters of all objects are concatenated in object order, masses before
+stiffnesses.
 """
 
 from __future__ import annotations
@@ -76,22 +77,25 @@ def fitted_cloths(scene: Scene) -> list[int]:
 def parameters(scene: Scene, flags: Scene | None = None) -> Array:
     """The flagged parameters (P,), kg and N/m: objects in order, mass before stiffness; mode G: the mean.
 
-    `flags` is the scene whose settings say what is flagged, where that is another one. Raises InvalidInput when the objects
-    of the two differ in size.
+    `flags` is the scene whose settings say what is flagged, where that is another one. Raises InvalidInput when the
+    objects of the two differ in size.
     """
     parts = []
     for block in blocks(flags or scene):
         values = getattr(scene.cloths[block.cloth], block.name) if block.cloth < len(scene.cloths) else np.zeros(0)
         if len(values) != block.elements:
             raise InvalidInput(
-                f"{scene.name}: objects[{block.cloth}] has {len(values)} values of {block.name}, {block.elements} are needed"
+                f"{scene.name}: objects[{block.cloth}] has {len(values)} values of {block.name}, "
+                f"{block.elements} are needed"
             )
         parts.append(values if block.mode == "L" else values.mean(keepdims=True))
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
 def with_parameters(scene: Scene, p: Sequence[float] | Array) -> Scene:
-    """Make a new scene with the flagged parameters p (P,). Raises InvalidInput (InvalidScene) on a bad shape or value."""
+    """Make a new scene with the flagged parameters p (P,). Raises InvalidInput (InvalidScene) on a bad shape or
+    value.
+    """
     values = check_shape(scene, p)
     masses = [cloth.mass for cloth in scene.cloths]
     stiffnesses = [cloth.stiffness for cloth in scene.cloths]
@@ -114,7 +118,9 @@ def elements(scene: Scene, cloth: int, p: Array, absent: float | None = None) ->
     What is not flagged has the scene's value, or `absent` where that is given (0 for directions).
     """
     source = scene.cloths[cloth]
-    values = {name: getattr(source, name) if absent is None else np.full(len(getattr(source, name)), absent) for name in NAMES}
+    values = {
+        name: getattr(source, name) if absent is None else np.full(len(getattr(source, name)), absent) for name in NAMES
+    }
     for block in blocks(scene):
         if block.cloth == cloth:
             values[block.name] = block.spread(p)
@@ -128,16 +134,18 @@ def hidden(cloth: Cloth, name: str, spheres: int) -> Flags:
     Stiffnesses: springs between two fixed vertices.
     """
     if name == "stiffness":
-        return cloth.fixed[cloth.springs].all(axis=1)
+        return np.asarray(cloth.fixed[cloth.springs].all(axis=1))
     pushed = np.full(len(cloth.mass), spheres > 0)
     pushed[cloth.springs.reshape(-1)] = True
     if cloth.drag > 0:
         pushed[cloth.triangles.reshape(-1)] = True
-    return cloth.fixed | ~pushed
+    return np.asarray(cloth.fixed | ~pushed)
 
 
 def unidentifiable(scene: Scene, block: Block) -> list[int]:
-    """The parameters of a block that the motion cannot reveal, counted within the block (mode L: vertices or springs)."""
+    """The parameters of a block that the motion cannot reveal, counted within the block (mode L: vertices or
+    springs).
+    """
     mask = hidden(scene.cloths[block.cloth], block.name, len(scene.spheres))
     if block.mode == "G":
         return [0] if mask.all() else []

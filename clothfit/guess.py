@@ -1,7 +1,8 @@
 """First guesses for a series of linear solves: the parabola through the last three solutions, one step on.
 
-A motion is smooth, so the next solution lies near: against a start from the last solution, the conjugate gradients need about
-two thirds of the iterations at a tolerance of 1e-5. The answer stays within the tolerance whatever the guess.
+A motion is smooth, so the next solution lies near: against a start from the last solution, the conjugate gradients
+need about two thirds of the iterations at a tolerance of 1e-5. The answer stays within the tolerance whatever the
+guess.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ With NUMBA_DISABLE_JIT=1 the same functions run as plain Python.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numba
 
@@ -18,5 +18,6 @@ F = TypeVar("F", bound=Callable[..., object])
 
 def kernel(function: F) -> F:
     """Compile `function` on first call, with the flags that the module docstring explains."""
-    compiled: F = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})(function)
+    compile_lazily: Any = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+    compiled: F = compile_lazily(function)
     return compiled

@@ -1,8 +1,8 @@
 """The linear solve of a step: conjugate gradients, and a direct factorisation where they cannot be trusted.
 
 Conjugate gradients need a positive definite matrix; strongly compressed springs make it indefinite, and very stiff
-scenes need more iterations than a factorisation costs. The system is the same either way, so the motion stays the one that
-the scene means; every such solve is counted and reported.
+scenes need more iterations than a factorisation costs. The system is the same either way, so the motion stays the one
+that the scene means; every such solve is counted and reported.
 """
 
 from __future__ import annotations

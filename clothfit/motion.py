@@ -1,8 +1,9 @@
 """Motions: positions over time, simulated or read from a file.
 
-A motion file is an `.npz` archive: `positions` (frames, vertices, 3) m, the vertices of all objects in file order; `times` (frames,)
-s; `vertex_counts` (objects,); and `observed` (frames, vertices) where something was not seen. Positions that were
-not seen are NaN. An archive with `positions` alone, or a bare `.npy` array, is accepted where its shape fits.
+A motion file is an `.npz` archive: `positions` (frames, vertices, 3) m, the vertices of all objects in file order;
+`times` (frames,) s; `vertex_counts` (objects,); and `observed` (frames, vertices) where something was not seen.
+Positions that were not seen are NaN. An archive with `positions` alone, or a bare `.npy` array, is accepted where its
+shape fits.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ import os
 import zipfile
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clothfit.arrays import Array, Flags
 from clothfit.errors import Diverged, InvalidInput, InvalidMotion
@@ -66,7 +68,7 @@ def simulate_cloths(
         raise InvalidInput(f"frames: {count} is not possible, at least 1 is (the initial state)")
     counts = tuple(len(cloth.mass) for cloth in scene.cloths)
     positions = np.full((count, sum(counts), 3), np.nan)
-    motion = Motion(positions, np.arange(count) * scene.delta, counts, None, scene.name)
+    motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
     direct, good, fault = 0, count - 1, ""
     for index in cloths:
         memory, steps = rollout(build(scene, index), count - 1, tolerance or scene.tolerance)
@@ -97,7 +99,7 @@ def _worst(x: Array) -> int:
 
 def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]) -> None:
     """Write a motion as `.npz`, whole or not at all. Raises InvalidInput when the path cannot be written."""
-    arrays = {
+    arrays: dict[str, NDArray[Any]] = {
         "positions": motion.positions,
         "times": motion.times,
         "vertex_counts": np.array(motion.vertex_counts, np.int64),
@@ -140,13 +142,14 @@ def _short(error: BaseException) -> str:
 
 
 def as_motion(scene: Scene, positions: Array, times: Array | None = None, observed: Flags | None = None) -> Motion:
-    """Make a motion of `scene` from positions (frames, vertices, 3) m, with times (frames,) s (default: one frame a step) and what
-    was observed (frames, vertices) (default: everything). Raises InvalidMotion when they do not fit."""
+    """Make a motion of `scene` from positions (frames, vertices, 3) m, with times (frames,) s (default: one frame a
+    step) and what was observed (frames, vertices) (default: everything). Raises InvalidMotion when they do not fit.
+    """
     given = {"positions": positions, "times": times, "observed": observed}
     return check_motion({key: np.asarray(value) for key, value in given.items() if value is not None}, scene, "motion")
 
 
-def check_motion(arrays: dict[str, np.ndarray], scene: Scene, name: str) -> Motion:
+def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Motion:
     """Make a Motion from the arrays of a file. Raises InvalidMotion naming the array and what would be right."""
 
     def require(condition: object, place: str, message: str) -> None:
@@ -174,7 +177,9 @@ def check_motion(arrays: dict[str, np.ndarray], scene: Scene, name: str) -> Moti
     observed = arrays.get("observed")
     if observed is not None:
         right = observed.shape == (frames, total) and observed.dtype == bool
-        require(right, "observed", f"has shape {observed.shape} and type {observed.dtype}, ({frames}, {total}) bool fits")
+        require(
+            right, "observed", f"has shape {observed.shape} and type {observed.dtype}, ({frames}, {total}) bool fits"
+        )
         observed = None if observed.all() else observed
     positions = np.ascontiguousarray(positions, np.float64)
     bad = ~np.isfinite(positions).all(axis=2)

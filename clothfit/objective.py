@@ -12,8 +12,8 @@ from clothfit import adjoint, system
 from clothfit.arrays import Array
 from clothfit.cost import Target, cost, cost_and_derivative, target
 from clothfit.errors import Diverged, InvalidMotion
-from clothfit.motion import Motion
 from clothfit.fit_vector import blocks, check_shape, elements, fitted_cloths, parameters
+from clothfit.motion import Motion
 from clothfit.rollout import Rollout, rollout
 from clothfit.scene import Scene
 
@@ -35,7 +35,9 @@ class Objective:
         self.cloths = fitted_cloths(scene)
         self.systems = {i: system.build(scene, i) for i in self.cloths}
         if motion.vertex_counts != tuple(len(c.mass) for c in scene.cloths):
-            raise InvalidMotion(f"{motion.name}: its objects have {motion.vertex_counts} vertices, not those of {scene.name}")
+            raise InvalidMotion(
+                f"{motion.name}: its objects have {motion.vertex_counts} vertices, not those of {scene.name}"
+            )
         last = None if frames is None else frames - 1
         self.targets: dict[int, Target] = {i: target(motion, i, scene.delta, last) for i in self.cloths}
         self.evaluations = 0

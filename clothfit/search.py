@@ -17,8 +17,8 @@ import numpy as np
 
 from clothfit.arrays import Array
 from clothfit.errors import Diverged
-from clothfit.objective import Objective
 from clothfit.fit_vector import LOWER, UPPER, identifiable
+from clothfit.objective import Objective
 
 GRADIENT_TOLERANCE = 1e-5
 """Converged where no parameter's change by a factor e would change the cost by more than this fraction (linearly)."""
@@ -153,4 +153,6 @@ class Search:
         slope = self.best_gradient[self.fitted] * p
         slope[(p <= LOWER * (1 + 1e-9)) & (slope > 0)] = 0.0
         slope[(p >= UPPER * (1 - 1e-9)) & (slope < 0)] = 0.0
-        return bool(np.isfinite(self.best_cost) and np.abs(slope).max(initial=0.0) <= GRADIENT_TOLERANCE * self.best_cost)
+        return bool(
+            np.isfinite(self.best_cost) and np.abs(slope).max(initial=0.0) <= GRADIENT_TOLERANCE * self.best_cost
+        )

@@ -1,8 +1,8 @@
 """Where a fit starts when it may not know the scene's own values: the best of a coarse grid of one value per cloth.
 
-Cloths do not touch, so each has a grid of its own: the decades within the bounds for every flagged kind (masses, stiffnesses, or
-both), then steps of half, a quarter and an eighth of a decade around the best. Only the first frames are compared:
-near the start the cost is smooth in the parameters, later a windy cloth is chaotic.
+Cloths do not touch, so each has a grid of its own: the decades within the bounds for every flagged kind (masses,
+stiffnesses, or both), then steps of half, a quarter and an eighth of a decade around the best. Only the first frames
+are compared: near the start the cost is smooth in the parameters, later a windy cloth is chaotic.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ import numpy as np
 
 from clothfit.arrays import Array
 from clothfit.errors import Diverged
+from clothfit.fit_vector import LOWER, UPPER
 from clothfit.motion import Motion
 from clothfit.objective import Objective
-from clothfit.fit_vector import LOWER, UPPER
 from clothfit.scene import Scene
 
 WINDOW = 30  # frames

@@ -46,7 +46,7 @@ def build(scene: Scene, index: int) -> System:
         vertex=vertex.build(cloth.mass, cloth.fixed, cloth.damping),
         springs=springs.build(cloth.positions, np.array(cloth.springs), cloth.stiffness, cloth.damping, slot),
         faces=wind.build(np.array(cloth.triangles), cloth.drag, scene.wind),
-        spheres=spheres.build([s.centre for s in scene.spheres], [s.radius for s in scene.spheres]),
+        spheres=spheres.build(scene.spheres),
         row=row,
         column=column,
     )

@@ -2,11 +2,12 @@
 
 For a cost G(p) with gradient g and a direction d, the remainder of the first-order Taylor expansion,
 
-    R(t) = |G(p + t d) − G(p) − t g·d| = O(t²),
+    R(t) = max over ± of |G(p ± t d) − G(p) ∓ t g·d| = O(t²),
 
 falls a hundredfold when t falls tenfold, until rounding takes over; with a wrong g it falls tenfold only, however small the
 fault, once t is small enough. A long ladder of t and the worst of its orders is therefore a sharp test; a few halvings
-and the mean are not. For a linear map J and its transpose, w·(J d) = (Jᵀ w)·d to rounding.
+and the mean are not. (Both signs, because along one the second and the third order can cancel at a large t, which would look
+like a fault.) For a linear map J and its transpose, w·(J d) = (Jᵀ w)·d to rounding.
 
 Directions are scaled so that the step t = 1 changes some parameter by its own size and none by more (a parameter that is 0
 counts as 1): steps are relative to p, whatever the units in it.
@@ -31,7 +32,7 @@ LADDER = tuple(10.0**-k for k in range(1, 8))
 FEWEST_RUNGS = 3
 """With fewer steps above the rounding floor an order says nothing."""
 
-NOISE_STEPS = tuple(j * 1e-13 for j in (-3, -2, -1, 1, 2, 3))
+NOISE_STEPS = (1e-13, 2e-13, 3e-13)
 """Steps so small that the remainder there is nothing but the rounding of the cost."""
 
 ABOVE_NOISE = 20.0
@@ -82,7 +83,7 @@ def taylor_order(cost: Cost, gradient: Array, p: Array, direction: Array) -> flo
     start, slope = _finite(cost(p)), float(np.dot(gradient, d))
 
     def remainder(t: float) -> float:
-        return abs(_finite(cost(p + t * d)) - start - t * slope)
+        return max(abs(_finite(cost(p + s * d)) - start - s * slope) for s in (t, -t))
 
     noise = max(np.finfo(float).eps * abs(start), *(remainder(t) for t in NOISE_STEPS))
     rungs = [(t, r) for t, r in ((t, remainder(t)) for t in LADDER) if r > ABOVE_NOISE * noise]

@@ -41,7 +41,7 @@ ORDER = [
     "motion",
     "degrade",
     "cost",
-    "parameters",
+    "fit_vector",
     "objective",
     "search",
     "start",

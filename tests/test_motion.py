@@ -82,18 +82,19 @@ def test_linear_systems_that_needed_a_factorisation_are_counted():
     # a chain of heavy masses on short soft springs stands on a fixed vertex: h² load / length exceeds the masses
     points = [(1e-5 * (i % 2), 0.01 * i, 0) for i in range(8)]
     links = [(i, i + 1) for i in range(7)]
-    column = thing(points, links, mass=0.01, stiffness=200.0, fixed=[0], damping=2.0)
+    column = thing(points, links, mass=0.01, stiffness=200.0, fixed=[0])
     motion = simulate(scene(column, optimizationIterations=30))
     assert motion.direct_solves > 0
     assert np.isfinite(motion.positions).all()
 
 
 STIFF = thing([(0, 0, 0), (0, -1, 0)], [(0, 1)], mass=0.5, stiffness=2e4, fixed=[0])
+FALLING = thing([(0, 0, 0)])
 
 
 @pytest.mark.parametrize("method", ["explicit", "symplectic"])
 def test_a_simulation_that_diverges_says_where_and_keeps_what_is_good(method):
-    made = scene(cloth(2, 2), STIFF, integrationMethod=METHODS[method], delta=0.1, optimizationIterations=60)
+    made = scene(FALLING, STIFF, integrationMethod=METHODS[method], delta=0.1, optimizationIterations=60)
     with pytest.raises(Diverged) as caught:
         simulate(made)
     error = caught.value
@@ -103,7 +104,7 @@ def test_a_simulation_that_diverges_says_where_and_keeps_what_is_good(method):
         f"scene: the simulation diverged at step {error.step} (t = {error.step * 0.1:.4g} s), objects[1], vertex 1 of 2; "
         "try a smaller delta or integrationMethod 2 (implicit)"
     )
-    assert error.motion.positions.shape == (error.step, 6, 3)
+    assert error.motion.positions.shape == (error.step, 3, 3)
     assert len(error.motion.times) == error.step
     assert np.isfinite(error.motion.positions).all()
     good = simulate(made, frames=error.step)

@@ -1,7 +1,7 @@
 """The `clothfit` command. Commands only parse, call, write and exit; the libraries load when a command runs.
 
-Exit codes: 0 done, 1 a fault of the program, 2 usage, 3 invalid input, 4 the simulation diverged, 5 the fit ended without
-reaching its tolerance, 130 interrupted.
+Exit codes: 0 done, 1 a fault of the program, 2 usage, 3 invalid input, 4 the simulation diverged, 5 the fit ended
+without reaching its tolerance, 130 interrupted.
 """
 
 from __future__ import annotations

@@ -53,10 +53,12 @@ class Console:
             self.say("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
 
     def announce_compilation(self) -> None:
-        """Say so, once, when the first use of the program makes it compile: that takes seconds and looks like hanging."""
+        """Say so, once, when the first use of the program makes it compile: that takes seconds and looks like
+        hanging.
+        """
         from numba.core import event
 
-        event.register("numba:compile", _FirstCompilation(self))
+        event.register("numba:compile", _first_compilation(self))
 
     @contextmanager
     def progress(self) -> Iterator[Callable[[Progress], None] | None]:
@@ -70,10 +72,10 @@ class Console:
             yield _plain(self)
 
 
-def _FirstCompilation(console: Console) -> object:  # noqa: N802 (a class made late: its base needs numba)
-    from numba.core.event import Event, Listener
+def _first_compilation(console: Console) -> object:
+    from numba.core.event import Event, Listener  # here, as numba takes half a second to import
 
-    class FirstCompilation(Listener):  # type: ignore[misc]
+    class FirstCompilation(Listener):
         told = False
 
         def on_start(self, event: Event) -> None:

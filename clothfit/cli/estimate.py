@@ -22,7 +22,9 @@ EXIT_CODES = {"converged": 0, "stalled": 5, "limit": 5, "diverged": 4, "interrup
 @shared.command("estimate")
 @click.argument("scene_path", metavar="SCENE")
 @click.option("--target", "target_path", metavar="MOTION", help="What to match.  [default: the scene's own motion]")
-@click.option("--start", metavar="VALUE|SCENE", help="First guess.  [default: the scene's values with --target, else hidden]")
+@click.option(
+    "--start", metavar="VALUE|SCENE", help="First guess.  [default: the scene's values with --target, else hidden]"
+)
 @click.option("--method", default="auto", metavar="NAME", help="auto, l-bfgs-b or another of SciPy's.  [default: auto]")
 @click.option("--max-evaluations", type=int, default=1000, metavar="N", help="Of cost and gradient.  [default: 1000]")
 @click.option("--rmse", type=float, default=1e-8, metavar="METRES", help="Good enough: stop there.  [default: 1e-8]")
@@ -67,7 +69,14 @@ def command(
     console.announce_compilation()
     with console.progress() as report:
         found = fit.estimate(
-            scene, target, first, method, budget=max_evaluations, rmse_tolerance=rmse, tolerance=tolerance, report=report
+            scene,
+            target,
+            first,
+            method,
+            budget=max_evaluations,
+            rmse_tolerance=rmse,
+            tolerance=tolerance,
+            report=report,
         )
     return finish(scene, found, out, console, as_json)
 
@@ -104,7 +113,9 @@ def finish(scene: Scene, found: Fit, out: shared.Output, console: Console, as_js
     from clothfit.scene import dumps
 
     if found.status == "diverged":
-        raise Diverged(f"{scene.name}: no values that were tried gave a simulation that stays finite; nothing is written", 0)
+        raise Diverged(
+            f"{scene.name}: no values that were tried gave a simulation that stays finite; nothing is written", 0
+        )
     out.write(dumps(found.scene))
     describe(found, out, console)
     if as_json:

@@ -64,7 +64,7 @@ def summary(report: Evaluation) -> dict[str, Any]:
 
 def show(report: Evaluation, console: Console) -> None:
     """Print the report as two tables."""
-    rows = [("motion", "frames", "RMSE", "largest error")]
+    rows: list[tuple[str, ...]] = [("motion", "frames", "RMSE", "largest error")]
     for name, part in (("fitted", report.fitted), ("horizon", report.horizon)):
         rows.append((name, str(part.frames), metres(part.rmse), metres(part.max_error)))
     console.table(rows)

@@ -35,7 +35,9 @@ def command(name: str) -> Callable[[F], click.Command]:
     def decorate(function: F) -> click.Command:
         made: Any = function
         for option in (
-            click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object on standard output."),
+            click.option(
+                "--json", "as_json", is_flag=True, help="Print the summary as one JSON object on standard output."
+            ),
             click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors."),
             click.option("-v", "--verbose", is_flag=True, help="Say more: timings, how linear systems were solved."),
             click.version_option(__version__, prog_name="clothfit"),
@@ -70,13 +72,18 @@ class Output:
 
 
 def output(
-    path: str | None, scene_path: str, suffix: str, inputs: tuple[str | None, ...], overwrite: bool = False, text: bool = False
+    path: str | None,
+    scene_path: str,
+    suffix: str,
+    inputs: tuple[str | None, ...],
+    overwrite: bool = False,
+    text: bool = False,
 ) -> Output:
     """Decide where the result goes and check that it can go there.
 
-    The default name is the scene's with `suffix` in place of its own; `inputs` are the files, besides the scene, that must not
-    be written over; `text` tells that the result may be shown on a terminal.
-    Raises InvalidInput when the place cannot be written, or is one of the inputs and `overwrite` is not given.
+    The default name is the scene's with `suffix` in place of its own; `inputs` are the files, besides the scene, that
+    must not be written over; `text` tells that the result may be shown on a terminal. Raises InvalidInput when the
+    place cannot be written, or is one of the inputs and `overwrite` is not given.
     """
     from clothfit.output import check_writable
 
@@ -88,7 +95,9 @@ def output(
         return Output(path)
     for other in (scene_path, *inputs):
         if other not in (None, STREAM) and not overwrite and _same_file(path, str(other)):
-            raise InvalidInput(f"cannot write {path}: it is an input, which is never written over; name another with -o")
+            raise InvalidInput(
+                f"cannot write {path}: it is an input, which is never written over; name another with -o"
+            )
     check_writable(path)
     return Output(path)
 

@@ -17,7 +17,13 @@ from clothfit.errors import Diverged
 @click.option("--tolerance", type=float, metavar="T", help="Of the linear solver.  [default: the scene's]")
 @click.option("-o", "--output", "path", metavar="MOTION", help="Motion file.  [default: <stem>.motion.npz]")
 def command(
-    scene_path: str, steps: int | None, tolerance: float | None, path: str | None, as_json: bool, quiet: bool, verbose: bool
+    scene_path: str,
+    steps: int | None,
+    tolerance: float | None,
+    path: str | None,
+    as_json: bool,
+    quiet: bool,
+    verbose: bool,
 ) -> int:
     """Move the cloths of SCENE as the editor's engine does and write their positions.
 

@@ -11,8 +11,12 @@ from clothfit.cli.console import Console, metres
 @shared.command("target")
 @click.argument("scene_path", metavar="SCENE")
 @click.option("--steps", type=int, metavar="N", help="Time steps.  [default: the scene's optimizationIterations − 1]")
-@click.option("--noise", type=float, default=0.0, metavar="METRES", help="Standard deviation per coordinate.  [default: 0]")
-@click.option("--observed", type=float, default=1.0, metavar="FRACTION", help="Of the vertices, drawn once.  [default: 1]")
+@click.option(
+    "--noise", type=float, default=0.0, metavar="METRES", help="Standard deviation per coordinate.  [default: 0]"
+)
+@click.option(
+    "--observed", type=float, default=1.0, metavar="FRACTION", help="Of the vertices, drawn once.  [default: 1]"
+)
 @click.option("--every", type=int, default=1, metavar="K", help="Keep every K-th frame.  [default: 1]")
 @click.option("--seed", type=click.IntRange(0), default=0, metavar="S", help="Of the random numbers.  [default: 0]")
 @click.option("--tolerance", type=float, metavar="T", help="Of the linear solver.  [default: as tight as a fit's]")
@@ -51,6 +55,12 @@ def command(
     seen = 1.0 if motion.observed is None else float(motion.observed.mean())
     console.say(f"{scene.name}: {len(motion.times)} frames, {seen:.0%} seen, noise {metres(noise)} → {out.path}")
     if as_json:
-        summary = {"scene": scene.name, "frames": len(motion.times), "observed": seen, "noise": noise, "output": out.path}
+        summary = {
+            "scene": scene.name,
+            "frames": len(motion.times),
+            "observed": seen,
+            "noise": noise,
+            "output": out.path,
+        }
         shared.print_json("target", summary, out)
     return 0

@@ -10,13 +10,15 @@ With P = I − n nᵀ:  ∂δ/∂y = n,  ∂n/∂y = P/δ.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.kernel import kernel
 from clothfit.arrays import Array
+from clothfit.kernel import kernel
+from clothfit.scene import Sphere
 
 STIFFNESS = 1000.0  # κ, N/m
 
@@ -28,9 +30,10 @@ class Spheres(NamedTuple):
     radius: Array  # r, (C,), m
 
 
-def build(centres: Array, radii: Array) -> Spheres:
-    """Spheres from centres (C, 3) m and radii (C,) m."""
-    return Spheres(np.array(centres, float).reshape(-1, 3), np.array(radii, float).reshape(-1))
+def build(colliders: Sequence[Sphere]) -> Spheres:
+    """The spheres of a scene."""
+    centres = np.array([sphere.centre for sphere in colliders], float).reshape(-1, 3)
+    return Spheres(centres, np.array([sphere.radius for sphere in colliders], float))
 
 
 @kernel

@@ -21,8 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.kernel import kernel
 from clothfit.arrays import Array, Indices
+from clothfit.kernel import kernel
 
 
 class Springs(NamedTuple):
@@ -144,8 +144,10 @@ def add_pullback(springs, y, u, w, s, lam, h, grad, gy, gu):
         cw = beta * ld / length
         cd = (rho * (ls + length * ld) - ld * (3.0 * rho * sd + 2.0 * beta * wd)) / length
         hk = -h * springs.stiffness[i]
-        add_opposite(gy, a, b, hk * (cl * l0 + cs * s0 + cw * w0 + cd * d0),
-                     hk * (cl * l1 + cs * s1 + cw * w1 + cd * d1), hk * (cl * l2 + cs * s2 + cw * w2 + cd * d2))  # fmt: skip
+        g0 = cl * l0 + cs * s0 + cw * w0 + cd * d0
+        g1 = cl * l1 + cs * s1 + cw * w1 + cd * d1
+        g2 = cl * l2 + cs * s2 + cw * w2 + cd * d2
+        add_opposite(gy, a, b, hk * g0, hk * g1, hk * g2)
 
 
 @kernel
@@ -165,13 +167,15 @@ def add_pushforward(springs, y, u, w, s, dy, du, direction, h, out):
         n0, n1, n2 = e0 / length - t * d0, e1 / length - t * d1, e2 / length - t * d2
         sn = s0 * n0 + s1 * n1 + s2 * n2
         wn = w0 * n0 + w1 * n1 + w2 * n2
-        force = (1.0 - rho) * length + rho * sd + beta * wd  # along d; (1 − ρ) s comes on top
-        # dF/(−k): of (1 − ρ)(e + s), then of d (ρ d·s + β d·w)
+        # ψ = (1 − ρ)(e + s) + turn d, the force over −k, and its change with y; dψ/dk comes on top with the change of k
         turn = rho * sd + beta * wd
-        swing = rho * t * length + rho * sn + beta * wn - rho * t * sd
+        swing = rho * (t * length + sn - t * sd) + beta * wn
         hk = -h * springs.stiffness[i]
-        hdk = -h * direction.stiffness[i]
-        add_opposite(out, a, b,
-                     hk * (rho * t * s0 + (1.0 - rho) * e0 + turn * n0 + swing * d0) + hdk * (force * d0 + (1.0 - rho) * s0),
-                     hk * (rho * t * s1 + (1.0 - rho) * e1 + turn * n1 + swing * d1) + hdk * (force * d1 + (1.0 - rho) * s1),
-                     hk * (rho * t * s2 + (1.0 - rho) * e2 + turn * n2 + swing * d2) + hdk * (force * d2 + (1.0 - rho) * s2))  # fmt: skip
+        cd = hk * swing - h * direction.stiffness[i] * ((1.0 - rho) * length + turn)
+        cs = hk * rho * t - h * direction.stiffness[i] * (1.0 - rho)
+        ce = hk * (1.0 - rho)
+        cn = hk * turn
+        p0 = cd * d0 + cs * s0 + ce * e0 + cn * n0
+        p1 = cd * d1 + cs * s1 + ce * e1 + cn * n1
+        p2 = cd * d2 + cs * s2 + ce * e2 + cn * n2
+        add_opposite(out, a, b, p0, p1, p2)

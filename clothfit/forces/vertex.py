@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clothfit.arrays import Array, Flags
 from clothfit.kernel import kernel
-from clothfit.arrays import Array, Elements, Flags
 
 GRAVITY = -9.81  # along y, m/s²
 

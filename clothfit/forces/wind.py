@@ -1,11 +1,12 @@
 """Air drag of the faces, in still air or wind.
 
-Triangle (a, b, c): un-normalised normal n = (y_b − y_a) × (y_c − y_a), area A = |n|/2, mean velocity ū, wind W.
-Each of the three vertices feels
+Triangle (a, b, c): un-normalised normal n = (y_b − y_a) × (y_c − y_a), area A = |n|/2, mean velocity ū, wind W. Each
+of the three vertices feels
 
-    f = κ n (n·(W − ū)),   κ = drag · A / 3 = drag |n| / 6,      D = −κ n nᵀ  (lumped: per vertex, not per mean),  K = 0.
+    f = κ n (n·(W − ū)),   κ = drag · A / 3 = drag |n| / 6,  D = −κ n nᵀ (lumped: per vertex, not per mean),  K = 0.
 
-n is not divided by its length: existing scenes are tuned to that. With Λ = Σ λ_i and per vertex θ_i = n·(w_i − u_i), ν_i = n·λ_i:
+n is not divided by its length: existing scenes are tuned to that. With Λ = Σ λ_i and per vertex θ_i = n·(w_i − u_i),
+ν_i = n·λ_i:
 
     φ = h Σ λ_i·F_i = h κ [ (n·Λ)(n·(W − ū)) − Σ ν_i θ_i ].
 """
@@ -17,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.kernel import kernel
 from clothfit.arrays import Array, Indices
+from clothfit.kernel import kernel
 
 
 class Faces(NamedTuple):

@@ -77,10 +77,11 @@ def assemble_newton(system, x, v, u, y, A, f, b):
 
 @kernel
 def step(system, x, v, first, tolerance, work, iterates):
-    """Fill iterates (N, n, 3) with the velocities of the iterations, from a first guess; the last one used is the new velocity.
+    """Fill iterates (N, n, 3) with the velocities of the iterations, from a first guess; the last one used is the new
+    velocity.
 
-    Returns the number used, the CG iterations and the direct solves. Stops early when the residual of the
-    next iteration is already within `tolerance` of its right-hand side.
+    Returns the number used, the CG iterations and the direct solves. Stops early when the residual of the next
+    iteration is already within `tolerance` of its right-hand side.
     """
     free = system.vertex.free
     A, b = work.A, work.b

@@ -6,7 +6,7 @@ from physics import ball, scene, thing
 
 from clothfit.errors import InvalidInput, InvalidScene
 from clothfit.motion import simulate
-from clothfit.parameters import (
+from clothfit.fit_vector import (
     blocks,
     elements,
     fitted_cloths,
