@@ -16,6 +16,7 @@ import numpy as np
 from clothfit.arrays import Array
 from clothfit.errors import InvalidInput
 from clothfit.fit_vector import LOWER, UPPER, blocks, fitted_cloths, parameters, unidentifiable, with_parameters
+from clothfit.linear import checked_tolerance
 from clothfit.motion import Motion, simulate, simulate_cloths
 from clothfit.objective import Objective
 from clothfit.scene import Scene
@@ -71,7 +72,7 @@ class Fit:
 
 def record_target(scene: Scene, frames: int | None = None, tolerance: float | None = None) -> Motion:
     """The motion of the scene's own parameters, solved as tightly as a fit does. Raises Diverged."""
-    return simulate(scene, frames, tolerance or FIT_TOLERANCE)
+    return simulate(scene, frames, checked_tolerance(tolerance, FIT_TOLERANCE))
 
 
 def estimate(
@@ -101,7 +102,7 @@ def estimate(
         raise InvalidInput(
             f"{scene.name}: nothing to fit: no object flags anything; set its optimizationSettings, for example to 'nL'"
         )
-    tight = tolerance or FIT_TOLERANCE
+    tight = checked_tolerance(tolerance, FIT_TOLERANCE)
     goal = target or simulate_cloths(scene, fitted_cloths(scene), tolerance=tight)
     objective = Objective(scene, goal, tight, frames=scene.frames)
     if not objective.shows_motion:

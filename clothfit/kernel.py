@@ -4,20 +4,64 @@
 per-step check notices, instead of a branch at every division. `contract`: a·b + c may be one rounding instead of
 two; unlike the other fast-math flags it keeps NaN, inf and the order of sums, so results stay reproducible.
 With NUMBA_DISABLE_JIT=1 the same functions run as plain Python.
+
+numba notices a change in the file of a compiled function, but not in the files of the functions it calls: after an
+upgrade or an edit, old physics would go on running from the cache. So the cache has a folder of its own for
+every state of the sources.
 """
 
 from __future__ import annotations
 
+import hashlib
+import os
+import shutil
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
 
 F = TypeVar("F", bound=Callable[..., object])
+PACKAGE = Path(__file__).resolve().parent
+PREFIX = "kernels-"
+
+
+def sources() -> list[Path]:
+    """The files that compiled code depends on: those with kernels, and the constants and types kernels use."""
+    files = [path for path in sorted(PACKAGE.rglob("*.py")) if "cli" not in path.relative_to(PACKAGE).parts]
+    return [path for path in files if path.name in ("arrays.py", "system.py") or b"kernel" in path.read_bytes()]
+
+
+def cache_folder() -> Path:
+    """Where compiled code of these sources is kept: where NUMBA_CACHE_DIR says, beside the package, or with the user."""
+    digest = hashlib.sha256()
+    for path in sources():
+        digest.update(path.read_bytes())
+    own = PACKAGE / "__pycache__"
+    if numba.config.CACHE_DIR:
+        base = Path(numba.config.CACHE_DIR)
+    elif os.access(own if own.exists() else PACKAGE, os.W_OK):
+        base = own
+    else:
+        home = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or os.path.expanduser("~/.cache")
+        base = Path(home) / "clothfit"
+    folder = base / f"{PREFIX}{digest.hexdigest()[:16]}"
+    if base == own and not folder.exists():
+        for outdated in own.glob(f"{PREFIX}*"):
+            shutil.rmtree(outdated, ignore_errors=True)
+    return folder
+
+
+FOLDER = str(cache_folder())
 
 
 def kernel(function: F) -> F:
     """Compile `function` on first call, with the flags that the module docstring explains."""
     compile_lazily: Any = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-    compiled: F = compile_lazily(function)
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = FOLDER  # read while decorating, and only then
+    try:
+        compiled: F = compile_lazily(function)
+    finally:
+        numba.config.CACHE_DIR = before
     return compiled

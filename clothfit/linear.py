@@ -12,6 +12,7 @@ from numba import objmode
 
 from clothfit import cg, sparse
 from clothfit.arrays import Array, Flags, Indices
+from clothfit.errors import InvalidInput
 from clothfit.kernel import kernel
 from clothfit.vectors import copy
 
@@ -36,9 +37,19 @@ def factorise_and_solve(row: Indices, column: Indices, diagonal: Array, upper: A
 
     unknown = np.repeat(free, 3)
     solution = np.zeros(b.size)
+    if not (np.isfinite(diagonal).all() and np.isfinite(upper[:-1]).all()):
+        return np.full(b.shape, np.nan)  # the factorisation divides by infinity and gives finite numbers
     values = sparse.to_scipy(row, column, diagonal, upper)[unknown][:, unknown]
     try:
         solution[unknown] = splu(values.tocsc()).solve(b.reshape(-1)[unknown])
-    except (RuntimeError, ValueError):  # exactly singular, or not finite
+    except RuntimeError:  # exactly singular
         solution[unknown] = np.nan
     return solution.reshape(b.shape)
+
+
+def checked_tolerance(tolerance: float | None, default: float) -> float:
+    """The relative tolerance to solve to. Raises InvalidInput unless it is above 0 and below 1."""
+    value = default if tolerance is None else tolerance
+    if not 0 < value < 1:
+        raise InvalidInput(f"tolerance: {value:g} is not possible, it must be above 0 and below 1")
+    return value

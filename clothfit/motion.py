@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from clothfit.arrays import Array, Flags
 from clothfit.errors import Diverged, InvalidInput, InvalidMotion
+from clothfit.linear import checked_tolerance
 from clothfit.output import write_atomically
 from clothfit.rollout import rollout
 from clothfit.scene import Scene
@@ -63,6 +64,7 @@ def simulate_cloths(
     scene: Scene, cloths: Collection[int], frames: int | None = None, tolerance: float | None = None
 ) -> Motion:
     """Move some of the cloths of a scene, as `simulate` does; the others count as not observed."""
+    accuracy = checked_tolerance(tolerance, scene.tolerance)
     count = scene.frames if frames is None else frames
     if count < 1:
         raise InvalidInput(f"frames: {count} is not possible, at least 1 is (the initial state)")
@@ -71,7 +73,7 @@ def simulate_cloths(
     motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
     direct, good, fault = 0, count - 1, ""
     for index in cloths:
-        memory, steps = rollout(build(scene, index), count - 1, tolerance or scene.tolerance)
+        memory, steps = rollout(build(scene, index), count - 1, accuracy)
         motion.of(index)[:] = memory.x
         direct += int(memory.log[:, 1].sum())
         if steps < good:
@@ -121,12 +123,7 @@ def load_motion(path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene) 
     try:
         # a stream may not be seekable, an archive must be
         file = path_or_file if is_path else io.BytesIO(path_or_file.read())  # type: ignore[union-attr]
-        with np.load(file, allow_pickle=False) as loaded:
-            if isinstance(loaded, np.ndarray):
-                arrays = {"positions": loaded}
-            else:
-                wanted = ("positions", "times", "vertex_counts", "observed")
-                arrays = {key: loaded[key] for key in wanted if key in loaded.files}
+        arrays = _arrays(np.load(file, allow_pickle=False))
     except FileNotFoundError:
         raise InvalidMotion(f"{name}: there is no such file") from None
     except IsADirectoryError:
@@ -134,6 +131,17 @@ def load_motion(path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene) 
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, NotImplementedError, MemoryError) as error:
         raise InvalidMotion(f"{name}: cannot be read as .npz or .npy ({_short(error)})") from None
     return check_motion(arrays, scene, name)
+
+
+def _arrays(loaded: Any) -> dict[str, NDArray[Any]]:
+    if isinstance(loaded, np.ndarray):
+        return {"positions": loaded}
+    with loaded:
+        arrays = {key: loaded[key] for key in ("positions", "times", "vertex_counts", "observed") if key in loaded.files}
+    strange = [key for key, value in arrays.items() if not isinstance(value, np.ndarray)]
+    if strange:
+        raise ValueError(f"{strange[0]} is not an array")
+    return arrays
 
 
 def _short(error: BaseException) -> str:

@@ -13,6 +13,7 @@ from clothfit.arrays import Array
 from clothfit.cost import Target, cost, cost_and_derivative, target
 from clothfit.errors import Diverged, InvalidMotion
 from clothfit.fit_vector import blocks, check_shape, elements, fitted_cloths, parameters
+from clothfit.linear import checked_tolerance
 from clothfit.motion import Motion
 from clothfit.rollout import Rollout, rollout
 from clothfit.scene import Scene
@@ -30,7 +31,7 @@ class Objective:
         Raises InvalidMotion when the motion does not fit the scene.
         """
         self.scene = scene
-        self.tolerance = TIGHT if tolerance is None else tolerance
+        self.tolerance = checked_tolerance(tolerance, TIGHT)
         self.blocks = blocks(scene)
         self.cloths = fitted_cloths(scene)
         self.systems = {i: system.build(scene, i) for i in self.cloths}

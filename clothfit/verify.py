@@ -4,15 +4,15 @@ For a cost G(p) with gradient g and a direction d, the remainder of the first-or
 
     R(t) = max over ± of |G(p ± t d) − G(p) ∓ t g·d| = O(t²),
 
-falls a hundredfold when t falls tenfold, until rounding takes over; with a wrong g it falls tenfold only, however small the
-fault, once t is small enough. A long ladder of t and the worst of its orders is therefore a sharp test; a few halvings
-and the mean are not. (Both signs, because along one the second and the third order can cancel at a large t, which would look
-like a fault.) For a linear map J and its transpose, w·(J d) = (Jᵀ w)·d to rounding.
+falls a hundredfold when t falls tenfold, until rounding takes over; with a wrong g it falls tenfold only, however
+small the fault, once t is small enough. A long ladder of t and the worst of its orders is therefore a sharp test; a
+few halvings and the mean are not. (Both signs, because along one the second and the third order can cancel at a
+large t, which would look like a fault.) For a linear map J and its transpose, w·(J d) = (Jᵀ w)·d to rounding.
 
-Directions are scaled so that the step t = 1 changes some parameter by its own size and none by more (a parameter that is 0
-counts as 1): steps are relative to p, whatever the units in it.
-Reference: P. E. Farrell, D. A. Ham, S. W. Funke, M. E. Rognes, Automated derivation of the adjoint of high-level transient
-finite element programs, SIAM J. Sci. Comput. 35 (2013), section 6.
+Directions are scaled so that the step t = 1 changes some parameter by its own size and none by more (a parameter
+that is 0 counts as 1): steps are relative to p, whatever the units in it.
+Reference: P. E. Farrell, D. A. Ham, S. W. Funke, M. E. Rognes, Automated derivation of the adjoint of high-level
+transient finite element programs, SIAM J. Sci. Comput. 35 (2013), section 6.
 """
 
 from __future__ import annotations
@@ -32,8 +32,9 @@ LADDER = tuple(10.0**-k for k in range(1, 8))
 FEWEST_RUNGS = 3
 """With fewer steps above the rounding floor an order says nothing."""
 
-NOISE_STEPS = (1e-13, 2e-13, 3e-13)
-"""Steps so small that the remainder there is nothing but the rounding of the cost."""
+NOISE_STEPS = (1e-9, 2e-9, 3e-9)
+"""Steps so small that the remainder there is the rounding of the cost: of a right gradient nothing else is left, and
+what a wrong one leaves is too little to lift the floor above the ladder."""
 
 ABOVE_NOISE = 20.0
 """A remainder this many times the rounding is known to a few percent, its order to 0.03."""
@@ -76,8 +77,8 @@ class Report(NamedTuple):
 def taylor_order(cost: Cost, gradient: Array, p: Array, direction: Array) -> float:
     """Give the lowest order at which the Taylor remainder falls along the ladder; above 1.9 the gradient is right.
 
-    `gradient` (P,) is that of `cost` at p (P,), `direction` (P,) of any length. Raises InvalidInput when fewer than 3 steps
-    stand above the rounding of the cost, or when a cost is not finite; errors of the cost pass through.
+    `gradient` (P,) is that of `cost` at p (P,), `direction` (P,) of any length. Raises InvalidInput when fewer than 3
+    steps stand above the rounding of the cost, or when a cost is not finite; errors of the cost pass through.
     """
     d = scaled(p, direction)
     start, slope = _finite(cost(p)), float(np.dot(gradient, d))
@@ -89,14 +90,14 @@ def taylor_order(cost: Cost, gradient: Array, p: Array, direction: Array) -> flo
     rungs = [(t, r) for t, r in ((t, remainder(t)) for t in LADDER) if r > ABOVE_NOISE * noise]
     if len(rungs) < FEWEST_RUNGS:
         raise InvalidInput(
-            f"derivative check: only {len(rungs)} of {len(LADDER)} steps stand above rounding, {FEWEST_RUNGS} are needed; "
-            "try another direction, or a point where the cost curves more"
+            f"derivative check: only {len(rungs)} of {len(LADDER)} steps stand above rounding, "
+            f"{FEWEST_RUNGS} are needed; try another direction, or a point where the cost curves more"
         )
     return min(float(np.log(r / s) / np.log(t / u)) for (t, r), (u, s) in zip(rungs, rungs[1:], strict=False))
 
 
 def central_difference_error(cost: Cost, gradient: Array, p: Array, direction: Array, step: float = 1e-6) -> float:
-    """Give the relative difference between the slope `gradient`·`direction` and one central difference of `cost`.
+    """Give the relative difference between the slope `gradient`·`direction` and a central difference of `cost`.
 
     All arrays are (P,); `step` is relative to p. Raises InvalidInput when a cost is not finite.
     """
@@ -117,12 +118,14 @@ def dot_product_error(tangent: Linear, transpose: Linear, direction: Array, weig
 def check(objective: Differentiable, p: Array, seed: int = 0) -> Report:
     """Run the three checks on an Objective at p (P,), with a random direction relative to p and a random weight.
 
+    The direction takes the signs of the gradient: a slope in which terms cancel could not be compared to rounding.
     Raises InvalidInput as `taylor_order` does; errors of the objective, such as Diverged, pass through.
     """
     p = np.asarray(p, float)
     rng = np.random.default_rng(seed)
-    direction = scaled(p, np.where(p == 0.0, 1.0, p) * rng.normal(size=p.shape))
     gradient = objective.cost_and_gradient(p)[1]
+    random = np.where(p == 0.0, 1.0, p) * rng.normal(size=p.shape)
+    direction = scaled(p, np.where(gradient == 0.0, random, np.copysign(random, gradient)))
     goals = objective.targets
     cuts = np.cumsum([0] + [goal.positions.size for goal in goals.values()])
     weight = rng.normal(size=int(cuts[-1]))

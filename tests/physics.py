@@ -1,7 +1,7 @@
 """Small objects, states and systems for tests of the physics, and the step's model F(w) put together from its parts.
 
-A state is what the functions of a force are given: the point of linearisation (y, u), the new velocity w, the offset s, the
-weights lam and the changes dy, du; all (n, 3).
+A state is what the functions of a force are given: the point of linearisation (y, u), the new velocity w, the offset
+s, the weights lam and the changes dy, du; all (n, 3).
 """
 
 from __future__ import annotations
@@ -42,7 +42,13 @@ def xyz(vector: Any) -> dict[str, float]:
 
 
 def thing(
-    points: Any, springs: Any = (), triangles: Any = (), mass: Any = 0.1, stiffness: Any = 10.0, fixed: Any = (), **fields: Any
+    points: Any,
+    springs: Any = (),
+    triangles: Any = (),
+    mass: Any = 0.1,
+    stiffness: Any = 10.0,
+    fixed: Any = (),
+    **fields: Any,
 ) -> dict[str, Any]:
     """An object from its points, vertex pairs and triples; `fixed` lists the fixed vertices; no drag, no damping."""
     n, count = len(points), len(springs)
@@ -131,7 +137,9 @@ def direction(system: System, seed: int = 2) -> Elements:
 
 def shifted(force: Any, change: Elements, t: float) -> Any:
     """A force's constants with its masses or stiffnesses changed by t · change."""
-    values = {name: getattr(force, name) + t * getattr(change, name) for name in change._fields if name in force._fields}
+    values = {
+        name: getattr(force, name) + t * getattr(change, name) for name in change._fields if name in force._fields
+    }
     return force._replace(**values)
 
 

@@ -5,6 +5,11 @@ from __future__ import annotations
 import copy
 import io
 import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -92,3 +97,42 @@ def problems(scene: dict[str, Any] | str | bytes) -> list[str]:
     with pytest.raises(InvalidScene) as caught:
         load_text(scene if isinstance(scene, (str, bytes)) else json.dumps(scene))
     return caught.value.problems
+
+
+def trial(settings: str, frames: int = 20, nx: int = 4, ny: int = 4, **fields: Any) -> dict[str, Any]:
+    """A document to fit: one cloth with those settings; fields of an object go to it, all others to the scene."""
+    own = {name: fields.pop(name) for name in list(fields) if name in (*cloth(2, 2), "note")}
+    return document(cloth(nx, ny, optimizationSettings=settings, **own), optimizationIterations=frames, **fields)
+
+
+def even(settings: str, frames: int = 20, nx: int = 4, ny: int = 4, **fields: Any) -> dict[str, Any]:
+    """The same with one mass and one stiffness all over, so that settings with G can reach the truth."""
+    n, springs = nx * ny, len(cloth(nx, ny)["springStiffness"])
+    values = {"vertMass": [0.02] * n, "springStiffness": [30.0] * springs}
+    return trial(settings, frames, nx, ny, **{**values, **fields})
+
+
+def write_scene(folder: Path, scene: dict[str, Any], name: str = "scene.json", **layout: Any) -> str:
+    """Write a document to a file; `layout` goes to json.dumps. Returns the path."""
+    path = folder / name
+    path.write_text(json.dumps(scene, **layout), encoding="utf-8")
+    return str(path)
+
+
+def environment(**changes: str) -> dict[str, str]:
+    """What a command is started with: this checkout first on the path, no wishes about colour."""
+    root = str(Path(clothfit.scene.__file__).resolve().parents[1])
+    kept = {key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "CLOTHFIT_TRACEBACK")}
+    return {**kept, "PYTHONPATH": root, **changes}
+
+
+def started(*arguments: str, **keywords: Any) -> subprocess.CompletedProcess[bytes]:
+    """Run `clothfit` as a process of its own and wait for it; both streams are kept unless redirected."""
+    command = [sys.executable, "-m", "clothfit", *arguments]
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "timeout": 50, "env": environment()}
+    return subprocess.run(command, **{**streams, **keywords}, check=False)
+
+
+def tokens(text: str) -> list[str]:
+    """The tokens of a JSON text, white space included."""
+    return re.findall(r'"(?:[^"\\]|\\.)*"|[\[\]{}:,]|\s+|[^\s\[\]{}:,"]+', text)

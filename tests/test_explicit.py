@@ -38,7 +38,10 @@ def test_both_steps_are_those_of_the_scene_format(name):
     at = start(one, name)
     f = dense_forces(one, at.y, at.u)[0]
     v_new = (at.u + one.h * f / one.vertex.mass[:, None]) * one.vertex.free[:, None]
-    for made, expected in ((step(one, at.y, at.u), at.y + one.h * at.u), (step(other, at.y, at.u), at.y + one.h * v_new)):
+    for made, expected in (
+        (step(one, at.y, at.u), at.y + one.h * at.u),
+        (step(other, at.y, at.u), at.y + one.h * v_new),
+    ):
         # sums of some tens of terms of one size
         np.testing.assert_allclose(made[1], v_new, atol=1e-13 * np.abs(v_new).max())
         np.testing.assert_allclose(made[0], expected, atol=1e-13)
@@ -84,7 +87,9 @@ def check_derivative(system, at):
     change, t = physics.direction(system), 1e-6
 
     def moved(t):
-        elements = (value + t * d for value, d in zip((system.vertex.mass, system.springs.stiffness), change, strict=True))
+        elements = (
+            value + t * d for value, d in zip((system.vertex.mass, system.springs.stiffness), change, strict=True)
+        )
         return np.array(step(with_elements(system, *elements), at.y + t * at.dy, at.u + t * at.du))
 
     measured = (moved(t) - moved(-t)) / (2 * t)

@@ -5,7 +5,6 @@ import pytest
 from physics import ball, scene, thing
 
 from clothfit.errors import InvalidInput, InvalidScene
-from clothfit.motion import simulate
 from clothfit.fit_vector import (
     blocks,
     elements,
@@ -17,6 +16,7 @@ from clothfit.fit_vector import (
     unidentifiable,
     with_parameters,
 )
+from clothfit.motion import simulate
 
 
 def chain(n, settings, **fields):

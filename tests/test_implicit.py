@@ -78,7 +78,9 @@ def test_newton_starts_from_the_linearised_step_and_solves_backward_euler(name):
     many = system(newton=60, delta=0.005)
     at = start(many, name)
     velocities, _, _ = step(many, at.y, at.u, 1e-12)
-    np.testing.assert_array_equal(velocities[0], step(system(delta=0.005), at.y, at.u, 1e-12)[0][0])  # the same operations
+    np.testing.assert_array_equal(
+        velocities[0], step(system(delta=0.005), at.y, at.u, 1e-12)[0][0]
+    )  # the same operations
     error, size = residual(many, at.y, at.u, velocities[-1])
     assert 2 < len(velocities) < 60  # the residual was within tolerance before the iterations ran out
     assert error < 1e-10 * size  # tolerance relative to a right-hand side that contains A u

@@ -23,6 +23,7 @@ ORDER = [
     "structure",
     "checks",
     "scene",
+    "mesh",
     "sparse",
     "cg",
     "linear",
@@ -100,12 +101,31 @@ def test_every_module_has_its_place():
     assert [name for name in ORDER if name not in MODULES] == []
 
 
+def upward(name, source):
+    """What the source of a module imports that does not stand before it."""
+    own = entry(name)
+    used = imports(source) - {name}
+    # the modules of a package without lines of their own, and a package's own name in its __init__, are at one height
+    beside = {module for module in used if entry(module) == own and (own != name or module.startswith(f"{own}."))}
+    return sorted(module for module in used - beside if ORDER.index(entry(module)) >= ORDER.index(own))
+
+
 @pytest.mark.parametrize("name", sorted(MODULES))
 def test_a_module_imports_only_what_stands_before_it(name):
-    own = entry(name)
-    used = {entry(module) for module in imports(MODULES[name].read_text("utf-8"))} - ({own} if own != name else set())
-    packages = {own} if MODULES[name].name == "__init__.py" else set()
-    assert [module for module in sorted(used - packages) if ORDER.index(module) >= ORDER.index(own)] == []
+    assert upward(name, MODULES[name].read_text("utf-8")) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "source", "found"),
+    [
+        ("scene", "from clothfit import motion", ["motion"]),
+        ("forces.wind", "def later():\n    from clothfit.forces import total", ["forces.total"]),
+        ("errors", "import clothfit.objective", ["objective"]),
+        ("cost", "from clothfit.scene import Scene", []),
+    ],
+)
+def test_an_import_from_above_is_found(name, source, found):
+    assert upward(name, source) == found
 
 
 def test_there_are_no_relative_imports():
@@ -126,10 +146,6 @@ def later():
     from clothfit.scene import load
 """
     assert imports(source) == {"cost", "adjoint", "", "forces.total", "step.implicit", "scene"}
-
-
-def test_the_order_is_broken_by_an_import_from_above():
-    assert ORDER.index("objective") > ORDER.index("adjoint") > ORDER.index("system") > ORDER.index("errors")
 
 
 def test_the_derivative_checks_stand_at_the_bottom():

@@ -101,8 +101,8 @@ def test_a_simulation_that_diverges_says_where_and_keeps_what_is_good(method):
     assert error.exit_code == 4
     assert 2 < error.step < 60
     assert str(error) == (
-        f"scene: the simulation diverged at step {error.step} (t = {error.step * 0.1:.4g} s), objects[1], vertex 1 of 2; "
-        "try a smaller delta or integrationMethod 2 (implicit)"
+        f"scene: the simulation diverged at step {error.step} (t = {error.step * 0.1:.4g} s), "
+        "objects[1], vertex 1 of 2; try a smaller delta or integrationMethod 2 (implicit)"
     )
     assert error.motion.positions.shape == (error.step, 3, 3)
     assert len(error.motion.times) == error.step
@@ -122,7 +122,9 @@ def test_an_implicit_simulation_that_diverges_gets_the_other_advice():
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="100 steps of 288 vertices are slow without compilation")
-@pytest.mark.skipif(not (SHARED / "reference" / "side.npz").is_file(), reason="../shared with the reference motion is not there")
+@pytest.mark.skipif(
+    not (SHARED / "reference" / "side.npz").is_file(), reason="../shared with the reference motion is not there"
+)
 def test_the_reference_motion():
     with np.load(SHARED / "reference" / "side.npz", allow_pickle=False) as loaded:
         expected = loaded["positions"]
@@ -175,7 +177,10 @@ def test_a_stream_that_cannot_go_back_is_read():
             raise io.UnsupportedOperation("seek")
 
     motion = walk()
-    assert load_motion(Pipe(written(positions=motion.positions).getvalue()), TWO).positions.tolist() == motion.positions.tolist()
+    assert (
+        load_motion(Pipe(written(positions=motion.positions).getvalue()), TWO).positions.tolist()
+        == motion.positions.tolist()
+    )
 
 
 def test_what_is_all_observed_needs_no_flags():
@@ -267,7 +272,10 @@ FILES = [
     (b"hello", "walk.npz: cannot be read as .npz or .npy ("),
     (pickle.dumps({"positions": 1}), "walk.npz: cannot be read as .npz or .npy (it holds pickled objects)"),
     (written(positions=np.zeros((4, 10, 3))).getvalue()[:200], "walk.npz: cannot be read as .npz or .npy ("),
-    (written(positions=np.array([{}, None])).getvalue(), "walk.npz: cannot be read as .npz or .npy (it holds pickled objects)"),
+    (
+        written(positions=np.array([{}, None])).getvalue(),
+        "walk.npz: cannot be read as .npz or .npy (it holds pickled objects)",
+    ),
     (b"PK\x05\x06" + bytes(18), "walk.npz: positions: is missing"),
 ]
 

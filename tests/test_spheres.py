@@ -6,13 +6,14 @@ import pytest
 from physics import STATES, ball, full, pushforward_error, relative, state, step_terms, times, transpose_error
 
 from clothfit.forces import spheres
+from clothfit.scene import Sphere
 
 SYSTEM = full(colliders=[ball((1.0, -0.3, 1.0), 0.8), ball((0.5, 0.4, 1.5), 0.9)])
 SPHERES = SYSTEM.spheres
 
 
 def test_the_push_is_1000_newton_per_metre_of_depth_outward():
-    one = spheres.build([[1.0, 2.0, 3.0]], [0.5])
+    one = spheres.build([Sphere(np.array([1.0, 2.0, 3.0]), 0.5)])
     y = np.array([[1.3, 2.0, 3.0], [1.0, 2.0, 2.6], [1.6, 2.0, 3.0], [1.0, 2.0, 3.0]])
     f = physics.total_force(spheres, one, y, np.zeros_like(y))
     # depths 0.2 m and 0.1 m; outside; at the centre, pushed up by the whole radius. y − c is rounded at 1e-16
@@ -26,7 +27,7 @@ def test_the_radius_is_half_the_scale():
 def test_pushes_of_several_spheres_add_up():
     at = state(SYSTEM, "random")
     both = physics.total_force(spheres, SPHERES, at.y, at.u)
-    each = [spheres.build(SPHERES.centre[[c]], SPHERES.radius[[c]]) for c in (0, 1)]
+    each = [spheres.Spheres(SPHERES.centre[[c]], SPHERES.radius[[c]]) for c in (0, 1)]
     first, second = (physics.total_force(spheres, one, at.y, at.u) for one in each)
     assert min(np.abs(first).max(), np.abs(second).max()) > 0
     np.testing.assert_allclose(both, first + second, rtol=1e-14, atol=1e-12)  # one rounding of some 100 N
@@ -58,7 +59,7 @@ def test_along_the_normal_the_matrix_is_the_true_jacobian():
 
 @pytest.mark.parametrize("name", STATES)
 def test_the_pushforward_is_the_derivative_of_the_model(name):
-    # central differences at 1e-5 inside the sphere, 0.3 m and more from its centre: truncation 1e-10 / 0.3², rounding 1e-11
+    # central differences at 1e-5, 0.3 m and more from the centres: truncation 1e-10 / 0.3², rounding 1e-11
     assert pushforward_error(SYSTEM, "spheres", state(SYSTEM, name)) < 1e-7
 
 
@@ -75,6 +76,6 @@ def test_at_the_centre_the_derivatives_stay_finite():
 
 
 def test_no_spheres_no_rows():
-    none = spheres.build([], [])
+    none = spheres.build([])
     assert none.centre.shape == (0, 3)
     assert none.radius.shape == (0,)

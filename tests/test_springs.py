@@ -52,7 +52,9 @@ def test_damping_does_not_resist_a_rigid_motion():
 
 def test_damping_is_the_velocity_jacobian():
     at = state(SYSTEM, "random")
-    change = physics.total_force(springs, SPRINGS, at.y, at.u + at.du) - physics.total_force(springs, SPRINGS, at.y, at.u)
+    change = physics.total_force(springs, SPRINGS, at.y, at.u + at.du) - physics.total_force(
+        springs, SPRINGS, at.y, at.u
+    )
     assert relative(damping(springs, SPRINGS, at.y, at.du), change) < 1e-13  # linear in u: rounding only
 
 

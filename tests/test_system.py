@@ -8,7 +8,9 @@ from scenes import cloth
 from clothfit.forces.vertex import GRAVITY
 from clothfit.system import EXPLICIT, IMPLICIT, SYMPLECTIC, build, with_elements
 
-MADE = scene(cloth(2, 2), cloth(3, 3, damping=0.6, dragCoefficient=0.2), windVel=xyz((1, 2, 3)), delta=0.01, forwardSubSteps=4)
+MADE = scene(
+    cloth(2, 2), cloth(3, 3, damping=0.6, dragCoefficient=0.2), windVel=xyz((1, 2, 3)), delta=0.01, forwardSubSteps=4
+)
 
 
 def test_every_field_of_the_scene_has_its_place():

@@ -52,6 +52,8 @@ def test_fixed_vertices_are_those_of_the_scene():
 
 
 def test_all_forces_of_the_system_are_covered():
-    fields = {field for field, value in SYSTEM._asdict().items() if type(value).__module__.startswith("clothfit.forces")}
+    fields = {
+        field for field, value in SYSTEM._asdict().items() if type(value).__module__.startswith("clothfit.forces")
+    }
     assert fields == {"vertex", "springs", "faces", "spheres"}
     assert len(parts(SYSTEM)) == len(fields)

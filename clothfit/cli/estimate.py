@@ -56,7 +56,6 @@ def command(
     """
     console = Console(quiet, verbose)
     check_values(max_evaluations, rmse, path, in_place, scene_path)
-    shared.check_tolerance(tolerance)
     start_path = None if start is None or is_number(start) else start
     shared.one_stream(scene_path, target_path, start_path)
     scene = shared.read_scene(scene_path, console)

@@ -145,12 +145,6 @@ def frames_of(steps: int | None, scene: Scene) -> int:
     return steps + 1
 
 
-def check_tolerance(tolerance: float | None) -> None:
-    """Raise InvalidInput unless it is a relative tolerance that a solver can have."""
-    if tolerance is not None and not 0 < tolerance < 1:
-        raise InvalidInput(f"--tolerance: {tolerance:g} is not possible, it must be above 0 and below 1")
-
-
 def one_stream(*paths: str | None) -> None:
     """Raise InvalidInput when standard input should be read twice."""
     if sum(path == STREAM for path in paths) > 1:

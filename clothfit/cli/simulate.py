@@ -32,7 +32,6 @@ def command(
     clothfit simulate scene.json --steps 500 -o long.npz
     """
     console = Console(quiet, verbose)
-    shared.check_tolerance(tolerance)
     scene = shared.read_scene(scene_path, console)
     frames = shared.frames_of(steps, scene)
     out = shared.output(path, scene_path, ".motion.npz", ())

@@ -41,7 +41,6 @@ def command(
     clothfit target scene.json --noise 0.001 --observed 0.25 --every 2 -o capture.npz
     """
     console = Console(quiet, verbose)
-    shared.check_tolerance(tolerance)
     scene = shared.read_scene(scene_path, console)
     frames = shared.frames_of(steps, scene)
     out = shared.output(path, scene_path, ".target.npz", ())

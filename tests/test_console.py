@@ -1,0 +1,133 @@
+"""What is said, how loudly, and on which stream."""
+
+import io
+import re
+import sys
+
+import numba
+import pytest
+
+from clothfit.cli import console
+from clothfit.cli.console import Console, metres
+from clothfit.search import Progress
+
+
+class Terminal(io.StringIO):
+    """A standard error that says it is a terminal."""
+
+    def isatty(self):
+        return True
+
+
+def on_terminal(monkeypatch):
+    """Have standard error played by a terminal that wants colour; called in the test, as pytest sets its own before."""
+    made = Terminal()
+    monkeypatch.setattr(sys, "stderr", made)
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    return made
+
+
+def step(evaluations):
+    return Progress(evaluations, 100, 1.5e-3 / evaluations, 2.5e-6, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("quiet", "verbose", "expected"),
+    [(False, False, "a\nwarning: b\n"), (True, False, ""), (False, True, r"a\nwarning: b\n\[ +\d+\.\d\d s\] c\n")],
+)
+def test_all_messages_go_to_standard_error(capsys, quiet, verbose, expected):
+    speaker = Console(quiet, verbose)
+    speaker.say("a"), speaker.warn("b"), speaker.detail("c")
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert re.fullmatch(expected, err)
+
+
+def test_a_table_has_columns_and_no_trailing_blanks(capsys):
+    Console().table([("name", "value", "unit"), ("a", "1", ""), ("longer name", "22", "m")])
+    assert capsys.readouterr().err == "name         value  unit\na            1\nlonger name  22     m\n"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(12.345, "12.3 m"), (1.0, "1 m"), (0.5, "500 mm"), (2.5e-6, "2.5 µm"), (4.19e-9, "4.19 nm"), (1e-12, "0.001 nm")],
+)
+def test_lengths_have_a_unit_of_their_size(value, text):
+    assert metres(value) == text
+
+
+@pytest.mark.parametrize(("value", "text"), [(0.0, "0 nm"), (float("inf"), "inf m")])
+def test_lengths_at_the_ends(value, text):
+    assert metres(value) == text
+
+
+@pytest.mark.parametrize(("name", "value"), [("NO_COLOR", "1"), ("TERM", "dumb")])
+def test_animation_is_for_terminals_that_want_it(monkeypatch, name, value):
+    on_terminal(monkeypatch)
+    assert Console().animated
+    monkeypatch.setenv("NO_COLOR", "")  # empty counts as absent, says the convention
+    assert Console().animated
+    monkeypatch.setenv(name, value)
+    assert not Console().animated
+
+
+def test_a_file_is_not_animated(capsys):
+    assert not Console().animated
+
+
+def test_plain_progress_is_a_line_now_and_then(capsys, monkeypatch):
+    clock = iter([0.0, 1.0, 5.0, 9.0, 10.5])
+    with monkeypatch.context() as patch:
+        patch.setattr(console.time, "perf_counter", lambda: next(clock))
+        with Console(began=0.0).progress() as show:
+            for evaluations in (1, 2, 3, 4):
+                show(step(evaluations))
+    out, err = capsys.readouterr()
+    lines = err.splitlines()
+    assert out == ""
+    assert lines == [
+        "   0.5 s  cost 7.500e-04  RMSE 2.5 µm  evaluation 2",
+        "   0.5 s  cost 3.750e-04  RMSE 2.5 µm  evaluation 4",
+    ]
+
+
+def test_quiet_has_no_progress(capsys):
+    with Console(quiet=True).progress() as show:
+        assert show is None
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_terminal_has_a_bar_that_leaves_no_trace(monkeypatch, capsys):
+    terminal = on_terminal(monkeypatch)
+    with Console().progress() as show:
+        show(step(1)), show(step(40))
+    shown = terminal.getvalue()
+    assert "\x1b[" in shown
+    assert "fitting" in shown
+    assert "RMSE 2.5 µm  evaluation 40" in shown
+    assert shown.endswith("\x1b[2K")  # the line of the bar is cleared
+    assert capsys.readouterr().out == ""
+
+
+def test_an_interrupt_passes_through_the_bar_and_gives_the_cursor_back(monkeypatch):
+    terminal = on_terminal(monkeypatch)
+    with pytest.raises(KeyboardInterrupt), Console().progress() as show:
+        show(step(1))
+        raise KeyboardInterrupt
+    assert "\x1b[?25h" in terminal.getvalue()
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_the_first_compilation_is_announced_and_no_other():
+    heard = []
+
+    class Heard(Console):
+        def say(self, message):
+            heard.append(message)
+
+    Heard().announce_compilation()
+    for number in (1, 2):
+        numba.njit(lambda x, number=number: x + number)(1)
+    assert len(heard) == 1
+    assert heard[0].startswith("compiling for this machine")
