@@ -20,11 +20,14 @@ from clothfit.errors import Diverged
 from clothfit.fit_vector import LOWER, UPPER, identifiable
 from clothfit.objective import Objective
 
-GRADIENT_TOLERANCE = 1e-5
-"""Converged where no parameter's change by a factor e would change the cost by more than this fraction (linearly)."""
+STATIONARY = 1e-5
+"""Converged at once where no parameter's change by a factor e would, linearly, change the cost by more than this fraction."""
 
-STALL_EVALUATIONS, STALL_REDUCTION = 100, 1e-3
-"""Stalled where this many evaluations in a row reduced the best cost by less than this fraction."""
+STALL_EVALUATIONS, STALL_REDUCTION = 50, 1e-3
+"""At an end where this many evaluations in a row reduced the best cost by less than this fraction …"""
+
+FLAT = 5e-2
+"""… which is convergence (the floor that noise or the model sets) if the same measure is below this, else a stall."""
 
 STEEPNESS = 1e3
 """Height of the bowl, relative to the largest cost met, at distance 1 from the best point."""
@@ -140,19 +143,19 @@ class Search:
             self.report(Progress(self.objective.evaluations, self.budget, self.best_cost, rmse, self.seconds))
 
     def _check_end(self) -> None:
-        if self.objective.rmse(self.best_cost) <= self.rmse_tolerance or self._flat():
+        if self.objective.rmse(self.best_cost) <= self.rmse_tolerance or self._slope() <= STATIONARY:
             raise Stop("converged")
         if len(self.history) > STALL_EVALUATIONS:
             before = self.history[-1 - STALL_EVALUATIONS]
             if np.isfinite(before) and self.best_cost > (1.0 - STALL_REDUCTION) * before:
-                raise Stop("stalled")
+                raise Stop("converged" if self._slope() <= FLAT else "stalled")
 
-    def _flat(self) -> bool:
-        """Whether the best point is stationary within the bounds."""
+    def _slope(self) -> float:
+        """Largest change of the best cost by a parameter's change by a factor e, linearly, as a fraction of that cost."""
+        if not (np.isfinite(self.best_cost) and self.best_cost > 0):
+            return np.inf
         p = self.best[self.fitted]
         slope = self.best_gradient[self.fitted] * p
-        slope[(p <= LOWER * (1 + 1e-9)) & (slope > 0)] = 0.0
+        slope[(p <= LOWER * (1 + 1e-9)) & (slope > 0)] = 0.0  # the bounds allow no descent
         slope[(p >= UPPER * (1 - 1e-9)) & (slope < 0)] = 0.0
-        return bool(
-            np.isfinite(self.best_cost) and np.abs(slope).max(initial=0.0) <= GRADIENT_TOLERANCE * self.best_cost
-        )
+        return float(np.abs(slope).max(initial=0.0) / self.best_cost)

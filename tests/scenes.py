@@ -133,6 +133,9 @@ def started(*arguments: str, **keywords: Any) -> subprocess.CompletedProcess[byt
     return subprocess.run(command, **{**streams, **keywords}, check=False)
 
 
+needs_full_disk = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
+
+
 def tokens(text: str) -> list[str]:
     """The tokens of a JSON text, white space included."""
     return re.findall(r'"(?:[^"\\]|\\.)*"|[\[\]{}:,]|\s+|[^\s\[\]{}:,"]+', text)

@@ -2,6 +2,7 @@
 
 import json
 
+import numba
 import numpy as np
 import pytest
 from scenes import even, started, trial, write_scene
@@ -12,6 +13,8 @@ from clothfit.evaluation import evaluate
 from clothfit.fit import record_target
 from clothfit.motion import save_motion
 from clothfit.scene import load
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
 KEYS = {"schema_version", "command", "frames", "rmse", "max_error", "horizon", "parameters"}
 PARAMETER_KEYS = {"object", "name", "mode", "count", "median_relative_deviation", "max_relative_deviation"}

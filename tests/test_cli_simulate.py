@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from scenes import MISSING, changed, cloth, document, even, kind, sphere, started, trial, write_scene
+from scenes import MISSING, changed, cloth, document, even, kind, needs_full_disk, sphere, started, trial, write_scene
 
 from clothfit.cli import run
 from clothfit.motion import load_motion, simulate
@@ -66,7 +66,8 @@ def test_json_has_the_keys_that_scripts_read(path, capsys):
     out, err = capsys.readouterr()
     summary = json.loads(out, parse_constant=refuse)
     assert set(summary) == KEYS
-    assert (summary["schema_version"], summary["command"], summary["frames"], summary["vertices"]) == (1, "simulate", 6, 9)
+    assert (summary["schema_version"], summary["command"]) == (1, "simulate")
+    assert (summary["frames"], summary["vertices"]) == (6, 9)
     assert err == ""
 
 
@@ -92,7 +93,8 @@ def test_from_standard_input_to_standard_output(path):
     assert done.returncode == 0
     assert b"standard input: 5 steps" in done.stderr
     assert b"\x1b" not in done.stderr
-    np.testing.assert_array_equal(load_motion(io.BytesIO(done.stdout), load(path)).positions, simulate(load(path)).positions)
+    found = load_motion(io.BytesIO(done.stdout), load(path))
+    np.testing.assert_array_equal(found.positions, simulate(load(path)).positions)
 
 
 def test_a_motion_is_not_written_to_a_terminal(path, capsys, monkeypatch):
@@ -122,7 +124,7 @@ def test_a_plane_is_a_warning(tmp_path, capsys):
         ("link.txt", "it is an input"),
         ("hard.txt", "it is an input"),
         ("", "it does not name a file"),
-        ("/dev/full", "No space left on device"),
+        pytest.param("/dev/full", "No space left on device", marks=needs_full_disk),
     ],
 )
 def test_a_place_that_cannot_be_written_is_refused(path, tmp_path, capsys, place, reason):
@@ -246,8 +248,9 @@ def test_what_cannot_be_read_is_code_3(capsys, tmp_path, name, message):
     assert message in capsys.readouterr().err
 
 
-def test_a_wrong_scene_is_refused_before_the_libraries_load(tmp_path):
+def test_a_wrong_scene_is_refused_by_a_process_of_its_own(tmp_path):
     made = write_scene(tmp_path, changed(SCENE, ("objects", 0, "springs", 3), 144))
     done = started("estimate", made)
     assert (done.returncode, done.stdout) == (3, b"")
-    assert done.stderr == b"error: scene.json: objects[0].springs[3]: vertex 144 does not exist (the object has 9 vertices)\n"
+    problem = "objects[0].springs[3]: vertex 144 does not exist (the object has 9 vertices)"
+    assert done.stderr.decode() == f"error: scene.json: {problem}\n"

@@ -1,6 +1,7 @@
 """`clothfit target`: the file, the degradations, the summary."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ KEYS = {"schema_version", "command", "scene", "frames", "observed", "noise", "ou
 @pytest.fixture
 def path(tmp_path):
     """A small scene of two objects."""
-    return write_scene(tmp_path, document(cloth(4, 4, optimizationSettings="nG"), cloth(2, 2), optimizationIterations=9))
+    objects = (cloth(4, 4, optimizationSettings="nG"), cloth(2, 2))
+    return write_scene(tmp_path, document(*objects, optimizationIterations=9))
 
 
 def recorded(path, *options):
@@ -78,7 +80,7 @@ def test_a_scene_that_diverges_is_code_4_and_no_file(tmp_path, capsys):
 
 
 def test_an_input_is_not_written_over(path, capsys):
-    before = open(path, "rb").read()
+    before = Path(path).read_bytes()
     assert run(["target", path, "-o", path]) == 3
     assert "it is an input" in capsys.readouterr().err
-    assert open(path, "rb").read() == before
+    assert Path(path).read_bytes() == before

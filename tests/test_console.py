@@ -112,9 +112,9 @@ def test_a_terminal_has_a_bar_that_leaves_no_trace(monkeypatch, capsys):
 
 def test_an_interrupt_passes_through_the_bar_and_gives_the_cursor_back(monkeypatch):
     terminal = on_terminal(monkeypatch)
-    with pytest.raises(KeyboardInterrupt), Console().progress() as show:
-        show(step(1))
-        raise KeyboardInterrupt
+    bar = Console().progress()
+    bar.__enter__()(step(1))
+    assert not bar.__exit__(KeyboardInterrupt, KeyboardInterrupt(), None)
     assert "\x1b[?25h" in terminal.getvalue()
 
 

@@ -1,5 +1,6 @@
 """The start that knows nothing of the scene's own flagged values."""
 
+import numba
 import numpy as np
 import pytest
 from scenes import changed, document, even, trial
@@ -8,6 +9,8 @@ from clothfit.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.motion import Motion, simulate
 from clothfit.scene import load
 from clothfit.start import WINDOW, neighbours, neutral_start
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
 FINEST = 10**0.125
 """Ratio of neighbouring values on the finest grid."""

@@ -1,0 +1,62 @@
+# make demo   set up and fit an example: is everything in place?
+# make test   set up and run the tests
+# make lint   set up and check style and types
+# make clean  remove what these made
+#
+# Needs Python 3.11 or newer and nothing else; another one than python3: make test PYTHON=python3.12
+# All use the environment in .venv, into which the package is installed editable, once, and again when pyproject.toml
+# changes.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+
+DEMO := examples/corners.json
+FITTED := build/demo/corners.fitted.json
+
+.PHONY: help demo test lint clean
+.DELETE_ON_ERROR:
+
+help:
+	@sed -n 's/^# \(make .*\)/\1/p' Makefile
+
+demo: $(VENV)/installed
+	@mkdir -p $(dir $(FITTED))
+	@echo "\$$ clothfit estimate $(DEMO) -o $(FITTED)"
+	@$(BIN)/clothfit estimate $(DEMO) -o $(FITTED)
+	@echo "\$$ clothfit evaluate $(DEMO) $(FITTED)"
+	@$(BIN)/clothfit evaluate $(DEMO) $(FITTED)
+
+test: $(VENV)/installed-test
+	$(BIN)/python -m pytest -q
+
+lint: $(VENV)/installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Stamps: each is written when all of its recipe has succeeded.
+$(VENV)/installed: pyproject.toml $(VENV)/made
+	@echo "installing clothfit into $(VENV)"
+	@$(PIP) install --editable .
+	@touch $@
+
+$(VENV)/installed-%: $(VENV)/installed
+	@echo "installing what $* needs"
+	@$(PIP) install --editable '.[$*]'
+	@touch $@
+
+$(VENV)/made:
+	@command -v $(PYTHON) >/dev/null || { echo "error: there is no $(PYTHON); install Python 3.11 or newer," \
+	    "or name one: make PYTHON=/path/to/python" >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "error: clothfit needs Python 3.11 or" \
+	    "newer, and $(PYTHON) is $$($(PYTHON) --version 2>&1); name another: make PYTHON=python3.11" >&2; exit 1; }
+	@echo "making the environment $(VENV) with $$($(PYTHON) --version 2>&1)"
+	@$(PYTHON) -m venv --clear $(VENV)
+	@touch $@
+
+.PRECIOUS: $(VENV)/installed-%
