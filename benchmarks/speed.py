@@ -1,7 +1,7 @@
 """Print how fast this program is on this machine: `python benchmarks/speed.py [SCENE …]`, by default the examples.
 
-Every figure is the median of many runs in one process, compiled beforehand. A step is one time step of one cloth at tolerance
-1e-5; the gradient is the cost with its exact derivative by all flagged parameters over all frames, linear
+Every figure is the median of many runs in one process, compiled beforehand. A step is one time step of one cloth at
+tolerance 1e-5; the gradient is the cost with its exact derivative by all flagged parameters over all frames, linear
 systems solved to 1e-10 as in a fit.
 """
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from clothfit.degrade import degrade
+    from clothfit.capture import degrade
     from clothfit.errors import ClothfitError, Diverged, InvalidInput, InvalidMotion, InvalidScene
     from clothfit.evaluation import Evaluation, evaluate
     from clothfit.fit import Fit, estimate
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from clothfit.scene import Cloth, Scene, load, save
 
 _HOME = {
-    "degrade": "degrade",
+    "degrade": "capture",
     "ClothfitError": "errors",
     "Diverged": "errors",
     "InvalidInput": "errors",

@@ -34,7 +34,7 @@ def frame_steps(motion: Motion, delta: float) -> Indices:
     if wrong.any():
         frame = int(np.argmax(wrong))
         raise InvalidMotion(
-            f"{motion.name}: times[{frame}]: {motion.times[frame]:.6g} s is not a multiple of "
+            f"{motion.name}: times[{frame}]: {motion.times[frame]:.6g} s is not 0 or a multiple of "
             f"the scene's delta, {delta:.6g} s"
         )
     if (np.diff(whole) <= 0).any():

@@ -10,10 +10,10 @@ import numpy as np
 
 from clothfit.arrays import Array, Flags, Indices
 from clothfit.cost import frame_steps
-from clothfit.errors import InvalidInput
+from clothfit.errors import Diverged, InvalidInput
 from clothfit.fit import FIT_TOLERANCE
 from clothfit.fit_vector import blocks, fitted_cloths, identifiable, parameters
-from clothfit.motion import Motion, simulate
+from clothfit.motion import Motion, check_counts, simulate
 from clothfit.scene import Scene
 
 HORIZON = 500  # frames
@@ -49,15 +49,17 @@ class Evaluation:
     fitted: Distance  # over the frames that are fitted
     horizon: Distance  # over a longer run
     parameters: list[Deviation]
+    diverged: str | None = None  # what happened, where the longer run did not stay finite; it then ends before that
 
 
 def evaluate(
-    truth: Scene, fitted: Scene, target: Motion | None = None, frames: int | None = None, horizon: int = HORIZON
+    truth: Scene, fitted: Scene, frames: int | None = None, horizon: int = HORIZON, target: Motion | None = None
 ) -> Evaluation:
     """Compare a fitted scene with the true one, or with a target motion where one is given.
 
     `frames` (default: the scene's) and `horizon` count the initial state; a target is compared as far as it reaches.
-    Raises InvalidInput when the scenes do not have the same objects, Diverged when a simulation diverges.
+    Raises InvalidInput when the scenes do not have the same objects or the target others, Diverged when a simulation
+    diverges within the frames that are fitted.
     """
     check_same_objects(truth, fitted)
     near = truth.frames if frames is None else frames
@@ -65,14 +67,32 @@ def evaluate(
         raise InvalidInput(f"frames: {min(near, horizon)} is too few to compare, at least 2 are needed")
     length = max(near, horizon)
     if target is None:
-        goal, steps = simulate(truth, length, FIT_TOLERANCE), np.arange(length, dtype=np.int32)
+        goal, fault = finite_part(truth, length, near)
+        steps = np.arange(len(goal.times), dtype=np.int32)
     else:
-        goal, steps = target, frame_steps(target, truth.delta)
-        length = min(length, int(steps[-1]) + 1)
-    own = simulate(fitted, length, FIT_TOLERANCE)
+        check_counts(target, truth)
+        goal, steps, fault = target, frame_steps(target, truth.delta), None
+    length = min(length, int(steps[-1]) + 1)
+    own, own_fault = finite_part(fitted, length, min(near, length))
     return Evaluation(
-        distance(own, goal, steps, truth, near), distance(own, goal, steps, truth, horizon), deviations(truth, fitted)
+        distance(own, goal, steps, truth, near),
+        distance(own, goal, steps, truth, horizon),
+        deviations(truth, fitted),
+        fault or own_fault,
     )
+
+
+def finite_part(scene: Scene, frames: int, needed: int) -> tuple[Motion, str | None]:
+    """Simulate, as far as the motion stays finite; tells what happened where it does not.
+
+    Raises Diverged when fewer than `needed` frames are good.
+    """
+    try:
+        return simulate(scene, frames, FIT_TOLERANCE), None
+    except Diverged as error:
+        if error.motion is None or len(error.motion.times) < needed:
+            raise
+        return error.motion, str(error)
 
 
 def check_same_objects(truth: Scene, fitted: Scene) -> None:

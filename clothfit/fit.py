@@ -6,7 +6,7 @@ the loop, its budget, an interrupt, a stalled line search, the best point it vis
 
 from __future__ import annotations
 
-import warnings
+import warnings as python_warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from clothfit.arrays import Array
-from clothfit.errors import InvalidInput
+from clothfit.errors import Diverged, InvalidInput
 from clothfit.fit_vector import LOWER, UPPER, blocks, fitted_cloths, parameters, unidentifiable, with_parameters
 from clothfit.linear import checked_tolerance
-from clothfit.motion import Motion, simulate, simulate_cloths
+from clothfit.motion import Motion, as_motion, simulate, simulate_cloths
 from clothfit.objective import Objective
 from clothfit.scene import Scene
 from clothfit.search import Progress, Search, Stop
@@ -68,6 +68,7 @@ class Fit:
     evaluations: int
     seconds: float
     parameters: list[FittedBlock]
+    warnings: list[str]  # what the user should know about the way there
 
 
 def record_target(scene: Scene, frames: int | None = None, tolerance: float | None = None) -> Motion:
@@ -77,7 +78,7 @@ def record_target(scene: Scene, frames: int | None = None, tolerance: float | No
 
 def estimate(
     scene: Scene,
-    target: Motion | None = None,
+    target: Motion | Array | None = None,
     start: float | Array | Scene | None = None,
     method: str = "auto",
     *,
@@ -102,17 +103,34 @@ def estimate(
         raise InvalidInput(
             f"{scene.name}: nothing to fit: no object flags anything; set its optimizationSettings, for example to 'nL'"
         )
+    if budget < 1:
+        raise InvalidInput(f"budget: {budget} evaluations are too few, at least 1 is needed")
     tight = checked_tolerance(tolerance, FIT_TOLERANCE)
-    goal = target or simulate_cloths(scene, fitted_cloths(scene), tolerance=tight)
+    if target is None:
+        goal = simulate_cloths(scene, fitted_cloths(scene), tolerance=tight)
+    else:
+        goal = target if isinstance(target, Motion) else as_motion(scene, target)
     objective = Objective(scene, goal, tight, frames=scene.frames)
     if not objective.shows_motion:
         raise InvalidInput(
             f"{goal.name}: shows nothing after the start within {scene.frames} frames, so there is nothing to fit to"
         )
     p = choose_start(scene, goal, start, hidden=target is None)
+    warnings = []
+    if not usable(objective, p):
+        warnings.append("the simulation diverges at the start; the fit starts from the best of a coarse search instead")
+        p = neutral_start(scene, goal, scene.frames)
     search = Search(objective, p, rmse_tolerance, budget, report)
     status = minimise(search, "l-bfgs-b" if method == "auto" else method)
-    return result(search, status, method)
+    return result(search, status, method, warnings)
+
+
+def usable(objective: Objective, p: Array) -> bool:
+    """Whether the cost can be computed at p (P,)."""
+    try:
+        return bool(np.isfinite(objective.cost(p)))
+    except Diverged:
+        return False
 
 
 def check_method(method: str) -> None:
@@ -130,7 +148,10 @@ def choose_start(scene: Scene, goal: Motion, start: float | Array | Scene | None
     if isinstance(start, Scene):
         return parameters(start, flags=scene)
     count = len(parameters(scene))
-    values = np.asarray(start, float)
+    try:
+        values = np.asarray(start, float)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"start: {start!r} is not a number, an array of numbers or a scene") from None
     if values.ndim > 1 or values.size not in (1, count):
         raise InvalidInput(f"start: {values.size} values given, {scene.name} has {count} parameters")
     inside = (values >= LOWER) & (values <= UPPER)  # False for NaN
@@ -150,15 +171,14 @@ def minimise(search: Search, method: str) -> str:
         arguments["bounds"] = search.bounds
     try:
         if search.fitted.any():
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # the status says what SciPy's warnings would
-                done = minimizer(
+            with python_warnings.catch_warnings():
+                python_warnings.simplefilter("ignore")  # the status says what SciPy's warnings would
+                minimizer(
                     search if takes["gradient"] else search.cost, search.y, jac=takes["gradient"], **arguments
                 )
-            status = "converged" if done.success else "stalled"
         else:
             search(search.y)
-            status = "stalled"
+        status = search.verdict()
     except Stop as stop:
         status = stop.status
     except KeyboardInterrupt:
@@ -187,7 +207,7 @@ def options(method: str, budget: int) -> dict[str, Any]:
     return common | own[method]
 
 
-def result(search: Search, status: str, method: str) -> Fit:
+def result(search: Search, status: str, method: str, warnings: list[str]) -> Fit:
     """The fit as its user sees it."""
     scene = search.objective.scene
     found = []
@@ -205,7 +225,8 @@ def result(search: Search, status: str, method: str) -> Fit:
         cost=search.best_cost,
         rmse=search.objective.rmse(search.best_cost),
         frames=search.objective.frames,
-        evaluations=search.objective.evaluations,
+        evaluations=search.evaluations,
         seconds=search.seconds,
         parameters=found,
+        warnings=warnings,
     )

@@ -15,7 +15,9 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -24,6 +26,8 @@ import numba
 F = TypeVar("F", bound=Callable[..., object])
 PACKAGE = Path(__file__).resolve().parent
 PREFIX = "kernels-"
+OLD = 24 * 3600.0  # s; younger caches of other sources may be in use by a program that runs now
+config: Any = numba.config  # numba has no types
 
 
 def sources() -> list[Path]:
@@ -33,13 +37,13 @@ def sources() -> list[Path]:
 
 
 def cache_folder() -> Path:
-    """Where compiled code of these sources is kept: where NUMBA_CACHE_DIR says, beside the package, or with the user."""
+    """Where compiled code of these sources is kept: where NUMBA_CACHE_DIR says, in the package, or with the user."""
     digest = hashlib.sha256()
     for path in sources():
         digest.update(path.read_bytes())
     own = PACKAGE / "__pycache__"
-    if numba.config.CACHE_DIR:
-        base = Path(numba.config.CACHE_DIR)
+    if config.CACHE_DIR:
+        base = Path(config.CACHE_DIR)
     elif os.access(own if own.exists() else PACKAGE, os.W_OK):
         base = own
     else:
@@ -47,8 +51,10 @@ def cache_folder() -> Path:
         base = Path(home) / "clothfit"
     folder = base / f"{PREFIX}{digest.hexdigest()[:16]}"
     if base == own and not folder.exists():
-        for outdated in own.glob(f"{PREFIX}*"):
-            shutil.rmtree(outdated, ignore_errors=True)
+        for other in own.glob(f"{PREFIX}*"):
+            with suppress(OSError):  # another process may be faster
+                if time.time() - other.stat().st_mtime > OLD:
+                    shutil.rmtree(other, ignore_errors=True)
     return folder
 
 
@@ -58,10 +64,10 @@ FOLDER = str(cache_folder())
 def kernel(function: F) -> F:
     """Compile `function` on first call, with the flags that the module docstring explains."""
     compile_lazily: Any = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = FOLDER  # read while decorating, and only then
+    before = config.CACHE_DIR
+    config.CACHE_DIR = FOLDER  # read while decorating, and only then
     try:
         compiled: F = compile_lazily(function)
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before
     return compiled

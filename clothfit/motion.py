@@ -26,6 +26,9 @@ from clothfit.rollout import rollout
 from clothfit.scene import Scene
 from clothfit.system import build
 
+ARRAYS = ("positions", "times", "vertex_counts", "observed")
+"""What a motion file may hold; anything else in it is ignored."""
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -109,7 +112,8 @@ def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]
     if motion.observed is not None:
         arrays["observed"] = motion.observed
     buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **arrays)
+    write: Any = np.savez  # its types take `allow_pickle` for one of the arrays
+    write(buffer, **arrays)  # none of them holds objects, so nothing is pickled
     if isinstance(path_or_file, (str, os.PathLike)):
         write_atomically(path_or_file, buffer.getvalue())
     else:
@@ -137,7 +141,7 @@ def _arrays(loaded: Any) -> dict[str, NDArray[Any]]:
     if isinstance(loaded, np.ndarray):
         return {"positions": loaded}
     with loaded:
-        arrays = {key: loaded[key] for key in ("positions", "times", "vertex_counts", "observed") if key in loaded.files}
+        arrays = {key: loaded[key] for key in ARRAYS if key in loaded.files}
     strange = [key for key, value in arrays.items() if not isinstance(value, np.ndarray)]
     if strange:
         raise ValueError(f"{strange[0]} is not an array")
@@ -155,6 +159,16 @@ def as_motion(scene: Scene, positions: Array, times: Array | None = None, observ
     """
     given = {"positions": positions, "times": times, "observed": observed}
     return check_motion({key: np.asarray(value) for key, value in given.items() if value is not None}, scene, "motion")
+
+
+def check_counts(motion: Motion, scene: Scene) -> None:
+    """Raise InvalidMotion unless the motion is of objects with the scene's numbers of vertices."""
+    counts = tuple(len(cloth.mass) for cloth in scene.cloths)
+    if motion.vertex_counts != counts:
+        raise InvalidMotion(
+            f"{motion.name}: its objects have {list(motion.vertex_counts)[:8]} vertices, "
+            f"those of {scene.name} {list(counts)[:8]}"
+        )
 
 
 def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Motion:

@@ -11,10 +11,10 @@ import numpy as np
 from clothfit import adjoint, system
 from clothfit.arrays import Array
 from clothfit.cost import Target, cost, cost_and_derivative, target
-from clothfit.errors import Diverged, InvalidMotion
+from clothfit.errors import Diverged
 from clothfit.fit_vector import blocks, check_shape, elements, fitted_cloths, parameters
 from clothfit.linear import checked_tolerance
-from clothfit.motion import Motion
+from clothfit.motion import Motion, as_motion, check_counts
 from clothfit.rollout import Rollout, rollout
 from clothfit.scene import Scene
 
@@ -25,23 +25,24 @@ TIGHT = 1e-14
 class Objective:
     """G(p) of one scene and one target; the systems and the target are prepared once."""
 
-    def __init__(self, scene: Scene, motion: Motion, tolerance: float | None = None, frames: int | None = None) -> None:
+    def __init__(
+        self, scene: Scene, motion: Motion | Array, tolerance: float | None = None, frames: int | None = None
+    ) -> None:
         """Compare with the frames of `motion` that lie within the first `frames` of the scene (default: all).
+
+        An array (frames, vertices, 3) stands for a motion with one frame per step.
 
         Raises InvalidMotion when the motion does not fit the scene.
         """
+        motion = motion if isinstance(motion, Motion) else as_motion(scene, motion)
         self.scene = scene
         self.tolerance = checked_tolerance(tolerance, TIGHT)
         self.blocks = blocks(scene)
         self.cloths = fitted_cloths(scene)
         self.systems = {i: system.build(scene, i) for i in self.cloths}
-        if motion.vertex_counts != tuple(len(c.mass) for c in scene.cloths):
-            raise InvalidMotion(
-                f"{motion.name}: its objects have {motion.vertex_counts} vertices, not those of {scene.name}"
-            )
+        check_counts(motion, scene)
         last = None if frames is None else frames - 1
         self.targets: dict[int, Target] = {i: target(motion, i, scene.delta, last) for i in self.cloths}
-        self.evaluations = 0
 
     @property
     def observations(self) -> int:
@@ -64,7 +65,6 @@ class Objective:
 
     def cost(self, p: Array) -> float:
         """G(p), m². Raises Diverged."""
-        self.evaluations += 1
         return sum(self.cost_of(i, p) for i in self.cloths)
 
     def cost_of(self, cloth: int, p: Array) -> float:
@@ -73,7 +73,6 @@ class Objective:
 
     def cost_and_gradient(self, p: Array) -> tuple[float, Array]:
         """G(p), m², and ∂G/∂p (P,). Raises Diverged."""
-        self.evaluations += 1
         total, gradient = 0.0, np.zeros(len(check_shape(self.scene, p)))
         for i in self.cloths:
             memory = self._rollout(i, p)
@@ -104,7 +103,7 @@ class Objective:
         return memory
 
 
-def cost_and_gradient(scene: Scene, motion: Motion, tolerance: float | None = None) -> tuple[float, Array]:
+def cost_and_gradient(scene: Scene, motion: Motion | Array, tolerance: float | None = None) -> tuple[float, Array]:
     """G, m², of the scene against all frames of `motion`, and its exact derivative (P,) at the scene's parameters.
 
     `tolerance` is that of the linear systems (default: tight enough for 1e-7 relative in the gradient). Raises

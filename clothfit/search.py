@@ -21,13 +21,22 @@ from clothfit.fit_vector import LOWER, UPPER, identifiable
 from clothfit.objective import Objective
 
 STATIONARY = 1e-5
-"""Converged at once where no parameter's change by a factor e would, linearly, change the cost by more than this fraction."""
+"""Converged at once where a change of any one parameter by a factor e would change the cost, linearly, by less than
+this fraction.
+"""
 
 STALL_EVALUATIONS, STALL_REDUCTION = 50, 1e-3
 """At an end where this many evaluations in a row reduced the best cost by less than this fraction …"""
 
 FLAT = 5e-2
-"""… which is convergence (the floor that noise or the model sets) if the same measure is below this, else a stall."""
+"""… which is convergence (at the floor that noise or the model sets) where the same measure is below this, else a
+stall.
+"""
+
+PLATEAU, SHAKE = 1e-3, 0.5
+"""No convergence where the cost changes by less than this fraction though every parameter moves by a factor e^SHAKE,
+every other one down: far from a minimum, the motion may no longer depend on the parameters at all.
+"""
 
 STEEPNESS = 1e3
 """Height of the bowl, relative to the largest cost met, at distance 1 from the best point."""
@@ -79,6 +88,7 @@ class Search:
         self.scale = np.sqrt(weights[self.fitted])
         self.unit = 0.0
         self.worst = 0.0
+        self._shaken, self._plateau = np.nan, False  # the cost at which the plateau was looked for, and what was found
 
     @property
     def y(self) -> Array:
@@ -90,6 +100,11 @@ class Search:
     def bounds(self) -> list[tuple[float, float]]:
         """Bounds of the coordinates."""
         return [(float(c * np.log(LOWER)), float(c * np.log(UPPER))) for c in self.scale]
+
+    @property
+    def evaluations(self) -> int:
+        """How often cost and gradient were asked for."""
+        return len(self.history)
 
     @property
     def seconds(self) -> float:
@@ -104,7 +119,7 @@ class Search:
 
     def __call__(self, y: Array) -> tuple[float, Array]:
         """Scaled cost and its gradient (Q,). Raises Stop when the fit is finished or its budget is spent."""
-        if self.objective.evaluations >= self.budget:
+        if self.evaluations >= self.budget:
             raise Stop("limit")
         p = self.parameters(y)
         try:
@@ -140,18 +155,42 @@ class Search:
     def _tell(self) -> None:
         if self.report and np.isfinite(self.best_cost):
             rmse = self.objective.rmse(self.best_cost)
-            self.report(Progress(self.objective.evaluations, self.budget, self.best_cost, rmse, self.seconds))
+            self.report(Progress(self.evaluations, self.budget, self.best_cost, rmse, self.seconds))
 
     def _check_end(self) -> None:
-        if self.objective.rmse(self.best_cost) <= self.rmse_tolerance or self._slope() <= STATIONARY:
+        if self.objective.rmse(self.best_cost) <= self.rmse_tolerance:
+            raise Stop("converged")
+        if self._slope() <= STATIONARY and not self._on_plateau():
             raise Stop("converged")
         if len(self.history) > STALL_EVALUATIONS:
             before = self.history[-1 - STALL_EVALUATIONS]
             if np.isfinite(before) and self.best_cost > (1.0 - STALL_REDUCTION) * before:
-                raise Stop("converged" if self._slope() <= FLAT else "stalled")
+                raise Stop(self.verdict())
+
+    def verdict(self) -> str:
+        """How the search ended, if it ends here: "converged" or "stalled"."""
+        near = self.objective.rmse(self.best_cost) <= self.rmse_tolerance
+        return "converged" if near or (self._slope() <= FLAT and not self._on_plateau()) else "stalled"
+
+    def _on_plateau(self) -> bool:
+        """Whether the cost around the best point hardly depends on the parameters."""
+        if self._shaken != self.best_cost:
+            self._shaken = self.best_cost
+            y = self.y
+            turns = SHAKE * self.scale * np.where(np.arange(len(y)) % 2 == 0, 1.0, -1.0)
+            self._plateau = all(abs(self._cost_near(y + t) / self.best_cost - 1.0) < PLATEAU for t in (turns, -turns))
+        return self._plateau
+
+    def _cost_near(self, y: Array) -> float:
+        try:
+            return self.objective.cost(self.parameters(y))
+        except Diverged:
+            return np.inf
 
     def _slope(self) -> float:
-        """Largest change of the best cost by a parameter's change by a factor e, linearly, as a fraction of that cost."""
+        """Largest change of the best cost by a parameter's change by a factor e, linearly, as a fraction of that
+        cost.
+        """
         if not (np.isfinite(self.best_cost) and self.best_cost > 0):
             return np.inf
         p = self.best[self.fitted]

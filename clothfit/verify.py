@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
+from itertools import pairwise
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -93,7 +94,7 @@ def taylor_order(cost: Cost, gradient: Array, p: Array, direction: Array) -> flo
             f"derivative check: only {len(rungs)} of {len(LADDER)} steps stand above rounding, "
             f"{FEWEST_RUNGS} are needed; try another direction, or a point where the cost curves more"
         )
-    return min(float(np.log(r / s) / np.log(t / u)) for (t, r), (u, s) in zip(rungs, rungs[1:], strict=False))
+    return min(float(np.log(r / s) / np.log(t / u)) for (t, r), (u, s) in pairwise(rungs))
 
 
 def central_difference_error(cost: Cost, gradient: Array, p: Array, direction: Array, step: float = 1e-6) -> float:

@@ -60,7 +60,6 @@ def test_help_is_quick_because_it_loads_no_numerical_library():
         assert not loaded & {"numba", "scipy", "numpy", "rich", "jsonschema"}
 
 
-@pytest.mark.xfail(strict=True, reason="help holds a true minus, which Windows code pages lack: a fault, code 1")
 @pytest.mark.parametrize("command", ["simulate", "target"])
 def test_help_can_be_redirected_where_text_is_not_utf8(command):
     assert started(command, "--help", env=environment(PYTHONIOENCODING="cp1252")).returncode == 0
@@ -129,13 +128,11 @@ def test_a_wrong_value_is_code_3_and_one_line_and_no_file(capsys, tmp_path, monk
     assert [path.name for path in tmp_path.iterdir()] == ["scene.json"]
 
 
-@pytest.mark.xfail(strict=True, reason="the whole help, on one line, as an error message")
 def test_no_command_shows_the_help_as_it_is(capsys):
     _, out, err = said(capsys)
     assert "\n\nCommands:\n" in out + err
 
 
-@pytest.mark.xfail(strict=True, reason="-q and -v are understood after the command only; the interface says everywhere")
 @pytest.mark.parametrize("option", ["-q", "-v"])
 def test_quiet_and_verbose_go_before_the_command_too(capsys, tmp_path, option):
     path = write_scene(tmp_path, trial("nG", 5, 3, 3))
@@ -209,7 +206,6 @@ def test_a_reader_that_left_is_no_reason_to_complain(small, writer):
     assert "Exception" not in err
 
 
-@pytest.mark.xfail(strict=True, reason="click catches the broken pipe before main does: code 1, a fault of the program")
 @pytest.mark.parametrize("writer", WRITERS[1:])
 def test_a_reader_that_left_is_not_a_fault_of_the_program(small, writer):
     assert closed_pipe(*writer, small)[0] != 1
@@ -230,23 +226,19 @@ def without(stream, *arguments):
     return subprocess.run(call, capture_output=True, env=environment(), check=False, timeout=50)
 
 
-@pytest.mark.xfail(strict=True, reason="sys.stdout is None: AttributeError, with a traceback")
 def test_a_closed_standard_output_does_not_matter_to_a_file(small, tmp_path):
     done = without(">&-", "simulate", small)
     assert (done.returncode, b"Traceback" in done.stderr) == (0, False)
 
 
-@pytest.mark.xfail(strict=True, reason="sys.stderr is None: print() then writes messages among the data")
 def test_with_standard_error_closed_standard_output_holds_data_only(small):
     assert without("2>&-", "simulate", small).stdout == b""
 
 
-@pytest.mark.xfail(strict=True, reason="sys.stderr is None: AttributeError, code 1")
 def test_with_standard_error_closed_a_fit_still_runs(small):
     assert without("2>&-", "estimate", small).returncode == 0
 
 
-@pytest.mark.xfail(strict=True, reason="sys.stdin is None: AttributeError, code 1")
 def test_a_closed_standard_input_is_an_unreadable_scene(small):
     assert without("<&-", "simulate", "-", "-o", "x.npz").returncode == 3
 

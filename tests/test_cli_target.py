@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scenes import cloth, document, started, trial, write_scene
 
+from clothfit.capture import degrade
 from clothfit.cli import run
-from clothfit.degrade import degrade
 from clothfit.fit import record_target
 from clothfit.motion import load_motion
 from clothfit.scene import load

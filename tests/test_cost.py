@@ -73,8 +73,8 @@ def test_times_in_single_precision_are_multiples_of_the_step():
 @pytest.mark.parametrize(
     ("times", "message"),
     [
-        ([0, 0.03], "walk.npz: times[1]: 0.03 s is not a multiple of the scene's delta, 0.02 s"),
-        ([-0.02, 0], "walk.npz: times[0]: -0.02 s is not a multiple of the scene's delta, 0.02 s"),
+        ([0, 0.03], "walk.npz: times[1]: 0.03 s is not 0 or a multiple of the scene's delta, 0.02 s"),
+        ([-0.02, 0], "walk.npz: times[0]: -0.02 s is not 0 or a multiple of the scene's delta, 0.02 s"),
         ([0.02, 0.020001], "walk.npz: times: several frames fall on one step of 0.02 s"),
     ],
 )

@@ -40,7 +40,7 @@ ORDER = [
     "rollout",
     "adjoint",
     "motion",
-    "degrade",
+    "capture",
     "cost",
     "fit_vector",
     "objective",

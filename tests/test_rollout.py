@@ -1,5 +1,7 @@
 """Whole motions of small systems against closed forms, conservation laws, symmetries and the order of the schemes."""
 
+from itertools import pairwise
+
 import numba
 import numpy as np
 import physics
@@ -97,7 +99,7 @@ def test_a_swinging_cloth_converges_with_order_one(method):
     end, steps = 0.3, np.array([240, 480, 960, 1920])
     last = [run(at_method(method, one, delta=end / n, windVel=xyz((1, 0, 2))), n)[-1] for n in steps]
     # the difference of successive refinements falls like the error
-    gaps = [np.linalg.norm(a - b) for a, b in zip(last, last[1:], strict=False)]
+    gaps = [np.linalg.norm(a - b) for a, b in pairwise(last)]
     slope = np.polyfit(np.log(1 / steps[:-1]), np.log(gaps), 1)[0]
     assert abs(slope - 1) < 0.1
 

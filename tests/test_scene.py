@@ -213,7 +213,7 @@ def test_the_message_names_the_file_and_counts_the_rest(tmp_path):
 
 def test_unknown_fields_of_any_kind_are_no_error():
     strange = {"x": None, "y": [1e308, "\ud800", {"deep": [[]]}], "objects": 3, "": {}}
-    ball = {**sphere(), **{"strange": strange}}
+    ball = {**sphere(), "strange": strange}
     fields = document({**cloth(), "strange": strange}, strange=strange, colliders=[ball])
     fields["objects"][0]["vertPos"][1]["w"] = "up"
     text = json.dumps(fields).replace("1e+308", "9" * 5000)

@@ -6,6 +6,7 @@ without reaching its tolerance, 130 interrupted.
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
@@ -17,6 +18,7 @@ from typing import NoReturn
 import click
 
 from clothfit import __version__
+from clothfit.cli.shared import loudness
 from clothfit.errors import ClothfitError
 
 COMMANDS = ("simulate", "target", "estimate", "evaluate")
@@ -37,7 +39,9 @@ class LazyGroup(click.Group):
 
 @click.command(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="clothfit")
-def group() -> None:
+@loudness
+@click.pass_context
+def group(context: click.Context, quiet: bool, verbose: bool) -> None:
     """Find the masses and stiffnesses of a cloth whose motion matches a target.
 
     \b
@@ -47,11 +51,14 @@ def group() -> None:
 
     SCENE is a file in the front end's JSON format, or - for standard input.
     """
+    context.obj = {"quiet": quiet, "verbose": verbose}
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit."""
-    signal.signal(signal.SIGTERM, _interrupt)
+    _open_streams()
+    for kind in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(kind, _interrupt)
     try:
         code = run(list(sys.argv[1:] if arguments is None else arguments))
         sys.stdout.flush()
@@ -59,13 +66,15 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         with suppress(OSError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 3
+    for kind in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(kind, signal.SIG_IGN)  # the exit code is decided
     sys.exit(code)
 
 
 def run(arguments: list[str]) -> int:
     """Run the command line; returns the exit code, having reported what went wrong."""
     try:
-        code = group.main(arguments, prog_name="clothfit", standalone_mode=False)
+        code = group.main(arguments or ["--help"], prog_name="clothfit", standalone_mode=False)
         return int(code or 0)
     except click.UsageError as error:
         return _refuse(error)
@@ -76,6 +85,10 @@ def run(arguments: list[str]) -> int:
     except MemoryError:
         return _fail("out of memory; try fewer frames (--steps, optimizationIterations)", 1)
     except BrokenPipeError:
+        raise
+    except SystemExit as error:  # click's own answer to a reader that left, before anybody can catch it
+        if error.code == 1:
+            raise BrokenPipeError from None
         raise
     except OSError as error:
         return _fail(f"{error.filename or 'standard output'}: {error.strerror or error}", 3)
@@ -100,5 +113,24 @@ def _fail(message: str, code: int) -> int:
 
 
 def _interrupt(number: int, frame: object) -> NoReturn:
-    """Treat a polite request to end like Ctrl-C: a fit then writes the best so far."""
+    """End at the first request, Ctrl-C or a polite one; a fit then writes the best so far, and further ones wait for
+    it.
+    """
+    for kind in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(kind, signal.SIG_IGN)
     raise KeyboardInterrupt
+
+
+def _open_streams() -> None:
+    """Put the null device in the place of standard streams that are closed, before a file takes their number.
+
+    What standard output cannot spell (a Windows code page, ASCII) is escaped instead of ending the program.
+    """
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        if getattr(sys, name) is None:
+            null = os.open(os.devnull, os.O_RDWR)
+            if null != number:
+                os.dup2(null, number)
+            setattr(sys, name, open(number, mode, encoding="utf-8"))  # noqa: SIM115 (for the life of the program)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")

@@ -11,6 +11,7 @@ import click
 from clothfit.cli import shared
 from clothfit.cli.console import Console, metres
 from clothfit.errors import Diverged, InvalidInput
+from clothfit.words import counted
 
 if TYPE_CHECKING:
     from clothfit.fit import Fit
@@ -42,8 +43,7 @@ def command(
     path: str | None,
     in_place: bool,
     as_json: bool,
-    quiet: bool,
-    verbose: bool,
+    console: Console,
 ) -> int:
     """Fit the masses and stiffnesses that SCENE flags and write the scene with only those numbers changed.
 
@@ -54,7 +54,6 @@ def command(
     clothfit estimate scene.json --target capture.npz -o fitted.json
     clothfit estimate - < scene.json > fitted.json
     """
-    console = Console(quiet, verbose)
     check_values(max_evaluations, rmse, path, in_place, scene_path)
     start_path = None if start is None or is_number(start) else start
     shared.one_stream(scene_path, target_path, start_path)
@@ -63,8 +62,8 @@ def command(
     from clothfit import fit
 
     fit.check_method(method)
-    target = shared.read_motion(target_path, scene) if target_path else None
-    first = shared.read_scene(start_path, console) if start_path else None if start is None else float(start)
+    target = shared.read_motion(target_path, scene) if target_path is not None else None
+    first = read_start(start, console)
     console.announce_compilation()
     with console.progress() as report:
         found = fit.estimate(
@@ -77,7 +76,8 @@ def command(
             tolerance=tolerance,
             report=report,
         )
-    return finish(scene, found, out, console, as_json)
+    with shared.uninterrupted():
+        return finish(scene, found, out, console, as_json)
 
 
 def check_values(max_evaluations: int, rmse: float, path: str | None, in_place: bool, scene_path: str) -> None:
@@ -88,6 +88,13 @@ def check_values(max_evaluations: int, rmse: float, path: str | None, in_place: 
         raise InvalidInput(f"--rmse: {rmse:g} m is not possible, 0 or more is")
     if in_place and (path is not None or scene_path == shared.STREAM):
         raise InvalidInput("--in-place writes into the scene's file; it does not go with -o or standard input")
+
+
+def read_start(start: str | None, console: Console) -> float | Scene | None:
+    """What --start says: a value, or a scene's file."""
+    if start is None:
+        return None
+    return float(start) if is_number(start) else shared.read_scene(start, console)
 
 
 def is_number(text: str) -> bool:
@@ -111,7 +118,11 @@ def finish(scene: Scene, found: Fit, out: shared.Output, console: Console, as_js
     """Write the result and tell about it; returns the exit code."""
     from clothfit.scene import dumps
 
+    for warning in found.warnings:
+        console.warn(f"{scene.name}: {warning}")
     if found.status == "diverged":
+        if as_json:
+            shared.print_json("estimate", summary(scene, found, out) | {"output": None}, out)
         raise Diverged(
             f"{scene.name}: no values that were tried gave a simulation that stays finite; nothing is written", 0
         )
@@ -126,7 +137,7 @@ def describe(found: Fit, out: shared.Output, console: Console) -> None:
     """Tell the result in a few lines."""
     console.say(
         f"{found.status}: RMSE {metres(found.rmse)} over {found.frames} frames, "
-        f"{found.evaluations} evaluations in {found.seconds:.1f} s → {out.path}"
+        f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s → {out.name}"
     )
     for block in found.parameters:
         place = f"objects[{block.object}] {block.name}"
@@ -154,5 +165,6 @@ def summary(scene: Scene, found: Fit, out: shared.Output) -> dict[str, Any]:
         "evaluations": found.evaluations,
         "seconds": found.seconds,
         "parameters": [asdict(block) for block in found.parameters],
+        "warnings": found.warnings,
         "output": out.path,
     }

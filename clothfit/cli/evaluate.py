@@ -9,6 +9,7 @@ import click
 
 from clothfit.cli import shared
 from clothfit.cli.console import Console, metres
+from clothfit.errors import Diverged
 
 if TYPE_CHECKING:
     from clothfit.evaluation import Evaluation
@@ -25,8 +26,7 @@ def command(
     target_path: str | None,
     steps: int | None,
     as_json: bool,
-    quiet: bool,
-    verbose: bool,
+    console: Console,
 ) -> int:
     """Measure how far the motion and the parameters of FITTED are from those of SCENE.
 
@@ -34,20 +34,21 @@ def command(
     clothfit evaluate scene.json scene.fitted.json
     clothfit evaluate scene.json scene.fitted.json --target capture.npz --json
     """
-    console = Console(quiet, verbose)
     shared.one_stream(scene_path, fitted_path, target_path)
     truth = shared.read_scene(scene_path, console)
     fitted = shared.read_scene(fitted_path, console)
     from clothfit.evaluation import HORIZON, evaluate
 
     horizon = HORIZON if steps is None else shared.frames_of(steps, truth)
-    target = shared.read_motion(target_path, truth) if target_path else None
+    target = shared.read_motion(target_path, truth) if target_path is not None else None
     console.announce_compilation()
-    report = evaluate(truth, fitted, target, horizon=horizon)
+    report = evaluate(truth, fitted, horizon=horizon, target=target)
     if as_json:
         shared.print_json("evaluate", summary(report))
     else:
         show(report, console)
+    if report.diverged:
+        raise Diverged(f"{report.diverged}; the horizon ends before that", report.horizon.frames)
     return 0
 
 

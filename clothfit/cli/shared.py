@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -29,20 +30,25 @@ STREAM = "-"
 F = TypeVar("F", bound=Callable[..., object])
 
 
-def command(name: str) -> Callable[[F], click.Command]:
-    """A command with the options that all of them have."""
+def loudness(function: F) -> F:
+    """Add the options that say how much to say; they are understood before and after a command's name."""
+    verbose = click.option("-v", "--verbose", is_flag=True, help="Say more: what is read, and when.")
+    return click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")(verbose(function))
 
-    def decorate(function: F) -> click.Command:
-        made: Any = function
-        for option in (
-            click.option(
-                "--json", "as_json", is_flag=True, help="Print the summary as one JSON object on standard output."
-            ),
-            click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors."),
-            click.option("-v", "--verbose", is_flag=True, help="Say more: timings, how linear systems were solved."),
-            click.version_option(__version__, prog_name="clothfit"),
-        )[::-1]:
-            made = option(made)
+
+def command(name: str) -> Callable[[Callable[..., int]], click.Command]:
+    """A command with the options that all of them have; its function is given a `console` for its messages."""
+
+    def decorate(function: Callable[..., int]) -> click.Command:
+        @wraps(function)
+        def speaking(quiet: bool, verbose: bool, **arguments: Any) -> int:
+            before: dict[str, bool] = click.get_current_context().obj or {}
+            console = Console(quiet or before.get("quiet", False), verbose or before.get("verbose", False))
+            return function(**arguments, console=console)
+
+        made = loudness(click.version_option(__version__, prog_name="clothfit")(speaking))
+        text = "Print the summary as one JSON object on standard output."
+        made = click.option("--json", "as_json", is_flag=True, help=text)(made)
         return click.command(name, context_settings={"help_option_names": ["-h", "--help"]})(made)
 
     return decorate
@@ -59,11 +65,16 @@ class Output:
         """Whether it is standard output."""
         return self.path == STREAM
 
+    @property
+    def name(self) -> str:
+        """What to call it in a message."""
+        return "standard output" if self.is_stream else self.path
+
     def write(self, data: bytes) -> None:
         """Write the whole result; an interrupt that comes now waits."""
         from clothfit.output import write_atomically
 
-        with _uninterrupted():
+        with uninterrupted():
             if self.is_stream:
                 sys.stdout.buffer.write(data)
                 sys.stdout.buffer.flush()
@@ -167,7 +178,8 @@ def plain(value: Any) -> Any:
 
 
 @contextmanager
-def _uninterrupted() -> Iterator[None]:
+def uninterrupted() -> Iterator[None]:
+    """Let interrupts wait: for the short time in which a result is written and told."""
     pending: list[int] = []
     kinds = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(kind, lambda number, frame: pending.append(number)) for kind in kinds]

@@ -13,7 +13,7 @@ from clothfit.errors import Diverged
 
 @shared.command("simulate")
 @click.argument("scene_path", metavar="SCENE")
-@click.option("--steps", type=int, metavar="N", help="Time steps.  [default: the scene's optimizationIterations − 1]")
+@click.option("--steps", type=int, metavar="N", help="Time steps.  [default: the scene's optimizationIterations - 1]")
 @click.option("--tolerance", type=float, metavar="T", help="Of the linear solver.  [default: the scene's]")
 @click.option("-o", "--output", "path", metavar="MOTION", help="Motion file.  [default: <stem>.motion.npz]")
 def command(
@@ -22,8 +22,7 @@ def command(
     tolerance: float | None,
     path: str | None,
     as_json: bool,
-    quiet: bool,
-    verbose: bool,
+    console: Console,
 ) -> int:
     """Move the cloths of SCENE as the editor's engine does and write their positions.
 
@@ -31,7 +30,6 @@ def command(
     clothfit simulate scene.json
     clothfit simulate scene.json --steps 500 -o long.npz
     """
-    console = Console(quiet, verbose)
     scene = shared.read_scene(scene_path, console)
     frames = shared.frames_of(steps, scene)
     out = shared.output(path, scene_path, ".motion.npz", ())
@@ -44,14 +42,14 @@ def command(
     except Diverged as error:
         if error.motion is not None:
             out.write(shared.motion_bytes(error.motion))
-            console.say(f"the {len(error.motion.times)} frames before it are in {out.path}")
+            console.say(f"the {len(error.motion.times)} frames before it are in {out.name}")
         raise
     seconds = time.perf_counter() - began
     out.write(shared.motion_bytes(motion))
     if motion.direct_solves:
         console.warn(f"{motion.direct_solves} linear systems were indefinite or very stiff and were solved directly")
     done = len(motion.times) - 1
-    console.say(f"{scene.name}: {done} steps of {scene.delta:.4g} s in {seconds:.2f} s → {out.path}")
+    console.say(f"{scene.name}: {done} steps of {scene.delta:.4g} s in {seconds:.2f} s → {out.name}")
     if as_json:
         summary = {
             "scene": scene.name,

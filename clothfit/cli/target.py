@@ -10,7 +10,7 @@ from clothfit.cli.console import Console, metres
 
 @shared.command("target")
 @click.argument("scene_path", metavar="SCENE")
-@click.option("--steps", type=int, metavar="N", help="Time steps.  [default: the scene's optimizationIterations − 1]")
+@click.option("--steps", type=int, metavar="N", help="Time steps.  [default: the scene's optimizationIterations - 1]")
 @click.option(
     "--noise", type=float, default=0.0, metavar="METRES", help="Standard deviation per coordinate.  [default: 0]"
 )
@@ -31,8 +31,7 @@ def command(
     tolerance: float | None,
     path: str | None,
     as_json: bool,
-    quiet: bool,
-    verbose: bool,
+    console: Console,
 ) -> int:
     """Record the motion of SCENE with its own parameters, perfect or as a capture would see it.
 
@@ -40,11 +39,10 @@ def command(
     clothfit target scene.json
     clothfit target scene.json --noise 0.001 --observed 0.25 --every 2 -o capture.npz
     """
-    console = Console(quiet, verbose)
     scene = shared.read_scene(scene_path, console)
     frames = shared.frames_of(steps, scene)
     out = shared.output(path, scene_path, ".target.npz", ())
-    from clothfit.degrade import check, degrade
+    from clothfit.capture import check, degrade
     from clothfit.fit import record_target
 
     check(noise, observed, every)
@@ -52,7 +50,8 @@ def command(
     motion = degrade(record_target(scene, frames, tolerance), noise, observed, every, seed)
     out.write(shared.motion_bytes(motion))
     seen = 1.0 if motion.observed is None else float(motion.observed.mean())
-    console.say(f"{scene.name}: {len(motion.times)} frames, {seen:.0%} seen, noise {metres(noise)} → {out.path}")
+    spoiled = f"noise {metres(noise)}" if noise else "no noise"
+    console.say(f"{scene.name}: {len(motion.times)} frames, {seen:.0%} seen, {spoiled} → {out.name}")
     if as_json:
         summary = {
             "scene": scene.name,

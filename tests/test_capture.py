@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scenes import cloth, document, even
 
-from clothfit.degrade import check, degrade
+from clothfit.capture import check, degrade
 from clothfit.errors import InvalidInput
 from clothfit.motion import simulate
 from clothfit.scene import load
@@ -83,13 +83,11 @@ def test_values_out_of_range_are_refused(values, message):
             refuse(*values)
 
 
-@pytest.mark.xfail(strict=True, reason="the mask of a motion that has one keeps all its frames when frames are skipped")
 def test_a_mask_loses_the_frames_that_are_skipped():
     twice = degrade(degrade(MOTION, observed=0.5), every=2)
     assert twice.observed.shape == (11, 36)
 
 
-@pytest.mark.xfail(strict=True, reason="a second draw forgets the first mask: vertices that are NaN count as seen")
 def test_what_was_not_seen_before_is_not_seen_after():
     twice = degrade(degrade(MOTION, observed=0.5), observed=0.5, seed=9)
     assert not np.isnan(twice.positions[twice.observed]).any()

@@ -31,13 +31,14 @@ def degrade(motion: Motion, noise: float = 0.0, observed: float = 1.0, every: in
     positions, times = motion.positions[::every].copy(), motion.times[::every].copy()
     if noise > 0:
         positions += generator.normal(scale=noise, size=positions.shape)
-    if observed == 1:
-        return replace(motion, positions=positions, times=times)
-    seen = np.zeros(positions.shape[1], bool)
-    start = 0
-    for count in motion.vertex_counts:
-        chosen = generator.choice(count, size=max(1, round(observed * count)), replace=False)
-        seen[start + chosen] = True
-        start += count
-    positions[:, ~seen] = np.nan
-    return replace(motion, positions=positions, times=times, observed=np.broadcast_to(seen, positions.shape[:2]).copy())
+    kept = motion.observed if motion.observed is None else motion.observed[::every].copy()
+    if observed < 1:
+        seen = np.zeros(positions.shape[1], bool)
+        start = 0
+        for count in motion.vertex_counts:
+            chosen = generator.choice(count, size=max(1, round(observed * count)), replace=False)
+            seen[start + chosen] = True
+            start += count
+        kept = np.broadcast_to(seen, positions.shape[:2]).copy() if kept is None else kept & seen
+        positions[~kept] = np.nan
+    return replace(motion, positions=positions, times=times, observed=kept)

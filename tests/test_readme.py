@@ -1,0 +1,67 @@
+"""What the README shows is what happens: its commands, their output, its Python, its exit codes."""
+
+import re
+import shutil
+from pathlib import Path
+
+import numba
+import pytest
+
+from clothfit.cli import run
+
+ROOT = Path(__file__).resolve().parent.parent
+TEXT = (ROOT / "README.md").read_text("utf-8")
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="fits of 144 vertices need compilation")
+
+
+def blocks(language):
+    """The code blocks of one language."""
+    return re.findall(rf"^```{language}\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE)
+
+
+def shape(text):
+    """A text without its numbers, its units of length, its column widths, and the progress of slow machines."""
+    lines = [line for line in text.splitlines() if not re.match(r" *[\d.]+ s  cost ", line) and line.strip()]
+    lines = [re.sub(r"\d[\d.e+-]* (nm|µm|mm|m)\b", "# m", line) for line in lines if "compiling" not in line]
+    return [re.sub(r" +", " ", re.sub(r"\d[\d.e+-]*", "#", line)).strip() for line in lines]
+
+
+@pytest.fixture
+def checkout(tmp_path, monkeypatch):
+    """A folder with the examples, to work in."""
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_its_commands_print_what_it_says(checkout, capsys):
+    ran = 0
+    for block in blocks("console"):
+        for command, told in re.findall(r"^\$ clothfit (.*)\n((?:(?!\$).*\n)*)", block, re.MULTILINE):
+            assert run(command.split()) == 0
+            assert shape(capsys.readouterr().err) == shape(told)
+            ran += 1
+    assert ran >= 6
+
+
+def test_its_python_runs(checkout, capsys):
+    (block,) = blocks("python")
+    exec(block, {})
+    status, rmse = capsys.readouterr().out.split()
+    assert status == "converged"
+    assert float(rmse) <= 1e-6
+    assert (checkout / "fitted.json").is_file()
+
+
+def test_the_files_it_names_exist():
+    for link in re.findall(r"\]\(([^)#:]+)\)", TEXT):
+        assert (ROOT / link).exists()
+
+
+def test_its_two_commands_are_the_targets_of_the_makefile():
+    (first, *_) = blocks("console")
+    targets = re.findall(r"\$ make (\w+)", first)
+    assert targets == ["demo", "test"]
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    assert all(re.search(rf"^{target}:", makefile, re.MULTILINE) for target in targets)
