@@ -1,8 +1,9 @@
 """The one decorator of all compiled functions.
 
 `cache`: compiled once per installation. `error_model="numpy"`: a division by zero gives inf or NaN, which the
-per-step check notices, instead of a branch at every division. `contract`: a·b + c may be one rounding instead of
-two; unlike the other fast-math flags it keeps NaN, inf and the order of sums, so results stay reproducible.
+per-step check notices, instead of a branch at every division. No fast-math flag: fusing a·b + c into one rounding
+(`contract`) would gain a sixth, but which products are fused depends on what is inlined where, and that differs
+between code just compiled and the same code from the cache; without it, repeated runs agree to the last bit.
 With NUMBA_DISABLE_JIT=1 the same functions run as plain Python.
 
 numba notices a change in the file of a compiled function, but not in the files of the functions it calls: after an
@@ -63,7 +64,7 @@ FOLDER = str(cache_folder())
 
 def kernel(function: F) -> F:
     """Compile `function` on first call, with the flags that the module docstring explains."""
-    compile_lazily: Any = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+    compile_lazily: Any = numba.njit(cache=True, error_model="numpy")
     before = config.CACHE_DIR
     config.CACHE_DIR = FOLDER  # read while decorating, and only then
     try:

@@ -1,0 +1,74 @@
+"""Compiled code: the same answers whether compiled just now or taken from the cache, and never from old sources."""
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import pytest
+
+from clothfit import kernel
+
+BITS = """
+import hashlib, sys
+sys.path.insert(0, sys.argv[1])
+from scenes import trial
+from clothfit import cost_and_gradient, load, parameters, simulate, with_parameters
+scene = load(trial("LL", 12, 5, 5))
+motion = simulate(scene)
+cost, gradient = cost_and_gradient(with_parameters(scene, 1.1 * parameters(scene)), motion)
+print(cost.hex(), hashlib.sha256(motion.positions.tobytes() + gradient.tobytes()).hexdigest())
+"""
+
+
+def imports(path):
+    """The modules of this package that a file imports when it runs, as paths."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        names = []
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("clothfit"):
+            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        for name in names:
+            file = kernel.PACKAGE.joinpath(*name.split(".")[1:]).with_suffix(".py")
+            found |= {file} if file.is_file() else set()
+    return found
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_compiled_now_or_cached_the_bits_are_the_same(tmp_path):
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    call = [sys.executable, "-c", BITS, str(Path(__file__).parent)]
+    first, second = (subprocess.check_output(call, text=True, env=environment) for _ in range(2))
+    assert first == second
+
+
+def test_the_cache_depends_on_every_file_that_kernels_use():
+    sources = set(kernel.sources())
+    kernels = {path for path in sources if "@kernel" in path.read_text("utf-8")}
+    used = set().union(*map(imports, kernels))
+    # What is not compiled along: types of the Python side, and the errors it raises.
+    python_only = {kernel.PACKAGE / f"{name}.py" for name in ("scene", "errors", "motion")}
+    assert used - python_only <= sources
+    assert len(kernels) > 10
+
+
+def test_other_sources_have_another_folder(monkeypatch, tmp_path):
+    own = kernel.cache_folder()
+    (tmp_path / "changed.py").write_text("# kernel\n")
+    monkeypatch.setattr(kernel, "sources", lambda: [tmp_path / "changed.py"])
+    assert kernel.cache_folder().name != own.name
+    assert kernel.cache_folder().parent == own.parent
+
+
+def test_the_folder_of_the_user_is_respected(monkeypatch, tmp_path):
+    monkeypatch.setattr(kernel.config, "CACHE_DIR", str(tmp_path))
+    assert kernel.cache_folder().parent == tmp_path
+
+
+def test_without_a_writable_package_the_cache_goes_to_the_user(monkeypatch, tmp_path):
+    monkeypatch.setattr(kernel.config, "CACHE_DIR", "")
+    monkeypatch.setattr(kernel.os, "access", lambda *_: False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert kernel.cache_folder().parent == tmp_path / "clothfit"
