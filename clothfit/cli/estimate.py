@@ -64,6 +64,8 @@ def command(
     fit.check_method(method)
     target = shared.read_motion(target_path, scene) if target_path is not None else None
     first = read_start(start, console)
+    flagged = ", ".join(f"objects[{b.cloth}] {b.name} ({b.mode})" for b in fit.blocks(scene))
+    console.detail(f"fitting {flagged or 'nothing'} over {scene.frames} frames")
     console.announce_compilation()
     with console.progress() as report:
         found = fit.estimate(

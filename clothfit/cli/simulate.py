@@ -45,6 +45,7 @@ def command(
             console.say(f"the {len(error.motion.times)} frames before it are in {out.name}")
         raise
     seconds = time.perf_counter() - began
+    console.detail(f"simulated, {motion.direct_solves} linear systems solved directly")
     out.write(shared.motion_bytes(motion))
     if motion.direct_solves:
         console.warn(f"{motion.direct_solves} linear systems were indefinite or very stiff and were solved directly")
