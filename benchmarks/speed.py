@@ -45,7 +45,7 @@ def row(path: Path) -> str:
     objective = clothfit.Objective(scene, record_target(scene), FIT_TOLERANCE)
     p = 1.1 * clothfit.parameters(scene)
     gradient = median_seconds(lambda: objective.cost_and_gradient(p), 15)
-    iterations = memory.log[:, 0].mean()
+    iterations = memory.solves[:, 0].mean()
     return (
         f"| {path.stem} | {len(system.x0)} | {1e3 * step:.3f} | {iterations:.1f} "
         f"| {len(p)} | {steps} | {1e3 * gradient:.1f} |"

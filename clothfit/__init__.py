@@ -47,6 +47,8 @@ _HOME = {
     "save": "scene",
 }
 
+_MODULES = ("mesh", "verify")  # for users as well, by their own names: clothfit.verify.check(…)
+
 __all__ = [
     "Cloth",
     "ClothfitError",
@@ -75,6 +77,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return import_module(f"clothfit.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'clothfit' has no attribute {name!r}")
     value = getattr(import_module(f"clothfit.{_HOME[name]}"), name)

@@ -14,8 +14,8 @@ from clothfit import guess
 from clothfit.arrays import Array, Elements
 from clothfit.kernel import kernel
 from clothfit.rollout import Rollout, velocity
-from clothfit.step import explicit, implicit
-from clothfit.system import IMPLICIT, System
+from clothfit.step import implicit, transition
+from clothfit.system import System
 from clothfit.vectors import add, copy
 
 
@@ -41,11 +41,8 @@ def sweep_back(system, memory, by_position, tolerance, work, grad):
     for t in range(steps - 1, -1, -1):
         add(1.0, by_position[t + 1], x_bar)
         v = velocity(memory, t)
-        if system.method == IMPLICIT:
-            guess.advance(work.past, steps - 1 - t, work.lam)
-            implicit.pullback(system, x[t], v, w[t], used[t], tolerance, work, x_bar, v_bar, grad)
-        else:
-            explicit.pullback(system, x[t], v, w[t, 0], work, x_bar, v_bar, grad)
+        guess.advance(work.past, steps - 1 - t, work.solution)
+        transition.pullback(system, x[t], v, w[t], used[t], tolerance, work, x_bar, v_bar, grad)
 
 
 @kernel
@@ -54,9 +51,6 @@ def sweep_forward(system, memory, direction, tolerance, work, change):
     dx, dv = np.zeros_like(x[0]), np.zeros_like(x[0])
     for t in range(len(w)):
         v = velocity(memory, t)
-        if system.method == IMPLICIT:
-            guess.advance(work.past, t, work.lam)
-            implicit.pushforward(system, x[t], v, w[t], used[t], tolerance, work, dx, dv, direction)
-        else:
-            explicit.pushforward(system, x[t], v, w[t, 0], work, dx, dv, direction)
+        guess.advance(work.past, t, work.solution)
+        transition.pushforward(system, x[t], v, w[t], used[t], tolerance, work, dx, dv, direction)
         copy(dx, change[t + 1])

@@ -15,11 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from clothfit.arrays import Array, Flags, Indices
 from clothfit.words import counted, shown
-
-Doubles = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int32]
-Flags = npt.NDArray[np.bool_]
 
 HANDFUL = 5
 NUMBERS = {int, float}  # exactly these types: a bool is an int to isinstance
@@ -28,11 +25,11 @@ NUMBERS = {int, float}  # exactly these types: a bool is an int to isinstance
 class Arrays(NamedTuple):
     """The long arrays of one object: n vertices, S springs, T triangles."""
 
-    positions: Doubles  # (n, 3) m
+    positions: Array  # (n, 3) m
     fixed: Flags  # (n,) the vertex does not move
-    mass: Doubles  # (n,) kg
+    mass: Array  # (n,) kg
     springs: Indices  # (S, 2) vertices
-    stiffness: Doubles  # (S,) N/m
+    stiffness: Array  # (S,) N/m
     triangles: Indices  # (T, 3) vertices
 
 
@@ -60,7 +57,7 @@ def arrays(fields: dict[str, Any], place: str, problems: list[str]) -> Arrays | 
     return None if len(problems) > before else Arrays(*made)  # type: ignore[arg-type]  # None only with a problem
 
 
-def vectors(values: list[Any], place: str, problems: list[str]) -> Doubles | None:
+def vectors(values: list[Any], place: str, problems: list[str]) -> Array | None:
     """Turn a list of {x, y, z} into an array (n, 3)."""
     try:
         flat = list(chain.from_iterable(map(itemgetter("x", "y", "z"), values)))
@@ -76,7 +73,7 @@ def vectors(values: list[Any], place: str, problems: list[str]) -> Doubles | Non
     return None
 
 
-def numbers(values: list[Any], place: str, problems: list[str]) -> Doubles | None:
+def numbers(values: list[Any], place: str, problems: list[str]) -> Array | None:
     """Turn a list of numbers into an array (n,); all must be finite."""
     if not set(map(type, values)) <= NUMBERS:
         wrong = [i for i, value in enumerate(values) if type(value) not in NUMBERS]
@@ -114,28 +111,28 @@ def vertices(values: list[Any], n: int, size: int, place: str, problems: list[st
     return None if wrong or len(values) % size else array.astype(np.int32).reshape(-1, size)
 
 
-def check_finite(array: Doubles, place: str, problems: list[str]) -> bool:
+def check_finite(array: Array, place: str, problems: list[str]) -> bool:
     """Check that every number is finite."""
     wrong = np.flatnonzero(~np.isfinite(array)).tolist()
     _report(wrong, place, lambda i: f"{_not_finite(array[i])} within the range of doubles", problems)
     return not wrong
 
 
-def check_masses(mass: Doubles | None, place: str, problems: list[str]) -> None:
+def check_masses(mass: Array | None, place: str, problems: list[str]) -> None:
     """Check that every mass (n,), where there are any, is above 0."""
     if mass is not None:
         wrong = np.flatnonzero(mass <= 0).tolist()
         _report(wrong, place, lambda i: f"the mass {float(mass[i])} kg must be above 0", problems)
 
 
-def check_stiffnesses(stiffness: Doubles | None, place: str, problems: list[str]) -> None:
+def check_stiffnesses(stiffness: Array | None, place: str, problems: list[str]) -> None:
     """Check that no stiffness (S,), where there are any, is negative."""
     if stiffness is not None:
         wrong = np.flatnonzero(stiffness < 0).tolist()
         _report(wrong, place, lambda i: f"the stiffness {float(stiffness[i])} N/m must be 0 or more", problems)
 
 
-def check_lengths(positions: Doubles, springs: Indices, place: str, problems: list[str]) -> None:
+def check_lengths(positions: Array, springs: Indices, place: str, problems: list[str]) -> None:
     """Check that every spring (S, 2) joins two vertices and has a rest length above 0 and finite."""
     a, b = springs[:, 0], springs[:, 1]
     same = a == b
@@ -149,7 +146,7 @@ def check_lengths(positions: Doubles, springs: Indices, place: str, problems: li
     _report_springs(~np.isfinite(length), springs, place, far, problems)
 
 
-def new_values(values: npt.ArrayLike, count: int, place: str, problems: list[str]) -> Doubles | None:
+def new_values(values: npt.ArrayLike, count: int, place: str, problems: list[str]) -> Array | None:
     """Copy given masses or stiffnesses into an array (count,) of finite numbers."""
     try:
         array = np.asarray(values)
@@ -191,7 +188,7 @@ def _not_finite(value: np.float64) -> str:
     return f"{shown(float(value))} is not a finite number"
 
 
-def _doubles(values: list[Any]) -> Doubles:
+def _doubles(values: list[Any]) -> Array:
     try:
         return np.array(values, dtype=np.float64)
     except OverflowError:  # an integer beyond the range of doubles; reported as not finite

@@ -18,6 +18,10 @@ TIME_SLACK = 1e-3
 """How far from a multiple of the time step a target's frame may be, in steps: time steps are float32 in many files."""
 
 
+MOST_STEPS = 2**31 - 1
+"""Steps are counted in 32 bits."""
+
+
 class Target(NamedTuple):
     """What one cloth should do: F frames of n vertices."""
 
@@ -30,7 +34,9 @@ def frame_steps(motion: Motion, delta: float) -> Indices:
     """The step of each frame of a motion, for time step `delta`. Raises InvalidMotion for times between steps."""
     steps = motion.times / delta
     whole = np.rint(steps)
-    wrong = (np.abs(steps - whole) > TIME_SLACK) | (whole < 0)
+    if whole[-1] > MOST_STEPS:
+        raise InvalidMotion(f"{motion.name}: times[{len(whole) - 1}]: {motion.times[-1]:.6g} s is too many steps away")
+    wrong = ~((np.abs(steps - whole) <= TIME_SLACK) & (whole >= 0))
     if wrong.any():
         frame = int(np.argmax(wrong))
         raise InvalidMotion(

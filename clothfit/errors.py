@@ -1,7 +1,7 @@
 """What can go wrong, as types: each carries one sentence for the user and the exit code of the commands.
 
-Exit codes: 1 a fault of the program, 2 usage, 3 invalid input, 4 diverged, 5 not converged, 130 interrupted
-(the last three of a fit are outcomes of a result, not exceptions).
+Exit codes: 1 a fault of the program, 2 usage, 3 invalid input, 4 diverged, 5 not converged, 130 interrupted. A fit that
+does not converge is a result with a status, not an exception.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ class InvalidMotion(InvalidInput):
 class Diverged(ClothfitError):
     """The simulation left the finite numbers.
 
-    `step` is the first step that cannot be used (1 = the first); `motion`, where there is one, holds the frames
-    before it.
+    `step` is the first step that cannot be used (1 = the first, 0 where no single one is to blame); `motion`, where
+    there is one, holds the frames before it.
     """
 
     exit_code = 4

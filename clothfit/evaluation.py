@@ -4,6 +4,7 @@ of its parameters.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from clothfit.cost import frame_steps
 from clothfit.errors import Diverged, InvalidInput
 from clothfit.fit import FIT_TOLERANCE
 from clothfit.fit_vector import blocks, fitted_cloths, identifiable, parameters
-from clothfit.motion import Motion, check_counts, simulate
+from clothfit.motion import Motion, check_counts, simulate_cloths
 from clothfit.scene import Scene
 
 HORIZON = 500  # frames
@@ -47,7 +48,7 @@ class Evaluation:
     """Report on a fitted scene."""
 
     fitted: Distance  # over the frames that are fitted
-    horizon: Distance  # over a longer run
+    horizon: Distance  # over a longer run, the fitted frames included
     parameters: list[Deviation]
     diverged: str | None = None  # what happened, where the longer run did not stay finite; it then ends before that
 
@@ -65,30 +66,31 @@ def evaluate(
     near = truth.frames if frames is None else frames
     if near < 2 or horizon < 2:
         raise InvalidInput(f"frames: {min(near, horizon)} is too few to compare, at least 2 are needed")
+    compared = fitted_cloths(truth) or range(len(truth.cloths))
     length = max(near, horizon)
     if target is None:
-        goal, fault = finite_part(truth, length, near)
+        goal, fault = finite_part(truth, compared, length, near)
         steps = np.arange(len(goal.times), dtype=np.int32)
     else:
         check_counts(target, truth)
         goal, steps, fault = target, frame_steps(target, truth.delta), None
     length = min(length, int(steps[-1]) + 1)
-    own, own_fault = finite_part(fitted, length, min(near, length))
+    own, own_fault = finite_part(fitted, compared, length, min(near, length))
     return Evaluation(
-        distance(own, goal, steps, truth, near),
-        distance(own, goal, steps, truth, horizon),
+        distance(own, goal, steps, compared, near),
+        distance(own, goal, steps, compared, horizon),
         deviations(truth, fitted),
         fault or own_fault,
     )
 
 
-def finite_part(scene: Scene, frames: int, needed: int) -> tuple[Motion, str | None]:
-    """Simulate, as far as the motion stays finite; tells what happened where it does not.
+def finite_part(scene: Scene, compared: Collection[int], frames: int, needed: int) -> tuple[Motion, str | None]:
+    """Simulate the compared objects, as far as the motion stays finite; tells what happened where it does not.
 
     Raises Diverged when fewer than `needed` frames are good.
     """
     try:
-        return simulate(scene, frames, FIT_TOLERANCE), None
+        return simulate_cloths(scene, compared, frames, FIT_TOLERANCE), None
     except Diverged as error:
         if error.motion is None or len(error.motion.times) < needed:
             raise
@@ -106,11 +108,11 @@ def check_same_objects(truth: Scene, fitted: Scene) -> None:
         raise InvalidInput(f"{fitted.name}: its delta is {fitted.delta:g} s, that of {truth.name} {truth.delta:g} s")
 
 
-def distance(own: Motion, goal: Motion, steps: Indices, scene: Scene, frames: int) -> Distance:
+def distance(own: Motion, goal: Motion, steps: Indices, compared: Collection[int], frames: int) -> Distance:
     """Distance of `own`, a simulated motion, from the frames of `goal` before step `frames`."""
     kept = steps[steps < min(frames, len(own.positions))]
     gaps: list[Array] = []
-    for cloth in fitted_cloths(scene) or range(len(scene.cloths)):
+    for cloth in compared:
         seen: Flags = goal.seen(cloth)[: len(kept)]
         gaps.append((own.of(cloth)[kept] - goal.of(cloth)[: len(kept)])[seen])
     squares = (np.concatenate(gaps) ** 2).sum(axis=1)

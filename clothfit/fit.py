@@ -15,9 +15,17 @@ import numpy as np
 
 from clothfit.arrays import Array
 from clothfit.errors import Diverged, InvalidInput
-from clothfit.fit_vector import LOWER, UPPER, blocks, fitted_cloths, parameters, unidentifiable, with_parameters
-from clothfit.linear import checked_tolerance
-from clothfit.motion import Motion, as_motion, simulate, simulate_cloths
+from clothfit.fit_vector import (
+    LOWER,
+    UPPER,
+    blocks,
+    fitted_cloths,
+    identifiable,
+    parameters,
+    unidentifiable,
+    with_parameters,
+)
+from clothfit.motion import Motion, as_motion, checked_tolerance, simulate, simulate_cloths
 from clothfit.objective import Objective
 from clothfit.scene import Scene
 from clothfit.search import Progress, Search, Stop
@@ -38,7 +46,7 @@ METHODS = {
 """
 
 RMSE_TOLERANCE = 1e-8  # m: far below what a file in float32 can hold
-FIT_TOLERANCE = 1e-10  # linear systems, relative: the gradient is then good to about 1e-8
+FIT_TOLERANCE = 1e-10  # linear systems, relative
 BUDGET = 1000  # evaluations
 MEMORY = 30  # steps that L-BFGS-B remembers; SciPy's 10 converge about half as fast on per-vertex fits
 
@@ -65,8 +73,8 @@ class Fit:
     cost: float  # G, m²; inf when nothing could be evaluated
     rmse: float  # m
     frames: int  # compared
-    evaluations: int
-    seconds: float
+    evaluations: int  # of cost and gradient
+    seconds: float  # of the search, without the target's simulation and the search for a start
     parameters: list[FittedBlock]
     warnings: list[str]  # what the user should know about the way there
 
@@ -93,7 +101,8 @@ def estimate(
     from values that do not depend on them. With one, it starts from the scene's values. `start` changes that: a
     number for all parameters, an array (P,), or a scene whose values to take. `budget` is in evaluations of cost and
     gradient, `rmse_tolerance` in metres, `tolerance` that of the linear systems; `report` is called after every
-    evaluation. An interrupt (KeyboardInterrupt) ends the fit with status "interrupted" and the best so far.
+    evaluation. KeyboardInterrupt ends the fit with status "interrupted" and the best so far; before the first
+    evaluation, when there is no result yet, it passes on.
 
     Raises InvalidInput when nothing is flagged, or an argument or the target does not fit; Diverged when the scene's
     own motion, needed as target, diverges.
@@ -116,13 +125,36 @@ def estimate(
             f"{goal.name}: shows nothing after the start within {scene.frames} frames, so there is nothing to fit to"
         )
     p = choose_start(scene, goal, start, hidden=target is None)
-    warnings = []
+    warnings = [*undetermined(scene), *outside_bounds(scene, p)]
     if not usable(objective, p):
         warnings.append("the simulation diverges at the start; the fit starts from the best of a coarse search instead")
         p = neutral_start(scene, goal, scene.frames)
     search = Search(objective, p, rmse_tolerance, budget, report)
     status = minimise(search, "l-bfgs-b" if method == "auto" else method)
     return result(search, status, method, warnings)
+
+
+def undetermined(scene: Scene) -> list[str]:
+    """Warnings of cloths whose fitted masses and stiffnesses the motion shows only up to a common factor.
+
+    Weight, inertia, node damping and springs all scale with them; only air drag and spheres do not.
+    """
+    both = [i for i, cloth in enumerate(scene.cloths) if "n" not in cloth.settings]
+    blind = [i for i in both if not scene.spheres and not (scene.cloths[i].drag > 0 and len(scene.cloths[i].triangles))]
+    what = "feels neither air nor spheres, so its motion shows masses and stiffnesses only up to one common factor"
+    return [f"objects[{i}] {what}" for i in blind]
+
+
+def outside_bounds(scene: Scene, p: Array) -> list[str]:
+    """Warnings of starting values (P,) that the bounds will move."""
+    outside = identifiable(scene) & ((p < LOWER) | (p > UPPER))
+    counts = [(block, int(outside[block.part].sum())) for block in blocks(scene)]
+    return [
+        f"objects[{block.cloth}] {block.name}: {count} of {block.count} starting values lie outside the bounds "
+        f"{LOWER:g} … {UPPER:g} and start at the bound; the truth may lie outside as well"
+        for block, count in counts
+        if count
+    ]
 
 
 def usable(objective: Objective, p: Array) -> bool:
@@ -182,10 +214,10 @@ def minimise(search: Search, method: str) -> str:
     except Stop as stop:
         status = stop.status
     except KeyboardInterrupt:
+        if not np.isfinite(search.best_cost):
+            raise  # there is no result yet
         status = "interrupted"
-    if not np.isfinite(search.best_cost) and status != "interrupted":
-        return "diverged"
-    return status
+    return status if np.isfinite(search.best_cost) else "diverged"
 
 
 def options(method: str, budget: int) -> dict[str, Any]:

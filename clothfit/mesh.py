@@ -9,7 +9,7 @@ triangle (m²), L the rest length of the spring (m), E the object's stiffness (N
     bending   k = (E/4) 2 A / L²       of the second triangle met
     mass      m = ρ ΣA/3               over the triangles at the vertex
 
-n vertices, T triangles, S springs. Reference: "How the front end builds an object" in the scene file's description.
+n vertices, T triangles, S springs.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ def areas(mesh: Mesh) -> Array:
     """Areas of the triangles, (T,), m²."""
     a, b, c = (mesh.positions[mesh.triangles[:, corner]] for corner in range(3))
     normal = np.cross(b - a, c - a)
-    lengths: Array = 0.5 * np.sqrt((normal * normal).sum(axis=1))
-    return lengths
+    halves: Array = 0.5 * np.sqrt((normal * normal).sum(axis=1))
+    return halves
 
 
 def sides(triangles: Indices) -> Sides:

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from clothfit.arrays import Array, Flags
 from clothfit.errors import Diverged, InvalidInput, InvalidMotion
-from clothfit.linear import checked_tolerance
 from clothfit.output import write_atomically
 from clothfit.rollout import rollout
 from clothfit.scene import Scene
@@ -78,7 +77,7 @@ def simulate_cloths(
     for index in cloths:
         memory, steps = rollout(build(scene, index), count - 1, accuracy)
         motion.of(index)[:] = memory.x
-        direct += int(memory.log[:, 1].sum())
+        direct += int(memory.solves[:, 1].sum())
         if steps < good:
             good, fault = steps, f"objects[{index}], vertex {_worst(memory.x[steps + 1])} of {counts[index]}"
     moved = np.repeat([index in cloths for index in range(len(counts))], counts)
@@ -94,6 +93,14 @@ def simulate_cloths(
         )
         raise Diverged(message, step, motion)
     return motion
+
+
+def checked_tolerance(tolerance: float | None, default: float) -> float:
+    """The relative tolerance to solve to. Raises InvalidInput unless it is above 0 and below 1."""
+    value = default if tolerance is None else tolerance
+    if not 0 < value < 1:
+        raise InvalidInput(f"tolerance: {value:g} is not possible, it must be above 0 and below 1")
+    return value
 
 
 def _worst(x: Array) -> int:
@@ -159,6 +166,13 @@ def as_motion(scene: Scene, positions: Array, times: Array | None = None, observ
     """
     given = {"positions": positions, "times": times, "observed": observed}
     return check_motion({key: np.asarray(value) for key, value in given.items() if value is not None}, scene, "motion")
+
+
+def checked_motion(motion: Motion, scene: Scene) -> Motion:
+    """A motion made by hand, checked as one from a file is. Raises InvalidMotion when it does not fit the scene."""
+    check_counts(motion, scene)
+    arrays = {"positions": motion.positions, "times": motion.times, "observed": motion.observed}
+    return check_motion({key: np.asarray(a) for key, a in arrays.items() if a is not None}, scene, motion.name)
 
 
 def check_counts(motion: Motion, scene: Scene) -> None:

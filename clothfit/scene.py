@@ -1,8 +1,8 @@
 """The scene: what the JSON of the front end says, checked, as arrays in SI units; loading and saving it.
 
 A scene is immutable; a fit makes new ones with other masses and stiffnesses. Each remembers the text it came from, and
-saving changes nothing in that text but the numbers that differ. The camelCase names of the file are mapped here and
-nowhere else.
+saving changes nothing in that text but the numbers that differ. The camelCase names of the file
+end here and in `checks`: the rest of the package knows these fields.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clothfit import checks, structure
+from clothfit.arrays import Array, Flags, Indices
 from clothfit.errors import InvalidScene
 from clothfit.output import write_atomically
 from clothfit.source import Readable, Source, constant_problem, name_of, parse, read
@@ -29,12 +30,12 @@ LETTERS = {"n": "n", "g": "G", "l": "L"}
 class Cloth:
     """One object of a scene: n vertices, S springs, T triangles. The arrays are read-only."""
 
-    positions: npt.NDArray[np.float64]  # (n, 3) initial world positions, m
-    fixed: npt.NDArray[np.bool_]  # (n,) the vertex does not move
-    mass: npt.NDArray[np.float64]  # (n,) kg, above 0
-    springs: npt.NDArray[np.int32]  # (S, 2) the vertices each spring joins
-    stiffness: npt.NDArray[np.float64]  # (S,) N/m, 0 or more
-    triangles: npt.NDArray[np.int32]  # (T, 3) the corners of each face
+    positions: Array  # (n, 3) initial world positions, m
+    fixed: Flags  # (n,) the vertex does not move
+    mass: Array  # (n,) kg, above 0
+    springs: Indices  # (S, 2) the vertices each spring joins
+    stiffness: Array  # (S,) N/m, 0 or more
+    triangles: Indices  # (T, 3) the corners of each face
     drag: float  # air drag of the faces, kg/(m^6 s), 0 or more
     damping: float  # alpha: node damping alpha m, spring damping (alpha/2) k
     settings: str  # what to fit, masses then stiffnesses: n nothing, G one value, L one per element
@@ -49,7 +50,7 @@ class Cloth:
 class Sphere:
     """A fixed sphere that the cloths cannot enter."""
 
-    centre: npt.NDArray[np.float64]  # (3,) m, read-only
+    centre: Array  # (3,) m, read-only
     radius: float  # m, above 0
 
     def __post_init__(self) -> None:
@@ -66,7 +67,7 @@ class Scene:
     tolerance: float  # of the linear solver, relative to the right-hand side
     frames: int  # compared when fitting, the initial one included
     newton_iterations: int  # per implicit step; 1 is the linearised step
-    wind: npt.NDArray[np.float64]  # (3,) m/s, read-only
+    wind: Array  # (3,) m/s, read-only
     cloths: tuple[Cloth, ...]  # at least one, in file order
     spheres: tuple[Sphere, ...]
     warnings: tuple[str, ...]  # what the file asks for and nobody does, one sentence each
@@ -179,5 +180,5 @@ def _sphere(item: dict[str, Any]) -> Sphere:
     return Sphere(_vector(item["pos"]), float(item["scale"]["x"]) / 2)
 
 
-def _vector(item: dict[str, Any]) -> npt.NDArray[np.float64]:
+def _vector(item: dict[str, Any]) -> Array:
     return np.array([item["x"], item["y"], item["z"]], dtype=np.float64)

@@ -38,8 +38,8 @@ PLATEAU, SHAKE = 1e-3, 0.5
 every other one down: far from a minimum, the motion may no longer depend on the parameters at all.
 """
 
-STEEPNESS = 1e3
-"""Height of the bowl, relative to the largest cost met, at distance 1 from the best point."""
+HEIGHT = 1e3
+"""Height of the bowl at its bottom, relative to the largest cost met; twice that at distance 1 from the best point."""
 
 
 class Stop(Exception):
@@ -149,7 +149,7 @@ class Search:
 
     def _bowl(self, y: Array) -> tuple[float, Array]:
         away = y - self.y
-        height = STEEPNESS * max(self.worst / self.unit if self.unit else 1.0, 1.0)
+        height = HEIGHT * max(self.worst / self.unit if self.unit else 1.0, 1.0)
         return float(height * (1.0 + away @ away)), 2.0 * height * away
 
     def _tell(self) -> None:

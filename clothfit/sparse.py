@@ -106,9 +106,9 @@ def to_scipy(row: Indices, column: Indices, diagonal: Array, upper: Array) -> cs
 
     n = len(row) - 1
     square = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
-    lower_rows = np.repeat(np.arange(n), np.diff(row))
-    rows = np.concatenate([np.arange(n), lower_rows, column])
-    columns = np.concatenate([np.arange(n), column, lower_rows])
+    rows_above = np.repeat(np.arange(n), np.diff(row))
+    rows = np.concatenate([np.arange(n), rows_above, column])
+    columns = np.concatenate([np.arange(n), column, rows_above])
     blocks = np.concatenate([diagonal, upper[:-1], upper[:-1]])[:, square]
     order = np.lexsort((columns, rows))
     starts = np.searchsorted(rows[order], np.arange(n + 1))

@@ -7,51 +7,73 @@ are compared: near the start the cost is smooth in the parameters, later a windy
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import product
 
 import numpy as np
 
 from clothfit.arrays import Array
+from clothfit.cost import target
 from clothfit.errors import Diverged
-from clothfit.fit_vector import LOWER, UPPER
+from clothfit.fit_vector import LOWER, UPPER, Block
 from clothfit.motion import Motion
 from clothfit.objective import Objective
 from clothfit.scene import Scene
 
-WINDOW = 30  # frames
+WINDOW = 30  # frames, the one before the first that shows anything included
 LOOSE = 1e-4  # tolerance of the linear solver: far below the differences between grid points
-DECADES = np.arange(round(np.log10(LOWER)), round(np.log10(UPPER)) + 1.0)
+DECADES = [float(e) for e in range(round(math.log10(LOWER)), round(math.log10(UPPER)) + 1)]
+Exponents = tuple[float, ...]  # of ten, one per flagged kind
 
 
 def neutral_start(scene: Scene, motion: Motion, frames: int) -> Array:
     """Starting values (P,) from the target and from what is not flagged; independent of the scene's flagged values."""
-    objective = Objective(scene, motion, LOOSE, frames=min(frames, WINDOW))
+    objective = Objective(scene, motion, LOOSE, frames=min(frames, first_seen(scene, motion) + WINDOW - 1))
     p = np.ones(sum(block.count for block in objective.blocks))
     for cloth in objective.cloths:
         own = [block for block in objective.blocks if block.cloth == cloth]
-
-        def cost(exponents: tuple[float, ...], cloth: int = cloth, own: list = own) -> float:  # type: ignore[type-arg]
-            for block, exponent in zip(own, exponents, strict=True):
-                p[block.part] = 10.0**exponent
-            try:
-                value = objective.cost_of(cloth, p)
-            except Diverged:
-                return np.inf
-            return value if np.isfinite(value) else np.inf
-
-        best = min(product(DECADES, repeat=len(own)), key=cost)
-        best_cost = cost(best)
-        for width in (0.5, 0.25, 0.125):
-            for near in neighbours(best, width):
-                near_cost = cost(near)
-                if near_cost < best_cost:
-                    best, best_cost = near, near_cost
-        cost(best)  # leaves the best values in p
+        best = search_grid(partial(grid_cost, objective, cloth, own), len(own))
+        fill(p, own, best)
     return p
 
 
-def neighbours(exponents: tuple[float, ...], width: float) -> Iterator[tuple[float, ...]]:
+def first_seen(scene: Scene, motion: Motion) -> int:
+    """The first step after the start at which something was observed; 0 where nothing was."""
+    goals = [target(motion, cloth, scene.delta) for cloth in range(len(scene.cloths))]
+    seen = [goal.step[goal.observed.any(axis=1) & (goal.step > 0)] for goal in goals]
+    return int(min((steps[0] for steps in seen if steps.size), default=0))
+
+
+def fill(p: Array, own: Sequence[Block], exponents: Exponents) -> None:
+    """Give each block its one value."""
+    for block, exponent in zip(own, exponents, strict=True):
+        p[block.part] = 10.0**exponent
+
+
+def grid_cost(objective: Objective, cloth: int, own: Sequence[Block], exponents: Exponents) -> float:
+    """Cost of one cloth at a point of its grid; infinite where the simulation diverges."""
+    p = np.ones(sum(block.count for block in objective.blocks))
+    fill(p, own, exponents)
+    try:
+        cost = objective.cost_of(cloth, p)
+    except Diverged:
+        return np.inf
+    return cost if np.isfinite(cost) else np.inf
+
+
+def search_grid(cost: Callable[[Exponents], float], kinds: int) -> Exponents:
+    """The best point of the decades, refined."""
+    costs = {point: cost(point) for point in product(DECADES, repeat=kinds)}
+    best = min(costs, key=lambda point: costs[point])
+    for width in (0.5, 0.25, 0.125):
+        costs |= {point: cost(point) for point in neighbours(best, width)}
+        best = min(costs, key=lambda point: costs[point])
+    return best
+
+
+def neighbours(exponents: Exponents, width: float) -> Iterator[Exponents]:
     """The points one step away along each axis and diagonal, within the bounds."""
     for step in product((-width, 0.0, width), repeat=len(exponents)):
         point = tuple(float(e + s) for e, s in zip(exponents, step, strict=True))

@@ -109,7 +109,7 @@ def test_a_compressed_cloth_is_swept_through_indefinite_matrices():
     system = system._replace(springs=system.springs._replace(rest=2.5 * system.springs.rest))
     system = with_elements(system, 0.1 * system.vertex.mass, system.springs.stiffness)
     memory, weight = swept(system)
-    assert memory.log[:, 1].sum() > 0  # conjugate gradients met negative curvature
+    assert memory.solves[:, 1].sum() > 0  # conjugate gradients met negative curvature
     change = physics.direction(system)
     forward = adjoint.tangent(system, memory, change, TIGHT)
     back = dot(adjoint.gradient(system, memory, weight, TIGHT), change)

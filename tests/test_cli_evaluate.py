@@ -16,7 +16,7 @@ from clothfit.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
-KEYS = {"schema_version", "command", "frames", "rmse", "max_error", "horizon", "parameters"}
+KEYS = {"schema_version", "command", "diverged", "frames", "rmse", "max_error", "horizon", "parameters"}
 PARAMETER_KEYS = {"object", "name", "mode", "count", "median_relative_deviation", "max_relative_deviation"}
 
 

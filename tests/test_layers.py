@@ -37,6 +37,7 @@ ORDER = [
     "step",
     "step.explicit",
     "step.implicit",
+    "step.transition",
     "rollout",
     "adjoint",
     "motion",

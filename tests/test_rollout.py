@@ -10,8 +10,7 @@ from physics import GRAVITY, METHODS, TIGHT, ball, gentle, placed, rotation, sta
 from scenes import cloth
 
 from clothfit.rollout import FAR, finite, rollout, velocity
-from clothfit.step import explicit, implicit
-from clothfit.system import IMPLICIT
+from clothfit.step import implicit, transition
 
 ALL = list(METHODS)
 
@@ -146,15 +145,9 @@ def test_a_vertex_rests_on_a_sphere_at_the_depth_that_carries_its_weight():
 
 def stepped(system, x, v):
     """Position and velocity one step later."""
-    v_new, x_new = np.zeros_like(x), np.zeros_like(x)
-    if system.method == IMPLICIT:
-        iterates = np.zeros((system.newton_iterations, *x.shape))
-        used, _, _ = implicit.step(system, x, v, v, TIGHT, implicit.workspace(system), iterates)
-        v_new = iterates[used - 1]
-    else:
-        explicit.step(system, x, v, v_new)
-    explicit.position(system, x, v, v_new, x_new)
-    return x_new, v_new
+    w, x_new = np.zeros((system.newton_iterations, *x.shape)), np.zeros_like(x)
+    used, _, _ = transition.step(system, x, v, v, TIGHT, implicit.workspace(system), w, x_new)
+    return x_new, w[used - 1]
 
 
 def drifting(method, **fields):
@@ -255,9 +248,9 @@ def test_positions_follow_from_the_velocities_kept():
 def test_the_tolerance_bounds_the_error_and_the_log_counts_the_work():
     system = gentle("implicit", 1)
     rough, fine = rollout(system, 5, 1e-3)[0], rollout(system, 5, TIGHT)[0]
-    assert 0 < rough.log[:, 0].sum() < fine.log[:, 0].sum()
+    assert 0 < rough.solves[:, 0].sum() < fine.solves[:, 0].sum()
     assert 0 < np.abs(rough.x - fine.x).max() < 1e-2
-    assert fine.log[:, 1].tolist() == [0] * 5
+    assert fine.solves[:, 1].tolist() == [0] * 5
 
 
 # Divergence -----------------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from clothfit.fit_vector import LOWER, UPPER, identifiable, parameters
 from clothfit.motion import simulate
 from clothfit.objective import Objective
 from clothfit.scene import load
-from clothfit.search import STALL_EVALUATIONS, STEEPNESS, Search, Stop
+from clothfit.search import HEIGHT, STALL_EVALUATIONS, Search, Stop
 
 
 class Played(Objective):
@@ -123,8 +123,8 @@ def test_what_is_not_finite_is_a_bowl_around_the_best_above_every_cost(kind):
     search(best), search(best + 1)
     (near, slope), (far, _) = (search(best + away) for away in (0.5, 2.0))
     assert far > near > 50.0 / 2.0
-    assert near == pytest.approx(STEEPNESS * 25 * 1.25)  # 25: the worst cost met over the first
-    assert slope == pytest.approx(STEEPNESS * 25 * 2 * 0.5)
+    assert near == pytest.approx(HEIGHT * 25 * 1.25)  # 25: the worst cost met over the first
+    assert slope == pytest.approx(HEIGHT * 25 * 2 * 0.5)
     assert search.best_cost == 2.0
     np.testing.assert_array_equal(search.y, best)
 

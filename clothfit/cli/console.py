@@ -80,7 +80,7 @@ def _first_compilation(console: Console) -> object:
 
         def on_start(self, event: Event) -> None:
             if not self.told:
-                console.say("compiling for this machine; this happens once and takes about 20 seconds …")
+                console.say("compiling for this machine: a command's first use does so once, for 5 to 20 seconds …")
             self.told = True
 
         def on_end(self, event: Event) -> None:

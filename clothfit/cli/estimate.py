@@ -60,11 +60,12 @@ def command(
     scene = shared.read_scene(scene_path, console)
     out = output(scene_path, path, in_place, (target_path, start_path))
     from clothfit import fit
+    from clothfit.fit_vector import blocks
 
     fit.check_method(method)
     target = shared.read_motion(target_path, scene) if target_path is not None else None
     first = read_start(start, console)
-    flagged = ", ".join(f"objects[{b.cloth}] {b.name} ({b.mode})" for b in fit.blocks(scene))
+    flagged = ", ".join(f"objects[{b.cloth}] {b.name} ({b.mode})" for b in blocks(scene))
     console.detail(f"fitting {flagged or 'nothing'} over {scene.frames} frames")
     console.announce_compilation()
     with console.progress() as report:

@@ -59,6 +59,7 @@ def summary(report: Evaluation) -> dict[str, Any]:
         "rmse": report.fitted.rmse,
         "max_error": report.fitted.max_error,
         "horizon": asdict(report.horizon),
+        "diverged": report.diverged,
         "parameters": [asdict(deviation) for deviation in report.parameters],
     }
 

@@ -119,7 +119,7 @@ def add_pullback(faces, y, u, w, s, lam, h, grad, gy, gu):
         n0, n1, n2, kappa = normal(faces, y, i)
         size = n0 * n0 + n1 * n1 + n2 * n2
         if size == 0.0:
-            continue  # φ is of third order in n: no derivative there
+            continue  # φ is of third order in n: its derivative is 0
         eta = inflow(faces, u, i, n0, n1, n2)
         g0 = g1 = g2 = 0.0  # ∂[φ/(h κ)]/∂n at fixed κ
         t0, t1, t2 = 0.0, 0.0, 0.0  # Λ

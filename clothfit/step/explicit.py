@@ -4,15 +4,16 @@
     symplectic:  v⁺ = v + h M⁻¹ f(x, v),    x⁺ = x + h v⁺
 
 Both solve r = M (v⁺ − v) − h f(x, v) = 0, the implicit step with A = M: their derivatives are those of −λᵀ r with
-λ = M⁻¹ v̄⁺, through the same functions of the forces at y = x, u = w = v, s = 0, which leave out D (see `forces`);
-`add_damping` puts it back. Arrays are (n, 3); fixed vertices stay.
+λ = M⁻¹ v̄⁺ (explicit) or M⁻¹ (v̄⁺ + h x̄⁺) (symplectic). The functions of the forces serve here as well, at y = x,
+u = w = v, s = 0: their gu is the derivative of the step's model by u, ∂f/∂u − D, and `add_damping` puts D back.
+Arrays are (n, 3); fixed vertices stay.
 """
 
 from __future__ import annotations
 
 from clothfit.forces import total
 from clothfit.kernel import kernel
-from clothfit.system import EXPLICIT, SYMPLECTIC
+from clothfit.system import SYMPLECTIC
 from clothfit.vectors import add, add_mass, add_rows_dot, combine, copy, hold_fixed
 
 
@@ -35,16 +36,9 @@ def step(system, x, v, v_new):
 
 
 @kernel
-def position(system, x, v, v_new, x_new):
-    """Write the position after the step from the velocities before and after it; right for all three methods."""
-    w = v if system.method == EXPLICIT else v_new
-    combine(1.0, x, system.h, w, x_new)
-
-
-@kernel
 def pullback(system, x, v, v_new, work, x_bar, v_bar, grad):
     """Turn x_bar, v_bar, the gradient by the state after the step, into that before it; add to `grad`."""
-    h, lam, s, gy, gu = system.h, work.lam, work.s, work.gy, work.gu
+    h, lam, s, gy, gu = system.h, work.solution, work.s, work.gy, work.gu
     copy(v_bar, lam)
     if system.method == SYMPLECTIC:
         add(h, x_bar, lam)
@@ -64,7 +58,7 @@ def pullback(system, x, v, v_new, work, x_bar, v_bar, grad):
 @kernel
 def pushforward(system, x, v, v_new, work, dx, dv, direction):
     """Turn dx, dv, the change of the state before the step, into that after it, for the change `direction`."""
-    h, dw, s = system.h, work.lam, work.s
+    h, dw, s = system.h, work.solution, work.s
     s[:] = 0.0
     dw[:] = 0.0
     add_mass(direction.mass, 1.0, v, dw)

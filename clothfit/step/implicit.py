@@ -38,7 +38,7 @@ class Workspace(NamedTuple):
     w_bar: Array  # gradient by the velocity of an iteration
     y: Array  # point of linearisation
     s: Array  # x + h w − y
-    lam: Array  # solution of the derivative's system
+    solution: Array  # of the derivative's system (λ or dw), holding its first guess before
     gy: Array  # derivative by y
     gu: Array  # derivative by u
 
@@ -106,10 +106,10 @@ def step(system, x, v, first, tolerance, work, iterates):
 def pullback(system, x, v, iterates, used, tolerance, work, x_bar, v_bar, grad):
     """Turn x_bar, v_bar (n, 3), the gradient by the state after the step, into that before it; add to `grad`.
 
-    work.lam holds a first guess of λ and receives λ of the first iteration. Returns the direct solves.
+    work.solution holds a first guess of λ and receives λ of the first iteration. Returns the direct solves.
     """
     h, mass, free = system.h, system.vertex.mass, system.vertex.free
-    A, b, y, s, lam, gy, gu = work.A, work.b, work.y, work.s, work.lam, work.gy, work.gu
+    A, b, y, s, lam, gy, gu = work.A, work.b, work.y, work.s, work.solution, work.gy, work.gu
     w_bar = work.w_bar
     combine(1.0, v_bar, h, x_bar, w_bar)
     v_bar[:] = 0.0
@@ -157,10 +157,10 @@ def linearise(system, x, w, u, k, A, b, y, s):
 def pushforward(system, x, v, iterates, used, tolerance, work, dx, dv, direction):
     """Turn dx, dv (n, 3), the change of the state before the step, into that after it, for the change `direction`.
 
-    work.lam holds a first guess of dw and receives dw of the last iteration. Returns the direct solves.
+    work.solution holds a first guess of dw and receives dw of the last iteration. Returns the direct solves.
     """
     h, mass, free = system.h, system.vertex.mass, system.vertex.free
-    A, b, y, s, dw, dy, du = work.A, work.b, work.y, work.s, work.lam, work.gy, work.gu
+    A, b, y, s, dw, dy, du = work.A, work.b, work.y, work.s, work.solution, work.gy, work.gu
     direct = 0
     for k in range(used):
         w = iterates[k]
