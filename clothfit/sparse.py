@@ -50,6 +50,17 @@ def zeros(row: Indices, column: Indices) -> BlockMatrix:
 
 
 @kernel
+def add_outer(diagonal, i, scale, n0, n1, n2):
+    """Add scale · n nᵀ to the diagonal block of vertex i."""
+    diagonal[i, 0] += scale * n0 * n0
+    diagonal[i, 1] += scale * n0 * n1
+    diagonal[i, 2] += scale * n0 * n2
+    diagonal[i, 3] += scale * n1 * n1
+    diagonal[i, 4] += scale * n1 * n2
+    diagonal[i, 5] += scale * n2 * n2
+
+
+@kernel
 def multiply(A, x, out):
     """out = A x. Each stored block serves its row and, mirrored, its column."""
     diagonal, upper, row, column = A.diagonal, A.upper, A.row, A.column

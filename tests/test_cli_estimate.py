@@ -367,3 +367,13 @@ def record(text, folder):
     (folder / "new.txt").write_text(text, encoding="utf-8")
     assert run(["simulate", str(folder / "new.txt"), "-q"]) == 0
     return folder / "new.motion.npz"
+
+
+def test_the_options_have_the_defaults_of_the_library():
+    from clothfit import fit
+    from clothfit.cli.estimate import command
+
+    defaults = {option.name: option.default for option in command.params}
+    assert (defaults["max_evaluations"], defaults["rmse"]) == (fit.BUDGET, fit.RMSE_TOLERANCE)
+    (tolerance,) = (option for option in command.params if option.name == "tolerance")
+    assert f"[default: {fit.FIT_TOLERANCE:g}]" in tolerance.help

@@ -14,6 +14,7 @@ from clothfit.fit_vector import LOWER, UPPER, identifiable, parameters, with_par
 from clothfit.motion import Motion, simulate
 from clothfit.objective import Objective, cost_and_gradient
 from clothfit.scene import dumps, load
+from clothfit.start import neutral_start
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="thousands of simulations need compilation")
 
@@ -413,3 +414,45 @@ def test_the_record_is_solved_as_tightly_as_the_fit():
     np.testing.assert_array_equal(record_target(scene).positions, tight)
     assert len(record_target(scene, 7).times) == 7
     assert clothfit.estimate is estimate
+
+
+# --- what it warns of
+
+
+def test_a_common_factor_of_masses_and_stiffnesses_is_named():
+    fields = {"triangles": [], "dragCoefficient": 0.0}
+    (warning,) = estimate(load(even("GG", **fields)), budget=2).warnings
+    assert warning.startswith("objects[0] feels neither air nor spheres, so its motion shows masses and stiffnesses only")
+    assert estimate(load(even("nG", **fields)), budget=2).warnings == []
+    assert estimate(load(even("GG")), budget=2).warnings == []
+
+
+def test_starting_values_outside_of_the_bounds_are_named():
+    scene = load(even("nG", springStiffness=[1e5] * 33))
+    (warning,) = estimate(scene, record_target(scene), budget=2).warnings
+    assert warning.startswith("objects[0] stiffness: 1 of 1 starting values lie outside the bounds 0.0001 … 10000")
+
+
+def test_an_interrupt_before_there_is_a_result_passes_on(monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Objective, "cost_and_gradient", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        estimate(load(even("nG")))
+
+
+def test_a_motion_made_by_hand_is_checked():
+    scene = load(even("nG"))
+    motion = record_target(scene)
+    with pytest.raises(InvalidMotion, match=r"positions\[0, 0\]: is not finite"):
+        estimate(scene, Motion(np.full_like(motion.positions, np.nan), motion.times, (16,)))
+    with pytest.raises(InvalidMotion, match="is too many steps away"):
+        estimate(scene, Motion(motion.positions, np.append(motion.times[:-1], 1e9), (16,)))
+
+
+def test_a_target_that_begins_late_has_a_start_of_its_own():
+    scene = load(even("nG", 80))
+    motion = record_target(scene)
+    late = Motion(motion.positions[50:], motion.times[50:], (16,))
+    assert 10.0 < neutral_start(scene, late, 80)[0] < 90.0

@@ -107,4 +107,5 @@ def test_a_source_distribution_holds_what_is_needed_to_build_test_and_try(sdist)
         "pyproject.toml", "README.md", "CHANGELOG.md", "LICENSE", "Makefile", "clothfit/py.typed",
         "schemas/scene.schema.json", "examples/make.py", "examples/side.json", "tests/scenes.py", "tests/test_mesh.py",
     } <= found  # fmt: skip
-    assert {name.split("/")[0] for name in found if "/" in name} == {"clothfit", "schemas", "examples", "tests"}
+    folders = {"clothfit", "schemas", "examples", "tests", "docs", "benchmarks"}  # docs: the README shows a picture
+    assert {name.split("/")[0] for name in found if "/" in name} == folders

@@ -4,17 +4,24 @@ Around a linearisation point (y, u), the implicit step models a force as a funct
 
     F(w) = f(y, u) + K(y) s + D(y) (w − u),     s = x + h w − y
 
-with f the force, K and D the position and velocity Jacobians that the editor's engine keeps (not always the true
-ones), and s how far the step ends from the point of linearisation. Each module has
+with f the force, K and D the position and velocity Jacobians that the editor's engine keeps (not always the true ones),
+and s how far the step ends from the point of linearisation. Each module has
 
     add_force(force, y, u, f)                                     f += f(y, u)
-    add_damping(force, y, scale, d, out)                          out += scale · D(y) d
+    add_damping(force, y, scale, q, out)                          out += scale · D(y) q; left out where D = 0
     add_step(force, y, u, h, A, b)                                A −= h² K + h D,  b += h (f − D u)
     add_pullback(force, y, u, w, s, lam, h, grad, gy, gu)         gradient of φ = h λᵀ F(w), s and w held fixed:
                                                                   gy += ∂φ/∂y,  gu += ∂φ/∂u,  grad += ∂φ/∂p
     add_pushforward(force, y, u, w, s, dy, du, direction, h, out) out += h dF(w), s and w held fixed
 
-All vectors are (vertices, 3) arrays in SI units; the derivatives treat K and D as the functions that the step uses,
-so they belong to the step that is really taken. To add a force: write such a module, give `System` a field for it, and
-add one line to each function of `forces/total.py`.
+The derivatives treat K and D as the functions that the step uses, so they belong to the step that is really taken.
+
+Symbols, all in SI units: n vertices; x, v position and velocity before a step, (n, 3), and w the velocity after it;
+y, u where forces are linearised; m mass, k stiffness, M the masses as a diagonal matrix; h time step; A w = b the
+step's linear system; lam or λ the adjoint variable, the solution of A λ = ∂G/∂w; a bar (x_bar) marks a gradient, d in
+front (dx) a change. A vertex or spring index is i; a and b are a spring's ends, p0 p1 p2 the components of a vector p.
+
+To add a force: write such a module, give `System` a field for it and `system.build` a line, and add a line to each
+function of `forces/total.py`. One with parameters of its own also needs a field in `arrays.Elements`, a line in
+`system.with_elements`, and a name in `fit_vector.NAMES`.
 """

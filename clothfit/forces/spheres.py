@@ -19,6 +19,7 @@ import numpy as np
 from clothfit.arrays import Array
 from clothfit.kernel import kernel
 from clothfit.scene import Sphere
+from clothfit.sparse import add_outer
 
 STIFFNESS = 1000.0  # κ, N/m
 
@@ -64,12 +65,7 @@ def add_step(spheres, y, u, h, A, b):
         for i in range(len(y)):
             depth, _, n0, n1, n2 = contact(spheres, y, i, c)
             if depth > 0.0:
-                A.diagonal[i, 0] += stiff * n0 * n0
-                A.diagonal[i, 1] += stiff * n0 * n1
-                A.diagonal[i, 2] += stiff * n0 * n2
-                A.diagonal[i, 3] += stiff * n1 * n1
-                A.diagonal[i, 4] += stiff * n1 * n2
-                A.diagonal[i, 5] += stiff * n2 * n2
+                add_outer(A.diagonal, i, stiff, n0, n1, n2)
                 push = h * STIFFNESS * depth
                 b[i, 0] += push * n0
                 b[i, 1] += push * n1

@@ -1,6 +1,7 @@
 """Springs with damping along their axis.
 
-Spring s joins a and b: e = y_a − y_b, L = |e|, d = e/L, rest length L₀, stiffness k, damping β k with β = α/2.
+A spring joins a and b: e = y_a − y_b, L = |e|, d = e/L, rest length L₀, stiffness k, damping β k with β = α/2
+(α the object's damping coefficient, read in s here, in 1/s at the vertices).
 
     f_a = −k (L − L₀) d − β k (d·(u_a − u_b)) d = −f_b
     K_aa = −k [(1 − ρ) I + ρ d dᵀ],  D_aa = −β k d dᵀ,  ρ = L₀/L    (the damping's position derivative is left out)
@@ -81,11 +82,11 @@ def add_force(springs, y, u, f):
 
 
 @kernel
-def add_damping(springs, y, scale, d, out):
+def add_damping(springs, y, scale, q, out):
     for i in range(len(springs.rest)):
         a, b = springs.ends[i, 0], springs.ends[i, 1]
         _, d0, d1, d2 = axis(springs, y, i)
-        p0, p1, p2 = difference(d, a, b)
+        p0, p1, p2 = difference(q, a, b)
         pull = -scale * springs.damping * springs.stiffness[i] * (d0 * p0 + d1 * p1 + d2 * p2)
         add_opposite(out, a, b, pull * d0, pull * d1, pull * d2)
 
@@ -167,7 +168,7 @@ def add_pushforward(springs, y, u, w, s, dy, du, direction, h, out):
         n0, n1, n2 = e0 / length - t * d0, e1 / length - t * d1, e2 / length - t * d2
         sn = s0 * n0 + s1 * n1 + s2 * n2
         wn = w0 * n0 + w1 * n1 + w2 * n2
-        # ψ = (1 − ρ)(e + s) + turn d, the force over −k, and its change with y; dψ/dk comes on top with the change of k
+        # F/(−k) = (1 − ρ)(e + s) + turn d, its change with y, and on top the change of k
         turn = rho * sd + beta * wd
         swing = rho * (t * length + sn - t * sd) + beta * wn
         hk = -h * springs.stiffness[i]

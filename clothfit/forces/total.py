@@ -15,10 +15,10 @@ def add_force(system, y, u, f):
 
 
 @kernel
-def add_damping(system, y, scale, d, out):
-    vertex.add_damping(system.vertex, y, scale, d, out)
-    springs.add_damping(system.springs, y, scale, d, out)
-    wind.add_damping(system.faces, y, scale, d, out)
+def add_damping(system, y, scale, q, out):
+    vertex.add_damping(system.vertex, y, scale, q, out)
+    springs.add_damping(system.springs, y, scale, q, out)
+    wind.add_damping(system.faces, y, scale, q, out)
 
 
 @kernel

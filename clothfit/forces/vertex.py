@@ -39,10 +39,10 @@ def add_force(vertex, y, u, f):
 
 
 @kernel
-def add_damping(vertex, y, scale, d, out):
+def add_damping(vertex, y, scale, q, out):
     for i in range(len(vertex.mass)):
         for c in range(3):
-            out[i, c] -= scale * vertex.damping * vertex.mass[i] * d[i, c]
+            out[i, c] -= scale * vertex.damping * vertex.mass[i] * q[i, c]
 
 
 @kernel

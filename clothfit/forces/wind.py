@@ -1,9 +1,9 @@
 """Air drag of the faces, in still air or wind.
 
-Triangle (a, b, c): un-normalised normal n = (y_b − y_a) × (y_c − y_a), area A = |n|/2, mean velocity ū, wind W. Each
+Triangle (a, b, c): un-normalised normal n = (y_b − y_a) × (y_c − y_a), area |n|/2, mean velocity ū, wind W. Each
 of the three vertices feels
 
-    f = κ n (n·(W − ū)),   κ = drag · A / 3 = drag |n| / 6,  D = −κ n nᵀ (lumped: per vertex, not per mean),  K = 0.
+    f = κ n (n·(W − ū)),   κ = drag · area / 3 = drag |n| / 6,  D = −κ n nᵀ (lumped: per vertex, not per mean),  K = 0.
 
 n is not divided by its length: existing scenes are tuned to that. With Λ = Σ λ_i and per vertex θ_i = n·(w_i − u_i),
 ν_i = n·λ_i:
@@ -20,13 +20,14 @@ import numpy as np
 
 from clothfit.arrays import Array, Indices
 from clothfit.kernel import kernel
+from clothfit.sparse import add_outer
 
 
 class Faces(NamedTuple):
     """Constants of the faces of one cloth that feel the air."""
 
     corners: Indices  # (T, 3), the vertices a, b, c; no rows where the drag coefficient is 0
-    drag: float  # drag coefficient
+    drag: float  # drag coefficient, kg/(m⁶ s)
     wind: Array  # W, (3,), m/s
 
 
@@ -88,12 +89,12 @@ def add_force(faces, y, u, f):
 
 
 @kernel
-def add_damping(faces, y, scale, d, out):
+def add_damping(faces, y, scale, q, out):
     for i in range(len(faces.corners)):
         n0, n1, n2, kappa = normal(faces, y, i)
         for corner in range(3):
             j = faces.corners[i, corner]
-            add_along(out, j, -scale * kappa * along(d, j, n0, n1, n2), n0, n1, n2)
+            add_along(out, j, -scale * kappa * along(q, j, n0, n1, n2), n0, n1, n2)
 
 
 @kernel
@@ -104,12 +105,7 @@ def add_step(faces, y, u, h, A, b):
         c = h * kappa
         for corner in range(3):
             j = faces.corners[i, corner]
-            A.diagonal[j, 0] += c * n0 * n0
-            A.diagonal[j, 1] += c * n0 * n1
-            A.diagonal[j, 2] += c * n0 * n2
-            A.diagonal[j, 3] += c * n1 * n1
-            A.diagonal[j, 4] += c * n1 * n2
-            A.diagonal[j, 5] += c * n2 * n2
+            add_outer(A.diagonal, j, c, n0, n1, n2)
             add_along(b, j, c * (push + along(u, j, n0, n1, n2)), n0, n1, n2)
 
 
