@@ -422,7 +422,7 @@ def test_the_record_is_solved_as_tightly_as_the_fit():
 def test_a_common_factor_of_masses_and_stiffnesses_is_named():
     fields = {"triangles": [], "dragCoefficient": 0.0}
     (warning,) = estimate(load(even("GG", **fields)), budget=2).warnings
-    assert warning.startswith("objects[0] feels neither air nor spheres, so its motion shows masses and stiffnesses only")
+    assert warning.startswith("objects[0] feels neither air nor spheres, so its motion shows masses and stiffnesses")
     assert estimate(load(even("nG", **fields)), budget=2).warnings == []
     assert estimate(load(even("GG")), budget=2).warnings == []
 
