@@ -122,7 +122,8 @@ def estimate(
     objective = Objective(scene, goal, tight, frames=scene.frames)
     if not objective.shows_motion:
         raise InvalidInput(
-            f"{goal.name}: shows nothing after the start within {scene.frames} frames, so there is nothing to fit to"
+            f"{goal.name}: shows nothing after the start that can move, within {scene.frames} frames, "
+            "so there is nothing to fit to"
         )
     p = choose_start(scene, goal, start, hidden=target is None)
     warnings = [*undetermined(scene), *outside_bounds(scene, p)]
@@ -131,7 +132,7 @@ def estimate(
         p = neutral_start(scene, goal, scene.frames)
     search = Search(objective, p, rmse_tolerance, budget, report)
     status = minimise(search, "l-bfgs-b" if method == "auto" else method)
-    return result(search, status, method, warnings)
+    return result(search, status, method, warnings, started=start is not None)
 
 
 def undetermined(scene: Scene) -> list[str]:
@@ -175,8 +176,11 @@ def choose_start(scene: Scene, goal: Motion, start: float | Array | Scene | None
     """Starting values (P,) of all parameters. Raises InvalidInput when they are not positive numbers within the
     bounds.
     """
+    if start is None and hidden:
+        own = parameters(scene)
+        return np.where(identifiable(scene), neutral_start(scene, goal, scene.frames), own)
     if start is None:
-        return neutral_start(scene, goal, scene.frames) if hidden else parameters(scene)
+        return parameters(scene)
     if isinstance(start, Scene):
         return parameters(start, flags=scene)
     count = len(parameters(scene))
@@ -239,19 +243,21 @@ def options(method: str, budget: int) -> dict[str, Any]:
     return common | own[method]
 
 
-def result(search: Search, status: str, method: str, warnings: list[str]) -> Fit:
+def result(search: Search, status: str, method: str, warnings: list[str], started: bool) -> Fit:
     """The fit as its user sees it."""
     scene = search.objective.scene
-    found = []
+    found, untouched = [], []
     for block in blocks(scene):
         values = search.best[block.part]
-        lost = unidentifiable(scene, block)
+        lost = unidentifiable(scene, block, search.objective.seen)
         bound = (values <= LOWER * (1 + 1e-9)) | (values >= UPPER * (1 - 1e-9))
         bound[lost] = False
         at_bound = [int(i) for i in np.flatnonzero(bound)]
         found.append(FittedBlock(block.cloth, block.name, block.mode, block.count, at_bound, lost))
+        if block.mode == "G" and lost and not started:
+            untouched.append(block)  # the scene's values, which may differ, not their mean
     return Fit(
-        scene=with_parameters(scene, search.best),
+        scene=with_parameters(scene, search.best, untouched),
         status=status,
         method=method,
         cost=search.best_cost,

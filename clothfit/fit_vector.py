@@ -7,7 +7,7 @@ stiffnesses.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,9 @@ LOWER, UPPER = 1e-4, 1e4
 """Bounds of every parameter, kg or N/m."""
 
 NAMES = ("mass", "stiffness")
+
+Seen = Mapping[int, Flags] | None
+"""Of each fitted cloth, which vertices (n,) a target shows; None: all."""
 
 
 @dataclass(frozen=True)
@@ -92,14 +95,17 @@ def parameters(scene: Scene, flags: Scene | None = None) -> Array:
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
-def with_parameters(scene: Scene, p: Sequence[float] | Array) -> Scene:
-    """Make a new scene with the flagged parameters p (P,). Raises InvalidInput (InvalidScene) on a bad shape or
-    value.
+def with_parameters(scene: Scene, p: Sequence[float] | Array, untouched: Collection[Block] = ()) -> Scene:
+    """Make a new scene with the flagged parameters p (P,); blocks that are `untouched` keep the scene's values.
+
+    Raises InvalidInput (InvalidScene) on a bad shape or value.
     """
     values = check_shape(scene, p)
     masses = [cloth.mass for cloth in scene.cloths]
     stiffnesses = [cloth.stiffness for cloth in scene.cloths]
     for block in blocks(scene):
+        if block in untouched:
+            continue
         (masses if block.name == "mass" else stiffnesses)[block.cloth] = block.spread(values)
     return scene.with_values(masses, stiffnesses)
 
@@ -127,34 +133,52 @@ def elements(scene: Scene, cloth: int, p: Array, absent: float | None = None) ->
     return Elements(*(np.array(values[name], float) for name in NAMES))
 
 
-def hidden(cloth: Cloth, name: str, spheres: int) -> Flags:
-    """Which masses (n,) or stiffnesses (S,) of a cloth no motion of it can reveal, by structure.
+def hidden(cloth: Cloth, name: str, spheres: int, seen: Flags | None = None) -> Flags:
+    """Which masses (n,) or stiffnesses (S,) of a cloth a motion of it cannot reveal, by structure.
 
-    Masses: fixed vertices; vertices that only weight and node damping move, where the mass cancels.
-    Stiffnesses: springs between two fixed vertices.
+    Masses: fixed vertices; vertices that only weight and node damping move, where the mass cancels. Stiffnesses:
+    springs between two fixed vertices. And, where `seen` (n,) tells which vertices a target shows: all of the parts
+    of the cloth in which no free vertex is seen.
     """
+    told = ~cloth.fixed if seen is None else ~cloth.fixed & told_of(cloth, seen)
     if name == "stiffness":
-        return np.asarray(cloth.fixed[cloth.springs].all(axis=1))
+        return np.asarray(~told[cloth.springs].any(axis=1))
     pushed = np.full(len(cloth.mass), spheres > 0)
     pushed[cloth.springs.reshape(-1)] = True
     if cloth.drag > 0:
         pushed[cloth.triangles.reshape(-1)] = True
-    return np.asarray(cloth.fixed | ~pushed)
+    return np.asarray(~told | ~pushed)
 
 
-def unidentifiable(scene: Scene, block: Block) -> list[int]:
-    """The parameters of a block that the motion cannot reveal, counted within the block (mode L: vertices or
-    springs).
+def told_of(cloth: Cloth, seen: Flags) -> Flags:
+    """Which vertices (n,) are joined to a free vertex that is seen, through springs and faces of free vertices."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    free, n = ~cloth.fixed, len(cloth.mass)
+    faces = cloth.triangles if cloth.drag > 0 else cloth.triangles[:0]
+    pairs = np.concatenate([cloth.springs, faces[:, :2], faces[:, 1:], faces[:, ::2]])
+    pairs = pairs[free[pairs].all(axis=1)]  # a fixed vertex passes nothing on
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    _, part = connected_components(graph, directed=False)
+    return np.isin(part, part[free & seen])
+
+
+def unidentifiable(scene: Scene, block: Block, seen: Seen = None) -> list[int]:
+    """The parameters of a block that the motion cannot reveal, counted within the block (mode L: vertices or springs).
+
+    `seen` tells of each fitted cloth which vertices (n,) a target shows (default: all).
     """
-    mask = hidden(scene.cloths[block.cloth], block.name, len(scene.spheres))
+    own = None if seen is None else seen[block.cloth]
+    mask = hidden(scene.cloths[block.cloth], block.name, len(scene.spheres), own)
     if block.mode == "G":
         return [0] if mask.all() else []
     return [int(i) for i in np.flatnonzero(mask)]
 
 
-def identifiable(scene: Scene) -> Flags:
+def identifiable(scene: Scene, seen: Seen = None) -> Flags:
     """Which entries of the fit vector (P,) can be fitted."""
     kept = np.ones(size(scene), bool)
     for block in blocks(scene):
-        kept[block.start + np.array(unidentifiable(scene, block), int)] = False
+        kept[block.start + np.array(unidentifiable(scene, block, seen), int)] = False
     return kept

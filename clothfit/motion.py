@@ -11,6 +11,7 @@ from __future__ import annotations
 import io
 import os
 import zipfile
+import zlib
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import IO, Any
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from clothfit.arrays import Array, Flags
 from clothfit.errors import Diverged, InvalidInput, InvalidMotion
 from clothfit.output import write_atomically
-from clothfit.rollout import rollout
+from clothfit.rollout import FAR, check_memory, rollout
 from clothfit.scene import Scene
 from clothfit.system import build
 
@@ -71,6 +72,7 @@ def simulate_cloths(
     if count < 1:
         raise InvalidInput(f"frames: {count} is not possible, at least 1 is (the initial state)")
     counts = tuple(len(cloth.mass) for cloth in scene.cloths)
+    check_memory(count, sum(counts), scene.newton_iterations)
     positions = np.full((count, sum(counts), 3), np.nan)
     motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
     direct, good, fault = 0, count - 1, ""
@@ -129,22 +131,29 @@ def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]
 
 def load_motion(path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene) -> Motion:
     """Read a motion of `scene` and check it. Raises InvalidMotion."""
-    is_path = isinstance(path_or_file, (str, os.PathLike))
     name = os.path.basename(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else "motion"
     try:
-        # a stream may not be seekable, an archive must be
-        file = path_or_file if is_path else io.BytesIO(path_or_file.read())  # type: ignore[union-attr]
-        arrays = _arrays(np.load(file, allow_pickle=False))
+        arrays = _arrays(_content(path_or_file))
     except FileNotFoundError:
         raise InvalidMotion(f"{name}: there is no such file") from None
     except IsADirectoryError:
         raise InvalidMotion(f"{name}: is a folder, a motion file (.npz) is needed") from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, NotImplementedError, MemoryError) as error:
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, RuntimeError, MemoryError, zlib.error) as error:
         raise InvalidMotion(f"{name}: cannot be read as .npz or .npy ({_short(error)})") from None
     return check_motion(arrays, scene, name)
 
 
-def _arrays(loaded: Any) -> dict[str, NDArray[Any]]:
+def _content(path_or_file: str | os.PathLike[str] | IO[bytes]) -> bytes:
+    if isinstance(path_or_file, (str, os.PathLike)):
+        with open(path_or_file, "rb") as file:
+            return file.read()
+    return path_or_file.read()
+
+
+def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
+    if not content.startswith((b"PK", b"\x93NUMPY")):
+        raise ValueError("it is neither")
+    loaded = np.load(io.BytesIO(content), allow_pickle=False)  # a stream cannot be sought, an archive must be
     if isinstance(loaded, np.ndarray):
         return {"positions": loaded}
     with loaded:
@@ -218,10 +227,11 @@ def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Mo
         )
         observed = None if observed.all() else observed
     positions = np.ascontiguousarray(positions, np.float64)
-    bad = ~np.isfinite(positions).all(axis=2)
+    bad = ~(np.abs(positions) < FAR).all(axis=2)  # NaN as well
     if observed is not None:
         bad &= observed
     if bad.any():
         frame, vertex = np.argwhere(bad)[0]
-        require(False, f"positions[{frame}, {vertex}]", "is not finite, though not marked as unobserved")
+        wrong = f"lies {FAR:g} m away or more" if np.isfinite(positions[frame, vertex]).all() else "is not finite"
+        require(False, f"positions[{frame}, {vertex}]", f"{wrong}, though not marked as unobserved")
     return Motion(positions, times, counts, observed, name)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from clothfit import adjoint
-from clothfit.arrays import Array
+from clothfit.arrays import Array, Flags
 from clothfit.cost import Target, cost, cost_and_derivative, target
 from clothfit.errors import Diverged
 from clothfit.fit_vector import blocks, check_shape, elements, fitted_cloths, parameters
@@ -55,8 +55,14 @@ class Objective:
 
     @property
     def shows_motion(self) -> bool:
-        """Whether anything after the initial state is compared."""
-        return any(goal.observed[goal.step > 0].any() for goal in self.targets.values())
+        """Whether anything that can move is compared after the initial state; true where nothing can move."""
+        fixed = {i: self.scene.cloths[i].fixed for i in self.cloths}
+        return any((seen & ~fixed[i]).any() or fixed[i].all() for i, seen in self.seen.items())
+
+    @property
+    def seen(self) -> dict[int, Flags]:
+        """Of each fitted cloth, which vertices (n,) are compared at some time after the initial state."""
+        return {i: np.asarray(goal.observed[goal.step > 0].any(axis=0)) for i, goal in self.targets.items()}
 
     def rmse(self, cost: float) -> float:
         """Root mean square distance, m, of a cost, m²."""
@@ -81,6 +87,8 @@ class Objective:
             for block in self.blocks:
                 if block.cloth == i:
                     gradient[block.part] = block.reduce(getattr(grad, block.name))
+        if not np.isfinite(gradient).all():
+            raise Diverged(f"{self.scene.name}: the gradient overflows", 0)
         return total, gradient
 
     def tangent(self, p: Array, direction: Array) -> list[Array]:

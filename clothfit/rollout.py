@@ -6,12 +6,15 @@ States are kept, matrices are not: they are assembled again, which takes a tenth
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from clothfit import guess
+from clothfit import guess, interrupts
 from clothfit.arrays import Array, Indices
+from clothfit.errors import InvalidInput
 from clothfit.kernel import kernel
 from clothfit.step import implicit, transition
 from clothfit.system import IMPLICIT, System
@@ -19,6 +22,10 @@ from clothfit.vectors import copy
 
 FAR = 1e12
 """A vertex farther than this many metres from the origin (sum of its coordinates) counts as diverged."""
+
+
+STRETCH = 20_000
+"""Vertices × steps between two looks for an interrupt: about 10 ms."""
 
 
 class Rollout(NamedTuple):
@@ -36,6 +43,7 @@ def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]
     Returns the rollout and how many of its steps are good: fewer than `steps` when the motion diverged.
     """
     n = len(system.x0)
+    check_memory(steps + 1, n, system.newton_iterations)
     iterations = system.newton_iterations if system.method == IMPLICIT else 1
     memory = Rollout(
         np.empty((steps + 1, n, 3)),
@@ -44,7 +52,31 @@ def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]
         np.zeros((steps, 2), np.int32),
     )
     memory.x[0] = system.x0
-    return memory, run(system, tolerance, implicit.workspace(system), memory)
+    work = implicit.workspace(system)
+    for first, last in stretches(steps, n):
+        good = run(system, tolerance, work, memory, first, last)
+        interrupts.check()
+        if good < last:
+            return memory, good
+    return memory, steps
+
+
+def stretches(steps: int, n: int) -> Iterator[tuple[int, int]]:
+    """Split the steps of a cloth of n vertices into runs, from first to below last, short enough to be interrupted."""
+    length = max(1, STRETCH // n)
+    for first in range(0, steps, length):
+        yield first, min(first + length, steps)
+
+
+def check_memory(frames: int, vertices: int, iterations: int) -> None:
+    """Raise InvalidInput, with the figure, when a motion cannot be kept in this machine's memory."""
+    needed = 24 * (1 + iterations) * frames * vertices
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 2**40
+    if needed > memory:
+        raise InvalidInput(
+            f"{frames} frames of {vertices} vertices take {needed / 1e9:.3g} GB, "
+            f"this machine has {memory / 1e9:.3g} GB; use fewer frames (--steps, optimizationIterations)"
+        )
 
 
 @kernel
@@ -56,11 +88,11 @@ def velocity(memory, t):
 
 
 @kernel
-def run(system, tolerance, work, memory):
-    """Fill `memory`; returns the number of good steps."""
+def run(system, tolerance, work, memory, start, stop):
+    """Fill `memory` from step `start` to below `stop`; returns the number of good steps since the beginning."""
     x, w, used, solves = memory
     first = work.solution
-    for t in range(len(w)):
+    for t in range(start, stop):
         v = velocity(memory, t)
         copy(v, first)
         guess.advance(work.past, t, first)
@@ -68,7 +100,7 @@ def run(system, tolerance, work, memory):
         used[t], solves[t, 0], solves[t, 1] = result
         if not finite(x[t + 1]):
             return t
-    return len(w)
+    return stop
 
 
 @kernel

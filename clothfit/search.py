@@ -74,7 +74,7 @@ class Search:
     ) -> None:
         """`start` (P,): values of all parameters; those that cannot be identified keep them."""
         self.objective = objective
-        self.fitted = identifiable(objective.scene)
+        self.fitted = identifiable(objective.scene, objective.seen)
         self.best = np.array(start, float)
         self.best[self.fitted] = np.clip(self.best[self.fitted], LOWER, UPPER)
         self.best_cost = np.inf

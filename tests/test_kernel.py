@@ -48,8 +48,8 @@ def test_the_cache_depends_on_every_file_that_kernels_use():
     sources = set(kernel.sources())
     kernels = {path for path in sources if "@kernel" in path.read_text("utf-8")}
     used = set().union(*map(imports, kernels))
-    # What is not compiled along: types of the Python side, and the errors it raises.
-    python_only = {kernel.PACKAGE / f"{name}.py" for name in ("scene", "errors", "motion")}
+    # What is not compiled along: what serves the Python side.
+    python_only = {kernel.PACKAGE / f"{name}.py" for name in ("scene", "errors", "motion", "interrupts")}
     assert used - python_only <= sources
     assert len(kernels) > 10
 

@@ -14,6 +14,7 @@ ORDER = [
     "arrays",
     "verify",
     "words",
+    "interrupts",
     "kernel",
     "vectors",
     "guess",

@@ -270,7 +270,7 @@ def test_what_was_not_observed_may_be_nan():
 FILES = [
     (b"", "walk.npz: cannot be read as .npz or .npy ("),
     (b"hello", "walk.npz: cannot be read as .npz or .npy ("),
-    (pickle.dumps({"positions": 1}), "walk.npz: cannot be read as .npz or .npy (it holds pickled objects)"),
+    (pickle.dumps({"positions": 1}), "walk.npz: cannot be read as .npz or .npy (it is neither)"),
     (written(positions=np.zeros((4, 10, 3))).getvalue()[:200], "walk.npz: cannot be read as .npz or .npy ("),
     (
         written(positions=np.array([{}, None])).getvalue(),

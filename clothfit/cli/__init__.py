@@ -10,6 +10,7 @@ import io
 import os
 import signal
 import sys
+import time
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
@@ -17,9 +18,12 @@ from typing import NoReturn
 
 import click
 
-from clothfit import __version__
+from clothfit import __version__, interrupts
 from clothfit.cli.shared import loudness
 from clothfit.errors import ClothfitError
+
+SAME_REQUEST = 1.0  # s
+_last_request = -SAME_REQUEST
 
 COMMANDS = ("simulate", "target", "estimate", "evaluate")
 
@@ -66,6 +70,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         with suppress(OSError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 3
+    with suppress(OSError):
+        sys.stderr.flush()
     for kind in (signal.SIGINT, signal.SIGTERM):
         signal.signal(kind, signal.SIG_IGN)  # the exit code is decided
     sys.exit(code)
@@ -73,6 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 def run(arguments: list[str]) -> int:
     """Run the command line; returns the exit code, having reported what went wrong."""
+    interrupts.clear()
     try:
         code = group.main(arguments or ["--help"], prog_name="clothfit", standalone_mode=False)
         return int(code or 0)
@@ -112,13 +119,16 @@ def _fail(message: str, code: int) -> int:
     return code
 
 
-def _interrupt(number: int, frame: object) -> NoReturn:
-    """End at the first request, Ctrl-C or a polite one; a fit then writes the best so far, and further ones wait for
-    it.
+def _interrupt(number: int, frame: object) -> None:
+    """End at the first request, Ctrl-C or a polite one; a fit then writes the best so far.
+
+    Repetitions within a moment are one request: the second of a double Ctrl-C must not hit the writing.
     """
-    for kind in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(kind, signal.SIG_IGN)
-    raise KeyboardInterrupt
+    global _last_request
+    before, _last_request = _last_request, time.monotonic()
+    if _last_request - before > SAME_REQUEST:
+        interrupts.request()
+        raise KeyboardInterrupt
 
 
 def _open_streams() -> None:

@@ -9,7 +9,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -35,12 +35,20 @@ class Console:
     def say(self, message: str) -> None:
         """Tell the user something, unless quiet."""
         if not self.quiet:
-            print(message, file=sys.stderr, flush=True)
+            self._print(message)
 
     def detail(self, message: str) -> None:
         """Tell something that only --verbose asks for, with the time since the start."""
         if self.verbose:
-            print(f"[{time.perf_counter() - self.began:7.2f} s] {message}", file=sys.stderr, flush=True)
+            self._print(f"[{time.perf_counter() - self.began:7.2f} s] {message}")
+
+    def _print(self, message: str) -> None:
+        try:
+            print(message, file=sys.stderr, flush=True)
+        except OSError:  # whoever read the messages has left; the work goes on
+            self.quiet, self.verbose = True, False
+            with suppress(OSError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
     def warn(self, message: str) -> None:
         """Tell that something is not as the user may think."""
@@ -74,14 +82,16 @@ class Console:
 
 def _first_compilation(console: Console) -> object:
     from numba.core.event import Event, Listener  # here, as numba takes half a second to import
+    from numba.core.registry import CPUDispatcher
 
     class FirstCompilation(Listener):
         told = False
 
         def on_start(self, event: Event) -> None:
-            if not self.told:
+            # numba prepares calls back into Python anew in every process, in no time: that is not worth a word
+            if not self.told and isinstance(event.data["dispatcher"], CPUDispatcher):
+                self.told = True
                 console.say("compiling for this machine: a command's first use does so once, for 5 to 20 seconds …")
-            self.told = True
 
         def on_end(self, event: Event) -> None:
             pass
