@@ -24,7 +24,9 @@ EXIT_CODES = {"converged": 0, "stalled": 5, "limit": 5, "diverged": 4, "interrup
 @click.argument("scene_path", metavar="SCENE")
 @click.option("--target", "target_path", metavar="MOTION", help="What to match.  [default: the scene's own motion]")
 @click.option(
-    "--start", metavar="VALUE|SCENE", help="First guess.  [default: the scene's values with --target, else a coarse search]"
+    "--start",
+    metavar="VALUE|SCENE",
+    help="First guess.  [default: the scene's values with --target, else a coarse search]",
 )
 @click.option("--method", default="auto", metavar="NAME", help="auto, l-bfgs-b or another of SciPy's.  [default: auto]")
 @click.option("--max-evaluations", type=int, default=1000, metavar="N", help="Of cost and gradient.  [default: 1000]")
