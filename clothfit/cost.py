@@ -17,7 +17,6 @@ from clothfit.motion import Motion
 TIME_SLACK = 1e-3
 """How far from a multiple of the time step a target's frame may be, in steps: time steps are float32 in many files."""
 
-
 MOST_STEPS = 2**31 - 1
 """Steps are counted in 32 bits."""
 

@@ -14,10 +14,12 @@ from typing import Any
 import numpy as np
 
 from clothfit.arrays import Array
-from clothfit.errors import Diverged, InvalidInput
+from clothfit.errors import InvalidInput
 from clothfit.fit_vector import (
     LOWER,
     UPPER,
+    at_lower,
+    at_upper,
     blocks,
     fitted_cloths,
     identifiable,
@@ -127,7 +129,7 @@ def estimate(
         )
     p = choose_start(scene, goal, start, hidden=target is None)
     warnings = [*undetermined(scene), *outside_bounds(scene, p)]
-    if not usable(objective, p):
+    if not np.isfinite(objective.cost_or_infinity(p)):
         warnings.append("the simulation diverges at the start; the fit starts from the best of a coarse search instead")
         p = neutral_start(scene, goal, scene.frames)
     search = Search(objective, p, rmse_tolerance, budget, report)
@@ -156,14 +158,6 @@ def outside_bounds(scene: Scene, p: Array) -> list[str]:
         for block, count in counts
         if count
     ]
-
-
-def usable(objective: Objective, p: Array) -> bool:
-    """Whether the cost can be computed at p (P,)."""
-    try:
-        return bool(np.isfinite(objective.cost(p)))
-    except Diverged:
-        return False
 
 
 def check_method(method: str) -> None:
@@ -250,7 +244,7 @@ def result(search: Search, status: str, method: str, warnings: list[str], starte
     for block in blocks(scene):
         values = search.best[block.part]
         lost = unidentifiable(scene, block, search.objective.seen)
-        bound = (values <= LOWER * (1 + 1e-9)) | (values >= UPPER * (1 - 1e-9))
+        bound = at_lower(values) | at_upper(values)
         bound[lost] = False
         at_bound = [int(i) for i in np.flatnonzero(bound)]
         found.append(FittedBlock(block.cloth, block.name, block.mode, block.count, at_bound, lost))

@@ -19,6 +19,9 @@ from clothfit.scene import Cloth, Scene
 LOWER, UPPER = 1e-4, 1e4
 """Bounds of every parameter, kg or N/m."""
 
+AT_BOUND = 1e-9
+"""How near to a bound counts as at it, relative: beyond the rounding of exp and log."""
+
 NAMES = ("mass", "stiffness")
 
 Seen = Mapping[int, Flags] | None
@@ -52,6 +55,16 @@ class Block:
     def spread(self, p: Array) -> Array:
         """Value of every element (elements,) from the fit vector (P,)."""
         return np.broadcast_to(p[self.part], (self.elements,))
+
+
+def at_lower(p: Array) -> Flags:
+    """Which of the parameters p lie at the lower bound."""
+    return np.asarray(p <= LOWER * (1 + AT_BOUND))
+
+
+def at_upper(p: Array) -> Flags:
+    """Which of the parameters p lie at the upper bound."""
+    return np.asarray(p >= UPPER * (1 - AT_BOUND))
 
 
 def blocks(scene: Scene) -> list[Block]:

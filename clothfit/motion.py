@@ -43,15 +43,17 @@ class Motion:
 
     def of(self, cloth: int) -> Array:
         """Positions (frames, n, 3) of one object."""
-        start = sum(self.vertex_counts[:cloth])
-        return self.positions[:, start : start + self.vertex_counts[cloth]]
+        return self.positions[:, self._part(cloth)]
 
     def seen(self, cloth: int) -> Flags:
         """Which positions (frames, n) of one object were observed."""
         if self.observed is None:
             return np.ones((len(self.positions), self.vertex_counts[cloth]), bool)
+        return self.observed[:, self._part(cloth)]
+
+    def _part(self, cloth: int) -> slice:
         start = sum(self.vertex_counts[:cloth])
-        return self.observed[:, start : start + self.vertex_counts[cloth]]
+        return slice(start, start + self.vertex_counts[cloth])
 
 
 def simulate(scene: Scene, frames: int | None = None, tolerance: float | None = None) -> Motion:
@@ -71,7 +73,7 @@ def simulate_cloths(
     count = scene.frames if frames is None else frames
     if count < 1:
         raise InvalidInput(f"frames: {count} is not possible, at least 1 is (the initial state)")
-    counts = tuple(len(cloth.mass) for cloth in scene.cloths)
+    counts = scene.vertex_counts
     check_memory(count, sum(counts), scene.newton_iterations)
     positions = np.full((count, sum(counts), 3), np.nan)
     motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
@@ -186,7 +188,7 @@ def checked_motion(motion: Motion, scene: Scene) -> Motion:
 
 def check_counts(motion: Motion, scene: Scene) -> None:
     """Raise InvalidMotion unless the motion is of objects with the scene's numbers of vertices."""
-    counts = tuple(len(cloth.mass) for cloth in scene.cloths)
+    counts = scene.vertex_counts
     if motion.vertex_counts != counts:
         raise InvalidMotion(
             f"{motion.name}: its objects have {list(motion.vertex_counts)[:8]} vertices, "
@@ -201,7 +203,7 @@ def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Mo
         if not condition:
             raise InvalidMotion(f"{name}: {place}: {message}")
 
-    counts = tuple(len(c.mass) for c in scene.cloths)
+    counts = scene.vertex_counts
     total = sum(counts)
     require("positions" in arrays, "positions", "is missing")
     positions = arrays["positions"]

@@ -76,6 +76,14 @@ class Objective:
         """The part of G(p), m², that one fitted cloth contributes. Raises Diverged."""
         return cost(self._run(cloth, p)[1].x, self.targets[cloth])
 
+    def cost_or_infinity(self, p: Array, cloth: int | None = None) -> float:
+        """G(p), m², or the part of one fitted cloth; infinite where the simulation diverges or the cost overflows."""
+        try:
+            value = self.cost(p) if cloth is None else self.cost_of(cloth, p)
+        except Diverged:
+            return np.inf
+        return value if np.isfinite(value) else np.inf
+
     def cost_and_gradient(self, p: Array) -> tuple[float, Array]:
         """G(p), m², and ∂G/∂p (P,). Raises Diverged."""
         total, gradient = 0.0, np.zeros(len(check_shape(self.scene, p)))

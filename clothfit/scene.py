@@ -77,6 +77,11 @@ class Scene:
     def __post_init__(self) -> None:
         self.wind.setflags(write=False)
 
+    @property
+    def vertex_counts(self) -> tuple[int, ...]:
+        """Number of vertices of each cloth."""
+        return tuple(len(cloth.mass) for cloth in self.cloths)
+
     def with_values(self, masses: Sequence[npt.ArrayLike], stiffnesses: Sequence[npt.ArrayLike]) -> Scene:
         """Make a new scene with other masses, kg (n,), and stiffnesses, N/m (S,), of each of its cloths.
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from clothfit.arrays import Array
 from clothfit.errors import Diverged
-from clothfit.fit_vector import LOWER, UPPER, identifiable
+from clothfit.fit_vector import LOWER, UPPER, at_lower, at_upper, identifiable
 from clothfit.objective import Objective
 
 STATIONARY = 1e-5
@@ -158,7 +158,7 @@ class Search:
             self.report(Progress(self.evaluations, self.budget, self.best_cost, rmse, self.seconds))
 
     def _check_end(self) -> None:
-        if self.objective.rmse(self.best_cost) <= self.rmse_tolerance:
+        if self._near():
             raise Stop("converged")
         if self._slope() <= STATIONARY and not self._on_plateau():
             raise Stop("converged")
@@ -169,8 +169,11 @@ class Search:
 
     def verdict(self) -> str:
         """How the search ended, if it ends here: "converged" or "stalled"."""
-        near = self.objective.rmse(self.best_cost) <= self.rmse_tolerance
-        return "converged" if near or (self._slope() <= FLAT and not self._on_plateau()) else "stalled"
+        return "converged" if self._near() or (self._slope() <= FLAT and not self._on_plateau()) else "stalled"
+
+    def _near(self) -> bool:
+        """Whether the error is small enough."""
+        return self.objective.rmse(self.best_cost) <= self.rmse_tolerance
 
     def _on_plateau(self) -> bool:
         """Whether the cost around the best point hardly depends on the parameters."""
@@ -178,14 +181,9 @@ class Search:
             self._shaken = self.best_cost
             y = self.y
             turns = SHAKE * self.scale * np.where(np.arange(len(y)) % 2 == 0, 1.0, -1.0)
-            self._plateau = all(abs(self._cost_near(y + t) / self.best_cost - 1.0) < PLATEAU for t in (turns, -turns))
+            near = [self.objective.cost_or_infinity(self.parameters(y + t)) for t in (turns, -turns)]
+            self._plateau = all(abs(cost / self.best_cost - 1.0) < PLATEAU for cost in near)
         return self._plateau
-
-    def _cost_near(self, y: Array) -> float:
-        try:
-            return self.objective.cost(self.parameters(y))
-        except Diverged:
-            return np.inf
 
     def _slope(self) -> float:
         """Largest change of the best cost by a parameter's change by a factor e, linearly, as a fraction of that
@@ -195,6 +193,5 @@ class Search:
             return np.inf
         p = self.best[self.fitted]
         slope = self.best_gradient[self.fitted] * p
-        slope[(p <= LOWER * (1 + 1e-9)) & (slope > 0)] = 0.0  # the bounds allow no descent
-        slope[(p >= UPPER * (1 - 1e-9)) & (slope < 0)] = 0.0
+        slope[(at_lower(p) & (slope > 0)) | (at_upper(p) & (slope < 0))] = 0.0  # the bounds allow no descent
         return float(np.abs(slope).max(initial=0.0) / self.best_cost)

@@ -16,7 +16,6 @@ import numpy as np
 
 from clothfit.arrays import Array
 from clothfit.cost import target
-from clothfit.errors import Diverged
 from clothfit.fit_vector import LOWER, UPPER, Block
 from clothfit.motion import Motion
 from clothfit.objective import Objective
@@ -56,11 +55,7 @@ def grid_cost(objective: Objective, cloth: int, own: Sequence[Block], exponents:
     """Cost of one cloth at a point of its grid; infinite where the simulation diverges."""
     p = np.ones(sum(block.count for block in objective.blocks))
     fill(p, own, exponents)
-    try:
-        cost = objective.cost_of(cloth, p)
-    except Diverged:
-        return np.inf
-    return cost if np.isfinite(cost) else np.inf
+    return objective.cost_or_infinity(p, cloth)
 
 
 def search_grid(cost: Callable[[Exponents], float], kinds: int) -> Exponents:

@@ -20,7 +20,7 @@ class Played(Objective):
         self.answers = iter(answers)
         self.around = 2.0
 
-    def cost(self, p):
+    def cost_or_infinity(self, p):
         """What the search sees around the best point when it asks whether that lies on a plateau."""
         return self.around
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from clothfit.fit import Fit
     from clothfit.scene import Scene
 
-EXIT_CODES = {"converged": 0, "stalled": 5, "limit": 5, "diverged": 4, "interrupted": 130}
+EXIT_CODES = {"converged": 0, "stalled": 5, "limit": 5, "interrupted": 130}
 
 
 @shared.command("estimate")

@@ -127,7 +127,7 @@ def read_scene(path: str, console: Console) -> Scene:
     scene = clothfit.load(sys.stdin.buffer if path == STREAM else path)
     for warning in scene.warnings:
         console.warn(f"{scene.name}: {warning}")
-    console.detail(f"{scene.name}: {len(scene.cloths)} objects, {sum(len(c.mass) for c in scene.cloths)} vertices")
+    console.detail(f"{scene.name}: {len(scene.cloths)} objects, {sum(scene.vertex_counts)} vertices")
     return scene
 
 

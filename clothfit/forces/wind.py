@@ -38,11 +38,19 @@ def build(triangles: Indices, drag: float, wind: Array) -> Faces:
 
 
 @kernel
+def edges(faces, y, i):
+    """p = y_b − y_a and q = y_c − y_a of face i, as six numbers."""
+    a, b, c = faces.corners[i, 0], faces.corners[i, 1], faces.corners[i, 2]
+    return (
+        y[b, 0] - y[a, 0], y[b, 1] - y[a, 1], y[b, 2] - y[a, 2],
+        y[c, 0] - y[a, 0], y[c, 1] - y[a, 1], y[c, 2] - y[a, 2],
+    )  # fmt: skip
+
+
+@kernel
 def normal(faces, y, i):
     """n of face i, and κ."""
-    a, b, c = faces.corners[i, 0], faces.corners[i, 1], faces.corners[i, 2]
-    p0, p1, p2 = y[b, 0] - y[a, 0], y[b, 1] - y[a, 1], y[b, 2] - y[a, 2]
-    q0, q1, q2 = y[c, 0] - y[a, 0], y[c, 1] - y[a, 1], y[c, 2] - y[a, 2]
+    p0, p1, p2, q0, q1, q2 = edges(faces, y, i)
     n0, n1, n2 = p1 * q2 - p2 * q1, p2 * q0 - p0 * q2, p0 * q1 - p1 * q0
     return n0, n1, n2, faces.drag / 6.0 * sqrt(n0 * n0 + n1 * n1 + n2 * n2)
 
@@ -146,8 +154,7 @@ def add_pullback(faces, y, u, w, s, lam, h, grad, gy, gu):
 def add_normal_pullback(faces, y, i, g0, g1, g2, gy):
     """gy += gᵀ ∂n/∂y of face i: with n = p × q, g·(dp × q) = dp·(q × g) and g·(p × dq) = dq·(g × p)."""
     a, b, c = faces.corners[i, 0], faces.corners[i, 1], faces.corners[i, 2]
-    p0, p1, p2 = y[b, 0] - y[a, 0], y[b, 1] - y[a, 1], y[b, 2] - y[a, 2]
-    q0, q1, q2 = y[c, 0] - y[a, 0], y[c, 1] - y[a, 1], y[c, 2] - y[a, 2]
+    p0, p1, p2, q0, q1, q2 = edges(faces, y, i)
     b0, b1, b2 = q1 * g2 - q2 * g1, q2 * g0 - q0 * g2, q0 * g1 - q1 * g0
     c0, c1, c2 = g1 * p2 - g2 * p1, g2 * p0 - g0 * p2, g0 * p1 - g1 * p0
     add_along(gy, b, 1.0, b0, b1, b2)
@@ -158,11 +165,8 @@ def add_normal_pullback(faces, y, i, g0, g1, g2, gy):
 @kernel
 def normal_pushforward(faces, y, dy, i):
     """dn of face i: dp × q + p × dq."""
-    a, b, c = faces.corners[i, 0], faces.corners[i, 1], faces.corners[i, 2]
-    p0, p1, p2 = y[b, 0] - y[a, 0], y[b, 1] - y[a, 1], y[b, 2] - y[a, 2]
-    q0, q1, q2 = y[c, 0] - y[a, 0], y[c, 1] - y[a, 1], y[c, 2] - y[a, 2]
-    dp0, dp1, dp2 = dy[b, 0] - dy[a, 0], dy[b, 1] - dy[a, 1], dy[b, 2] - dy[a, 2]
-    dq0, dq1, dq2 = dy[c, 0] - dy[a, 0], dy[c, 1] - dy[a, 1], dy[c, 2] - dy[a, 2]
+    p0, p1, p2, q0, q1, q2 = edges(faces, y, i)
+    dp0, dp1, dp2, dq0, dq1, dq2 = edges(faces, dy, i)
     return (
         dp1 * q2 - dp2 * q1 + p1 * dq2 - p2 * dq1,
         dp2 * q0 - dp0 * q2 + p2 * dq0 - p0 * dq2,
