@@ -12,8 +12,22 @@ Indices = NDArray[np.int32]
 Flags = NDArray[np.bool_]
 
 
-class Elements(NamedTuple):
-    """One number for every mass and every stiffness of a cloth: values, a direction in them, or a gradient."""
+NONE: Array = np.zeros(0)
+NO_VECTORS: Array = np.zeros((0, 3))
 
-    mass: Array  # (n,), one per vertex
-    stiffness: Array  # (S,), one per spring
+
+class Elements(NamedTuple):
+    """What a fit may change of a cloth, kind by kind: values, a direction in them, or a gradient by them.
+
+    Masses and stiffnesses are always there. Another kind is an empty array where nobody asks for it, and then no
+    kernel spends time on it; as a value, empty means: as it was.
+    """
+
+    mass: Array  # (n,), kg, one per vertex
+    stiffness: Array  # (S,), N/m, one per spring
+    damping: Array = NONE  # (1,), the object's coefficient α, 1/s at the vertices, s at the springs
+    drag: Array = NONE  # (1,), air drag of the faces, kg/(m⁶ s)
+    velocity: Array = NO_VECTORS  # (n, 3), at the start, m/s
+    rest: Array = NONE  # (S,), rest lengths, m
+    wind: Array = NONE  # (3,), velocity, m/s
+    gravity: Array = NONE  # (3,), m/s²

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clothfit.arrays import Array, Flags, Indices
+from clothfit.kinds import KIND, Kind
 from clothfit.words import counted, shown
 
 HANDFUL = 5
@@ -31,6 +32,8 @@ class Arrays(NamedTuple):
     springs: Indices  # (S, 2) vertices
     stiffness: Array  # (S,) N/m
     triangles: Indices  # (T, 3) vertices
+    velocity: Array  # (n, 3) m/s, 0 where the file has none
+    rest: Array  # (S,) m, the lengths at `positions` where the file has none
 
 
 def arrays(fields: dict[str, Any], place: str, problems: list[str]) -> Arrays | None:
@@ -48,12 +51,17 @@ def arrays(fields: dict[str, Any], place: str, problems: list[str]) -> Arrays | 
     springs = vertices(fields["springs"], n, 2, f"{place}.springs", problems)
     stiffness = numbers(fields["springStiffness"], f"{place}.springStiffness", problems)
     triangles = vertices(fields["triangles"], n, 3, f"{place}.triangles", problems)
+    velocity = vectors(fields["vertVel"], f"{place}.vertVel", problems) if "vertVel" in fields else np.zeros((n, 3))
+    rest = None
+    if given := "springRestLength" in fields:
+        rest = numbers(fields["springRestLength"], f"{place}.springRestLength", problems)
     _check_counts(fields, place, problems)
-    check_masses(mass, f"{place}.vertMass", problems)
-    check_stiffnesses(stiffness, f"{place}.springStiffness", problems)
+    for kind, values in (("mass", mass), ("stiffness", stiffness), ("rest", rest)):
+        check_range(values, KIND[kind], f"{place}.{KIND[kind].field}", problems)
     if positions is not None and springs is not None:
         check_lengths(positions, springs, f"{place}.springs", problems)
-    made = (positions, fixed, mass, springs, stiffness, triangles)
+        rest = rest if given or len(problems) > before else lengths(positions, springs)
+    made = (positions, fixed, mass, springs, stiffness, triangles, velocity, rest)
     return None if len(problems) > before else Arrays(*made)  # type: ignore[arg-type]  # None only with a problem
 
 
@@ -118,18 +126,18 @@ def check_finite(array: Array, place: str, problems: list[str]) -> bool:
     return not wrong
 
 
-def check_masses(mass: Array | None, place: str, problems: list[str]) -> None:
-    """Check that every mass (n,), where there are any, is above 0."""
-    if mass is not None:
-        wrong = np.flatnonzero(mass <= 0).tolist()
-        _report(wrong, place, lambda i: f"the mass {float(mass[i])} kg must be above 0", problems)
+def check_range(values: Array | None, kind: Kind, place: str, problems: list[str]) -> None:
+    """Check that all values of a kind, where there are any, are such as it can have: above 0, or 0 or more."""
+    if values is not None and kind.valid != "any number":
+        wrong = np.flatnonzero(values <= 0 if kind.valid == "above 0" else values < 0).tolist()
+        unit = kind.unit
+        _report(wrong, place, lambda i: f"the {kind.title} {float(values[i])} {unit} must be {kind.valid}", problems)
 
 
-def check_stiffnesses(stiffness: Array | None, place: str, problems: list[str]) -> None:
-    """Check that no stiffness (S,), where there are any, is negative."""
-    if stiffness is not None:
-        wrong = np.flatnonzero(stiffness < 0).tolist()
-        _report(wrong, place, lambda i: f"the stiffness {float(stiffness[i])} N/m must be 0 or more", problems)
+def lengths(positions: Array, springs: Indices) -> Array:
+    """Lengths (S,), m, of springs (S, 2) between vertices at `positions` (n, 3)."""
+    edge = positions[springs[:, 0]] - positions[springs[:, 1]]
+    return np.asarray(np.sqrt((edge * edge).sum(axis=1)))
 
 
 def check_lengths(positions: Array, springs: Indices, place: str, problems: list[str]) -> None:
@@ -146,29 +154,33 @@ def check_lengths(positions: Array, springs: Indices, place: str, problems: list
     _report_springs(~np.isfinite(length), springs, place, far, problems)
 
 
-def new_values(values: npt.ArrayLike, count: int, place: str, problems: list[str]) -> Array | None:
-    """Copy given masses or stiffnesses into an array (count,) of finite numbers."""
+def new_values(
+    values: npt.ArrayLike, shape: int | tuple[int, ...], place: str, problems: list[str]
+) -> Array | None:
+    """Copy given values of a kind into an array of that shape, of finite numbers."""
+    shape = (shape,) if isinstance(shape, int) else shape
     try:
         array = np.asarray(values)
     except ValueError:  # rows of different lengths
-        array = np.empty((0, 0))
-    if array.shape != (count,) or array.dtype.kind not in "fiu":
-        problems.append(f"{place}: an array of {array.dtype} of shape {array.shape} is not {count} numbers")
+        array = np.empty((0,) * 9)
+    if array.shape != shape or array.dtype.kind not in "fiu":
+        needed = "a number" if shape == () else f"{' × '.join(map(str, shape))} numbers"
+        problems.append(f"{place}: an array of {array.dtype} of shape {array.shape} is not {needed}")
         return None
     copy = array.astype(np.float64)
-    return copy if check_finite(copy, place, problems) else None
+    return copy if check_finite(copy.reshape(-1), place, problems) else None
 
 
 def _check_counts(fields: dict[str, Any], place: str, problems: list[str]) -> None:
-    n, s = len(fields["vertPos"]), len(fields["springs"])
-    for name in ("vertIsFixed", "vertMass"):
-        if len(fields[name]) != n:
+    vertices, ends = counted(len(fields["vertPos"]), "vertex", "vertices"), len(fields["springs"])
+    springs = counted(ends // 2, "spring", "springs")
+    needed = [(name, len(fields["vertPos"]), vertices) for name in ("vertIsFixed", "vertMass", "vertVel")]
+    if ends % 2 == 0:
+        needed += [(name, ends // 2, springs) for name in ("springStiffness", "springRestLength")]
+    for name, count, owners in needed:
+        if name in fields and len(fields[name]) != count:
             has = counted(len(fields[name]), "value", "values")
-            problems.append(f"{place}.{name}: {has} for {counted(n, 'vertex', 'vertices')}; one each is needed")
-    k = len(fields["springStiffness"])
-    if s % 2 == 0 and k != s // 2:
-        has = f"{counted(k, 'value', 'values')} for {counted(s // 2, 'spring', 'springs')}"
-        problems.append(f"{place}.springStiffness: {has}; one each is needed")
+            problems.append(f"{place}.{name}: {has} for {owners}; one each is needed")
 
 
 def _vector_problems(value: Any, place: str) -> Iterable[str]:

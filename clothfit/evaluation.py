@@ -35,8 +35,8 @@ class Deviation:
     identified.
     """
 
-    object: int
-    name: str  # "mass" or "stiffness"
+    object: int | None  # None: of the scene as a whole
+    name: str  # of the kind, as in `clothfit.kinds`: "mass", "stiffness", …
     mode: str  # "G" or "L"
     count: int  # parameters, those that cannot be identified included
     median_relative_deviation: float | None  # None where none can be identified

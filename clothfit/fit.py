@@ -1,6 +1,6 @@
-"""Find the flagged masses and stiffnesses whose motion matches a target: the outer loop around the exact gradient.
+"""Find the flagged parameters whose motion matches a target: the outer loop around the exact gradient.
 
-The default is L-BFGS-B on scaled log parameters (`search`); SciPy's other minimisers go by their names. Whatever ends
+The default is L-BFGS-B on scaled coordinates (`search`); SciPy's other minimisers go by their names. Whatever ends
 the loop, its budget, an interrupt, a stalled line search, the best point it visited is the result.
 """
 
@@ -16,22 +16,24 @@ import numpy as np
 from clothfit.arrays import Array
 from clothfit.errors import InvalidInput
 from clothfit.fit_vector import (
-    LOWER,
-    UPPER,
     at_lower,
     at_upper,
     blocks,
+    bounds,
+    feels_air,
     fitted_cloths,
     identifiable,
     parameters,
     unidentifiable,
     with_parameters,
 )
+from clothfit.kinds import LETTERED
 from clothfit.motion import Motion, as_motion, checked_tolerance, simulate, simulate_cloths
 from clothfit.objective import Objective
 from clothfit.scene import Scene
 from clothfit.search import Progress, Search, Stop
-from clothfit.start import neutral_start
+from clothfit.start import neutral, neutral_start
+from clothfit.words import owned
 
 METHODS = {
     "l-bfgs-b": {"gradient": True, "bounds": True},
@@ -57,8 +59,8 @@ MEMORY = 30  # steps that L-BFGS-B remembers; SciPy's 10 converge about half as 
 class FittedBlock:
     """What became of one kind of parameter of one object."""
 
-    object: int
-    name: str  # "mass" or "stiffness"
+    object: int | None  # None: of the scene as a whole
+    name: str  # of the kind, as in `clothfit.kinds`: "mass", "stiffness", …
     mode: str  # "G" or "L"
     count: int
     at_bound: list[int]  # parameters at a bound, counted within the block
@@ -101,7 +103,8 @@ def estimate(
 
     Without `target`, the scene's own parameters are the truth: the target is simulated with them, and the fit starts
     from values that do not depend on them. With one, it starts from the scene's values. `start` changes that: a
-    number for all parameters, an array (P,), or a scene whose values to take. `budget` is in evaluations of cost and
+    number for all masses and stiffnesses (for all parameters, where neither are fitted), an array (P,) or a scene
+    whose values to take. `budget` is in evaluations of cost and
     gradient, `rmse_tolerance` in metres, `tolerance` that of the linear systems; `report` is called after every
     evaluation. KeyboardInterrupt ends the fit with status "interrupted" and the best so far; before the first
     evaluation, when there is no result yet, it passes on.
@@ -112,7 +115,8 @@ def estimate(
     check_method(method)
     if not blocks(scene):
         raise InvalidInput(
-            f"{scene.name}: nothing to fit: no object flags anything; set its optimizationSettings, for example to 'nL'"
+            f"{scene.name}: nothing to fit: no object flags anything; set its optimizationSettings, for example to "
+            "'nL', or its fit"
         )
     if budget < 1:
         raise InvalidInput(f"budget: {budget} evaluations are too few, at least 1 is needed")
@@ -131,7 +135,7 @@ def estimate(
     warnings = [*undetermined(scene), *outside_bounds(scene, p)]
     if not np.isfinite(objective.cost_or_infinity(p)):
         warnings.append("the simulation diverges at the start; the fit starts from the best of a coarse search instead")
-        p = neutral_start(scene, goal, scene.frames)
+        p = neutral_start(scene, goal, scene.frames, p)
     search = Search(objective, p, rmse_tolerance, budget, report)
     status = minimise(search, "l-bfgs-b" if method == "auto" else method)
     return result(search, status, method, warnings, started=start is not None)
@@ -140,21 +144,30 @@ def estimate(
 def undetermined(scene: Scene) -> list[str]:
     """Warnings of cloths whose fitted masses and stiffnesses the motion shows only up to a common factor.
 
-    Weight, inertia, node damping and springs all scale with them; only air drag and spheres do not.
+    Weight, inertia, node damping and springs all scale with them, and so does air drag where it is fitted, too; only
+    air drag that is known, and spheres, do not.
     """
-    both = [i for i, cloth in enumerate(scene.cloths) if "n" not in cloth.settings]
-    blind = [i for i in both if not scene.spheres and not (scene.cloths[i].drag > 0 and len(scene.cloths[i].triangles))]
-    what = "feels neither air nor spheres, so its motion shows masses and stiffnesses only up to one common factor"
-    return [f"objects[{i}] {what}" for i in blind]
+    if scene.spheres:
+        return []
+    found = []
+    for i, cloth in enumerate(scene.cloths):
+        if "n" not in cloth.settings and not feels_air(cloth):
+            what = "feels neither air nor spheres, so its motion shows masses and stiffnesses"
+            found.append(f"objects[{i}] {what} only up to one common factor")
+        elif "n" not in cloth.settings and cloth.mode("drag") != "n":
+            what = "feels no spheres, so its motion shows masses, stiffnesses and drag"
+            found.append(f"objects[{i}] {what} only up to one common factor")
+    return found
 
 
 def outside_bounds(scene: Scene, p: Array) -> list[str]:
     """Warnings of starting values (P,) that the bounds will move."""
-    outside = identifiable(scene) & ((p < LOWER) | (p > UPPER))
+    lower, upper = bounds(scene)
+    outside = identifiable(scene) & ((p < lower) | (p > upper))
     counts = [(block, int(outside[block.part].sum())) for block in blocks(scene)]
     return [
-        f"objects[{block.cloth}] {block.name}: {count} of {block.count} starting values lie outside the bounds "
-        f"{LOWER:g} … {UPPER:g} and start at the bound; the truth may lie outside as well"
+        f"{owned(block.cloth, block.name)}: {count} of {block.count} starting values lie outside the bounds "
+        f"{block.kind.lower:g} … {block.kind.upper:g} and start at the bound; the truth may lie outside as well"
         for block, count in counts
         if count
     ]
@@ -167,9 +180,7 @@ def check_method(method: str) -> None:
 
 
 def choose_start(scene: Scene, goal: Motion, start: float | Array | Scene | None, hidden: bool) -> Array:
-    """Starting values (P,) of all parameters. Raises InvalidInput when they are not positive numbers within the
-    bounds.
-    """
+    """Starting values (P,) of all parameters. Raises InvalidInput when they are not numbers within the bounds."""
     if start is None and hidden:
         own = parameters(scene)
         return np.where(identifiable(scene), neutral_start(scene, goal, scene.frames), own)
@@ -184,10 +195,16 @@ def choose_start(scene: Scene, goal: Motion, start: float | Array | Scene | None
         raise InvalidInput(f"start: {start!r} is not a number, an array of numbers or a scene") from None
     if values.ndim > 1 or values.size not in (1, count):
         raise InvalidInput(f"start: {values.size} values given, {scene.name} has {count} parameters")
-    inside = (values >= LOWER) & (values <= UPPER)  # False for NaN
-    if not inside.all():
-        raise InvalidInput(f"start: {values[~inside].flat[0]:g} is not within the bounds {LOWER:g} … {UPPER:g}")
-    return np.broadcast_to(values.reshape(-1), (count,)).copy()
+    lower, upper = bounds(scene)
+    p, given = np.broadcast_to(values.reshape(-1), (count,)).copy(), np.ones(count, bool)
+    if values.ndim == 0 and any(block.name in LETTERED for block in blocks(scene)):
+        given = np.repeat([block.name in LETTERED for block in blocks(scene)], [b.count for b in blocks(scene)])
+        p = np.where(given, p, neutral(scene) if hidden else parameters(scene))
+    wrong = given & ~((p >= lower) & (p <= upper))  # True for NaN
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise InvalidInput(f"start: {p[i]:g} is not within the bounds {lower[i]:g} … {upper[i]:g}")
+    return p
 
 
 def minimise(search: Search, method: str) -> str:
@@ -241,10 +258,11 @@ def result(search: Search, status: str, method: str, warnings: list[str], starte
     """The fit as its user sees it."""
     scene = search.objective.scene
     found, untouched = [], []
+    lower, upper = bounds(scene)
     for block in blocks(scene):
         values = search.best[block.part]
         lost = unidentifiable(scene, block, search.objective.seen)
-        bound = at_lower(values) | at_upper(values)
+        bound = at_lower(values, lower[block.part]) | at_upper(values, upper[block.part])
         bound[lost] = False
         at_bound = [int(i) for i in np.flatnonzero(bound)]
         found.append(FittedBlock(block.cloth, block.name, block.mode, block.count, at_bound, lost))

@@ -12,7 +12,7 @@ from clothfit import adjoint
 from clothfit.arrays import Array, Flags
 from clothfit.cost import Target, cost, cost_and_derivative, target
 from clothfit.errors import Diverged
-from clothfit.fit_vector import blocks, check_shape, elements, fitted_cloths, parameters
+from clothfit.fit_vector import blocks, check_shape, elements, extra_kinds, fitted_cloths, parameters
 from clothfit.motion import Motion, as_motion, checked_motion, checked_tolerance
 from clothfit.rollout import Rollout, rollout
 from clothfit.scene import Scene
@@ -90,11 +90,11 @@ class Objective:
         for i in self.cloths:
             cloth, memory = self._run(i, p)
             value, by_position = cost_and_derivative(memory.x, self.targets[i])
-            grad = adjoint.gradient(cloth, memory, by_position, self.tolerance)
+            grad = adjoint.gradient(cloth, memory, by_position, self.tolerance, extra_kinds(self.scene, i))
             total += value
             for block in self.blocks:
-                if block.cloth == i:
-                    gradient[block.part] = block.reduce(getattr(grad, block.name))
+                if block.cloth in (i, None):
+                    gradient[block.part] += block.reduce(getattr(grad, block.name))
         if not np.isfinite(gradient).all():
             raise Diverged(f"{self.scene.name}: the gradient overflows", 0)
         return total, gradient
@@ -109,7 +109,7 @@ class Objective:
         return changes
 
     def _run(self, cloth: int, p: Array) -> tuple[System, Rollout]:
-        changed = with_elements(self.systems[cloth], *elements(self.scene, cloth, p))
+        changed = with_elements(self.systems[cloth], elements(self.scene, cloth, p))
         steps = int(self.targets[cloth].step.max(initial=0))
         memory, good = rollout(changed, steps, self.tolerance)
         if good < steps:

@@ -38,7 +38,7 @@ class Rollout(NamedTuple):
 
 
 def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]:
-    """Simulate `steps` steps from rest; linear systems are solved to `tolerance`, relative.
+    """Simulate `steps` steps; linear systems are solved to `tolerance`, relative.
 
     Returns the rollout and how many of its steps are good: fewer than `steps` when the motion diverged.
     """
@@ -80,10 +80,10 @@ def check_memory(frames: int, vertices: int, iterations: int) -> None:
 
 
 @kernel
-def velocity(memory, t):
-    """Velocity (n, 3) before step t; the cloth starts at rest."""
+def velocity(system, memory, t):
+    """Velocity (n, 3) before step t."""
     if t == 0:
-        return np.zeros_like(memory.x[0])
+        return system.v0
     return memory.w[t - 1, memory.used[t - 1] - 1]
 
 
@@ -93,7 +93,7 @@ def run(system, tolerance, work, memory, start, stop):
     x, w, used, solves = memory
     first = work.solution
     for t in range(start, stop):
-        v = velocity(memory, t)
+        v = velocity(system, memory, t)
         copy(v, first)
         guess.advance(work.past, t, first)
         result = transition.step(system, x[t], v, first, tolerance, work, w[t], x[t + 1])

@@ -1,10 +1,8 @@
-"""What every optimiser is given: a cost that never fails, in scaled log parameters, and a memory of the best point.
+"""What every optimiser is given: a cost that never fails, in scaled coordinates, and a memory of the best point.
 
-    y_i = c_i log p_i,   c_i = sqrt(elements that parameter i moves)
-
-so that one value for a whole cloth and one value per element are of comparable weight. The cost is scaled to 1 at the
-first point. Where the simulation diverges or the cost overflows, the optimiser sees a bowl around the best point so
-far, above every cost met: its line search steps back.
+`coordinates` says how the parameters are scaled. The cost is scaled to 1 at the first point. Where the simulation
+diverges or the cost overflows, the optimiser sees a bowl around the best point so far, above every cost met: its line
+search steps back.
 """
 
 from __future__ import annotations
@@ -16,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from clothfit.arrays import Array
+from clothfit.coordinates import Coordinates
 from clothfit.errors import Diverged
-from clothfit.fit_vector import LOWER, UPPER, at_lower, at_upper, identifiable
+from clothfit.fit_vector import at_lower, at_upper, bounds, identifiable
 from clothfit.objective import Objective
 
 STATIONARY = 1e-5
@@ -76,7 +75,8 @@ class Search:
         self.objective = objective
         self.fitted = identifiable(objective.scene, objective.seen)
         self.best = np.array(start, float)
-        self.best[self.fitted] = np.clip(self.best[self.fitted], LOWER, UPPER)
+        self.coordinates = Coordinates(objective.scene, self.best)
+        self.best = np.where(self.fitted, self.coordinates.clipped(self.best), self.best)
         self.best_cost = np.inf
         self.best_gradient = np.zeros(len(start))
         self.rmse_tolerance = rmse_tolerance
@@ -84,8 +84,7 @@ class Search:
         self.report = report
         self.began = time.perf_counter()
         self.history: list[float] = []  # best cost after each evaluation
-        weights = np.concatenate([np.full(b.count, b.elements / b.count) for b in objective.blocks] or [np.zeros(0)])
-        self.scale = np.sqrt(weights[self.fitted])
+        self.scale = self.coordinates.weight[self.fitted]
         self.unit = 0.0
         self.worst = 0.0
         self._shaken, self._plateau = np.nan, False  # the cost at which the plateau was looked for, and what was found
@@ -93,13 +92,13 @@ class Search:
     @property
     def y(self) -> Array:
         """Coordinates (Q,) of the best point."""
-        coordinates: Array = self.scale * np.log(self.best[self.fitted])
-        return coordinates
+        return self.coordinates.y(self.best)[self.fitted]
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
         """Bounds of the coordinates."""
-        return [(float(c * np.log(LOWER)), float(c * np.log(UPPER))) for c in self.scale]
+        lower, upper = self.coordinates.lower[self.fitted], self.coordinates.upper[self.fitted]
+        return list(zip(lower.tolist(), upper.tolist(), strict=True))
 
     @property
     def evaluations(self) -> int:
@@ -113,9 +112,9 @@ class Search:
 
     def parameters(self, y: Array) -> Array:
         """All parameters (P,) at coordinates y (Q,)."""
-        p = self.best.copy()
-        p[self.fitted] = np.clip(np.exp(y / self.scale), LOWER, UPPER)
-        return p
+        whole = np.zeros(len(self.best))
+        whole[self.fitted] = y
+        return np.where(self.fitted, self.coordinates.p(whole), self.best)
 
     def __call__(self, y: Array) -> tuple[float, Array]:
         """Scaled cost and its gradient (Q,). Raises Stop when the fit is finished or its budget is spent."""
@@ -134,8 +133,8 @@ class Search:
         self._check_end()
         if not usable:
             return self._bowl(y)
-        slope = gradient[self.fitted] * p[self.fitted] / self.scale
-        return cost / self.unit, slope / self.unit
+        slope = gradient * self.coordinates.change(p) / self.coordinates.weight
+        return cost / self.unit, slope[self.fitted] / self.unit
 
     def cost(self, y: Array) -> float:
         """Scaled cost alone, for methods without a gradient."""
@@ -186,12 +185,14 @@ class Search:
         return self._plateau
 
     def _slope(self) -> float:
-        """Largest change of the best cost by a parameter's change by a factor e, linearly, as a fraction of that
-        cost.
+        """Largest change of the best cost by a parameter's change by a factor e (by σ where its coordinate is linear),
+        linearly, as a fraction of that cost.
         """
         if not (np.isfinite(self.best_cost) and self.best_cost > 0):
             return np.inf
-        p = self.best[self.fitted]
-        slope = self.best_gradient[self.fitted] * p
-        slope[(at_lower(p) & (slope > 0)) | (at_upper(p) & (slope < 0))] = 0.0  # the bounds allow no descent
+        lower, upper = bounds(self.objective.scene)
+        slope = self.best_gradient * self.coordinates.change(self.best)
+        slope[~self.fitted] = 0.0
+        stuck = (at_lower(self.best, lower) & (slope > 0)) | (at_upper(self.best, upper) & (slope < 0))
+        slope[stuck] = 0.0  # the bounds allow no descent
         return float(np.abs(slope).max(initial=0.0) / self.best_cost)

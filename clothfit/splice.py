@@ -1,8 +1,11 @@
 """New numbers into an old text: all but the numbers that changed stays byte for byte as it was.
 
 Writing the parsed document again would respell every number (`0.020` becomes `0.02`) and lose the layout. Instead the
-lists are found in the text, and in them the tokens whose value differs are replaced. The text is one that parsed as
-a valid scene without repeated keys, so the end of a value is found from strings and brackets alone, without recursion.
+values are found in the text, and in them the tokens whose value differs are replaced; a field that is needed and not
+there is put behind the last one of its object, spaced as that is. The text is one that parsed as a valid scene without
+repeated keys, so the end of a value is found from strings and brackets alone, without recursion.
+
+A value is a number, a list of numbers, a vector {x, y, z}, or a list of vectors.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 STRING = r'"[^"\\]*(?:\\.[^"\\]*)*"'
 # One set of first characters lets the search skip long runs of numbers quickly.
@@ -18,25 +22,78 @@ ATOM = re.compile(rf"{STRING}|[^\s,:\]}}]+", re.DOTALL)
 BETWEEN = re.compile(r"[ \t\r\n,:]*")  # separators need no telling apart in a valid text
 NUMBER = re.compile(r"-?[0-9][0-9.eE+-]*")
 
+Span = tuple[int, int]
+Edit = tuple[int, int, str]  # from, to, new text
 
-def splice(text: str, values: Sequence[Mapping[str, Sequence[float]]]) -> str:
-    """Put numbers into the lists of a scene's objects: `values[i]["vertMass"]` into `objects[i].vertMass`.
+
+class Optional(NamedTuple):
+    """The value of a field that a text may lack."""
+
+    value: Any
+    needed: bool  # whether to put it in where it is missing
+
+
+def splice(text: str, objects: Sequence[Mapping[str, Any]], scene: Mapping[str, Any] | None = None) -> str:
+    """Put values into the fields of a scene and its objects: `objects[i]["vertMass"]` into `objects[i].vertMass`.
 
     Each list keeps its length. A token stays when its value is the new one, else it becomes `repr` of the new one.
+    Fields that may be missing have their value as an `Optional`.
     """
+    start = _after(text, 0)
+    top = dict(_members(text, start))
+    edits = list(_edits(text, start, top, scene or {}))
+    for (at, _), values in zip(_items(text, top["objects"][0]), objects, strict=True):
+        edits += _edits(text, at, dict(_members(text, at)), values)
     pieces, done = [], 0
-    for spans, lists in zip(object_spans(text), values, strict=True):
-        for name in sorted(lists, key=spans.__getitem__):
-            start, end = spans[name]
-            pieces += [text[done:start], _renumbered(text[start:end], lists[name])]
-            done = end
+    for first, last, new in sorted(edits):
+        pieces += [text[done:first], new]
+        done = last
     return "".join([*pieces, text[done:]])
 
 
-def object_spans(text: str) -> list[dict[str, tuple[int, int]]]:
+def object_spans(text: str) -> list[dict[str, Span]]:
     """Find the fields of each object of a scene: name to (start, end) of the value in the text."""
-    scene = dict(_members(text, BETWEEN.match(text).end()))  # type: ignore[union-attr]  # it matches nothing, too
+    scene = dict(_members(text, _after(text, 0)))
     return [dict(_members(text, start)) for start, _ in _items(text, scene["objects"][0])]
+
+
+def _edits(text: str, start: int, spans: Mapping[str, Span], values: Mapping[str, Any]) -> Iterator[Edit]:
+    """What to change in the object at `start`, with fields at `spans`, for new values of some of its fields."""
+    missing = {}
+    for name, given in values.items():
+        value, needed = given if isinstance(given, Optional) else (given, True)
+        if name in spans:
+            yield from _changes(text, spans[name], value)
+        elif needed:
+            missing[name] = value
+    if missing:
+        yield _insertion(text, start, missing)
+
+
+def _changes(text: str, span: Span, value: Any) -> Iterator[Edit]:
+    """What to change in the value at `span` to make it the new one."""
+    if isinstance(value, Mapping):
+        parts = dict(_members(text, span[0]))
+        for name, part in value.items():
+            yield from _changes(text, parts[name], part)
+    elif isinstance(value, Sequence) and value and isinstance(value[0], Mapping):
+        for item, part in zip(_items(text, span[0]), value, strict=True):
+            yield from _changes(text, item, part)
+    else:
+        old = text[slice(*span)]
+        new = _renumbered(old, value if isinstance(value, Sequence) else [value])
+        if new != old:
+            yield *span, new
+
+
+def _insertion(text: str, start: int, missing: Mapping[str, Any]) -> Edit:
+    """Text for new fields behind the last field of the object at `start`, in the spacing of that field."""
+    *before, key, value = [(start, start + 1), *_items(text, start)]
+    gap = text[before[-1][1] : key[0]].replace(",", "")
+    colon = text[key[1] : value[0]]
+    separators = (", ", ": ") if colon.endswith(" ") else (",", ":")
+    fields = [f'{gap}"{name}"{colon}{json.dumps(new, separators=separators)}' for name, new in missing.items()]
+    return value[1], value[1], "".join(f",{field}" for field in fields)
 
 
 def _renumbered(numbers: str, values: Sequence[float]) -> str:
@@ -45,14 +102,14 @@ def _renumbered(numbers: str, values: Sequence[float]) -> str:
     return NUMBER.sub(lambda _: next(new), numbers)
 
 
-def _members(text: str, start: int) -> Iterator[tuple[str, tuple[int, int]]]:
+def _members(text: str, start: int) -> Iterator[tuple[str, Span]]:
     """Walk the fields of the object at `start`: key and span of the value."""
     spans = _items(text, start)
     for (key, end), value in zip(spans, spans, strict=True):
         yield json.loads(text[key:end]), value
 
 
-def _items(text: str, start: int) -> Iterator[tuple[int, int]]:
+def _items(text: str, start: int) -> Iterator[Span]:
     """Walk the values of the list (or the keys and values of the object) at `start`: their spans."""
     at = _after(text, start + 1)
     while text[at] not in "]}":

@@ -1,8 +1,9 @@
 """Where a fit starts when it may not know the scene's own values: the best of a coarse grid of one value per cloth.
 
-Cloths do not touch, so each has a grid of its own: the decades within the bounds for every flagged kind (masses,
-stiffnesses, or both), then steps of half, a quarter and an eighth of a decade around the best. Only the first frames
-are compared: near the start the cost is smooth in the parameters, later a windy cloth is chaotic.
+Cloths do not touch, so each has a grid of its own: the decades within the bounds for its masses, stiffnesses, or both,
+then steps of half, a quarter and an eighth of a decade around the best. Only the first frames are compared: near the
+start the cost is smooth in the parameters, later a windy cloth is chaotic. The other kinds are not searched: they have
+neutral values, or those that are given.
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ from itertools import product
 import numpy as np
 
 from clothfit.arrays import Array
+from clothfit.block import Block
 from clothfit.cost import target
-from clothfit.fit_vector import LOWER, UPPER, Block
+from clothfit.fit_vector import LOWER, UPPER, blocks
+from clothfit.kinds import LETTERED
 from clothfit.motion import Motion
 from clothfit.objective import Objective
 from clothfit.scene import Scene
@@ -24,17 +27,31 @@ from clothfit.scene import Scene
 WINDOW = 30  # frames, the one before the first that shows anything included
 LOOSE = 1e-4  # tolerance of the linear solver: far below the differences between grid points
 DECADES = [float(e) for e in range(round(math.log10(LOWER)), round(math.log10(UPPER)) + 1)]
-Exponents = tuple[float, ...]  # of ten, one per flagged kind
+Exponents = tuple[float, ...]  # of ten, one per kind that is searched
 
 
-def neutral_start(scene: Scene, motion: Motion, frames: int) -> Array:
-    """Starting values (P,) from the target and from what is not flagged; independent of the scene's flagged values."""
+def neutral(scene: Scene) -> Array:
+    """Values (P,) that do not depend on the scene's flagged ones: the neutral value of each kind."""
+    p = np.zeros(sum(block.count for block in blocks(scene)))
+    for block in blocks(scene):
+        value = np.resize(block.kind.neutral, block.count)
+        lengths = block.name == "rest" and block.mode == "L" and block.cloth is not None
+        p[block.part] = scene.cloths[block.cloth or 0].lengths if lengths else value
+    return p
+
+
+def neutral_start(scene: Scene, motion: Motion, frames: int, others: Array | None = None) -> Array:
+    """Starting values (P,) from the target and from what is not flagged; independent of the scene's flagged values.
+
+    Kinds that are not searched have their values in `others` (P,), or neutral ones.
+    """
     objective = Objective(scene, motion, LOOSE, frames=min(frames, first_seen(scene, motion) + WINDOW - 1))
-    p = np.ones(sum(block.count for block in objective.blocks))
+    p = neutral(scene) if others is None else np.array(others, float)
     for cloth in objective.cloths:
-        own = [block for block in objective.blocks if block.cloth == cloth]
-        best = search_grid(partial(grid_cost, objective, cloth, own), len(own))
-        fill(p, own, best)
+        own = [block for block in objective.blocks if block.cloth == cloth and block.name in LETTERED]
+        if own:
+            best = search_grid(partial(grid_cost, objective, cloth, own, p.copy()), len(own))
+            fill(p, own, best)
     return p
 
 
@@ -51,9 +68,8 @@ def fill(p: Array, own: Sequence[Block], exponents: Exponents) -> None:
         p[block.part] = 10.0**exponent
 
 
-def grid_cost(objective: Objective, cloth: int, own: Sequence[Block], exponents: Exponents) -> float:
-    """Cost of one cloth at a point of its grid; infinite where the simulation diverges."""
-    p = np.ones(sum(block.count for block in objective.blocks))
+def grid_cost(objective: Objective, cloth: int, own: Sequence[Block], p: Array, exponents: Exponents) -> float:
+    """Cost of one cloth at a point of its grid, written into p (P,); infinite where the simulation diverges."""
     fill(p, own, exponents)
     return objective.cost_or_infinity(p, cloth)
 

@@ -15,9 +15,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from clothfit.words import place, shown
+from clothfit.words import named, place, shown
 
-LONG = ("vertPos", "vertIsFixed", "vertMass", "springs", "springStiffness", "triangles")
+LONG = (
+    "vertPos", "vertIsFixed", "vertMass", "vertVel", "springs", "springStiffness", "springRestLength", "triangles",
+)  # fmt: skip
 MOST_PROBLEMS = 20
 TYPES = {
     "array": "a list",
@@ -98,6 +100,10 @@ def _problems(error: Any) -> list[tuple[str, str]]:
     if error.validator == "required":  # the validator does not say which field it means; all of them, then
         missing = [name for name in error.validator_value if name not in error.instance]
         return [(place([*path, name]), "is missing, and it has no default") for name in missing]
+    if error.validator == "additionalProperties":  # only a `fit` has a closed list of fields
+        known = error.schema["properties"]
+        strange = [name for name in error.instance if name not in known]
+        return [(place([*path, named(name)]), f"cannot be fitted; {', '.join(known)} can") for name in strange]
     return [(place(path), _sentence(error.validator, error.validator_value, error.instance))]
 
 

@@ -29,6 +29,11 @@ def counted(count: int, one: str, many: str) -> str:
     return f"{count} {one if count == 1 else many}"
 
 
+def owned(cloth: int | None, kind: str) -> str:
+    """Write a kind of parameter with its owner: `objects[0] mass`, or `scene wind` of the scene as a whole."""
+    return f"scene {kind}" if cloth is None else f"objects[{cloth}] {kind}"
+
+
 def named(key: str) -> str:
     """Write a key as a step of a place: as it is when short and plain, else in quotes, escaped and cut."""
     return key if key.isidentifier() and key.isascii() and len(key) <= LONGEST else shown(key)

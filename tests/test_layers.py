@@ -12,6 +12,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "clothfit"
 ORDER = [
     "errors",
     "arrays",
+    "kinds",
     "verify",
     "words",
     "interrupts",
@@ -44,8 +45,10 @@ ORDER = [
     "motion",
     "capture",
     "cost",
+    "block",
     "fit_vector",
     "objective",
+    "coordinates",
     "search",
     "start",
     "fit",

@@ -11,7 +11,7 @@ import click
 from clothfit.cli import shared
 from clothfit.cli.console import Console, metres
 from clothfit.errors import Diverged, InvalidInput
-from clothfit.words import counted
+from clothfit.words import counted, owned
 
 if TYPE_CHECKING:
     from clothfit.fit import Fit
@@ -47,7 +47,7 @@ def command(
     as_json: bool,
     console: Console,
 ) -> int:
-    """Fit the masses and stiffnesses that SCENE flags and write the scene with only those numbers changed.
+    """Fit the parameters that SCENE flags and write the scene with only those numbers changed.
 
     Without --target the scene's own parameters are the truth, hidden from the fit: a trial of what can be recovered.
 
@@ -67,7 +67,7 @@ def command(
     fit.check_method(method)
     target = shared.read_motion(target_path, scene) if target_path is not None else None
     first = read_start(start, console)
-    flagged = ", ".join(f"objects[{b.cloth}] {b.name} ({b.mode})" for b in blocks(scene))
+    flagged = ", ".join(f"{owned(b.cloth, b.name)} ({b.mode})" for b in blocks(scene))
     console.detail(f"fitting {flagged or 'nothing'} over {scene.frames} frames")
     console.announce_compilation()
     with console.progress() as report:
@@ -145,7 +145,7 @@ def describe(found: Fit, out: shared.Output, console: Console) -> None:
         f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s → {out.name}"
     )
     for block in found.parameters:
-        place = f"objects[{block.object}] {block.name}"
+        place = owned(block.object, block.name)
         if block.at_bound:
             console.warn(f"{place}: {len(block.at_bound)} of {block.count} at a bound: {indices(block.at_bound)}")
         if block.unidentifiable:

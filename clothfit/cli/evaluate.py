@@ -10,6 +10,7 @@ import click
 from clothfit.cli import shared
 from clothfit.cli.console import Console, metres
 from clothfit.errors import Diverged
+from clothfit.words import owned
 
 if TYPE_CHECKING:
     from clothfit.evaluation import Evaluation
@@ -78,5 +79,5 @@ def show(report: Evaluation, console: Console) -> None:
                 "not identifiable" if v is None else f"{v:.2g}"
                 for v in (d.median_relative_deviation, d.max_relative_deviation)
             ]
-            rows.append((f"objects[{d.object}] {d.name} ({d.mode})", str(d.count), *values))
+            rows.append((f"{owned(d.object, d.name)} ({d.mode})", str(d.count), *values))
         console.table(rows)

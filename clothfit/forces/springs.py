@@ -36,11 +36,9 @@ class Springs(NamedTuple):
     slot: Indices  # (S,), place of the block (a, b) in the matrix
 
 
-def build(positions: Array, ends: Indices, stiffness: Array, damping: float, slot: Indices) -> Springs:
-    """Springs at rest at `positions` (n, 3), with the object's damping coefficient α."""
-    edge = positions[ends[:, 0]] - positions[ends[:, 1]]
-    rest = np.sqrt((edge * edge).sum(axis=1))
-    return Springs(ends, rest, np.array(stiffness, float), 0.5 * float(damping), slot)
+def build(ends: Indices, rest: Array, stiffness: Array, damping: float, slot: Indices) -> Springs:
+    """Springs with rest lengths (S,) m and stiffnesses (S,) N/m, with the object's damping coefficient α."""
+    return Springs(ends, np.array(rest, float), np.array(stiffness, float), 0.5 * float(damping), slot)
 
 
 @kernel
@@ -68,6 +66,12 @@ def axis(springs, y, i):
     if length == 0.0:
         return springs.rest[i], 0.0, 0.0, 0.0
     return length, e0 / length, e1 / length, e2 / length
+
+
+@kernel
+def pointlike(d0, d1, d2):
+    """Whether a spring's axis is that of one of zero length, which exerts nothing whatever its rest length."""
+    return d0 == 0.0 and d1 == 0.0 and d2 == 0.0
 
 
 @kernel
@@ -139,6 +143,10 @@ def add_pullback(springs, y, u, w, s, lam, h, grad, gy, gu):
         wd = w0 * d0 + w1 * d1 + w2 * d2
         ls = l0 * s0 + l1 * s1 + l2 * s2
         grad.stiffness[i] -= h * ((1.0 - rho) * (length * ld + ls) + ld * (rho * sd + beta * wd))
+        if len(grad.damping) > 0:  # β = α/2
+            grad.damping[0] -= 0.5 * h * springs.stiffness[i] * ld * wd
+        if len(grad.rest) > 0 and not pointlike(d0, d1, d2):  # ∂ρ/∂L₀ = 1/L
+            grad.rest[i] += h * springs.stiffness[i] * (ld + (ls - ld * sd) / length)
         # ∂ψ/∂e = cl λ + cs s + cw w + cd d
         cl = (1.0 - rho) + (rho * sd + beta * wd) / length
         cs = rho * ld / length
@@ -176,6 +184,11 @@ def add_pushforward(springs, y, u, w, s, dy, du, direction, h, out):
         cs = hk * rho * t - h * direction.stiffness[i] * (1.0 - rho)
         ce = hk * (1.0 - rho)
         cn = hk * turn
+        if len(direction.damping) > 0:
+            cd += 0.5 * hk * direction.damping[0] * wd
+        if len(direction.rest) > 0 and not pointlike(d0, d1, d2):
+            cd += hk * direction.rest[i] * (sd / length - 1.0)
+            cs -= hk * direction.rest[i] / length
         p0 = cd * d0 + cs * s0 + ce * e0 + cn * n0
         p1 = cd * d1 + cs * s1 + ce * e1 + cn * n1
         p2 = cd * d2 + cs * s2 + ce * e2 + cn * n2

@@ -13,8 +13,6 @@ import numpy as np
 from clothfit.arrays import Array, Flags
 from clothfit.kernel import kernel
 
-GRAVITY = -9.81  # along y, m/s²
-
 
 class Vertex(NamedTuple):
     """Constants of the vertices of one cloth."""
@@ -25,9 +23,9 @@ class Vertex(NamedTuple):
     free: Flags  # (n,), False where the vertex is fixed
 
 
-def build(mass: Array, fixed: Flags, damping: float) -> Vertex:
-    """The vertices of a cloth with masses (n,) kg and damping α 1/s."""
-    return Vertex(np.array(mass, float), float(damping), np.array([0.0, GRAVITY, 0.0]), ~np.asarray(fixed))
+def build(mass: Array, fixed: Flags, damping: float, gravity: Array) -> Vertex:
+    """The vertices of a cloth with masses (n,) kg, damping α 1/s and gravity (3,) m/s²."""
+    return Vertex(np.array(mass, float), float(damping), np.array(gravity, float), ~np.asarray(fixed))
 
 
 @kernel
@@ -63,6 +61,10 @@ def add_pullback(vertex, y, u, w, s, lam, h, grad, gy, gu):
     for i in range(len(vertex.mass)):
         for c in range(3):
             grad.mass[i] += h * lam[i, c] * (vertex.gravity[c] - vertex.damping * w[i, c])
+            if len(grad.damping) > 0:
+                grad.damping[0] -= h * vertex.mass[i] * lam[i, c] * w[i, c]
+            if len(grad.gravity) > 0:
+                grad.gravity[c] += h * vertex.mass[i] * lam[i, c]
 
 
 @kernel
@@ -70,3 +72,7 @@ def add_pushforward(vertex, y, u, w, s, dy, du, direction, h, out):
     for i in range(len(vertex.mass)):
         for c in range(3):
             out[i, c] += h * direction.mass[i] * (vertex.gravity[c] - vertex.damping * w[i, c])
+            if len(direction.damping) > 0:
+                out[i, c] -= h * vertex.mass[i] * direction.damping[0] * w[i, c]
+            if len(direction.gravity) > 0:
+                out[i, c] += h * vertex.mass[i] * direction.gravity[c]

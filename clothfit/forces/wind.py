@@ -26,14 +26,14 @@ from clothfit.sparse import add_outer
 class Faces(NamedTuple):
     """Constants of the faces of one cloth that feel the air."""
 
-    corners: Indices  # (T, 3), the vertices a, b, c; no rows where the drag coefficient is 0
+    corners: Indices  # (T, 3), the vertices a, b, c; no rows where nobody needs the air
     drag: float  # drag coefficient, kg/(m⁶ s)
     wind: Array  # W, (3,), m/s
 
 
-def build(triangles: Indices, drag: float, wind: Array) -> Faces:
-    """The faces, or none of them when the drag coefficient is 0: then no pass over them is ever made."""
-    corners = triangles if drag > 0 else triangles[:0]
+def build(triangles: Indices, drag: float, wind: Array, fitted: bool = False) -> Faces:
+    """The faces, or none of them where the drag coefficient is 0 and not `fitted`: no pass over them is ever made."""
+    corners = triangles if drag > 0 or fitted else triangles[:0]
     return Faces(np.ascontiguousarray(corners), float(drag), np.array(wind, float))
 
 
@@ -143,6 +143,12 @@ def add_pullback(faces, y, u, w, s, lam, h, grad, gy, gu):
         for corner in range(3):
             add_along(gu, faces.corners[i, corner], -h * kappa * total / 3.0, n0, n1, n2)
         value += total * eta
+        if len(grad.drag) > 0:
+            grad.drag[0] += h / 6.0 * sqrt(size) * value
+        if len(grad.wind) > 0:
+            grad.wind[0] += h * kappa * total * n0
+            grad.wind[1] += h * kappa * total * n1
+            grad.wind[2] += h * kappa * total * n2
         # κ = drag |n| / 6, so ∂κ/∂n = κ n / |n|²
         g0 += t0 * eta + total * (faces.wind[0] - mean(faces, u, i, 0)) + value * n0 / size
         g1 += t1 * eta + total * (faces.wind[1] - mean(faces, u, i, 1)) + value * n1 / size
@@ -184,10 +190,14 @@ def add_pushforward(faces, y, u, w, s, dy, du, direction, h, out):
             continue
         m0, m1, m2 = normal_pushforward(faces, y, dy, i)
         dkappa = kappa * (n0 * m0 + n1 * m1 + n2 * m2) / size
+        if len(direction.drag) > 0:
+            dkappa += direction.drag[0] / 6.0 * sqrt(size)
         eta = inflow(faces, u, i, n0, n1, n2)
         deta = inflow(faces, u, i, m0, m1, m2) - (
             n0 * mean(faces, du, i, 0) + n1 * mean(faces, du, i, 1) + n2 * mean(faces, du, i, 2)
         )
+        if len(direction.wind) > 0:
+            deta += n0 * direction.wind[0] + n1 * direction.wind[1] + n2 * direction.wind[2]
         for corner in range(3):
             j = faces.corners[i, corner]
             theta = along(w, j, n0, n1, n2) - along(u, j, n0, n1, n2)

@@ -1,0 +1,58 @@
+"""The kinds of parameter that a fit can find: one row each, read by all who need to know what kinds there are.
+
+A kind belongs to each vertex, spring or object, or to the scene as a whole. Masses and stiffnesses are flagged by the
+two letters of an object's `optimizationSettings`, every other kind by its field's name in the `fit` of its object or of
+the scene. Mode G is one value for the whole object (of the lengths: one factor on those at `vertPos`), L one value per
+vertex or spring.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of parameter; bounds, scale and start are in its unit, per component."""
+
+    name: str  # of the field in `arrays.Elements`, of the attribute of Cloth or Scene, and in reports
+    title: str  # in messages
+    field: str  # of the scene file
+    of: str  # what has one each: "vertex", "spring", "object" or "scene"
+    modes: str  # what can be asked for besides n
+    components: int  # 3 for vectors
+    unit: str
+    valid: str  # which finite values a scene may have: "above 0", "0 or more" or "any number"
+    lower: float  # bounds of a fit
+    upper: float
+    log: bool  # whether a fit moves its logarithm, or the value itself
+    scale: float = 1.0  # typical size, where a fit moves the value itself
+    neutral: tuple[float, ...] = (1.0,)  # start of a fit that may not know the scene's value; of lengths: the factor
+
+
+KINDS = (
+    Kind("mass", "mass", "vertMass", "vertex", "GL", 1, "kg", "above 0", 1e-4, 1e4, True),
+    Kind("stiffness", "stiffness", "springStiffness", "spring", "GL", 1, "N/m", "0 or more", 1e-4, 1e4, True),
+    Kind("damping", "damping", "damping", "object", "G", 1, "1/s", "0 or more", 0.0, 1e4, False, neutral=(0.1,)),
+    Kind("drag", "drag", "dragCoefficient", "object", "G", 1, "kg/(m^6 s)", "0 or more", 0.0, 1e4, False),
+    Kind(
+        "velocity", "velocity", "vertVel", "vertex", "GL", 3, "m/s", "any number", -1e4, 1e4, False,
+        neutral=(0.0, 0.0, 0.0),
+    ),
+    Kind("rest", "rest length", "springRestLength", "spring", "GL", 1, "m", "above 0", 1e-4, 1e4, True),
+    Kind(
+        "wind", "wind", "windVel", "scene", "G", 3, "m/s", "any number", -1e4, 1e4, False,
+        scale=5.0, neutral=(0.1, 0.1, 0.1),  # not 0: there the air's push on a cloth in still air may have no slope
+    ),
+    Kind(
+        "gravity", "gravity", "gravity", "scene", "G", 3, "m/s²", "any number", -1e4, 1e4, False,
+        scale=10.0, neutral=(0.0, -9.81, 0.0),
+    ),
+)  # fmt: skip
+"""In the order of the fit vector: those of each object in turn, then those of the scene."""
+
+KIND = {kind.name: kind for kind in KINDS}
+CLOTH_KINDS = tuple(kind for kind in KINDS if kind.of != "scene")
+SCENE_KINDS = tuple(kind for kind in KINDS if kind.of == "scene")
+LETTERED = ("mass", "stiffness")
+"""The kinds that `optimizationSettings` flags, in the order of its letters."""
