@@ -16,10 +16,11 @@ from clothfit import sparse
 from clothfit.arrays import Array, Elements
 from clothfit.forces import spheres, springs, vertex, wind
 from clothfit.scene import Scene
-from clothfit.system import EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
+from clothfit.system import EXPLICIT, IMPLICIT, SYMPLECTIC, System, all_elements, build, with_elements, zeros
 
 TIGHT = 1e-14  # tolerance of linear systems: their error is then rounding
 GRAVITY = 9.81
+KINDS = Elements._fields[2:]  # besides masses and stiffnesses
 STATES = ("rest", "random", "stretched", "compressed")
 METHODS = {"explicit": EXPLICIT, "symplectic": SYMPLECTIC, "implicit": IMPLICIT}
 
@@ -129,18 +130,27 @@ def parts(system: System) -> dict[str, tuple[Any, Any]]:
 
 
 def direction(system: System, seed: int = 2) -> Elements:
-    """A random change of masses and stiffnesses, relative to them."""
+    """A random change of every kind, relative to its values; of velocities at rest, and of 0, of size 1."""
     rng = np.random.default_rng(seed)
-    mass, stiffness = system.vertex.mass, system.springs.stiffness
-    return Elements(mass * rng.normal(size=mass.shape), stiffness * rng.normal(size=stiffness.shape))
+    values = all_elements(system)
+    return Elements(*(np.where(value == 0, 1.0, value) * rng.normal(size=value.shape) for value in values))
 
 
-def shifted(force: Any, change: Elements, t: float) -> Any:
-    """A force's constants with its masses or stiffnesses changed by t · change."""
-    values = {
-        name: getattr(force, name) + t * getattr(change, name) for name in change._fields if name in force._fields
-    }
-    return force._replace(**values)
+def shifted(system: System, change: Elements, t: float) -> System:
+    """The system with all its values changed by t · change."""
+    pairs = zip(all_elements(system), change, strict=True)
+    return with_elements(system, Elements(*(value + t * d if len(d) else value[:0] for value, d in pairs)))
+
+
+def nothing(system: System) -> Elements:
+    """Zeros of every kind, to add a gradient to."""
+    return zeros(system, KINDS)
+
+
+def product(gradient: Elements, change: Elements) -> float:
+    """Σ gradient · change over all kinds that both have."""
+    pairs = zip(gradient, change, strict=True)
+    return float(sum(np.vdot(g, d) for g, d in pairs if len(g) and len(d)))
 
 
 def total_force(module: Any, force: Any, y: Array, u: Array) -> Array:
@@ -195,7 +205,7 @@ def pushforward_error(system: System, name: str, at: State) -> float:
 
     def moved(t: float) -> Array:
         point = at._replace(y=at.y + t * at.dy, u=at.u + t * at.du)
-        return model(system, module, shifted(force, change, t), point)
+        return model(system, module, parts(shifted(system, change, t))[name][1], point)
 
     measured = (moved(t) - moved(-t)) / (2 * t)
     return relative(pushforward(system, module, force, at, change), measured)
@@ -205,11 +215,11 @@ def transpose_error(system: System, name: str, at: State) -> float:
     """Dot-product test between a force's add_pullback and add_pushforward, relative to the sum of absolute products."""
     module, force = parts(system)[name]
     change = direction(system)
-    grad = Elements(np.zeros_like(change.mass), np.zeros_like(change.stiffness))
+    grad = nothing(system)
     gy, gu = np.zeros_like(at.y), np.zeros_like(at.y)
     module.add_pullback(force, at.y, at.u, at.w, at.s, at.lam, system.h, grad, gy, gu)
     out = pushforward(system, module, force, at, change)
-    back = np.vdot(gy, at.dy) + np.vdot(gu, at.du) + grad.mass @ change.mass + grad.stiffness @ change.stiffness
+    back = np.vdot(gy, at.dy) + np.vdot(gu, at.du) + product(grad, change)
     return float(abs(np.vdot(at.lam, out) - back) / np.abs(at.lam * out).sum())
 
 

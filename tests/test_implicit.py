@@ -61,7 +61,7 @@ def test_the_linearised_step_is_that_of_the_scene_format(name):
 
 def test_a_compressed_cloth_has_an_indefinite_matrix_and_is_stepped_all_the_same():
     one = system()
-    one = with_elements(one, one.vertex.mass, 40 * one.springs.stiffness)
+    one = with_elements(one, Elements(one.vertex.mass, 40 * one.springs.stiffness))
     at = start(one, "compressed")
     _, K, D = dense_forces(one, at.y, at.u)
     A = np.kron(np.diag(one.vertex.mass), np.eye(3)) - one.h * D - one.h**2 * K
@@ -119,9 +119,8 @@ def test_the_pushforward_is_the_derivative_of_the_step(name, newton):
     change, t = physics.direction(one), 1e-6
 
     def moved(t):
-        elements = (value + t * d for value, d in zip((one.vertex.mass, one.springs.stiffness), change, strict=True))
         v = at.u + t * at.du
-        w = step(with_elements(one, *elements), at.y + t * at.dy, v)[0][-1]
+        w = step(physics.shifted(one, change, t), at.y + t * at.dy, v)[0][-1]
         return np.array([at.y + t * at.dy + one.h * w, w])
 
     velocities = step(one, at.y, at.u)[0]
@@ -143,10 +142,10 @@ def test_the_pullback_is_the_transpose_of_the_pushforward(name, newton):
     x_bar, v_bar = at.lam.copy(), at.w.copy()
     forward = np.vdot(x_bar, dx) + np.vdot(v_bar, dv)
     size = np.abs(x_bar * dx).sum() + np.abs(v_bar * dv).sum()
-    grad = Elements(np.zeros(9), np.zeros(len(change.stiffness)))
+    grad = physics.nothing(one)
     work = implicit.workspace(one)
     implicit.pullback(one, at.y, at.u, velocities, len(velocities), TIGHT, work, x_bar, v_bar, grad)
-    back = np.vdot(x_bar, at.dy) + np.vdot(v_bar, at.du) + grad.mass @ change.mass + grad.stiffness @ change.stiffness
+    back = np.vdot(x_bar, at.dy) + np.vdot(v_bar, at.du) + physics.product(grad, change)
     assert abs(forward - back) < 1e-12 * size  # solves to 1e-14, condition number below 100
 
 
