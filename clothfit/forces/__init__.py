@@ -22,6 +22,15 @@ step's linear system; lam or λ the adjoint variable, the solution of A λ = ∂
 front (dx) a change. A vertex or spring index is i; a and b are a spring's ends, p0 p1 p2 the components of a vector p.
 
 To add a force: write such a module, give `System` a field for it and `system.build` a line, and add a line to each
-function of `forces/total.py`. One with parameters of its own also needs a field in `arrays.Elements`, a line in
-`system.with_elements`, and a name in `fit_vector.NAMES`.
+function of `forces/total.py`.
+
+To add a kind of parameter p: a row in `kinds.KINDS`; a field in `arrays.Elements`, in the same order, and its lines in
+`system.with_elements` and `system.all_elements`; the field in the JSON schema, there also in `fit`, and its attribute
+in `scene.Cloth` or `scene.Scene`; what hides it in `fit_vector.hidden`; and in each force that depends on it
+
+    add_pullback       grad.p += ∂φ/∂p            where `grad.p` is not empty
+    add_pushforward    out += h ∂F/∂p · dp        where `direction.p` is not empty
+
+An empty array says that nobody asks, so a scene pays only for the kinds it fits. Fit vector, bounds, coordinates,
+saving, summaries and the tests of derivatives read the table.
 """
