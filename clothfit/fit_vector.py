@@ -67,7 +67,9 @@ def _flagged(scene: Scene) -> Iterator[tuple[int | None, Kind, str]]:
 
 def _unit(cloth: Cloth, kind: Kind) -> Array | None:
     """What the one parameter of a kind is multiplied with at each spring or vertex."""
-    return {"rest": cloth.lengths, "velocity": np.where(cloth.fixed, 0.0, 1.0)}.get(kind.name)
+    if kind.name == "rest":
+        return cloth.lengths
+    return np.where(cloth.fixed, 0.0, 1.0) if kind.name == "velocity" else None
 
 
 def _moved(scene: Scene, cloth: int | None, kind: Kind) -> int:

@@ -42,7 +42,7 @@ KINDS = (
     Kind("rest", "rest length", "springRestLength", "spring", "GL", 1, "m", "above 0", 1e-4, 1e4, True),
     Kind(
         "wind", "wind", "windVel", "scene", "G", 3, "m/s", "any number", -1e4, 1e4, False,
-        scale=5.0, neutral=(0.1, 0.1, 0.1),  # not 0: there the air's push on a cloth in still air may have no slope
+        scale=5.0, neutral=(0.1, 0.1, 0.1),  # not 0: in still air a flat cloth stays flat, and shows nothing of a wind along it
     ),
     Kind(
         "gravity", "gravity", "gravity", "scene", "G", 3, "m/s²", "any number", -1e4, 1e4, False,

@@ -98,17 +98,7 @@ def test_letters_and_switches(asked, mode):
 )  # fmt: skip
 def test_what_is_wrong_is_told_with_its_place(path, value, message):
     with pytest.raises(InvalidScene, match=f"^scene: {re.escape(message)}"):
-        load_text(json.dumps(changed(document(), path[:-1] + (path[-1],), value) if _has(path) else _with(path, value)))
-
-
-def _has(path):
-    return path[-1] in (document() if len(path) == 1 else document()["objects"][0])
-
-
-def _with(path, value):
-    made = document()
-    (made if len(path) == 1 else made["objects"][0])[path[-1]] = value
-    return made
+        load_text(json.dumps(changed(document(), path, value)))
 
 
 def test_values_that_a_file_may_leave_out():
