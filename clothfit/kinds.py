@@ -42,7 +42,8 @@ KINDS = (
     Kind("rest", "rest length", "springRestLength", "spring", "GL", 1, "m", "above 0", 1e-4, 1e4, True),
     Kind(
         "wind", "wind", "windVel", "scene", "G", 3, "m/s", "any number", -1e4, 1e4, False,
-        scale=5.0, neutral=(0.1, 0.1, 0.1),  # not 0: in still air a flat cloth stays flat, and shows nothing of a wind along it
+        # not 0: in still air a flat cloth stays flat, and shows nothing of a wind along it
+        scale=5.0, neutral=(0.1, 0.1, 0.1),
     ),
     Kind(
         "gravity", "gravity", "gravity", "scene", "G", 3, "m/s²", "any number", -1e4, 1e4, False,
