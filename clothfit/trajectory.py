@@ -1,0 +1,146 @@
+"""The trajectory fit: the cost of whole motions as the problem that Gauss–Newton solves.
+
+Few parameters or small cloths: the sensitivity of each motion to all of them, dense, summed into the normal equations
+(`normal`). Many parameters on large cloths: the Jacobian is never formed; SciPy's trust-region method asks for its
+products with vectors, each a tangent or an adjoint sweep along the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from clothfit import adjoint, gauss_newton, normal
+from clothfit.arrays import Array, Flags
+from clothfit.columns import columns
+from clothfit.coordinates import Coordinates
+from clothfit.fit_vector import elements
+from clothfit.objective import Objective, Run
+from clothfit.prior import Prior, first
+from clothfit.rollout import Rollout
+from clothfit.sensitivity import DENSE, sweep
+from clothfit.system import System
+
+LARGEST = 3e12
+"""Operations of one dense model, about a minute, above which the matrix-free method takes over."""
+
+LETTERED_GROUPS = ("mass", "stiffness", "rest")
+"""Kinds whose values scatter around a fabric's."""
+
+
+class Trajectory:
+    """An objective in the coordinates y (Q,) of the parameters that are fitted."""
+
+    def __init__(
+        self,
+        objective: Objective,
+        coordinates: Coordinates,
+        fitted: Flags,
+        held: Array,
+        cost: Callable[[Array], float] | None = None,
+    ) -> None:
+        """`fitted` (P,) says which parameters move, `held` (P,) holds the values of the others; `cost` is what is asked
+        for the cost of parameters (P,), infinite where the simulation diverges (default: the objective).
+        """
+        self.objective, self.coordinates, self.fitted, self.held = objective, coordinates, fitted, held
+        self._cost = cost or objective.cost_or_infinity
+
+    @property
+    def size(self) -> int:
+        """Q."""
+        return int(self.fitted.sum())
+
+    def parameters(self, y: Array) -> Array:
+        """All parameters (P,) at y."""
+        whole = np.zeros(len(self.held))
+        whole[self.fitted] = y
+        return np.where(self.fitted, self.coordinates.p(whole), self.held)
+
+    def y(self, p: Array) -> Array:
+        """Coordinates (Q,) of parameters (P,)."""
+        return self.coordinates.y(p)[self.fitted]
+
+    def problem(self) -> gauss_newton.Problem:
+        """What Gauss–Newton minimises."""
+        lower, upper = self.coordinates.lower[self.fitted], self.coordinates.upper[self.fitted]
+        return gauss_newton.Problem(self.model, self.cost, lower, upper, self.residuals())
+
+    def cost(self, y: Array) -> float:
+        """The cost at y; infinite where the simulation diverges."""
+        return self._cost(self.parameters(y))
+
+    def residuals(self) -> int:
+        """Number of residuals that a parameter can change."""
+        return sum(residual_count(run) for run in self.objective.runs)
+
+    def model(self, y: Array) -> gauss_newton.Model:
+        """The cost near y: its residuals, linear in the coordinates. Raises Diverged."""
+        p = self.parameters(y)
+        factor = self.coordinates.slope(p)
+        H, g, cost = np.zeros((self.size, self.size)), np.zeros(self.size), 0.0
+        for run in self.objective.runs:
+            own = self.columns_of(run)
+            system, memory = self.objective.roll(run, p)
+            column = np.full(len(p), -1, np.int32)
+            column[own] = np.arange(len(own))
+            part, slope, value = run_model(run, system, memory, self.objective, column, factor)
+            place = (np.cumsum(self.fitted) - 1)[own]
+            H[np.ix_(place, place)] += part
+            g[place] += slope
+            cost += value
+        return gauss_newton.Model(y, cost, H, g)
+
+    def columns_of(self, run: Run) -> Array:
+        """The fitted parameters that act in a run: their places in the fit vector."""
+        acts = np.zeros(len(self.held), bool)
+        for block in self.objective.blocks:
+            acts[block.part] = block.cloth in (run.cloth, None)
+        return np.flatnonzero(acts & self.fitted)
+
+    def operations(self) -> float:
+        """Operations of one dense model, roughly."""
+        total = 0.0
+        for run in self.objective.runs:
+            rows, count = 3.0 * run.system.vertex.free.sum(), float(len(self.columns_of(run)))
+            solve = rows * (rows if rows <= DENSE else 40.0 * np.sqrt(rows)) * count
+            total += run.comparison.last_step * (2.0 * solve + rows * count**2)
+        return total
+
+    def prior(self, centre: Array, tau: float | None) -> Prior:
+        """The belief that values scatter around the coordinates `centre` (Q,), by τ, which is learned where None."""
+        place = np.cumsum(self.fitted) - 1
+        groups = []
+        for block in self.objective.blocks:
+            own = np.flatnonzero(self.fitted[block.part]) + block.start
+            if block.mode == "L" and block.name in LETTERED_GROUPS or tau is not None:
+                groups.append(place[own])
+        return first(centre, [group for group in groups if len(group)], tau)
+
+
+def residual_count(run: Run) -> int:
+    """Residuals of a run that are not of the initial state or of fixed vertices."""
+    x = np.broadcast_to(run.system.x0, (run.comparison.last_step + 1, *run.system.x0.shape))
+    touched = run.comparison.jacobian(np.array(x))[:, free_columns(run)]
+    return int((np.diff(touched.indptr) > 0).sum())
+
+
+def free_columns(run: Run) -> Array:
+    """Places of the coordinates of the free vertices, after every step, in x (T + 1, n, 3)."""
+    free = np.repeat(run.system.vertex.free, 3)
+    steps = run.comparison.last_step
+    every = np.arange(1, steps + 1)[:, None] * len(free) + np.flatnonzero(free)
+    return np.asarray(every.reshape(-1))
+
+
+def run_model(
+    run: Run, system: System, memory: Rollout, objective: Objective, column: Array, factor: Array
+) -> tuple[Array, Array, float]:
+    """H, g and the cost of one run, by the columns of `column` (P,), with derivatives multiplied by `factor` (P,)."""
+    count = int(column.max(initial=-1)) + 1
+    by_position = run.comparison.jacobian(memory.x)[:, free_columns(run)]
+    blocks = [block for block in objective.blocks if block.cloth in (run.cloth, None)]
+    wanted = columns(system, blocks, column, factor, count)
+    size = (3 * int(system.vertex.free.sum()), count)
+    H, g = normal.accumulate(by_position, run.comparison.residual(memory.x), sweep(system, memory, wanted), size)
+    return H, g, run.comparison.cost(memory.x)
