@@ -17,7 +17,7 @@ import numpy as np
 
 from clothfit.arrays import Array
 from clothfit.errors import Diverged
-from clothfit.fit_vector import LOWER, UPPER, at_lower, at_upper, identifiable
+from clothfit.fit_vector import LOWER, UPPER, at_lower, at_upper
 from clothfit.objective import Objective
 
 STATIONARY = 1e-5
@@ -57,7 +57,7 @@ class Progress:
     evaluations: int
     budget: int  # evaluations allowed
     cost: float  # best so far, m²
-    rmse: float  # best so far, m
+    rmse: float  # best so far, m; of what is compared
     seconds: float
 
 
@@ -74,7 +74,7 @@ class Search:
     ) -> None:
         """`start` (P,): values of all parameters; those that cannot be identified keep them."""
         self.objective = objective
-        self.fitted = identifiable(objective.scene, objective.seen)
+        self.fitted = objective.identifiable
         self.best = np.array(start, float)
         self.best[self.fitted] = np.clip(self.best[self.fitted], LOWER, UPPER)
         self.best_cost = np.inf
