@@ -1,4 +1,4 @@
-"""Make a motion look like a capture: noise, vertices that no camera saw, skipped frames."""
+"""Make a motion look like a capture: noise, vertices that no camera saw, another frame rate."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ import numpy as np
 
 from clothfit.errors import InvalidInput
 from clothfit.motion import Motion
+from clothfit.rollout import check_memory
+from clothfit.target import TIME_SLACK, interpolated, snapped
 
 
-def check(noise: float, observed: float, every: int) -> None:
+def check(noise: float, observed: float, every: int, fps: float | None = None) -> None:
     """Raise InvalidInput when a value is out of range."""
     if not (np.isfinite(noise) and noise >= 0):
         raise InvalidInput(f"noise: {noise:g} m is not possible, 0 or more is")
@@ -18,20 +20,32 @@ def check(noise: float, observed: float, every: int) -> None:
         raise InvalidInput(f"observed: the fraction {observed:g} is not possible, it must be above 0 and at most 1")
     if every < 1:
         raise InvalidInput(f"every: {every} is not possible, 1 or more is")
+    if fps is not None and not 0 < fps < np.inf:
+        raise InvalidInput(f"fps: {fps:g} frames per second are not possible, the rate must be above 0 and finite")
+    if fps is not None and every != 1:
+        raise InvalidInput("fps: does not go with every; each says which frames there are")
 
 
-def degrade(motion: Motion, noise: float = 0.0, observed: float = 1.0, every: int = 1, seed: int = 0) -> Motion:
-    """Add Gaussian noise of `noise` metres per coordinate, show a fraction of the vertices, keep every K-th frame.
+def degrade(
+    motion: Motion,
+    noise: float = 0.0,
+    observed: float = 1.0,
+    every: int = 1,
+    seed: int = 0,
+    fps: float | None = None,
+) -> Motion:
+    """Add Gaussian noise of `noise` metres per coordinate, show a fraction of the vertices, keep every K-th frame or
+    record `fps` frames per second.
 
     Which vertices are seen is drawn once for each object (at least one of each); what is not seen becomes NaN. The same
     seed gives the same result. Raises InvalidInput when a value is out of range.
     """
-    check(noise, observed, every)
+    check(noise, observed, every, fps)
     generator = np.random.default_rng(seed)
-    positions, times = motion.positions[::every].copy(), motion.times[::every].copy()
+    motion = thinned(motion, every) if fps is None else at_rate(motion, fps)
+    positions, kept = motion.positions, motion.observed
     if noise > 0:
         positions += generator.normal(scale=noise, size=positions.shape)
-    kept = motion.observed if motion.observed is None else motion.observed[::every].copy()
     if observed < 1:
         seen = np.zeros(positions.shape[1], bool)
         start = 0
@@ -41,4 +55,35 @@ def degrade(motion: Motion, noise: float = 0.0, observed: float = 1.0, every: in
             start += count
         kept = np.broadcast_to(seen, positions.shape[:2]).copy() if kept is None else kept & seen
         positions[~kept] = np.nan
-    return replace(motion, positions=positions, times=times, observed=kept)
+    return replace(motion, observed=kept)
+
+
+def thinned(motion: Motion, every: int) -> Motion:
+    """Every K-th frame, as a copy."""
+    arrays = {name: getattr(motion, name) for name in ("positions", "times", "observed", "weights")}
+    return replace(motion, **{name: value[::every].copy() for name, value in arrays.items() if value is not None})
+
+
+def at_rate(motion: Motion, fps: float) -> Motion:
+    """The motion at `fps` frames per second from its first time on, on the straight lines between its frames.
+
+    That is what a fit compares with, so a perfect target stays perfect. A new frame is seen, and weighs more than 0,
+    where the frames on both sides do.
+    """
+    first, last = float(motion.times[0]), float(motion.times[-1])
+    slack = TIME_SLACK * (last - first) / max(len(motion.times) - 1, 1)
+    frames = int((last - first + slack) * fps) + 1
+    check_memory(frames, motion.positions.shape[1], 1)
+    times = first + np.arange(frames) / fps
+    index, fraction = snapped(np.interp(times, motion.times, np.arange(len(motion.times))))
+    after = index + (fraction > 0)
+    observed, weights = motion.observed, motion.weights
+    if weights is not None:
+        weights = np.where((weights[index] > 0) & (weights[after] > 0), interpolated(weights, index, fraction), 0.0)
+    return replace(
+        motion,
+        positions=interpolated(motion.positions, index, fraction),
+        times=times,
+        observed=None if observed is None else observed[index] & observed[after],
+        weights=weights,
+    )

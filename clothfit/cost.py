@@ -1,83 +1,203 @@
-"""How far a motion is from the target: G = Σ_frames Σ_vertices |x − x*|² over what was observed, and ∂G/∂x.
+"""How far a motion is from its target: one number, its derivative, and residuals for least squares.
 
-Reported error (independent of the number of frames and vertices): RMSE = sqrt(G / number of observed positions), m.
+    G = Σ_k Σ_g w_g C² ρ(a_k |d_kg|² / C²)
+
+over the objectives k asked for (`objectives`) and the groups g of each, with a_k the weight of an objective, which also
+turns its unit into m², w_g that of a group (of a vertex, at a time), and ρ, C the robust loss (`loss`). By default one
+objective, position, and no loss: G = Σ_frames Σ_vertices |s − x*|² over what was observed, m².
+
+As least squares: r = sqrt(w a ρ') d and J = sqrt(w a ρ') ∂d/∂x, so that ∂G/∂x = 2 Jᵀ r, exactly.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from clothfit.arrays import Array, Flags, Indices
-from clothfit.errors import InvalidMotion
+from clothfit.arrays import Array, Flags
+from clothfit.errors import InvalidInput
 from clothfit.kernel import kernel
-from clothfit.motion import Motion
+from clothfit.loss import Loss
+from clothfit.objectives import Maker, Measure
+from clothfit.objectives.edge_length import EdgeLength
+from clothfit.objectives.position import Position
+from clothfit.objectives.spectrum import Spectrum
+from clothfit.objectives.velocity import Velocity
+from clothfit.system import System
+from clothfit.target import Target, interpolation, sample
 
-TIME_SLACK = 1e-3
-"""How far from a multiple of the time step a target's frame may be, in steps: time steps are float32 in many files."""
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
-MOST_STEPS = 2**31 - 1
-"""Steps are counted in 32 bits."""
-
-
-class Target(NamedTuple):
-    """What one cloth should do: F frames of n vertices."""
-
-    step: Indices  # (F,), the step each frame is compared with; 0 is the initial state
-    positions: Array  # x*, (F, n, 3), m; 0 where not observed
-    observed: Flags  # (F, n)
-
-
-def frame_steps(motion: Motion, delta: float) -> Indices:
-    """The step of each frame of a motion, for time step `delta`. Raises InvalidMotion for times between steps."""
-    steps = motion.times / delta
-    whole = np.rint(steps)
-    if whole[-1] > MOST_STEPS:
-        raise InvalidMotion(f"{motion.name}: times[{len(whole) - 1}]: {motion.times[-1]:.6g} s is too many steps away")
-    wrong = ~((np.abs(steps - whole) <= TIME_SLACK) & (whole >= 0))
-    if wrong.any():
-        frame = int(np.argmax(wrong))
-        raise InvalidMotion(
-            f"{motion.name}: times[{frame}]: {motion.times[frame]:.6g} s is not 0 or a multiple of "
-            f"the scene's delta, {delta:.6g} s"
-        )
-    if (np.diff(whole) <= 0).any():
-        raise InvalidMotion(f"{motion.name}: times: several frames fall on one step of {delta:.6g} s")
-    return whole.astype(np.int32)
+OBJECTIVES: dict[str, Maker] = {
+    "position": Position,
+    "velocity": Velocity,
+    "edge-length": EdgeLength,
+    "spectrum": Spectrum,
+}
 
 
-def target(motion: Motion, cloth: int, delta: float, last_step: int | None = None) -> Target:
-    """The part of a motion that concerns one cloth, up to step `last_step`."""
-    steps = frame_steps(motion, delta)
-    kept = slice(None) if last_step is None else slice(int(np.searchsorted(steps, last_step, side="right")))
-    observed = np.ascontiguousarray(motion.seen(cloth)[kept])
-    positions = np.where(observed[:, :, None], motion.of(cloth)[kept], 0.0)
-    return Target(steps[kept], positions, observed)
+def objective_weights(objective: str | Mapping[str, float]) -> dict[str, float]:
+    """The weight of each objective that is asked for, by a name or by names and weights. Raises InvalidInput."""
+    weights = {objective: 1.0} if isinstance(objective, str) else {k: float(a) for k, a in dict(objective).items()}
+    if not weights:
+        raise InvalidInput(f"objective: none is given; use one or more of {', '.join(OBJECTIVES)}")
+    for name, weight in weights.items():
+        if name not in OBJECTIVES:
+            raise InvalidInput(f"objective: there is no {name!r}; use {', '.join(OBJECTIVES)}")
+        if not 0 < weight < np.inf:
+            raise InvalidInput(f"objective: {name}: a weight of {weight:g} is not possible, above 0 and finite is")
+    return weights
 
 
-def cost(x: Array, goal: Target) -> float:
-    """G of positions x (T + 1, n, 3)."""
-    return float(accumulate(x, goal, np.empty((0, 0, 0))))
+class Comparison:
+    """One cloth against one target: what a fit sees of both. T is the number of steps of a motion x (T + 1, n, 3)."""
 
+    def __init__(
+        self,
+        goal: Target,
+        system: System,
+        weights: Mapping[str, float] | None = None,
+        loss: Loss | None = None,
+        name: str = "motion",
+    ) -> None:
+        """`weights` of the objectives (default: position alone), `name` of the motion for messages.
 
-def cost_and_derivative(x: Array, goal: Target) -> tuple[float, Array]:
-    """G of positions x (T + 1, n, 3), and ∂G/∂x of the same shape."""
-    derivative = np.zeros_like(x)
-    return float(accumulate(x, goal, derivative)), derivative
+        Raises InvalidMotion where an objective cannot use the motion.
+        """
+        self.goal, self.loss = goal, loss or Loss()
+        self.scales = dict(weights or {"position": 1.0})
+        self.measures: dict[str, Measure] = {k: OBJECTIVES[k](goal, system, name) for k in self.scales}
+        self.last_step = goal.last_step
+        self._compiled = list(self.scales) == ["position"] and self.loss.is_linear
+        self._constant: dict[str, csr_array] = {}
+
+    @property
+    def plain(self) -> bool:
+        """Whether G is the sum of squared distances, in m², and nothing else."""
+        return self._compiled and self.scales["position"] == 1.0 and not len(self.goal.weights)
+
+    @property
+    def seen(self) -> Flags:
+        """Which vertices (n,) are compared at some time after the initial state."""
+        return np.asarray(np.any([measure.seen for measure in self.measures.values()], axis=0))
+
+    @cached_property
+    def total_weight(self) -> float:
+        """What G is divided by for a mean: Σ a_k w_g; the number of observed positions where G is plain."""
+        states = np.zeros_like(self.goal.positions)
+        sums = []
+        for name, measure in self.measures.items():
+            counted = len(measure.residual(states)) if measure.weights is None else float(measure.weights.sum())
+            sums.append(self.scales[name] * counted)
+        return float(sum(sums))
+
+    def cost(self, x: Array) -> float:
+        """G of a motion."""
+        if self._compiled:
+            return self.scales["position"] * float(accumulate(x, self.goal, np.empty((0, 0, 0))))
+        s = sample(self.goal, x)
+        return float(sum(self._value(name, measure.residual(s)) for name, measure in self.measures.items()))
+
+    def cost_and_derivative(self, x: Array) -> tuple[float, Array]:
+        """G of a motion, and ∂G/∂x (T + 1, n, 3)."""
+        if self._compiled:
+            derivative, scale = np.zeros_like(x), self.scales["position"]
+            value = scale * float(accumulate(x, self.goal, derivative))
+            return value, derivative if scale == 1.0 else scale * derivative
+        s = sample(self.goal, x)
+        total, by_frame = 0.0, np.zeros_like(s)
+        for name, measure in self.measures.items():
+            d = measure.residual(s)
+            total += self._value(name, d)
+            by_frame += measure.pullback(s, 2.0 * self._factor(name, d)[:, None] * d)
+        back: Array = self._interpolation(len(x)).T @ by_frame.reshape(len(s), -1)
+        return total, back.reshape(x.shape)
+
+    def residual(self, x: Array) -> Array:
+        """r (N,) of a motion: all groups of all objectives, each number with the square root of its factor."""
+        s = sample(self.goal, x)
+        parts = []
+        for name, measure in self.measures.items():
+            d = measure.residual(s)
+            parts.append((np.sqrt(self._factor(name, d))[:, None] * d).ravel())
+        return np.concatenate(parts)
+
+    def jacobian(self, x: Array) -> csr_array:
+        """J (N, 3 n (T + 1)) of a motion, columns in the order of x; constant where `residual` is linear in x."""
+        from scipy.sparse import csr_array, vstack
+
+        s = sample(self.goal, x)
+        parts = [self._scaled_jacobian(name, s) for name in self.measures]
+        whole = parts[0] if len(parts) == 1 else csr_array(vstack(parts))
+        return csr_array((whole.data, whole.indices, whole.indptr), shape=(whole.shape[0], x.size))
+
+    def position_error(self, x: Array) -> tuple[float, int]:
+        """Sum of the squared distances, m², and number of the observed positions, whatever the objective."""
+        bare = self.goal._replace(weights=np.zeros((0, 0)))
+        return float(accumulate(x, bare, np.empty((0, 0, 0)))), int(self.goal.observed.sum())
+
+    def _squares(self, name: str, d: Array) -> Array:
+        return np.asarray(self.scales[name] * (d * d).sum(axis=1))
+
+    def _value(self, name: str, d: Array) -> float:
+        """Σ_g w C² ρ of the groups d (R, c) of one objective."""
+        values, weights = self.loss.value(self._squares(name, d)), self.measures[name].weights
+        return float(values.sum() if weights is None else weights @ values)
+
+    def _factor(self, name: str, d: Array) -> Array:
+        """w a ρ' (R,): what the squares of the groups d (R, c) count with."""
+        factor, weights = self.scales[name] * self.loss.slope(self._squares(name, d)), self.measures[name].weights
+        return factor if weights is None else weights * factor
+
+    def _interpolation(self, states: int) -> csr_array:
+        return interpolation(self.goal.step, self.goal.fraction, states)
+
+    def _scaled_jacobian(self, name: str, s: Array) -> csr_array:
+        """The part of J that belongs to one objective, for motions of `last_step` steps."""
+        from scipy.sparse import csr_array
+
+        measure = self.measures[name]
+        jacobian = self._constant.get(name)
+        if jacobian is None:
+            jacobian = self._by_state(measure.jacobian(s))
+            if measure.linear:
+                self._constant[name] = jacobian
+        d = measure.residual(s)
+        factor = np.repeat(np.sqrt(self._factor(name, d)), d.shape[1])
+        values = jacobian.data * np.repeat(factor, np.diff(jacobian.indptr))
+        return csr_array((values, jacobian.indices, jacobian.indptr), shape=jacobian.shape)
+
+    def _by_state(self, by_frame: csr_array) -> csr_array:
+        """∂d/∂x from ∂d/∂s: each column of a frame goes to those of the steps it lies between."""
+        from scipy.sparse import csr_array, eye_array, kron
+
+        coordinates = 3 * self.goal.observed.shape[1]
+        spread = kron(self._interpolation(self.last_step + 1), eye_array(coordinates), format="csr")
+        return csr_array(by_frame @ spread)
 
 
 @kernel
 def accumulate(x, goal, derivative):
-    """G; writes ∂G/∂x unless `derivative` is empty."""
-    total = 0.0
+    """G of positions x (T + 1, n, 3); adds ∂G/∂x to `derivative` unless that is empty."""
+    total, weighted = 0.0, len(goal.weights) > 0
     for frame in range(len(goal.step)):
-        t = goal.step[frame]
+        t, fraction = goal.step[frame], goal.fraction[frame]
         for i in range(x.shape[1]):
             if goal.observed[frame, i]:
+                weight = goal.weights[frame, i] if weighted else 1.0
                 for c in range(3):
-                    gap = x[t, i, c] - goal.positions[frame, i, c]
-                    total += gap * gap
+                    state = x[t, i, c]
+                    if fraction > 0.0:
+                        state = (1.0 - fraction) * state + fraction * x[t + 1, i, c]
+                    gap = state - goal.positions[frame, i, c]
+                    total += weight * gap * gap
                     if len(derivative) > 0:
-                        derivative[t, i, c] = 2.0 * gap
+                        slope = 2.0 * weight * gap
+                        derivative[t, i, c] += (1.0 - fraction) * slope
+                        if fraction > 0.0:
+                            derivative[t + 1, i, c] += fraction * slope
     return total

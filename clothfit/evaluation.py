@@ -9,13 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clothfit.arrays import Array, Flags, Indices
-from clothfit.cost import frame_steps
+from clothfit.arrays import Array
 from clothfit.errors import Diverged, InvalidInput
 from clothfit.fit import FIT_TOLERANCE
 from clothfit.fit_vector import blocks, fitted_cloths, identifiable, parameters
-from clothfit.motion import Motion, check_counts, simulate_cloths
+from clothfit.motion import Motion, check_counts, checked_motion, simulate_cloths
 from clothfit.scene import Scene
+from clothfit.target import frame_places, sample
+from clothfit.target import target as target_of
 
 HORIZON = 500  # frames
 
@@ -70,15 +71,15 @@ def evaluate(
     length = max(near, horizon)
     if target is None:
         goal, fault = finite_part(truth, compared, length, near)
-        steps = np.arange(len(goal.times), dtype=np.int32)
     else:
         check_counts(target, truth)
-        goal, steps, fault = target, frame_steps(target, truth.delta), None
-    length = min(length, int(steps[-1]) + 1)
+        goal, fault = checked_motion(target, truth), None
+    step, fraction = frame_places(goal, truth.delta)
+    length = min(length, int(step[-1]) + (fraction[-1] > 0) + 1)
     own, own_fault = finite_part(fitted, compared, length, min(near, length))
     return Evaluation(
-        distance(own, goal, steps, compared, near),
-        distance(own, goal, steps, compared, horizon),
+        distance(own, goal, truth.delta, compared, near),
+        distance(own, goal, truth.delta, compared, horizon),
         deviations(truth, fitted),
         fault or own_fault,
     )
@@ -108,17 +109,18 @@ def check_same_objects(truth: Scene, fitted: Scene) -> None:
         raise InvalidInput(f"{fitted.name}: its delta is {fitted.delta:g} s, that of {truth.name} {truth.delta:g} s")
 
 
-def distance(own: Motion, goal: Motion, steps: Indices, compared: Collection[int], frames: int) -> Distance:
-    """Distance of `own`, a simulated motion, from the frames of `goal` before step `frames`."""
-    kept = steps[steps < min(frames, len(own.positions))]
+def distance(own: Motion, goal: Motion, delta: float, compared: Collection[int], frames: int) -> Distance:
+    """Distance of `own`, a simulated motion, from the frames of `goal` up to step `frames` − 1; `delta` in s."""
     gaps: list[Array] = []
+    count = 0
     for cloth in compared:
-        seen: Flags = goal.seen(cloth)[: len(kept)]
-        gaps.append((own.of(cloth)[kept] - goal.of(cloth)[: len(kept)])[seen])
+        wanted = target_of(goal, cloth, delta, min(frames, len(own.positions)) - 1)
+        gaps.append((sample(wanted, own.of(cloth)) - wanted.positions)[wanted.observed])
+        count = len(wanted.step)
     squares = (np.concatenate(gaps) ** 2).sum(axis=1)
     if not squares.size:
         raise InvalidInput(f"{goal.name}: shows no observed vertex in the first {frames} frames")
-    return Distance(len(kept), float(np.sqrt(squares.mean())), float(np.sqrt(squares.max())))
+    return Distance(count, float(np.sqrt(squares.mean())), float(np.sqrt(squares.max())))
 
 
 def deviations(truth: Scene, fitted: Scene) -> list[Deviation]:

@@ -7,14 +7,15 @@ the loop, its budget, an interrupt, a stalled line search, the best point it vis
 from __future__ import annotations
 
 import warnings as python_warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from clothfit.arrays import Array
-from clothfit.errors import InvalidInput
+from clothfit.errors import Diverged, InvalidInput
+from clothfit.experiment import Targets, experiments
 from clothfit.fit_vector import (
     at_lower,
     at_upper,
@@ -24,11 +25,10 @@ from clothfit.fit_vector import (
     fitted_cloths,
     identifiable,
     parameters,
-    unidentifiable,
     with_parameters,
 )
 from clothfit.kinds import LETTERED
-from clothfit.motion import Motion, as_motion, checked_tolerance, simulate, simulate_cloths
+from clothfit.motion import Motion, checked_tolerance, simulate, simulate_cloths
 from clothfit.objective import Objective
 from clothfit.scene import Scene
 from clothfit.search import Progress, Search, Stop
@@ -74,9 +74,9 @@ class Fit:
     scene: Scene  # with the best parameters found
     status: str  # "converged", "stalled", "limit", "diverged" or "interrupted"
     method: str
-    cost: float  # G, m²; inf when nothing could be evaluated
-    rmse: float  # m
-    frames: int  # compared
+    cost: float  # G, m² with the default objective; inf when nothing could be evaluated
+    rmse: float  # m, of the positions, whatever the objective
+    frames: int  # compared, of all targets together
     evaluations: int  # of cost and gradient
     seconds: float  # of the search, without the target's simulation and the search for a start
     parameters: list[FittedBlock]
@@ -90,7 +90,7 @@ def record_target(scene: Scene, frames: int | None = None, tolerance: float | No
 
 def estimate(
     scene: Scene,
-    target: Motion | Array | None = None,
+    target: Targets | None = None,
     start: float | Array | Scene | None = None,
     method: str = "auto",
     *,
@@ -98,8 +98,11 @@ def estimate(
     rmse_tolerance: float = RMSE_TOLERANCE,
     tolerance: float | None = None,
     report: Callable[[Progress], None] | None = None,
+    objective: str | Mapping[str, float] = "position",
+    loss: str = "linear",
+    loss_scale: float | None = None,
 ) -> Fit:
-    """Fit the flagged parameters of a scene to a target motion.
+    """Fit the flagged parameters of a scene to a target motion, or to several.
 
     Without `target`, the scene's own parameters are the truth: the target is simulated with them, and the fit starts
     from values that do not depend on them. With one, it starts from the scene's values. `start` changes that: a
@@ -108,6 +111,10 @@ def estimate(
     gradient, `rmse_tolerance` in metres, `tolerance` that of the linear systems; `report` is called after every
     evaluation. KeyboardInterrupt ends the fit with status "interrupted" and the best so far; before the first
     evaluation, when there is no result yet, it passes on.
+
+    What is compared is said by `objective`, `loss` and `loss_scale`, and `target` may be a list, as in `Objective`. Of
+    the scene's own targets its `frames` are compared, of one with a scene beside it as many as that scene says. With
+    another objective `rmse_tolerance` is the root mean square of what that compares, in its unit.
 
     Raises InvalidInput when nothing is flagged, or an argument or the target does not fit; Diverged when the scene's
     own motion, needed as target, diverges.
@@ -121,22 +128,23 @@ def estimate(
     if budget < 1:
         raise InvalidInput(f"budget: {budget} evaluations are too few, at least 1 is needed")
     tight = checked_tolerance(tolerance, FIT_TOLERANCE)
+    hidden = target is None
     if target is None:
-        goal = simulate_cloths(scene, fitted_cloths(scene), tolerance=tight)
-    else:
-        goal = target if isinstance(target, Motion) else as_motion(scene, target)
-    objective = Objective(scene, goal, tight, frames=scene.frames)
-    if not objective.shows_motion:
+        target = simulate_cloths(scene, fitted_cloths(scene), tolerance=tight)
+    options: dict[str, Any] = {"objective": objective, "loss": loss, "loss_scale": loss_scale}
+    given = experiments(scene, target)
+    aim = Objective(scene, target, tight, [e.scene.frames for e in given], **options)
+    if not aim.shows_motion:
         raise InvalidInput(
-            f"{goal.name}: shows nothing after the start that can move, within {scene.frames} frames, "
-            "so there is nothing to fit to"
+            f"{given[0].motion.name}: shows nothing after the start that can move, within {given[0].scene.frames} "
+            "frames, so there is nothing to fit to"
         )
-    p = choose_start(scene, goal, start, hidden=target is None)
+    p = choose_start(scene, target, start, hidden, **options)
     warnings = [*undetermined(scene), *outside_bounds(scene, p)]
-    if not np.isfinite(objective.cost_or_infinity(p)):
+    if not np.isfinite(aim.cost_or_infinity(p)):
         warnings.append("the simulation diverges at the start; the fit starts from the best of a coarse search instead")
-        p = neutral_start(scene, goal, scene.frames, p)
-    search = Search(objective, p, rmse_tolerance, budget, report)
+        p = neutral_start(scene, target, scene.frames, p, **options)
+    search = Search(aim, p, rmse_tolerance, budget, report)
     status = minimise(search, "l-bfgs-b" if method == "auto" else method)
     return result(search, status, method, warnings, started=start is not None)
 
@@ -179,11 +187,15 @@ def check_method(method: str) -> None:
         raise InvalidInput(f"method: there is no {method!r}; use auto, {', '.join(METHODS)}")
 
 
-def choose_start(scene: Scene, goal: Motion, start: float | Array | Scene | None, hidden: bool) -> Array:
-    """Starting values (P,) of all parameters. Raises InvalidInput when they are not numbers within the bounds."""
+def choose_start(
+    scene: Scene, goal: Targets, start: float | Array | Scene | None, hidden: bool, **options: Any
+) -> Array:
+    """Starting values (P,) of all parameters; `options` are those of Objective. Raises InvalidInput when they are not
+    numbers within the bounds.
+    """
     if start is None and hidden:
         own = parameters(scene)
-        return np.where(identifiable(scene), neutral_start(scene, goal, scene.frames), own)
+        return np.where(identifiable(scene), neutral_start(scene, goal, scene.frames, **options), own)
     if start is None:
         return parameters(scene)
     if isinstance(start, Scene):
@@ -261,7 +273,7 @@ def result(search: Search, status: str, method: str, warnings: list[str], starte
     lower, upper = bounds(scene)
     for block in blocks(scene):
         values = search.best[block.part]
-        lost = unidentifiable(scene, block, search.objective.seen)
+        lost = search.objective.unidentifiable(block)
         bound = at_lower(values, lower[block.part]) | at_upper(values, upper[block.part])
         bound[lost] = False
         at_bound = [int(i) for i in np.flatnonzero(bound)]
@@ -273,10 +285,20 @@ def result(search: Search, status: str, method: str, warnings: list[str], starte
         status=status,
         method=method,
         cost=search.best_cost,
-        rmse=search.objective.rmse(search.best_cost),
+        rmse=position_rmse(search),
         frames=search.objective.frames,
         evaluations=search.evaluations,
         seconds=search.seconds,
         parameters=found,
         warnings=warnings,
     )
+
+
+def position_rmse(search: Search) -> float:
+    """Root mean square distance, m, of the observed positions at the best point; inf where there is none."""
+    if search.objective.plain or not np.isfinite(search.best_cost):
+        return search.objective.rmse(search.best_cost)
+    try:
+        return search.objective.position_rmse(search.best)
+    except Diverged:  # the cost saw only what is finite
+        return np.inf

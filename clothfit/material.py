@@ -9,8 +9,9 @@ the geometric mean of the others. A per-element fit that knows nothing better st
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from clothfit.arrays import Array, Elements, Indices
+from clothfit.arrays import Array, Indices
 from clothfit.scene import Cloth
 
 BENDING = 0.25  # stiffness of a bending spring relative to a traction spring of the same area and length
@@ -49,7 +50,7 @@ def spring_areas(cloth: Cloth, area: Array) -> Array:
     return np.where(traction > 0, traction, summed(bend_key, bend_area, own))
 
 
-def summed(keys: Array, values: Array, wanted: Array) -> Array:
+def summed(keys: NDArray[np.int64], values: Array, wanted: NDArray[np.int64]) -> Array:
     """Sum of the values of each wanted key; 0 where there is none."""
     distinct, group = np.unique(keys, return_inverse=True)
     if not len(distinct):

@@ -27,8 +27,8 @@ import numpy as np
 
 from clothfit import bounded, interrupts, sparse
 from clothfit.arrays import Array, Flags
-from clothfit.kernel import kernel
 from clothfit.forces import total
+from clothfit.kernel import kernel
 from clothfit.stencil import Stencil, stencil
 from clothfit.step import implicit
 from clothfit.step.jacobian import differentiate, jacobian

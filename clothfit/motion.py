@@ -1,7 +1,8 @@
 """Motions: positions over time, simulated or read from a file.
 
 A motion file is an `.npz` archive: `positions` (frames, vertices, 3) m, the vertices of all objects in file order;
-`times` (frames,) s; `vertex_counts` (objects,); and `observed` (frames, vertices) where something was not seen.
+`times` (frames,) s; `vertex_counts` (objects,); `observed` (frames, vertices) where something was not seen; and
+`weights` (vertices,) or (frames, vertices) where some positions count more in a fit than others, 0 not at all.
 Positions that were not seen are NaN. An archive with `positions` alone, or a bare `.npy` array, is accepted where its
 shape fits.
 """
@@ -26,7 +27,7 @@ from clothfit.rollout import FAR, check_memory, rollout
 from clothfit.scene import Scene
 from clothfit.system import build
 
-ARRAYS = ("positions", "times", "vertex_counts", "observed")
+ARRAYS = ("positions", "times", "vertex_counts", "observed", "weights")
 """What a motion file may hold; anything else in it is ignored."""
 
 
@@ -40,6 +41,7 @@ class Motion:
     observed: Flags | None = None  # (frames, vertices); None: everything was seen
     name: str = "motion"  # for messages
     direct_solves: int = 0  # linear systems that conjugate gradients could not solve
+    weights: Array | None = None  # (frames, vertices), 0 or more: how often each position counts; None: once
 
     def of(self, cloth: int) -> Array:
         """Positions (frames, n, 3) of one object."""
@@ -50,6 +52,10 @@ class Motion:
         if self.observed is None:
             return np.ones((len(self.positions), self.vertex_counts[cloth]), bool)
         return self.observed[:, self._part(cloth)]
+
+    def weights_of(self, cloth: int) -> Array | None:
+        """How often each position (frames, n) of one object counts; None: once."""
+        return None if self.weights is None else self.weights[:, self._part(cloth)]
 
     def _part(self, cloth: int) -> slice:
         start = sum(self.vertex_counts[:cloth])
@@ -122,6 +128,8 @@ def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]
     }
     if motion.observed is not None:
         arrays["observed"] = motion.observed
+    if motion.weights is not None:
+        arrays["weights"] = motion.weights
     buffer = io.BytesIO()
     write: Any = np.savez  # its types take `allow_pickle` for one of the arrays
     write(buffer, **arrays)  # none of them holds objects, so nothing is pickled
@@ -171,18 +179,25 @@ def _short(error: BaseException) -> str:
     return "it holds pickled objects" if "allow_pickle" in text else text or type(error).__name__
 
 
-def as_motion(scene: Scene, positions: Array, times: Array | None = None, observed: Flags | None = None) -> Motion:
+def as_motion(
+    scene: Scene,
+    positions: Array,
+    times: Array | None = None,
+    observed: Flags | None = None,
+    weights: Array | None = None,
+) -> Motion:
     """Make a motion of `scene` from positions (frames, vertices, 3) m, with times (frames,) s (default: one frame a
-    step) and what was observed (frames, vertices) (default: everything). Raises InvalidMotion when they do not fit.
+    step), what was observed (frames, vertices) (default: everything) and how often each position counts, (vertices,)
+    or (frames, vertices) (default: once). Raises InvalidMotion when they do not fit.
     """
-    given = {"positions": positions, "times": times, "observed": observed}
+    given = {"positions": positions, "times": times, "observed": observed, "weights": weights}
     return check_motion({key: np.asarray(value) for key, value in given.items() if value is not None}, scene, "motion")
 
 
 def checked_motion(motion: Motion, scene: Scene) -> Motion:
     """A motion made by hand, checked as one from a file is. Raises InvalidMotion when it does not fit the scene."""
     check_counts(motion, scene)
-    arrays = {"positions": motion.positions, "times": motion.times, "observed": motion.observed}
+    arrays = {name: getattr(motion, name) for name in ("positions", "times", "observed", "weights")}
     return check_motion({key: np.asarray(a) for key, a in arrays.items() if a is not None}, scene, motion.name)
 
 
@@ -236,4 +251,19 @@ def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Mo
         frame, vertex = np.argwhere(bad)[0]
         wrong = f"lies {FAR:g} m away or more" if np.isfinite(positions[frame, vertex]).all() else "is not finite"
         require(False, f"positions[{frame}, {vertex}]", f"{wrong}, though not marked as unobserved")
-    return Motion(positions, times, counts, observed, name)
+    weights = check_weights(arrays["weights"], (frames, total), name) if "weights" in arrays else None
+    return Motion(positions, times, counts, observed, name, weights=weights)
+
+
+def check_weights(weights: NDArray[Any], shape: tuple[int, int], name: str) -> Array:
+    """Weights as (frames, vertices) from one per vertex or position. Raises InvalidMotion where they are none."""
+    if weights.shape not in (shape, shape[1:]) or weights.dtype.kind not in "fiub":
+        fitting = f"({shape[1]},) or {shape} numbers fit"
+        raise InvalidMotion(f"{name}: weights: has shape {weights.shape} and type {weights.dtype}, {fitting}")
+    values = weights.astype(np.float64)
+    wrong = ~((values >= 0) & (values < np.inf))  # NaN as well
+    if wrong.any():
+        place = [int(i) for i in np.argwhere(wrong)[0]]
+        value = values[tuple(place)]
+        raise InvalidMotion(f"{name}: weights{place}: {value:g} is not possible, it must be 0 or more and finite")
+    return np.array(np.broadcast_to(values, shape))

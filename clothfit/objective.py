@@ -1,80 +1,163 @@
-"""The cost of a scene's parameters against a target motion, with its exact gradient and the tangent of the motion.
+"""The cost of a scene's parameters against target motions, with its exact gradient and the tangent of the motion.
 
-Only the cloths that have parameters are simulated. The errors of the linear systems enter the gradient directly: solved
-to 1e-10, as in a fit, it agrees with the derivative of the cost to about 1e-8; to 1e-14, as far as rounding allows.
+One scene, one target is the common case. With several experiments, each a target and the scene it was recorded in, the
+costs add up: the same parameters must explain all of them. Only the cloths that have parameters are simulated. The
+errors of the linear systems enter the gradient directly: solved to 1e-10, as in a fit, it agrees with the derivative of
+the cost to about 1e-8; to 1e-14, as far as rounding allows.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from clothfit import adjoint
-from clothfit.arrays import Array, Flags
-from clothfit.cost import Target, cost, cost_and_derivative, target
+from clothfit.arrays import Array, Elements, Flags
+from clothfit.block import Block
+from clothfit.cost import Comparison, objective_weights
 from clothfit.errors import Diverged
-from clothfit.fit_vector import blocks, check_shape, elements, extra_kinds, fitted_cloths, parameters
-from clothfit.motion import Motion, as_motion, checked_motion, checked_tolerance
+from clothfit.experiment import Experiment, Targets, experiments
+from clothfit.fit_vector import (
+    blocks,
+    check_shape,
+    elements,
+    extra_kinds,
+    fitted_cloths,
+    parameters,
+    size,
+    unidentifiable,
+)
+from clothfit.loss import loss_named
+from clothfit.motion import checked_tolerance
 from clothfit.rollout import Rollout, rollout
 from clothfit.scene import Scene
 from clothfit.system import System, build, with_elements
+from clothfit.target import target
 
 TIGHT = 1e-14
 """Tolerance of the linear systems in a fit, relative: their errors enter the gradient directly."""
 
 
+class Run(NamedTuple):
+    """One cloth in one experiment: what is simulated once for each p."""
+
+    cloth: int
+    scene: Scene  # the experiment's, with the flags of the fitted one
+    system: System  # with the values of `scene`
+    comparison: Comparison
+    experiment: int  # counted from 0
+
+
 class Objective:
-    """G(p) of one scene and one target; the systems and the target are prepared once."""
+    """G(p) of one scene and one or more targets; the systems and the targets are prepared once."""
 
     def __init__(
-        self, scene: Scene, motion: Motion | Array, tolerance: float | None = None, frames: int | None = None
+        self,
+        scene: Scene,
+        motion: Targets,
+        tolerance: float | None = None,
+        frames: int | Sequence[int] | None = None,
+        *,
+        objective: str | Mapping[str, float] = "position",
+        loss: str = "linear",
+        loss_scale: float | None = None,
     ) -> None:
         """Compare with the frames of `motion` that lie within the first `frames` of the scene (default: all).
 
-        An array (frames, vertices, 3) stands for a motion with one frame per step.
+        `motion` is a Motion or an array (frames, vertices, 3) with one frame per step; a pair of it and the scene it
+        was recorded in; or a list of these, and `frames` then one number for all or one for each. Another scene must
+        have the same objects, but may hold, place, blow and step them as it likes; what is flagged is said by `scene`.
 
-        Raises InvalidMotion when the motion does not fit the scene.
+        `objective` names what is compared, or gives the weight of each that is (`clothfit.cost`); `loss` and
+        `loss_scale`, in m, say how outliers count (`clothfit.loss`).
+
+        Raises InvalidMotion when a motion does not fit its scene or an objective, InvalidInput for other arguments.
         """
-        motion = checked_motion(motion, scene) if isinstance(motion, Motion) else as_motion(scene, motion)
         self.scene = scene
         self.tolerance = checked_tolerance(tolerance, TIGHT)
         self.blocks = blocks(scene)
         self.cloths = fitted_cloths(scene)
-        self.systems = {i: build(scene, i) for i in self.cloths}
-        last = None if frames is None else frames - 1
-        self.targets: dict[int, Target] = {i: target(motion, i, scene.delta, last) for i in self.cloths}
+        self.weights = objective_weights(objective)
+        self.loss = loss_named(loss, loss_scale)
+        given = experiments(scene, motion)
+        ends = [frames] * len(given) if frames is None or isinstance(frames, int) else list(frames)
+        self.runs = tuple(
+            self._run(number, experiment, cloth, end)
+            for number, (experiment, end) in enumerate(zip(given, ends, strict=True))
+            for cloth in self.cloths
+        )
+
+    def _run(self, number: int, experiment: Experiment, cloth: int, frames: int | None) -> Run:
+        motion, scene = experiment
+        goal = target(motion, cloth, scene.delta, None if frames is None else frames - 1)
+        system = build(scene, cloth)
+        return Run(cloth, scene, system, Comparison(goal, system, self.weights, self.loss, motion.name), number)
+
+    @property
+    def plain(self) -> bool:
+        """Whether G is the sum of squared distances, in m², and nothing else."""
+        return all(run.comparison.plain for run in self.runs)
 
     @property
     def observations(self) -> int:
         """Number of vertex positions that are compared."""
-        return sum(int(goal.observed.sum()) for goal in self.targets.values())
+        return sum(int(run.comparison.goal.observed.sum()) for run in self.runs)
 
     @property
     def frames(self) -> int:
-        """Number of frames that are compared."""
-        return max((len(goal.step) for goal in self.targets.values()), default=0)
+        """Number of frames that are compared, of all experiments together."""
+        lengths: dict[int, int] = {}
+        for run in self.runs:
+            lengths[run.experiment] = max(lengths.get(run.experiment, 0), len(run.comparison.goal.step))
+        return sum(lengths.values())
 
     @property
     def shows_motion(self) -> bool:
         """Whether anything that can move is compared after the initial state; true where nothing can move."""
-        fixed = {i: self.scene.cloths[i].fixed for i in self.cloths}
-        return any((seen & ~fixed[i]).any() or fixed[i].all() for i, seen in self.seen.items())
+        fixed = [(run.scene.cloths[run.cloth].fixed, run.comparison.seen) for run in self.runs]
+        return any((seen & ~held).any() or held.all() for held, seen in fixed)
 
     @property
     def seen(self) -> dict[int, Flags]:
-        """Of each fitted cloth, which vertices (n,) are compared at some time after the initial state."""
-        return {i: np.asarray(goal.observed[goal.step > 0].any(axis=0)) for i, goal in self.targets.items()}
+        """Of each fitted cloth, which vertices (n,) are compared at some time after the initial state, anywhere."""
+        return seen_in(self.runs)
+
+    @property
+    def identifiable(self) -> Flags:
+        """Which entries of the fit vector (P,) at least one of the experiments can reveal."""
+        kept = np.ones(size(self.scene), bool)
+        for block in self.blocks:
+            kept[block.start + np.array(self.unidentifiable(block), int)] = False
+        return kept
+
+    def unidentifiable(self, block: Block) -> list[int]:
+        """The parameters of a block that none of the experiments can reveal, counted within the block."""
+        lost: set[int] | None = None
+        for number in {run.experiment for run in self.runs}:
+            own = [run for run in self.runs if run.experiment == number]
+            hidden = set(unidentifiable(own[0].scene, block, seen_in(own)))
+            lost = hidden if lost is None else lost & hidden
+        return sorted(lost or ())
 
     def rmse(self, cost: float) -> float:
-        """Root mean square distance, m, of a cost, m²."""
-        return float(np.sqrt(cost / max(self.observations, 1)))
+        """Root mean square distance, m, of a cost, m²; for other objectives that of what they compare."""
+        return float(np.sqrt(cost / (sum(run.comparison.total_weight for run in self.runs) or 1.0)))
+
+    def position_rmse(self, p: Array) -> float:
+        """Root mean square distance of the observed positions, m, whatever the objective. Raises Diverged."""
+        errors = [run.comparison.position_error(self.roll(run, p)[1].x) for run in self.runs]
+        squares, counts = (sum(part) for part in zip(*errors, strict=True)) if errors else (0.0, 0)
+        return float(np.sqrt(squares / max(counts, 1)))
 
     def cost(self, p: Array) -> float:
         """G(p), m². Raises Diverged."""
-        return sum(self.cost_of(i, p) for i in self.cloths)
+        return sum(run.comparison.cost(self.roll(run, p)[1].x) for run in self.runs)
 
     def cost_of(self, cloth: int, p: Array) -> float:
         """The part of G(p), m², that one fitted cloth contributes. Raises Diverged."""
-        return cost(self._run(cloth, p)[1].x, self.targets[cloth])
+        return sum(run.comparison.cost(self.roll(run, p)[1].x) for run in self.runs if run.cloth == cloth)
 
     def cost_or_infinity(self, p: Array, cloth: int | None = None) -> float:
         """G(p), m², or the part of one fitted cloth; infinite where the simulation diverges or the cost overflows."""
@@ -87,40 +170,67 @@ class Objective:
     def cost_and_gradient(self, p: Array) -> tuple[float, Array]:
         """G(p), m², and ∂G/∂p (P,). Raises Diverged."""
         total, gradient = 0.0, np.zeros(len(check_shape(self.scene, p)))
-        for i in self.cloths:
-            cloth, memory = self._run(i, p)
-            value, by_position = cost_and_derivative(memory.x, self.targets[i])
-            grad = adjoint.gradient(cloth, memory, by_position, self.tolerance, extra_kinds(self.scene, i))
+        for run in self.runs:
+            system, memory = self.roll(run, p)
+            value, by_position = run.comparison.cost_and_derivative(memory.x)
             total += value
-            for block in self.blocks:
-                if block.cloth in (i, None):
-                    gradient[block.part] += block.reduce(getattr(grad, block.name))
+            self.add_pullback(run, system, memory, by_position, gradient)
         if not np.isfinite(gradient).all():
             raise Diverged(f"{self.scene.name}: the gradient overflows", 0)
         return total, gradient
 
     def tangent(self, p: Array, direction: Array) -> list[Array]:
-        """Change of the positions (T + 1, n, 3) of each fitted cloth along `direction` (P,) from p. Raises Diverged."""
+        """Change of the positions (T + 1, n, 3) of each run along `direction` (P,) from p. Raises Diverged."""
         changes = []
-        for i in self.cloths:
-            cloth, memory = self._run(i, p)
-            along = elements(self.scene, i, direction, absent=0.0)
-            changes.append(adjoint.tangent(cloth, memory, along, self.tolerance))
+        for run in self.runs:
+            system, memory = self.roll(run, p)
+            along = elements(run.scene, run.cloth, direction, absent=0.0)
+            changes.append(adjoint.tangent(system, memory, along, self.tolerance))
         return changes
 
-    def _run(self, cloth: int, p: Array) -> tuple[System, Rollout]:
-        changed = with_elements(self.systems[cloth], elements(self.scene, cloth, p))
-        steps = int(self.targets[cloth].step.max(initial=0))
+    def pullback(self, p: Array, by_position: Sequence[Array]) -> Array:
+        """The transpose of `tangent` at p: (P,) from one weight (T + 1, n, 3) per run. Raises Diverged."""
+        gradient = np.zeros(len(check_shape(self.scene, p)))
+        for run, weight in zip(self.runs, by_position, strict=True):
+            self.add_pullback(run, *self.roll(run, p), weight, gradient)
+        return gradient
+
+    def add_pullback(self, run: Run, system: System, memory: Rollout, by_position: Array, gradient: Array) -> None:
+        """Add to `gradient` (P,) that of a cost with ∂G/∂x = by_position (T + 1, n, 3), along a finished rollout."""
+        grad = adjoint.gradient(system, memory, by_position, self.tolerance, extra_kinds(self.scene, run.cloth))
+        for block in self.blocks:
+            if block.cloth in (run.cloth, None):
+                gradient[block.part] += block.reduce(getattr(grad, block.name))
+
+    def elements(self, run: Run, p: Array) -> Elements:
+        """Masses and stiffnesses in a run: those that are flagged from p (P,), the others the experiment's own."""
+        return elements(run.scene, run.cloth, p)
+
+    def roll(self, run: Run, p: Array) -> tuple[System, Rollout]:
+        """Simulate a run with parameters p (P,), as far as it is compared. Raises Diverged."""
+        changed = with_elements(run.system, self.elements(run, p))
+        steps = run.comparison.last_step
         memory, good = rollout(changed, steps, self.tolerance)
         if good < steps:
-            raise Diverged(f"{self.scene.name}: objects[{cloth}] diverged at step {good + 1}", good + 1)
+            raise Diverged(f"{run.scene.name}: objects[{run.cloth}] diverged at step {good + 1}", good + 1)
         return changed, memory
 
 
-def cost_and_gradient(scene: Scene, motion: Motion | Array, tolerance: float | None = None) -> tuple[float, Array]:
+def seen_in(runs: Iterable[Run]) -> dict[int, Flags]:
+    """Of each cloth, which vertices (n,) are compared in one of the runs at some time after the initial state."""
+    seen: dict[int, Flags] = {}
+    for run in runs:
+        seen[run.cloth] = seen.get(run.cloth, False) | run.comparison.seen
+    return seen
+
+
+def cost_and_gradient(
+    scene: Scene, motion: Targets, tolerance: float | None = None, **options: Any
+) -> tuple[float, Array]:
     """G, m², of the scene against all frames of `motion`, and its exact derivative (P,) at the scene's parameters.
 
-    `tolerance` is that of the linear systems (default: tight enough for 1e-7 relative in the gradient). Raises
-    InvalidMotion when the motion does not fit the scene, Diverged when the simulation does not stay finite.
+    `tolerance` is that of the linear systems (default: tight enough for 1e-7 relative in the gradient); `motion` and
+    the options objective, loss, loss_scale as in `Objective`. Raises InvalidMotion when the motion does not fit the
+    scene, Diverged when the simulation does not stay finite.
     """
-    return Objective(scene, motion, tolerance).cost_and_gradient(parameters(scene))
+    return Objective(scene, motion, tolerance, **options).cost_and_gradient(parameters(scene))

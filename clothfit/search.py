@@ -16,7 +16,7 @@ import numpy as np
 from clothfit.arrays import Array
 from clothfit.coordinates import Coordinates
 from clothfit.errors import Diverged
-from clothfit.fit_vector import at_lower, at_upper, bounds, identifiable
+from clothfit.fit_vector import at_lower, at_upper, bounds
 from clothfit.objective import Objective
 
 STATIONARY = 1e-5
@@ -56,7 +56,7 @@ class Progress:
     evaluations: int
     budget: int  # evaluations allowed
     cost: float  # best so far, m²
-    rmse: float  # best so far, m
+    rmse: float  # best so far, m; of what is compared
     seconds: float
 
 
@@ -73,7 +73,7 @@ class Search:
     ) -> None:
         """`start` (P,): values of all parameters; those that cannot be identified keep them."""
         self.objective = objective
-        self.fitted = identifiable(objective.scene, objective.seen)
+        self.fitted = objective.identifiable
         self.best = np.array(start, float)
         self.coordinates = Coordinates(objective.scene, self.best)
         self.best = np.where(self.fitted, self.coordinates.clipped(self.best), self.best)

@@ -33,7 +33,7 @@ class Columns(NamedTuple):
     one column for each; and directions of the kinds that act everywhere.
     """
 
-    count: int  # Q
+    width: int  # Q
     mass: Share
     stiffness: Share
     rest: Share  # empty where no rest length is asked for
@@ -55,7 +55,7 @@ def sweep(system: System, memory: Rollout, columns: Columns) -> Iterator[Array]:
     near, work = stencil(system, 2), implicit.workspace(system)
     step, change = jacobian(system, near, rest=len(columns.rest.column) > 0), np.zeros_like(system.x0)
     mass = np.repeat(system.vertex.mass[free], 3)[:, None]
-    size = (3 * int(free.sum()), columns.count)
+    size = (3 * int(free.sum()), columns.width)
     dx, dv, dy, du, dw = (np.zeros(size) for _ in range(5))
     for column, start in columns.velocity:
         dv[:, column] = start[free].reshape(-1)

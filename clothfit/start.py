@@ -12,17 +12,18 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 
 from clothfit.arrays import Array
 from clothfit.block import Block
-from clothfit.cost import target
+from clothfit.experiment import Experiment, Targets, experiments
 from clothfit.fit_vector import LOWER, UPPER, blocks
 from clothfit.kinds import LETTERED
-from clothfit.motion import Motion
 from clothfit.objective import Objective
 from clothfit.scene import Scene
+from clothfit.target import target
 
 WINDOW = 30  # frames, the one before the first that shows anything included
 LOOSE = 1e-4  # tolerance of the linear solver: far below the differences between grid points
@@ -40,12 +41,15 @@ def neutral(scene: Scene) -> Array:
     return p
 
 
-def neutral_start(scene: Scene, motion: Motion, frames: int, others: Array | None = None) -> Array:
+def neutral_start(scene: Scene, motion: Targets, frames: int, others: Array | None = None, **options: Any) -> Array:
     """Starting values (P,) from the target and from what is not flagged; independent of the scene's flagged values.
 
-    Kinds that are not searched have their values in `others` (P,), or neutral ones.
+    Kinds that are not searched have their values in `others` (P,), or neutral ones. `frames` of the scene are compared
+    at most, of an experiment's own scene as many as that says; `options` are those of Objective.
     """
-    objective = Objective(scene, motion, LOOSE, frames=min(frames, first_seen(scene, motion) + WINDOW - 1))
+    given = experiments(scene, motion)
+    windows = [min(frames if e.scene is scene else e.scene.frames, window(e, **options)) for e in given]
+    objective = Objective(scene, motion, LOOSE, windows, **options)
     p = neutral(scene) if others is None else np.array(others, float)
     for cloth in objective.cloths:
         own = [block for block in objective.blocks if block.cloth == cloth and block.name in LETTERED]
@@ -55,11 +59,18 @@ def neutral_start(scene: Scene, motion: Motion, frames: int, others: Array | Non
     return p
 
 
-def first_seen(scene: Scene, motion: Motion) -> int:
-    """The first step after the start at which something was observed; 0 where nothing was."""
+def window(experiment: Experiment, **options: Any) -> int:
+    """How many frames of an experiment are compared: a spectrum needs all, for the others the first will do."""
+    asked = options.get("objective", "position")
+    return experiment.scene.frames if "spectrum" in asked else first_seen(experiment) + WINDOW - 1
+
+
+def first_seen(experiment: Experiment) -> int:
+    """The first step after the start at which, or before which, something was observed; 0 where nothing was."""
+    motion, scene = experiment
     goals = [target(motion, cloth, scene.delta) for cloth in range(len(scene.cloths))]
-    seen = [goal.step[goal.observed.any(axis=1) & (goal.step > 0)] for goal in goals]
-    return int(min((steps[0] for steps in seen if steps.size), default=0))
+    seen = [goal.places[goal.observed.any(axis=1) & (goal.places > 0)] for goal in goals]
+    return math.ceil(min((places[0] for places in seen if places.size), default=0))
 
 
 def fill(p: Array, own: Sequence[Block], exponents: Exponents) -> None:

@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
-from clothfit import adjoint, gauss_newton, normal
-from clothfit.arrays import Array, Flags
+from clothfit import gauss_newton, normal
+from clothfit.arrays import Array, Flags, Indices
 from clothfit.columns import columns
 from clothfit.coordinates import Coordinates
-from clothfit.fit_vector import elements
 from clothfit.objective import Objective, Run
 from clothfit.prior import Prior, first
 from clothfit.rollout import Rollout
@@ -25,7 +25,7 @@ from clothfit.system import System
 LARGEST = 3e12
 """Operations of one dense model, about a minute, above which the matrix-free method takes over."""
 
-LETTERED_GROUPS = ("mass", "stiffness", "rest")
+FABRIC = ("mass", "stiffness", "rest")
 """Kinds whose values scatter around a fabric's."""
 
 
@@ -91,7 +91,7 @@ class Trajectory:
             cost += value
         return gauss_newton.Model(y, cost, H, g)
 
-    def columns_of(self, run: Run) -> Array:
+    def columns_of(self, run: Run) -> NDArray[np.intp]:
         """The fitted parameters that act in a run: their places in the fit vector."""
         acts = np.zeros(len(self.held), bool)
         for block in self.objective.blocks:
@@ -113,7 +113,7 @@ class Trajectory:
         groups = []
         for block in self.objective.blocks:
             own = np.flatnonzero(self.fitted[block.part]) + block.start
-            if block.mode == "L" and block.name in LETTERED_GROUPS or tau is not None:
+            if (block.mode == "L" and block.name in FABRIC) or tau is not None:
                 groups.append(place[own])
         return first(centre, [group for group in groups if len(group)], tau)
 
@@ -125,16 +125,16 @@ def residual_count(run: Run) -> int:
     return int((np.diff(touched.indptr) > 0).sum())
 
 
-def free_columns(run: Run) -> Array:
+def free_columns(run: Run) -> NDArray[np.intp]:
     """Places of the coordinates of the free vertices, after every step, in x (T + 1, n, 3)."""
     free = np.repeat(run.system.vertex.free, 3)
     steps = run.comparison.last_step
     every = np.arange(1, steps + 1)[:, None] * len(free) + np.flatnonzero(free)
-    return np.asarray(every.reshape(-1))
+    return every.reshape(-1)
 
 
 def run_model(
-    run: Run, system: System, memory: Rollout, objective: Objective, column: Array, factor: Array
+    run: Run, system: System, memory: Rollout, objective: Objective, column: Indices, factor: Array
 ) -> tuple[Array, Array, float]:
     """H, g and the cost of one run, by the columns of `column` (P,), with derivatives multiplied by `factor` (P,)."""
     count = int(column.max(initial=-1)) + 1

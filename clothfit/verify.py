@@ -17,10 +17,9 @@ transient finite element programs, SIAM J. Sci. Comput. 35 (2013), section 6.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from copy import copy
+from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -50,8 +49,6 @@ Linear = Callable[[Array], Array]
 class Differentiable(Protocol):
     """What `check` needs to know of a cost; `clothfit.objective.Objective` has it."""
 
-    targets: dict[int, Any]  # per cloth: step (F,), positions (F, n, 3) and observed (F, n) of the target
-
     def cost(self, p: Array) -> float:
         """G(p), m²."""
 
@@ -59,7 +56,10 @@ class Differentiable(Protocol):
         """G(p), m², and ∂G/∂p (P,)."""
 
     def tangent(self, p: Array, direction: Array) -> list[Array]:
-        """Change of the positions (T + 1, n, 3), m, of each cloth along `direction` (P,)."""
+        """Change of the positions (T + 1, n, 3), m, of each simulated cloth along `direction` (P,)."""
+
+    def pullback(self, p: Array, by_position: Sequence[Array]) -> Array:
+        """The transpose of `tangent`: Jᵀ w (P,) for one weight (T + 1, n, 3) per simulated cloth."""
 
 
 class Report(NamedTuple):
@@ -127,23 +127,18 @@ def check(objective: Differentiable, p: Array, seed: int = 0) -> Report:
     gradient = objective.cost_and_gradient(p)[1]
     random = np.where(p == 0.0, 1.0, p) * rng.normal(size=p.shape)
     direction = scaled(p, np.where(gradient == 0.0, random, np.copysign(random, gradient)))
-    goals = objective.targets
-    cuts = np.cumsum([0] + [goal.positions.size for goal in goals.values()])
+    shapes = [change.shape for change in objective.tangent(p, direction)]
+    cuts = np.cumsum([0] + [int(np.prod(shape)) for shape in shapes])
     weight = rng.normal(size=int(cuts[-1]))
 
     def tangent(d: Array) -> Array:
-        """J d where it is observed, one after the other for all cloths."""
-        parts = zip(objective.tangent(p, d), goals.values(), strict=True)
-        return np.concatenate([(dx[goal.step] * goal.observed[:, :, None]).reshape(-1) for dx, goal in parts])
+        """J d, one cloth after the other."""
+        return np.concatenate([change.reshape(-1) for change in objective.tangent(p, d)])
 
     def transpose(w: Array) -> Array:
-        """Jᵀ w: ∂G/∂p = 2 Jᵀ (x − x*), so moving the target x* by −w adds 2 Jᵀ w."""
-        moved = copy(objective)
-        moved.targets = {
-            cloth: goal._replace(positions=goal.positions - w[a:b].reshape(goal.positions.shape))
-            for (cloth, goal), a, b in zip(goals.items(), cuts, cuts[1:], strict=False)
-        }
-        return np.asarray((moved.cost_and_gradient(p)[1] - gradient) / 2)
+        """Jᵀ w."""
+        parts = zip(shapes, cuts, cuts[1:], strict=False)
+        return objective.pullback(p, [w[a:b].reshape(shape) for shape, a, b in parts])
 
     return Report(
         taylor_order(objective.cost, gradient, p, direction),

@@ -1,84 +1,278 @@
-"""The cost and its derivative by position, and which frames of a target are compared with which steps."""
+"""The comparison of a motion with a target: values against their definition, derivatives against differences."""
 
 import numpy as np
 import pytest
+from physics import scene
+from scenes import cloth
 
-from clothfit.cost import cost, cost_and_derivative, frame_steps, target
-from clothfit.errors import InvalidMotion
+from clothfit.cost import OBJECTIVES, Comparison, objective_weights
+from clothfit.errors import InvalidInput
+from clothfit.loss import Loss
 from clothfit.motion import Motion
+from clothfit.system import build
+from clothfit.target import target
 
 RNG = np.random.default_rng(8)
 DELTA = 0.02
+SYSTEM = build(scene(cloth(3, 2)), 0)
+N = len(SYSTEM.x0)
+STEPS = 8
+OFF_GRID = DELTA * np.arange(10) * 0.77  # uniform, so that a spectrum takes it as well
+LOSSES = [Loss(), Loss("soft_l1", 0.05), Loss("huber", 0.05)]
+MIXED = {"position": 2.0, "velocity": 0.01, "edge-length": 0.5, "spectrum": 1.5}
+EACH = [*({name: 1.0} for name in OBJECTIVES), MIXED]
 
 
-def motion(times, observed=None):
-    positions = RNG.normal(size=(len(times), 5, 3))
-    return Motion(positions, np.asarray(times, float), (2, 3), observed, "walk.npz")
+def states(count=STEPS + 1, size=0.1):
+    return SYSTEM.x0 + size * RNG.normal(size=(count, N, 3))
 
 
-def every_step(count=4, observed=None):
-    return motion(DELTA * np.arange(count), observed)
+def goal(times=None, seen=None, weights=None):
+    """A random target; `seen` and `weights` (F, n)."""
+    times = DELTA * np.arange(STEPS + 1) if times is None else np.asarray(times)
+    return target(Motion(states(len(times)), times, (N,), seen, weights=weights), 0, DELTA)
+
+
+def compared(*given, objective=None, loss=None, **fields):
+    return Comparison(goal(*given, **fields), SYSTEM, objective, loss)
+
+
+def partly(frames=STEPS + 1):
+    return RNG.random((frames, N)) < 0.7
+
+
+def throughout(frames):
+    """Some vertices seen always, as a spectrum needs, some sometimes."""
+    return partly(frames) | (np.arange(N) < 4)
+
+
+def captured(objective, loss=None):
+    """Everything a capture can have: times off the steps, gaps, weights."""
+    seen = throughout(len(OFF_GRID))
+    return compared(OFF_GRID, seen, RNG.uniform(0.5, 2, seen.shape), objective=objective, loss=loss)
+
+
+# --- positions
 
 
 def test_the_cost_is_the_sum_of_squared_distances():
-    made = every_step()
-    x = RNG.normal(size=(4, 3, 3))
-    gap = x - made.positions[:, 2:]
-    value, derivative = cost_and_derivative(x, target(made, 1, DELTA))
-    assert abs(value - (gap**2).sum()) < 1e-14 * value * 36  # a rounding per term
+    made, x = compared(), states()
+    value, derivative = made.cost_and_derivative(x)
+    gap = x - made.goal.positions
+    assert abs(value - (gap**2).sum()) < 1e-14 * value * gap.size  # a rounding per term
     np.testing.assert_array_equal(derivative, 2 * gap)
-    assert cost(x, target(made, 1, DELTA)) == value
+    assert made.cost(x) == value
+    assert made.plain
+    assert made.total_weight == len(x) * N
 
 
-def test_a_motion_costs_nothing_against_itself():
-    made = every_step()
-    value, derivative = cost_and_derivative(made.of(0).copy(), target(made, 0, DELTA))
+def test_skipped_frames_are_compared_with_their_steps():
+    made, x = compared(DELTA * np.array([1, 4])), states()
+    derivative = made.cost_and_derivative(x)[1]
+    assert made.last_step == 4
+    np.testing.assert_array_equal(derivative[[1, 4]], 2 * (x[[1, 4]] - made.goal.positions))
+    assert np.abs(np.delete(derivative, [1, 4], axis=0)).max() == 0.0
+
+
+def test_between_two_steps_the_state_is_on_the_line_between_theirs():
+    made, x = compared(DELTA * np.array([1.25, 3.0])), states()
+    gap = 0.75 * x[1] + 0.25 * x[2] - made.goal.positions[0]
+    value, derivative = made.cost_and_derivative(x)
+    assert value == pytest.approx((gap**2).sum() + ((x[3] - made.goal.positions[1]) ** 2).sum(), rel=1e-14)  # rounding
+    np.testing.assert_allclose(derivative[1], 1.5 * gap, rtol=1e-10)  # the time is rounded, the gap cancels
+    np.testing.assert_allclose(derivative[2], 0.5 * gap, rtol=1e-10)
+    assert np.abs(derivative[[0, 4, 5]]).max() == 0.0
+
+
+def test_several_frames_within_a_step_add_up():
+    times = DELTA * np.array([2.2, 2.5, 2.7])
+    whole, x = compared(times), states()
+    parts = [Comparison(part(whole.goal, [k]), SYSTEM) for k in range(3)]
+    for found, expected in zip(whole.cost_and_derivative(x), total(parts, x), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-13)  # another order of summation
+
+
+def part(wanted, frames):
+    """Some frames of a target."""
+    return wanted._replace(**{k: getattr(wanted, k)[frames] for k in ("step", "fraction", "positions", "observed")})
+
+
+def total(comparisons, x):
+    values, derivatives = zip(*(made.cost_and_derivative(x) for made in comparisons), strict=True)
+    return sum(values), sum(derivatives)
+
+
+def test_what_was_not_observed_does_not_count():
+    seen = partly()
+    made, x = compared(seen=seen), states()
+    value, derivative = made.cost_and_derivative(x)
+    gap = np.where(seen[:, :, None], x - made.goal.positions, 0)
+    np.testing.assert_array_equal(derivative, 2 * gap)
+    assert abs(value - (gap**2).sum()) < 1e-14 * value * gap.size  # a rounding per term
+
+
+def test_a_weight_is_that_many_frames():
+    one = goal()
+    counts = RNG.integers(0, 4, one.observed.shape).astype(float)
+    weighted = one._replace(observed=counts > 0, weights=counts)
+    repeated = [one._replace(observed=counts > k) for k in range(3)]
+    x = states()
+    found = Comparison(weighted, SYSTEM).cost_and_derivative(x)
+    expected = total([Comparison(each, SYSTEM) for each in repeated], x)
+    for a, b in zip(found, expected, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-13)  # another order of summation
+    assert Comparison(weighted, SYSTEM).total_weight == counts.sum()
+
+
+def test_the_position_error_knows_no_objective_no_weight_and_no_loss():
+    seen = partly()
+    made = compared(seen=seen, weights=RNG.uniform(1, 2, seen.shape), objective={"velocity": 3.0}, loss=LOSSES[2])
+    x = states()
+    squares, count = made.position_error(x)
+    assert squares == pytest.approx(((x - made.goal.positions)[seen] ** 2).sum(), rel=1e-13)  # rounding
+    assert count == seen.sum()
+
+
+def test_the_general_way_agrees_with_the_compiled_one():
+    made = captured({"position": 2.0})
+    x = states()
+    value, derivative = made.cost_and_derivative(x)
+    r, J = made.residual(x), made.jacobian(x)
+    assert value == pytest.approx(r @ r, rel=1e-13)  # rounding
+    np.testing.assert_allclose(derivative.ravel(), 2 * J.T @ r, atol=1e-13 * np.abs(derivative).max())
+
+
+# --- all objectives and losses
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("objective", EACH)
+def test_the_target_itself_costs_nothing(objective, loss):
+    made = compared(objective=objective, loss=loss)
+    value, derivative = made.cost_and_derivative(made.goal.positions.copy())
     assert value == 0.0
     assert np.abs(derivative).max() == 0.0
 
 
-def test_skipped_frames_are_compared_with_their_steps():
-    made = motion(DELTA * np.array([1, 4]))
-    goal = target(made, 0, DELTA)
-    x = RNG.normal(size=(6, 2, 3))
-    _, derivative = cost_and_derivative(x, goal)
-    assert goal.step.tolist() == [1, 4]
-    np.testing.assert_array_equal(derivative[[1, 4]], 2 * (x[[1, 4]] - made.of(0)))
-    assert np.abs(derivative[[0, 2, 3, 5]]).max() == 0.0
+@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("objective", EACH)
+def test_the_derivative_is_that_of_the_cost(objective, loss):
+    made, x = captured(objective, loss), states()
+    value, derivative = made.cost_and_derivative(x)
+    assert made.cost(x) == value
+    along, t = RNG.normal(size=x.shape), 1e-6
+    slope = (made.cost(x + t * along) - made.cost(x - t * along)) / (2 * t)
+    # rounding 1e-16 over 1e-6, and t² times a third derivative; the slope is of the order of the cost's size
+    assert slope == pytest.approx(np.vdot(derivative, along), rel=1e-6, abs=1e-7 * value)
 
 
-def test_what_was_not_observed_does_not_count():
-    seen = RNG.random((4, 5)) < 0.5
-    made = every_step(4, seen)
-    made.positions[~seen] = np.nan
-    x = RNG.normal(size=(4, 3, 3))
-    value, derivative = cost_and_derivative(x, target(made, 1, DELTA))
-    gap = np.where(seen[:, 2:, None], x - made.positions[:, 2:], 0)
-    np.testing.assert_array_equal(derivative, 2 * gap)
-    assert abs(value - (gap**2).sum()) < 1e-14 * value * 36  # a rounding per term
+@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("objective", EACH)
+def test_the_derivative_is_twice_the_pulled_back_residual(objective, loss):
+    made, x = captured(objective, loss), states()
+    derivative = made.cost_and_derivative(x)[1]
+    back = 2 * made.jacobian(x).T @ made.residual(x)
+    np.testing.assert_allclose(back, derivative.ravel(), atol=1e-13 * np.abs(derivative).max())  # rounding
 
 
-@pytest.mark.parametrize(("last", "steps"), [(None, [0, 2, 5]), (5, [0, 2, 5]), (4, [0, 2]), (2, [0, 2]), (0, [0])])
-def test_a_target_ends_at_the_last_step_asked_for(last, steps):
-    goal = target(motion(DELTA * np.array([0, 2, 5])), 0, DELTA, last)
-    assert goal.step.tolist() == steps
-    assert (goal.positions.shape, goal.observed.shape) == ((len(steps), 2, 3), (len(steps), 2))
+@pytest.mark.parametrize("objective", EACH)
+def test_the_jacobian_is_that_of_the_residual(objective):
+    made, x = captured(objective), states()
+    J = made.jacobian(x).toarray()
+    assert J.shape == (len(made.residual(x)), x.size)
+    t = 1e-6
+
+    def column(i):
+        step = np.zeros(x.size)
+        step[i] = t
+        ends = [made.residual(x + s * step.reshape(x.shape)) for s in (1, -1)]
+        return (ends[0] - ends[1]) / (2 * t)
+
+    measured = np.stack([column(i) for i in range(x.size)], axis=1)
+    np.testing.assert_allclose(J, measured, atol=1e-7 * np.abs(J).max())  # t² over amplitudes squared of 1e-2
 
 
-def test_times_in_single_precision_are_multiples_of_the_step():
-    times = (np.float32(DELTA) * np.arange(100, dtype=np.float32)).astype(float)
-    assert frame_steps(motion(times), DELTA).tolist() == list(range(100))
+def test_a_longer_motion_has_columns_that_are_zero():
+    made, x = captured(MIXED), states(STEPS + 4)
+    J = made.jacobian(x)
+    assert J.shape[1] == x.size
+    np.testing.assert_array_equal(J.toarray()[:, : (made.last_step + 1) * 3 * N], made.jacobian(x[:STEPS]).toarray())
+
+
+@pytest.mark.parametrize("loss", [LOSSES[0]])
+def test_a_sum_of_objectives_is_the_sum_of_their_costs(loss):
+    wanted, x = goal(), states()
+    parts = [Comparison(wanted, SYSTEM, {name: 1.0}, loss).cost(x) for name in MIXED]
+    whole = Comparison(wanted, SYSTEM, MIXED, loss).cost(x)
+    assert whole == pytest.approx(np.dot(parts, list(MIXED.values())), rel=1e-13)  # rounding
+
+
+@pytest.mark.parametrize("objective", EACH)
+def test_what_is_seen_is_what_the_cost_depends_on(objective):
+    seen = np.zeros((STEPS + 1, N), bool)
+    seen[0], seen[:, 1], seen[3, 2], seen[3:5, 4] = True, True, True, True
+    made, x = compared(seen=seen, objective=objective), states()
+    derivative = made.cost_and_derivative(x)[1]
+    np.testing.assert_array_equal(made.seen, np.abs(derivative[1:]).max(axis=(0, 2)) > 0)
+
+
+# --- robust losses
+
+
+@pytest.mark.parametrize("name", ["soft_l1", "huber"])
+def test_small_gaps_cost_their_squares_and_large_ones_their_lengths(name):
+    wanted, gap = goal(), np.zeros((STEPS + 1, N, 3))
+    gap[3, 2] = (3.0, 0.0, -4.0)
+    for size, expected, accuracy in [(1e-4, 25e-8, 1e-6), (1e4, 2 * 0.1 * 5e4, 1e-5)]:
+        # soft_l1 is z (1 − z/4 …) with z = (5e-3)² and 2 sqrt(z) (1 − 1/sqrt(z) …) with sqrt(z) = 5e5
+        made = Comparison(wanted, SYSTEM, loss=Loss(name, 0.1))
+        assert made.cost(wanted.positions + size * gap) == pytest.approx(expected, rel=max(accuracy, 1e-5))
+
+
+@pytest.mark.parametrize("name", ["soft_l1", "huber"])
+def test_a_large_scale_is_no_loss(name):
+    wanted, x = goal(), states()
+    robust, plain = (Comparison(wanted, SYSTEM, loss=loss).cost(x) for loss in (Loss(name, 1e5), Loss()))
+    assert robust == pytest.approx(plain, rel=1e-9)  # z = 1e-11
+
+
+def test_the_losses_are_those_of_scipy():
+    from scipy.optimize import least_squares
+
+    r = np.array([0.01, 0.3, -2.0, 50.0])
+    for name in ("soft_l1", "huber"):
+        same = least_squares(lambda y: y - r, np.zeros(4), loss=name, f_scale=0.2, max_nfev=1)
+        # SciPy's cost at the start is half of ours
+        expected = 0.5 * Loss(name, 0.2).value(r**2).sum()
+        first = 0.5 * 0.2**2 * np.sum(rho(name, (r / 0.2) ** 2))
+        assert expected == pytest.approx(first, rel=1e-13)  # rounding
+        assert same.cost <= expected * (1 + 1e-12)
+
+
+def rho(name, z):
+    """Its documentation, written down again."""
+    return 2 * (np.sqrt(1 + z) - 1) if name == "soft_l1" else np.where(z <= 1, z, 2 * np.sqrt(z) - 1)
+
+
+# --- arguments
 
 
 @pytest.mark.parametrize(
-    ("times", "message"),
+    ("objective", "message"),
     [
-        ([0, 0.03], "walk.npz: times[1]: 0.03 s is not 0 or a multiple of the scene's delta, 0.02 s"),
-        ([-0.02, 0], "walk.npz: times[0]: -0.02 s is not 0 or a multiple of the scene's delta, 0.02 s"),
-        ([0.02, 0.020001], "walk.npz: times: several frames fall on one step of 0.02 s"),
+        ("speed", "objective: there is no 'speed'; use position, velocity, edge-length, spectrum"),
+        ({}, "objective: none is given; use one or more of position"),
+        ({"position": 0.0}, "objective: position: a weight of 0 is not possible, above 0 and finite is"),
+        ({"position": 1.0, "velocity": np.nan}, "objective: velocity: a weight of nan is not possible"),
+        ({"velocity": np.inf}, "objective: velocity: a weight of inf is not possible"),
     ],
 )
-def test_times_that_fit_no_step_are_refused(times, message):
-    with pytest.raises(InvalidMotion) as caught:
-        frame_steps(motion(times), DELTA)
-    assert str(caught.value) == message
+def test_objectives_that_cannot_be_are_refused(objective, message):
+    with pytest.raises(InvalidInput) as caught:
+        objective_weights(objective)
+    assert str(caught.value).startswith(message)
+
+
+def test_a_name_alone_has_weight_one():
+    assert objective_weights("velocity") == {"velocity": 1.0}
+    assert objective_weights(MIXED) == MIXED

@@ -6,7 +6,6 @@ import pytest
 from physics import METHODS, TIGHT, ball, scene, thing, xyz
 from scenes import cloth
 
-from clothfit.cost import cost_and_derivative
 from clothfit.errors import Diverged, InvalidInput, InvalidMotion
 from clothfit.fit_vector import blocks, parameters, with_parameters
 from clothfit.motion import simulate
@@ -93,10 +92,11 @@ def squeezed(newton, mass, seed):
     """A crumpled cloth whose springs want to be 1.4 times as long as they are."""
     made = variant([sheet(damping=0.05, vertMass=[mass] * 9)], "implicit", newton, optimizationIterations=3)
     objective = Objective(made, simulate(made, tolerance=TIGHT))
-    system = objective.systems[0]
+    (run,) = objective.runs
+    system = run.system
     x0 = system.x0 + 0.1 * np.random.default_rng(seed).normal(size=system.x0.shape)
     longer = system.springs._replace(rest=1.4 * system.springs.rest)
-    objective.systems[0] = system._replace(x0=x0, springs=longer)
+    objective.runs = (run._replace(system=system._replace(x0=x0, springs=longer)),)
     return objective, parameters(made)
 
 
@@ -107,7 +107,7 @@ def squeezed(newton, mass, seed):
 @pytest.mark.parametrize(("newton", "mass", "seed"), [(1, 0.01, 13), (2, 0.01, 13), (5, 0.02, 18)])
 def test_the_gradient_through_indefinite_matrices(newton, mass, seed):
     objective, p = squeezed(newton, mass, seed)
-    memory, good = rollout(objective.systems[0], 2, TIGHT)
+    memory, good = rollout(objective.runs[0].system, 2, TIGHT)
     assert good == 2
     assert memory.solves[:, 1].sum() > 0  # conjugate gradients met negative curvature
     assert_right(objective, p)
@@ -120,7 +120,7 @@ def test_the_gradient_of_a_column_that_buckles(newton, frames):
     column = thing(points, links, mass=0.01, stiffness=200.0, fixed=[0], optimizationSettings="LL")
     made = variant([column], "implicit", newton, optimizationIterations=frames)
     objective, p = Objective(made, truth(made)), parameters(made)
-    memory, _ = rollout(objective.systems[0], frames - 1, TIGHT)
+    memory, _ = rollout(objective.runs[0].system, frames - 1, TIGHT)
     assert memory.solves[:, 1].sum() > 0
     assert_right(objective, p)
 
@@ -131,7 +131,7 @@ def test_the_gradient_of_newton_iterations_that_stop_early(newton):
     one = thing([(0, 0, 0), (0, -1, 0)], [(0, 1)], mass=0.5, stiffness=30.0, fixed=[0], optimizationSettings="LL")
     made = variant([one], "implicit", newton)
     objective, p = Objective(made, truth(made)), parameters(made)
-    memory, _ = rollout(objective.systems[0], FRAMES - 1, TIGHT)
+    memory, _ = rollout(objective.runs[0].system, FRAMES - 1, TIGHT)
     assert memory.used.min() < newton
     assert_right(objective, p)
 
@@ -160,7 +160,7 @@ def test_what_is_not_flagged_has_no_gradient_and_the_rest_is_as_with_all(setting
 def test_nothing_flagged_is_a_cost_of_nothing():
     made = variant([sheet(settings="nn")], "implicit", 1)
     objective = Objective(made, simulate(made))
-    assert objective.systems == {}
+    assert objective.runs == ()
     value, gradient = objective.cost_and_gradient(np.zeros(0))
     assert (value, gradient.shape, objective.frames, objective.observations) == (0, (0,), 0, 0)
 
@@ -170,7 +170,7 @@ def test_a_fit_simulates_only_what_it_fits():
     made = variant(objects, "implicit", 1, **fields)
     goal = truth(made)
     objective = Objective(made, goal)
-    assert list(objective.systems) == list(objective.targets) == [0, 2]
+    assert [run.cloth for run in objective.runs] == [0, 2]
     p = parameters(made)
     value, gradient = objective.cost_and_gradient(p)
     parts, start = [], 0
@@ -274,8 +274,8 @@ def test_a_vector_of_another_length_is_refused():
 def test_the_derivative_by_position_is_what_the_gradient_pulls_back():
     made = variant([sheet()], "implicit", 1)
     objective, p = Objective(made, truth(made)), parameters(made)
-    memory, _ = rollout(objective.systems[0], FRAMES - 1, TIGHT)
-    by_position = cost_and_derivative(memory.x, objective.targets[0])[1]
+    memory, _ = rollout(objective.runs[0].system, FRAMES - 1, TIGHT)
+    by_position = objective.runs[0].comparison.cost_and_derivative(memory.x)[1]
     direction = p * np.random.default_rng(17).normal(size=p.shape)
     (change,) = objective.tangent(p, direction)
     forward, back = np.vdot(by_position, change), objective.cost_and_gradient(p)[1] @ direction

@@ -15,6 +15,7 @@ from clothfit.words import counted, owned
 
 if TYPE_CHECKING:
     from clothfit.fit import Fit
+    from clothfit.motion import Motion
     from clothfit.scene import Scene
 
 EXIT_CODES = {"converged": 0, "stalled": 5, "limit": 5, "interrupted": 130}
@@ -22,7 +23,22 @@ EXIT_CODES = {"converged": 0, "stalled": 5, "limit": 5, "interrupted": 130}
 
 @shared.command("estimate")
 @click.argument("scene_path", metavar="SCENE")
-@click.option("--target", "target_path", metavar="MOTION", help="What to match.  [default: the scene's own motion]")
+@click.option(
+    "--target",
+    "target_paths",
+    metavar="MOTION[@SCENE]",
+    multiple=True,
+    help="What to match, and the scene it was recorded in; may be repeated.  [default: the scene's own motion]",
+)
+@click.option(
+    "--objective",
+    "objectives",
+    metavar="NAME[=WEIGHT]",
+    multiple=True,
+    help="What to compare: position, velocity, edge-length, spectrum; may be repeated.  [default: position]",
+)
+@click.option("--loss", default="linear", metavar="NAME", help="linear, soft_l1 or huber.  [default: linear]")
+@click.option("--loss-scale", type=float, metavar="METRES", help="Gaps above it are outliers.  [default: 0.01]")
 @click.option(
     "--start",
     metavar="VALUE|SCENE",
@@ -36,7 +52,10 @@ EXIT_CODES = {"converged": 0, "stalled": 5, "limit": 5, "interrupted": 130}
 @click.option("--in-place", is_flag=True, help="Write the fitted values into SCENE itself.")
 def command(
     scene_path: str,
-    target_path: str | None,
+    target_paths: tuple[str, ...],
+    objectives: tuple[str, ...],
+    loss: str,
+    loss_scale: float | None,
     start: str | None,
     method: str,
     max_evaluations: int,
@@ -50,22 +69,26 @@ def command(
     """Fit the parameters that SCENE flags and write the scene with only those numbers changed.
 
     Without --target the scene's own parameters are the truth, hidden from the fit: a trial of what can be recovered.
+    Of several targets the costs add up, as do those of several objectives, each times its weight.
 
     \b
     clothfit estimate scene.json
     clothfit estimate scene.json --target capture.npz -o fitted.json
+    clothfit estimate scene.json --target one.npz --target two.npz@windy.json --objective velocity=0.01
     clothfit estimate - < scene.json > fitted.json
     """
     check_values(max_evaluations, rmse, path, in_place, scene_path)
     start_path = None if start is None or is_number(start) else start
-    shared.one_stream(scene_path, target_path, start_path)
+    pairs = [motion_and_scene(path) for path in target_paths]
+    inputs = (*(path for pair in pairs for path in pair), start_path)
+    shared.one_stream(scene_path, *inputs)
     scene = shared.read_scene(scene_path, console)
-    out = output(scene_path, path, in_place, (target_path, start_path))
+    out = output(scene_path, path, in_place, inputs)
     from clothfit import fit
     from clothfit.fit_vector import blocks
 
     fit.check_method(method)
-    target = shared.read_motion(target_path, scene) if target_path is not None else None
+    targets = [read_target(pair, scene, console) for pair in pairs]
     first = read_start(start, console)
     flagged = ", ".join(f"{owned(b.cloth, b.name)} ({b.mode})" for b in blocks(scene))
     console.detail(f"fitting {flagged or 'nothing'} over {scene.frames} frames")
@@ -73,13 +96,16 @@ def command(
     with console.progress() as report:
         found = fit.estimate(
             scene,
-            target,
+            targets or None,
             first,
             method,
             budget=max_evaluations,
             rmse_tolerance=rmse,
             tolerance=tolerance,
             report=report,
+            objective=weights(objectives),
+            loss=loss,
+            loss_scale=loss_scale,
         )
     with shared.uninterrupted():
         return finish(scene, found, out, console, as_json)
@@ -93,6 +119,38 @@ def check_values(max_evaluations: int, rmse: float, path: str | None, in_place: 
         raise InvalidInput(f"--rmse: {rmse:g} m is not possible, 0 or more is")
     if in_place and (path is not None or scene_path == shared.STREAM):
         raise InvalidInput("--in-place writes into the scene's file; it does not go with -o or standard input")
+
+
+def motion_and_scene(path: str) -> tuple[str, str | None]:
+    """The paths in a --target: of a motion, or of a motion and a scene, split at the last @."""
+    if os.path.exists(path) or "@" not in path:
+        return path, None
+    motion, _, scene = path.rpartition("@")
+    return motion, scene
+
+
+def read_target(
+    paths: tuple[str, str | None], scene: Scene, console: Console
+) -> Motion | tuple[Motion, Scene]:
+    """What a --target names."""
+    motion, own = paths
+    if own is None:
+        return shared.read_motion(motion, scene)
+    other = shared.read_scene(own, console)
+    return shared.read_motion(motion, other), other
+
+
+def weights(objectives: tuple[str, ...]) -> dict[str, float]:
+    """The weight of each --objective, 1 where it has none."""
+    found = {}
+    for text in objectives or ("position",):
+        name, equals, weight = text.partition("=")
+        if name in found:
+            raise InvalidInput(f"--objective: {name} is given twice")
+        if equals and not is_number(weight):
+            raise InvalidInput(f"--objective: {text}: the weight is not a number, as in {name}=0.01")
+        found[name] = float(weight) if equals else 1.0
+    return found
 
 
 def read_start(start: str | None, console: Console) -> float | Scene | None:

@@ -18,6 +18,7 @@ from clothfit.cli.console import Console, metres
     "--observed", type=float, default=1.0, metavar="FRACTION", help="Of the vertices, drawn once.  [default: 1]"
 )
 @click.option("--every", type=int, default=1, metavar="K", help="Keep every K-th frame.  [default: 1]")
+@click.option("--fps", type=float, metavar="F", help="Frames per second, between steps as well.  [default: all steps]")
 @click.option("--seed", type=click.IntRange(0), default=0, metavar="S", help="Of the random numbers.  [default: 0]")
 @click.option("--tolerance", type=float, metavar="T", help="Of the linear solver.  [default: as tight as a fit's]")
 @click.option("-o", "--output", "path", metavar="MOTION", help="Motion file.  [default: <stem>.target.npz]")
@@ -27,6 +28,7 @@ def command(
     noise: float,
     observed: float,
     every: int,
+    fps: float | None,
     seed: int,
     tolerance: float | None,
     path: str | None,
@@ -35,9 +37,13 @@ def command(
 ) -> int:
     """Record the motion of SCENE with its own parameters, perfect or as a capture would see it.
 
+    With --fps the frames need not fall on time steps: they lie on the straight lines between the states after the
+    steps, which is what a fit compares them with.
+
     \b
     clothfit target scene.json
     clothfit target scene.json --noise 0.001 --observed 0.25 --every 2 -o capture.npz
+    clothfit target scene.json --noise 0.001 --fps 30 -o capture.npz
     """
     scene = shared.read_scene(scene_path, console)
     frames = shared.frames_of(steps, scene)
@@ -45,9 +51,9 @@ def command(
     from clothfit.capture import check, degrade
     from clothfit.fit import record_target
 
-    check(noise, observed, every)
+    check(noise, observed, every, fps)
     console.announce_compilation()
-    motion = degrade(record_target(scene, frames, tolerance), noise, observed, every, seed)
+    motion = degrade(record_target(scene, frames, tolerance), noise, observed, every, seed, fps)
     out.write(shared.motion_bytes(motion))
     seen = 1.0 if motion.observed is None else float(motion.observed.mean())
     spoiled = f"noise {metres(noise)}" if noise else "no noise"
