@@ -10,35 +10,16 @@ problems, Computers & Operations Research 21, 1994.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from clothfit.arrays import Array, Flags
+from clothfit.arrays import Array
 
 ROUNDS = 20
 """Exchanges between what is free and what is at a bound; the last few only add to the latter, so they end."""
 
 
-class Spectrum(NamedTuple):
-    """Eigenvalues (Q,), ascending, and eigenvectors (Q, Q) of the part of H that is free."""
-
-    values: Array
-    vectors: Array
-    rank: int  # eigenvalues above rounding
-
-    def solve(self, g: Array, shift: float = 0.0) -> Array:
-        """The shortest δ with (H + shift) δ = −g, without the directions that H does not determine."""
-        seen = slice(len(self.values) - self.rank, None)
-        along = (self.vectors[:, seen].T @ g) / (self.values[seen] + shift)
-        return np.asarray(-self.vectors[:, seen] @ along)
-
-
-def spectrum(H: Array, epsilon: float = 1e-15) -> Spectrum:
-    """Decompose H, symmetric; eigenvalues below epsilon · Q of the largest count as 0."""
-    values, vectors = np.linalg.eigh(H) if len(H) else (np.zeros(0), np.zeros((0, 0)))
-    floor = epsilon * max(len(values), 1) * values.max(initial=0.0)
-    return Spectrum(values, vectors, int((values > floor).sum()))
+SINGULAR = 1e-13
+"""Reciprocal condition below which H counts as singular."""
 
 
 def solve(H: Array, g: Array, lower: Array, upper: Array, radius: float = np.inf) -> Array:
@@ -46,7 +27,7 @@ def solve(H: Array, g: Array, lower: Array, upper: Array, radius: float = np.inf
     delta, held = np.zeros(len(g)), np.zeros(len(g), bool)
     for turn in range(ROUNDS):
         free = np.flatnonzero(~held)
-        part = spectrum(H[np.ix_(free, free)])
+        part = H[np.ix_(free, free)]
         delta[free] = within(part, g[free] + H[np.ix_(free, np.flatnonzero(held))] @ delta[held], radius)
         out = (delta < lower) | (delta > upper)
         delta = np.clip(delta, lower, upper)
@@ -60,19 +41,61 @@ def solve(H: Array, g: Array, lower: Array, upper: Array, radius: float = np.inf
     return delta
 
 
-def within(part: Spectrum, g: Array, radius: float) -> Array:
-    """The minimum within a ball: (H + μ) δ = −g with the μ ≥ 0 that makes |δ| the radius, to 1 %."""
-    delta = part.solve(g)
-    if np.linalg.norm(delta) <= radius:
-        return delta
+def within(H: Array, g: Array, radius: float = np.inf) -> Array:
+    """The minimum δ within a ball: (H + μ) δ = −g with the μ ≥ 0 that makes |δ| at most the radius, to 1 %."""
+    factor = cholesky(H)
+    if factor is None:
+        return within_singular(H, g, radius)
+    delta = -substitute(factor, g)
+    shift = 0.0
+    for _ in range(ROUNDS):  # Newton's iteration on 1/|δ|, which is nearly linear in μ
+        length = float(np.linalg.norm(delta))
+        if length <= 1.01 * radius:
+            break
+        change = -substitute(factor, delta)
+        shift += length**2 / -float(delta @ change) * (length - radius) / radius
+        factor = shifted(H, shift)
+        delta = -substitute(factor, g)
+    return delta
+
+
+def cholesky(H: Array) -> Array | None:
+    """The Cholesky factor (Q, Q), lower; None where H is singular or not positive definite."""
+    from scipy.linalg import lapack
+
+    lower, fault = lapack.dpotrf(H, lower=1, clean=1)
+    if fault or not len(H):
+        return None
+    condition, _ = lapack.dpocon(lower, float(np.abs(H).sum(axis=0).max()), uplo="L")
+    return lower if condition > SINGULAR else None
+
+
+def shifted(H: Array, shift: float) -> Array:
+    """The Cholesky factor of H + shift, which is positive definite where H is."""
+    from scipy.linalg import lapack
+
+    return np.asarray(lapack.dpotrf(H + shift * np.eye(len(H)), lower=1, clean=1)[0])
+
+
+def substitute(factor: Array, g: Array) -> Array:
+    """(L Lᵀ)⁻¹ g."""
+    from scipy.linalg import lapack
+
+    return np.asarray(lapack.dpotrs(factor, g, lower=1)[0])
+
+
+def within_singular(H: Array, g: Array, radius: float) -> Array:
+    """As `within`, for an H that does not determine everything: by its eigenvalues, without those that are rounding."""
+    if not len(H):
+        return np.zeros(0)
+    values, vectors = np.linalg.eigh(H)
+    seen = values > SINGULAR * values[-1]
+    values, vectors = values[seen], vectors[:, seen]
+    along = vectors.T @ g
+    if np.linalg.norm(along / values) <= radius:
+        return np.asarray(-vectors @ (along / values))
     low, high = 0.0, float(np.linalg.norm(g)) / radius
     while high > 1.01 * low:
         shift = np.sqrt(low * high) if low > 0 else 1e-3 * high
-        delta = part.solve(g, shift)
-        low, high = (shift, high) if np.linalg.norm(delta) > radius else (low, shift)
-    return part.solve(g, high)
-
-
-def active(p: Array, g: Array, lower: Array, upper: Array) -> Flags:
-    """Which coordinates (Q,) are at a bound that the descent −g does not leave."""
-    return np.asarray(((p <= lower) & (g > 0)) | ((p >= upper) & (g < 0)))
+        low, high = (shift, high) if np.linalg.norm(along / (values + shift)) > radius else (low, shift)
+    return np.asarray(-vectors @ (along / (values + high)))

@@ -1,4 +1,4 @@
-"""From the fit vector to the columns of a sensitivity: which parameter moves which elements of a cloth, and how much."""
+"""From the fit vector to the columns of a sensitivity: which parameter moves which elements, and how much."""
 
 from __future__ import annotations
 
@@ -47,5 +47,6 @@ def none(count: int) -> Share:
 
 def share(block: Block, column: Indices, factor: Array) -> Share:
     """The columns and factors of all elements of a block."""
-    places = block.spread(column.astype(float)) if block.unit is None else np.full(block.shape, float(column[block.start]))
-    return Share(np.asarray(places, np.int32), np.array(block.spread(factor), float))
+    own = column[block.part].reshape(-1)
+    places = own if block.mode == "L" else np.full(block.shape[0], own[0])
+    return Share(places.astype(np.int32), np.array(block.spread(factor), float))

@@ -6,14 +6,16 @@ the loop, its budget, an interrupt, a stalled line search, the best point it vis
 
 from __future__ import annotations
 
-import warnings as python_warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from clothfit import auto, threads
 from clothfit.arrays import Array
+from clothfit.descent import METHODS, minimise
 from clothfit.errors import Diverged, InvalidInput
 from clothfit.experiment import Targets, experiments
 from clothfit.fit_vector import (
@@ -32,27 +34,15 @@ from clothfit.motion import Motion, checked_tolerance, simulate, simulate_cloths
 from clothfit.objective import Objective
 from clothfit.scene import Scene
 from clothfit.search import Progress, Search, Stop
-from clothfit.start import neutral, neutral_start
+from clothfit.start import fabric, neutral, neutral_start
 from clothfit.words import owned
 
-METHODS = {
-    "l-bfgs-b": {"gradient": True, "bounds": True},
-    "tnc": {"gradient": True, "bounds": True},
-    "slsqp": {"gradient": True, "bounds": True},
-    "trust-constr": {"gradient": True, "bounds": True},
-    "bfgs": {"gradient": True, "bounds": False},
-    "cg": {"gradient": True, "bounds": False},
-    "nelder-mead": {"gradient": False, "bounds": True},
-    "powell": {"gradient": False, "bounds": True},
-    "cobyla": {"gradient": False, "bounds": True},
-}
-"""SciPy's minimisers that can fit, and what they take. Without bounds of their own, values are clipped to the bounds.
-"""
+OWN = ("auto", "momentum", "gauss-newton")
+"""The methods of this package, besides SciPy's `METHODS`."""
 
 RMSE_TOLERANCE = 1e-8  # m: far below what a file in float32 can hold
 FIT_TOLERANCE = 1e-10  # linear systems, relative
 BUDGET = 1000  # evaluations
-MEMORY = 30  # steps that L-BFGS-B remembers; SciPy's 10 converge about half as fast on per-vertex fits
 
 
 @dataclass(frozen=True)
@@ -101,6 +91,7 @@ def estimate(
     objective: str | Mapping[str, float] = "position",
     loss: str = "linear",
     loss_scale: float | None = None,
+    prior: float | str = "auto",
 ) -> Fit:
     """Fit the flagged parameters of a scene to a target motion, or to several.
 
@@ -120,6 +111,7 @@ def estimate(
     own motion, needed as target, diverges.
     """
     check_method(method)
+    tau = prior_width(prior)
     if not blocks(scene):
         raise InvalidInput(
             f"{scene.name}: nothing to fit: no object flags anything; set its optimizationSettings, for example to "
@@ -139,14 +131,45 @@ def estimate(
             f"{given[0].motion.name}: shows nothing after the start that can move, within {given[0].scene.frames} "
             "frames, so there is nothing to fit to"
         )
-    p = choose_start(scene, target, start, hidden, **options)
+    direct = method in OWN and hidden and start is None
+    p = fabric(scene) if direct else choose_start(scene, target, start, hidden, **options)
     warnings = [*undetermined(scene), *outside_bounds(scene, p)]
-    if not np.isfinite(aim.cost_or_infinity(p)):
+    if not direct and not np.isfinite(aim.cost_or_infinity(p)):
         warnings.append("the simulation diverges at the start; the fit starts from the best of a coarse search instead")
         p = neutral_start(scene, target, scene.frames, p, **options)
     search = Search(aim, p, rmse_tolerance, budget, report)
-    status = minimise(search, "l-bfgs-b" if method == "auto" else method)
+    other = partial(neutral_start, scene, target, scene.frames, None if hidden else p, **options)
+    status = run(search, method, p, None if start is not None else other, tau)
     return result(search, status, method, warnings, started=start is not None)
+
+
+def run(search: Search, method: str, start: Array, other: Callable[[], Array] | None, tau: float | None) -> str:
+    """Search by a method until it or the user ends it; returns the status."""
+    try:
+        with threads.single():
+            status = found_by(search, method, start, other, tau)
+    except Stop as stop:
+        status = stop.status
+    except KeyboardInterrupt:
+        if not np.isfinite(search.best_cost):
+            raise  # there is no result yet
+        status = "interrupted"
+    return status if np.isfinite(search.best_cost) else "diverged"
+
+
+def found_by(search: Search, method: str, start: Array, other: Callable[[], Array] | None, tau: float | None) -> str:
+    """Search by a method; returns the status. Raises Stop."""
+    if not search.fitted.any():
+        search(search.y)
+        return search.verdict()
+    if method in METHODS:
+        return minimise(search, method)
+    if method == "momentum":
+        auto.by_momentum(search, start)
+        return search.verdict()
+    if method == "gauss-newton":
+        return auto.by_gauss_newton(search, start, start, tau)
+    return auto.find(search, start, other, tau)
 
 
 def undetermined(scene: Scene) -> list[str]:
@@ -181,10 +204,25 @@ def outside_bounds(scene: Scene, p: Array) -> list[str]:
     ]
 
 
+def prior_width(prior: float | str) -> float | None:
+    """The width τ of a prior: "auto" learns it (None), "none" or 0 leaves it out (inf). Raises InvalidInput."""
+    if prior == "auto":
+        return None
+    if prior in ("none", 0):
+        return np.inf
+    try:
+        width = float(prior)
+    except ValueError:
+        width = np.nan
+    if not width > 0:
+        raise InvalidInput(f"prior: {prior!r} is not possible; give auto, none, or a width in log parameters above 0")
+    return width
+
+
 def check_method(method: str) -> None:
     """Raise InvalidInput when there is no such method."""
-    if method != "auto" and method not in METHODS:
-        raise InvalidInput(f"method: there is no {method!r}; use auto, {', '.join(METHODS)}")
+    if method not in OWN and method not in METHODS:
+        raise InvalidInput(f"method: there is no {method!r}; use {', '.join((*OWN, *METHODS))}")
 
 
 def choose_start(
@@ -217,53 +255,6 @@ def choose_start(
         i = int(np.argmax(wrong))
         raise InvalidInput(f"start: {p[i]:g} is not within the bounds {lower[i]:g} … {upper[i]:g}")
     return p
-
-
-def minimise(search: Search, method: str) -> str:
-    """Run a SciPy minimiser until it, the search or the user ends it; returns the status."""
-    from scipy import optimize
-
-    minimizer: Any = optimize.minimize  # its stubs know methods by literal names only
-    takes = METHODS[method]
-    arguments: dict[str, Any] = {"method": method, "options": options(method, search.budget)}
-    if takes["bounds"]:
-        arguments["bounds"] = search.bounds
-    try:
-        if search.fitted.any():
-            with python_warnings.catch_warnings():
-                python_warnings.simplefilter("ignore")  # the status says what SciPy's warnings would
-                minimizer(
-                    search if takes["gradient"] else search.cost, search.y, jac=takes["gradient"], **arguments
-                )
-        else:
-            search(search.y)
-        status = search.verdict()
-    except Stop as stop:
-        status = stop.status
-    except KeyboardInterrupt:
-        if not np.isfinite(search.best_cost):
-            raise  # there is no result yet
-        status = "interrupted"
-    return status if np.isfinite(search.best_cost) else "diverged"
-
-
-def options(method: str, budget: int) -> dict[str, Any]:
-    """Options that leave the end to the search: no tolerance of SciPy's own, more iterations than the budget holds."""
-    common: dict[str, Any] = {"maxiter": 10 * budget + 1000}
-    own: dict[str, dict[str, Any]] = {
-        "l-bfgs-b": {"maxfun": 10 * budget + 1000, "maxcor": MEMORY, "ftol": 0.0, "gtol": 0.0},
-        "tnc": {"maxfun": 10 * budget + 1000, "ftol": 0.0, "gtol": 0.0, "xtol": 0.0},
-        "slsqp": {"ftol": 1e-30},
-        "trust-constr": {"gtol": 1e-30, "xtol": 1e-12},
-        "bfgs": {"gtol": 0.0},
-        "cg": {"gtol": 0.0},
-        "nelder-mead": {"xatol": 1e-10, "fatol": 1e-16, "adaptive": True},
-        "powell": {"xtol": 1e-10, "ftol": 1e-16},
-        "cobyla": {"tol": 1e-10},
-    }
-    if method == "tnc":
-        common = {}
-    return common | own[method]
 
 
 def result(search: Search, status: str, method: str, warnings: list[str], started: bool) -> Fit:

@@ -135,7 +135,9 @@ class Quadratic:
         return np.clip(self.y + step, self.y + self.lower, self.y + self.upper)
 
 
-def descend(total: Callable[[Array], float], value: float, model: Quadratic, radius: float) -> tuple[Array, float, bool]:
+def descend(
+    total: Callable[[Array], float], value: float, model: Quadratic, radius: float
+) -> tuple[Array, float, bool]:
     """A step that lowers `total` from `value`, the new radius, and whether there is one."""
     while radius > SMALLEST * np.sqrt(len(model.y)):
         step = model.within(radius)

@@ -12,8 +12,8 @@ stiffnesses by a common factor where nothing else acts) keep their part of p₀.
 Noise: an error of a position enters three balances, with weights 1, −2, 1 over h². Summing the balances twice over time
 undoes that: row t then compares where the forces so far carry the vertex with where it is, and the errors
 of different rows are independent again, which is how least squares weighs right. What is left is the noise within the
-forces, lessened by smoothing the target over a few frames. `candidates` gives the fit for several such treatments; the
-motion decides which is best.
+forces, lessened by smoothing the target over a few frames. Which treatment is best is for the motion to say: see
+`TREATMENTS`.
 
 With several Newton iterations the residual of the converged step is used. Reference for equation-error estimation: L.
 Ljung, System Identification, 1999, chapter 7.
@@ -21,23 +21,48 @@ Ljung, System Identification, 1999, chapter 7.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from clothfit import bounded, interrupts, sparse
-from clothfit.arrays import Array, Flags
+from clothfit.arrays import Array, Flags, Indices
+from clothfit.block import Block
+from clothfit.columns import columns
+from clothfit.fit_vector import bounds
 from clothfit.forces import total
 from clothfit.kernel import kernel
+from clothfit.kinds import LETTERED
+from clothfit.objective import Objective, Run
+from clothfit.sensitivity import Columns
 from clothfit.stencil import Stencil, stencil
 from clothfit.step import implicit
 from clothfit.step.jacobian import differentiate, jacobian
-from clothfit.system import EXPLICIT, IMPLICIT, System
+from clothfit.system import EXPLICIT, IMPLICIT, System, with_elements
 from clothfit.target import Target
 from clothfit.vectors import add, add_mass, combine
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
+
+class Treatment(NamedTuple):
+    """What is done to the target and to the balances against noise."""
+
+    frames: int  # over which the target is smoothed, odd
+    summed: bool  # whether the balances are summed twice over time
+
+
+TREATMENTS = (
+    Treatment(1, False),
+    Treatment(1, True),
+    Treatment(7, True),
+    Treatment(15, True),
+    Treatment(7, False),
+    Treatment(15, False),
+)
+"""From exact targets to very noisy ones."""
 
 
 class Track(NamedTuple):
@@ -74,11 +99,11 @@ def balances(system: System, track: Track) -> Balances:
     near = stencil(system, 1)
     steps = len(track.x) - (2 if system.method == EXPLICIT else 1)
     n, springs = len(system.x0), len(system.springs.rest)
-    out = Balances(
-        np.zeros((steps, n, 3)), np.zeros((steps, n, 3)), np.zeros((steps, springs, 2, 3)), valid_rows(system, near, track, steps)
-    )
+    r, mass, stiffness = (np.zeros((steps, *shape)) for shape in ((n, 3), (n, 3), (springs, 2, 3)))
+    out = Balances(r, mass, stiffness, valid_rows(system, near, track, steps))
     alone = near._replace(start=np.zeros(n + 1, np.int32), neighbour=np.zeros(0, np.int32))
-    fill(system, alone, np.ascontiguousarray(track.x), velocities(system, track.x), implicit.workspace(system), jacobian(system, alone), out)
+    x, v = np.ascontiguousarray(track.x), velocities(system, track.x)
+    fill(system, alone, x, v, implicit.workspace(system), jacobian(system, alone), out)
     interrupts.check()
     return out
 
@@ -130,9 +155,58 @@ def fill(system, near, x, v, work, step, out):
         out.stiffness[t] = step.by_stiffness
 
 
+def fit(objective: Objective, p: Array, fitted: Flags, treatment: Treatment = TREATMENTS[0]) -> Array:
+    """Fit the masses and stiffnesses among the parameters p (P,) that are `fitted` (P,); the rest stays.
+
+    What no complete balance tells of stays as well: everything, where the target has no three successive steps.
+    """
+    lower, upper = bounds(objective.scene)
+    found = p.copy()
+    for cloth in objective.cloths:
+        own = [block for block in objective.blocks if block.cloth == cloth and block.name in LETTERED]
+        places = np.concatenate([np.arange(b.start, b.start + b.count) for b in own] or [np.zeros(0, int)])
+        places = places[fitted[places]]
+        if not len(places):
+            continue
+        column = np.full(len(p), -1, np.int32)
+        column[places] = np.arange(len(places))
+        parts = [rows_of(objective, run, p, own, column, treatment) for run in objective.runs if run.cloth == cloth]
+        found[places] = solve(*stacked(parts), p[places], lower[places], upper[places])
+    return found
+
+
+def rows_of(
+    objective: Objective, run: Run, p: Array, own: Sequence[Block], column: Indices, treatment: Treatment
+) -> tuple[csr_array, Array]:
+    """C (N, Q) and r (N,) of one run, by the parameters of its masses and stiffnesses."""
+    system = with_elements(run.system, objective.elements(run, p))
+    seen = track(run.comparison.goal, system)
+    rows = balances(system, smoothed(seen, system.x0, treatment.frames) if treatment.frames > 1 else seen)
+    C, r = matrix(summed_twice(rows) if treatment.summed else rows, system)
+    wanted = columns(system, own, column, np.ones(len(p)), int(column.max()) + 1)
+    return C @ spread(wanted), r
+
+
+def spread(wanted: Columns) -> csr_array:
+    """∂(masses, stiffnesses)/∂parameters (n + S, Q)."""
+    from scipy.sparse import csr_array
+
+    column = np.concatenate([wanted.mass.column, wanted.stiffness.column])
+    factor = np.concatenate([wanted.mass.factor, wanted.stiffness.factor])
+    moved = np.flatnonzero(column >= 0)
+    return csr_array((factor[moved], (moved, column[moved])), shape=(len(column), wanted.width))
+
+
+def stacked(parts: Sequence[tuple[csr_array, Array]]) -> tuple[csr_array, Array]:
+    """The rows of several runs, one below the other."""
+    from scipy.sparse import csr_array, vstack
+
+    return csr_array(vstack([C for C, _ in parts])), np.concatenate([r for _, r in parts])
+
+
 def summed_twice(rows: Balances) -> Balances:
     """The balances summed twice over time, up to where a vertex' first row is missing."""
-    valid = np.logical_and.accumulate(rows.valid, axis=0)
+    valid: Flags = np.minimum.accumulate(rows.valid, axis=0)
     sums = [np.cumsum(np.cumsum(np.where(mask(rows.valid, a), a, 0.0), axis=0), axis=0) for a in rows[:2]]
     return Balances(sums[0], sums[1], np.cumsum(np.cumsum(rows.stiffness, axis=0), axis=0), valid)
 

@@ -20,7 +20,9 @@ CHUNK = 3_000_000
 """Numbers of the sensitivity that are kept at a time."""
 
 
-def accumulate(by_position: csr_array, residual: Array, steps: Iterator[Array], size: tuple[int, int]) -> tuple[Array, Array]:
+def accumulate(
+    by_position: csr_array, residual: Array, steps: Iterator[Array], size: tuple[int, int]
+) -> tuple[Array, Array]:
     """H (Q, Q) and g (Q,) from ∂r/∂x (N, T · 3 f), r (N,) and the sensitivities (3 f, Q) after each of T steps.
 
     `size` is (3 f, Q).

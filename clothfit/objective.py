@@ -76,6 +76,7 @@ class Objective:
         Raises InvalidMotion when a motion does not fit its scene or an objective, InvalidInput for other arguments.
         """
         self.scene = scene
+        self._arguments = (motion, frames, {"objective": objective, "loss": loss, "loss_scale": loss_scale})
         self.tolerance = checked_tolerance(tolerance, TIGHT)
         self.blocks = blocks(scene)
         self.cloths = fitted_cloths(scene)
@@ -94,6 +95,24 @@ class Objective:
         goal = target(motion, cloth, scene.delta, None if frames is None else frames - 1)
         system = build(scene, cloth)
         return Run(cloth, scene, system, Comparison(goal, system, self.weights, self.loss, motion.name), number)
+
+    def until(self, frames: int, tolerance: float | None = None) -> Objective:
+        """The same objective over the first `frames` frames of each experiment, solved to another tolerance."""
+        motion, ends, options = self._arguments
+        given = [ends] * (self.runs[-1].experiment + 1) if ends is None or isinstance(ends, int) else ends
+        shorter = [frames if end is None else min(frames, end) for end in given]
+        return Objective(self.scene, motion, tolerance or self.tolerance, shorter, **options)
+
+    @property
+    def still(self) -> float:
+        """G of cloths that stay where they are."""
+        runs = ((run, (run.comparison.last_step + 1, *run.system.x0.shape)) for run in self.runs)
+        return sum(run.comparison.cost(np.array(np.broadcast_to(run.system.x0, shape))) for run, shape in runs)
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of the longest experiment, as far as it is compared."""
+        return max((run.comparison.last_step for run in self.runs), default=0)
 
     @property
     def plain(self) -> bool:

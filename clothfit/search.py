@@ -136,6 +136,33 @@ class Search:
         slope = gradient * self.coordinates.change(p) / self.coordinates.weight
         return cost / self.unit, slope[self.fitted] / self.unit
 
+    def visit(self, p: Array) -> float:
+        """The cost at parameters (P,), which becomes the best point where it is the lowest; infinite where the
+        simulation diverges. Raises Stop as calling the search does.
+        """
+        cost = self.measure(p)
+        if cost < self.best_cost:
+            self.settle(p, cost)
+        return cost
+
+    def measure(self, p: Array, objective: Objective | None = None) -> float:
+        """The cost at parameters (P,), of another objective where one is given; it counts, but is not remembered."""
+        self.spend()
+        return (objective or self.objective).cost_or_infinity(p)
+
+    def spend(self) -> None:
+        """Count an evaluation. Raises Stop when the budget is spent."""
+        if self.evaluations >= self.budget:
+            raise Stop("limit")
+        self.history.append(self.best_cost)
+
+    def settle(self, p: Array, cost: float) -> None:
+        """Make parameters (P,) of that cost the best point. Raises Stop when the error is small enough."""
+        self.best, self.best_cost = p, cost
+        self._tell()
+        if self._near():
+            raise Stop("converged")
+
     def cost(self, y: Array) -> float:
         """Scaled cost alone, for methods without a gradient."""
         return self(y)[0]

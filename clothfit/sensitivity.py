@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit import interrupts, sparse
+from clothfit import adjoint, interrupts, sparse
 from clothfit.arrays import Array, Elements, Flags, Indices
 from clothfit.kernel import kernel
 from clothfit.rollout import Rollout, velocity
@@ -24,13 +24,16 @@ from clothfit.step import implicit
 from clothfit.step.jacobian import differentiate, differentiate_globally, jacobian
 from clothfit.system import EXPLICIT, System
 
+FEW = 16
+"""Columns up to which a sweep for each is faster than one for all."""
+
 DENSE = 1500
 """Unknowns up to which A is inverted as a dense matrix."""
 
 
 class Columns(NamedTuple):
-    """What each of Q columns stands for: its share in every mass, stiffness and rest length, ∂element/∂parameter, at most
-    one column for each; and directions of the kinds that act everywhere.
+    """What each of Q columns stands for: its share in every mass, stiffness and rest length, ∂element/∂parameter, at
+    most one column for each; and directions of the kinds that act everywhere.
     """
 
     width: int  # Q
@@ -82,6 +85,27 @@ def sweep(system: System, memory: Rollout, columns: Columns) -> Iterator[Array]:
         dv[:] = dw
         interrupts.check()
         yield dx
+
+
+def tangents(system: System, memory: Rollout, columns: Columns, tolerance: float) -> Iterator[Array]:
+    """The same as `sweep` by one forward sweep per column: the faster way for a few of them."""
+    free = system.vertex.free
+    changes = [adjoint.tangent(system, memory, along(system, columns, q), tolerance) for q in range(columns.width)]
+    for t in range(len(memory.w)):
+        yield np.stack([change[t + 1][free].reshape(-1) for change in changes], axis=1)
+
+
+def along(system: System, columns: Columns, q: int) -> Elements:
+    """The change of all elements that column q stands for."""
+    shares = [np.where(share.column == q, share.factor, 0.0) for share in columns[1:4]]
+    change = Elements(mass=shares[0], stiffness=shares[1], rest=shares[2])
+    for column, direction in columns.everywhere:
+        if column == q:
+            change = direction
+    for column, start in columns.velocity:
+        if column == q:
+            change = change._replace(velocity=start)
+    return change
 
 
 def solver(system: System, A: sparse.BlockMatrix, free: Flags) -> Callable[[Array], Array]:

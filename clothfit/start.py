@@ -21,6 +21,7 @@ from clothfit.block import Block
 from clothfit.experiment import Experiment, Targets, experiments
 from clothfit.fit_vector import LOWER, UPPER, blocks
 from clothfit.kinds import LETTERED
+from clothfit.material import proportions
 from clothfit.objective import Objective
 from clothfit.scene import Scene
 from clothfit.target import target
@@ -41,6 +42,21 @@ def neutral(scene: Scene) -> Array:
     return p
 
 
+def fabric(scene: Scene) -> Array:
+    """Values (P,) as `neutral`, but what is fitted per vertex or spring as a uniform fabric shares it out."""
+    p = neutral(scene)
+    for block in blocks(scene):
+        p[block.part] *= shape(scene, block)
+    return p
+
+
+def shape(scene: Scene, block: Block) -> Array | float:
+    """Proportions (count,) of the parameters of a block: those of a uniform fabric in mode L."""
+    if block.mode != "L" or block.name not in LETTERED or block.cloth is None:
+        return 1.0
+    return proportions(scene.cloths[block.cloth])[LETTERED.index(block.name)]
+
+
 def neutral_start(scene: Scene, motion: Targets, frames: int, others: Array | None = None, **options: Any) -> Array:
     """Starting values (P,) from the target and from what is not flagged; independent of the scene's flagged values.
 
@@ -54,8 +70,9 @@ def neutral_start(scene: Scene, motion: Targets, frames: int, others: Array | No
     for cloth in objective.cloths:
         own = [block for block in objective.blocks if block.cloth == cloth and block.name in LETTERED]
         if own:
-            best = search_grid(partial(grid_cost, objective, cloth, own, p.copy()), len(own))
-            fill(p, own, best)
+            shapes = [shape(scene, block) for block in own]
+            best = search_grid(partial(grid_cost, objective, cloth, own, shapes, p.copy()), len(own))
+            fill(p, own, shapes, best)
     return p
 
 
@@ -73,15 +90,22 @@ def first_seen(experiment: Experiment) -> int:
     return math.ceil(min((places[0] for places in seen if places.size), default=0))
 
 
-def fill(p: Array, own: Sequence[Block], exponents: Exponents) -> None:
-    """Give each block its one value."""
-    for block, exponent in zip(own, exponents, strict=True):
-        p[block.part] = 10.0**exponent
+def fill(p: Array, own: Sequence[Block], shapes: Sequence[Array | float], exponents: Exponents) -> None:
+    """Give each block its one value, times its proportions, within the bounds."""
+    for block, proportion, exponent in zip(own, shapes, exponents, strict=True):
+        p[block.part] = np.clip(10.0**exponent * proportion, LOWER, UPPER)
 
 
-def grid_cost(objective: Objective, cloth: int, own: Sequence[Block], p: Array, exponents: Exponents) -> float:
+def grid_cost(
+    objective: Objective,
+    cloth: int,
+    own: Sequence[Block],
+    shapes: Sequence[Array | float],
+    p: Array,
+    exponents: Exponents,
+) -> float:
     """Cost of one cloth at a point of its grid, written into p (P,); infinite where the simulation diverges."""
-    fill(p, own, exponents)
+    fill(p, own, shapes, exponents)
     return objective.cost_or_infinity(p, cloth)
 
 

@@ -1,8 +1,8 @@
 """Which vertices act on which: the pattern that probing needs to find all rows of a sparse derivative at once.
 
 A vertex feels the vertices that a spring or a face joins it to, and itself. Two rows can be probed together where no
-vertex is felt by both: a colouring of the graph at distance 2. For the derivative by the masses and stiffnesses alone it
-suffices that no spring joins the two: distance 1. A. R. Curtis, M. J. D. Powell, J. K. Reid, On the estimation of
+vertex is felt by both: a colouring of the graph at distance 2. For the derivative by the masses and stiffnesses alone
+it suffices that no spring joins the two: distance 1. A. R. Curtis, M. J. D. Powell, J. K. Reid, On the estimation of
 sparse Jacobian matrices, IMA Journal of Applied Mathematics 13, 1974.
 """
 

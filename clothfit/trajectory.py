@@ -7,19 +7,17 @@ products with vectors, each a tangent or an adjoint sweep along the motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from clothfit import gauss_newton, normal
-from clothfit.arrays import Array, Flags, Indices
+from clothfit.arrays import Array, Indices
 from clothfit.columns import columns
-from clothfit.coordinates import Coordinates
 from clothfit.objective import Objective, Run
 from clothfit.prior import Prior, first
 from clothfit.rollout import Rollout
-from clothfit.sensitivity import DENSE, sweep
+from clothfit.search import Search
+from clothfit.sensitivity import DENSE, FEW, sweep, tangents
 from clothfit.system import System
 
 LARGEST = 3e12
@@ -30,45 +28,34 @@ FABRIC = ("mass", "stiffness", "rest")
 
 
 class Trajectory:
-    """An objective in the coordinates y (Q,) of the parameters that are fitted."""
+    """An objective in the coordinates y (Q,) of the parameters that a search fits."""
 
-    def __init__(
-        self,
-        objective: Objective,
-        coordinates: Coordinates,
-        fitted: Flags,
-        held: Array,
-        cost: Callable[[Array], float] | None = None,
-    ) -> None:
-        """`fitted` (P,) says which parameters move, `held` (P,) holds the values of the others; `cost` is what is asked
-        for the cost of parameters (P,), infinite where the simulation diverges (default: the objective).
-        """
-        self.objective, self.coordinates, self.fitted, self.held = objective, coordinates, fitted, held
-        self._cost = cost or objective.cost_or_infinity
+    def __init__(self, search: Search, objective: Objective) -> None:
+        """`objective` is that of the search, or the same over fewer frames."""
+        self.search, self.objective, self.fitted = search, objective, search.fitted
 
     @property
     def size(self) -> int:
         """Q."""
         return int(self.fitted.sum())
 
-    def parameters(self, y: Array) -> Array:
-        """All parameters (P,) at y."""
-        whole = np.zeros(len(self.held))
-        whole[self.fitted] = y
-        return np.where(self.fitted, self.coordinates.p(whole), self.held)
-
     def y(self, p: Array) -> Array:
         """Coordinates (Q,) of parameters (P,)."""
-        return self.coordinates.y(p)[self.fitted]
+        return self.search.coordinates.y(p)[self.fitted]
+
+    def accepted(self, state: gauss_newton.State, model: gauss_newton.Model) -> None:
+        """Make the point of a model the best one of the search. Raises Stop when the error is small enough."""
+        self.search.settle(self.search.parameters(model.y), model.cost)
 
     def problem(self) -> gauss_newton.Problem:
         """What Gauss–Newton minimises."""
-        lower, upper = self.coordinates.lower[self.fitted], self.coordinates.upper[self.fitted]
+        ends = self.search.coordinates
+        lower, upper = ends.lower[self.fitted], ends.upper[self.fitted]
         return gauss_newton.Problem(self.model, self.cost, lower, upper, self.residuals())
 
     def cost(self, y: Array) -> float:
         """The cost at y; infinite where the simulation diverges."""
-        return self._cost(self.parameters(y))
+        return self.search.measure(self.search.parameters(y), self.objective)
 
     def residuals(self) -> int:
         """Number of residuals that a parameter can change."""
@@ -76,8 +63,9 @@ class Trajectory:
 
     def model(self, y: Array) -> gauss_newton.Model:
         """The cost near y: its residuals, linear in the coordinates. Raises Diverged."""
-        p = self.parameters(y)
-        factor = self.coordinates.slope(p)
+        self.search.spend()
+        p = self.search.parameters(y)
+        factor = self.search.coordinates.slope(p)
         H, g, cost = np.zeros((self.size, self.size)), np.zeros(self.size), 0.0
         for run in self.objective.runs:
             own = self.columns_of(run)
@@ -93,7 +81,7 @@ class Trajectory:
 
     def columns_of(self, run: Run) -> NDArray[np.intp]:
         """The fitted parameters that act in a run: their places in the fit vector."""
-        acts = np.zeros(len(self.held), bool)
+        acts = np.zeros(len(self.fitted), bool)
         for block in self.objective.blocks:
             acts[block.part] = block.cloth in (run.cloth, None)
         return np.flatnonzero(acts & self.fitted)
@@ -142,5 +130,7 @@ def run_model(
     blocks = [block for block in objective.blocks if block.cloth in (run.cloth, None)]
     wanted = columns(system, blocks, column, factor, count)
     size = (3 * int(system.vertex.free.sum()), count)
-    H, g = normal.accumulate(by_position, run.comparison.residual(memory.x), sweep(system, memory, wanted), size)
+    tolerance = objective.tolerance
+    steps = tangents(system, memory, wanted, tolerance) if count <= FEW else sweep(system, memory, wanted)
+    H, g = normal.accumulate(by_position, run.comparison.residual(memory.x), steps, size)
     return H, g, run.comparison.cost(memory.x)

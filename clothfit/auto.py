@@ -1,0 +1,124 @@
+"""The default way to fit: from what is certain to what is fine.
+
+1. The momentum fit, where the target shows whole successive frames: exact where the target is.
+2. One value for a whole cloth: a scan over the bounds, for the global minimum.
+3. Otherwise the best of what is known (the start, a uniform fabric of the best density and stiffness, the momentum
+   fits), and from there Gauss–Newton, on a few frames first where the start is far from the target: near the
+   start of a motion its cost is smooth, later that of a windy cloth is chaotic.
+
+Whatever is tried is a visit of the search, so the result is never worse than the best of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from clothfit import momentum
+from clothfit.arrays import Array
+from clothfit.gauss_newton import minimise
+from clothfit.prior import Prior
+from clothfit.scan import scan, scannable
+from clothfit.search import Search
+from clothfit.trajectory import Trajectory
+
+NEAR = 0.02
+"""Error relative to how far the target moves, below which all frames are fitted at once."""
+
+FIRST_WINDOW, GROWTH = 10, 2
+"""Frames of the first window, and by how much each is longer than the one before."""
+
+ITERATIONS, MOST = 8, 200
+"""Of Gauss–Newton in each window, and in the last one."""
+
+
+def find(search: Search, start: Array, fabric: Callable[[], Array] | None, tau: float | None) -> str:
+    """Fit by the steps above from `start` (P,); returns the status. Raises Stop.
+
+    `fabric` gives values (P,) to try beside the start; `tau` is the width of the prior, learned where None.
+    """
+    tried = [start, *by_momentum(search, start)]
+    if one_value_each(search):
+        return by_scan(search, start, tau)
+    if fabric is not None and not is_near(search, search.best_cost):
+        tried.append(np.where(search.fitted, fabric(), start))
+    first = search.objective.until(2 * FIRST_WINDOW)
+    best = min(tried, key=lambda p: search.measure(p, search.objective if is_near(search) else first))
+    centre = tried[-1] if fabric is not None else start
+    return by_gauss_newton(search, best, centre, tau)
+
+
+def by_momentum(search: Search, start: Array) -> list[Array]:
+    """The momentum fits (P,), the best last; none where the target does not show enough."""
+    found: list[tuple[float, Array]] = []
+    for treatment in momentum.TREATMENTS:
+        p = momentum.fit(search.objective, start, search.fitted, treatment)
+        if np.array_equal(p, start):
+            return []
+        found.append((search.visit(p), p))
+        if is_near(search) or one_value_each(search):
+            break
+    return [p for _, p in sorted(found, key=lambda pair: -pair[0])]
+
+
+def is_near(search: Search, cost: float | None = None) -> bool:
+    """Whether a cost, by default that of the best point, means that the motion is nearly the target's."""
+    best = search.best_cost if cost is None else cost
+    return bool(np.isfinite(best)) and best < NEAR**2 * search.objective.still
+
+
+def one_value_each(search: Search) -> bool:
+    """Whether all that is fitted of masses and stiffnesses is one value for a cloth."""
+    return all(b.mode == "G" for b in search.objective.blocks if search.fitted[b.part].any())
+
+
+def by_scan(search: Search, start: Array, tau: float | None) -> str:
+    """Scan the values of each cloth, and follow the best points down."""
+    best = [search.best if np.isfinite(search.best_cost) else start]
+    for cloth in search.objective.cloths:
+        if scannable(search.objective, cloth):
+            best = [q for p in best[:1] for q in scan(search.objective, cloth, p)] or best
+    statuses = {}
+    for p in best:
+        if np.isfinite(search.visit(p)):
+            statuses[by_gauss_newton(search, p, p, tau, windows=False)] = search.best_cost
+    return "converged" if "converged" in statuses else next(iter(statuses), "stalled")
+
+
+def by_gauss_newton(
+    search: Search, p: Array, centre: Array, tau: float | None, windows: bool = True
+) -> str:
+    """Gauss–Newton from p (P,), in windows of more and more frames where p is far from the target."""
+    cost = search.visit(p)
+    last = search.objective.steps + 1
+    lengths = [last] if not windows or is_near(search, cost) else window_lengths(last)
+    before, status = (search.best_cost, search.best), "stalled"
+    y: Array | None = None
+    prior: Prior | None = None
+    for frames in lengths:
+        whole = frames == last
+        objective = search.objective if whole else search.objective.until(frames)
+        if not objective.shows_motion:
+            continue
+        part = Trajectory(search, objective)
+        y = part.y(p) if y is None else y
+        prior = part.prior(part.y(centre), tau) if prior is None else prior
+        if not np.isfinite(part.cost(y)):
+            break
+        accepted, most = (part.accepted, MOST) if whole else (None, ITERATIONS)
+        model, prior, status = minimise(part.problem(), y, prior, None, accepted, most)
+        y = model.y
+    if before[0] < search.best_cost:
+        search.settle(before[1], before[0])
+    return status
+
+
+def window_lengths(last: int) -> list[int]:
+    """Frames of each window, the last one whole."""
+    lengths = []
+    frames = FIRST_WINDOW
+    while frames < 0.8 * last:
+        lengths.append(frames)
+        frames *= GROWTH
+    return [*lengths, last]
