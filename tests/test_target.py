@@ -83,7 +83,7 @@ def test_the_matrix_and_the_sample_agree():
     np.testing.assert_allclose(found.reshape(5, 9), np.transpose(expected), atol=1e-15)  # rounding
     matrix = interpolation(goal.step, goal.fraction, 6).toarray()
     np.testing.assert_allclose(matrix.sum(axis=1), 1.0, rtol=1e-15)  # rounding
-    np.testing.assert_array_equal((matrix @ x.reshape(6, 9)).reshape(5, 3, 3), found)
+    np.testing.assert_allclose((matrix @ x.reshape(6, 9)).reshape(5, 3, 3), found, atol=1e-15)
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="slow without compilation")
