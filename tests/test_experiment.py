@@ -116,7 +116,7 @@ def test_the_neutral_start_looks_at_all_experiments():
 @pytest.mark.parametrize(
     ("targets", "error", "message"),
     [
-        (lambda: [], InvalidInput, "target: none is given"),
+        (list, InvalidInput, "target: none is given"),
         (lambda: (record_target(WINDY), load(even("nn", nx=5))), InvalidInput, r"its objects have .* those of scene"),
         (lambda: [record_target(MAIN), np.zeros((3, 5, 3))], InvalidMotion, r"positions: has shape \(3, 5, 3\)"),
         (lambda: (record_target(load(trial("nn", nx=3))), WINDY), InvalidMotion, "its objects have"),
