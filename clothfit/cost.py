@@ -19,7 +19,6 @@ import numpy as np
 
 from clothfit.arrays import Array, Flags
 from clothfit.errors import InvalidInput
-from clothfit.kernel import kernel
 from clothfit.loss import Loss
 from clothfit.objectives import Maker, Measure
 from clothfit.objectives.edge_length import EdgeLength
@@ -27,7 +26,7 @@ from clothfit.objectives.position import Position
 from clothfit.objectives.spectrum import Spectrum
 from clothfit.objectives.velocity import Velocity
 from clothfit.system import System
-from clothfit.target import Target, interpolation, sample
+from clothfit.target import Target, accumulate, interpolation, sample
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -178,26 +177,3 @@ class Comparison:
         coordinates = 3 * self.goal.observed.shape[1]
         spread = kron(self._interpolation(self.last_step + 1), eye_array(coordinates), format="csr")
         return csr_array(by_frame @ spread)
-
-
-@kernel
-def accumulate(x, goal, derivative):
-    """G of positions x (T + 1, n, 3); adds ∂G/∂x to `derivative` unless that is empty."""
-    total, weighted = 0.0, len(goal.weights) > 0
-    for frame in range(len(goal.step)):
-        t, fraction = goal.step[frame], goal.fraction[frame]
-        for i in range(x.shape[1]):
-            if goal.observed[frame, i]:
-                weight = goal.weights[frame, i] if weighted else 1.0
-                for c in range(3):
-                    state = x[t, i, c]
-                    if fraction > 0.0:
-                        state = (1.0 - fraction) * state + fraction * x[t + 1, i, c]
-                    gap = state - goal.positions[frame, i, c]
-                    total += weight * gap * gap
-                    if len(derivative) > 0:
-                        slope = 2.0 * weight * gap
-                        derivative[t, i, c] += (1.0 - fraction) * slope
-                        if fraction > 0.0:
-                            derivative[t + 1, i, c] += fraction * slope
-    return total

@@ -59,7 +59,8 @@ def evaluate(
 ) -> Evaluation:
     """Compare a fitted scene with the true one, or with a target motion where one is given.
 
-    `frames` (default: the scene's) and `horizon` count the initial state; a target is compared as far as it reaches.
+    `frames` (default: the scene's) and `horizon` count the initial state; a target is compared as far as it reaches,
+    at the times of its frames, every position once unless its weight is 0.
     Raises InvalidInput when the scenes do not have the same objects or the target others, Diverged when a simulation
     diverges within the frames that are fitted.
     """

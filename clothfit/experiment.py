@@ -35,8 +35,9 @@ def experiments(scene: Scene, targets: Targets) -> list[Experiment]:
     Raises InvalidMotion when a motion does not fit its scene, InvalidInput when there is none or the objects of a scene
     are not those of the main one.
     """
-    several = isinstance(targets, (list, tuple)) and not is_pair(targets)
-    listed: Sequence[Any] = targets if several else [targets]
+    listed: Sequence[Any] = [targets]
+    if isinstance(targets, (list, tuple)) and not is_pair(targets):
+        listed = targets
     if not listed:
         raise InvalidInput("target: none is given; at least one motion is needed")
     return [experiment(scene, *(item if is_pair(item) else (item, scene))) for item in listed]

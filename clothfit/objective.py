@@ -83,7 +83,7 @@ class Objective:
         self.weights = objective_weights(objective)
         self.loss = loss_named(loss, loss_scale)
         given = experiments(scene, motion)
-        ends = [frames] * len(given) if frames is None or isinstance(frames, int) else list(frames)
+        ends = list(frames) if isinstance(frames, Sequence) else [frames] * len(given)
         self.runs = tuple(
             self._run(number, experiment, cloth, end)
             for number, (experiment, end) in enumerate(zip(given, ends, strict=True))

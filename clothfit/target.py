@@ -17,6 +17,7 @@ import numpy as np
 
 from clothfit.arrays import Array, Flags, Indices
 from clothfit.errors import InvalidMotion
+from clothfit.kernel import kernel
 from clothfit.motion import Motion
 
 if TYPE_CHECKING:
@@ -111,3 +112,26 @@ def interpolated(x: Array, step: Indices, fraction: Array) -> Array:
         return x[step]
     flat: Array = interpolation(step, fraction, len(x)) @ x.reshape(len(x), -1)
     return flat.reshape(len(step), *x.shape[1:])
+
+
+@kernel
+def accumulate(x, goal, derivative):
+    """G = Σ w |s − x*|², m², of a motion x (T + 1, n, 3); adds ∂G/∂x to `derivative` unless that is empty."""
+    total, weighted = 0.0, len(goal.weights) > 0
+    for frame in range(len(goal.step)):
+        t, fraction = goal.step[frame], goal.fraction[frame]
+        for i in range(x.shape[1]):
+            if goal.observed[frame, i]:
+                weight = goal.weights[frame, i] if weighted else 1.0
+                for c in range(3):
+                    state = x[t, i, c]
+                    if fraction > 0.0:
+                        state = (1.0 - fraction) * state + fraction * x[t + 1, i, c]
+                    gap = state - goal.positions[frame, i, c]
+                    total += weight * gap * gap
+                    if len(derivative) > 0:
+                        slope = 2.0 * weight * gap
+                        derivative[t, i, c] += (1.0 - fraction) * slope
+                        if fraction > 0.0:
+                            derivative[t + 1, i, c] += fraction * slope
+    return total

@@ -6,7 +6,7 @@ from scenes import cloth, document, even
 
 from clothfit.capture import check, degrade
 from clothfit.errors import InvalidInput
-from clothfit.motion import simulate
+from clothfit.motion import Motion, simulate
 from clothfit.scene import load
 
 MOTION = simulate(load(even("nn", 21, 6, 6)))
@@ -75,12 +75,40 @@ def test_a_seed_gives_the_same_again_and_another_another():
         ((0.0, 1.5, 1), "observed: the fraction 1.5"),
         ((0.0, np.nan, 1), "observed: the fraction nan"),
         ((0.0, 1.0, 0), "every: 0 is not possible, 1 or more is"),
+        ((0.0, 1.0, 1, 0.0), "fps: 0 frames per second are not possible"),
+        ((0.0, 1.0, 1, np.nan), "fps: nan frames"),
+        ((0.0, 1.0, 2, 30.0), "fps: does not go with every"),
     ],
 )
 def test_values_out_of_range_are_refused(values, message):
-    for refuse in (check, lambda *given: degrade(MOTION, *given)):
+    for refuse in (check, lambda noise, seen, every, fps=None: degrade(MOTION, noise, seen, every, fps=fps)):
         with pytest.raises(InvalidInput, match=message):
             refuse(*values)
+
+
+@pytest.mark.parametrize("fps", [10, 30, 50, 72.5, 240])
+def test_a_frame_rate_gives_the_lines_between_the_frames(fps):
+    found = degrade(MOTION, fps=fps)
+    assert len(found.times) == int(0.4 * fps + 1e-9) + 1  # of 0.4 s
+    np.testing.assert_allclose(np.diff(found.times), 1 / fps, rtol=1e-12)  # rounding of times
+    lines = [np.interp(found.times, MOTION.times, x) for x in MOTION.positions.reshape(21, -1).T]
+    np.testing.assert_allclose(found.positions.reshape(len(found.times), -1), np.transpose(lines), atol=1e-14)
+
+
+def test_between_frames_is_seen_what_was_seen_before_and_after():
+    seen, weights = np.ones((21, 36), bool), np.full((21, 36), 2.0)
+    seen[4, 7], weights[6, 9], weights[8, 3] = False, 0.0, 4.0
+    whole = Motion(MOTION.positions, MOTION.times, MOTION.vertex_counts, seen, weights=weights)
+    found = degrade(whole, fps=100.0)  # two frames a step
+    assert np.flatnonzero(~found.observed[:, 7]).tolist() == [7, 8, 9]
+    assert np.flatnonzero(found.weights[:, 9] == 0).tolist() == [11, 12, 13]
+    np.testing.assert_allclose(found.weights[14:19, 3], [2, 3, 4, 3, 2], rtol=1e-12)  # rounding of times
+    np.testing.assert_array_equal(degrade(whole, every=2).weights, weights[::2])
+
+
+def test_more_frames_than_memory_are_refused():
+    with pytest.raises(InvalidInput, match="take"):
+        degrade(MOTION, fps=1e14)
 
 
 def test_a_mask_loses_the_frames_that_are_skipped():

@@ -17,7 +17,7 @@ from scenes import cloth, document, environment, even, needs_full_disk, started,
 
 import clothfit.scene
 from clothfit.cli import run
-from clothfit.fit import record_target
+from clothfit.fit import estimate, record_target
 from clothfit.motion import load_motion, save_motion
 from clothfit.scene import load
 
@@ -182,6 +182,66 @@ def test_a_target_of_another_scene_is_refused(path, tmp_path, capsys):
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert "t.npz: positions: has shape (5, 9, 3), (frames, 16, 3) fits scene.json" in err
+
+
+def two_targets(folder):
+    """A scene to fit, its own target, and one with a scene of its own."""
+    guess = write_scene(folder, even("GG", vertMass=[0.03] * 16, springStiffness=[20.0] * 33), "guess.json")
+    windy = write_scene(folder, even("nn", windVel={"x": 2.0, "y": 0.0, "z": 0.0}), "windy.json")
+    save_motion(record_target(load(even("nn"))), str(folder / "still@1.npz"))
+    save_motion(record_target(load(windy)), str(folder / "wind.npz"))
+    return guess, str(folder / "still@1.npz"), f"{folder / 'wind.npz'}@{windy}"
+
+
+def test_several_targets_each_with_its_scene(tmp_path, monkeypatch, capsys):
+    guess, still, wind = two_targets(tmp_path)
+    code, summary = estimated(capsys, guess, "--target", still, "--target", wind)
+    assert (code, summary["frames"]) == (0, 40)
+    np.testing.assert_allclose(load(summary["output"]).cloths[0].stiffness, 30.0, rtol=1e-4)  # RMSE below 1e-8 m
+    (tmp_path / "wind.npz").rename(tmp_path / "wind@1.npz")
+    monkeypatch.chdir(tmp_path)
+    code, summary = estimated(capsys, guess, "--target", "wind@1.npz@windy.json")
+    assert (code, summary["frames"]) == (0, 20)
+
+
+def test_the_scene_of_a_target_is_not_written_over(tmp_path, capsys):
+    guess, _, wind = two_targets(tmp_path)
+    assert run(["estimate", guess, "--target", wind, "-o", str(tmp_path / "windy.json")]) == 3
+    assert "it is an input" in capsys.readouterr().err
+
+
+def test_what_is_compared_is_an_option(tmp_path, capsys):
+    guess, still, _ = two_targets(tmp_path)
+    options = ["--objective", "position", "--objective", "velocity=0.01", "--loss", "huber", "--loss-scale", "0.02"]
+    code, summary = estimated(capsys, guess, "--target", still, *options)
+    assert (code, summary["status"]) == (0, "converged")
+    same = estimate(
+        load(guess),
+        load_motion(still, load(guess)),
+        objective={"position": 1.0, "velocity": 0.01},
+        loss="huber",
+        loss_scale=0.02,
+    )
+    assert (summary["cost"], summary["rmse"]) == (same.cost, same.rmse)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--objective", "speed"], "objective: there is no 'speed'; use position, velocity, edge-length, spectrum"),
+        (["--objective", "velocity=fast"], "--objective: velocity=fast: the weight is not a number, as in"),
+        (["--objective", "velocity="], "--objective: velocity=: the weight is not a number"),
+        (["--objective", "velocity=-1"], "objective: velocity: a weight of -1 is not possible"),
+        (["--objective", "velocity", "--objective", "velocity=2"], "--objective: velocity is given twice"),
+        (["--loss", "cauchy"], "loss: there is no 'cauchy'; use linear, soft_l1, huber"),
+        (["--loss-scale", "0.1"], "loss scale: the linear loss has none; choose the loss soft_l1 or huber with it"),
+        (["--loss", "huber", "--loss-scale", "0"], "loss scale: 0 m is not possible"),
+        (["--target", "none.npz@scene.json"], "scene.json: cannot be read"),
+    ],
+)
+def test_comparisons_that_cannot_be_are_refused(path, options, message, capsys):
+    assert run(["estimate", path, *options]) == 3
+    assert capsys.readouterr().err.startswith(f"error: {message}")
 
 
 def test_inputs_are_never_written_over(path, tmp_path, capsys):

@@ -48,6 +48,13 @@ def test_the_options_are_those_of_the_library(path):
     assert [int(found.seen(i)[0].sum()) for i in range(2)] == [4, 1]
 
 
+def test_a_frame_rate(path):
+    found = recorded(path, "--fps", "30")
+    np.testing.assert_array_equal(found.positions, degrade(record_target(load(path)), fps=30).positions)
+    np.testing.assert_allclose(found.times, np.arange(5) / 30, rtol=1e-15)  # of 0.16 s; one quotient each
+    assert run(["target", path, "--fps", "30", "--every", "2"]) == 3
+
+
 def test_a_seed_gives_the_same_file_again(path):
     first, again, other = (recorded(path, "--noise", "0.01", "--seed", seed).positions for seed in "112")
     np.testing.assert_array_equal(first, again)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scenes import cloth, document, even, trial
 
+from clothfit.capture import degrade
 from clothfit.errors import Diverged, InvalidInput
 from clothfit.evaluation import evaluate
 from clothfit.fit import FIT_TOLERANCE
@@ -71,6 +72,15 @@ def test_skipped_frames_are_compared_at_their_times():
     report = evaluate(TRUTH, TRUTH, target=target)
     assert (report.fitted.frames, report.fitted.rmse) == (7, 0.0)  # 0, 3 … 18 are within the first 20
     assert (report.horizon.frames, report.horizon.rmse) == (14, 0.0)
+
+
+def test_frames_between_steps_are_compared_at_their_times():
+    target = degrade(own_motion(40), fps=30)
+    report = evaluate(TRUTH, TRUTH, target=target)
+    assert (report.fitted.frames, report.horizon.frames) == (12, 24)  # up to 0.38 s and to 0.78 s
+    assert report.horizon.max_error < 1e-14  # rounding
+    late = Motion(target.positions, target.times + 0.01, target.vertex_counts)
+    assert evaluate(TRUTH, TRUTH, target=late).fitted.rmse > 1e-3
 
 
 def test_a_short_target_ends_the_comparison():

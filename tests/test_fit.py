@@ -351,9 +351,9 @@ WRONG_TARGETS = {
     "initial frame only": (lambda m: Motion(m.positions[:1], m.times[:1], (16,)), "shows nothing after the start"),
     "nothing seen": (lambda m: Motion(m.positions, m.times, (16,), np.zeros((20, 16), bool)), "shows nothing"),
     "other vertices": (lambda m: Motion(m.positions[:, :12], m.times, (12,)), "vertices"),
-    "between steps": (lambda m: shifted_times(m, 0.01), r"times\[0\]: 0.01 s is not 0 or a multiple of the scene"),
-    "two on a step": (lambda m: Motion(m.positions, m.times * 1e-5, (16,)), "several frames fall on one step"),
-    "before the start": (lambda m: shifted_times(m, -0.02), r"times\[0\]"),
+    "before the start": (lambda m: shifted_times(m, -0.02), r"times\[0\]: -0.02 s is before the start"),
+    "after the end": (lambda m: shifted_times(m, 9.0), "shows nothing after the start"),
+    "no weight": (lambda m: Motion(m.positions, m.times, (16,), weights=np.zeros((20, 16))), "shows nothing"),
 }
 
 

@@ -13,7 +13,7 @@ from scenes import cloth
 
 import clothfit.scene
 from clothfit.errors import Diverged, InvalidInput, InvalidMotion
-from clothfit.motion import Motion, check_motion, load_motion, save_motion, simulate
+from clothfit.motion import Motion, as_motion, check_motion, load_motion, save_motion, simulate
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 TWO = scene(cloth(2, 2), cloth(3, 2), optimizationIterations=4)
@@ -163,6 +163,18 @@ def test_round_trip(tmp_path, hidden):
     assert [path.name for path in tmp_path.iterdir()] == ["walk.npz"]
 
 
+@pytest.mark.parametrize("shape", [(10,), (4, 10)])
+def test_weights_of_vertices_or_positions_are_kept(shape):
+    weights = RNG.random(shape)
+    motion = as_motion(TWO, walk().positions, weights=weights)
+    np.testing.assert_array_equal(motion.weights, np.broadcast_to(weights, (4, 10)))
+    np.testing.assert_array_equal(motion.weights_of(1), motion.weights[:, 4:])
+    np.testing.assert_array_equal(reread(motion).weights, motion.weights)
+    file = written(positions=motion.positions, weights=weights)
+    np.testing.assert_array_equal(load_motion(file, TWO).weights, motion.weights)
+    assert reread(walk()).weights is walk().weights_of(0) is None
+
+
 def test_an_open_file_will_do_both_ways():
     motion = walk()
     np.testing.assert_array_equal(reread(motion).positions, motion.positions)
@@ -246,6 +258,21 @@ BAD = [
     ({"times": np.array([0, 1, np.nan, 3])}, "times: must be finite and increasing"),
     ({"times": np.array([0, 1, 2, np.inf])}, "times: must be finite and increasing"),
     ({"observed": np.ones((4, 9), bool)}, "observed: has shape (4, 9) and type bool, (4, 10) bool fits"),
+    (
+        {"weights": np.ones((4, 9))},
+        "weights: has shape (4, 9) and type float64, (10,) or (4, 10) numbers fit",
+    ),
+    ({"weights": np.ones(4)}, "weights: has shape (4,) and type float64, (10,) or (4, 10) numbers fit"),
+    ({"weights": np.full(10, "a")}, "weights: has shape (10,) and type <U1, (10,) or (4, 10) numbers fit"),
+    ({"weights": -UNSEEN.astype(int)}, "weights[0, 0]: -1 is not possible, it must be 0 or more and finite"),
+    (
+        {"weights": np.array([1.0] * 9 + [np.nan])},
+        "weights[9]: nan is not possible, it must be 0 or more and finite",
+    ),
+    (
+        {"weights": np.array([np.inf] + [1.0] * 9)},
+        "weights[0]: inf is not possible, it must be 0 or more and finite",
+    ),
     ({"observed": np.ones((4, 10))}, "observed: has shape (4, 10) and type float64, (4, 10) bool fits"),
 ]
 
