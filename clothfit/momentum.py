@@ -206,7 +206,7 @@ def stacked(parts: Sequence[tuple[csr_array, Array]]) -> tuple[csr_array, Array]
 
 def summed_twice(rows: Balances) -> Balances:
     """The balances summed twice over time, up to where a vertex' first row is missing."""
-    valid: Flags = np.minimum.accumulate(rows.valid, axis=0)
+    valid: Flags = np.array(np.minimum.accumulate(rows.valid, axis=0))
     sums = [np.cumsum(np.cumsum(np.where(mask(rows.valid, a), a, 0.0), axis=0), axis=0) for a in rows[:2]]
     return Balances(sums[0], sums[1], np.cumsum(np.cumsum(rows.stiffness, axis=0), axis=0), valid)
 

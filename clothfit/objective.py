@@ -76,7 +76,8 @@ class Objective:
         Raises InvalidMotion when a motion does not fit its scene or an objective, InvalidInput for other arguments.
         """
         self.scene = scene
-        self._arguments = (motion, frames, {"objective": objective, "loss": loss, "loss_scale": loss_scale})
+        options: dict[str, Any] = {"objective": objective, "loss": loss, "loss_scale": loss_scale}
+        self._arguments = (motion, frames, options)
         self.tolerance = checked_tolerance(tolerance, TIGHT)
         self.blocks = blocks(scene)
         self.cloths = fitted_cloths(scene)

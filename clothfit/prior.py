@@ -75,7 +75,7 @@ class Prior:
             covariance = inverse(H + A)
             step = -covariance @ (g + A @ (y - prior.centre))
             determined = float((H * covariance).sum())  # γ = tr(H (H + A)⁻¹)
-            sigma2 = variance(cost + 2.0 * g @ step + step @ H @ step, count, determined)
+            sigma2 = variance(cost + float(2.0 * g @ step + step @ H @ step), count, determined)
             tau = prior.tau
             if self.learns:
                 prior = replace(prior, tau=prior._widths(y + step, covariance, sigma2))
@@ -100,7 +100,7 @@ def inverse(matrix: Array) -> Array:
     ridge = RIDGE * len(matrix) * np.abs(matrix).max(initial=0.0)
     lower, fault = lapack.dpotrf(matrix + ridge * np.eye(len(matrix)), lower=1)
     if fault:
-        return np.linalg.pinv(matrix, hermitian=True)
+        return np.asarray(np.linalg.pinv(matrix, hermitian=True), float)
     half = np.tril(lapack.dpotri(lower, lower=1)[0])
     return np.asarray(half + np.tril(half, -1).T)
 
