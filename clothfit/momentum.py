@@ -206,7 +206,7 @@ def stacked(parts: Sequence[tuple[csr_array, Array]]) -> tuple[csr_array, Array]
 
 def summed_twice(rows: Balances) -> Balances:
     """The balances summed twice over time, up to where a vertex' first row is missing."""
-    valid: Flags = np.array(np.minimum.accumulate(rows.valid, axis=0))
+    valid: Flags = np.asarray(np.minimum.accumulate(rows.valid, axis=0), bool)
     sums = [np.cumsum(np.cumsum(np.where(mask(rows.valid, a), a, 0.0), axis=0), axis=0) for a in rows[:2]]
     return Balances(sums[0], sums[1], np.cumsum(np.cumsum(rows.stiffness, axis=0), axis=0), valid)
 
@@ -224,7 +224,8 @@ def smoothed(track: Track, x0: Array, frames: int) -> Track:
         return track
     x = savgol_filter(track.x, frames, 2, axis=0)
     x[0] = x0
-    whole = np.lib.stride_tricks.sliding_window_view(track.seen, frames, axis=0).all(axis=-1)
+    windows = np.lib.stride_tricks.sliding_window_view(track.seen, frames, axis=0)
+    whole: Flags = np.asarray(windows.min(axis=-1), bool)
     half = frames // 2
     seen = np.concatenate([np.repeat(whole[:1], half, axis=0), whole, np.repeat(whole[-1:], half, axis=0)])
     seen[0] = True
