@@ -23,7 +23,7 @@ from clothfit.scan import scan, scannable
 from clothfit.search import Search
 from clothfit.trajectory import Trajectory
 
-NEAR = 0.02
+NEAR = 2e-3
 """Error relative to how far the target moves, below which all frames are fitted at once."""
 
 FIRST_WINDOW, GROWTH = 10, 2
