@@ -20,7 +20,7 @@ from clothfit.arrays import Array
 from clothfit.gauss_newton import minimise
 from clothfit.objective import Objective
 from clothfit.prior import Prior
-from clothfit.scan import scan, scannable
+from clothfit.scan import Bracket, scan, scannable
 from clothfit.search import Search
 from clothfit.trajectory import Trajectory
 
@@ -81,16 +81,34 @@ def one_value_each(search: Search) -> bool:
 
 
 def by_scan(search: Search, start: Array, tau: float | None) -> str:
-    """Scan the values of each cloth, and follow the best points down."""
-    best = [search.best if np.isfinite(search.best_cost) else start]
+    """Scan the values of each cloth, and follow the best points down: one value by Brent's method."""
+    if not np.isfinite(search.best_cost):
+        search.visit(start)
     for cloth in search.objective.cloths:
-        if scannable(search.objective, cloth):
-            best = [q for p in best[:1] for q in scan(search.objective, cloth, p)] or best
-    statuses = {}
-    for p in best:
-        if np.isfinite(search.visit(p)):
-            statuses[by_gauss_newton(search, p, p, tau, windows=False)] = search.best_cost
-    return "converged" if "converged" in statuses else next(iter(statuses), "stalled")
+        own = [block.start for block in scannable(search.objective, cloth)]
+        for point in scan(search.objective, cloth, search.best) if own else []:
+            p = search.best.copy()
+            p[own] = [value for _, value, _ in point]
+            if len(own) == 1:
+                by_brent(search, p, own[0], point[0])
+            else:
+                by_gauss_newton(search, p, p, tau, windows=False)
+    if len(search.y) == 1:
+        search(search.y)
+        return search.verdict()
+    return by_gauss_newton(search, search.best, search.best, tau, windows=False)
+
+
+def by_brent(search: Search, p: Array, place: int, bracket: Bracket) -> None:
+    """Follow one value of p (P,) down, in its logarithm, between the ends of a bracket."""
+    from scipy.optimize import minimize_scalar
+
+    def cost(log: float) -> float:
+        q = p.copy()
+        q[place] = np.exp(log)
+        return min(search.visit(q), np.finfo(float).max)
+
+    minimize_scalar(cost, bounds=(np.log(bracket[0]), np.log(bracket[2])), method="bounded", options={"xatol": 1e-7})
 
 
 def by_gauss_newton(
