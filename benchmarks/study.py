@@ -73,7 +73,8 @@ def experiments() -> None:
 
 def frames() -> None:
     """The sweeps over the number of fitted frames, one stiffness per spring."""
-    print("| scene | frames | study (its measure) | here: error | over 500 frames | seconds |\n|---|---|---|---|---|---|")
+    print("| scene | frames | study, its measure | here: error | over 500 frames | seconds |")
+    print("|---|---|---|---|---|---|")
     for name in ("side", "flag"):
         for count in FRAMES:
             fit, report, seconds = fitted(scene_of(name, "nL", count))
