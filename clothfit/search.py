@@ -155,6 +155,7 @@ class Search:
         if self.evaluations >= self.budget:
             raise Stop("limit")
         self.history.append(self.best_cost)
+        self._tell()
 
     def settle(self, p: Array, cost: float) -> None:
         """Make parameters (P,) of that cost the best point. Raises Stop when the error is small enough."""
