@@ -111,12 +111,11 @@ def by_brent(search: Search, p: Array, place: int, bracket: Bracket) -> None:
     minimize_scalar(cost, bounds=(np.log(bracket[0]), np.log(bracket[2])), method="bounded", options={"xatol": 1e-7})
 
 
-def by_gauss_newton(
-    search: Search, p: Array, centre: Array, tau: float | None, windows: bool = True
-) -> str:
+def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, windows: bool = True) -> str:
     """Gauss–Newton from p (P,), in windows of more and more frames where p is far from the target."""
     cost = search.visit(p)
     last = search.objective.steps + 1
+    windows = windows and "spectrum" not in search.objective.weights  # that of a part is another spectrum
     near = not windows or is_near(search, cost)
     lengths = [last] if near else window_lengths(first_window(search.objective), last)
     before, status = (search.best_cost, search.best), "stalled"
