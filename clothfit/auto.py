@@ -12,13 +12,14 @@ Whatever is tried is a visit of the search, so the result is never worse than th
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from clothfit import momentum
 from clothfit.arrays import Array
-from clothfit.gauss_newton import minimise
 from clothfit.prior import Prior
+from clothfit.resumable import minimise
 from clothfit.scan import scan, scannable
 from clothfit.search import Search
 from clothfit.trajectory import Trajectory
@@ -42,7 +43,7 @@ def find(search: Search, start: Array, fabric: Callable[[], Array] | None, tau: 
     if one_value_each(search):
         return by_scan(search, start, tau)
     if fabric is not None and not is_near(search, search.best_cost):
-        tried.append(np.where(search.fitted, fabric(), start))
+        tried.append(np.where(search.fitted, search.journal.recall("fabric", fabric), start))
     first = search.objective.until(2 * FIRST_WINDOW)
     best = min(tried, key=lambda p: search.measure(p, search.objective if is_near(search) else first))
     centre = tried[-1] if fabric is not None else start
@@ -53,7 +54,8 @@ def by_momentum(search: Search, start: Array) -> list[Array]:
     """The momentum fits (P,), the best last; none where the target does not show enough."""
     found: list[tuple[float, Array]] = []
     for treatment in momentum.TREATMENTS:
-        p = momentum.fit(search.objective, start, search.fitted, treatment)
+        fit = partial(momentum.fit, search.objective, start, search.fitted, treatment)
+        p = search.journal.recall("momentum", fit)
         if np.array_equal(p, start):
             return []
         found.append((search.visit(p), p))
@@ -78,12 +80,17 @@ def by_scan(search: Search, start: Array, tau: float | None) -> str:
     best = [search.best if np.isfinite(search.best_cost) else start]
     for cloth in search.objective.cloths:
         if scannable(search.objective, cloth):
-            best = [q for p in best[:1] for q in scan(search.objective, cloth, p)] or best
+            best = [q for p in best[:1] for q in scanned(search, cloth, p)] or best
     statuses = {}
     for p in best:
         if np.isfinite(search.visit(p)):
             statuses[by_gauss_newton(search, p, p, tau, windows=False)] = search.best_cost
     return "converged" if "converged" in statuses else next(iter(statuses), "stalled")
+
+
+def scanned(search: Search, cloth: int, p: Array) -> list[Array]:
+    """The best points (P,) of the scan of a cloth, the others as in p (P,)."""
+    return list(search.journal.recall("scan", lambda: np.array(scan(search.objective, cloth, p)).reshape(-1, len(p))))
 
 
 def by_gauss_newton(
@@ -107,8 +114,7 @@ def by_gauss_newton(
         if not np.isfinite(part.cost(y)):
             break
         accepted, most = (part.accepted, MOST) if whole else (None, ITERATIONS)
-        model, prior, status = minimise(part.problem(), y, prior, None, accepted, most)
-        y = model.y
+        y, prior, status = minimise(search, part.problem(), y, prior, accepted, most)
     if before[0] < search.best_cost:
         search.settle(before[1], before[0])
     return status

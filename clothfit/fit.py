@@ -6,6 +6,7 @@ the loop, its budget, an interrupt, a stalled line search, the best point it vis
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -15,6 +16,7 @@ import numpy as np
 
 from clothfit import auto, threads
 from clothfit.arrays import Array
+from clothfit.checkpoint import Checkpoint, identity
 from clothfit.descent import METHODS, minimise
 from clothfit.errors import Diverged, InvalidInput
 from clothfit.experiment import Targets, experiments
@@ -29,6 +31,7 @@ from clothfit.fit_vector import (
     parameters,
     with_parameters,
 )
+from clothfit.journal import Journal
 from clothfit.kinds import LETTERED
 from clothfit.motion import Motion, checked_tolerance, simulate, simulate_cloths
 from clothfit.objective import Objective
@@ -92,6 +95,8 @@ def estimate(
     loss: str = "linear",
     loss_scale: float | None = None,
     prior: float | str = "auto",
+    checkpoint: str | os.PathLike[str] | Checkpoint | None = None,
+    resume: bool = False,
 ) -> Fit:
     """Fit the flagged parameters of a scene to a target motion, or to several.
 
@@ -107,8 +112,12 @@ def estimate(
     the scene's own targets its `frames` are compared, of one with a scene beside it as many as that scene says. With
     another objective `rmse_tolerance` is the root mean square of what that compares, in its unit.
 
-    Raises InvalidInput when nothing is flagged, or an argument or the target does not fit; Diverged when the scene's
-    own motion, needed as target, diverges.
+    The fit keeps in the file `checkpoint` what it needs to go on after it was killed, and with `resume` goes on from
+    there: to the same result, with evaluations and seconds counted from its beginning. Only `budget`, `rmse_tolerance`
+    and `report` may be others then.
+
+    Raises InvalidInput when nothing is flagged, or an argument, the target or the checkpoint does not fit;
+    Diverged when the scene's own motion, needed as target, diverges.
     """
     check_method(method)
     tau = prior_width(prior)
@@ -131,16 +140,30 @@ def estimate(
             f"{given[0].motion.name}: shows nothing after the start that can move, within {given[0].scene.frames} "
             "frames, so there is nothing to fit to"
         )
+    tells = {"method": method, "prior": prior, "tolerance": tight, **options}
+    journal = opened(checkpoint, resume, identity(scene, None if hidden else given, start, **tells))
     direct = method in OWN and hidden and start is None
-    p = fabric(scene) if direct else choose_start(scene, target, start, hidden, **options)
+    first = partial(choose_start, scene, target, start, hidden, **options)
+    p = fabric(scene) if direct else journal.recall("start", first)
     warnings = [*undetermined(scene), *outside_bounds(scene, p)]
     if not direct and not np.isfinite(aim.cost_or_infinity(p)):
         warnings.append("the simulation diverges at the start; the fit starts from the best of a coarse search instead")
-        p = neutral_start(scene, target, scene.frames, p, **options)
-    search = Search(aim, p, rmse_tolerance, budget, report)
+        p = journal.recall("second start", partial(neutral_start, scene, target, scene.frames, p, **options))
+    search = Search(aim, p, rmse_tolerance, budget, report, journal)
     other = partial(neutral_start, scene, target, scene.frames, None if hidden else p, **options)
     status = run(search, method, p, None if start is not None else other, tau)
-    return result(search, status, method, warnings, started=start is not None)
+    return result(search, status, method, [*warnings, *journal.warnings], started=start is not None)
+
+
+def opened(checkpoint: str | os.PathLike[str] | Checkpoint | None, resume: bool, same: dict[str, str]) -> Journal:
+    """The journal in a checkpoint, with what an earlier fit left there where it is resumed. Raises InvalidInput."""
+    if checkpoint is None:
+        if resume:
+            raise InvalidInput("resume: a checkpoint is needed, the file to resume from")
+        return Journal()
+    file = checkpoint if isinstance(checkpoint, Checkpoint) else Checkpoint(checkpoint)
+    file.check()
+    return Journal(file, same, file.read(same)) if resume else Journal(file, same)
 
 
 def run(search: Search, method: str, start: Array, other: Callable[[], Array] | None, tau: float | None) -> str:
@@ -151,9 +174,13 @@ def run(search: Search, method: str, start: Array, other: Callable[[], Array] | 
     except Stop as stop:
         status = stop.status
     except KeyboardInterrupt:
+        search.take_known()
         if not np.isfinite(search.best_cost):
             raise  # there is no result yet
         status = "interrupted"
+    finally:
+        search.journal.write()
+    search.take_known()
     return status if np.isfinite(search.best_cost) else "diverged"
 
 
