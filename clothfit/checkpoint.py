@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clothfit import __version__
 from clothfit.arrays import Array
 from clothfit.errors import InvalidInput
 from clothfit.experiment import Experiment
@@ -96,7 +95,7 @@ class Checkpoint:
         except OSError as error:
             raise InvalidInput(f"{self._name}: cannot be read: {error.strerror or error}") from None
         if not data.startswith(FORMAT):
-            raise InvalidInput(f"{self._name}: is not a checkpoint of this version of clothfit; name another file")
+            raise InvalidInput(f"{self._name}: is not a checkpoint that this clothfit can read; name another file")
         return data
 
 
@@ -147,7 +146,7 @@ def identity(scene: Scene, targets: Sequence[Experiment] | None, start: object, 
     if isinstance(first, (bytes, np.ndarray, list, tuple)):
         first = digest(first if isinstance(first, bytes) else np.asarray(first, float))
     texts = {name.replace("_", " "): plainly(value) for name, value in options.items()}
-    own = {"version": __version__, "scene": digest(dumps(scene)), "target": goals, "start": plainly(first)}
+    own = {"scene": digest(dumps(scene)), "target": goals, "start": plainly(first)}
     return {**own, **texts}
 
 

@@ -155,7 +155,8 @@ class Search:
         """The cost at parameters (P,), of another objective where one is given; it counts, but is not remembered."""
         self.spend()
         goal = objective or self.objective
-        return float(self.journal.recall(f"cost of {goal.steps} steps", lambda: np.array(goal.cost_or_infinity(p))))
+        name = f"cost of {goal.steps} steps"
+        return float(self.journal.recall(name, lambda: np.array(goal.cost_or_infinity(p)), p))
 
     def spend(self) -> None:
         """Count an evaluation. Raises Stop when the budget is spent."""

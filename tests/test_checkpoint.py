@@ -65,7 +65,7 @@ def test_a_file_of_another_kind_is_neither_read_nor_replaced(tmp_path):
     path = tmp_path / "scene.json"
     path.write_text("{}")
     for action in (lambda: Checkpoint(path).check(), lambda: Checkpoint(path).read(SAME)):
-        with pytest.raises(InvalidInput, match=r"scene\.json: is not a checkpoint of this version of clothfit"):
+        with pytest.raises(InvalidInput, match=r"scene\.json: is not a checkpoint that this clothfit can read"):
             action()
     assert path.read_text() == "{}"
 
@@ -446,7 +446,7 @@ def test_a_fit_in_place_leaves_no_checkpoint_for_a_scene_that_is_gone(files, tmp
         (["--checkpoint", "{scene}"], "--checkpoint: {scene}: must be a file of its own, not an input or the output"),
         (["--checkpoint", "{out}", "-o", "{out}"], "--checkpoint: {out}: must be a file of its own, not an input or"),
         (["--checkpoint", "-"], "--checkpoint: -: must be a file of its own"),
-        (["--checkpoint", "{other}"], "{other}: is not a checkpoint of this version of clothfit"),
+        (["--checkpoint", "{other}"], "{other}: is not a checkpoint that this clothfit can read"),
         (["-o", "-", "--resume"], "--resume: the output is no file, so none is kept beside it; name one with"),
         (["--checkpoint", "{damaged}", "--resume"], "{damaged}: is damaged: its checksum is wrong"),
     ],
