@@ -31,7 +31,7 @@ from clothfit.fit_vector import (
     parameters,
     with_parameters,
 )
-from clothfit.journal import Journal
+from clothfit.journal import opened
 from clothfit.kinds import LETTERED
 from clothfit.motion import Motion, checked_tolerance, simulate, simulate_cloths
 from clothfit.objective import Objective
@@ -70,8 +70,8 @@ class Fit:
     cost: float  # G, m² with the default objective; inf when nothing could be evaluated
     rmse: float  # m, of the positions, whatever the objective
     frames: int  # compared, of all targets together
-    evaluations: int  # of cost and gradient
-    seconds: float  # of the search, without the target's simulation and the search for a start
+    evaluations: int  # of cost and gradient, those of a fit that was resumed included
+    seconds: float  # of the search, without the target's simulation and the search for a start; counted as these
     parameters: list[FittedBlock]
     warnings: list[str]  # what the user should know about the way there
 
@@ -153,17 +153,6 @@ def estimate(
     other = partial(neutral_start, scene, target, scene.frames, None if hidden else p, **options)
     status = run(search, method, p, None if start is not None else other, tau)
     return result(search, status, method, [*warnings, *journal.warnings], started=start is not None)
-
-
-def opened(checkpoint: str | os.PathLike[str] | Checkpoint | None, resume: bool, same: dict[str, str]) -> Journal:
-    """The journal in a checkpoint, with what an earlier fit left there where it is resumed. Raises InvalidInput."""
-    if checkpoint is None:
-        if resume:
-            raise InvalidInput("resume: a checkpoint is needed, the file to resume from")
-        return Journal()
-    file = checkpoint if isinstance(checkpoint, Checkpoint) else Checkpoint(checkpoint)
-    file.check()
-    return Journal(file, same, file.read(same)) if resume else Journal(file, same)
 
 
 def run(search: Search, method: str, start: Array, other: Callable[[], Array] | None, tau: float | None) -> str:

@@ -13,6 +13,7 @@ a twentieth of the time; and at the end, whatever the end. Killed at any instant
 from __future__ import annotations
 
 import hashlib
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
@@ -133,3 +134,17 @@ class Journal:
         best = np.array([at.best_cost, *at.best])
         known = self.known.best
         return Content(at.seconds, known if len(known) and known[0] < best[0] else best, self.records)
+
+
+def opened(checkpoint: str | os.PathLike[str] | Checkpoint | None, resume: bool, same: Mapping[str, str]) -> Journal:
+    """The journal in a checkpoint, with what an earlier fit left there where it is resumed.
+
+    `same` is what must be the same for that (`checkpoint.identity`). Raises InvalidInput.
+    """
+    if checkpoint is None:
+        if resume:
+            raise InvalidInput("resume: a checkpoint is needed, the file to resume from")
+        return Journal()
+    file = checkpoint if isinstance(checkpoint, Checkpoint) else Checkpoint(checkpoint)
+    file.check()
+    return Journal(file, same, file.read(same)) if resume else Journal(file, same)
