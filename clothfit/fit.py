@@ -6,6 +6,7 @@ the loop, its budget, an interrupt, a stalled line search, the best point it vis
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -15,6 +16,7 @@ import numpy as np
 
 from clothfit import auto, threads
 from clothfit.arrays import Array, Flags
+from clothfit.checkpoint import Checkpoint, identity
 from clothfit.descent import METHODS, minimise
 from clothfit.errors import Diverged, InvalidInput
 from clothfit.experiment import Targets, experiments
@@ -29,6 +31,7 @@ from clothfit.fit_vector import (
     parameters,
     with_parameters,
 )
+from clothfit.journal import opened
 from clothfit.kinds import LETTERED
 from clothfit.motion import Motion, checked_tolerance, simulate, simulate_cloths
 from clothfit.objective import Objective
@@ -67,8 +70,8 @@ class Fit:
     cost: float  # G, m² with the default objective; inf when nothing could be evaluated
     rmse: float  # m, of the positions, whatever the objective
     frames: int  # compared, of all targets together
-    evaluations: int  # of cost and gradient
-    seconds: float  # of the search, without the target's simulation and the search for a start
+    evaluations: int  # of cost and gradient, those of a fit that was resumed included
+    seconds: float  # of the search, without the target's simulation and the search for a start; counted as these
     parameters: list[FittedBlock]
     warnings: list[str]  # what the user should know about the way there
 
@@ -92,6 +95,8 @@ def estimate(
     loss: str = "linear",
     loss_scale: float | None = None,
     prior: float | str = "auto",
+    checkpoint: str | os.PathLike[str] | Checkpoint | None = None,
+    resume: bool = False,
 ) -> Fit:
     """Fit the flagged parameters of a scene to a target motion, or to several.
 
@@ -107,8 +112,12 @@ def estimate(
     the scene's own targets its `frames` are compared, of one with a scene beside it as many as that scene says. With
     another objective `rmse_tolerance` is the root mean square of what that compares, in its unit.
 
-    Raises InvalidInput when nothing is flagged, or an argument or the target does not fit; Diverged when the scene's
-    own motion, needed as target, diverges.
+    The fit keeps in the file `checkpoint` what it needs to go on after it was killed, and with `resume` goes on from
+    there: to the same result, with evaluations and seconds counted from its beginning. Only `budget`, `rmse_tolerance`
+    and `report` may be others then.
+
+    Raises InvalidInput when nothing is flagged, or an argument, the target or the checkpoint does not fit;
+    Diverged when the scene's own motion, needed as target, diverges.
     """
     check_method(method)
     tau = prior_width(prior)
@@ -131,20 +140,23 @@ def estimate(
             f"{given[0].motion.name}: shows nothing after the start that can move, within {given[0].scene.frames} "
             "frames, so there is nothing to fit to"
         )
+    tells = {"method": method, "prior": prior, "tolerance": tight, **options}
+    journal = opened(checkpoint, resume, identity(scene, None if hidden else given, start, **tells))
     direct = method in ("auto", "momentum") and hidden and start is None  # these look for a start of their own
     if direct:
         p = np.where(aim.identifiable, fabric(scene), parameters(scene))
     else:
-        p = choose_start(scene, target, start, hidden, **options)
+        p = journal.recall("start", partial(choose_start, scene, target, start, hidden, **options))
     warnings = [*undetermined(scene), *outside_bounds(scene, p)]
     if not direct and not np.isfinite(aim.cost_or_infinity(p)):
         warnings.append("the simulation diverges at the start; the fit starts from the best of a coarse search instead")
-        p = neutral_start(scene, target, scene.frames, [p], **options)[0]
-    search = Search(aim, p, rmse_tolerance, budget, report)
+        coarse = partial(neutral_start, scene, target, scene.frames, [p], **options)
+        p = journal.recall("second start", lambda: coarse()[0])
+    search = Search(aim, p, rmse_tolerance, budget, report, journal)
     patterns = None if hidden else [p, *(np.where(lettered(scene), q, p) for q in (fabric(scene), neutral(scene)))]
     others = partial(neutral_start, scene, target, scene.frames, patterns, **options)
     status = run(search, method, p, None if start is not None else others, tau)
-    return result(search, status, method, warnings, started=start is not None)
+    return result(search, status, method, [*warnings, *journal.warnings], started=start is not None)
 
 
 def run(search: Search, method: str, start: Array, others: Callable[[], list[Array]] | None, tau: float | None) -> str:
@@ -155,9 +167,13 @@ def run(search: Search, method: str, start: Array, others: Callable[[], list[Arr
     except Stop as stop:
         status = stop.status
     except KeyboardInterrupt:
+        search.take_known()
         if not np.isfinite(search.best_cost):
             raise  # there is no result yet
         status = "interrupted"
+    finally:
+        search.journal.write()
+    search.take_known()
     return status if np.isfinite(search.best_cost) else "diverged"
 
 
