@@ -63,8 +63,11 @@ def test_groups_have_widths_of_their_own():
     truth = np.where(np.arange(160) % 2 == 0, 0.03, 0.6) * rng.normal(size=160)
     J = rng.normal(size=(640, 160))
     b = J @ truth + 0.05 * rng.normal(size=640)
-    prior = first(np.zeros(160), groups, None)
-    prior, *_ = converged(prior, lambda y: (J.T @ J, J.T @ (J @ y - b), y, ((J @ y - b) ** 2).sum(), 640), np.zeros(160))
+
+    def model(y):
+        return J.T @ J, J.T @ (J @ y - b), y, ((J @ y - b) ** 2).sum(), 640
+
+    prior, *_ = converged(first(np.zeros(160), groups, None), model, np.zeros(160))
     # 80 values each: 8 %; 3 sigma
     assert prior.tau[0] == pytest.approx(np.std(truth[groups[0]]), rel=0.25)
     assert prior.tau[1] == pytest.approx(np.std(truth[groups[1]]), rel=0.25)
