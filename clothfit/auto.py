@@ -18,35 +18,42 @@ import numpy as np
 from clothfit import momentum
 from clothfit.arrays import Array
 from clothfit.gauss_newton import minimise
+from clothfit.objective import Objective
 from clothfit.prior import Prior
-from clothfit.scan import scan, scannable
+from clothfit.scan import Bracket, scan, scannable
 from clothfit.search import Search
 from clothfit.trajectory import Trajectory
 
-NEAR = 0.02
+NEAR = 2e-3
 """Error relative to how far the target moves, below which all frames are fitted at once."""
 
 FIRST_WINDOW, GROWTH = 10, 2
-"""Frames of the first window, and by how much each is longer than the one before."""
+"""Frames of the first window after what shows something, and by how much each is longer than the one before."""
 
 ITERATIONS, MOST = 8, 200
 """Of Gauss–Newton in each window, and in the last one."""
 
 
-def find(search: Search, start: Array, fabric: Callable[[], Array] | None, tau: float | None) -> str:
+def find(search: Search, start: Array, others: Callable[[], list[Array]] | None, tau: float | None) -> str:
     """Fit by the steps above from `start` (P,); returns the status. Raises Stop.
 
-    `fabric` gives values (P,) to try beside the start; `tau` is the width of the prior, learned where None.
+    `others` gives values (P,) to try beside the start; `tau` is the width of the prior, learned where None. The prior
+    is centred on what of the start and the others is nearest to the target at first.
     """
-    tried = [start, *by_momentum(search, start)]
+    by_momentum(search, start)
     if one_value_each(search):
         return by_scan(search, start, tau)
-    if fabric is not None and not is_near(search, search.best_cost):
-        tried.append(np.where(search.fitted, fabric(), start))
-    first = search.objective.until(2 * FIRST_WINDOW)
-    best = min(tried, key=lambda p: search.measure(p, search.objective if is_near(search) else first))
-    centre = tried[-1] if fabric is not None else start
-    return by_gauss_newton(search, best, centre, tau)
+    guesses = [start]
+    if others is not None and not is_near(search):
+        guesses += [np.where(search.fitted, p, start) for p in others()]
+    first = search.objective.until(first_window(search.objective))
+    centre = min(guesses, key=lambda p: search.measure(p, first))
+    return by_gauss_newton(search, search.best if is_near(search) else centre, centre, tau)
+
+
+def first_window(objective: Objective) -> int:
+    """Frames of the first window: some after the first that shows anything."""
+    return objective.first_step + FIRST_WINDOW
 
 
 def by_momentum(search: Search, start: Array) -> list[Array]:
@@ -74,16 +81,34 @@ def one_value_each(search: Search) -> bool:
 
 
 def by_scan(search: Search, start: Array, tau: float | None) -> str:
-    """Scan the values of each cloth, and follow the best points down."""
-    best = [search.best if np.isfinite(search.best_cost) else start]
+    """Scan the values of each cloth, and follow the best points down: one value by Brent's method."""
+    if not np.isfinite(search.best_cost):
+        search.visit(start)
     for cloth in search.objective.cloths:
-        if scannable(search.objective, cloth):
-            best = [q for p in best[:1] for q in scan(search.objective, cloth, p)] or best
-    statuses = {}
-    for p in best:
-        if np.isfinite(search.visit(p)):
-            statuses[by_gauss_newton(search, p, p, tau, windows=False)] = search.best_cost
-    return "converged" if "converged" in statuses else next(iter(statuses), "stalled")
+        own = [block.start for block in scannable(search.objective, cloth)]
+        for point in scan(search.objective, cloth, search.best) if own else []:
+            p = search.best.copy()
+            p[own] = [value for _, value, _ in point]
+            if len(own) == 1:
+                by_brent(search, p, own[0], point[0])
+            else:
+                by_gauss_newton(search, p, p, tau, windows=False)
+    if len(search.y) == 1:
+        search(search.y)
+        return search.verdict()
+    return by_gauss_newton(search, search.best, search.best, tau, windows=False)
+
+
+def by_brent(search: Search, p: Array, place: int, bracket: Bracket) -> None:
+    """Follow one value of p (P,) down, in its logarithm, between the ends of a bracket."""
+    from scipy.optimize import minimize_scalar
+
+    def cost(log: float) -> float:
+        q = p.copy()
+        q[place] = np.exp(log)
+        return min(search.visit(q), np.finfo(float).max)
+
+    minimize_scalar(cost, bounds=(np.log(bracket[0]), np.log(bracket[2])), method="bounded", options={"xatol": 1e-7})
 
 
 def by_gauss_newton(
@@ -92,15 +117,14 @@ def by_gauss_newton(
     """Gauss–Newton from p (P,), in windows of more and more frames where p is far from the target."""
     cost = search.visit(p)
     last = search.objective.steps + 1
-    lengths = [last] if not windows or is_near(search, cost) else window_lengths(last)
+    near = not windows or is_near(search, cost)
+    lengths = [last] if near else window_lengths(first_window(search.objective), last)
     before, status = (search.best_cost, search.best), "stalled"
     y: Array | None = None
     prior: Prior | None = None
     for frames in lengths:
         whole = frames == last
         objective = search.objective if whole else search.objective.until(frames)
-        if not objective.shows_motion:
-            continue
         part = Trajectory(search, objective)
         y = part.y(p) if y is None else y
         prior = part.prior(part.y(centre), tau) if prior is None else prior
@@ -114,10 +138,9 @@ def by_gauss_newton(
     return status
 
 
-def window_lengths(last: int) -> list[int]:
-    """Frames of each window, the last one whole."""
+def window_lengths(frames: int, last: int) -> list[int]:
+    """Frames of each window, from the first to the last, which is whole."""
     lengths = []
-    frames = FIRST_WINDOW
     while frames < 0.8 * last:
         lengths.append(frames)
         frames *= GROWTH

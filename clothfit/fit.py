@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from clothfit import auto, threads
-from clothfit.arrays import Array
+from clothfit.arrays import Array, Flags
 from clothfit.descent import METHODS, minimise
 from clothfit.errors import Diverged, InvalidInput
 from clothfit.experiment import Targets, experiments
@@ -131,23 +131,27 @@ def estimate(
             f"{given[0].motion.name}: shows nothing after the start that can move, within {given[0].scene.frames} "
             "frames, so there is nothing to fit to"
         )
-    direct = method in OWN and hidden and start is None
-    p = fabric(scene) if direct else choose_start(scene, target, start, hidden, **options)
+    direct = method in ("auto", "momentum") and hidden and start is None  # these look for a start of their own
+    if direct:
+        p = np.where(aim.identifiable, fabric(scene), parameters(scene))
+    else:
+        p = choose_start(scene, target, start, hidden, **options)
     warnings = [*undetermined(scene), *outside_bounds(scene, p)]
     if not direct and not np.isfinite(aim.cost_or_infinity(p)):
         warnings.append("the simulation diverges at the start; the fit starts from the best of a coarse search instead")
-        p = neutral_start(scene, target, scene.frames, p, **options)
+        p = neutral_start(scene, target, scene.frames, [p], **options)[0]
     search = Search(aim, p, rmse_tolerance, budget, report)
-    other = partial(neutral_start, scene, target, scene.frames, None if hidden else p, **options)
-    status = run(search, method, p, None if start is not None else other, tau)
+    patterns = None if hidden else [p, *(np.where(lettered(scene), q, p) for q in (fabric(scene), neutral(scene)))]
+    others = partial(neutral_start, scene, target, scene.frames, patterns, **options)
+    status = run(search, method, p, None if start is not None else others, tau)
     return result(search, status, method, warnings, started=start is not None)
 
 
-def run(search: Search, method: str, start: Array, other: Callable[[], Array] | None, tau: float | None) -> str:
+def run(search: Search, method: str, start: Array, others: Callable[[], list[Array]] | None, tau: float | None) -> str:
     """Search by a method until it or the user ends it; returns the status."""
     try:
         with threads.single():
-            status = found_by(search, method, start, other, tau)
+            status = found_by(search, method, start, others, tau)
     except Stop as stop:
         status = stop.status
     except KeyboardInterrupt:
@@ -157,7 +161,15 @@ def run(search: Search, method: str, start: Array, other: Callable[[], Array] | 
     return status if np.isfinite(search.best_cost) else "diverged"
 
 
-def found_by(search: Search, method: str, start: Array, other: Callable[[], Array] | None, tau: float | None) -> str:
+def lettered(scene: Scene) -> Flags:
+    """Which parameters (P,) are masses or stiffnesses."""
+    found = blocks(scene)
+    return np.repeat(np.array([block.name in LETTERED for block in found], bool), [block.count for block in found])
+
+
+def found_by(
+    search: Search, method: str, start: Array, others: Callable[[], list[Array]] | None, tau: float | None
+) -> str:
     """Search by a method; returns the status. Raises Stop."""
     if not search.fitted.any():
         search(search.y)
@@ -169,7 +181,7 @@ def found_by(search: Search, method: str, start: Array, other: Callable[[], Arra
         return search.verdict()
     if method == "gauss-newton":
         return auto.by_gauss_newton(search, start, start, tau)
-    return auto.find(search, start, other, tau)
+    return auto.find(search, start, others, tau)
 
 
 def undetermined(scene: Scene) -> list[str]:
@@ -233,7 +245,7 @@ def choose_start(
     """
     if start is None and hidden:
         own = parameters(scene)
-        return np.where(identifiable(scene), neutral_start(scene, goal, scene.frames, **options), own)
+        return np.where(identifiable(scene), neutral_start(scene, goal, scene.frames, **options)[0], own)
     if start is None:
         return parameters(scene)
     if isinstance(start, Scene):
@@ -248,7 +260,7 @@ def choose_start(
     lower, upper = bounds(scene)
     p, given = np.broadcast_to(values.reshape(-1), (count,)).copy(), np.ones(count, bool)
     if values.ndim == 0 and any(block.name in LETTERED for block in blocks(scene)):
-        given = np.repeat([block.name in LETTERED for block in blocks(scene)], [b.count for b in blocks(scene)])
+        given = lettered(scene)
         p = np.where(given, p, neutral(scene) if hidden else parameters(scene))
     wrong = given & ~((p >= lower) & (p <= upper))  # True for NaN
     if wrong.any():

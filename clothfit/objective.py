@@ -111,6 +111,13 @@ class Objective:
         return sum(run.comparison.cost(np.array(np.broadcast_to(run.system.x0, shape))) for run, shape in runs)
 
     @property
+    def first_step(self) -> int:
+        """The first step after the start at which, or before which, anything is seen; 0 where nothing is."""
+        goals = [run.comparison.goal for run in self.runs]
+        shown = [goal.places[goal.observed.any(axis=1) & (goal.places > 0)] for goal in goals]
+        return int(np.ceil(min((places[0] for places in shown if places.size), default=0)))
+
+    @property
     def steps(self) -> int:
         """Number of steps of the longest experiment, as far as it is compared."""
         return max((run.comparison.last_step for run in self.runs), default=0)

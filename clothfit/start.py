@@ -21,7 +21,7 @@ from clothfit.block import Block
 from clothfit.experiment import Experiment, Targets, experiments
 from clothfit.fit_vector import LOWER, UPPER, blocks
 from clothfit.kinds import LETTERED
-from clothfit.material import proportions
+from clothfit.material import normalised, proportions
 from clothfit.objective import Objective
 from clothfit.scene import Scene
 from clothfit.target import target
@@ -46,31 +46,34 @@ def fabric(scene: Scene) -> Array:
     """Values (P,) as `neutral`, but what is fitted per vertex or spring as a uniform fabric shares it out."""
     p = neutral(scene)
     for block in blocks(scene):
-        p[block.part] *= shape(scene, block)
+        if block.mode == "L" and block.name in LETTERED and block.cloth is not None:
+            p[block.part] = proportions(scene.cloths[block.cloth])[LETTERED.index(block.name)]
     return p
 
 
-def shape(scene: Scene, block: Block) -> Array | float:
-    """Proportions (count,) of the parameters of a block: those of a uniform fabric in mode L."""
-    if block.mode != "L" or block.name not in LETTERED or block.cloth is None:
-        return 1.0
-    return proportions(scene.cloths[block.cloth])[LETTERED.index(block.name)]
+def neutral_start(
+    scene: Scene, motion: Targets, frames: int, patterns: Sequence[Array] | None = None, **options: Any
+) -> list[Array]:
+    """Starting values (P,) from the target and from what is not flagged, independent of the scene's flagged values: one
+    for each of the `patterns` (P,) that its masses and stiffnesses may follow up to a factor (default: a fabric's, and
+    all alike), best first.
 
-
-def neutral_start(scene: Scene, motion: Targets, frames: int, others: Array | None = None, **options: Any) -> Array:
-    """Starting values (P,) from the target and from what is not flagged; independent of the scene's flagged values.
-
-    Kinds that are not searched have their values in `others` (P,), or neutral ones. `frames` of the scene are compared
-    at most, of an experiment's own scene as many as that says; `options` are those of Objective.
+    Kinds that are not searched keep their values in the pattern. `frames` of the scene are compared at most, of an
+    experiment's own scene as many as that says; `options` are those of Objective.
     """
     given = experiments(scene, motion)
     windows = [min(frames if e.scene is scene else e.scene.frames, window(e, **options)) for e in given]
     objective = Objective(scene, motion, LOOSE, windows, **options)
-    p = neutral(scene) if others is None else np.array(others, float)
+    found = [scaled(objective, np.array(p, float)) for p in patterns or (fabric(scene), neutral(scene))]
+    return [p for _, _, p in sorted((objective.cost_or_infinity(p), i, p) for i, p in enumerate(found))]
+
+
+def scaled(objective: Objective, p: Array) -> Array:
+    """The parameters p (P,) with the masses and the stiffnesses of each cloth multiplied by the best of a grid."""
     for cloth in objective.cloths:
         own = [block for block in objective.blocks if block.cloth == cloth and block.name in LETTERED]
         if own:
-            shapes = [shape(scene, block) for block in own]
+            shapes = [normalised(p[block.part]) for block in own]
             best = search_grid(partial(grid_cost, objective, cloth, own, shapes, p.copy()), len(own))
             fill(p, own, shapes, best)
     return p
@@ -90,7 +93,7 @@ def first_seen(experiment: Experiment) -> int:
     return math.ceil(min((places[0] for places in seen if places.size), default=0))
 
 
-def fill(p: Array, own: Sequence[Block], shapes: Sequence[Array | float], exponents: Exponents) -> None:
+def fill(p: Array, own: Sequence[Block], shapes: Sequence[Array], exponents: Exponents) -> None:
     """Give each block its one value, times its proportions, within the bounds."""
     for block, proportion, exponent in zip(own, shapes, exponents, strict=True):
         p[block.part] = np.clip(10.0**exponent * proportion, LOWER, UPPER)
@@ -100,7 +103,7 @@ def grid_cost(
     objective: Objective,
     cloth: int,
     own: Sequence[Block],
-    shapes: Sequence[Array | float],
+    shapes: Sequence[Array],
     p: Array,
     exponents: Exponents,
 ) -> float:
