@@ -15,14 +15,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from clothfit import momentum
+from clothfit import matrix_free, momentum
 from clothfit.arrays import Array
 from clothfit.gauss_newton import minimise
 from clothfit.objective import Objective
 from clothfit.prior import Prior
 from clothfit.scan import Bracket, scan, scannable
 from clothfit.search import Search
-from clothfit.trajectory import Trajectory
+from clothfit.trajectory import LARGEST, Trajectory
 
 NEAR = 2e-3
 """Error relative to how far the target moves, below which all frames are fitted at once."""
@@ -130,6 +130,9 @@ def by_gauss_newton(
         prior = part.prior(part.y(centre), tau) if prior is None else prior
         if not np.isfinite(part.cost(y)):
             break
+        if part.operations() > LARGEST:
+            y, status = matrix_free.minimise(part, y, prior, whole)
+            continue
         accepted, most = (part.accepted, MOST) if whole else (None, ITERATIONS)
         model, prior, status = minimise(part.problem(), y, prior, None, accepted, most)
         y = model.y
