@@ -112,10 +112,13 @@ def by_gauss_newton(
         prior = part.prior(part.y(centre), tau) if prior is None else prior
         if not np.isfinite(part.cost(y)):
             break
+        search.prior = prior
         accepted, most = (part.accepted, MOST) if whole else (None, ITERATIONS)
         model, prior, status = minimise(part.problem(), y, prior, None, accepted, most)
         y = model.y
+        search.prior = prior
     if before[0] < search.best_cost:
+        search.prior = None
         search.settle(before[1], before[0])
     return status
 

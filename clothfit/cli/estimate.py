@@ -14,8 +14,8 @@ from clothfit.errors import Diverged, InvalidInput
 from clothfit.words import counted, owned
 
 if TYPE_CHECKING:
-    from clothfit.fit import Fit
     from clothfit.motion import Motion
+    from clothfit.result import Fit
     from clothfit.scene import Scene
 
 EXIT_CODES = {"converged": 0, "stalled": 5, "limit": 5, "interrupted": 130}
