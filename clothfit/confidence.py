@@ -19,7 +19,7 @@ does nothing keeps its start, and masses and stiffnesses that are free up to a c
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from clothfit.arrays import Array, Flags
 from clothfit.errors import Diverged
 from clothfit.fit_vector import at_lower, at_upper, bounds
 from clothfit.objective import Objective
-from clothfit.prior import inverse, none, variance
+from clothfit.prior import NARROWEST, Prior, inverse, none, variance
 from clothfit.search import Search
 from clothfit.trajectory import Trajectory, free_columns
 
@@ -45,6 +45,7 @@ SAME = 1e-2
 """Rise of the cost, in variances of a residual, that says nothing."""
 
 ROUNDS = 10  # of finding σ² and γ, which depend on each other
+LEARNED = 4  # times that the prior learns its width, some rounds each
 
 
 @dataclass(frozen=True)
@@ -89,17 +90,31 @@ class Local:
     def __init__(self, problem: Trajectory) -> None:
         """Raises Diverged."""
         self.search, self.fitted = problem.search, problem.fitted
-        self.prior = self.search.prior or none(problem.size)
         ends = self.search.coordinates
         self.per = ends.weight[self.fitted]  # y = per · z
         self.width = (ends.upper - ends.lower)[self.fitted] / self.per
         self.model = problem.model(self.search.y)
         self.squares, self.count = residual_squares(self.search.objective, self.search.best)
+        self.prior = self._prior()
         self.H = self.model.H * np.outer(self.per, self.per)
         self.free = np.flatnonzero(~self._held())
         self.null = null_space(self.H[np.ix_(self.free, self.free)])  # (F, ·), orthonormal
         self._solve()
         self._judge()
+
+    def _prior(self) -> Prior:
+        """The prior of the fit; a width that is learned may be less than while fitting, down to nothing beside the
+        standard deviation of the mean, so that a cloth of one fabric gets the intervals of one value.
+        """
+        prior, model = self.search.prior or none(int(self.fitted.sum())), self.model
+        if not (prior.learns and prior.groups and self.squares > 0):
+            return prior
+        sigma2 = variance(self.squares, self.count, len(model.y))
+        sums = [float(model.H[np.ix_(group, group)].sum()) for group in prior.groups]
+        prior = replace(prior, narrowest=min([NARROWEST, *(0.1 * float(np.sqrt(sigma2 / s)) for s in sums if s > 0)]))
+        for _ in range(LEARNED):
+            prior, _ = prior.learned(model.H, model.g, model.y, self.squares, self.count)
+        return prior
 
     def _held(self) -> Flags:
         """Which parameters (Q,) the data push against a bound."""
