@@ -138,14 +138,17 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
         prior = part.prior(part.y(centre), tau) if prior is None else prior
         if not np.isfinite(part.cost(y)):
             break
+        search.prior = prior
         if part.operations() > LARGEST:
             y, status = matrix_free.minimise(part, y, prior, whole)
             continue
         accepted, most = (part.accepted, MOST) if whole else (None, ITERATIONS)
         y, prior, status = minimise(search, part.problem(), y, prior, accepted, most)
+        search.prior = prior
         if not whole:
             search.visit(search.parameters(y))
     if before[0] < search.best_cost:
+        search.prior = None
         search.settle(before[1], before[0])
     return status
 

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from clothfit.errors import Diverged
 from clothfit.fit_vector import at_lower, at_upper, bounds
 from clothfit.journal import Journal
 from clothfit.objective import Objective
+
+if TYPE_CHECKING:
+    from clothfit.prior import Prior
 
 STATIONARY = 1e-5
 """Converged at once where a change of any one parameter by a factor e would change the cost, linearly, by less than
@@ -85,6 +89,7 @@ class Search:
         self.best = np.where(self.fitted, self.coordinates.clipped(self.best), self.best)
         self.best_cost = np.inf
         self.best_gradient = np.zeros(len(start))
+        self.prior: Prior | None = None  # what the best point was found with
         self.rmse_tolerance = rmse_tolerance
         self.budget = budget
         self.report = report

@@ -7,6 +7,8 @@ products with vectors, each a tangent or an adjoint sweep along the motion.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,6 +47,8 @@ class Trajectory:
 
     def accepted(self, state: gauss_newton.State, model: gauss_newton.Model) -> None:
         """Make the point of a model the best one of the search. Raises Stop when the error is small enough."""
+        if self.search.prior:
+            self.search.prior = replace(self.search.prior, tau=state.tau)
         self.search.settle(self.search.parameters(model.y), model.cost)
 
     def problem(self) -> gauss_newton.Problem:
