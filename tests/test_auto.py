@@ -57,7 +57,10 @@ def ended(search, start, tau=np.inf, others=None):
 # --- the truth
 
 
-@pytest.mark.parametrize(("settings", "make"), [("Ln", trial), ("nL", trial), ("LL", trial), ("Gn", even), ("GG", even)])
+CASES = [("Ln", trial), ("nL", trial), ("LL", trial), ("Gn", even), ("GG", even)]
+
+
+@pytest.mark.parametrize(("settings", "make"), CASES)
 @pytest.mark.parametrize("change", [{}, {"every": 2}, {"observed": 0.6}])
 def test_the_hidden_truth_is_found(settings, make, change):
     made = load(make(settings))
