@@ -136,6 +136,8 @@ def by_gauss_newton(
         accepted, most = (part.accepted, MOST) if whole else (None, ITERATIONS)
         model, prior, status = minimise(part.problem(), y, prior, None, accepted, most)
         y = model.y
+        if whole:
+            part.accepted(None, model)  # what the prior chose, though a trial cost less
     if before[0] < search.best_cost:
         search.settle(before[1], before[0])
     return status

@@ -43,7 +43,7 @@ class Trajectory:
         """Coordinates (Q,) of parameters (P,)."""
         return self.search.coordinates.y(p)[self.fitted]
 
-    def accepted(self, state: gauss_newton.State, model: gauss_newton.Model) -> None:
+    def accepted(self, state: gauss_newton.State | None, model: gauss_newton.Model) -> None:
         """Make the point of a model the best one of the search. Raises Stop when the error is small enough."""
         self.search.settle(self.search.parameters(model.y), model.cost)
 
@@ -54,8 +54,16 @@ class Trajectory:
         return gauss_newton.Problem(self.model, self.cost, lower, upper, self.residuals())
 
     def cost(self, y: Array) -> float:
-        """The cost at y; infinite where the simulation diverges."""
-        return self.search.measure(self.search.parameters(y), self.objective)
+        """The cost at y; infinite where the simulation diverges. Raises Stop as a visit of the search does."""
+        p = self.search.parameters(y)
+        cost = self.search.measure(p, self.objective)
+        self.remember(p, cost)
+        return cost
+
+    def remember(self, p: Array, cost: float) -> None:
+        """Make parameters (P,) of that cost the best point where they are; of fewer frames than all none is."""
+        if self.objective is self.search.objective and cost < self.search.best_cost:
+            self.search.settle(p, cost)
 
     def residuals(self) -> int:
         """Number of residuals that a parameter can change."""

@@ -72,6 +72,7 @@ ORDER = [
     "gauss_newton",
     "trajectory",
     "scan",
+    "matrix_free",
     "auto",
     "descent",
     "fit",

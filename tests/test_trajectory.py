@@ -130,7 +130,15 @@ def test_every_cost_and_every_model_is_an_evaluation():
     part.cost(at(part))
     part.model(at(part))
     assert part.search.evaluations == 2
-    assert part.search.best_cost == np.inf  # neither is a point of the search
+
+
+def test_of_all_frames_the_best_is_remembered_of_fewer_none():
+    part = trajectory("one")
+    Trajectory(part.search, part.objective.until(5)).cost(at(part))
+    assert part.search.best_cost == np.inf
+    first = part.cost(at(part) + 0.3)
+    second = part.cost(at(part) + 0.5)
+    assert part.search.best_cost == min(first, second)
 
 
 def test_accepted_points_are_the_searchs():
