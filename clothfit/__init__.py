@@ -15,10 +15,11 @@ if TYPE_CHECKING:
     from clothfit.capture import degrade
     from clothfit.errors import ClothfitError, Diverged, InvalidInput, InvalidMotion, InvalidScene
     from clothfit.evaluation import Evaluation, evaluate
-    from clothfit.fit import Fit, estimate
+    from clothfit.fit import estimate
     from clothfit.fit_vector import parameters, with_parameters
     from clothfit.motion import Motion, as_motion, load_motion, save_motion, simulate
     from clothfit.objective import Objective, cost_and_gradient
+    from clothfit.result import Fit
     from clothfit.scene import Cloth, Scene, load, save
 
 _HOME = {
@@ -30,7 +31,7 @@ _HOME = {
     "InvalidScene": "errors",
     "Evaluation": "evaluation",
     "evaluate": "evaluation",
-    "Fit": "fit",
+    "Fit": "result",
     "estimate": "fit",
     "Motion": "motion",
     "as_motion": "motion",

@@ -6,32 +6,35 @@ the loop, its budget, an interrupt, a stalled line search, the best point it vis
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from clothfit import auto, threads
+from clothfit import holdout as holdouts
 from clothfit.arrays import Array, Flags
+from clothfit.checkpoint import Checkpoint, identity
+from clothfit.confidence import Confidence, confidence
 from clothfit.descent import METHODS, minimise
-from clothfit.errors import Diverged, InvalidInput
+from clothfit.errors import InvalidInput
 from clothfit.experiment import Targets, experiments
 from clothfit.fit_vector import (
-    at_lower,
-    at_upper,
     blocks,
     bounds,
     feels_air,
     fitted_cloths,
     identifiable,
     parameters,
-    with_parameters,
 )
+from clothfit.journal import opened
 from clothfit.kinds import LETTERED
 from clothfit.motion import Motion, checked_tolerance, simulate, simulate_cloths
 from clothfit.objective import Objective
+from clothfit.result import Fit, result
 from clothfit.scene import Scene
 from clothfit.search import Progress, Search, Stop
 from clothfit.start import fabric, neutral, neutral_start
@@ -43,34 +46,6 @@ OWN = ("auto", "momentum", "gauss-newton")
 RMSE_TOLERANCE = 1e-8  # m: far below what a file in float32 can hold
 FIT_TOLERANCE = 1e-10  # linear systems, relative
 BUDGET = 1000  # evaluations
-
-
-@dataclass(frozen=True)
-class FittedBlock:
-    """What became of one kind of parameter of one object."""
-
-    object: int | None  # None: of the scene as a whole
-    name: str  # of the kind, as in `clothfit.kinds`: "mass", "stiffness", …
-    mode: str  # "G" or "L"
-    count: int
-    at_bound: list[int]  # parameters at a bound, counted within the block
-    unidentifiable: list[int]  # parameters that the motion cannot reveal; they keep their starting value
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """The result of a fit."""
-
-    scene: Scene  # with the best parameters found
-    status: str  # "converged", "stalled", "limit", "diverged" or "interrupted"
-    method: str
-    cost: float  # G, m² with the default objective; inf when nothing could be evaluated
-    rmse: float  # m, of the positions, whatever the objective
-    frames: int  # compared, of all targets together
-    evaluations: int  # of cost and gradient
-    seconds: float  # of the search, without the target's simulation and the search for a start
-    parameters: list[FittedBlock]
-    warnings: list[str]  # what the user should know about the way there
 
 
 def record_target(scene: Scene, frames: int | None = None, tolerance: float | None = None) -> Motion:
@@ -92,6 +67,11 @@ def estimate(
     loss: str = "linear",
     loss_scale: float | None = None,
     prior: float | str = "auto",
+    checkpoint: str | os.PathLike[str] | Checkpoint | None = None,
+    resume: bool = False,
+    holdout: float | None = None,
+    holdout_of: str = "frames",
+    intervals: bool = True,
 ) -> Fit:
     """Fit the flagged parameters of a scene to a target motion, or to several.
 
@@ -107,10 +87,21 @@ def estimate(
     the scene's own targets its `frames` are compared, of one with a scene beside it as many as that scene says. With
     another objective `rmse_tolerance` is the root mean square of what that compares, in its unit.
 
-    Raises InvalidInput when nothing is flagged, or an argument or the target does not fit; Diverged when the scene's
-    own motion, needed as target, diverges.
+    The fit keeps in the file `checkpoint` what it needs to go on after it was killed, and with `resume` goes on from
+    there: to the same result, with evaluations and seconds counted from its beginning. Only `budget`, `rmse_tolerance`
+    and `report` may be others then.
+
+    `prior` is what is believed before the data (`clothfit.prior`) by the methods "auto" and "gauss-newton": that the
+    values of one kind scatter around a fabric's, by as much as the data say ("auto"), or by a given width around the
+    start, in log parameters; "none": nothing. `holdout` keeps that fraction of the frames, the last, or with
+    `holdout_of` "vertices" of the vertices out of the fit and judges it by them. `intervals`: whether to look at what
+    the motion determines (`clothfit.confidence`), which takes as long as a step of Gauss–Newton.
+
+    Raises InvalidInput when nothing is flagged, or an argument, the target or the checkpoint does not fit; Diverged
+    when the scene's own motion, needed as target, diverges.
     """
     check_method(method)
+    holdouts.check(holdout, holdout_of)
     tau = prior_width(prior)
     if not blocks(scene):
         raise InvalidInput(
@@ -124,27 +115,40 @@ def estimate(
     if target is None:
         target = simulate_cloths(scene, fitted_cloths(scene), tolerance=tight)
     options: dict[str, Any] = {"objective": objective, "loss": loss, "loss_scale": loss_scale}
-    given = experiments(scene, target)
-    aim = Objective(scene, target, tight, [e.scene.frames for e in given], **options)
+    given, kept_out = experiments(scene, target), None
+    ends = [e.scene.frames for e in given]
+    if holdout is not None:
+        given, rest = holdouts.split(scene, given, holdout, holdout_of)
+        target, kept_out = given, Objective(scene, rest, tight, ends)
+    aim = Objective(scene, target, tight, ends, **options)
     if not aim.shows_motion:
         raise InvalidInput(
             f"{given[0].motion.name}: shows nothing after the start that can move, within {given[0].scene.frames} "
             "frames, so there is nothing to fit to"
         )
+    tells = {"method": method, "prior": prior, "tolerance": tight, "holdout": holdout, "of": holdout_of, **options}
+    journal = opened(checkpoint, resume, identity(scene, None if hidden else given, start, **tells))
     direct = method in ("auto", "momentum") and hidden and start is None  # these look for a start of their own
     if direct:
         p = np.where(aim.identifiable, fabric(scene), parameters(scene))
     else:
-        p = choose_start(scene, target, start, hidden, **options)
+        p = journal.recall("start", partial(choose_start, scene, target, start, hidden, **options))
     warnings = [*undetermined(scene), *outside_bounds(scene, p)]
     if not direct and not np.isfinite(aim.cost_or_infinity(p)):
         warnings.append("the simulation diverges at the start; the fit starts from the best of a coarse search instead")
-        p = neutral_start(scene, target, scene.frames, [p], **options)[0]
-    search = Search(aim, p, rmse_tolerance, budget, report)
+        coarse = partial(neutral_start, scene, target, scene.frames, [p], **options)
+        p = journal.recall("second start", lambda: coarse()[0])
+    search = Search(aim, p, rmse_tolerance, budget, report, journal)
+    first = search.best  # within the bounds
     patterns = None if hidden else [p, *(np.where(lettered(scene), q, p) for q in (fabric(scene), neutral(scene)))]
     others = partial(neutral_start, scene, target, scene.frames, patterns, **options)
     status = run(search, method, p, None if start is not None else others, tau)
-    return result(search, status, method, warnings, started=start is not None)
+    seconds, warnings = search.seconds, [*warnings, *journal.warnings]
+    known = look(search, status, first, warnings) if intervals else None
+    found = result(search, status, method, warnings, start is not None, first, known, seconds)
+    if kept_out is None or holdout is None or status == "diverged":
+        return found
+    return replace(found, holdout=holdouts.judged(kept_out, parameters(found.scene), holdout_of, holdout))
 
 
 def run(search: Search, method: str, start: Array, others: Callable[[], list[Array]] | None, tau: float | None) -> str:
@@ -155,10 +159,32 @@ def run(search: Search, method: str, start: Array, others: Callable[[], list[Arr
     except Stop as stop:
         status = stop.status
     except KeyboardInterrupt:
+        search.take_known()
         if not np.isfinite(search.best_cost):
             raise  # there is no result yet
         status = "interrupted"
+    finally:
+        search.journal.write()
+    search.take_known()
     return status if np.isfinite(search.best_cost) else "diverged"
+
+
+def look(search: Search, status: str, start: Array, warnings: list[str]) -> Confidence | None:
+    """What the data say of the result of a search that began at `start` (P,); a warning where that is left out."""
+    if status == "diverged" or not search.fitted.any():
+        return None
+    if status == "interrupted":
+        warnings.append("no intervals, as the fit was interrupted")
+        return None
+    try:
+        with threads.single():
+            known = confidence(search, start)
+    except KeyboardInterrupt:
+        warnings.append("no intervals, as looking for them was interrupted")
+        return None
+    if known is None:
+        warnings.append("no intervals: for so many parameters they would take minutes, or more")
+    return known
 
 
 def lettered(scene: Scene) -> Flags:
@@ -267,41 +293,3 @@ def choose_start(
         i = int(np.argmax(wrong))
         raise InvalidInput(f"start: {p[i]:g} is not within the bounds {lower[i]:g} … {upper[i]:g}")
     return p
-
-
-def result(search: Search, status: str, method: str, warnings: list[str], started: bool) -> Fit:
-    """The fit as its user sees it."""
-    scene = search.objective.scene
-    found, untouched = [], []
-    lower, upper = bounds(scene)
-    for block in blocks(scene):
-        values = search.best[block.part]
-        lost = search.objective.unidentifiable(block)
-        bound = at_lower(values, lower[block.part]) | at_upper(values, upper[block.part])
-        bound[lost] = False
-        at_bound = [int(i) for i in np.flatnonzero(bound)]
-        found.append(FittedBlock(block.cloth, block.name, block.mode, block.count, at_bound, lost))
-        if block.mode == "G" and lost and not started:
-            untouched.append(block)  # the scene's values, which may differ, not their mean
-    return Fit(
-        scene=with_parameters(scene, search.best, untouched),
-        status=status,
-        method=method,
-        cost=search.best_cost,
-        rmse=position_rmse(search),
-        frames=search.objective.frames,
-        evaluations=search.evaluations,
-        seconds=search.seconds,
-        parameters=found,
-        warnings=warnings,
-    )
-
-
-def position_rmse(search: Search) -> float:
-    """Root mean square distance, m, of the observed positions at the best point; inf where there is none."""
-    if search.objective.plain or not np.isfinite(search.best_cost):
-        return search.objective.rmse(search.best_cost)
-    try:
-        return search.objective.position_rmse(search.best)
-    except Diverged:  # the cost saw only what is finite
-        return np.inf

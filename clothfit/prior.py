@@ -37,6 +37,7 @@ class Prior:
     groups: tuple[Indices, ...]  # coordinates that scatter together
     tau: tuple[float, ...]  # one per group
     learns: bool = True  # τ from the data, the mean free
+    narrowest: float = NARROWEST  # of what is learned
 
     def matrix(self, sigma2: float) -> Array:
         """The penalty's matrix (Q, Q): penalty = (y − y₀)ᵀ A (y − y₀)."""
@@ -89,7 +90,7 @@ class Prior:
             P, inside = self.spread(len(group)), covariance[np.ix_(group, group)]
             known = len(group) - 1.0 - sigma2 / tau**2 * float((P * inside).sum())
             away = float((self.deviation(y, group) ** 2).sum())
-            widths.append(float(np.clip(np.sqrt(away / max(known, 1e-9)), NARROWEST, WIDEST)))
+            widths.append(float(np.clip(np.sqrt(away / max(known, 1e-9)), self.narrowest, WIDEST)))
         return tuple(widths)
 
 

@@ -7,6 +7,8 @@ products with vectors, each a tangent or an adjoint sweep along the motion.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -43,8 +45,10 @@ class Trajectory:
         """Coordinates (Q,) of parameters (P,)."""
         return self.search.coordinates.y(p)[self.fitted]
 
-    def accepted(self, state: gauss_newton.State | None, model: gauss_newton.Model) -> None:
+    def accepted(self, state: gauss_newton.State, model: gauss_newton.Model) -> None:
         """Make the point of a model the best one of the search. Raises Stop when the error is small enough."""
+        if self.search.prior:
+            self.search.prior = replace(self.search.prior, tau=state.tau)
         self.search.settle(self.search.parameters(model.y), model.cost)
 
     def problem(self) -> gauss_newton.Problem:
@@ -61,8 +65,11 @@ class Trajectory:
         return cost
 
     def remember(self, p: Array, cost: float) -> None:
-        """Make parameters (P,) of that cost the best point where they are; of fewer frames than all none is."""
-        if self.objective is self.search.objective and cost < self.search.best_cost:
+        """Make parameters (P,) of that cost the best point where they are: of all frames, and of the cost alone; with a
+        prior the lowest cost need not be what is looked for.
+        """
+        believed = self.search.prior is not None and bool(np.isfinite(self.search.prior.tau).any())
+        if self.objective is self.search.objective and not believed and cost < self.search.best_cost:
             self.search.settle(p, cost)
 
     def residuals(self) -> int:

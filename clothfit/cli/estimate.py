@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -14,8 +15,8 @@ from clothfit.errors import Diverged, InvalidInput
 from clothfit.words import counted, owned
 
 if TYPE_CHECKING:
-    from clothfit.fit import Fit
     from clothfit.motion import Motion
+    from clothfit.result import Fit, FittedBlock
     from clothfit.scene import Scene
 
 EXIT_CODES = {"converged": 0, "stalled": 5, "limit": 5, "interrupted": 130}
@@ -48,6 +49,19 @@ EXIT_CODES = {"converged": 0, "stalled": 5, "limit": 5, "interrupted": 130}
 @click.option("--max-evaluations", type=int, default=1000, metavar="N", help="Of cost and gradient.  [default: 1000]")
 @click.option("--rmse", type=float, default=1e-8, metavar="METRES", help="Good enough: stop there.  [default: 1e-8]")
 @click.option("--tolerance", type=float, metavar="T", help="Of the linear solver.  [default: 1e-10]")
+@click.option("--checkpoint", metavar="FILE", help="Keep there how far the fit is.  [default: <output>.checkpoint]")
+@click.option("--resume", is_flag=True, help="Go on from the checkpoint of a fit that was ended early.")
+@click.option(
+    "--prior",
+    default="auto",
+    metavar="TAU",
+    help="Scatter around the start, in log parameters; none; auto: as the data say.  [default: auto]",
+)
+@click.option("--holdout", type=float, metavar="FRACTION", help="Keep it out of the fit, and judge the fit by it.")
+@click.option(
+    "--holdout-of", default="frames", metavar="WHAT", help="frames (the last), or vertices.  [default: frames]"
+)
+@click.option("--no-intervals", is_flag=True, help="Do not look at what the motion determines, nor how well.")
 @click.option("-o", "--output", "path", metavar="SCENE", help="Fitted scene.  [default: <stem>.fitted<suffix>]")
 @click.option("--in-place", is_flag=True, help="Write the fitted values into SCENE itself.")
 def command(
@@ -61,6 +75,12 @@ def command(
     max_evaluations: int,
     rmse: float,
     tolerance: float | None,
+    checkpoint: str | None,
+    resume: bool,
+    prior: str,
+    holdout: float | None,
+    holdout_of: str,
+    no_intervals: bool,
     path: str | None,
     in_place: bool,
     as_json: bool,
@@ -75,6 +95,7 @@ def command(
     clothfit estimate scene.json
     clothfit estimate scene.json --target capture.npz -o fitted.json
     clothfit estimate scene.json --target one.npz --target two.npz@windy.json --objective velocity=0.01
+    clothfit estimate scene.json --target capture.npz --holdout 0.2
     clothfit estimate - < scene.json > fitted.json
     """
     check_values(max_evaluations, rmse, path, in_place, scene_path)
@@ -85,9 +106,11 @@ def command(
     scene = shared.read_scene(scene_path, console)
     out = output(scene_path, path, in_place, inputs)
     from clothfit import fit
+    from clothfit.cli import checkpoints
     from clothfit.fit_vector import blocks
 
     fit.check_method(method)
+    kept = checkpoints.chosen(checkpoint, resume, out, (scene_path, *inputs), console)
     targets = [read_target(pair, scene, console) for pair in pairs]
     first = read_start(start, console)
     flagged = ", ".join(f"{owned(b.cloth, b.name)} ({b.mode})" for b in blocks(scene))
@@ -106,9 +129,17 @@ def command(
             objective=weights(objectives),
             loss=loss,
             loss_scale=loss_scale,
+            checkpoint=kept,
+            resume=resume,
+            prior=prior,
+            holdout=holdout,
+            holdout_of=holdout_of,
+            intervals=not no_intervals,
         )
     with shared.uninterrupted():
-        return finish(scene, found, out, console, as_json)
+        code = finish(scene, found, out, console, as_json)
+        checkpoints.closed(kept, checkpoint is not None, found.status, in_place, console)
+        return code
 
 
 def check_values(max_evaluations: int, rmse: float, path: str | None, in_place: bool, scene_path: str) -> None:
@@ -202,13 +233,39 @@ def describe(found: Fit, out: shared.Output, console: Console) -> None:
         f"{found.status}: RMSE {metres(found.rmse)} over {found.frames} frames, "
         f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s → {out.name}"
     )
+    if found.holdout:
+        kept = counted(found.holdout.observations, "position", "positions")
+        console.say(f"holdout: RMSE {metres(found.holdout.rmse)} over {kept} kept out of the fit")
     for block in found.parameters:
         place = owned(block.object, block.name)
         if block.at_bound:
             console.warn(f"{place}: {len(block.at_bound)} of {block.count} at a bound: {indices(block.at_bound)}")
-        if block.unidentifiable:
-            lost = f"{len(block.unidentifiable)} of {block.count}"
-            console.say(f"{place}: {lost} kept, no motion can reveal them: {indices(block.unidentifiable)}")
+        if told := account(block):
+            console.say(f"{place}: {told}")
+
+
+def account(block: FittedBlock) -> str:
+    """What is known of the values of a block, and what is not; empty where neither was looked for."""
+    parts = [f"{counted(block.count, 'value', 'values')}"]
+    if any(block.interval):
+        parts.append(f"{accuracy(block)} ({'median ' if block.count > 1 else ''}95 % interval)")
+    if block.unidentifiable:
+        parts.append(f"{len(block.unidentifiable)} not shown by the motion: {indices(block.unidentifiable)}")
+    if block.unmoved:
+        parts.append(f"{len(block.unmoved)} did not move: {indices(block.unmoved)}")
+    return ", ".join(parts) if len(parts) > 1 else ""
+
+
+def accuracy(block: FittedBlock) -> str:
+    """Half of the middle one of the intervals: in percent where a fit moves the logarithm."""
+    from statistics import median
+
+    from clothfit.kinds import KIND
+
+    kind, ends = KIND[block.name], [interval for interval in block.interval if interval]
+    if kind.log:
+        return f"±{100 * (math.sqrt(median(high / low for low, high in ends)) - 1):.2g} %"
+    return f"±{median(high - low for low, high in ends) / 2:.2g} {kind.unit}"
 
 
 def indices(numbers: list[int]) -> str:
@@ -227,6 +284,10 @@ def summary(scene: Scene, found: Fit, out: shared.Output) -> dict[str, Any]:
         "frames": found.frames,
         "evaluations": found.evaluations,
         "seconds": found.seconds,
+        "rank": found.rank,
+        "sigma": found.sigma,
+        "prior": found.prior and [asdict(scatter) for scatter in found.prior],
+        "holdout": found.holdout and asdict(found.holdout),
         "parameters": [asdict(block) for block in found.parameters],
         "warnings": found.warnings,
         "output": out.path,

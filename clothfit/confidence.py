@@ -1,0 +1,251 @@
+"""How well the data determine what was fitted: what the motion does not show, and 95 % intervals for the rest.
+
+Near the result the residuals are r + J d (`normal`), with z = log p (p / σ_p for kinds that are fitted as they are):
+
+    H = JᵀJ,    A = the prior's matrix, 0 without one,    K = (H + A)⁻¹,    C = σ² K,    σ² = Σ r² / (N − γ)
+
+with γ = tr H K the number of parameters that the data determine; without a prior that is their rank. An interval is
+z ± t √C_jj with Student's t of N − γ degrees of freedom, mapped back and cut at the bounds. With a prior, C is the
+posterior's (G. Wahba, Bayesian confidence intervals, J. R. Statist. Soc. B 45, 1983): such intervals cover the truth
+as often as they say on the average over the parameters, not for each of them. Where the fit did not reach its
+minimum, the step that is left is added to the half width as an independent error is.
+
+What the motion does not show: with H scaled to a unit diagonal, a direction whose eigenvalue is rounding leaves the
+motion as it is. A parameter that has a share in such a direction, or a standard deviation beyond the whole width of
+its bounds, is not determined. Its way from the start along such directions is taken back: a parameter that
+does nothing keeps its start, and masses and stiffnesses that are free up to a common factor keep the start's mean.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothfit import trajectory
+from clothfit.arrays import Array, Flags
+from clothfit.errors import Diverged
+from clothfit.fit_vector import at_lower, at_upper, bounds
+from clothfit.objective import Objective
+from clothfit.prior import NARROWEST, Prior, inverse, none, variance
+from clothfit.search import Search
+from clothfit.trajectory import Trajectory, free_columns
+
+COVERAGE = 0.95
+
+ROUNDING = 1e-12
+"""Eigenvalue of H with a unit diagonal, relative to the largest, below which it is rounding."""
+
+SHARE = 1e-4
+"""Part of a parameter in the directions that are not shown, from which on it counts as not determined."""
+
+SAME = 1e-2
+"""Rise of the cost, in variances of a residual, that says nothing."""
+
+ROUNDS = 10  # of finding σ² and γ, which depend on each other
+LEARNED = 4  # times that the prior learns its width, some rounds each
+
+
+@dataclass(frozen=True)
+class Confidence:
+    """What the data say of all parameters (P,) of a fit."""
+
+    p: Array  # the result, with what the motion does not show set back
+    cost: float  # there
+    low: Array  # of the intervals; NaN where there is none
+    high: Array
+    hidden: Flags  # fitted parameters that the motion does not determine
+    rank: int  # directions that it shows
+    sigma: float  # standard deviation of a residual; m where positions are compared
+
+
+def confidence(search: Search, start: Array) -> Confidence | None:
+    """What the data say at the best point of a search that began at `start` (P,).
+
+    None where that would take too long (`trajectory.LARGEST`), or where nothing could be evaluated.
+    """
+    aside = copy(search)  # what is evaluated from here on is no part of the search
+    aside.history, aside.budget, aside.report = [], 100, None
+    problem = Trajectory(aside, search.objective)
+    if not np.isfinite(search.best_cost) or problem.operations() > trajectory.LARGEST:
+        return None
+    try:
+        local = Local(problem)
+        p, cost = local.set_back(start)
+    except Diverged:
+        return None
+    low, high = local.intervals()
+    shown = problem.size - local.hidden.shape[1]
+    return Confidence(p, cost, low, high, local.whole(local.lost), shown, float(np.sqrt(local.sigma2)))
+
+
+class Local:
+    """The cost around the best point of a search, in the coordinates z (Q,) of what is fitted.
+
+    What the data push against a bound is held there; the other F parameters are free.
+    """
+
+    def __init__(self, problem: Trajectory) -> None:
+        """Raises Diverged."""
+        self.search, self.fitted = problem.search, problem.fitted
+        ends = self.search.coordinates
+        self.per = ends.weight[self.fitted]  # y = per · z
+        self.width = (ends.upper - ends.lower)[self.fitted] / self.per
+        self.model = problem.model(self.search.y)
+        self.squares, self.count = residual_squares(self.search.objective, self.search.best)
+        self.prior = self._prior()
+        self.H = self.model.H * np.outer(self.per, self.per)
+        self.free = np.flatnonzero(~self._held())
+        self.null = null_space(self.H[np.ix_(self.free, self.free)])  # (F, ·), orthonormal
+        self._solve()
+        self._judge()
+
+    def _prior(self) -> Prior:
+        """The prior of the fit; a width that is learned may be less than while fitting, down to nothing beside the
+        standard deviation of the mean, so that a cloth of one fabric gets the intervals of one value.
+        """
+        prior, model = self.search.prior or none(int(self.fitted.sum())), self.model
+        if not (prior.learns and prior.groups and self.squares > 0):
+            return prior
+        sigma2 = variance(self.squares, self.count, len(model.y))
+        sums = [float(model.H[np.ix_(group, group)].sum()) for group in prior.groups]
+        prior = replace(prior, narrowest=min([NARROWEST, *(0.1 * float(np.sqrt(sigma2 / s)) for s in sums if s > 0)]))
+        for _ in range(LEARNED):
+            prior, _ = prior.learned(model.H, model.g, model.y, self.squares, self.count)
+        return prior
+
+    def _held(self) -> Flags:
+        """Which parameters (Q,) the data push against a bound."""
+        p, (lower, upper) = self.search.best, bounds(self.search.objective.scene)
+        slope = self._slope(variance(self.squares, self.count, 0.0))
+        down, up = at_lower(p, lower)[self.fitted], at_upper(p, upper)[self.fitted]
+        return np.asarray((down & (slope > 0)) | (up & (slope < 0)))
+
+    def _slope(self, sigma2: float) -> Array:
+        """Half the derivative (Q,) of cost and penalty by z."""
+        A = self.prior.matrix(sigma2)
+        return np.asarray(self.per * (self.model.g + A @ (self.model.y - self.prior.centre)))
+
+    def _solve(self) -> None:
+        """Find K (F, F), σ² and γ."""
+        H, per = self.H[np.ix_(self.free, self.free)], self.per[self.free]
+        self.determined = float(len(self.free) - self.null.shape[1])
+        self.sigma2 = variance(self.squares, self.count, self.determined)
+        if not self.prior.groups:
+            self.K = inverse_beside(H, self.null)
+            return
+        for _ in range(ROUNDS):
+            A = self.prior.matrix(self.sigma2)[np.ix_(self.free, self.free)] * np.outer(per, per)
+            self.K = inverse(H + A)
+            self.determined = float((H * self.K).sum())
+            self.sigma2 = variance(self.squares, self.count, self.determined)
+
+    def _judge(self) -> None:
+        """Find which of the free parameters (F,) are not determined, and in which directions `hidden` (F, ·)."""
+        width = self.width[self.free]
+        self.deviation = np.sqrt(self.sigma2 * np.maximum(np.diag(self.K), 0.0))
+        shared = np.linalg.norm(self.null, axis=1) > SHARE
+        wide = np.flatnonzero((self.deviation > width) & ~shared)
+        values, vectors = np.linalg.eigh(self.sigma2 * self.K[np.ix_(wide, wide)] / np.outer(width[wide], width[wide]))
+        more = np.zeros((len(self.free), int((values > 1.0).sum())))
+        more[wide] = width[wide, None] * vectors[:, values > 1.0]
+        self.hidden = np.linalg.qr(np.concatenate([self.null, more], axis=1))[0]
+        self.lost = shared | (self.deviation > width)
+
+    def whole(self, flags: Flags) -> Flags:
+        """Flags (P,) of all parameters from those of the free ones (F,)."""
+        found = np.zeros(len(self.fitted), bool)
+        found[np.flatnonzero(self.fitted)[self.free[flags]]] = True
+        return found
+
+    def intervals(self) -> tuple[Array, Array]:
+        """Both ends (P,) of the intervals; NaN where there is none."""
+        from scipy.special import stdtrit
+
+        t = float(stdtrit(max(self.count - self.determined, 1.0), 0.5 + 0.5 * COVERAGE))
+        left = self.K @ self._slope(self.sigma2)[self.free]
+        down = np.zeros(len(self.width))
+        down[self.free] = np.where(self.lost, np.nan, np.hypot(t * self.deviation, left))
+        up = down.copy()
+        held = np.setdiff1d(np.arange(len(down)), self.free)
+        down[held], up[held] = self._from_bound(held, t)
+        ends = np.full((2, len(self.fitted)), np.nan)
+        y, best = self.search.y, self.search.parameters
+        ends[:, self.fitted] = best(y - self.per * down)[self.fitted], best(y + self.per * up)[self.fitted]
+        return ends[0], ends[1]
+
+    def _from_bound(self, held: NDArray[np.intp], t: float) -> tuple[Array, Array]:
+        """How far (H,) down and up those reach that are at a bound: inwards only, and linearly in what they do.
+
+        What a mass or stiffness at its lower bound does grows in proportion to it; at the upper bound, to 1 / p.
+        """
+        p, lower = self.search.best, bounds(self.search.objective.scene)[0]
+        with np.errstate(divide="ignore"):
+            reach = t * np.sqrt(self.sigma2 / np.diag(self.H)[held])
+        reach = np.where(self.search.coordinates.log[self.fitted][held], np.log1p(reach), reach)
+        low = at_lower(p, lower)[self.fitted][held]
+        return np.where(low, 0.0, reach), np.where(low, reach, 0.0)
+
+    def set_back(self, start: Array) -> tuple[Array, float]:
+        """The best point (P,) without its way from the start along what is not shown, and its cost; the point as it is
+        where that costs more. Raises Diverged.
+        """
+        best, cost = self.search.best, self.search.best_cost
+        objective = self.search.objective
+        for directions in (self.hidden, self.null):
+            if not directions.shape[1]:
+                continue
+            p = self._without(directions, start)
+            value = objective.cost_or_infinity(p)
+            reached = max(objective.rmse(value), objective.rmse(cost)) <= self.search.rmse_tolerance
+            if value <= cost + SAME * self.sigma2 or reached:
+                return p, value
+        return best, cost
+
+    def _without(self, directions: Array, start: Array) -> Array:
+        """The best point without what it has of the directions (F, ·) more than `start` (P,)."""
+        y, per = self.search.y, self.per[self.free]
+        way = (y - self.search.coordinates.y(start)[self.fitted])[self.free] / per
+        y[self.free] -= per * (directions @ (directions.T @ way))
+        p = self.search.parameters(y)
+        alone = self.whole(np.linalg.norm(directions, axis=1) > 1.0 - SHARE)
+        return np.where(alone, start, p)
+
+
+def residual_squares(objective: Objective, p: Array) -> tuple[float, int]:
+    """Sum of squares and number N of the residuals that can change: not of the initial state nor of fixed vertices."""
+    squares, count = 0.0, 0
+    for run in objective.runs:
+        _, memory = objective.roll(run, p)
+        touched = np.diff(run.comparison.jacobian(memory.x)[:, free_columns(run)].indptr) > 0
+        squares += float((run.comparison.residual(memory.x)[touched] ** 2).sum())
+        count += int(touched.sum())
+    return squares, count
+
+
+def scaled(H: Array) -> tuple[Array, Array]:
+    """H (F, F) with a unit diagonal, and what its rows and columns were divided by (F,); zeros stay."""
+    size = np.sqrt(np.maximum(np.diag(H), 0.0))
+    size[size <= ROUNDING * size.max(initial=0.0)] = 0.0
+    by = np.where(size > 0, size, 1.0)
+    return H / np.outer(by, by) * np.outer(size > 0, size > 0), by
+
+
+def null_space(H: Array) -> Array:
+    """An orthonormal basis (F, ·) of the directions in which H is zero but for rounding."""
+    unit, by = scaled(H)
+    values, vectors = np.linalg.eigh(unit)
+    null = vectors[:, values <= ROUNDING * values.max(initial=0.0)] / by[:, None]
+    return np.asarray(np.linalg.qr(null / np.maximum(np.linalg.norm(null, axis=0), np.finfo(float).tiny))[0])
+
+
+def inverse_beside(H: Array, null: Array) -> Array:
+    """The inverse (F, F) of H on what is orthogonal to its null space (F, ·)."""
+    unit, by = scaled(H)
+    basis = null * by[:, None]
+    basis = np.linalg.qr(basis)[0]
+    K = inverse(unit + basis @ basis.T) / np.outer(by, by)
+    across = np.eye(len(H)) - null @ null.T
+    return np.asarray(across @ K @ across)
