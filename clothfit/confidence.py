@@ -8,7 +8,8 @@ with γ = tr H K the number of parameters that the data determine; without a pri
 z ± t √C_jj with Student's t of N − γ degrees of freedom, mapped back and cut at the bounds. With a prior, C is the
 posterior's (G. Wahba, Bayesian confidence intervals, J. R. Statist. Soc. B 45, 1983): such intervals cover the truth
 as often as they say on the average over the parameters, not for each of them. Where the fit did not reach its
-minimum, the step that is left is added to the half width as an independent error is.
+minimum, the step that is left is added to the half width, so that an interval reaches as far as that around the
+minimum would.
 
 What the motion does not show: with H scaled to a unit diagonal, a direction whose eigenvalue is rounding leaves the
 motion as it is. A parameter that has a share in such a direction, or a standard deviation beyond the whole width of
@@ -74,6 +75,10 @@ def confidence(search: Search, start: Array) -> Confidence | None:
     try:
         local = Local(problem)
         p, cost = local.set_back(start)
+        if cost < aside.best_cost - SAME * local.sigma2:  # the start is better: far away, other things are not shown
+            aside.best, aside.best_cost = p, cost
+            local = Local(problem)
+            p, cost = local.set_back(start)
     except Diverged:
         return None
     low, high = local.intervals()
@@ -167,7 +172,7 @@ class Local:
         t = float(stdtrit(max(self.count - self.determined, 1.0), 0.5 + 0.5 * COVERAGE))
         left = self.K @ self._slope(self.sigma2)[self.free]
         down = np.zeros(len(self.width))
-        down[self.free] = np.where(self.lost, np.nan, np.hypot(t * self.deviation, left))
+        down[self.free] = np.where(self.lost, np.nan, t * self.deviation + np.abs(left))
         up = down.copy()
         held = np.setdiff1d(np.arange(len(down)), self.free)
         down[held], up[held] = self._from_bound(held, t)
@@ -211,7 +216,7 @@ class Local:
         y[self.free] -= per * (directions @ (directions.T @ way))
         p = self.search.parameters(y)
         alone = self.whole(np.linalg.norm(directions, axis=1) > 1.0 - SHARE)
-        return np.where(alone, start, p)
+        return np.where(alone, start, np.where(self.whole(self.lost), p, self.search.best))
 
 
 def residual_squares(objective: Objective, p: Array) -> tuple[float, int]:
