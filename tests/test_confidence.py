@@ -195,8 +195,8 @@ def test_every_method_has_intervals(method):
     ((low, high),) = intervals(found)
     (k,) = parameters(found.scene)
     reference = intervals(estimate(scene, motion, start=20.0, method="l-bfgs-b"))[0]
-    assert low < k < high
-    # Two noisy estimates of one number: the momentum fit's is another one, but both intervals hold the minimum.
+    assert low <= k <= high  # the momentum fit of so much noise ends at a bound, and its interval goes inwards
+    # Wherever a fit ended, its interval holds the minimum of the cost.
     assert low < np.sqrt(reference.prod()) < high
     assert found.rank == 1
 
