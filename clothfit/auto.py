@@ -12,17 +12,18 @@ Whatever is tried is a visit of the search, so the result is never worse than th
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
-from clothfit import momentum
+from clothfit import matrix_free, momentum
 from clothfit.arrays import Array
-from clothfit.gauss_newton import minimise
 from clothfit.objective import Objective
 from clothfit.prior import Prior
+from clothfit.resumable import minimise
 from clothfit.scan import scan, scannable
 from clothfit.search import Search
-from clothfit.trajectory import Trajectory
+from clothfit.trajectory import LARGEST, Trajectory
 
 NEAR = 2e-3
 """Error relative to how far the target moves, below which all frames are fitted at once."""
@@ -45,7 +46,8 @@ def find(search: Search, start: Array, others: Callable[[], list[Array]] | None,
         return by_scan(search, start, tau)
     guesses = [start]
     if others is not None and not is_near(search):
-        guesses += [np.where(search.fitted, p, start) for p in others()]
+        known = search.journal.recall("others", lambda: np.array(others()))
+        guesses += [np.where(search.fitted, p, start) for p in known]
     first = search.objective.until(first_window(search.objective))
     centre = min(guesses, key=lambda p: search.measure(p, first))
     return by_gauss_newton(search, search.best if is_near(search) else centre, centre, tau)
@@ -60,7 +62,8 @@ def by_momentum(search: Search, start: Array) -> list[Array]:
     """The momentum fits (P,), the best last; none where the target does not show enough."""
     found: list[tuple[float, Array]] = []
     for treatment in momentum.TREATMENTS:
-        p = momentum.fit(search.objective, start, search.fitted, treatment)
+        fit = partial(momentum.fit, search.objective, start, search.fitted, treatment)
+        p = search.journal.recall("momentum", fit)
         if np.array_equal(p, start):
             return []
         found.append((search.visit(p), p))
@@ -81,24 +84,47 @@ def one_value_each(search: Search) -> bool:
 
 
 def by_scan(search: Search, start: Array, tau: float | None) -> str:
-    """Scan the values of each cloth, and follow the best points down."""
-    best = [search.best if np.isfinite(search.best_cost) else start]
+    """Scan the values of each cloth, and follow the best points down: one value by Brent's method."""
+    if not np.isfinite(search.best_cost):
+        search.visit(start)
     for cloth in search.objective.cloths:
-        if scannable(search.objective, cloth):
-            best = [q for p in best[:1] for q in scan(search.objective, cloth, p)] or best
-    statuses = {}
-    for p in best:
-        if np.isfinite(search.visit(p)):
-            statuses[by_gauss_newton(search, p, p, tau, windows=False)] = search.best_cost
-    return "converged" if "converged" in statuses else next(iter(statuses), "stalled")
+        own = [block.start for block in scannable(search.objective, cloth)]
+        for point in scanned(search, cloth) if own else []:
+            p = search.best.copy()
+            p[own] = point[:, 1]
+            if len(own) == 1:
+                by_brent(search, p, own[0], point[0])
+            else:
+                by_gauss_newton(search, p, p, tau, windows=False)
+    if len(search.y) == 1:
+        search(search.y)
+        return search.verdict()
+    return by_gauss_newton(search, search.best, search.best, tau, windows=False)
 
 
-def by_gauss_newton(
-    search: Search, p: Array, centre: Array, tau: float | None, windows: bool = True
-) -> str:
+def scanned(search: Search, cloth: int) -> Array:
+    """The best points of the scan of a cloth (K, blocks, 3): values between their neighbours on the grid."""
+    start = search.best.copy()
+    return search.journal.recall("scan", lambda: np.array(scan(search.objective, cloth, start)))
+
+
+def by_brent(search: Search, p: Array, place: int, bracket: Array) -> None:
+    """Follow one value of p (P,) down, in its logarithm, between the ends of a bracket."""
+    from scipy.optimize import minimize_scalar
+
+    def cost(log: float) -> float:
+        q = p.copy()
+        q[place] = np.exp(log)
+        return min(search.visit(q), np.finfo(float).max)
+
+    minimize_scalar(cost, bounds=(np.log(bracket[0]), np.log(bracket[2])), method="bounded", options={"xatol": 1e-7})
+
+
+def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, windows: bool = True) -> str:
     """Gauss–Newton from p (P,), in windows of more and more frames where p is far from the target."""
     cost = search.visit(p)
     last = search.objective.steps + 1
+    windows = windows and "spectrum" not in search.objective.weights  # that of a part is another spectrum
     near = not windows or is_near(search, cost)
     lengths = [last] if near else window_lengths(first_window(search.objective), last)
     before, status = (search.best_cost, search.best), "stalled"
@@ -113,10 +139,14 @@ def by_gauss_newton(
         if not np.isfinite(part.cost(y)):
             break
         search.prior = prior
+        if part.operations() > LARGEST:
+            y, status = matrix_free.minimise(part, y, prior, whole)
+            continue
         accepted, most = (part.accepted, MOST) if whole else (None, ITERATIONS)
-        model, prior, status = minimise(part.problem(), y, prior, None, accepted, most)
-        y = model.y
+        y, prior, status = minimise(search, part.problem(), y, prior, accepted, most)
         search.prior = prior
+        if not whole:
+            search.visit(search.parameters(y))
     if before[0] < search.best_cost:
         search.prior = None
         search.settle(before[1], before[0])

@@ -6,6 +6,7 @@ the loop, its budget, an interrupt, a stalled line search, the best point it vis
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -16,6 +17,7 @@ import numpy as np
 from clothfit import auto, threads
 from clothfit import holdout as holdouts
 from clothfit.arrays import Array, Flags
+from clothfit.checkpoint import Checkpoint, identity
 from clothfit.confidence import Confidence, confidence
 from clothfit.descent import METHODS, minimise
 from clothfit.errors import InvalidInput
@@ -28,6 +30,7 @@ from clothfit.fit_vector import (
     identifiable,
     parameters,
 )
+from clothfit.journal import opened
 from clothfit.kinds import LETTERED
 from clothfit.motion import Motion, checked_tolerance, simulate, simulate_cloths
 from clothfit.objective import Objective
@@ -64,6 +67,8 @@ def estimate(
     loss: str = "linear",
     loss_scale: float | None = None,
     prior: float | str = "auto",
+    checkpoint: str | os.PathLike[str] | Checkpoint | None = None,
+    resume: bool = False,
     holdout: float | None = None,
     holdout_of: str = "frames",
     intervals: bool = True,
@@ -82,14 +87,18 @@ def estimate(
     the scene's own targets its `frames` are compared, of one with a scene beside it as many as that scene says. With
     another objective `rmse_tolerance` is the root mean square of what that compares, in its unit.
 
+    The fit keeps in the file `checkpoint` what it needs to go on after it was killed, and with `resume` goes on from
+    there: to the same result, with evaluations and seconds counted from its beginning. Only `budget`, `rmse_tolerance`
+    and `report` may be others then.
+
     `prior` is what is believed before the data (`clothfit.prior`) by the methods "auto" and "gauss-newton": that the
     values of one kind scatter around a fabric's, by as much as the data say ("auto"), or by a given width around the
     start, in log parameters; "none": nothing. `holdout` keeps that fraction of the frames, the last, or with
     `holdout_of` "vertices" of the vertices out of the fit and judges it by them. `intervals`: whether to look at what
     the motion determines (`clothfit.confidence`), which takes as long as a step of Gauss–Newton.
 
-    Raises InvalidInput when nothing is flagged, or an argument or the target does not fit; Diverged when the scene's
-    own motion, needed as target, diverges.
+    Raises InvalidInput when nothing is flagged, or an argument, the target or the checkpoint does not fit; Diverged
+    when the scene's own motion, needed as target, diverges.
     """
     check_method(method)
     holdouts.check(holdout, holdout_of)
@@ -117,21 +126,24 @@ def estimate(
             f"{given[0].motion.name}: shows nothing after the start that can move, within {given[0].scene.frames} "
             "frames, so there is nothing to fit to"
         )
+    tells = {"method": method, "prior": prior, "tolerance": tight, "holdout": holdout, "of": holdout_of, **options}
+    journal = opened(checkpoint, resume, identity(scene, None if hidden else given, start, **tells))
     direct = method in ("auto", "momentum") and hidden and start is None  # these look for a start of their own
     if direct:
         p = np.where(aim.identifiable, fabric(scene), parameters(scene))
     else:
-        p = choose_start(scene, target, start, hidden, **options)
+        p = journal.recall("start", partial(choose_start, scene, target, start, hidden, **options))
     warnings = [*undetermined(scene), *outside_bounds(scene, p)]
     if not direct and not np.isfinite(aim.cost_or_infinity(p)):
         warnings.append("the simulation diverges at the start; the fit starts from the best of a coarse search instead")
-        p = neutral_start(scene, target, scene.frames, [p], **options)[0]
-    search = Search(aim, p, rmse_tolerance, budget, report)
+        coarse = partial(neutral_start, scene, target, scene.frames, [p], **options)
+        p = journal.recall("second start", lambda: coarse()[0])
+    search = Search(aim, p, rmse_tolerance, budget, report, journal)
     first = search.best  # within the bounds
     patterns = None if hidden else [p, *(np.where(lettered(scene), q, p) for q in (fabric(scene), neutral(scene)))]
     others = partial(neutral_start, scene, target, scene.frames, patterns, **options)
     status = run(search, method, p, None if start is not None else others, tau)
-    seconds = search.seconds
+    seconds, warnings = search.seconds, [*warnings, *journal.warnings]
     known = look(search, status, first, warnings) if intervals else None
     found = result(search, status, method, warnings, start is not None, first, known, seconds)
     if kept_out is None or holdout is None or status == "diverged":
@@ -147,9 +159,13 @@ def run(search: Search, method: str, start: Array, others: Callable[[], list[Arr
     except Stop as stop:
         status = stop.status
     except KeyboardInterrupt:
+        search.take_known()
         if not np.isfinite(search.best_cost):
             raise  # there is no result yet
         status = "interrupted"
+    finally:
+        search.journal.write()
+    search.take_known()
     return status if np.isfinite(search.best_cost) else "diverged"
 
 

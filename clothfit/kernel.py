@@ -28,13 +28,14 @@ F = TypeVar("F", bound=Callable[..., object])
 PACKAGE = Path(__file__).resolve().parent
 PREFIX = "kernels-"
 OLD = 24 * 3600.0  # s; younger caches of other sources may be in use by a program that runs now
+TYPES = ("arrays.py", "system.py", "stencil.py")  # files with types and constants that kernels use, but no kernel
 config: Any = numba.config  # numba has no types
 
 
 def sources() -> list[Path]:
     """The files that compiled code depends on: those with kernels, and the constants and types kernels use."""
     files = [path for path in sorted(PACKAGE.rglob("*.py")) if "cli" not in path.relative_to(PACKAGE).parts]
-    return [path for path in files if path.name in ("arrays.py", "system.py") or b"kernel" in path.read_bytes()]
+    return [path for path in files if path.name in TYPES or b"kernel" in path.read_bytes()]
 
 
 def cache_folder() -> Path:

@@ -1,9 +1,10 @@
 """What the masses and stiffnesses of a cloth would be, up to a factor each, if it were cut from one fabric.
 
 A fabric has one density and one stiffness; the front end shares them out by geometry: a vertex' mass is proportional
-to the area of its triangles, a traction spring's stiffness to the area at its edge over its length squared, a
-bending spring's to a quarter of that of the two triangles it spans. Springs and vertices that belong to no triangle get
-the geometric mean of the others. A per-element fit that knows nothing better starts from these proportions.
+to the area of its triangles, a traction spring's stiffness to the area at its edge over its length squared, a bending
+spring's to a quarter of twice that of the second triangle at the edge it bends over (`mesh`). Springs and vertices that
+belong to no triangle get the geometric mean of the others. A per-element fit that knows nothing better starts from
+these proportions.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def spring_areas(cloth: Cloth, area: Array) -> Array:
     first, second = order[pairs], order[pairs + 1]
     across = np.sort(np.stack([opposite[first], opposite[second]], axis=1), axis=1)
     bend_key = across[:, 0].astype(np.int64) * n + across[:, 1]
-    bend_area = BENDING * (shared[first] + shared[second])
+    bend_area = BENDING * 2.0 * shared[second]
     ends = np.sort(cloth.springs, axis=1)
     own = ends[:, 0].astype(np.int64) * n + ends[:, 1]
     traction = summed(key, shared, own)

@@ -47,6 +47,10 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
+DENSE = 6000
+"""Parameters up to which the normal equations are a dense matrix."""
+
+
 class Treatment(NamedTuple):
     """What is done to the target and to the balances against noise."""
 
@@ -250,6 +254,14 @@ def matrix(rows: Balances, system: System) -> tuple[csr_array, Array]:
     return whole[kept], (rows.residual * weight[:, None]).ravel()[kept]
 
 
+def iterated(scaled: csr_array, r: Array) -> Array:
+    """The least-squares solution q (Q,) of scaled q = r by LSMR, for problems too large for a dense matrix."""
+    from scipy.sparse.linalg import lsmr
+
+    q, *_ = lsmr(scaled, r, atol=1e-15, btol=1e-15, conlim=0.0, maxiter=4000)
+    return np.asarray(q)
+
+
 def solve(C: csr_array, r: Array, p: Array, lower: Array, upper: Array) -> Array:
     """The parameters (Q,) within the bounds that make r − C (q − p) least, from p (Q,); C (N, Q).
 
@@ -262,9 +274,12 @@ def solve(C: csr_array, r: Array, p: Array, lower: Array, upper: Array) -> Array
     told = size > 0
     scale = np.where(told, size, 1.0)
     scaled = C @ diags_array(1.0 / scale)
+    low, high = (lower - p) * scale, (upper - p) * scale
+    if len(p) > DENSE:
+        q = iterated(scaled, r)
+        return np.asarray(np.where(told, np.clip(p + q / scale, lower, upper), p))
     H = (scaled.T @ scaled).toarray()
     q = np.zeros(len(p))
-    low, high = (lower - p) * scale, (upper - p) * scale
     for _ in range(3):
         g = -(scaled.T @ (r - scaled @ q))
         q = q + bounded.solve(H, g, low - q, high - q)

@@ -7,7 +7,8 @@ States are kept, matrices are not: they are assembled again, which takes a tenth
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -37,10 +38,19 @@ class Rollout(NamedTuple):
     solves: Indices  # (T, 2), CG iterations and direct solves of each step
 
 
-def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]:
+def rollout(
+    system: System,
+    steps: int,
+    tolerance: float,
+    marks: Sequence[int] = (),
+    enough: Callable[[Array], bool] = lambda x: False,
+) -> tuple[Rollout, int]:
     """Simulate `steps` steps; linear systems are solved to `tolerance`, relative.
 
-    Returns the rollout and how many of its steps are good: fewer than `steps` when the motion diverged.
+    After each number of steps in `marks`, ascending, `enough` is asked with the positions so far, (steps + 1, n, 3),
+    whether to stop.
+
+    Returns the rollout and how many of its steps are good: fewer than `steps` when the motion diverged or was enough.
     """
     n = len(system.x0)
     check_memory(steps + 1, n, system.newton_iterations)
@@ -53,11 +63,14 @@ def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]
     )
     memory.x[0] = system.x0
     work = implicit.workspace(system)
-    for first, last in stretches(steps, n):
-        good = run(system, tolerance, work, memory, first, last)
-        interrupts.check()
-        if good < last:
-            return memory, good
+    for begin, end in pairwise(sorted({0, *(mark for mark in marks if mark < steps), steps})):
+        for first, last in stretches(end - begin, n):
+            good = run(system, tolerance, work, memory, begin + first, begin + last)
+            interrupts.check()
+            if good < begin + last:
+                return memory, good
+        if enough(memory.x[: end + 1]):
+            return memory, end
     return memory, steps
 
 

@@ -1,36 +1,47 @@
 """The global minimum of a fit of few values: a dense scan over the bounds, then a descent from its best points.
 
 One value for a whole cloth has a cost with many minima, above all in wind. Cloths do not touch, so each is scanned
-alone: 400 values between the bounds, equally spaced in the logarithm, for masses or stiffnesses; for both a grid of 28
-by 28. Costs add up over the frames, so a value whose first frames already cost more than the best value's motion is
-out: most of the scan simulates little.
+alone: 400 values between the bounds, equally spaced in the logarithm, for masses or stiffnesses; for both a grid of 20
+by 20. Costs add up over the frames, so a motion whose first frames already cost more than the best whole motion is not
+followed further: most of the scan simulates little. A coarse scan goes first, to find a good one soon.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import product
 
 import numpy as np
 
 from clothfit.arrays import Array
 from clothfit.block import Block
+from clothfit.cost import Comparison
 from clothfit.kinds import LETTERED
 from clothfit.objective import Objective
+from clothfit.rollout import rollout
+from clothfit.system import with_elements
 
-POINTS = {1: 400, 2: 28}
+POINTS = {1: 400, 2: 20}
 """Along each axis, by the number of values."""
 
-SHARES = (0.12, 0.35, 1.0)
-"""Of the frames, after which a value is judged."""
+COARSE = 5
+"""Every so many points along each axis belong to the coarse scan."""
 
-LOOSE = (1e-4, 1e-4, 1e-5)
-"""Tolerances of the linear systems there, relative: as for playing."""
+LOOKS = 12
+"""How often a motion's cost is looked at on its way."""
+
+LOOSE = 1e-4
+"""Tolerance of the linear systems, relative."""
 
 KEPT = 4
 """Local minima of the scan that are followed down."""
 
+CLOSE = 1.1
+"""… if their cost is within this factor of the lowest."""
+
 Point = tuple[int, ...]
+Bracket = tuple[float, float, float]
 
 
 def scannable(objective: Objective, cloth: int) -> list[Block]:
@@ -40,45 +51,70 @@ def scannable(objective: Objective, cloth: int) -> list[Block]:
     return own if own and all(block.mode == "G" and fitted[block.start] for block in own) else []
 
 
-def scan(objective: Objective, cloth: int, p: Array) -> list[Array]:
-    """The best points (P,) of a scan over the values of one cloth, best first, the others as in p (P,)."""
+def scan(objective: Objective, cloth: int, p: Array) -> list[list[Bracket]]:
+    """The best points of a scan over the values of one cloth, best first, the others as in p (P,): for each of its
+    blocks the value between those on the grid.
+    """
     own = scannable(objective, cloth)
-    axes = [np.geomspace(b.kind.lower, b.kind.upper, POINTS.get(len(own), 12)) for b in own]
-
-    def at(point: Point) -> Array:
+    axes = [np.geomspace(b.kind.lower, b.kind.upper, POINTS[len(own)]) for b in own]
+    course = Course(objective, cloth)
+    costs: dict[Point, float] = {}
+    best = np.inf
+    for point in coarse_first([len(axis) for axis in axes]):
         q = p.copy()
-        for block, axis, i in zip(own, axes, point, strict=True):
-            q[block.start] = axis[i]
-        return q
-
-    adds = "spectrum" not in objective.weights  # a spectrum's cost is not a sum over frames
-    kept = list(zip(SHARES, LOOSE, strict=True))[0 if adds else -1 :]
-    stages = [objective.until(max(2, round(share * objective.steps)) + 1, loose) for share, loose in kept]
-    costs = pruned(stages, cloth, at, list(product(*(range(len(axis)) for axis in axes))))
-    lowest = sorted((c, point) for point, c in costs.items() if np.isfinite(c) and is_minimum(costs, point, c))
-    return [at(point) for _, point in lowest[:KEPT]]
+        q[[block.start for block in own]] = [axis[i] for axis, i in zip(axes, point, strict=True)]
+        costs[point] = course.cost(q, best)
+        best = min(best, costs[point])
+    lowest = sorted((cost, point) for point, cost in costs.items() if np.isfinite(cost) and is_minimum(costs, point))
+    kept = [point for cost, point in lowest[:KEPT] if cost <= CLOSE * best]
+    return [[brackets(axis, i) for axis, i in zip(axes, point, strict=True)] for point in kept]
 
 
-def pruned(
-    stages: Sequence[Objective], cloth: int, at: Callable[[Point], Array], points: list[Point]
-) -> dict[Point, float]:
-    """The full costs of the points that are not out before, by stages of more and more frames."""
-    known = {point: stages[0].cost_or_infinity(at(point), cloth) for point in points}
-    order = sorted((point for point in points if np.isfinite(known[point])), key=lambda point: known[point])
-    full, best = {}, np.inf
-    for point in order:
-        cost = known[point]
-        for stage in stages[1:]:
-            if cost > best:
-                cost = np.inf
-                break
-            cost = stage.cost_or_infinity(at(point), cloth)
-        full[point] = cost
-        best = min(best, cost)
-    return full
+def brackets(axis: Array, i: int) -> Bracket:
+    """A value of an axis between its neighbours."""
+    return float(axis[max(i - 1, 0)]), float(axis[i]), float(axis[min(i + 1, len(axis) - 1)])
 
 
-def is_minimum(costs: dict[Point, float], point: Point, cost: float) -> bool:
+def coarse_first(lengths: Sequence[int]) -> list[Point]:
+    """All points of a grid, those of a coarser one first."""
+    points = list(product(*map(range, lengths)))
+    return sorted(points, key=lambda point: any(i % COARSE for i in point))
+
+
+class Course:
+    """The cost of one cloth of an objective on its way through the frames."""
+
+    def __init__(self, objective: Objective, cloth: int) -> None:
+        adds = "spectrum" not in objective.weights  # a spectrum's cost is not a sum over frames
+        ends = {round(objective.steps * (i + 1) / LOOKS) for i in range(LOOKS)} if adds else set()
+        parts = [objective.until(end + 1) for end in sorted(ends | {objective.steps})]
+        self.objective = objective
+        self.legs = [
+            (run, {part.runs[i].comparison.last_step: part.runs[i].comparison for part in parts})
+            for i, run in enumerate(objective.runs)
+            if run.cloth == cloth
+        ]
+
+    def cost(self, p: Array, most: float) -> float:
+        """The cost at p (P,); infinite where it is above `most` before the end, or the simulation diverges."""
+        total = 0.0
+        for run, shorter in self.legs:
+            system = with_elements(run.system, self.objective.elements(run, p))
+            enough = partial(costs_more, shorter, most - total)
+            steps = run.comparison.last_step
+            memory, good = rollout(system, steps, LOOSE, sorted(shorter), enough)
+            if good < steps:
+                return np.inf
+            total += run.comparison.cost(memory.x)
+        return total
+
+
+def costs_more(comparisons: Mapping[int, Comparison], most: float, x: Array) -> bool:
+    """Whether positions x (T + 1, n, 3) cost more than `most` in the comparison of so many steps."""
+    return len(x) - 1 in comparisons and comparisons[len(x) - 1].cost(x) > most
+
+
+def is_minimum(costs: dict[Point, float], point: Point) -> bool:
     """Whether no neighbour on the grid costs less."""
     around = product(*((i - 1, i, i + 1) for i in point))
-    return all(costs.get(other, np.inf) >= cost for other in around)
+    return all(costs.get(other, np.inf) >= costs[point] for other in around)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,7 @@ from clothfit.arrays import Array
 from clothfit.coordinates import Coordinates
 from clothfit.errors import Diverged
 from clothfit.fit_vector import at_lower, at_upper, bounds
+from clothfit.journal import Journal
 from clothfit.objective import Objective
 
 if TYPE_CHECKING:
@@ -74,8 +76,12 @@ class Search:
         rmse_tolerance: float,
         budget: int,
         report: Callable[[Progress], None] | None = None,
+        journal: Journal | None = None,
     ) -> None:
-        """`start` (P,): values of all parameters; those that cannot be identified keep them."""
+        """`start` (P,): values of all parameters; those that cannot be identified keep them.
+
+        The `journal` answers what it knows, keeps the rest, and is told how far the search is.
+        """
         self.objective = objective
         self.fitted = objective.identifiable
         self.best = np.array(start, float)
@@ -87,7 +93,9 @@ class Search:
         self.rmse_tolerance = rmse_tolerance
         self.budget = budget
         self.report = report
-        self.began = time.perf_counter()
+        self.journal = journal or Journal()
+        self.journal.standing = self
+        self.began = time.perf_counter() - self.journal.known.seconds
         self.history: list[float] = []  # best cost after each evaluation
         self.scale = self.coordinates.weight[self.fitted]
         self.unit = 0.0
@@ -126,10 +134,8 @@ class Search:
         if self.evaluations >= self.budget:
             raise Stop("limit")
         p = self.parameters(y)
-        try:
-            cost, gradient = self.objective.cost_and_gradient(p)
-        except Diverged:
-            cost, gradient = np.inf, np.zeros(len(p))
+        answer = self.journal.recall("gradient", partial(self._cost_and_gradient, p), p)
+        cost, gradient = float(answer[0]), answer[1:]
         usable = bool(np.isfinite(cost) and np.isfinite(gradient).all())
         if usable:
             self._remember(p, cost, gradient)
@@ -153,13 +159,16 @@ class Search:
     def measure(self, p: Array, objective: Objective | None = None) -> float:
         """The cost at parameters (P,), of another objective where one is given; it counts, but is not remembered."""
         self.spend()
-        return (objective or self.objective).cost_or_infinity(p)
+        goal = objective or self.objective
+        name = f"cost of {goal.steps} steps"
+        return float(self.journal.recall(name, lambda: np.array(goal.cost_or_infinity(p)), p))
 
     def spend(self) -> None:
         """Count an evaluation. Raises Stop when the budget is spent."""
         if self.evaluations >= self.budget:
             raise Stop("limit")
         self.history.append(self.best_cost)
+        self._tell()
 
     def settle(self, p: Array, cost: float) -> None:
         """Make parameters (P,) of that cost the best point. Raises Stop when the error is small enough."""
@@ -171,6 +180,31 @@ class Search:
     def cost(self, y: Array) -> float:
         """Scaled cost alone, for methods without a gradient."""
         return self(y)[0]
+
+    def standing(self) -> Array:
+        """How the search stands, as numbers (3 + 2 P + evaluations,)."""
+        return np.array([self.best_cost, self.unit, self.worst, *self.best, *self.best_gradient, *self.history])
+
+    def stand(self, standing: Array) -> None:
+        """Stand as the search did that gave these numbers. Raises Stop when the error is small enough."""
+        count = len(self.best)
+        self.unit, self.worst = float(standing[1]), float(standing[2])
+        self.best_gradient, self.history = standing[3 + count : 3 + 2 * count], standing[3 + 2 * count :].tolist()
+        self.settle(standing[3 : 3 + count], float(standing[0]))
+
+    def take_known(self) -> None:
+        """Make the best point that the journal knows the best one, where the way did not lead there again."""
+        known = self.journal.known.best
+        if len(known) and known[0] < self.best_cost:
+            self.best, self.best_cost = known[1:], float(known[0])
+
+    def _cost_and_gradient(self, p: Array) -> Array:
+        """Cost and gradient in one array (1 + P,); infinite and 0 where the simulation diverges."""
+        try:
+            cost, gradient = self.objective.cost_and_gradient(p)
+        except Diverged:
+            cost, gradient = np.inf, np.zeros(len(p))
+        return np.array([cost, *gradient])
 
     def _remember(self, p: Array, cost: float, gradient: Array) -> None:
         self.unit = self.unit or max(cost, np.finfo(float).tiny)
@@ -184,7 +218,7 @@ class Search:
         return float(height * (1.0 + away @ away)), 2.0 * height * away
 
     def _tell(self) -> None:
-        if self.report and np.isfinite(self.best_cost):
+        if self.report and np.isfinite(self.best_cost) and not self.journal.repeating:
             rmse = self.objective.rmse(self.best_cost)
             self.report(Progress(self.evaluations, self.budget, self.best_cost, rmse, self.seconds))
 

@@ -49,7 +49,9 @@ def test_the_cache_depends_on_every_file_that_kernels_use():
     kernels = {path for path in sources if "@kernel" in path.read_text("utf-8")}
     used = set().union(*map(imports, kernels))
     # What is not compiled along: what serves the Python side.
-    python_only = {kernel.PACKAGE / f"{name}.py" for name in ("scene", "errors", "motion", "interrupts")}
+    fit = ["kinds", "block", "fit_vector", "columns", "objective", "bounded"]
+    names = ["scene", "errors", "motion", "interrupts", *fit]
+    python_only = {kernel.PACKAGE / f"{name}.py" for name in names}
     assert used - python_only <= sources
     assert len(kernels) > 10
 

@@ -49,6 +49,8 @@ EXIT_CODES = {"converged": 0, "stalled": 5, "limit": 5, "interrupted": 130}
 @click.option("--max-evaluations", type=int, default=1000, metavar="N", help="Of cost and gradient.  [default: 1000]")
 @click.option("--rmse", type=float, default=1e-8, metavar="METRES", help="Good enough: stop there.  [default: 1e-8]")
 @click.option("--tolerance", type=float, metavar="T", help="Of the linear solver.  [default: 1e-10]")
+@click.option("--checkpoint", metavar="FILE", help="Keep there how far the fit is.  [default: <output>.checkpoint]")
+@click.option("--resume", is_flag=True, help="Go on from the checkpoint of a fit that was ended early.")
 @click.option(
     "--prior",
     default="auto",
@@ -73,6 +75,8 @@ def command(
     max_evaluations: int,
     rmse: float,
     tolerance: float | None,
+    checkpoint: str | None,
+    resume: bool,
     prior: str,
     holdout: float | None,
     holdout_of: str,
@@ -102,9 +106,11 @@ def command(
     scene = shared.read_scene(scene_path, console)
     out = output(scene_path, path, in_place, inputs)
     from clothfit import fit
+    from clothfit.cli import checkpoints
     from clothfit.fit_vector import blocks
 
     fit.check_method(method)
+    kept = checkpoints.chosen(checkpoint, resume, out, (scene_path, *inputs), console)
     targets = [read_target(pair, scene, console) for pair in pairs]
     first = read_start(start, console)
     flagged = ", ".join(f"{owned(b.cloth, b.name)} ({b.mode})" for b in blocks(scene))
@@ -123,13 +129,17 @@ def command(
             objective=weights(objectives),
             loss=loss,
             loss_scale=loss_scale,
+            checkpoint=kept,
+            resume=resume,
             prior=prior,
             holdout=holdout,
             holdout_of=holdout_of,
             intervals=not no_intervals,
         )
     with shared.uninterrupted():
-        return finish(scene, found, out, console, as_json)
+        code = finish(scene, found, out, console, as_json)
+        checkpoints.closed(kept, checkpoint is not None, found.status, in_place, console)
+        return code
 
 
 def check_values(max_evaluations: int, rmse: float, path: str | None, in_place: bool, scene_path: str) -> None:

@@ -105,7 +105,7 @@ def output(
             raise InvalidInput("a motion is not text, so it is not written to a terminal; name a file with -o")
         return Output(path)
     for other in (scene_path, *inputs):
-        if other not in (None, STREAM) and not overwrite and _same_file(path, str(other)):
+        if other not in (None, STREAM) and not overwrite and same_file(path, str(other)):
             raise InvalidInput(
                 f"cannot write {path}: it is an input, which is never written over; name another with -o"
             )
@@ -113,7 +113,8 @@ def output(
     return Output(path)
 
 
-def _same_file(a: str, b: str) -> bool:
+def same_file(a: str, b: str) -> bool:
+    """Whether two paths lead to one file, or would."""
     try:
         return os.path.samefile(a, b)
     except OSError:

@@ -1,0 +1,60 @@
+"""Where `estimate` keeps its checkpoint: in the file that is asked for, else beside the output of a long fit."""
+
+from __future__ import annotations
+
+import os
+
+from clothfit.checkpoint import Checkpoint
+from clothfit.cli import shared
+from clothfit.cli.console import Console
+from clothfit.errors import InvalidInput
+
+SUFFIX = ".checkpoint"
+
+LONG = 60.0  # s: a fit that nobody asked to be kept is, once it has lasted that long
+
+ENDED = ("converged", "stalled")
+"""Statuses after which there is nothing to go on with."""
+
+
+def chosen(
+    path: str | None, resume: bool, out: shared.Output, inputs: tuple[str | None, ...], console: Console
+) -> Checkpoint | None:
+    """The checkpoint of a fit with that --checkpoint and output; none where there is no place for one.
+
+    Raises InvalidInput when what is asked for cannot be.
+    """
+    if path is not None:
+        for other in (*inputs, out.path):
+            if path == shared.STREAM or (other not in (None, shared.STREAM) and shared.same_file(path, str(other))):
+                raise InvalidInput(f"--checkpoint: {path}: must be a file of its own, not an input or the output")
+        return Checkpoint(path)
+    regular = not out.is_stream and (os.path.isfile(out.path) or not os.path.exists(out.path))
+    if not regular:
+        if resume:
+            raise InvalidInput("--resume: the output is no file, so none is kept beside it; name one with --checkpoint")
+        return None
+    beside = Checkpoint(out.path + SUFFIX, LONG)
+    try:
+        beside.check()
+    except InvalidInput as error:
+        if resume:
+            raise
+        console.warn(f"no checkpoint is kept: {error}")
+        return None
+    return beside
+
+
+def closed(kept: Checkpoint | None, asked: bool, status: str, in_place: bool, console: Console) -> None:
+    """Take away a checkpoint that nobody asked for and that is of no more use; tell how to go on from another.
+
+    A fit cannot go on that has written its result over its own scene (`in_place`).
+    """
+    if kept is None or not kept.written:
+        return
+    useful = status not in ENDED and not in_place
+    if not useful and not asked:
+        kept.remove()
+    elif useful:
+        more = " and more --max-evaluations" if status == "limit" else ""
+        console.say(f"to go on, repeat the command with --resume{more}: {os.fspath(kept.path)}")

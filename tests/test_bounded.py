@@ -1,0 +1,138 @@
+"""Least squares with bounds and a ball, against SciPy's and against what a minimum must satisfy."""
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from clothfit import bounded
+
+SIZES = [1, 2, 7, 40]
+
+
+def problem(size, seed, rows=None):
+    """A random J and r, as H, g, and bounds that hold some of the solution."""
+    rng = np.random.default_rng(seed)
+    J, r = rng.normal(size=(rows or 3 * size, size)), rng.normal(size=rows or 3 * size)
+    lower, upper = -0.1 * rng.uniform(size=size), 0.1 * rng.uniform(size=size)
+    return J, r, lower, upper
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("size", SIZES)
+def test_it_is_the_bounded_least_squares_solution(size, seed):
+    J, r, lower, upper = problem(size, seed)
+    found = bounded.solve(J.T @ J, J.T @ r, lower, upper)
+    expected = lsq_linear(J, -r, (lower, upper), method="bvls", tol=1e-14).x
+    np.testing.assert_allclose(found, expected, atol=1e-12)  # a condition of H below 100
+    assert ((found >= lower) & (found <= upper)).all()
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_without_bounds_it_is_the_solution(size):
+    J, r, *_ = problem(size, 3)
+    found = bounded.solve(J.T @ J, J.T @ r, np.full(size, -np.inf), np.full(size, np.inf))
+    np.testing.assert_allclose(found, -np.linalg.lstsq(J, r)[0], rtol=1e-10, atol=1e-13)
+
+
+def coupled(size, condition, seed):
+    """H of this condition, as neighbouring springs have, a g whose solution lies far outside, and bounds."""
+    rng = np.random.default_rng(seed)
+    Q, _ = np.linalg.qr(rng.normal(size=(size, size)))
+    H = Q @ np.diag(np.geomspace(1.0 / condition, 1.0, size)) @ Q.T
+    return (H + H.T) / 2, rng.normal(size=size) * 1e-3, -rng.uniform(size=size), rng.uniform(size=size)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("size", [30, 100])
+def test_strongly_coupled_coordinates_meet_the_conditions_of_a_minimum(size, seed):
+    H, g, lower, upper = coupled(size, 1e6, seed)
+    delta = bounded.solve(H, g, lower, upper)
+    slope = H @ delta + g
+    low, high = delta <= lower, delta >= upper
+    assert (low | high).sum() > size // 4
+    assert np.abs(slope[~low & ~high]).max() < 1e-14  # rounding of sums of numbers below 1
+    assert (slope[low] >= 0).all()
+    assert (slope[high] <= 0).all()
+
+
+@pytest.mark.parametrize("radius", [np.inf, 3.0])
+def test_even_cut_short_it_goes_down(radius, monkeypatch):
+    H, g, lower, upper = coupled(60, 1e12, 1)
+    values = []
+    for steps in (1, 2, 5, 20, 100):
+        monkeypatch.setattr(bounded, "STEPS", steps)
+        delta = bounded.solve(H, g, lower, upper, radius)
+        assert ((delta >= lower) & (delta <= upper)).all()
+        values.append(delta @ H @ delta + 2 * g @ delta)
+    assert values[0] < 0
+    assert (np.diff(values) <= 0).all()
+
+
+def test_where_0_is_not_within_the_bounds():
+    H, g = np.diag([1.0, 2.0, 1.0]), np.array([-3.0, 0.0, 0.0])
+    found = bounded.solve(H, g, np.array([1.0, 1.0, -5.0]), np.array([2.0, 4.0, -1.0]))
+    assert found.tolist() == [2.0, 1.0, -1.0]
+
+
+def test_what_the_matrix_does_not_determine_stays_0():
+    J, r, *_ = problem(6, 1, rows=4)
+    wide = np.full(6, 1e3)
+    found = bounded.solve(J.T @ J, J.T @ r, -wide, wide)
+    np.testing.assert_allclose(found, -np.linalg.pinv(J) @ r, rtol=1e-9)  # the condition squared, 1e2 … 1e4
+
+
+def test_a_direction_of_no_weight_at_all_stays_0():
+    H, g = np.diag([2.0, 0.0, 1.0]), np.array([2.0, 0.0, -3.0])
+    wide = np.full(3, 10.0)
+    np.testing.assert_allclose(bounded.solve(H, g, -wide, wide), [-1.0, 0.0, 3.0], rtol=1e-14)
+    np.testing.assert_array_equal(bounded.solve(0 * H, 0 * g, -wide, wide), 0.0)
+
+
+@pytest.mark.parametrize("singular", [False, True])
+@pytest.mark.parametrize("radius", [1e-6, 0.01, 0.1])
+def test_the_radius_is_kept_and_used(singular, radius):
+    J, r, *_ = problem(8, 2, rows=5 if singular else 24)
+    H, g, wide = J.T @ J, J.T @ r, np.full(8, np.inf)
+    whole = bounded.solve(H, g, -wide, wide)
+    assert np.linalg.norm(whole) > radius
+    delta = bounded.solve(H, g, -wide, wide, radius)
+    assert 0.98 * radius < np.linalg.norm(delta) <= 1.0101 * radius  # "to 1 %"
+    # the minimum on a sphere: the slope points inwards, along δ
+    slope = H @ delta + g
+    shift = -(slope @ delta) / (delta @ delta)
+    assert shift > 0
+    # eigenvalues below 1e-13 of the largest are left out; the rest is rounding
+    np.testing.assert_allclose(slope, -shift * delta, atol=1e-9 * np.abs(g).max())
+
+
+def test_a_ball_that_holds_the_solution_changes_nothing():
+    J, r, lower, upper = problem(7, 4)
+    one, other = (bounded.solve(J.T @ J, J.T @ r, lower, upper, radius) for radius in (np.inf, 100.0))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_bounds_cut_the_ball():
+    H, g = np.eye(2), np.array([-10.0, -10.0])
+    delta = bounded.solve(H, g, np.array([-1.0, -1.0]), np.array([0.1, 5.0]), 1.0)
+    assert delta[0] == 0.1
+    assert 0.1 < delta[1] <= 1.0101  # "to 1 %"
+
+
+def test_one_point_and_no_coordinates():
+    J, r, *_ = problem(4, 6)
+    point = np.zeros(4)
+    np.testing.assert_array_equal(bounded.solve(J.T @ J, J.T @ r, point, point), 0.0)
+    none = np.zeros(0)
+    assert bounded.solve(np.zeros((0, 0)), none, none, none).shape == (0,)
+
+
+def test_the_factor_is_that_of_the_matrix():
+    J, r, *_ = problem(6, 7)
+    H = J.T @ J
+    L = bounded.cholesky(H)
+    np.testing.assert_allclose(L @ L.T, H, atol=1e-13 * np.abs(H).max())  # rounding
+    np.testing.assert_allclose(H @ bounded.substitute(L, J.T @ r), J.T @ r, rtol=1e-10)
+    shifted = bounded.shifted(H, 0.5)
+    np.testing.assert_allclose(shifted @ shifted.T, H + 0.5 * np.eye(6), atol=1e-13 * np.abs(H).max())
+    assert bounded.cholesky(np.diag([1.0, -1.0])) is None
+    assert bounded.cholesky(np.diag([1.0, 1e-14])) is None

@@ -1,0 +1,207 @@
+"""Gauss–Newton in a trust region on problems whose minimum is known."""
+
+import numpy as np
+import pytest
+
+from clothfit.gauss_newton import LEFT, SMALLEST, Model, Problem, Quadratic, State, descend, minimise
+from clothfit.prior import first, none
+
+WIDE = np.full(2, 1e3)
+
+
+class Synthetic:
+    """Residuals r(y) with derivative J(y), and every point that is asked for."""
+
+    def __init__(self, residual, jacobian, lower=-WIDE, upper=WIDE, diverges=lambda y: False):
+        self.residual, self.jacobian = residual, jacobian
+        self.lower, self.upper, self.diverges = lower, upper, diverges
+        self.models, self.trials = [], []
+
+    def model(self, y):
+        self.models.append(y)
+        r, J = self.residual(y), self.jacobian(y)
+        return Model(y, float(r @ r), J.T @ J, J.T @ r)
+
+    def cost(self, y):
+        self.trials.append(y)
+        if self.diverges(y):
+            return np.inf
+        return float((self.residual(y) ** 2).sum())
+
+    @property
+    def problem(self):
+        count = len(self.residual(np.zeros(len(self.lower))))
+        return Problem(self.model, self.cost, self.lower, self.upper, count)
+
+
+def rosenbrock(**options):
+    """Zero at (1, 1), at the end of a bent valley."""
+    return Synthetic(
+        lambda y: np.array([10 * (y[1] - y[0] ** 2), 1 - y[0]]),
+        lambda y: np.array([[-20 * y[0], 10.0], [-1.0, 0.0]]),
+        **options,
+    )
+
+
+def decay(noise=0.0, **options):
+    """Two rates of a sum of exponentials, seen at 40 times: residuals remain where there is noise."""
+    t = np.linspace(0, 3, 40)
+    truth = np.array([0.2, -0.4])
+    goal = sum(np.exp(-np.exp(k) * t) for k in truth) + noise * np.random.default_rng(3).normal(size=40)
+    made = Synthetic(
+        lambda y: sum(np.exp(-np.exp(np.minimum(k, 50.0)) * t) for k in y) - goal,
+        lambda y: np.stack([-np.exp(k) * t * np.exp(-np.exp(k) * t) for k in y], axis=1),
+        **options,
+    )
+    return made, truth
+
+
+def run(made, y, prior=None, **options):
+    return minimise(made.problem, np.array(y, float), prior or none(len(y)), **options)
+
+
+@pytest.mark.parametrize("start", [(-1.2, 1.0), (5.0, -5.0), (0.0, 0.0)])
+def test_a_bent_valley_is_followed_to_its_end(start):
+    made = rosenbrock()
+    model, _, status = run(made, start)
+    assert status == "converged"
+    # It ends when the rest would save a hundredth of the variance of a residual, here a share of what is left itself:
+    # close to the minimum, where each step squares the error.
+    np.testing.assert_allclose(model.y, 1.0, atol=1e-6)
+    assert len(made.models) < 40
+
+
+def test_with_noise_it_ends_within_a_tenth_of_a_standard_error():
+    made, _ = decay(0.01)
+    model, _, status = run(made, [1.5, -1.0])
+    assert status == "converged"
+    step = -np.linalg.solve(model.H, model.g)
+    sigma2 = model.cost / (40 - 2)
+    assert step @ model.H @ step <= LEFT * sigma2 * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("start", [(3.0, -3.0), (-4.0, 2.5)])
+def test_the_truth_is_found_from_far_away(start):
+    made, truth = decay()
+    model, _, status = run(made, start)
+    assert status == "converged"
+    np.testing.assert_allclose(np.sort(model.y), np.sort(truth), atol=1e-6)  # an exact fit, by steps that square it
+
+
+def test_the_cost_goes_down_at_every_iteration():
+    made, costs = rosenbrock(), []
+    run(made, (-1.2, 1.0), accepted=lambda state, model: costs.append(model.cost))
+    assert len(costs) > 2
+    assert (np.diff([float((made.residual(np.array([-1.2, 1.0])) ** 2).sum()), *costs]) < 0).all()
+
+
+@pytest.mark.parametrize(("lower", "upper"), [((-2.0, -2.0), (0.5, 2.0)), ((1.3, -2.0), (2.0, 3.0))])
+def test_a_minimum_at_a_bound_is_found(lower, upper):
+    made = rosenbrock(lower=np.array(lower), upper=np.array(upper))
+    model, _, status = run(made, np.clip((-1.2, 1.8), lower, upper))
+    assert status == "converged"
+    low, high = model.y <= made.lower, model.y >= made.upper
+    assert (low | high).sum() == 1
+    assert np.abs(model.g[~low & ~high]).max() < 1e-3  # against slopes of 10 … 100
+    assert (model.g[low] >= 0).all()
+    assert (model.g[high] <= 0).all()
+    for y in (*made.models, *made.trials):
+        assert ((y >= made.lower) & (y <= made.upper)).all()
+
+
+def test_where_the_simulation_diverges_it_steps_back():
+    made, truth = decay(diverges=lambda y: y.max() > 1.6)
+    model, _, status = run(made, [1.5, -3.0])
+    assert status == "converged"
+    assert any(made.diverges(y) for y in made.trials)
+    np.testing.assert_allclose(np.sort(model.y), np.sort(truth), atol=1e-6)  # as above
+
+
+def test_no_step_leaves_the_trust_region():
+    # From far out the first trial is at most the first radius away: a factor e in root mean square.
+    made, _ = decay()
+    start = np.array([3.0, -3.0])
+    run(made, start)
+    assert np.linalg.norm(made.trials[0] - start) <= 1.0101 * np.sqrt(2)
+
+
+def test_a_point_that_nothing_improves_is_a_stall():
+    # The derivative says down, the cost says up, everywhere: a wrong model.
+    made = Synthetic(lambda y: 1.0 + np.abs(y), lambda y: np.eye(2), lower=-WIDE, upper=WIDE)
+    model, _, status = run(made, [0.0, 0.0])
+    assert status == "stalled"
+    assert (model.y == 0.0).all()
+
+
+def test_the_iterations_are_a_limit():
+    made = rosenbrock()
+    model, _, status = run(made, (-1.2, 1.0), iterations=2)
+    assert status == "limit"
+    assert len(made.models) == 3
+    np.testing.assert_array_equal(model.y, made.models[-1])
+
+
+@pytest.mark.parametrize("kept", [0, 2, 4])
+def test_resumed_it_goes_the_same_way(kept):
+    prior = first(np.zeros(2), [np.arange(2)], None)
+    states = []
+    whole, one = decay(0.01)[0], decay(0.01)[0]
+    expected = run(whole, [3.0, -3.0], prior, accepted=lambda state, model: states.append(state))
+    assert len(states) > kept
+    assert [state.iteration for state in states] == list(range(1, len(states) + 1))
+    found = run(one, [99.0, 99.0], prior, state=states[kept])
+    np.testing.assert_array_equal(found[0].y, expected[0].y)
+    assert (found[1].tau, found[2]) == (expected[1].tau, expected[2])
+    for a, b in zip(one.models, whole.models[kept + 1 :], strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_tight_prior_holds_the_start():
+    made, truth = decay(0.01)
+    start = np.array([0.5, -0.1])
+    model, prior, _ = run(made, start, first(start, [np.arange(2)], 1e-4))
+    assert prior.tau == (1e-4,)
+    assert np.abs(model.y - start).max() < 1e-3 < np.abs(truth - start).min()
+
+
+def test_nothing_to_fit_is_converged():
+    made = Synthetic(lambda y: np.ones(3), lambda y: np.zeros((3, 0)), np.zeros(0), np.zeros(0))
+    model, _, status = run(made, [])
+    assert (status, model.cost) == ("converged", 3.0)
+
+
+# --- one descent
+
+
+def bowl(y=(0.0, 0.0), H=((2.0, 0.0), (0.0, 2.0)), g=(-2.0, 0.0), bound=10.0):
+    H, g, y = np.array(H), np.array(g), np.array(y)
+    return Quadratic(y, H, g, np.full(2, -bound), np.full(2, bound), -np.linalg.solve(H, g))
+
+
+def test_a_model_that_is_right_is_followed_beyond_the_radius():
+    model = bowl()
+    cost = lambda y: float(2 * model.g @ y + y @ model.H @ y)  # noqa: E731
+    step, radius, good = descend(cost, 0.0, model, 0.3)
+    assert good
+    assert step @ step > 0.3**2
+    assert radius > 0.3
+
+
+def test_a_model_that_promises_too_much_shrinks_the_radius():
+    model = bowl()
+    cost = lambda y: 0.1 * float(2 * model.g @ y + y @ model.H @ y)  # noqa: E731
+    step, radius, good = descend(cost, 0.0, model, 0.5)
+    assert good
+    assert np.linalg.norm(step) <= 0.5 * 1.01
+    assert radius == 0.25
+
+
+def test_without_descent_the_radius_ends_and_nothing_moves():
+    step, radius, good = descend(lambda y: 1.0 + float(y @ y), 1.0, bowl(), 1.0)
+    assert not good
+    assert not step.any()
+    assert radius <= SMALLEST * np.sqrt(2)
+
+
+def test_the_state_is_all_that_is_kept():
+    assert State.__dataclass_fields__.keys() == {"y", "radius", "tau", "iteration"}

@@ -1,0 +1,163 @@
+"""The belief about how values scatter: its penalty, and the width that it learns."""
+
+import numpy as np
+import pytest
+
+from clothfit.prior import FIRST, NARROWEST, WIDEST, first, inverse, none, variance
+
+
+def linear(size, tau, noise, rows=None, seed=0):
+    """A linear problem r = b − J y whose truth scatters by tau around a common value: H, g, cost at y, truth."""
+    rng = np.random.default_rng(seed)
+    rows = rows or 4 * size
+    truth = 0.7 + tau * rng.normal(size=size)
+    J = rng.normal(size=(rows, size))
+    b = J @ truth + noise * rng.normal(size=rows)
+
+    def model(y):
+        r = J @ y - b
+        return J.T @ J, J.T @ r, y, float(r @ r), rows
+
+    return model, truth
+
+
+def converged(prior, model, y):
+    """Gauss–Newton with the prior of a linear problem, until nothing changes."""
+    for _ in range(30):
+        learned, sigma2 = prior.learned(*model(y))
+        prior = prior.between(learned)
+        H, g, *_ = model(y)
+        A = prior.matrix(sigma2)
+        y = y - np.linalg.solve(H + A, g + A @ (y - prior.centre))
+    return prior, sigma2, y
+
+
+@pytest.mark.parametrize("noise", [0.01, 1.0])
+@pytest.mark.parametrize("tau", [0.02, 0.1, 0.5])
+def test_the_width_is_learned_from_the_data(tau, noise):
+    size = 150
+    model, truth = linear(size, tau, noise)
+    prior = first(np.zeros(size), [np.arange(size)], None)
+    assert prior.tau == (FIRST,)
+    prior, sigma2, y = converged(prior, model, np.zeros(size))
+    # A scatter of 150 values is known to 1 / sqrt(300) = 6 %; where noise hides half of them, to twice that; 3 sigma.
+    assert prior.tau[0] == pytest.approx(np.std(truth), rel=0.4)
+    assert sigma2 == pytest.approx(noise**2, rel=0.25)  # of 600 − 150 residuals: sqrt(2 / 450) = 7 %; 3 sigma
+    assert np.std(y - truth) < 1.1 * noise / np.sqrt(3 * size)  # what least squares alone leaves: noise / sqrt(rows)
+
+
+def test_with_noise_it_is_nearer_to_the_truth_than_least_squares():
+    size, tau, noise = 100, 0.05, 2.0
+    model, truth = linear(size, tau, noise, rows=120)
+    H, g, *_ = model(np.zeros(size))
+    _, _, y = converged(first(np.zeros(size), [np.arange(size)], None), model, np.zeros(size))
+    alone = -np.linalg.solve(H, g)
+    # Without the prior errors are noise / sqrt(20) = 0.4 and more; with it not much above τ.
+    assert np.std(alone - truth) > 0.3
+    assert np.std(y - truth) < 2 * tau
+
+
+def test_groups_have_widths_of_their_own():
+    rng = np.random.default_rng(4)
+    groups = [np.arange(0, 160, 2), np.arange(1, 160, 2)]
+    truth = np.where(np.arange(160) % 2 == 0, 0.03, 0.6) * rng.normal(size=160)
+    J = rng.normal(size=(640, 160))
+    b = J @ truth + 0.05 * rng.normal(size=640)
+
+    def model(y):
+        return J.T @ J, J.T @ (J @ y - b), y, ((J @ y - b) ** 2).sum(), 640
+
+    prior, *_ = converged(first(np.zeros(160), groups, None), model, np.zeros(160))
+    # 80 values each: 8 %; 3 sigma
+    assert prior.tau[0] == pytest.approx(np.std(truth[groups[0]]), rel=0.25)
+    assert prior.tau[1] == pytest.approx(np.std(truth[groups[1]]), rel=0.25)
+
+
+def test_a_common_factor_is_free_where_the_width_is_learned():
+    prior = first(np.zeros(5), [np.arange(1, 5)], None)
+    assert prior.value(np.full(5, 3.0), 1.0) < 1e-28  # rounding
+    np.testing.assert_allclose(prior.matrix(2.0) @ np.ones(5), 0.0, atol=1e-14)  # rounding
+
+
+def test_a_given_width_is_kept_and_holds_the_mean_as_well():
+    model, _ = linear(20, 0.5, 0.1)
+    prior = first(np.zeros(20), [np.arange(20)], 0.25)
+    learned, sigma2 = prior.learned(*model(np.zeros(20)))
+    assert learned.tau == (0.25,)
+    assert sigma2 > 0
+    assert prior.value(np.full(20, 3.0), 1.0) == pytest.approx(20 * 9 / 0.25**2, rel=1e-14)
+    np.testing.assert_allclose(prior.matrix(2.0), 2.0 / 0.25**2 * np.eye(20), rtol=1e-15)
+
+
+@pytest.mark.parametrize("tau", [None, 0.2])
+def test_the_penalty_is_that_of_its_matrix(tau):
+    rng = np.random.default_rng(1)
+    prior = first(rng.normal(size=9), [np.array([0, 4, 5]), np.array([2, 7])], tau)
+    y = rng.normal(size=9)
+    A = prior.matrix(1.7)
+    np.testing.assert_array_equal(A, A.T)
+    away = y - prior.centre
+    assert prior.value(y, 1.7) == pytest.approx(away @ A @ away, rel=1e-13)  # rounding
+    assert np.flatnonzero(A.any(axis=0)).tolist() == [0, 2, 4, 5, 7]
+
+
+def test_no_belief_adds_nothing():
+    model, truth = linear(6, 0.1, 0.01)
+    for prior in (none(6), first(np.zeros(6), [], None), first(np.zeros(6), [np.arange(6)], np.inf)):
+        H, g, y, cost, count = model(np.zeros(6))
+        learned, sigma2 = prior.learned(H, g, y, cost, count)
+        assert learned.tau == prior.tau
+        assert not prior.matrix(1.0).any()
+        assert prior.value(truth, 1.0) == 0.0
+        least = cost - g @ np.linalg.solve(H, g)
+        assert sigma2 == pytest.approx(least / (count - 6), rel=1e-9)  # the unbiased estimate
+
+
+def test_a_single_value_has_no_scatter_to_learn():
+    groups = [np.array([3]), np.array([0, 1])]
+    assert [group.tolist() for group in first(np.zeros(4), groups, None).groups] == [[0, 1]]
+    assert [group.tolist() for group in first(np.zeros(4), groups, 0.1).groups] == [[3], [0, 1]]
+
+
+def test_no_coordinates_at_all():
+    learned, sigma2 = none(0).learned(np.zeros((0, 0)), np.zeros(0), np.zeros(0), 8.0, 4)
+    assert (learned.tau, sigma2) == ((), 2.0)
+
+
+def test_widths_stay_within_their_limits():
+    for tau, end in ((0.0, NARROWEST), (50.0, WIDEST)):
+        model, _ = linear(60, tau, 1e-4)
+        prior, *_ = converged(first(np.zeros(60), [np.arange(60)], None), model, np.zeros(60))
+        assert prior.tau[0] == pytest.approx(end, rel=1e-4)  # 30 steps of half the way
+
+
+def test_what_the_data_do_not_tell_keeps_near_the_others():
+    rng = np.random.default_rng(2)
+    J = rng.normal(size=(60, 20))
+    J[:, 13] = 0.0
+    truth = 0.4 + 0.1 * rng.normal(size=20)
+    b = J @ truth + 1e-3 * rng.normal(size=60)
+    _, _, y = converged(
+        first(np.zeros(20), [np.arange(20)], None),
+        lambda y: (J.T @ J, J.T @ (J @ y - b), y, ((J @ y - b) ** 2).sum(), 60),
+        np.zeros(20),
+    )
+    assert y[13] == pytest.approx(np.delete(y, 13).mean(), rel=1e-6)  # the least scatter, exactly
+
+
+def test_halfway_between_two_widths():
+    a, b = first(np.zeros(2), [np.arange(2)], 0.1), first(np.zeros(2), [np.arange(2)], 0.4)
+    assert a.between(b).tau == pytest.approx((0.2,), rel=1e-15)
+
+
+def test_the_inverse_of_a_matrix_that_is_not_definite_is_finite():
+    full = np.array([[4.0, 1.0], [1.0, 3.0]])
+    np.testing.assert_allclose(inverse(full) @ full, np.eye(2), atol=1e-12)  # the ridge, 1e-14 of a condition of 2
+    assert np.isfinite(inverse(np.diag([1.0, 0.0]))).all()
+    np.testing.assert_allclose(inverse(np.diag([1.0, -1.0])), np.diag([1.0, -1.0]), atol=1e-12)
+
+
+def test_the_variance_never_divides_by_nothing():
+    assert variance(6.0, 5, 2.0) == 2.0
+    assert variance(6.0, 2, 5.0) == 6.0
+    assert variance(-1e-20, 5, 2.0) == 0.0  # rounding of a difference

@@ -1,0 +1,29 @@
+"""One thread for small matrices, and as many as before for everything after."""
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from clothfit import threads
+
+
+def used():
+    """Threads of each BLAS that is loaded."""
+    assert np.eye(3).sum() == 3.0
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+
+def test_one_within_and_as_before_after():
+    with threadpool_limits(limits=2, user_api="blas"):
+        before = used()
+        with threads.single():
+            assert used() == {1}
+        assert used() == before
+
+
+def test_an_exception_passes_and_the_threads_come_back():
+    with threadpool_limits(limits=2, user_api="blas"):
+        before = used()
+        with pytest.raises(KeyboardInterrupt), threads.single():
+            raise KeyboardInterrupt
+        assert used() == before
