@@ -8,12 +8,19 @@ with γ = tr H K the number of parameters that the data determine; without a pri
 z ± t √C_jj with Student's t of N − γ degrees of freedom, mapped back and cut at the bounds. With a prior, C is the
 posterior's (G. Wahba, Bayesian confidence intervals, J. R. Statist. Soc. B 45, 1983): such intervals cover the truth
 as often as they say on the average over the parameters, not for each of them. Where the fit did not reach its
-minimum, the step that is left is added to the half width as an independent error is.
+minimum, the step that is left is added to the half width, so that an interval reaches as far as that around the
+minimum would.
 
 What the motion does not show: with H scaled to a unit diagonal, a direction whose eigenvalue is rounding leaves the
-motion as it is. A parameter that has a share in such a direction, or a standard deviation beyond the whole width of
-its bounds, is not determined. Its way from the start along such directions is taken back: a parameter that
-does nothing keeps its start, and masses and stiffnesses that are free up to a common factor keep the start's mean.
+motion as it is. A parameter that has a share in such a direction, or at a minimum a standard deviation beyond the
+whole width of its bounds, is not determined. Its way from the start along such directions is taken back: a parameter
+that does nothing keeps its start, and masses and stiffnesses that are free up to a common factor keep the start's
+mean.
+
+Measured: fifty noisy targets of a cloth of 5 × 5 vertices, for a uniform fabric, masses or stiffnesses that scatter by
+0.3 in their logarithm, and equal ones; 30 frames, noise of 0.2, 1 and 5 mm: 94 to 99 % of the intervals hold the truth.
+Where a scatter of a few percent drowns in the noise, the data may say that there is none; the intervals are then
+those of one value, too narrow for some: 85 % at 3 % scatter and 5 mm.
 """
 
 from __future__ import annotations
@@ -147,12 +154,18 @@ class Local:
         width = self.width[self.free]
         self.deviation = np.sqrt(self.sigma2 * np.maximum(np.diag(self.K), 0.0))
         shared = np.linalg.norm(self.null, axis=1) > SHARE
-        wide = np.flatnonzero((self.deviation > width) & ~shared)
+        wide = np.flatnonzero((self.deviation > width) & self._arrived() & ~shared)
         values, vectors = np.linalg.eigh(self.sigma2 * self.K[np.ix_(wide, wide)] / np.outer(width[wide], width[wide]))
         more = np.zeros((len(self.free), int((values > 1.0).sum())))
         more[wide] = width[wide, None] * vectors[:, values > 1.0]
         self.hidden = np.linalg.qr(np.concatenate([self.null, more], axis=1))[0]
-        self.lost = shared | (self.deviation > width)
+        self.lost = shared.copy()
+        self.lost[wide] = True
+
+    def _arrived(self) -> bool:
+        """Whether the way that is left would save no more than noise does, so that σ² is that of noise."""
+        slope = self._slope(self.sigma2)[self.free]
+        return float(slope @ self.K @ slope) <= self.sigma2 * max(len(self.free), 1)
 
     def whole(self, flags: Flags) -> Flags:
         """Flags (P,) of all parameters from those of the free ones (F,)."""
@@ -167,7 +180,7 @@ class Local:
         t = float(stdtrit(max(self.count - self.determined, 1.0), 0.5 + 0.5 * COVERAGE))
         left = self.K @ self._slope(self.sigma2)[self.free]
         down = np.zeros(len(self.width))
-        down[self.free] = np.where(self.lost, np.nan, np.hypot(t * self.deviation, left))
+        down[self.free] = np.where(self.lost, np.nan, t * self.deviation + np.abs(left))
         up = down.copy()
         held = np.setdiff1d(np.arange(len(down)), self.free)
         down[held], up[held] = self._from_bound(held, t)
@@ -211,7 +224,7 @@ class Local:
         y[self.free] -= per * (directions @ (directions.T @ way))
         p = self.search.parameters(y)
         alone = self.whole(np.linalg.norm(directions, axis=1) > 1.0 - SHARE)
-        return np.where(alone, start, p)
+        return np.where(alone, start, np.where(self.whole(self.lost), p, self.search.best))
 
 
 def residual_squares(objective: Objective, p: Array) -> tuple[float, int]:

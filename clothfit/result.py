@@ -114,12 +114,14 @@ def fitted_block(search: Search, block: Block, start: Array, p: Array, known: Co
 
 
 def scatter(search: Search) -> list[Scatter] | None:
-    """The widths of the prior of a search, one for each block that it concerns."""
+    """The widths of the prior of a search, one for each block that it concerns; None where it says nothing."""
     if search.prior is None or not search.prior.groups:
         return None
     places = np.flatnonzero(search.fitted)
     found = []
     for group, tau in zip(search.prior.groups, search.prior.tau, strict=True):
+        if not np.isfinite(tau):
+            return None
         (block,) = (b for b in search.objective.blocks if b.part.start <= places[group[0]] < b.part.stop)
         found.append(Scatter(block.cloth, block.name, float(tau)))
     return found

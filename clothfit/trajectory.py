@@ -85,6 +85,9 @@ class Trajectory:
         for run in self.objective.runs:
             own = self.columns_of(run)
             system, memory = self.objective.roll(run, p)
+            if not len(own):
+                cost += run.comparison.cost(memory.x)
+                continue
             column = np.full(len(p), -1, np.int32)
             column[own] = np.arange(len(own))
             part, slope, value = run_model(run, system, memory, self.objective, column, factor)

@@ -24,8 +24,8 @@ from clothfit.scene import load
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
 KEYS = {"schema_version", "command", "scene", "status", "method", "cost", "rmse", "frames", "evaluations", "seconds"}
-KEYS |= {"parameters", "output", "warnings"}
-PARAMETER_KEYS = {"object", "name", "mode", "count", "at_bound", "unidentifiable"}
+KEYS |= {"parameters", "output", "warnings", "rank", "sigma", "prior", "holdout"}
+PARAMETER_KEYS = {"object", "name", "mode", "count", "at_bound", "unidentifiable", "unmoved", "interval"}
 REFERENCE = Path(clothfit.scene.__file__).resolve().parents[2] / "shared" / "scenes" / "side.txt"
 LONG = trial("LL", 60, 8, 8)  # takes minutes to fit to the last digit
 
@@ -74,8 +74,13 @@ def test_the_fitted_scene_goes_beside_the_scene(path, tmp_path, capsys):
     assert (summary["schema_version"], summary["status"], summary["method"]) == (1, "converged", "auto")
     assert summary["output"] == str(tmp_path / "scene.fitted.json")
     (block,) = summary["parameters"]
-    assert block == {"object": 0, "name": "mass", "mode": "L", "count": 16, "at_bound": [], "unidentifiable": [0, 3]}
+    told = {"object": 0, "name": "mass", "mode": "L", "count": 16, "at_bound": [], "unidentifiable": [0, 3]}
+    assert block == {**told, "unmoved": [], "interval": block["interval"]}
     assert set(block) == PARAMETER_KEYS
+    assert [i for i, ends in enumerate(block["interval"]) if ends is None] == [0, 3]
+    assert all(len(ends) == 2 and 0 < ends[0] <= ends[1] for ends in block["interval"] if ends)
+    assert (summary["rank"], summary["prior"], summary["holdout"]) == (14, None, None)
+    assert summary["sigma"] < 1e-8  # m, without noise
     fitted, truth = (load(name).cloths[0].mass for name in (summary["output"], path))
     np.testing.assert_allclose(np.delete(fitted, [0, 3]), np.delete(truth, [0, 3]), rtol=1e-4)  # RMSE below 1e-8 m
 
@@ -103,7 +108,44 @@ def test_messages_name_the_outcome_and_what_is_not_revealed(path, capsys):
     assert out == ""
     outcome = r"converged: RMSE [\d.]+ nm over 20 frames, \d+ evaluations in [\d.]+ s → .*scene.fitted.json"
     assert re.fullmatch(outcome, first)
-    assert second == "objects[0] mass: 2 of 16 kept, no motion can reveal them: 0, 3"
+    told = r"objects\[0\] mass: 16 values, ±[\d.e+-]+ % \(median 95 % interval\), 2 not shown by the motion: 0, 3"
+    assert re.fullmatch(told, second)
+
+
+def test_a_noisy_fit_tells_intervals_prior_and_holdout(path, tmp_path, capsys):
+    target = str(tmp_path / "noisy.npz")
+    assert run(["target", path, "--noise", "0.001", "-o", target, "-q"]) == 0
+    options = ["--target", target, "--holdout", "0.25", "--prior", "0.3"]
+    code, summary = estimated(capsys, path, *options)
+    assert (code, summary["frames"]) == (0, 15)
+    assert summary["prior"] == [{"object": 0, "name": "mass", "tau": 0.3}]
+    held = summary["holdout"]
+    assert (held["of"], held["fraction"], held["observations"]) == ("frames", 0.25, 80)
+    assert 1e-3 < held["rmse"] < 3e-3  # noise of 1 mm in three directions
+    assert summary["sigma"] == pytest.approx(1e-3, rel=0.2)  # of some 600 residuals: 3 % is one standard error
+    assert run(["estimate", path, *options, "--holdout-of", "vertices"]) == 0
+    err = capsys.readouterr().err
+    assert re.search(r"\nholdout: RMSE [\d.]+ mm over 80 positions kept out of the fit\n", err)
+    assert re.search(r"\nobjects\[0\] mass: 16 values, ±[\d.]+ % \(median 95 % interval\), ", err)
+
+
+def test_without_intervals(path, capsys):
+    code, summary = estimated(capsys, path, "--no-intervals")
+    assert (code, summary["rank"], summary["sigma"]) == (0, None, None)
+    assert summary["parameters"][0]["interval"] == [None] * 16
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--prior", "much", "prior: 'much' is not possible"),
+        ("--holdout", "1.5", "holdout: the fraction 1.5 is not possible"),
+        ("--holdout-of", "days", "holdout: there is nothing called 'days'"),
+    ],
+)
+def test_options_of_confidence_that_cannot_be(path, option, value, message, capsys):
+    assert run(["estimate", path, option, value]) == 3
+    assert message in capsys.readouterr().err
 
 
 def test_quiet_says_nothing(path, capsys):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -10,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.cli import shared
+from clothfit.cli.account import account, indices
 from clothfit.cli.console import Console, metres
 from clothfit.errors import Diverged, InvalidInput
 from clothfit.words import counted, owned
 
 if TYPE_CHECKING:
     from clothfit.motion import Motion
-    from clothfit.result import Fit, FittedBlock
+    from clothfit.result import Fit
     from clothfit.scene import Scene
 
 EXIT_CODES = {"converged": 0, "stalled": 5, "limit": 5, "interrupted": 130}
@@ -242,35 +242,6 @@ def describe(found: Fit, out: shared.Output, console: Console) -> None:
             console.warn(f"{place}: {len(block.at_bound)} of {block.count} at a bound: {indices(block.at_bound)}")
         if told := account(block):
             console.say(f"{place}: {told}")
-
-
-def account(block: FittedBlock) -> str:
-    """What is known of the values of a block, and what is not; empty where neither was looked for."""
-    parts = [f"{counted(block.count, 'value', 'values')}"]
-    if any(block.interval):
-        parts.append(f"{accuracy(block)} ({'median ' if block.count > 1 else ''}95 % interval)")
-    if block.unidentifiable:
-        parts.append(f"{len(block.unidentifiable)} not shown by the motion: {indices(block.unidentifiable)}")
-    if block.unmoved:
-        parts.append(f"{len(block.unmoved)} did not move: {indices(block.unmoved)}")
-    return ", ".join(parts) if len(parts) > 1 else ""
-
-
-def accuracy(block: FittedBlock) -> str:
-    """Half of the middle one of the intervals: in percent where a fit moves the logarithm."""
-    from statistics import median
-
-    from clothfit.kinds import KIND
-
-    kind, ends = KIND[block.name], [interval for interval in block.interval if interval]
-    if kind.log:
-        return f"±{100 * (math.sqrt(median(high / low for low, high in ends)) - 1):.2g} %"
-    return f"±{median(high - low for low, high in ends) / 2:.2g} {kind.unit}"
-
-
-def indices(numbers: list[int]) -> str:
-    """The first few of a list of indices."""
-    return ", ".join(map(str, numbers[:8])) + (", …" if len(numbers) > 8 else "")
 
 
 def summary(scene: Scene, found: Fit, out: shared.Output) -> dict[str, Any]:
