@@ -95,6 +95,14 @@ class Journal:
         self.place += 1
         return self.records[self.place - 1]
 
+    def is_behind(self, cost: float) -> bool:
+        """Whether a fit whose best point has that cost is not yet, or no more, where the known one was.
+
+        Past the end of a known way it is further, even if at a larger cost: what the prior adds is not in the cost.
+        """
+        known = self.known.best
+        return len(known) > 0 and (self.repeating or (self.strayed and bool(known[0] < cost)))
+
     def follows(self, name: str) -> bool:
         """Whether the next record of a known way has that name."""
         return self.repeating and self.records[self.place].name == name
@@ -107,8 +115,9 @@ class Journal:
             self.write(now)
 
     def _keep(self, record: Record) -> None:
+        self.place += 1  # first: an interrupt may come between, and nothing must seem to be left of a known way
         self.records.append(record)
-        self.place, self._changed = len(self.records), True
+        self._changed = True
         self.write(now=False)
 
     def write(self, now: bool = True) -> None:
@@ -131,9 +140,8 @@ class Journal:
         at = self.standing
         if at is None:
             return Content(self.known.seconds, self.known.best, self.records)
-        best = np.array([at.best_cost, *at.best])
-        known = self.known.best
-        return Content(at.seconds, known if len(known) and known[0] < best[0] else best, self.records)
+        best = self.known.best if self.is_behind(at.best_cost) else np.array([at.best_cost, *at.best])
+        return Content(at.seconds, best, self.records)
 
 
 def opened(checkpoint: str | os.PathLike[str] | Checkpoint | None, resume: bool, same: Mapping[str, str]) -> Journal:

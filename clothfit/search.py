@@ -193,8 +193,8 @@ class Search:
 
     def take_known(self) -> None:
         """Make the best point that the journal knows the best one, where the way did not lead there again."""
-        known = self.journal.known.best
-        if len(known) and known[0] < self.best_cost:
+        if self.journal.is_behind(self.best_cost):
+            known = self.journal.known.best
             self.best, self.best_cost = known[1:], float(known[0])
 
     def _cost_and_gradient(self, p: Array) -> Array:

@@ -224,6 +224,7 @@ def noisy(settings, frames=20, noise=1e-3, **fields):
 
 CASES = {
     "auto per spring": ("nL", "auto", 40, None, 1e-3),
+    "held by the prior": ("nL", "auto", 20, None, 1e-2),  # its end costs more than a point on the way there
     "auto with a scan": ("nG", "auto", 20, None, 1e-2),
     "windows": ("LL", "gauss-newton", 40, 1.0, 1e-3),
     "hidden truth": ("LL", "gauss-newton", 20, None, None),
@@ -275,7 +276,7 @@ def test_a_fit_that_is_interrupted_wherever_it_reports_comes_to_the_same_end(tmp
 
 
 @needs_compilation
-@pytest.mark.parametrize("case", ["auto per spring", "windows", "l-bfgs-b"])
+@pytest.mark.parametrize("case", ["auto per spring", "held by the prior", "windows", "l-bfgs-b"])
 def test_every_file_that_a_kill_could_leave_leads_to_the_same_end(tmp_path, monkeypatch, case):
     given = arguments(case)
     kept = []
@@ -292,7 +293,7 @@ def test_every_file_that_a_kill_could_leave_leads_to_the_same_end(tmp_path, monk
         whole = estimate(*given, budget=60, checkpoint=tmp_path / "c")
     equal(whole, estimate(*given, budget=60))
     assert len(kept) > 20
-    for data in kept[:: max(1, len(kept) // 12)]:
+    for data in [*kept[:: max(1, len(kept) // 10)], *kept[-4:]]:
         (tmp_path / "c").write_bytes(data)
         equal(estimate(*given, budget=60, checkpoint=tmp_path / "c", resume=True), whole)
 
