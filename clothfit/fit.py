@@ -71,7 +71,7 @@ def estimate(
     resume: bool = False,
     holdout: float | None = None,
     holdout_of: str = "frames",
-    intervals: bool | None = None,
+    intervals: bool = True,
 ) -> Fit:
     """Fit the flagged parameters of a scene to a target motion, or to several.
 
@@ -95,8 +95,7 @@ def estimate(
     values of one kind scatter around a fabric's, by as much as the data say ("auto"), or by a given width around the
     start, in log parameters; "none": nothing. `holdout` keeps that fraction of the frames, the last, or with
     `holdout_of` "vertices" of the vertices out of the fit and judges it by them. `intervals`: whether to look at what
-    the motion determines (`clothfit.confidence`), which takes as long as a step of Gauss–Newton; by default unless the
-    fit is exact, with an error within `rmse_tolerance`, so that an interval would have no width.
+    the motion determines (`clothfit.confidence`), which takes as long as a step of Gauss–Newton.
 
     Raises InvalidInput when nothing is flagged, or an argument, the target or the checkpoint does not fit; Diverged
     when the scene's own motion, needed as target, diverges.
@@ -145,8 +144,7 @@ def estimate(
     others = partial(neutral_start, scene, target, scene.frames, patterns, **options)
     status = run(search, method, p, None if start is not None else others, tau)
     seconds, warnings = search.seconds, [*warnings, *journal.warnings]
-    wanted = intervals if intervals is not None else search.objective.rmse(search.best_cost) > rmse_tolerance
-    known = look(search, status, first, warnings) if wanted else None
+    known = look(search, status, first, warnings) if intervals else None
     found = result(search, status, method, warnings, start is not None, first, known, seconds)
     if kept_out is None or holdout is None or status == "diverged":
         return found

@@ -51,6 +51,10 @@ class Trajectory:
             self.search.prior = replace(self.search.prior, tau=state.tau)
         self.search.settle(self.search.parameters(model.y), model.cost)
 
+    def passed(self, state: gauss_newton.State, model: gauss_newton.Model) -> None:
+        """Tell of an iteration on fewer frames."""
+        self.search.tell()
+
     def problem(self) -> gauss_newton.Problem:
         """What Gauss–Newton minimises."""
         ends = self.search.coordinates

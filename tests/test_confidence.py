@@ -222,7 +222,8 @@ def test_at_a_bound_the_interval_goes_inwards(true, bound):
 
 def test_a_cloth_that_is_too_large_has_none_and_says_so(monkeypatch):
     monkeypatch.setattr(trajectory, "LARGEST", 0.0)
-    found = estimate(load(even("nG", 10, 3, 3)), start=20.0, method="l-bfgs-b")
+    scene = load(even("nG", 10, 3, 3))
+    found = estimate(scene, degrade(simulate(scene), observed=0.9), start=20.0, method="l-bfgs-b")
     assert (found.rank, found.parameters[0].interval) == (None, [None])
     assert any("no intervals" in warning for warning in found.warnings)
 

@@ -68,8 +68,8 @@ def test_it_does_not_depend_on_the_flagged_values(settings):
 
 def test_it_does_depend_on_the_target():
     scene = load(even("nG"))
-    others = [load(even("nG", springStiffness=[k] * 33)) for k in (3.0, 300.0)]
-    soft, stiff = (neutral_start(scene, simulate(other), 20)[0] for other in others)
+    targets = [simulate(load(even("nG", springStiffness=[k] * 33))) for k in (3.0, 300.0)]
+    soft, stiff = (neutral_start(scene, target, 20)[0] for target in targets)
     assert stiff[0] > 30 * soft[0]
 
 
