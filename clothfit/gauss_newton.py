@@ -30,6 +30,9 @@ ENOUGH, POOR, GOOD = 1e-4, 0.25, 0.75
 FIRST_RADIUS = 1.0
 """Of the trust region, in root mean square of the coordinates: a factor e."""
 
+PATIENCE, SLOW = 15, 1e-2
+"""It stalls where so many iterations lower the cost by less than this fraction."""
+
 LEARNING = 12
 """Iterations in which the prior's width follows the data; it is kept after that, so that the rest converges."""
 
@@ -55,6 +58,7 @@ class State:
     radius: float
     tau: tuple[float, ...]
     iteration: int
+    mark: tuple[float, float] = (0.0, np.inf)  # iteration and cost when it last became much lower
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,12 @@ def minimise(
         state = State(y, FIRST_RADIUS * np.sqrt(max(len(y), 1)), prior.tau, 0)
     prior, radius = replace(prior, tau=state.tau), state.radius
     model = problem.model(state.y)
+    mark = state.mark
     for iteration in range(state.iteration, iterations):
+        if not model.cost > (1.0 - SLOW) * mark[1]:
+            mark = (float(iteration), model.cost)
+        elif iteration - mark[0] >= PATIENCE:
+            return model, prior, "stalled"
         learned, sigma2 = prior.learned(model.H, model.g, model.y, model.cost, problem.residuals)
         if iteration < LEARNING:
             prior = prior.between(learned)
@@ -100,7 +109,7 @@ def minimise(
             return model, prior, "stalled"
         model = problem.model(model.y + step)
         if accepted:
-            accepted(State(model.y, radius, prior.tau, iteration + 1), model)
+            accepted(State(model.y, radius, prior.tau, iteration + 1, mark), model)
     return model, prior, "limit"
 
 

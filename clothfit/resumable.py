@@ -36,13 +36,15 @@ class Descent:
         record, standing = self.journal.next(self.name), self.journal.next("standing")
         if record is None or standing is None:
             return None
-        iteration, radius, rest = int(record.values[0]), float(record.values[1]), record.values[2:]
+        iteration, radius, *mark = record.values[:4].tolist()
+        rest = record.values[4:]
         self.search.stand(standing.values)
-        return State(rest[self.widths :], radius, tuple(rest[: self.widths].tolist()), iteration), record.text
+        tau = tuple(rest[: self.widths].tolist())
+        return State(rest[self.widths :], radius, tau, int(iteration), (mark[0], mark[1])), record.text
 
     def keep(self, state: State, status: str = RUNNING) -> None:
         """Keep a state; at once where the descent goes on from it."""
-        values = np.array([state.iteration, state.radius, *state.tau, *state.y])
+        values = np.array([state.iteration, state.radius, *state.mark, *state.tau, *state.y])
         records = [Record(self.name, values, status), Record("standing", self.search.standing())]
         self.journal.replace(self.place, records, now=status == RUNNING)
 

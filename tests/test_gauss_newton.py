@@ -204,4 +204,4 @@ def test_without_descent_the_radius_ends_and_nothing_moves():
 
 
 def test_the_state_is_all_that_is_kept():
-    assert State.__dataclass_fields__.keys() == {"y", "radius", "tau", "iteration"}
+    assert State.__dataclass_fields__.keys() == {"y", "radius", "tau", "iteration", "mark"}

@@ -91,7 +91,7 @@ def test_noise_leaves_the_same_minimum(monkeypatch):
     costs = []
     for largest in (0.0, np.inf):
         monkeypatch.setattr(auto, "LARGEST", largest)
-        part = trajectory(14, 1e-4)
+        part = trajectory(8, 1e-2)
         p = part.search.best
         auto.by_gauss_newton(part.search, p, p, np.inf)
         costs.append(part.search.best_cost)

@@ -183,3 +183,53 @@ def test_it_ends_when_nothing_gets_better_for_long():
 def test_slow_but_steady_progress_is_not_a_stall():
     search = played(*[steep(0.9999**i) for i in range(200)], budget=150)  # 0.5 % better in 50 evaluations
     assert ended(search) == "limit"
+
+
+# --- visits
+
+
+def test_a_visit_is_remembered_where_it_is_the_best():
+    search = real("nG", 5.0)
+    costs = [search.visit(np.array([k])) for k in (20.0, 30.0, 1.0)]
+    assert search.best_cost == min(costs)
+    assert search.best.tolist() == [(20.0, 30.0, 1.0)[int(np.argmin(costs))]]
+    assert search.history == [np.inf, costs[0], min(costs[:2])]  # what was the best before each
+
+
+def test_a_measure_counts_and_is_not_remembered():
+    search = real("nG", 5.0, budget=2)
+    part = search.objective.until(4)
+    assert search.measure(np.array([20.0]), part) == part.cost(np.array([20.0]))
+    assert search.measure(np.array([20.0])) == search.objective.cost(np.array([20.0]))
+    assert (search.best_cost, search.evaluations) == (np.inf, 2)
+    with pytest.raises(Stop) as stop:
+        search.measure(np.array([20.0]))
+    assert stop.value.status == "limit"
+    assert search.evaluations == 2
+
+
+def test_a_visit_where_the_simulation_diverges_is_infinite():
+    search = real("nG", 5.0, integrationMethod=0, delta=0.02)
+    assert search.visit(np.array([1e4])) == np.inf
+    assert search.best.tolist() == [5.0]
+
+
+def test_settling_is_told_and_ends_where_the_error_is_small_enough():
+    told = []
+    search = Search(Played(load(even("nG")), []), np.array([1.0]), 1e-3, 10, told.append)
+    search.settle(np.array([2.0]), 5.0)
+    assert (search.best.tolist(), search.best_cost) == ([2.0], 5.0)
+    search.settle(np.array([3.0]), 6.0)  # even where it is higher: what a prior prefers
+    assert search.best_cost == 6.0
+    with pytest.raises(Stop) as stop:
+        search.settle(np.array([4.0]), 1e-4)
+    assert stop.value.status == "converged"
+    assert [progress.cost for progress in told] == [5.0, 6.0, 1e-4]
+
+
+def test_a_spent_budget_ends_every_kind_of_question():
+    for ask in (lambda s: s.spend(), lambda s: s.visit(s.best), lambda s: s(s.y)):
+        search = real("nG", 5.0, budget=0)
+        with pytest.raises(Stop) as stop:
+            ask(search)
+        assert stop.value.status == "limit"

@@ -45,7 +45,12 @@ EXIT_CODES = {"converged": 0, "stalled": 5, "limit": 5, "interrupted": 130}
     metavar="VALUE|SCENE",
     help="First guess.  [default: the scene's values with --target, else a coarse search]",
 )
-@click.option("--method", default="auto", metavar="NAME", help="auto, l-bfgs-b or another of SciPy's.  [default: auto]")
+@click.option(
+    "--method",
+    default="auto",
+    metavar="NAME",
+    help="auto, momentum, gauss-newton, l-bfgs-b or another of SciPy's.  [default: auto]",
+)
 @click.option("--max-evaluations", type=int, default=1000, metavar="N", help="Of cost and gradient.  [default: 1000]")
 @click.option("--rmse", type=float, default=1e-8, metavar="METRES", help="Good enough: stop there.  [default: 1e-8]")
 @click.option("--tolerance", type=float, metavar="T", help="Of the linear solver.  [default: 1e-10]")
