@@ -142,7 +142,7 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
         if part.operations() > LARGEST:
             y, status = matrix_free.minimise(part, y, prior, whole)
             continue
-        accepted, most = (part.accepted, MOST) if whole else (None, ITERATIONS)
+        accepted, most = (part.accepted, MOST) if whole else (part.passed, ITERATIONS)
         y, prior, status = minimise(search, part.problem(), y, prior, accepted, most)
         search.prior = prior
         if not whole:

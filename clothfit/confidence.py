@@ -17,6 +17,9 @@ whole width of its bounds, is not determined. Its way from the start along such 
 that does nothing keeps its start, and masses and stiffnesses that are free up to a common factor keep the start's
 mean.
 
+Where the fit is exact and the target shows every balance of momentum, these are taken in place of the residuals: a
+direction that they do not show is one that the motion does not show, and they are found in a tenth of the time.
+
 Measured: fifty noisy targets of a cloth of 5 × 5 vertices, for a uniform fabric, masses or stiffnesses that scatter by
 0.3 in their logarithm, and equal ones; 30 frames, noise of 0.2, 1 and 5 mm: 94 to 99 % of the intervals hold the truth.
 Where a scatter of a few percent drowns in the noise, the data may say that there is none; the intervals are then
@@ -31,10 +34,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit import trajectory
+from clothfit import momentum, trajectory
 from clothfit.arrays import Array, Flags
 from clothfit.errors import Diverged
 from clothfit.fit_vector import at_lower, at_upper, bounds
+from clothfit.gauss_newton import Model
 from clothfit.objective import Objective
 from clothfit.prior import NARROWEST, Prior, inverse, none, variance
 from clothfit.search import Search
@@ -76,10 +80,12 @@ def confidence(search: Search, start: Array) -> Confidence | None:
     aside = copy(search)  # what is evaluated from here on is no part of the search
     aside.history, aside.budget, aside.report = [], 100, None
     problem = Trajectory(aside, search.objective)
-    if not np.isfinite(search.best_cost) or problem.operations() > trajectory.LARGEST:
+    exact = search.objective.rmse(search.best_cost) <= search.rmse_tolerance
+    quick = balances(search) if exact else None
+    if not np.isfinite(search.best_cost) or (quick is None and problem.operations() > trajectory.LARGEST):
         return None
     try:
-        local = Local(problem)
+        local = Local(problem, quick)
         p, cost = local.set_back(start)
     except Diverged:
         return None
@@ -88,20 +94,35 @@ def confidence(search: Search, start: Array) -> Confidence | None:
     return Confidence(p, cost, low, high, local.whole(local.lost), shown, float(np.sqrt(local.sigma2)))
 
 
+def balances(search: Search) -> tuple[Model, float, int] | None:
+    """The balances of momentum near the best point, as a model, with their sum of squares and number; None where the
+    target does not show all of them.
+    """
+    y, p = search.y, search.best
+    found = momentum.information(search.objective, p, search.fitted, search.coordinates.slope(p))
+    if found is None:
+        return None
+    H, g, squares, count = found
+    return Model(y, squares, H, g), squares, count
+
+
 class Local:
     """The cost around the best point of a search, in the coordinates z (Q,) of what is fitted.
 
     What the data push against a bound is held there; the other F parameters are free.
     """
 
-    def __init__(self, problem: Trajectory) -> None:
-        """Raises Diverged."""
+    def __init__(self, problem: Trajectory, quick: tuple[Model, float, int] | None = None) -> None:
+        """`quick`: what to take instead of the residuals of the motion. Raises Diverged."""
         self.search, self.fitted = problem.search, problem.fitted
         ends = self.search.coordinates
         self.per = ends.weight[self.fitted]  # y = per · z
         self.width = (ends.upper - ends.lower)[self.fitted] / self.per
-        self.model = problem.model(self.search.y)
-        self.squares, self.count = residual_squares(self.search.objective, self.search.best)
+        if quick is None:
+            self.model = problem.model(self.search.y)
+            self.squares, self.count = residual_squares(self.search.objective, self.search.best)
+        else:
+            self.model, self.squares, self.count = quick
         self.prior = self._prior()
         self.H = self.model.H * np.outer(self.per, self.per)
         self.free = np.flatnonzero(~self._held())

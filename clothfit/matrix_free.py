@@ -50,7 +50,7 @@ def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Arr
         before = float(residuals(y) @ residuals(y))
         found = solve(
             residuals, np.clip(y, *bounds), residuals.jacobian, bounds=bounds, method="trf", tr_solver="lsmr",
-            max_nfev=EVALUATIONS if whole else EVALUATIONS // 4, ftol=1e-10, xtol=1e-10, gtol=0.0,
+            max_nfev=EVALUATIONS if whole else EVALUATIONS // 4, ftol=1e-10, xtol=1e-10, gtol=None,
         )  # fmt: skip
         y = found.x
         if whole:
@@ -79,9 +79,11 @@ class Residuals:
         p = self.part.search.parameters(y)
         objective = self.part.objective
         try:
-            parts = [run.comparison.residual(objective.roll(run, p)[1].x) for run in objective.runs]
+            motions = [(run.comparison, objective.roll(run, p)[1].x) for run in objective.runs]
         except Diverged:
             return np.full(self.count, FAR * self.worst)
+        self.part.remember(p, sum(comparison.cost(x) for comparison, x in motions))
+        parts = [comparison.residual(x) for comparison, x in motions]
         below = [w * self.prior.deviation(y, g) for w, g in zip(self.weights, self.prior.groups, strict=True)]
         r = np.concatenate([*parts, *below])
         self.count, self.worst = len(r), max(self.worst, float(np.abs(r).max(initial=0.0)))

@@ -179,15 +179,51 @@ def fit(objective: Objective, p: Array, fitted: Flags, treatment: Treatment = TR
     return found
 
 
+def information(
+    objective: Objective, p: Array, fitted: Flags, factor: Array
+) -> tuple[Array, Array, float, int] | None:
+    """H = CᵀC and g = −Cᵀr (Q,) of the balances at p (P,), by the parameters that are `fitted`, times `factor` (P,);
+    their sum of squares and number. None unless every free vertex is seen at every step and only masses and
+    stiffnesses are fitted: then a direction that the balances do not show leaves the motion as it is, and only then.
+    """
+    kinds = {block.name for block in objective.blocks if fitted[block.part].any()}
+    if not (objective.plain and kinds <= set(LETTERED)) or int(fitted.sum()) > DENSE:
+        return None
+    places = np.flatnonzero(fitted)
+    H, g, squares, count = np.zeros((len(places),) * 2), np.zeros(len(places)), 0.0, 0
+    for run in objective.runs:
+        own = [block for block in objective.blocks if block.cloth == run.cloth]
+        column = np.full(len(p), -1, np.int32)
+        for block in own:
+            column[block.part] = np.where(fitted[block.part], (np.cumsum(fitted) - 1)[block.part], -1)
+        C, r = rows_of(objective, run, p, own, column, TREATMENTS[0], len(places))
+        steps = run.comparison.last_step - (1 if run.system.method == EXPLICIT else 0)
+        if len(r) < 3 * steps * int(run.system.vertex.free.sum()):
+            return None
+        scaled = C.multiply(factor[places][None, :]).tocsr()
+        H += (scaled.T @ scaled).toarray()
+        g -= scaled.T @ r
+        squares, count = squares + float(r @ r), count + len(r)
+    return H, g, squares, count
+
+
 def rows_of(
-    objective: Objective, run: Run, p: Array, own: Sequence[Block], column: Indices, treatment: Treatment
+    objective: Objective,
+    run: Run,
+    p: Array,
+    own: Sequence[Block],
+    column: Indices,
+    treatment: Treatment,
+    width: int | None = None,
 ) -> tuple[csr_array, Array]:
-    """C (N, Q) and r (N,) of one run, by the parameters of its masses and stiffnesses."""
+    """C (N, Q) and r (N,) of one run, by the parameters of its masses and stiffnesses; Q is `width`, or as many as
+    `column` (P,) has.
+    """
     system = with_elements(run.system, objective.elements(run, p))
     seen = track(run.comparison.goal, system)
     rows = balances(system, smoothed(seen, system.x0, treatment.frames) if treatment.frames > 1 else seen)
     C, r = matrix(summed_twice(rows) if treatment.summed else rows, system)
-    wanted = columns(system, own, column, np.ones(len(p)), int(column.max()) + 1)
+    wanted = columns(system, own, column, np.ones(len(p)), width or int(column.max()) + 1)
     return C @ spread(wanted), r
 
 

@@ -140,7 +140,7 @@ class Search:
         if usable:
             self._remember(p, cost, gradient)
         self.history.append(self.best_cost)
-        self._tell()
+        self.tell()
         self._check_end()
         if not usable:
             return self._bowl(y)
@@ -168,12 +168,11 @@ class Search:
         if self.evaluations >= self.budget:
             raise Stop("limit")
         self.history.append(self.best_cost)
-        self._tell()
 
     def settle(self, p: Array, cost: float) -> None:
         """Make parameters (P,) of that cost the best point. Raises Stop when the error is small enough."""
         self.best, self.best_cost = p, cost
-        self._tell()
+        self.tell()
         if self._near():
             raise Stop("converged")
 
@@ -217,7 +216,8 @@ class Search:
         height = HEIGHT * max(self.worst / self.unit if self.unit else 1.0, 1.0)
         return float(height * (1.0 + away @ away)), 2.0 * height * away
 
-    def _tell(self) -> None:
+    def tell(self) -> None:
+        """Report how far the search is, where there is a result."""
         if self.report and np.isfinite(self.best_cost) and not self.journal.repeating:
             rmse = self.objective.rmse(self.best_cost)
             self.report(Progress(self.evaluations, self.budget, self.best_cost, rmse, self.seconds))

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 @contextmanager
 def single() -> Iterator[None]:
     """Let BLAS use one thread within."""
+    import scipy.linalg  # noqa: F401  only what is loaded can be limited, and SciPy's BLAS is not NumPy's
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(limits=1, user_api="blas"):

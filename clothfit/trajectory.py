@@ -51,6 +51,10 @@ class Trajectory:
             self.search.prior = replace(self.search.prior, tau=state.tau)
         self.search.settle(self.search.parameters(model.y), model.cost)
 
+    def passed(self, state: gauss_newton.State, model: gauss_newton.Model) -> None:
+        """Tell of an iteration on fewer frames."""
+        self.search.tell()
+
     def problem(self) -> gauss_newton.Problem:
         """What Gauss–Newton minimises."""
         ends = self.search.coordinates
@@ -58,8 +62,19 @@ class Trajectory:
         return gauss_newton.Problem(self.model, self.cost, lower, upper, self.residuals())
 
     def cost(self, y: Array) -> float:
-        """The cost at y; infinite where the simulation diverges."""
-        return self.search.measure(self.search.parameters(y), self.objective)
+        """The cost at y; infinite where the simulation diverges. Raises Stop as a visit of the search does."""
+        p = self.search.parameters(y)
+        cost = self.search.measure(p, self.objective)
+        self.remember(p, cost)
+        return cost
+
+    def remember(self, p: Array, cost: float) -> None:
+        """Make parameters (P,) of that cost the best point where they are: of all frames, and of the cost alone; with a
+        prior the lowest cost need not be what is looked for.
+        """
+        believed = self.search.prior is not None and bool(np.isfinite(self.search.prior.tau).any())
+        if self.objective is self.search.objective and not believed and cost < self.search.best_cost:
+            self.search.settle(p, cost)
 
     def residuals(self) -> int:
         """Number of residuals that a parameter can change."""

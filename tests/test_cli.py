@@ -108,7 +108,7 @@ def test_wrong_usage_is_code_2_and_one_line(capsys, arguments, message):
         (["estimate", "--rmse", "-1"], "--rmse: -1 m is not possible"),
         (["estimate", "--rmse", "nan"], "--rmse: nan m is not possible"),
         (["estimate", "--tolerance", "2"], "tolerance: 2 is not possible"),
-        (["estimate", "--method", "magic"], "method: there is no 'magic'; use auto, l-bfgs-b"),
+        (["estimate", "--method", "magic"], "method: there is no 'magic'; use auto, momentum, gauss-newton, l-bfgs-b"),
         (["estimate", "--start", "nan"], "start: nan is not within the bounds 0.0001 … 10000"),
         (["estimate", "--start", "1e9"], "start: 1e+09 is not within the bounds"),
         (["estimate", "--start", "-2"], "start: -2 is not within the bounds"),

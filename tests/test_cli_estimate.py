@@ -27,6 +27,7 @@ KEYS = {"schema_version", "command", "scene", "status", "method", "cost", "rmse"
 KEYS |= {"parameters", "output", "warnings", "rank", "sigma", "prior", "holdout"}
 PARAMETER_KEYS = {"object", "name", "mode", "count", "at_bound", "unidentifiable", "unmoved", "interval"}
 REFERENCE = Path(clothfit.scene.__file__).resolve().parents[2] / "shared" / "scenes" / "side.txt"
+DOWNHILL = ["--method", "l-bfgs-b"]  # begins at the start, and takes its time
 LONG = trial("LL", 60, 8, 8)  # takes minutes to fit to the last digit
 
 
@@ -106,7 +107,7 @@ def test_messages_name_the_outcome_and_what_is_not_revealed(path, capsys):
     out, err = capsys.readouterr()
     first, second = err.splitlines()[-2:]
     assert out == ""
-    outcome = r"converged: RMSE [\d.]+ nm over 20 frames, \d+ evaluations in [\d.]+ s → .*scene.fitted.json"
+    outcome = r"converged: RMSE [\d.]+ nm over 20 frames, \d+ evaluations? in [\d.]+ s → .*scene.fitted.json"
     assert re.fullmatch(outcome, first)
     told = r"objects\[0\] mass: 16 values, ±[\d.e+-]+ % \(median 95 % interval\), 2 not shown by the motion: 0, 3"
     assert re.fullmatch(told, second)
@@ -160,13 +161,13 @@ def test_a_value_at_a_bound_is_a_warning(tmp_path, capsys):
 
 
 def test_a_spent_budget_is_code_5_and_the_best_is_written(path, tmp_path, capsys):
-    code, summary = estimated(capsys, path, "--max-evaluations", "3", "--start", "1")
+    code, summary = estimated(capsys, path, "--max-evaluations", "3", "--start", "1", *DOWNHILL)
     assert (code, summary["status"], summary["evaluations"]) == (5, "limit", 3)
     assert load(summary["output"]).cloths[0].mass.tolist() != load(path).cloths[0].mass.tolist()
 
 
 def test_a_looser_goal_is_reached_sooner(path, capsys):
-    code, summary = estimated(capsys, path, "--rmse", "1e-3", "--start", "1")
+    code, summary = estimated(capsys, path, "--rmse", "1e-3", "--start", "1", *DOWNHILL)
     assert (code, summary["status"]) == (0, "converged")
     assert 1e-8 < summary["rmse"] <= 1e-3
 
@@ -299,7 +300,7 @@ def test_inputs_are_never_written_over(path, tmp_path, capsys):
 
 def test_in_place_writes_into_the_scene(path, tmp_path, capsys):
     old = Path(path).read_text()
-    code, summary = estimated(capsys, path, "--in-place", "--max-evaluations", "2")
+    code, summary = estimated(capsys, path, "--in-place", "--max-evaluations", "2", *DOWNHILL)
     assert (code, summary["output"], files(tmp_path)) == (5, path, ["scene.json"])
     found = differing(old, Path(path).read_text())
     assert found
@@ -421,7 +422,7 @@ def read(leader):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_is_code_130_and_the_best_so_far_is_written_whole(tmp_path, number):
     path = write_scene(tmp_path, LONG)
-    options = ["--start", "1", "--rmse", "0", "--max-evaluations", "1000000", "--json"]
+    options = ["--start", "1", "--rmse", "0", "--max-evaluations", "1000000", "--json", *DOWNHILL]
     code, out, shown = on_a_terminal(["estimate", path, *options], b"evaluation 5", number)
     assert code == 130
     summary = json.loads(out, parse_constant=refuse)
@@ -436,12 +437,12 @@ def test_an_interrupt_is_code_130_and_the_best_so_far_is_written_whole(tmp_path,
 
 def test_a_terminal_gets_a_live_bar_and_one_that_wants_no_colour_gets_none(tmp_path):
     path = write_scene(tmp_path, trial("LL", 20))
-    call = ["estimate", path, "--start", "1", "--max-evaluations", "30"]
+    call = ["estimate", path, "--start", "1", "--max-evaluations", "30", *DOWNHILL]
     code, out, shown = on_a_terminal(call)
     assert (code, out) == (5, b"")
     assert "fitting" in shown
     assert re.search(r"cost \d\.\d+e[+-]\d\d  RMSE [\d.]+ .?m  evaluation \d+", shown)
-    assert "limit: RMSE" in shown.splitlines()[-2]
+    assert "limit: RMSE" in shown
     code, out, shown = on_a_terminal(call, NO_COLOR="1")
     assert (code, out) == (5, b"")
     assert "\x1b" not in shown
@@ -454,10 +455,10 @@ def test_a_terminal_gets_a_live_bar_and_one_that_wants_no_colour_gets_none(tmp_p
 @pytest.mark.skipif(not REFERENCE.is_file(), reason="the reference scene is not beside the checkout")
 def test_the_reference_scene_changes_in_flagged_stiffnesses_only(tmp_path, capsys):
     path = shutil.copyfile(REFERENCE, tmp_path / "side.txt")
-    code, summary = estimated(capsys, str(path), "--max-evaluations", "20")
+    code, summary = estimated(capsys, str(path))
     old, new = path.read_text(encoding="utf-8"), (tmp_path / "side.fitted.txt").read_text(encoding="utf-8")
     settings = [cloth.settings for cloth in load(str(path)).cloths]
-    assert (settings, code, summary["evaluations"]) == (["nL", "nn"], 5, 20)
+    assert (settings, code, summary["status"]) == (["nL", "nn"], 0, "converged")
     found = differing(old, new)
     assert len(found) > 700
     assert set(found) <= set(span(old, "springStiffness"))

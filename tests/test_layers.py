@@ -77,6 +77,7 @@ ORDER = [
     "trajectory",
     "confidence",
     "scan",
+    "matrix_free",
     "auto",
     "descent",
     "result",

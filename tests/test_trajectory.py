@@ -10,6 +10,7 @@ from clothfit import sensitivity
 from clothfit.capture import degrade
 from clothfit.errors import Diverged
 from clothfit.fit_vector import parameters, with_parameters
+from clothfit.gauss_newton import State
 from clothfit.motion import simulate
 from clothfit.objective import Objective
 from clothfit.prior import FIRST
@@ -130,13 +131,21 @@ def test_every_cost_and_every_model_is_an_evaluation():
     part.cost(at(part))
     part.model(at(part))
     assert part.search.evaluations == 2
-    assert part.search.best_cost == np.inf  # neither is a point of the search
+
+
+def test_of_all_frames_the_best_is_remembered_of_fewer_none():
+    part = trajectory("one")
+    Trajectory(part.search, part.objective.until(5)).cost(at(part))
+    assert part.search.best_cost == np.inf
+    first = part.cost(at(part) + 0.3)
+    second = part.cost(at(part) + 0.5)
+    assert part.search.best_cost == min(first, second)
 
 
 def test_accepted_points_are_the_searchs():
     part = trajectory("one")
     model = part.model(at(part) + 0.1)
-    part.accepted(None, model)
+    part.accepted(State(model.y, 1.0, (), 1), model)
     assert part.search.best_cost == model.cost
     np.testing.assert_allclose(part.search.y, model.y, rtol=1e-13)  # rounding of log and exp
 
