@@ -320,12 +320,12 @@ def test_a_resumed_fit_is_never_worse_than_what_it_resumes(tmp_path, options):
 @pytest.mark.parametrize("case", CASES)
 def test_a_fit_that_had_ended_is_told_again_without_computing(tmp_path, monkeypatch, case):
     given = arguments(case)
-    whole = estimate(*given, budget=100, intervals=False, checkpoint=tmp_path / "c", intervals=False)
+    whole = estimate(*given, budget=100, checkpoint=tmp_path / "c", intervals=False)
     costs, models = [], []
     for name, calls in (("cost", costs), ("cost_and_gradient", costs)):
         monkeypatch.setattr(Objective, name, counting(getattr(Objective, name), calls))
     monkeypatch.setattr(Trajectory, "model", counting(Trajectory.model, models))
-    found = estimate(*given, budget=100, intervals=False, checkpoint=tmp_path / "c", resume=True, intervals=False)
+    found = estimate(*given, budget=100, checkpoint=tmp_path / "c", resume=True, intervals=False)
     monkeypatch.undo()
     equal(found, whole)
     # Is the start finite? And for SciPy's methods: is the best point on a plateau, looked for around it twice.
