@@ -150,7 +150,7 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
     if before[0] < search.best_cost:
         search.prior = None
         search.settle(before[1], before[0])
-    return status
+    return "stalled" if status == "converged" and search.on_plateau() else status
 
 
 def window_lengths(frames: int, last: int) -> list[int]:

@@ -39,6 +39,7 @@ from clothfit.arrays import Array, Flags
 from clothfit.errors import Diverged
 from clothfit.fit_vector import at_lower, at_upper, bounds
 from clothfit.gauss_newton import Model
+from clothfit.null_space import inverse_beside, null_space
 from clothfit.objective import Objective
 from clothfit.prior import NARROWEST, Prior, inverse, none, variance
 from clothfit.search import Search
@@ -46,14 +47,14 @@ from clothfit.trajectory import Trajectory, free_columns
 
 COVERAGE = 0.95
 
-ROUNDING = 1e-12
-"""Eigenvalue of H with a unit diagonal, relative to the largest, below which it is rounding."""
-
 SHARE = 1e-4
 """Part of a parameter in the directions that are not shown, from which on it counts as not determined."""
 
 SAME = 1e-2
 """Rise of the cost, in variances of a residual, that says nothing."""
+
+EXACT = 1e-8
+"""Error, m, that no noise of a target is below."""
 
 ROUNDS = 10  # of finding σ² and γ, which depend on each other
 LEARNED = 4  # times that the prior learns its width, some rounds each
@@ -80,7 +81,7 @@ def confidence(search: Search, start: Array) -> Confidence | None:
     aside = copy(search)  # what is evaluated from here on is no part of the search
     aside.history, aside.budget, aside.report = [], 100, None
     problem = Trajectory(aside, search.objective)
-    exact = search.objective.rmse(search.best_cost) <= search.rmse_tolerance
+    exact = search.objective.rmse(search.best_cost) <= min(search.rmse_tolerance, EXACT)
     quick = balances(search) if exact else None
     if not np.isfinite(search.best_cost) or (quick is None and problem.operations() > trajectory.LARGEST):
         return None
@@ -91,7 +92,7 @@ def confidence(search: Search, start: Array) -> Confidence | None:
         return None
     low, high = local.intervals()
     shown = problem.size - local.hidden.shape[1]
-    return Confidence(p, cost, low, high, local.whole(local.lost), shown, float(np.sqrt(local.sigma2)))
+    return Confidence(p, cost, low, high, local.whole(local.lost), shown, float(np.sqrt(local.noise)))
 
 
 def balances(search: Search) -> tuple[Model, float, int] | None:
@@ -118,17 +119,15 @@ class Local:
         ends = self.search.coordinates
         self.per = ends.weight[self.fitted]  # y = per · z
         self.width = (ends.upper - ends.lower)[self.fitted] / self.per
-        if quick is None:
-            self.model = problem.model(self.search.y)
-            self.squares, self.count = residual_squares(self.search.objective, self.search.best)
-        else:
-            self.model, self.squares, self.count = quick
+        seen = residual_squares(self.search.objective, self.search.best)
+        self.model, self.squares, self.count = quick or (problem.model(self.search.y), *seen)
         self.prior = self._prior()
         self.H = self.model.H * np.outer(self.per, self.per)
         self.free = np.flatnonzero(~self._held())
         self.null = null_space(self.H[np.ix_(self.free, self.free)])  # (F, ·), orthonormal
         self._solve()
         self._judge()
+        self.noise = variance(*seen, self.determined)  # of a residual of the motion; σ² unless there is `quick`
 
     def _prior(self) -> Prior:
         """The prior of the fit; a width that is learned may be less than while fitting, down to nothing beside the
@@ -233,8 +232,8 @@ class Local:
                 continue
             p = self._without(directions, start)
             value = objective.cost_or_infinity(p)
-            reached = max(objective.rmse(value), objective.rmse(cost)) <= self.search.rmse_tolerance
-            if value <= cost + SAME * self.sigma2 or reached:
+            reached = max(objective.rmse(value), objective.rmse(cost)) <= min(self.search.rmse_tolerance, EXACT)
+            if value <= cost + SAME * self.noise or reached:
                 return p, value
         return best, cost
 
@@ -257,29 +256,3 @@ def residual_squares(objective: Objective, p: Array) -> tuple[float, int]:
         squares += float((run.comparison.residual(memory.x)[touched] ** 2).sum())
         count += int(touched.sum())
     return squares, count
-
-
-def scaled(H: Array) -> tuple[Array, Array]:
-    """H (F, F) with a unit diagonal, and what its rows and columns were divided by (F,); zeros stay."""
-    size = np.sqrt(np.maximum(np.diag(H), 0.0))
-    size[size <= ROUNDING * size.max(initial=0.0)] = 0.0
-    by = np.where(size > 0, size, 1.0)
-    return H / np.outer(by, by) * np.outer(size > 0, size > 0), by
-
-
-def null_space(H: Array) -> Array:
-    """An orthonormal basis (F, ·) of the directions in which H is zero but for rounding."""
-    unit, by = scaled(H)
-    values, vectors = np.linalg.eigh(unit)
-    null = vectors[:, values <= ROUNDING * values.max(initial=0.0)] / by[:, None]
-    return np.asarray(np.linalg.qr(null / np.maximum(np.linalg.norm(null, axis=0), np.finfo(float).tiny))[0])
-
-
-def inverse_beside(H: Array, null: Array) -> Array:
-    """The inverse (F, F) of H on what is orthogonal to its null space (F, ·)."""
-    unit, by = scaled(H)
-    basis = null * by[:, None]
-    basis = np.linalg.qr(basis)[0]
-    K = inverse(unit + basis @ basis.T) / np.outer(by, by)
-    across = np.eye(len(H)) - null @ null.T
-    return np.asarray(across @ K @ across)

@@ -225,7 +225,7 @@ class Search:
     def _check_end(self) -> None:
         if self._near():
             raise Stop("converged")
-        if self._slope() <= STATIONARY and not self._on_plateau():
+        if self._slope() <= STATIONARY and not self.on_plateau():
             raise Stop("converged")
         if len(self.history) > STALL_EVALUATIONS:
             before = self.history[-1 - STALL_EVALUATIONS]
@@ -234,13 +234,13 @@ class Search:
 
     def verdict(self) -> str:
         """How the search ended, if it ends here: "converged" or "stalled"."""
-        return "converged" if self._near() or (self._slope() <= FLAT and not self._on_plateau()) else "stalled"
+        return "converged" if self._near() or (self._slope() <= FLAT and not self.on_plateau()) else "stalled"
 
     def _near(self) -> bool:
         """Whether the error is small enough."""
         return self.objective.rmse(self.best_cost) <= self.rmse_tolerance
 
-    def _on_plateau(self) -> bool:
+    def on_plateau(self) -> bool:
         """Whether the cost around the best point hardly depends on the parameters."""
         if self._shaken != self.best_cost:
             self._shaken = self.best_cost

@@ -69,6 +69,7 @@ ORDER = [
     "threads",
     "bounded",
     "prior",
+    "null_space",
     "material",
     "start",
     "momentum",
