@@ -21,9 +21,9 @@ Where the fit is exact and the target shows every balance of momentum, these are
 direction that they do not show is one that the motion does not show, and they are found in a tenth of the time.
 
 Measured: fifty noisy targets of a cloth of 5 × 5 vertices, for a uniform fabric, masses or stiffnesses that scatter by
-0.3 in their logarithm, and equal ones; 30 frames, noise of 0.2, 1 and 5 mm: 94 to 99 % of the intervals hold the truth.
+0.3 in their logarithm, and equal ones; 30 and 100 frames, noise of 0.2, 1 and 5 mm: 93 to 99 % of the intervals hold the truth.
 Where a scatter of a few percent drowns in the noise, the data may say that there is none; the intervals are then
-those of one value, too narrow for some: 85 % at 3 % scatter and 5 mm.
+those of one value, too narrow for some: about 85 % at 3 % scatter and 5 mm.
 """
 
 from __future__ import annotations
