@@ -2,16 +2,17 @@
 
 1. The momentum fit, where the target shows whole successive frames: exact where the target is.
 2. One value for a whole cloth: a scan over the bounds, for the global minimum.
-3. Otherwise the best of what is known (the start, a uniform fabric of the best density and stiffness, the momentum
-   fits), and from there Gauss–Newton, on a few frames first where the start is far from the target: near the
-   start of a motion its cost is smooth, later that of a windy cloth is chaotic.
+3. Otherwise the best of what is known (the start, a uniform fabric of the best density and stiffness, equal values),
+   and from there Gauss–Newton, on a few frames first where that is far from the target: near the start of a motion its
+   cost is smooth, later that of a windy cloth is chaotic. A momentum fit that is not exact is no such start: its
+   motion may be near, but noise has thrown its values far apart.
 
 Whatever is tried is a visit of the search, so the result is never worse than the best of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -41,16 +42,19 @@ def find(search: Search, start: Array, others: Callable[[], list[Array]] | None,
     `others` gives values (P,) to try beside the start; `tau` is the width of the prior, learned where None. The prior
     is centred on what of the start and the others is nearest to the target at first.
     """
-    by_momentum(search, start)
+    exact = by_momentum(search, start, momentum.TREATMENTS[:1])
     if one_value_each(search):
         return by_scan(search, start, tau)
     guesses = [start]
-    if others is not None and not is_near(search):
+    if others is not None and not is_near(search, search.visit(start)):
         known = search.journal.recall("others", lambda: np.array(others()))
         guesses += [np.where(search.fitted, p, start) for p in known]
     first = search.objective.until(first_window(search.objective))
     centre = min(guesses, key=lambda p: search.measure(p, first))
-    return by_gauss_newton(search, search.best if is_near(search) else centre, centre, tau)
+    status = by_gauss_newton(search, centre, centre, tau)
+    if exact and np.array_equal(search.best, exact[-1]):  # noisy as it is, it is better than that
+        return by_gauss_newton(search, search.best, centre, tau)
+    return status
 
 
 def first_window(objective: Objective) -> int:
@@ -58,16 +62,18 @@ def first_window(objective: Objective) -> int:
     return objective.first_step + FIRST_WINDOW
 
 
-def by_momentum(search: Search, start: Array) -> list[Array]:
+def by_momentum(
+    search: Search, start: Array, treatments: Sequence[momentum.Treatment] = momentum.TREATMENTS
+) -> list[Array]:
     """The momentum fits (P,), the best last; none where the target does not show enough."""
     found: list[tuple[float, Array]] = []
-    for treatment in momentum.TREATMENTS:
+    for treatment in treatments:
         fit = partial(momentum.fit, search.objective, start, search.fitted, treatment)
         p = search.journal.recall("momentum", fit)
         if np.array_equal(p, start):
             return []
         found.append((search.visit(p), p))
-        if is_near(search) or one_value_each(search):
+        if is_near(search):
             break
     return [p for _, p in sorted(found, key=lambda pair: -pair[0])]
 

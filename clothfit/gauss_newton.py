@@ -30,7 +30,7 @@ ENOUGH, POOR, GOOD = 1e-4, 0.25, 0.75
 FIRST_RADIUS = 1.0
 """Of the trust region, in root mean square of the coordinates: a factor e."""
 
-PATIENCE, SLOW = 15, 1e-2
+PATIENCE, SLOW = 25, 2e-3
 """It stalls where so many iterations lower the cost by less than this fraction."""
 
 LEARNING = 12
