@@ -5,7 +5,7 @@ import pytest
 from physics import METHODS, TIGHT, ball, scene, xyz
 from scenes import cloth
 
-from clothfit.momentum import Track, balances, smoothed, summed_twice, track
+from clothfit.balances import Track, balances, smoothed, summed_twice, track
 from clothfit.motion import Motion, simulate
 from clothfit.objective import Objective
 from clothfit.system import all_elements, with_elements

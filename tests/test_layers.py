@@ -72,6 +72,7 @@ ORDER = [
     "null_space",
     "material",
     "start",
+    "balances",
     "momentum",
     "gauss_newton",
     "resumable",
