@@ -1,12 +1,14 @@
 """The normal equations of a fit: H = JᵀJ and g = Jᵀr of the residuals r and their derivative J by Q coordinates.
 
 J (N, Q) is the derivative of the residuals by the positions, sparse, times the sensitivity of the motion, dense. It
-is never whole in memory: a few steps at a time, each row is added to H and g as soon as its last step has passed.
+is never whole in memory: a few steps at a time, each row is added to H and g as soon as its last step has passed, in
+a thread beside the sweep.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,24 +30,44 @@ def accumulate(
     `size` is (3 f, Q).
     """
     rows, count = size
-    H, g = np.zeros((count, count)), np.zeros(count)
+    sums = Sums(by_position, residual, size)
     length = max(1, CHUNK // max(rows * count, 1))
     total = by_position.shape[1] // max(rows, 1)
-    last = last_step(by_position, rows)
-    columns = by_position.tocsc()
-    open_rows, open_block = np.zeros(0, np.int64), np.zeros((0, count))
-    for first in range(0, total, length):
-        end = min(first + length, total)
-        chunk = np.concatenate([next(steps).copy() for _ in range(first, end)])
-        part = columns[:, first * rows : end * rows].tocsr()
-        touched = np.union1d(open_rows, np.flatnonzero(np.diff(part.indptr)))
+    with ThreadPoolExecutor(1) as pool:
+        adding: Future[None] | None = None
+        for first in range(0, total, length):
+            end = min(first + length, total)
+            chunk = np.concatenate([next(steps).copy() for _ in range(first, end)])
+            if adding is not None:
+                adding.result()
+            adding = pool.submit(sums.add, chunk, first, end)
+        if adding is not None:
+            adding.result()
+    return sums.H, sums.g
+
+
+class Sums:
+    """H and g so far, and the rows whose last step has not passed."""
+
+    def __init__(self, by_position: csr_array, residual: Array, size: tuple[int, int]) -> None:
+        """As `accumulate`."""
+        self.rows, count = size
+        self.H, self.g = np.zeros((count, count)), np.zeros(count)
+        self.residual, self.columns = residual, by_position.tocsc()
+        self.last = last_step(by_position, self.rows)
+        self.open, self.block = np.zeros(0, np.int64), np.zeros((0, count))
+
+    def add(self, chunk: Array, first: int, end: int) -> None:
+        """Add the sensitivities ((end − first) · 3 f, Q) after steps `first` + 1 to `end`."""
+        part = self.columns[:, first * self.rows : end * self.rows].tocsr()
+        touched = np.union1d(self.open, np.flatnonzero(np.diff(part.indptr)))
         block = part[touched] @ chunk
-        block[np.searchsorted(touched, open_rows)] += open_block
-        done = last[touched] < end
-        H += block[done].T @ block[done]
-        g += block[done].T @ residual[touched[done]]
-        open_rows, open_block = touched[~done], block[~done]
-    return H, g
+        block[np.searchsorted(touched, self.open)] += self.block
+        done = self.last[touched] < end
+        ready = block if done.all() else block[done]
+        self.H += ready.T @ ready  # of one array, so that only half of the products are computed
+        self.g += ready.T @ self.residual[touched[done]]
+        self.open, self.block = touched[~done], block[~done]
 
 
 def last_step(by_position: csr_array, rows: int) -> Indices:
