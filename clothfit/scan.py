@@ -31,7 +31,7 @@ COARSE = 5
 LOOKS = 12
 """How often a motion's cost is looked at on its way."""
 
-LOOSE = 1e-3
+LOOSE = 3e-4
 """Tolerance of the linear systems, relative."""
 
 KEPT = 4
