@@ -77,7 +77,7 @@ def test_a_motion_that_is_followed_has_its_whole_cost(frames):
     aim = Objective(flag(frames=frames), simulate(flag(frames=frames, stiffness=60.0), tolerance=1e-10), 1e-4)
     course, p = Course(aim, 0), np.array([3.0])
     whole = course.cost(p, np.inf)
-    assert whole == pytest.approx(aim.cost(p), rel=1e-3)  # systems solved to 3e-4 on the way, errors of the same size in the cost
+    assert whole == pytest.approx(aim.cost(p), rel=1e-3)  # systems solved to 3e-4
     assert course.cost(p, 1.001 * whole) == whole
 
 
