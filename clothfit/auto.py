@@ -19,6 +19,7 @@ import numpy as np
 
 from clothfit import matrix_free, momentum
 from clothfit.arrays import Array
+from clothfit.kinds import LETTERED
 from clothfit.objective import Objective
 from clothfit.prior import Prior
 from clothfit.resumable import minimise
@@ -85,8 +86,9 @@ def is_near(search: Search, cost: float | None = None) -> bool:
 
 
 def one_value_each(search: Search) -> bool:
-    """Whether all that is fitted of masses and stiffnesses is one value for a cloth."""
-    return all(b.mode == "G" for b in search.objective.blocks if search.fitted[b.part].any())
+    """Whether all that is fitted is one mass or stiffness for a cloth: what a scan can find."""
+    fitted = [block for block in search.objective.blocks if search.fitted[block.part].any()]
+    return all(block.mode == "G" and block.name in LETTERED for block in fitted)
 
 
 def by_scan(search: Search, start: Array, tau: float | None) -> str:
