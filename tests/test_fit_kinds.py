@@ -36,6 +36,11 @@ CASES = {
         {"fit": {"damping": "G", "dragCoefficient": "G"}, "damping": 0.6, "dragCoefficient": 0.4},
         {"fit": {"windVel": True}, **WIND},
     ),
+    "stiffness, drag and damping": (
+        {"fit": {"damping": "G", "dragCoefficient": "G"}, "damping": 0.6, "dragCoefficient": 0.4}
+        | {"optimizationSettings": "nG", "springStiffness": [30.0] * 16},
+        WIND,
+    ),
     "masses and drag": (
         {"fit": {"dragCoefficient": "G"}, "dragCoefficient": 0.4, "optimizationSettings": "Gn", "vertMass": [0.02] * 9},
         {},
@@ -49,10 +54,11 @@ def made(case, frames=20, **more):
     return load_text(json.dumps(document(cloth(3, 3, **{**own, **more}), optimizationIterations=frames, **whole)))
 
 
+@pytest.mark.parametrize("method", ["auto", "l-bfgs-b"])
 @pytest.mark.parametrize("case", CASES)
-def test_a_fit_finds_what_is_hidden_from_it(case):
+def test_a_fit_finds_what_is_hidden_from_it(case, method):
     scene = made(case)
-    found = estimate(scene, method="l-bfgs-b")
+    found = estimate(scene, method=method)
     kept = identifiable(scene)
     assert found.status == "converged"
     assert found.rmse < 1e-8
