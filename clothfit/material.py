@@ -12,7 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.arrays import Array, Indices
+from clothfit.arrays import Array
+from clothfit.mesh import Mesh, areas
 from clothfit.scene import Cloth
 
 BENDING = 0.25  # stiffness of a bending spring relative to a traction spring of the same area and length
@@ -20,17 +21,10 @@ BENDING = 0.25  # stiffness of a bending spring relative to a traction spring of
 
 def proportions(cloth: Cloth) -> tuple[Array, Array]:
     """Relative masses (n,) and stiffnesses (S,) of a uniform fabric, each with geometric mean 1."""
-    area = triangle_areas(cloth.positions, cloth.triangles)
+    area = areas(Mesh(cloth.positions, cloth.triangles))
     mass = np.zeros(len(cloth.mass))
     np.add.at(mass, cloth.triangles, area[:, None] / 3)
     return normalised(mass), normalised(spring_areas(cloth, area) / cloth.lengths**2)
-
-
-def triangle_areas(positions: Array, triangles: Indices) -> Array:
-    """Areas (T,), m²."""
-    a, b, c = (positions[triangles[:, corner]] for corner in range(3))
-    halves: Array = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return halves
 
 
 def spring_areas(cloth: Cloth, area: Array) -> Array:

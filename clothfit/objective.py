@@ -34,7 +34,7 @@ from clothfit.motion import checked_tolerance
 from clothfit.rollout import Rollout, rollout
 from clothfit.scene import Scene
 from clothfit.system import System, build, with_elements
-from clothfit.target import target
+from clothfit.target import first_step, target
 
 TIGHT = 1e-14
 """Tolerance of the linear systems in a fit, relative: their errors enter the gradient directly."""
@@ -113,9 +113,7 @@ class Objective:
     @property
     def first_step(self) -> int:
         """The first step after the start at which, or before which, anything is seen; 0 where nothing is."""
-        goals = [run.comparison.goal for run in self.runs]
-        shown = [goal.places[goal.observed.any(axis=1) & (goal.places > 0)] for goal in goals]
-        return int(np.ceil(min((places[0] for places in shown if places.size), default=0)))
+        return first_step(run.comparison.goal for run in self.runs)
 
     @property
     def steps(self) -> int:

@@ -24,7 +24,7 @@ from clothfit.kinds import LETTERED
 from clothfit.material import normalised, proportions
 from clothfit.objective import Objective
 from clothfit.scene import Scene
-from clothfit.target import target
+from clothfit.target import first_step, target
 
 WINDOW = 30  # frames, the one before the first that shows anything included
 LOOSE = 1e-4  # tolerance of the linear solver: far below the differences between grid points
@@ -88,9 +88,7 @@ def window(experiment: Experiment, **options: Any) -> int:
 def first_seen(experiment: Experiment) -> int:
     """The first step after the start at which, or before which, something was observed; 0 where nothing was."""
     motion, scene = experiment
-    goals = [target(motion, cloth, scene.delta) for cloth in range(len(scene.cloths))]
-    seen = [goal.places[goal.observed.any(axis=1) & (goal.places > 0)] for goal in goals]
-    return math.ceil(min((places[0] for places in seen if places.size), default=0))
+    return first_step(target(motion, cloth, scene.delta) for cloth in range(len(scene.cloths)))
 
 
 def fill(p: Array, own: Sequence[Block], shapes: Sequence[Array], exponents: Exponents) -> None:

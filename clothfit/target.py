@@ -11,6 +11,7 @@ multiples; several frames may fall within one step.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -87,6 +88,12 @@ def target(motion: Motion, cloth: int, delta: float, last_step: int | None = Non
     positions = np.where(observed[:, :, None], motion.of(cloth)[kept], 0.0)
     counted = np.zeros((0, 0)) if weights is None else np.where(observed, weights[kept], 0.0)
     return Target(step[kept], fraction[kept], positions, observed, counted)
+
+
+def first_step(goals: Iterable[Target]) -> int:
+    """The first step after the start at which, or before which, any target shows anything; 0 where none does."""
+    shown = [goal.places[goal.observed.any(axis=1) & (goal.places > 0)] for goal in goals]
+    return int(np.ceil(min((places[0] for places in shown if places.size), default=0)))
 
 
 def interpolation(step: Indices, fraction: Array, states: int) -> csr_array:

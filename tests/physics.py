@@ -293,3 +293,18 @@ def dense_matrix(A: sparse.BlockMatrix) -> Array:
         for slot in range(A.row[i], A.row[i + 1]):
             full[i, A.column[slot]] = full[A.column[slot], i] = A.upper[slot][square]
     return full.transpose(0, 2, 1, 3).reshape(3 * n, 3 * n)
+
+
+def sheet(settings="nn", nx=3, ny=3, **fields):
+    """A moving cloth whose springs are a little too short, in the air."""
+    n, springs = nx * ny, len(cloth(nx, ny)["springStiffness"])
+    rng = np.random.default_rng(21)
+    made = {
+        "vertMass": [0.05 + 0.005 * i for i in range(n)],
+        "dragCoefficient": 0.4,
+        "damping": 0.3,
+        "optimizationSettings": settings,
+        "vertVel": [xyz(v) for v in rng.normal(size=(n, 3))],
+        "springRestLength": rng.uniform(0.8, 0.95, springs).tolist(),
+    }
+    return cloth(nx, ny, **{**made, **fields})

@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 import pytest
-from physics import METHODS, TIGHT, ball, scene, xyz
+from physics import METHODS, TIGHT, ball, scene, sheet, xyz
 from scenes import cloth
 
 from clothfit.fit_vector import blocks, parameters, with_parameters
@@ -25,21 +25,6 @@ OWN = {
 WHOLE = {"wind": {"windVel": True}, "gravity": {"gravity": True}}
 EVERY = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}
 FRAMES = 14
-
-
-def sheet(settings="nn", nx=3, ny=3, **fields):
-    """A moving cloth whose springs are a little too short, in the air."""
-    n, springs = nx * ny, len(cloth(nx, ny)["springStiffness"])
-    rng = np.random.default_rng(21)
-    made = {
-        "vertMass": [0.05 + 0.005 * i for i in range(n)],
-        "dragCoefficient": 0.4,
-        "damping": 0.3,
-        "optimizationSettings": settings,
-        "vertVel": [xyz(v) for v in rng.normal(size=(n, 3))],
-        "springRestLength": rng.uniform(0.8, 0.95, springs).tolist(),
-    }
-    return cloth(nx, ny, **{**made, **fields})
 
 
 def variant(objects, method, newton, **fields):

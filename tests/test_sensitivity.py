@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from physics import METHODS, TIGHT, ball, dense_matrix, scene, xyz
-from scenes import cloth
+from physics import METHODS, TIGHT, ball, dense_matrix, scene, sheet, xyz
 
 from clothfit import sensitivity
 from clothfit.columns import columns
@@ -31,21 +30,6 @@ FITS = {
 WHOLE = {"wind": {"windVel": True}, "gravity": {"gravity": True}, "every kind": {"windVel": True, "gravity": True}}
 ALL = [*FITS, *list(WHOLE)[:-1]]
 STEPS = 5
-
-
-def sheet(settings="nn", nx=3, ny=3, **fields):
-    """A moving cloth whose springs are a little too short, in the air."""
-    n, springs = nx * ny, len(cloth(nx, ny)["springStiffness"])
-    rng = np.random.default_rng(21)
-    made = {
-        "vertMass": [0.05 + 0.005 * i for i in range(n)],
-        "dragCoefficient": 0.4,
-        "damping": 0.3,
-        "optimizationSettings": settings,
-        "vertVel": [xyz(v) for v in rng.normal(size=(n, 3))],
-        "springRestLength": rng.uniform(0.8, 0.95, springs).tolist(),
-    }
-    return cloth(nx, ny, **{**made, **fields})
 
 
 def fitted(kind, method="implicit", newton=1, **fields):
