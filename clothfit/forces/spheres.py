@@ -19,7 +19,8 @@ import numpy as np
 from clothfit.arrays import Array
 from clothfit.kernel import kernel
 from clothfit.scene import Sphere
-from clothfit.sparse import add_outer
+from clothfit.lanes import pack, splat, mul
+from clothfit.sparse import add_block, outer
 
 STIFFNESS = 1000.0  # κ, N/m
 
@@ -65,7 +66,9 @@ def add_step(spheres, y, u, h, A, b):
         for i in range(len(y)):
             depth, _, n0, n1, n2 = contact(spheres, y, i, c)
             if depth > 0.0:
-                add_outer(A.diagonal, i, stiff, n0, n1, n2)
+                n = pack(n0, n1, n2, 0.0)
+                low, high = outer(mul(splat(stiff), n), n)
+                add_block(A.diagonal, i, low, high)
                 push = h * STIFFNESS * depth
                 b[i, 0] += push * n0
                 b[i, 1] += push * n1

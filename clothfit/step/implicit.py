@@ -47,17 +47,14 @@ def workspace(system: System) -> Workspace:
     """Memory for the steps of `system` and their derivatives."""
     n = len(system.x0)
     vectors = [np.zeros((n, 3)) for _ in range(7)]
-    return Workspace(sparse.zeros(system.row, system.column), cg.workspace(n), guess.past(n), *vectors)
+    return Workspace(sparse.zeros(system.pattern, n), cg.workspace(n), guess.past(n), *vectors)
 
 
 @kernel
 def assemble(system, y, u, A, b):
     """A at (y, u), and b = h (f − D u) there."""
-    A.diagonal[:] = 0.0
-    A.upper[:] = 0.0
+    sparse.reset(A, system.vertex.mass)
     b[:] = 0.0
-    for i in range(len(b)):
-        A.diagonal[i, 0] = A.diagonal[i, 3] = A.diagonal[i, 5] = system.vertex.mass[i]
     total.add_step(system, y, u, system.h, A, b)
 
 
@@ -89,12 +86,12 @@ def step(system, x, v, first, tolerance, work, iterates):
     add_mass(system.vertex.mass, 1.0, v, b)
     hold_fixed(free, b)
     copy(first, iterates[0])
-    iterations, direct = linear.solve(A, free, b, tolerance, work.cg, iterates[0])
+    iterations, direct = linear.solve(A, b, tolerance, work.cg, iterates[0])
     for k in range(1, len(iterates)):
         assemble_newton(system, x, v, iterates[k - 1], work.y, A, work.gy, b)
         hold_fixed(free, b)
         copy(iterates[k - 1], iterates[k])
-        more, more_direct = linear.solve(A, free, b, tolerance, work.cg, iterates[k])
+        more, more_direct = linear.solve(A, b, tolerance, work.cg, iterates[k])
         if more == 0 and more_direct == 0:
             return k, iterations, direct
         iterations += more
@@ -119,7 +116,7 @@ def pullback(system, x, v, iterates, used, tolerance, work, x_bar, v_bar, grad):
         linearise(system, x, w, u, k, A, b, y, s)
         copy(w_bar, b)
         hold_fixed(free, b)
-        linear.solve(A, free, b, tolerance, work.cg, lam)
+        linear.solve(A, b, tolerance, work.cg, lam)
         gy[:] = 0.0
         gu[:] = 0.0
         total.add_pullback(system, y, u, w, s, lam, h, grad, gy, gu)
@@ -179,6 +176,6 @@ def pushforward(system, x, v, iterates, used, tolerance, work, dx, dv, direction
         add_mass(direction.mass, 1.0, v, b)
         add_mass(direction.mass, -1.0, w, b)
         hold_fixed(free, b)
-        linear.solve(A, free, b, tolerance, work.cg, dw)
+        linear.solve(A, b, tolerance, work.cg, dw)
     copy(dw, dv)
     add(h, dw, dx)
