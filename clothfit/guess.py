@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.arrays import Array
+from clothfit.arrays import Array, aligned
 from clothfit.kernel import kernel
 from clothfit.lanes import add, fma, load, load3, store, store3, sub, sum3
 
@@ -30,7 +30,7 @@ class Past(NamedTuple):
 
 def past(n: int) -> Past:
     """Memory for solutions of n vertices."""
-    return Past(np.zeros((TERMS * n, 4)), np.zeros((TERMS + 1, 4)))
+    return Past(aligned(TERMS * n, 4), aligned(TERMS + 1, 4))
 
 
 @kernel

@@ -17,11 +17,25 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from clothfit.arrays import Array, Flags, Indices
+from clothfit.arrays import Array, Flags, Indices, aligned
 from clothfit.kernel import kernel
 from clothfit.lanes import (
-    add, clear3, fma, load, load3, mul, splat, spread0, spread1, spread2, store, store3,
-    sub, xxxy, xyzz, zxyy, zyyz,
+    add,
+    fma,
+    load,
+    load3,
+    mul,
+    splat,
+    spread0,
+    spread1,
+    spread2,
+    store,
+    store3,
+    sub,
+    xxxy,
+    xyzz,
+    zxyy,
+    zyyz,
 )  # fmt: skip
 
 if TYPE_CHECKING:
@@ -73,7 +87,7 @@ def pattern(ends: Indices, free: Flags) -> tuple[Pattern, Indices]:
 
 def zeros(pattern: Pattern, n: int) -> BlockMatrix:
     """A matrix of that pattern for n vertices, all zero."""
-    return BlockMatrix(*pattern, np.zeros((n + 1, BLOCK)), np.zeros((len(pattern.column) + 1, BLOCK)))
+    return BlockMatrix(*pattern, aligned(n + 1, BLOCK), aligned(len(pattern.column) + 1, BLOCK))
 
 
 @kernel

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit import sparse
-from clothfit.arrays import Array, Elements, Flags, Indices
+from clothfit.arrays import Array, Elements, Flags
 from clothfit.forces import spheres, springs, vertex, wind
 from clothfit.scene import Scene
 

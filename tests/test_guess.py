@@ -60,7 +60,8 @@ def test_solutions_that_jump_are_guessed_by_the_last():
 def test_noise_on_a_line_is_not_taken_for_curvature():
     rng = np.random.default_rng(4)
     series = [float(t) * np.ones((50, 3)) + 0.01 * rng.normal(size=(50, 3)) for t in TIMES]
-    for t in TIMES[4:]:  # the line through the last two adds at most three times the noise; a longer rule 8 times and more
+    # the line through the last two adds less than three times the noise, a longer rule much more
+    for t in TIMES[4:]:
         assert np.linalg.norm(guesses(series)[t] - series[t]) < 4 * np.linalg.norm(0.01 * np.ones((50, 3)))
 
 

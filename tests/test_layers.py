@@ -17,6 +17,7 @@ ORDER = [
     "words",
     "interrupts",
     "kernel",
+    "lanes",
     "vectors",
     "guess",
     "output",

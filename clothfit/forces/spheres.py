@@ -18,8 +18,8 @@ import numpy as np
 
 from clothfit.arrays import Array
 from clothfit.kernel import kernel
+from clothfit.lanes import mul, pack, splat
 from clothfit.scene import Sphere
-from clothfit.lanes import pack, splat, mul
 from clothfit.sparse import add_block, outer
 
 STIFFNESS = 1000.0  # κ, N/m

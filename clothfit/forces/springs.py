@@ -59,12 +59,13 @@ def add_opposite(out, springs, i, p):
 
 @kernel
 def axis(springs, y, i):
-    """Length and unit vector of spring i; a spring of zero length has no direction and exerts nothing."""
+    """Length, its inverse and unit vector of spring i; one of zero length has no direction and exerts nothing."""
     e = difference(y, springs, i)
     length = sqrt(sum3(mul(e, e)))
     if length == 0.0:
-        return springs.rest[i], e
-    return length, mul(e, splat(1.0 / length))
+        return springs.rest[i], 1.0 / springs.rest[i], e
+    inverse = 1.0 / length
+    return length, inverse, mul(e, splat(inverse))
 
 
 @kernel
@@ -82,7 +83,7 @@ def pointlike(d):
 @kernel
 def add_force(springs, y, u, f):
     for i in range(len(springs.rest)):
-        length, d = axis(springs, y, i)
+        length, _, d = axis(springs, y, i)
         stretch = length - springs.rest[i]
         pull = -springs.stiffness[i] * (stretch + springs.damping * dot(d, difference(u, springs, i)))
         add_opposite(f, springs, i, mul(splat(pull), d))
@@ -91,7 +92,7 @@ def add_force(springs, y, u, f):
 @kernel
 def add_damping(springs, y, scale, q, out):
     for i in range(len(springs.rest)):
-        _, d = axis(springs, y, i)
+        _, _, d = axis(springs, y, i)
         pull = -scale * springs.damping * springs.stiffness[i] * dot(d, difference(q, springs, i))
         add_opposite(out, springs, i, mul(splat(pull), d))
 
@@ -100,9 +101,9 @@ def add_damping(springs, y, scale, q, out):
 def add_step(springs, y, u, h, A, b):
     upright, lowered = pack(1.0, 0.0, 0.0, 0.0), pack(1.0, 0.0, 1.0, 0.0)  # where xx, zz and yy are in a block
     for i in range(len(springs.rest)):
-        length, d = axis(springs, y, i)
+        length, inverse, d = axis(springs, y, i)
         k = springs.stiffness[i]
-        rho = springs.rest[i] / length
+        rho = springs.rest[i] * inverse
         across = splat(h * h * k * (1.0 - rho))
         along = splat(h * k * (h * rho + springs.damping))
         low, high = outer(mul(along, d), d)
@@ -120,9 +121,8 @@ def add_pullback(springs, y, u, w, s, lam, h, grad, gy, gu):
     # ∂ρ/∂e = −ρ d/L and ∂(p·d)/∂e = (p − (p·d) d)/L for any fixed vector p.
     beta = springs.damping
     for i in range(len(springs.rest)):
-        length, d = axis(springs, y, i)
+        length, inverse, d = axis(springs, y, i)
         s_i, w_i, l_i = difference(s, springs, i), difference(w, springs, i), difference(lam, springs, i)
-        inverse = 1.0 / length
         rho = springs.rest[i] * inverse
         ld, sd, wd, ls = dot(l_i, d), dot(s_i, d), dot(w_i, d), dot(l_i, s_i)
         turn = rho * sd + beta * wd
@@ -146,9 +146,8 @@ def add_pushforward(springs, y, u, w, s, dy, du, direction, h, out):
     # With t = (d·de)/L and n = de/L − t d = dd:  dρ = −ρ t, and each product rule in turn.
     beta = springs.damping
     for i in range(len(springs.rest)):
-        length, d = axis(springs, y, i)
+        length, inverse, d = axis(springs, y, i)
         s_i, w_i, e_i = difference(s, springs, i), difference(w, springs, i), difference(dy, springs, i)
-        inverse = 1.0 / length
         rho = springs.rest[i] * inverse
         sd, wd = dot(s_i, d), dot(w_i, d)
         t = dot(e_i, d) * inverse

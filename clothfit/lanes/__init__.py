@@ -17,21 +17,18 @@ Indices are not checked. With NUMBA_DISABLE_JIT=1 the same functions work on Num
 
 from __future__ import annotations
 
+from typing import Any
+
 import numba
 
-if numba.config.DISABLE_JIT:
-    from clothfit.lanes.plain import (
-        add, clear3, fma, lane0, lane1, lane2, load, load3, mul, pack, splat, spread0, spread1, spread2, store, store3,
-        sub, sum3, turn, xxxy, xyzz, zxyy, zyyz,
-    )  # fmt: skip
-else:
-    from clothfit.lanes.compiled import (
-        add, clear3, fma, lane0, lane1, lane2, load, load3, mul, pack, splat, spread0, spread1, spread2, store, store3,
-        sub, sum3, turn, xxxy, xyzz, zxyy, zyyz,
-    )  # fmt: skip
+from clothfit.lanes import compiled, plain
 
-__all__ = [
-    "add", "clear3", "fma", "lane0", "lane1", "lane2", "load", "load3", "mul", "pack", "splat", "spread0", "spread1",
-    "spread2", "store", "store3", "sub", "sum3", "turn", "xxxy",
-    "xyzz", "zxyy", "zyyz",
-]  # fmt: skip
+config: Any = numba.config  # numba has no types
+chosen: Any = plain if config.DISABLE_JIT else compiled
+
+load, store, load3, store3 = chosen.load, chosen.store, chosen.load3, chosen.store3
+splat, pack, clear3, turn = chosen.splat, chosen.pack, chosen.clear3, chosen.turn
+spread0, spread1, spread2 = chosen.spread0, chosen.spread1, chosen.spread2
+lane0, lane1, lane2, sum3 = chosen.lane0, chosen.lane1, chosen.lane2, chosen.sum3
+add, sub, mul, fma = chosen.add, chosen.sub, chosen.mul, chosen.fma
+xyzz, xxxy, zyyz, zxyy = chosen.xyzz, chosen.xxxy, chosen.zyyz, chosen.zxyy

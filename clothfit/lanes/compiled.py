@@ -19,7 +19,7 @@ ALIGNED = 8  # bytes: the rows of NumPy's arrays promise no more
 Code = tuple[Any, Callable[..., Any]]
 
 
-class Lanes(types.Type):  # type: ignore[misc]  # numba has no types
+class Lanes(types.Type):
     """numba's name for four float64 in a register."""
 
     def __init__(self) -> None:
@@ -30,7 +30,7 @@ LANES = Lanes()
 
 
 @register_model(Lanes)
-class LanesModel(models.PrimitiveModel):  # type: ignore[misc]
+class LanesModel(models.PrimitiveModel):
     """How numba keeps them: as one LLVM vector."""
 
     def __init__(self, manager: Any, kind: Any) -> None:
@@ -81,7 +81,8 @@ def store(_context: Any, v: Any, a: Any, i: Any, j: Any) -> Code:
 @intrinsic
 def load3(_context: Any, a: Any, i: Any) -> Code:
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        start = place(context, builder, signature.args[0], *values, ir.Constant(values[1].type, 0))
+        array, i = values
+        start = place(context, builder, signature.args[0], array, i, ir.Constant(i.type, 0))
         low = read(builder, start, PAIR)
         last = read(builder, builder.gep(start, [INDEX(2)]), NUMBER)
         high = builder.insert_element(ir.Constant(PAIR, [0.0, 0.0]), last, INDEX(0))
