@@ -12,7 +12,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from clothfit import guess, interrupts
+from clothfit import cg, guess, interrupts
 from clothfit.arrays import Array, Elements
 from clothfit.kernel import kernel
 from clothfit.rollout import Rollout, stretches, velocity
@@ -31,9 +31,10 @@ def gradient(
     grad = zeros(system, kinds)
     by_position, work = np.ascontiguousarray(by_position), implicit.workspace(system)
     x_bar, v_bar = np.zeros_like(system.x0), np.zeros_like(system.x0)
-    for first, last in reversed(list(stretches(len(memory.w), len(system.x0)))):
-        sweep_back(system, memory, by_position, tolerance, work, first, last, x_bar, v_bar, grad)
-        interrupts.check()
+    with cg.helped(work.A, work.cg):
+        for first, last in reversed(list(stretches(len(memory.w), len(system.x0)))):
+            sweep_back(system, memory, by_position, tolerance, work, first, last, x_bar, v_bar, grad)
+            interrupts.check()
     if "velocity" in kinds:
         hold_fixed(system.vertex.free, v_bar)
         grad = grad._replace(velocity=v_bar)
@@ -47,9 +48,10 @@ def tangent(system: System, memory: Rollout, direction: Elements, tolerance: flo
     if len(direction.velocity) > 0:
         copy(direction.velocity, dv)
         hold_fixed(system.vertex.free, dv)
-    for first, last in stretches(len(memory.w), len(system.x0)):
-        sweep_forward(system, memory, direction, tolerance, work, first, last, dx, dv, change)
-        interrupts.check()
+    with cg.helped(work.A, work.cg):
+        for first, last in stretches(len(memory.w), len(system.x0)):
+            sweep_forward(system, memory, direction, tolerance, work, first, last, dx, dv, change)
+            interrupts.check()
     return change
 
 

@@ -10,37 +10,22 @@ two triangular solves that together read A once, and the preconditioner is D̂. 
 residual r is not at hand: its norm is foretold from r̂ᵀ D̂ r̂, and when that says it is small enough, computed.
 
 How it ended is said: a negative curvature proves that A is not positive definite (strongly compressed springs do
-that), and then, or when the iterations run out, a direct solver takes over. References: Y. Saad, Iterative Methods for
-Sparse Linear Systems, 2nd ed., SIAM 2003, algorithm 9.1 and section 9.2.2; O. Axelsson, Iterative Solution Methods,
-Cambridge 1994, section 7.4, on ω.
+that), and then, or when the iterations run out, a direct solver takes over. The passes over the rows are in `ssor`;
+on a large cloth a second thread takes its share of each (`team`). References: Y. Saad, Iterative Methods for Sparse
+Linear Systems, 2nd ed., SIAM 2003, algorithm 9.1 and section 9.2.2; O. Axelsson, Iterative Solution Methods, Cambridge
+1994, section 7.4, on ω.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import NamedTuple
 
-from clothfit import sparse
-from clothfit.arrays import Array, aligned
+from clothfit import sparse, ssor, team
+from clothfit.arrays import Array, aligned, staggered
 from clothfit.kernel import kernel
-from clothfit.lanes import (
-    add,
-    clear3,
-    fma,
-    lane0,
-    lane2,
-    load,
-    load3,
-    mul,
-    splat,
-    spread0,
-    spread1,
-    spread2,
-    store,
-    store3,
-    sub,
-    sum3,
-)  # fmt: skip
-from clothfit.sparse import times, times_spread
+from clothfit.team import SERVES, STOP, Team
 
 CONVERGED, INDEFINITE, LIMIT = 0, 1, 2
 """How a solve ended: within tolerance; A shown to be not positive definite; iterations used up."""
@@ -48,23 +33,29 @@ CONVERGED, INDEFINITE, LIMIT = 0, 1, 2
 NEAR = 4.0
 """The residual is computed when its foretold square is within this factor of the target's."""
 
+RESIDUAL, PREPARE, PRECONDITION, WEIGH, UPPER, LOWER, ADVANCE, CLEAR, CHECK = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0
+"""Passes over the rows. No whole numbers: numba would compile all that follows anew for each that it knows."""
+
 
 class Workspace(NamedTuple):
-    """Memory of the solver, (n, 4) each but for the inverses; lane 3 is 0."""
+    """Memory of the solver, (n, 4) each but for the last two; lane 3 is 0."""
 
-    r: Array  # r̂
+    x: Array  # w, as far as it is known
+    r: Array  # r̂; at first r
     p: Array  # search direction
     t: Array  # (D̂ + Lᵀ)⁻¹ p, the direction in w
     q: Array  # Â p
     z: Array  # D̂ r̂
-    u: Array  # right-hand side of the solve with D̂ + L
+    own: Array  # right-hand side of a solve with D̂ + L, used up by it
+    far: Array  # the same of the second share of rows
     inverse: Array  # (n + 1, 8), D̂⁻¹
+    team: Team
 
 
 def workspace(n: int) -> Workspace:
     """Memory for a system of n vertices."""
-    r, p, t, q, z, u = (aligned(n, 4) for _ in range(6))
-    return Workspace(r, p, t, q, z, u, aligned(n + 1, sparse.BLOCK))
+    x, r, p, t, q, z, own, far = staggered(8, n, 4)
+    return Workspace(x, r, p, t, q, z, own, far, aligned(n + 1, sparse.BLOCK), team.team())
 
 
 @kernel
@@ -72,28 +63,50 @@ def solve(A, b, tolerance, limit, work, w):
     """Improve the guess w (n, 3) until it solves A w = b; rows of fixed vertices are left alone.
 
     Returns the iterations used and CONVERGED, INDEFINITE or LIMIT. A guess that is good enough costs 0 iterations.
+    A small matrix has all its rows in one share, and each pass over them is one call; see `act` for the others.
     """
-    r, p, t, q, z, u, inverse = work
-    rr, bb = residual(A, b, w, r)
+    x, r, p, t, q, z, own, far, inverse, _ = work
+    whole, split = A.shares[0], A.shares[1, 0] < A.shares[1, 1]
+    bb = ssor.enter(A, whole, b, w, x, own)
+    if split:
+        bb += ssor.enter(A, A.shares[1], b, w, x, far) + ssor.enter(A, A.shares[2], b, w, x, own)
+    rr = sweep(A, work, RESIDUAL, 0.0, 0.0) if split else ssor.residual(A, whole, x, own, r)
     target = tolerance * tolerance * bb
     if rr <= target:
         return 0, CONVERGED
-    relaxation = omega(A)
+    relaxation = ssor.omega(A)
     if not sparse.invert_diagonal(A, relaxation, inverse):
         return 0, INDEFINITE
-    solve_lower(A, inverse, r)
-    rz = weigh(A, 1.0 / relaxation, r, z)
+    scale, kappa = 1.0 / relaxation, 2.0 / relaxation - 1.0
+    if split:
+        sweep(A, work, PREPARE, 0.0, 0.0)
+        sweep(A, work, PRECONDITION, 0.0, 0.0)
+        rz = sweep(A, work, WEIGH, scale, 0.0)
+    else:
+        ssor.solve_lower(A, whole, inverse, r, r)
+        rz = ssor.weigh(A, whole, scale, r, z)
     ratio = rr / rz
     beta = 0.0
     for iteration in range(1, limit + 1):
-        solve_upper(A, inverse, 2.0 / relaxation - 1.0, z, beta, p, t, u)
-        curvature = apply_lower(A, inverse, p, t, u, q)
+        if split:
+            sweep(A, work, UPPER, kappa, beta)
+            curvature = sweep(A, work, LOWER, 0.0, 0.0)
+        else:
+            ssor.solve_upper(A, whole, inverse, kappa, beta, z, p, t, own)
+            curvature = ssor.apply_lower(A, whole, inverse, p, t, own, q)
         if not curvature > 0.0:
             return iteration, INDEFINITE
-        rz_new = advance(A, rz / curvature, 1.0 / relaxation, t, q, w, r, z)
+        alpha = rz / curvature
+        rz_new = sweep(A, work, ADVANCE, alpha, scale) if split else ssor.advance(A, whole, alpha, scale, t, q, x, r, z)
         if rz_new * ratio <= NEAR * target:
-            rr = squared_residual(A, 1.0 / relaxation, r, u)
+            if split:
+                sweep(A, work, CLEAR, 0.0, 0.0)
+                rr = sweep(A, work, CHECK, scale, 0.0)
+            else:
+                ssor.clear(A, whole, own)
+                rr = ssor.squared_residual(A, whole, scale, r, own)
             if rr <= target:
+                ssor.leave(A, x, w)
                 return iteration, CONVERGED
             ratio = rr / rz_new
         beta = rz_new / rz
@@ -102,139 +115,72 @@ def solve(A, b, tolerance, limit, work, w):
 
 
 @kernel
-def omega(A):
-    """The relaxation factor ω: nearer 2 the smaller the mass is beside h² times the stiffness.
-
-    The sum of a row's blocks is mostly mass: q, its share in the diagonal, falls with refinement. By measurement on
-    cloths of 12² to 128² vertices the fewest iterations are needed near 2/(1 + q^0.2), and few more around it.
-    """
-    low, high = splat(0.0), splat(0.0)
-    for r in range(len(A.order)):
-        i = A.order[r]
-        low = add(low, load(A.diagonal, i, 0))
-        high = add(high, load(A.diagonal, i, 4))
-    diagonal = lane0(low) + lane0(high) + lane2(high)
-    low, high = splat(0.0), splat(0.0)
-    for e in range(len(A.column)):
-        low = add(low, load(A.upper, e, 0))
-        high = add(high, load(A.upper, e, 4))
-    share = 1.0 + 2.0 * (lane0(low) + lane0(high) + lane2(high)) / diagonal
-    return 2.0 / (1.0 + min(max(share, 1e-5), 1.0) ** 0.2)
+def sweep(A, work, phase, first, second):
+    """A pass over all rows, the third share first where it goes against the order; returns its sum over the rows."""
+    shared = work.team.flags[SERVES] == 1
+    notes = work.team.notes
+    total = 0.0
+    for turn in range(3):
+        s = (turn + 2) % 3 if phase == UPPER else turn
+        if shared and s == 1:
+            team.wait(work.team)
+            total += notes[0, 3]
+            continue
+        if shared and s == 0:
+            notes[0, 1], notes[0, 2] = first, second
+            team.post(work.team, phase)
+        total += act(A, work, s, phase, first, second)
+    return total
 
 
 @kernel
-def residual(A, b, w, r):
-    """r = b − A w of the free vertices; returns |r|² and |b|²."""
-    for k in range(len(A.order)):
-        i = A.order[k]
-        store(load3(b, i), r, i, 0)
-    rr, bb = splat(0.0), splat(0.0)
-    zero = splat(0.0)
-    for k in range(len(A.order)):
-        i = A.order[k]
-        w_i = sub(zero, load3(w, i))
-        w0, w1, w2 = spread0(w_i), spread1(w_i), spread2(w_i)
-        total = times_spread(A.diagonal, i, w0, w1, w2, load(r, i, 0))
-        for e in range(A.row[k], A.row[k + 1]):
-            j = A.column[e]
-            total = sub(total, times(A.upper, e, load3(w, j), zero))
-            store(times_spread(A.upper, e, w0, w1, w2, load(r, j, 0)), r, j, 0)
-        total = clear3(total)
-        store(total, r, i, 0)
-        rr = fma(total, total, rr)
-        b_i = load3(b, i)
-        bb = fma(b_i, b_i, bb)
-    return sum3(rr), sum3(bb)
+def act(A, work, s, phase, first, second):
+    """A pass over share s of the rows; returns its sum."""
+    x, r, p, t, q, z, own, far, inverse, _ = work
+    share = A.shares[s]
+    if s == 1:
+        own = far
+    if s == 2 and (phase == RESIDUAL or phase == PRECONDITION or phase == LOWER or phase == CHECK):
+        ssor.gather(A, share, far, own)
+    if phase == RESIDUAL:
+        return ssor.residual(A, share, x, own, r)
+    if phase == PREPARE:
+        ssor.copy_rows(A, share, r, own)
+    elif phase == PRECONDITION:
+        ssor.solve_lower(A, share, inverse, own, r)
+    elif phase == WEIGH:
+        return ssor.weigh(A, share, first, r, z)
+    elif phase == UPPER:
+        ssor.solve_upper(A, share, inverse, first, second, z, p, t, own)
+    elif phase == LOWER:
+        return ssor.apply_lower(A, share, inverse, p, t, own, q)
+    elif phase == ADVANCE:
+        return ssor.advance(A, share, first, second, t, q, x, r, z)
+    elif phase == CLEAR:
+        ssor.clear(A, share, own)
+    elif phase == CHECK:
+        return ssor.squared_residual(A, share, first, r, own)
+    return 0.0
 
 
-@kernel
-def solve_lower(A, inverse, r):
-    """r ← (D̂ + L)⁻¹ r."""
-    zero = splat(0.0)
-    for k in range(len(A.order)):
-        i = A.order[k]
-        y = clear3(times(inverse, i, load(r, i, 0), zero))
-        store(y, r, i, 0)
-        push(A, k, sub(zero, y), r)
+@kernel(nogil=True)
+def serve(A, work):
+    """The second thread's share of every pass, until it is told to stop."""
+    notes = work.team.notes
+    team.enter(work.team)
+    while True:
+        phase = team.next_phase(work.team)
+        if phase == STOP:
+            return
+        notes[0, 3] = act(A, work, 1, phase, notes[0, 1], notes[0, 2])
+        team.done(work.team)
 
 
-@kernel
-def push(A, k, y, out):
-    """out_j += B y for all blocks B of row k."""
-    y0, y1, y2 = spread0(y), spread1(y), spread2(y)
-    for e in range(A.row[k], A.row[k + 1]):
-        j = A.column[e]
-        store(times_spread(A.upper, e, y0, y1, y2, load(out, j, 0)), out, j, 0)
-
-
-@kernel
-def weigh(A, scale, r, z):
-    """z = scale · D r; returns r·z."""
-    total, factor = splat(0.0), splat(scale)
-    for k in range(len(A.order)):
-        i = A.order[k]
-        r_i = load(r, i, 0)
-        z_i = clear3(times(A.diagonal, i, mul(factor, r_i), splat(0.0)))
-        store(z_i, z, i, 0)
-        total = fma(r_i, z_i, total)
-    return sum3(total)
-
-
-@kernel
-def solve_upper(A, inverse, kappa, z, beta, p, t, u):
-    """p = z + β p, t = (D̂ + Lᵀ)⁻¹ p and u = p − K t, with K = κ D."""
-    zero, growth, minus_kappa = splat(0.0), splat(beta), splat(-kappa)
-    for k in range(len(A.order) - 1, -1, -1):
-        i = A.order[k]
-        p_i = fma(growth, load(p, i, 0), load(z, i, 0))
-        store(p_i, p, i, 0)
-        total = zero
-        for e in range(A.row[k + 1] - 1, A.row[k] - 1, -1):  # the nearest vertex, whose t is the newest, last
-            total = times(A.upper, e, load(t, A.column[e], 0), total)
-        t_i = clear3(times(inverse, i, sub(p_i, total), zero))
-        store(t_i, t, i, 0)
-        store(times(A.diagonal, i, mul(minus_kappa, t_i), p_i), u, i, 0)
-
-
-@kernel
-def apply_lower(A, inverse, p, t, u, q):
-    """q = t + (D̂ + L)⁻¹ u, u being used up; returns p·q."""
-    zero, total = splat(0.0), splat(0.0)
-    for k in range(len(A.order)):
-        i = A.order[k]
-        y = clear3(times(inverse, i, load(u, i, 0), zero))
-        q_i = add(load(t, i, 0), y)
-        store(q_i, q, i, 0)
-        total = fma(load(p, i, 0), q_i, total)
-        push(A, k, sub(zero, y), u)
-    return sum3(total)
-
-
-@kernel
-def advance(A, alpha, scale, t, q, w, r, z):
-    """w += α t, r −= α q, z = scale · D r; returns r·z."""
-    total, step, back, factor = splat(0.0), splat(alpha), splat(-alpha), splat(scale)
-    for k in range(len(A.order)):
-        i = A.order[k]
-        store3(fma(step, load(t, i, 0), load3(w, i)), w, i)
-        r_i = fma(back, load(q, i, 0), load(r, i, 0))
-        store(r_i, r, i, 0)
-        z_i = clear3(times(A.diagonal, i, mul(factor, r_i), splat(0.0)))
-        store(z_i, z, i, 0)
-        total = fma(r_i, z_i, total)
-    return sum3(total)
-
-
-@kernel
-def squared_residual(A, scale, r, u):
-    """|(D̂ + L) r|², the residual of A w = b itself; u is scratch."""
-    total, factor, zero = splat(0.0), splat(scale), splat(0.0)
-    for k in range(len(A.order)):
-        store(zero, u, A.order[k], 0)
-    for k in range(len(A.order)):
-        i = A.order[k]
-        r_i = load(r, i, 0)
-        own = times(A.diagonal, i, mul(factor, r_i), load(u, i, 0))
-        total = fma(own, own, total)
-        push(A, k, r_i, u)
-    return sum3(total)
+@contextmanager
+def helped(A: sparse.BlockMatrix, work: Workspace) -> Iterator[None]:
+    """Within, a second thread does its share in solves with this matrix and workspace, where its share is not empty."""
+    if A.shares[1, 0] == A.shares[1, 1]:
+        yield
+        return
+    with team.serving(work.team, lambda: serve(A, work)):
+        yield

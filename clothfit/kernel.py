@@ -13,6 +13,7 @@ every state of the sources.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import os
 import shutil
@@ -20,7 +21,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 
 import numba
 
@@ -63,9 +64,22 @@ def cache_folder() -> Path:
 FOLDER = str(cache_folder())
 
 
-def kernel(function: F) -> F:
-    """Compile `function` on first call, with the flags that the module docstring explains."""
-    compile_lazily: Any = numba.njit(cache=True, error_model="numpy")
+@overload
+def kernel(function: F) -> F: ...
+
+
+@overload
+def kernel(*, nogil: bool) -> Callable[[F], F]: ...
+
+
+def kernel(function: F | None = None, *, nogil: bool = False) -> F | Callable[[F], F]:
+    """Compile `function` on first call, with the flags that the module docstring explains.
+
+    `nogil`: other threads of Python may run meanwhile.
+    """
+    if function is None:
+        return functools.partial(kernel, nogil=nogil)  # type: ignore[call-overload, no-any-return]
+    compile_lazily: Any = numba.njit(cache=True, error_model="numpy", nogil=nogil)
     before = config.CACHE_DIR
     config.CACHE_DIR = FOLDER  # read while decorating, and only then
     try:

@@ -23,15 +23,15 @@ def solve(A, b, tolerance, work, w):
     iterations, ended = cg.solve(A, b, tolerance, limit, work, w)
     if ended == cg.CONVERGED:
         return iterations, 0
-    order, row, column, diagonal, upper = A
+    order, row, column, shares, diagonal, upper = A
     with objmode(solution="float64[:, ::1]"):
-        solution = factorise_and_solve(order, row, column, diagonal, upper, b)
+        solution = factorise_and_solve(order, row, column, shares, diagonal, upper, b)
     copy(solution, w)
     return iterations, 1
 
 
 def factorise_and_solve(
-    order: Indices, row: Indices, column: Indices, diagonal: Array, upper: Array, b: Array
+    order: Indices, row: Indices, column: Indices, shares: Indices, diagonal: Array, upper: Array, b: Array
 ) -> Array:
     """Solve A w = b by a sparse LU factorisation of the free rows; NaN where A is singular or not finite."""
     from scipy.sparse.linalg import splu
@@ -40,7 +40,7 @@ def factorise_and_solve(
     solution = np.zeros(b.size)
     if not (np.isfinite(diagonal[order]).all() and np.isfinite(upper[:-1]).all()):
         return np.full(b.shape, np.nan)  # the factorisation divides by infinity and gives finite numbers
-    values = sparse.to_scipy(order, row, column, diagonal, upper)[unknown][:, unknown]
+    values = sparse.to_scipy(order, row, column, shares, diagonal, upper)[unknown][:, unknown]
     try:
         solution[unknown] = splu(values.tocsc()).solve(b.reshape(-1)[unknown])
     except RuntimeError:  # exactly singular

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit import guess, interrupts
+from clothfit import cg, guess, interrupts
 from clothfit.arrays import Array, Indices
 from clothfit.errors import InvalidInput
 from clothfit.kernel import kernel
@@ -63,14 +63,15 @@ def rollout(
     )
     memory.x[0] = system.x0
     work = implicit.workspace(system)
-    for begin, end in pairwise(sorted({0, *(mark for mark in marks if mark < steps), steps})):
-        for first, last in stretches(end - begin, n):
-            good = run(system, tolerance, work, memory, begin + first, begin + last)
-            interrupts.check()
-            if good < begin + last:
-                return memory, good
-        if enough(memory.x[: end + 1]):
-            return memory, end
+    with cg.helped(work.A, work.cg):
+        for begin, end in pairwise(sorted({0, *(mark for mark in marks if mark < steps), steps})):
+            for first, last in stretches(end - begin, n):
+                good = run(system, tolerance, work, memory, begin + first, begin + last)
+                interrupts.check()
+                if good < begin + last:
+                    return memory, good
+            if enough(memory.x[: end + 1]):
+                return memory, end
     return memory, steps
 
 

@@ -47,6 +47,9 @@ XX, XY, XZ, YZ, ZZ, YY = 0, 1, 2, 3, 4, 6
 SQUARE = [[XX, XY, XZ], [XY, YY, YZ], [XZ, YZ, ZZ]]
 BLOCK = 8
 
+LARGE = 1500
+"""Free vertices from which two threads pay: a pass over the rows then takes longer than they need to meet."""
+
 
 class BlockMatrix(NamedTuple):
     """A x for x (n, 3); m free vertices, E blocks between them."""
@@ -54,6 +57,7 @@ class BlockMatrix(NamedTuple):
     order: Indices  # (m,), the free vertices in the order of sweep
     row: Indices  # (m + 1,), row r owns the slots row[r] … row[r + 1] − 1
     column: Indices  # (E,), vertex of each slot, later in the order than the row's
+    shares: Indices  # (3, 2), first row and end of each share of the rows; the first two are not joined
     diagonal: Array  # (n + 1, 8), diagonal blocks; the last is only read into by loads of the one before
     upper: Array  # (E + 1, 8), blocks of the slots; the last takes what belongs to no row
 
@@ -64,6 +68,7 @@ class Pattern(NamedTuple):
     order: Indices
     row: Indices
     column: Indices
+    shares: Indices
 
 
 def pattern(ends: Indices, free: Flags) -> tuple[Pattern, Indices]:
@@ -71,7 +76,7 @@ def pattern(ends: Indices, free: Flags) -> tuple[Pattern, Indices]:
 
     Pairs that join the same two vertices share a slot; pairs with a fixed vertex get the slot that no row reads.
     """
-    order = np.flatnonzero(free)
+    order, shares = sweep(ends, free)
     place = np.zeros(len(free), np.int64)
     place[order] = np.arange(len(order))
     kept = free[ends].all(axis=1)
@@ -82,7 +87,47 @@ def pattern(ends: Indices, free: Flags) -> tuple[Pattern, Indices]:
     slot = np.full(len(ends), len(keys), np.int32)
     slot[kept] = inverse
     column = order[keys % m] if m else keys
-    return Pattern(order.astype(np.int32), row.astype(np.int32), column.astype(np.int32)), slot
+    return Pattern(order.astype(np.int32), row.astype(np.int32), column.astype(np.int32), shares), slot
+
+
+def sweep(ends: Indices, free: Flags) -> tuple[Indices, Indices]:
+    """The order of sweep (m,) and its shares (3, 2).
+
+    A small cloth is swept in the order of its vertices, a large one along its bandwidth where theirs jumps about: each
+    row then works on what the last ones left in the caches. Its first and second half are shares of their own, but for
+    those vertices of the second that are joined to the first, which come last.
+    """
+    order = np.flatnonzero(free)
+    m = len(order)
+    if m < LARGE:
+        return order, np.array([[0, m], [m, m], [m, m]], np.int32)
+    place = np.full(len(free), -1)
+    place[order] = np.arange(m)
+    joined = place[ends[free[ends].all(axis=1)]]
+    along = along_bandwidth(joined, m)
+    order, joined = order[along], np.argsort(along)[joined]
+    first = (joined < m // 2).any(axis=1)
+    between = np.zeros(m, bool)
+    between[joined[first].max(axis=1)] = True
+    between[: m // 2] = False
+    seam = np.flatnonzero(between)
+    rest = np.flatnonzero(~between)
+    middle, end = m // 2, m - len(seam)
+    return order[np.concatenate([rest, seam])], np.array([[0, middle], [middle, end], [end, m]], np.int32)
+
+
+def along_bandwidth(joined: Indices, m: int) -> Indices:
+    """An order (m,) in which joined vertices are near: as they are, or reverse Cuthill–McKee where that is far better."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    ones = np.ones(2 * len(joined))
+    both_ways = (np.concatenate([joined[:, 0], joined[:, 1]]), np.concatenate([joined[:, 1], joined[:, 0]]))
+    better = reverse_cuthill_mckee(csr_array((ones, both_ways), shape=(m, m)), symmetric_mode=True)
+    distance = np.abs(joined[:, 0] - joined[:, 1]).mean()
+    after = np.argsort(better)[joined]
+    jumps = distance > 2.0 * np.abs(after[:, 0] - after[:, 1]).mean()
+    return np.asarray(better, np.int64) if jumps else np.arange(m)
 
 
 def zeros(pattern: Pattern, n: int) -> BlockMatrix:
@@ -175,7 +220,9 @@ def invert_diagonal(A, scale, inverse):
     return definite
 
 
-def to_scipy(order: Indices, row: Indices, column: Indices, diagonal: Array, upper: Array) -> csc_array:
+def to_scipy(
+    order: Indices, row: Indices, column: Indices, _shares: Indices, diagonal: Array, upper: Array
+) -> csc_array:
     """The matrix as a SciPy sparse array (3n, 3n), both halves; rows of fixed vertices are empty."""
     from scipy.sparse import bsr_array
 

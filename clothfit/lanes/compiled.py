@@ -6,6 +6,8 @@ when a kernel does. Reference: the LLVM language manual, vector types, `llvm.fma
 
 from __future__ import annotations
 
+import os
+import platform
 from collections.abc import Callable
 from typing import Any
 
@@ -189,3 +191,39 @@ def clear3(_context: Any, v: Any) -> Code:
         return shuffled(builder, values[0], ir.Constant(QUAD, [0.0] * 4), [0, 1, 2, 7])
 
     return LANES(LANES), code
+
+
+@intrinsic
+def read_shared(_context: Any, a: Any, i: Any) -> Code:
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        array, i = values
+        start = context.make_array(signature.args[0])(context, builder, array).data
+        return builder.load_atomic(builder.gep(start, [i]), "acquire", ALIGNED)
+
+    return types.int64(a, types.intp), code
+
+
+@intrinsic
+def write_shared(_context: Any, a: Any, i: Any, value: Any) -> Code:
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        array, i, value = values
+        start = context.make_array(signature.args[0])(context, builder, array).data
+        builder.store_atomic(value, builder.gep(start, [i]), "release", ALIGNED)
+        return context.get_dummy_value()
+
+    return types.void(a, types.intp, types.int64), code
+
+
+@intrinsic
+def pause(_context: Any, long: Any) -> Code:
+    def code(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        with builder.if_then(values[0]):
+            if hasattr(os, "sched_yield"):  # a function of the C library that the process has anyway
+                kind = ir.FunctionType(INDEX, [])
+                builder.call(cgutils.get_or_insert_function(builder.module, kind, "sched_yield"), [])
+        if platform.machine() in ("x86_64", "AMD64"):  # spins without keeping the core's other thread from its work
+            kind = ir.FunctionType(ir.VoidType(), [])
+            builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.sse2.pause"), [])
+        return context.get_dummy_value()
+
+    return types.void(types.boolean), code

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 
 
@@ -95,3 +97,15 @@ def zyyz(v):
 
 def zxyy(v):
     return v[[2, 0, 1, 1]]
+
+
+def read_shared(a, i):
+    return a[i]
+
+
+def write_shared(a, i, value):
+    a[i] = value
+
+
+def pause(long):
+    time.sleep(0)  # lets the interpreter run another thread
