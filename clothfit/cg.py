@@ -22,18 +22,22 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from clothfit import sparse, ssor, team
+import numpy as np
+
+from clothfit import multigrid, sparse, ssor, team
 from clothfit.arrays import Array, aligned, staggered
 from clothfit.kernel import kernel
+from clothfit.multigrid import Coarsening
 from clothfit.team import SERVES, STOP, Team
 
-CONVERGED, INDEFINITE, LIMIT = 0, 1, 2
-"""How a solve ended: within tolerance; A shown to be not positive definite; iterations used up."""
+CONVERGED, INDEFINITE, LIMIT, ABSENT = 0, 1, 2, 3
+"""How a solve ended: within tolerance; A shown to be not positive definite; iterations used up; no such way."""
 
 NEAR = 4.0
 """The residual is computed when its foretold square is within this factor of the target's."""
 
-RESIDUAL, PREPARE, PRECONDITION, WEIGH, UPPER, LOWER, ADVANCE, CLEAR, CHECK = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0
+RESIDUAL, PREPARE, PRECONDITION, WEIGH = 0.0, 1.0, 2.0, 3.0
+UPPER, LOWER, ADVANCE, CLEAR, CHECK = 4.0, 5.0, 6.0, 7.0, 8.0
 """Passes over the rows. No whole numbers: numba would compile all that follows anew for each that it knows."""
 
 
@@ -50,12 +54,15 @@ class Workspace(NamedTuple):
     far: Array  # the same of the second share of rows
     inverse: Array  # (n + 1, 8), D̂⁻¹
     team: Team
+    hierarchy: multigrid.Hierarchy | None  # for very large cloths; a type of its own, so others need not compile it
 
 
-def workspace(n: int) -> Workspace:
-    """Memory for a system of n vertices."""
+def workspace(A: sparse.BlockMatrix, coarser: tuple[Coarsening, Coarsening] | None = None) -> Workspace:
+    """Memory for systems with the matrix A; with the coarser levels of a cloth that has them."""
+    n = len(A.diagonal) - 1
     x, r, p, t, q, z, own, far = staggered(8, n, 4)
-    return Workspace(x, r, p, t, q, z, own, far, aligned(n + 1, sparse.BLOCK), team.team())
+    levels = multigrid.hierarchy(A, coarser) if coarser and len(coarser[0].slot) else None
+    return Workspace(x, r, p, t, q, z, own, far, aligned(n + 1, sparse.BLOCK), team.team(), levels)
 
 
 @kernel
@@ -65,7 +72,7 @@ def solve(A, b, tolerance, limit, work, w):
     Returns the iterations used and CONVERGED, INDEFINITE or LIMIT. A guess that is good enough costs 0 iterations.
     A small matrix has all its rows in one share, and each pass over them is one call; see `act` for the others.
     """
-    x, r, p, t, q, z, own, far, inverse, _ = work
+    x, r, p, t, q, z, own, far, inverse, _, hierarchy = work
     whole, split = A.shares[0], A.shares[1, 0] < A.shares[1, 1]
     bb = ssor.enter(A, whole, b, w, x, own)
     if split:
@@ -74,6 +81,13 @@ def solve(A, b, tolerance, limit, work, w):
     target = tolerance * tolerance * bb
     if rr <= target:
         return 0, CONVERGED
+    if bb == 0.0:  # no residual but 0 is small beside it
+        ssor.clear(A, np.array([0, len(A.order)], np.int32), x)
+        ssor.leave(A, x, w)
+        return 0, CONVERGED
+    iterations, ended = by_cycles(hierarchy, A, target, limit, work, w)
+    if ended != ABSENT:
+        return iterations, ended
     relaxation = ssor.omega(A)
     if not sparse.invert_diagonal(A, relaxation, inverse):
         return 0, INDEFINITE
@@ -115,6 +129,20 @@ def solve(A, b, tolerance, limit, work, w):
 
 
 @kernel
+def by_cycles(hierarchy, A, target, limit, work, w):
+    """The same by multigrid, from work.x with the residual work.r, where there are coarser levels."""
+    if hierarchy is None:
+        return 0, ABSENT
+    for s in range(3):
+        ssor.copy_rows(A, A.shares[s], work.r, hierarchy.levels[0].r)
+    iterations, near = multigrid.solve(hierarchy, target, limit, work.x, work.q, work.p)
+    if near:
+        ssor.leave(A, work.x, w)
+        return iterations, CONVERGED
+    return max(iterations, 0), INDEFINITE if iterations < 0 else LIMIT
+
+
+@kernel
 def sweep(A, work, phase, first, second):
     """A pass over all rows, the third share first where it goes against the order; returns its sum over the rows."""
     shared = work.team.flags[SERVES] == 1
@@ -136,11 +164,11 @@ def sweep(A, work, phase, first, second):
 @kernel
 def act(A, work, s, phase, first, second):
     """A pass over share s of the rows; returns its sum."""
-    x, r, p, t, q, z, own, far, inverse, _ = work
+    x, r, p, t, q, z, own, far, inverse, _, _ = work
     share = A.shares[s]
     if s == 1:
         own = far
-    if s == 2 and (phase == RESIDUAL or phase == PRECONDITION or phase == LOWER or phase == CHECK):
+    if s == 2 and phase in (RESIDUAL, PRECONDITION, LOWER, CHECK):
         ssor.gather(A, share, far, own)
     if phase == RESIDUAL:
         return ssor.residual(A, share, x, own, r)

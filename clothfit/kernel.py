@@ -78,7 +78,7 @@ def kernel(function: F | None = None, *, nogil: bool = False) -> F | Callable[[F
     `nogil`: other threads of Python may run meanwhile.
     """
     if function is None:
-        return functools.partial(kernel, nogil=nogil)  # type: ignore[call-overload, no-any-return]
+        return functools.partial(kernel, nogil=nogil)
     compile_lazily: Any = numba.njit(cache=True, error_model="numpy", nogil=nogil)
     before = config.CACHE_DIR
     config.CACHE_DIR = FOLDER  # read while decorating, and only then

@@ -87,7 +87,7 @@ def pattern(ends: Indices, free: Flags) -> tuple[Pattern, Indices]:
     slot = np.full(len(ends), len(keys), np.int32)
     slot[kept] = inverse
     column = order[keys % m] if m else keys
-    return Pattern(order.astype(np.int32), row.astype(np.int32), column.astype(np.int32), shares), slot
+    return Pattern(order, row.astype(np.int32), column.astype(np.int32), shares), slot
 
 
 def sweep(ends: Indices, free: Flags) -> tuple[Indices, Indices]:
@@ -97,7 +97,7 @@ def sweep(ends: Indices, free: Flags) -> tuple[Indices, Indices]:
     row then works on what the last ones left in the caches. Its first and second half are shares of their own, but for
     those vertices of the second that are joined to the first, which come last.
     """
-    order = np.flatnonzero(free)
+    order = np.flatnonzero(free).astype(np.int32)
     m = len(order)
     if m < LARGE:
         return order, np.array([[0, m], [m, m], [m, m]], np.int32)
@@ -117,7 +117,7 @@ def sweep(ends: Indices, free: Flags) -> tuple[Indices, Indices]:
 
 
 def along_bandwidth(joined: Indices, m: int) -> Indices:
-    """An order (m,) in which joined vertices are near: as they are, or reverse Cuthill–McKee where that is far better."""
+    """An order (m,) in which joined vertices are near: their own, or reverse Cuthill–McKee where that is far better."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
@@ -127,7 +127,7 @@ def along_bandwidth(joined: Indices, m: int) -> Indices:
     distance = np.abs(joined[:, 0] - joined[:, 1]).mean()
     after = np.argsort(better)[joined]
     jumps = distance > 2.0 * np.abs(after[:, 0] - after[:, 1]).mean()
-    return np.asarray(better, np.int64) if jumps else np.arange(m)
+    return np.asarray(better, np.int32) if jumps else np.arange(m, dtype=np.int32)
 
 
 def zeros(pattern: Pattern, n: int) -> BlockMatrix:

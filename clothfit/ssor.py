@@ -10,7 +10,22 @@ from __future__ import annotations
 
 from clothfit.kernel import kernel
 from clothfit.lanes import (
-    add, clear3, fma, lane0, lane2, load, load3, mul, splat, spread0, spread1, spread2, store, store3, sub, sum3,
+    add,
+    clear3,
+    fma,
+    lane0,
+    lane2,
+    load,
+    load3,
+    mul,
+    splat,
+    spread0,
+    spread1,
+    spread2,
+    store,
+    store3,
+    sub,
+    sum3,
 )  # fmt: skip
 from clothfit.sparse import times, times_spread
 

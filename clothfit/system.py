@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit import sparse
+from clothfit import multigrid, sparse
 from clothfit.arrays import Array, Elements, Flags
 from clothfit.forces import spheres, springs, vertex, wind
 from clothfit.scene import Scene
@@ -33,6 +33,7 @@ class System(NamedTuple):
     faces: wind.Faces
     spheres: spheres.Spheres
     pattern: sparse.Pattern  # of the step's matrix
+    coarser: tuple[multigrid.Coarsening, multigrid.Coarsening]  # and of its coarser levels, for very large cloths
 
 
 def build(scene: Scene, index: int, air: bool = False) -> System:
@@ -50,6 +51,7 @@ def build(scene: Scene, index: int, air: bool = False) -> System:
         faces=wind.build(np.array(cloth.triangles), cloth.drag, scene.wind, air or cloth.mode("drag") != "n"),
         spheres=spheres.build(scene.spheres),
         pattern=pattern,
+        coarser=multigrid.coarsenings(pattern, len(cloth.fixed)),
     )
 
 

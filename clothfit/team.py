@@ -25,7 +25,7 @@ from clothfit.kernel import kernel
 from clothfit.lanes import pause, read_shared, write_shared
 
 SERVES, POSTED, DONE = 0, 8, 16
-"""Places of the flags, a cache line apart: 1 while a second thread serves; how many phases were posted, how many done."""
+"""Places of the flags, a cache line apart: 1 while a second thread serves; phases posted so far; phases done."""
 
 STOP = -1.0
 """The phase that ends the second thread."""

@@ -38,7 +38,7 @@ def dense_solution(A, b):
 
 
 def solve(A, b, w, tolerance=1e-14, limit=200):
-    return cg.solve(A, b, tolerance, limit, cg.workspace(N), w)
+    return cg.solve(A, b, tolerance, limit, cg.workspace(A), w)
 
 
 @pytest.mark.parametrize("guess", [0.0, 1.0])

@@ -22,7 +22,7 @@ def made(ends, free, rng=RNG):
 
 
 def test_the_pattern_has_one_slot_per_pair_above_the_diagonal():
-    (order, row, column), slot = sparse.pattern(ENDS, np.ones(5, bool))
+    (order, row, column, _), slot = sparse.pattern(ENDS, np.ones(5, bool))
     assert order.tolist() == [0, 1, 2, 3, 4]
     pairs = [(i, int(column[e])) for i in range(5) for e in range(row[i], row[i + 1])]
     assert pairs == [(0, 1), (0, 4), (1, 3), (2, 3), (2, 4)]
@@ -30,7 +30,7 @@ def test_the_pattern_has_one_slot_per_pair_above_the_diagonal():
 
 
 def test_pairs_with_a_fixed_vertex_share_a_slot_that_no_row_reads():
-    (order, row, column), slot = sparse.pattern(ENDS, np.array([True, True, True, False, True]))
+    (order, row, column, _), slot = sparse.pattern(ENDS, np.array([True, True, True, False, True]))
     assert order.tolist() == [0, 1, 2, 4]
     assert column.tolist() == [1, 4, 4]
     assert row.tolist() == [0, 2, 2, 3, 3]

@@ -47,7 +47,8 @@ def workspace(system: System) -> Workspace:
     """Memory for the steps of `system` and their derivatives."""
     n = len(system.x0)
     vectors = [np.zeros((n, 3)) for _ in range(7)]
-    return Workspace(sparse.zeros(system.pattern, n), cg.workspace(n), guess.past(n), *vectors)
+    A = sparse.zeros(system.pattern, n)
+    return Workspace(A, cg.workspace(A, system.coarser), guess.past(n), *vectors)
 
 
 @kernel
