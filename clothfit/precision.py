@@ -27,9 +27,9 @@ REFERENCE_SHARE, FIRST_SHARE = 0.25, 0.7
 """Parts of it after which the reference ends, and the first run of each setting; the rest is for repetitions."""
 KNOWN = 5.0
 """A frame counts where the reference is so many times nearer to its limit, by its estimate, than any setting."""
-HOPELESS = 10.0
-"""A motion farther from the reference than so many times its extent is none of this cloth: it diverged, though finite.
-"""
+HOPELESS = 1.0
+"""A motion farther from the reference, on the average, than so many times the extent of all positions is none of this
+cloth: it diverged, though its numbers are finite."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,7 @@ class WorkPrecision:
 
     scene: str  # its name
     delta: float  # its time step, s
+    tolerance: float  # of its linear systems
     frames: int  # simulated, the initial one included
     reference: Reference  # over the frames that are compared: fewer, where it is not known to the end
     rows: list[Row]  # integrators in turn, long steps before short ones
@@ -102,6 +103,7 @@ def work_precision(
     if not 0 < seconds < math.inf:
         raise InvalidInput(f"seconds: {seconds:g} is not possible, it must be above 0 and finite")
     count = scene.frames if frames is None else frames
+    warm_up(scene)
     began = time.perf_counter()
 
     def tell(what: str) -> float:
@@ -112,8 +114,6 @@ def work_precision(
 
     tell("reference motion")
     reference = converged(scene, count, REFERENCE_SHARE * seconds)
-    tell("compiling and loading")
-    warm_up(scene)
     trials = [Trial(setting, setting.steps(count)) for setting in grid(scene)]
     short_first = sorted(trials, key=lambda trial: trial.steps)
     for done, trial in enumerate(short_first):
@@ -132,7 +132,7 @@ def table(scene: Scene, trials: Sequence[Trial], reference: Reference) -> WorkPr
     rows = [row(scene, trial, known) for trial in trials]
     best = front([r.cost_and_error for r in rows])
     marked = [replace(r, pareto=bool(flag)) for r, flag in zip(rows, best, strict=True)]
-    return WorkPrecision(scene.name, scene.delta, len(reference.positions), known, marked)
+    return WorkPrecision(scene.name, scene.delta, scene.tolerance, len(reference.positions), known, marked)
 
 
 def known_frames(trials: Sequence[Trial], reference: Reference) -> int:

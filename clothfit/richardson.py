@@ -62,6 +62,7 @@ def converged(scene: Scene, frames: int, seconds: float = math.inf, goal: float 
     """
     if frames < 2:
         raise InvalidInput(f"frames: {frames} is too few to compare, at least 2 are needed")
+    run(scene, 2, 1)  # so that compiling does not count
     sequence = Sequence(lambda m: run(scene, frames, m))
     began, substeps, last = time.perf_counter(), 1, 0.0
     while substeps < FINEST and (substeps == 1 or time.perf_counter() - began + 2.0 * last <= seconds):

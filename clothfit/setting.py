@@ -38,6 +38,13 @@ class Setting:
         return math.ceil((frames - 1) / self.ratio)
 
     @property
+    def step_name(self) -> str:
+        """Its step in terms of h, the scene's delta: 4 h, h, h/4."""
+        if self.ratio < 1.0:
+            return f"h/{round(1.0 / self.ratio)}"
+        return "h" if self.ratio == 1.0 else f"{self.ratio:g} h"
+
+    @property
     def kind(self) -> tuple[str, float | None, int | None]:
         """What it has in common with the same at other steps."""
         return self.integrator, self.tolerance, self.newton
