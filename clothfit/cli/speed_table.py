@@ -75,7 +75,7 @@ def show_reference(found: WorkPrecision, console: Console) -> None:
     order = "" if reference.order is None else f", order {reference.order:.1f}"
     console.say(
         f"error: distance to the motion of h → 0, root mean square over all vertices and {frames} frames; that motion "
-        f"is known to {metres(reference.error)} (Runge–Kutta steps of {1e3 * reference.step:.3g} ms, extrapolated{order})"
+        f"is known to {metres(reference.error)} (Runge–Kutta, {1e3 * reference.step:.3g} ms a step, extrapolated{order})"
     )
     if frames < found.frames:
         console.warn(
