@@ -107,11 +107,13 @@ def sampled(x: Array, ratio: float, frames: int) -> Array:
 
 
 def expected(trial: Trial, before: Sequence[Trial]) -> float:
-    """How long a run will take, s, by the steps of the same kind that were run before, else of the slowest kind."""
+    """How long a run will take, s, by the steps of the same kind that were run before; else by those of the dearest
+    kind, or of the cheapest where the trial is explicit, as such a step costs no more than any other.
+    """
     known = [t for t in before if t.seconds]
     same = [t for t in known if t.setting.kind == trial.setting.kind]
-    pace = max((t.seconds[0] / t.steps for t in same[-1:] or known), default=0.0)
-    return pace * trial.steps
+    paces = [t.seconds[0] / t.steps for t in same[-1:] or known]
+    return (max if trial.setting.newton else min)(paces, default=0.0) * trial.steps
 
 
 def repeat(scene: Scene, trials: Sequence[Trial], deadline: float) -> Iterator[int]:

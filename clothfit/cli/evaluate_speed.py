@@ -127,7 +127,12 @@ def summary(
         "frames": len(reference.positions),
         "simulated_frames": found.frames,
         "vertices": sum(scene.vertex_counts),
-        "reference": {"error": reference.error, "order": reference.order, "step": reference.step},
+        "reference": {
+            "integrator": reference.integrator,
+            "step": reference.step,
+            "order": reference.order,
+            "error": reference.error,
+        },
         "rows": [plain_row(row) for row in found.rows],
         "own": plain_row(found.own),
         "requested_error": error,

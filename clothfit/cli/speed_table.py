@@ -73,9 +73,10 @@ def show_reference(found: WorkPrecision, console: Console) -> None:
     reference = found.reference
     frames = len(reference.positions)
     order = "" if reference.order is None else f", order {reference.order:.1f}"
+    how = f"{reference.integrator}, {1e3 * reference.step:.3g} ms a step, extrapolated{order}"
     console.say(
         f"error: distance to the motion of h → 0, root mean square over all vertices and {frames} frames; that motion "
-        f"is known to {metres(reference.error)} (Runge–Kutta, {1e3 * reference.step:.3g} ms a step, extrapolated{order})"
+        f"is known to {metres(reference.error)} ({how})"
     )
     if frames < found.frames:
         console.warn(
