@@ -102,7 +102,7 @@ def lines(found: WorkPrecision) -> Iterator[Line]:
 def lowest(found: WorkPrecision) -> float:
     """Where an error of 0, which a logarithm does not know, is drawn: below all others, m."""
     positive = [row.error for row in found.rows if row.error]
-    return 0.5 * min(positive) if positive else 1e-12
+    return 0.5 * min(positive) if positive else 1e-6
 
 
 def draw_line(axes: Axes, line: Line, floor: float) -> None:
@@ -124,14 +124,18 @@ def draw_front(axes: Axes, found: WorkPrecision, floor: float) -> None:
     x = [row.cost_and_error[0] for row in best]
     y = [max(row.cost_and_error[1], floor) for row in best]
     axes.step(x, y, where="post", color=INK, linewidth=6, alpha=0.13, zorder=1, label="Pareto-best")
+    before = ""
     for row, a, b in zip(best, x, y, strict=True):
-        axes.annotate(row.setting.step_name, (a, b), xytext=(-5, -11), textcoords="offset points", fontsize=8,
-                      color=INK, ha="right", zorder=5)
+        name = row.setting.step_name
+        if name != before:  # others of the same step lie close by, where a name would cover the first one's
+            axes.annotate(name, (a, b), xytext=(-5, -11), textcoords="offset points", fontsize=8, color=INK, ha="right",
+                          zorder=5)
+        before = name
 
 
 def frame(axes: Axes, found: WorkPrecision) -> None:
     """Axes with units, grid, title and legend."""
-    from matplotlib.ticker import FuncFormatter, LogLocator
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     frames = len(found.reference.positions)
     axes.set_title(f"{found.scene}: speed against error", loc="left", fontsize=12, fontweight="bold", color=INK)
@@ -143,6 +147,7 @@ def frame(axes: Axes, found: WorkPrecision) -> None:
     for axis, parts in ((axes.xaxis, (1.0, 2.0, 5.0)), (axes.yaxis, (1.0,))):
         axis.set_major_locator(LogLocator(subs=parts, numticks=20))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
     axes.margins(x=0.08, y=0.1)

@@ -23,8 +23,9 @@ from clothfit.setting import Setting, grid, own
 from clothfit.trial import LARGEST, Trial, expected, judge, repeat, warm_up
 
 SECONDS = 60.0  # for everything
-REFERENCE_SHARE, FIRST_SHARE = 0.25, 0.7
-"""Parts of it after which the reference ends, and the first run of each setting; the rest is for repetitions."""
+REFERENCE_SHARE, FIRST_SHARE = 0.25, 0.45
+"""Parts of it for the reference and for the first run of each setting; the rest is for repetitions."""
+REFERENCE_SECONDS = 3.0  # for the reference at least, as nothing can be said without one
 KNOWN = 5.0
 """A frame counts where the reference is so many times nearer to its limit, by its estimate, than any setting."""
 HOPELESS = 1.0
@@ -113,12 +114,13 @@ def work_precision(
         return now
 
     tell("reference motion")
-    reference = converged(scene, count, REFERENCE_SHARE * seconds)
+    reference = converged(scene, count, max(REFERENCE_SHARE * seconds, REFERENCE_SECONDS))
     trials = [Trial(setting, setting.steps(count)) for setting in grid(scene)]
     short_first = sorted(trials, key=lambda trial: trial.steps)
+    limit = tell("settings") + FIRST_SHARE * seconds
     for done, trial in enumerate(short_first):
         spent = tell(f"setting {done + 1} of {len(trials)}")
-        fits = spent + expected(trial, short_first[:done]) <= FIRST_SHARE * seconds
+        fits = spent + expected(trial, short_first[:done]) <= limit or trial.setting == own(scene)
         if fits and trial.needs(scene) <= LARGEST:
             judge(scene, trial, reference.positions)
     for number in repeat(scene, [trial for trial in short_first if trial.status == "done"], began + seconds):
@@ -146,7 +148,7 @@ def known_frames(trials: Sequence[Trial], reference: Reference) -> int:
     unknown = so_far(reference.errors**2) > np.maximum(nearest / KNOWN, floor)
     frames = int(np.argmax(unknown)) if unknown.any() else len(unknown)
     if frames < 2:
-        raise InvalidInput("seconds: too few for a reference that is known well enough to judge by; allow more")
+        raise InvalidInput("the reference motion is not known well enough to judge by; allow more time (--budget)")
     return frames
 
 

@@ -138,8 +138,8 @@ def converged(scene: Scene, frames: int, seconds: float = math.inf, goal: float 
             step = scene.delta / halving.substeps
             return Reference(halving.extrapolants[1], halving.errors(), step, halving.order(), integrator)
     raise Diverged(
-        f"{scene.name}: no steps that fit into the time are short enough for a reference motion; allow more of it, "
-        "or fewer steps",
+        f"{scene.name}: no steps that fit into the time are short enough for a reference motion; allow more of it "
+        "(--budget), or fewer frames (--steps)",
         0,
     )
 
