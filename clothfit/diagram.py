@@ -151,6 +151,8 @@ def frame(axes: Axes, found: WorkPrecision) -> None:
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
     axes.margins(x=0.08, y=0.1)
+    if found.nearest is None:
+        axes.set(xlim=(1e-3, 1.0), ylim=(1e-4, 1.0))  # a logarithm of nothing has no limits of its own
 
 
 def draw_levels(axes: Axes, found: WorkPrecision, error: float | None, floor: float) -> None:

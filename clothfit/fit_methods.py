@@ -37,7 +37,7 @@ class FitRow:
     evaluations: int
     rmse: float | None  # m, of the positions over the fitted frames
     median_relative_deviation: float | None  # |fitted / true − 1|, of what can be identified and is not 0
-    pareto: bool = False  # no other method is both faster and nearer
+    pareto: bool = False  # no other method is faster and as near, or nearer and as fast
 
 
 def compare_methods(

@@ -46,7 +46,7 @@ class Row:
     seconds_per_second: float | None = None  # of computing, per simulated second
     error: float | None = None  # root mean square distance to the reference, m
     max_error: float | None = None  # largest distance of a vertex, m
-    pareto: bool = False  # no other row is both cheaper and nearer
+    pareto: bool = False  # no other row is cheaper and as near, or nearer and as cheap
 
     @property
     def cost_and_error(self) -> tuple[float, float]:
@@ -116,14 +116,14 @@ def work_precision(
     tell("reference motion")
     reference = converged(scene, count, max(REFERENCE_SHARE * seconds, REFERENCE_SECONDS))
     trials = [Trial(setting, setting.steps(count)) for setting in grid(scene)]
-    short_first = sorted(trials, key=lambda trial: trial.steps)
+    cheap_first = sorted(trials, key=lambda trial: trial.effort)
     limit = tell("settings") + FIRST_SHARE * seconds
-    for done, trial in enumerate(short_first):
+    for done, trial in enumerate(cheap_first):
         spent = tell(f"setting {done + 1} of {len(trials)}")
-        fits = spent + expected(trial, short_first[:done]) <= limit or trial.setting == own(scene)
+        fits = spent + expected(trial, cheap_first[:done]) <= limit or trial.setting == own(scene)
         if fits and trial.needs(scene) <= LARGEST:
             judge(scene, trial, reference.positions)
-    for number in repeat(scene, [trial for trial in short_first if trial.status == "done"], began + seconds):
+    for number in repeat(scene, [trial for trial in cheap_first if trial.status == "done"], began + seconds):
         tell(f"repetition {number - 1}")
     return table(scene, trials, reference)
 
@@ -179,7 +179,7 @@ def row(scene: Scene, trial: Trial, reference: Reference) -> Row:
 
 
 def front(points: Sequence[tuple[float, float]]) -> Flags:
-    """Which (cost, error) are Pareto-best: finite, and no other is both no dearer and no farther off.
+    """Which (cost, error) are Pareto-best: finite, and no other is cheaper and as near, or nearer and as cheap.
 
     Of equal ones the first.
     """

@@ -22,6 +22,7 @@ from clothfit.system import build
 
 RUNS = 5
 """Runs of each setting, at most: their median is then that of an undisturbed machine, were two disturbed."""
+SOLVE = 5  # explicit steps
 LARGEST = 2e9  # bytes that the states of one cloth's run may take
 
 
@@ -35,6 +36,11 @@ class Trial:
     seconds: list[float] = field(default_factory=list)  # of each run
     squares: Array | None = None  # (F,), m²: squared distance to the reference, mean over the vertices
     largest: Array | None = None  # (F,), m: largest distance of a vertex
+
+    @property
+    def effort(self) -> int:
+        """Roughly how dear a run is, to begin with the cheap ones: a linear solve is worth some explicit steps."""
+        return self.steps * (SOLVE * self.setting.newton if self.setting.newton else 1)
 
     def needs(self, scene: Scene) -> int:
         """Bytes that its largest cloth's run keeps."""

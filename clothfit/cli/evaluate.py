@@ -58,22 +58,23 @@ def command(
     clothfit evaluate scene.json --speed --error 0.02 --plot speed.svg
     """
     if speed:
-        refuse({"FITTED": fitted_path, "--target": target_path}, "does not go with --speed, which takes one scene")
-        refuse({"--max-evaluations": None if fit else max_evaluations}, "goes with --fit only")
+        refuse({"FITTED": fitted_path, "--target": target_path}, "--speed takes one scene; {} does not go with it")
+        refuse({"--max-evaluations": None if fit else max_evaluations}, "{} goes with --fit only")
         return evaluate_speed.command(scene_path, steps, error, plot, budget, fit, max_evaluations, as_json, console)
     asked = {"--error": error, "--plot": plot, "--budget": budget, "--max-evaluations": max_evaluations}
-    refuse({**asked, "--fit": fit or None}, "goes with --speed only")
+    refuse({**asked, "--fit": fit or None}, "{} goes with --speed only")
     if fitted_path is None:
         context = click.get_current_context()
-        raise click.MissingParameter(ctx=context, param=context.command.params[1])
+        missing = next(p for p in context.command.params if p.name == "fitted_path")
+        raise click.MissingParameter(ctx=context, param=missing)
     return compare(scene_path, fitted_path, target_path, steps, as_json, console)
 
 
 def refuse(given: dict[str, object], why: str) -> None:
-    """Raise a usage error at the first argument that is given."""
+    """Raise a usage error, with the name in it, at the first argument that is given."""
     for name, value in given.items():
         if value is not None:
-            raise click.UsageError(f"{name} {why}", click.get_current_context())
+            raise click.UsageError(why.format(name), click.get_current_context())
 
 
 def compare(
