@@ -27,7 +27,7 @@ import numpy as np
 
 from clothfit.arrays import Array
 from clothfit.errors import Diverged, InvalidInput
-from clothfit.rollout import rollout
+from clothfit.rollout import check_memory, rollout
 from clothfit.runge_kutta import record
 from clothfit.scene import Scene
 from clothfit.system import IMPLICIT, build
@@ -39,6 +39,7 @@ of first order, the ones to judge, are off by 1e-3 and more."""
 ROUNDING = 1e-12  # differences below this, relative to the extent, show no order
 TIGHT = 1e-10  # tolerance of the implicit steps: far below what their length leaves
 
+KEPT = 5  # motions: three runs and two extrapolants
 FIRST_SHARE = 0.5  # of the time, after which Runge–Kutta must have shown that its steps can be short enough
 
 Recorder = Callable[[Scene, int, int, int], Array | None]
@@ -123,11 +124,12 @@ def converged(scene: Scene, frames: int, seconds: float = math.inf, goal: float 
     """The motion of the scene for h → 0 over `frames` frames of its delta.
 
     Steps are halved until the estimated error is `goal` times the extent of the motion, or the next halving would not
-    end within `seconds`; what the error then is, it says. Raises InvalidInput when there are fewer than 2 frames;
-    Diverged when no steps that fit into the time give a finite motion, or too few do to know how good it is.
+    end within `seconds`; what the error then is, it says. Raises InvalidInput when there are fewer than 2 frames, or
+    more than memory holds; Diverged when no steps that fit into the time give a finite motion, or too few do to know how good it is.
     """
     if frames < 2:
         raise InvalidInput(f"frames: {frames} is too few to compare, at least 2 are needed")
+    check_memory(frames, sum(scene.vertex_counts), KEPT - 1)
     left = seconds
     for integrator, recorder, order in ("Runge-Kutta", explicit, 4), ("implicit", implicit, 1):
         moving(scene, recorder, 2, 1)  # so that compiling does not count

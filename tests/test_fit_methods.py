@@ -25,7 +25,8 @@ def test_all_methods_find_one_stiffness():
     assert all(row.rmse <= 1e-8 for row in rows)  # where a fit ends
     assert all(row.median_relative_deviation < 1e-5 for row in rows)  # 1e-8 m where a factor e is decimetres
     points = [(row.seconds, row.rmse) for row in rows]
-    assert [row.pareto for row in rows] == [not any(c <= a and d <= b and (c, d) != (a, b) for c, d in points) for a, b in points]
+    beaten = [any(c <= cost and e <= error and (c, e) != (cost, error) for c, e in points) for cost, error in points]
+    assert [row.pareto for row in rows] == [not worse for worse in beaten]
 
 
 def test_the_evaluations_are_limited():

@@ -104,6 +104,7 @@ def test_a_fall_on_a_sphere_is_as_far_off_as_it_says():
     assert found.errors.max() < 1e-5
 
 
+@pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid")  # as plain Python
 def test_strong_damping_takes_the_implicit_step():
     # α = 1e7/s: Runge–Kutta would need steps below 2.8e-7 s; the vertex sinks at g/α
     found = converged(scene(thing([(0, 0, 0)], damping=1e7)), 4, goal=1e-5)
@@ -137,6 +138,11 @@ def test_measures_of_a_motion():
     np.testing.assert_allclose(per_frame(gap), [0, 5 / np.sqrt(2)])
     assert root_mean_square(per_frame(gap)) == pytest.approx(2.5)  # √(25/4)
     assert extent(gap) == 5.0
+
+
+def test_a_motion_that_cannot_be_kept_is_refused():
+    with pytest.raises(InvalidInput, match="use fewer frames"):
+        converged(scene(thing([(0, 0, 0)])), 10**12)
 
 
 def test_no_time_and_no_frames_are_refused():
