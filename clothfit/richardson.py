@@ -125,7 +125,8 @@ def converged(scene: Scene, frames: int, seconds: float = math.inf, goal: float 
 
     Steps are halved until the estimated error is `goal` times the extent of the motion, or the next halving would not
     end within `seconds`; what the error then is, it says. Raises InvalidInput when there are fewer than 2 frames, or
-    more than memory holds; Diverged when no steps that fit into the time give a finite motion, or too few do to know how good it is.
+    more than memory holds; Diverged when no steps that fit into the time give a finite motion, or too few to know how
+    good it is.
     """
     if frames < 2:
         raise InvalidInput(f"frames: {frames} is too few to compare, at least 2 are needed")
