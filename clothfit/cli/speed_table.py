@@ -98,8 +98,8 @@ def show_advice(found: WorkPrecision, scene: Scene, error: float | None, console
             console.warn(f"no setting comes within {metres(error)}; the nearest is {described(nearest)}")
     console.say(
         f"the editor plays this scene with {described(own)}: a fit must use the same "
-        f"(integrationMethod {scene.method}, delta {scene.delta:.4g}), as its values make up for part of that error and "
-        "are wrong with any other"
+        f"(integrationMethod {scene.method}, delta {scene.delta:.4g}), as its values make up for part of that error "
+        "and are wrong with any other"
     )
     better = [r for r in found.rows if all(a < b for a, b in zip(r.cost_and_error, own.cost_and_error, strict=True))]
     if better and own.status == "done":
