@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from clothfit.fit_vector import parameters, with_parameters
     from clothfit.motion import Motion, as_motion, load_motion, save_motion, simulate
     from clothfit.objective import Objective, cost_and_gradient
+    from clothfit.precision import WorkPrecision, work_precision
     from clothfit.result import Fit
     from clothfit.scene import Cloth, Scene, load, save
 
@@ -40,6 +41,8 @@ _HOME = {
     "simulate": "motion",
     "Objective": "objective",
     "cost_and_gradient": "objective",
+    "WorkPrecision": "precision",
+    "work_precision": "precision",
     "parameters": "fit_vector",
     "with_parameters": "fit_vector",
     "Cloth": "scene",
@@ -62,6 +65,7 @@ __all__ = [
     "Motion",
     "Objective",
     "Scene",
+    "WorkPrecision",
     "as_motion",
     "cost_and_gradient",
     "degrade",
@@ -74,6 +78,7 @@ __all__ = [
     "save_motion",
     "simulate",
     "with_parameters",
+    "work_precision",
 ]
 
 

@@ -10,6 +10,7 @@ import pytest
 from clothfit.cli import run
 
 ROOT = Path(__file__).resolve().parent.parent
+CUT = "[…]"
 TEXT = (ROOT / "README.md").read_text("utf-8")
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="fits of 144 vertices need compilation")
@@ -40,7 +41,11 @@ def test_its_commands_print_what_it_says(checkout, capsys):
     for block in blocks("console"):
         for command, told in re.findall(r"^\$ clothfit (.*)\n((?:(?!\$).*\n)*)", block, re.MULTILINE):
             assert run(command.split()) == 0
-            assert shape(capsys.readouterr().err) == shape(told)
+            printed = shape(capsys.readouterr().err)
+            if CUT in told:  # lines that depend on the machine are left out
+                assert [line for line in shape(told) if line != CUT and line not in printed] == []
+            else:
+                assert printed == shape(told)
             ran += 1
     assert ran >= 6
 
