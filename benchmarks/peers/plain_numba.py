@@ -2,7 +2,7 @@
 
 As a user would write it who knows the method and numba, and stops there: loops over vertices, springs and faces, 3 × 3
 blocks as (…, 3, 3) arrays, one compiled loop over all steps, no trick of a lower level. The adjoint's systems have the
-step's matrix, assembled again, and start from the last λ.
+step's matrix, assembled again, and start from the last λ. `fastmath` is left out: with it the program is a tenth slower.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numba import njit
 from peers.problem import Problem, block_pattern
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def assemble(p, k, slots, x, v, diagonal, blocks, b):
     """A = M − h D − h² K and b = (M − h D) v + h f, in which the damping of vertices and springs drops out."""
     h = p.h
@@ -56,7 +56,7 @@ def assemble(p, k, slots, x, v, diagonal, blocks, b):
                     diagonal[j, r, c] += h * kappa * n[r] * n[c]
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def face(p, x, v, t):
     """Normal n, κ = drag |n| / 6 and n·(wind − v̄) of face t."""
     i, j, k = p.corners[t, 0], p.corners[t, 1], p.corners[t, 2]
@@ -69,7 +69,7 @@ def face(p, x, v, t):
     return n, p.drag / 6.0 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]), inflow
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def invert(diagonal, inverse):
     """Inverses of the diagonal blocks, by cofactors."""
     for i in range(len(diagonal)):
@@ -86,7 +86,7 @@ def invert(diagonal, inverse):
         inverse[i, 2, 2] = (a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]) / det
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def multiply(free, row, column, diagonal, blocks, x, out):
     """out = A x in the free rows, 0 in the others."""
     for i in range(len(free)):
@@ -105,7 +105,7 @@ def multiply(free, row, column, diagonal, blocks, x, out):
         out[i, 0], out[i, 1], out[i, 2] = s0, s1, s2
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def precondition(inverse, r, z):
     """z = (diagonal blocks)⁻¹ r; returns r·z."""
     total = 0.0
@@ -116,7 +116,7 @@ def precondition(inverse, r, z):
     return total
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def conjugate_gradients(free, row, column, diagonal, blocks, inverse, b, tolerance, r, z, d, q, x):
     """Solve A x = b from the guess in x; returns the iterations."""
     multiply(free, row, column, diagonal, blocks, x, q)
@@ -152,7 +152,7 @@ def conjugate_gradients(free, row, column, diagonal, blocks, inverse, b, toleran
     return 100_000
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def simulate(p, k, row, column, slots, steps, tolerance):
     """Positions and velocities (steps + 1, n, 3), and the iterations of all steps together."""
     n = len(p.mass)
@@ -175,7 +175,7 @@ def simulate(p, k, row, column, slots, steps, tolerance):
     return xs, vs, iterations
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def sweep_back(p, k, row, column, slots, xs, vs, target, tolerance):
     """Cost and gradient by the stiffnesses, along a motion: A λ = v̄ + h x̄, then the derivative of −λᵀ(A w − b)."""
     n, h = len(p.mass), p.h
@@ -206,7 +206,7 @@ def sweep_back(p, k, row, column, slots, xs, vs, target, tolerance):
     return cost, gradient
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def springs_back(p, k, x, w, lam, x_bar, gradient):
     """Of spring s, λᵀ(A w − b) = h k ψ(e), ψ = (1 − ρ) λ·(e + h w) + (h ρ + α/2) (λ·d)(w·d), of differences i − j."""
     h = p.h
@@ -236,7 +236,7 @@ def springs_back(p, k, x, w, lam, x_bar, gradient):
         x_bar[j, 2] -= g2
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def faces_back(p, x, v, w, lam, x_bar, v_bar):
     """Of face t, λᵀ(A w − b) = φ = h κ [Σ_j (λ_j·n)(n·(w_j − v_j)) − (Λ·n)(n·(wind − v̄))], Λ = Σ_j λ_j."""
     g = np.empty(3)
