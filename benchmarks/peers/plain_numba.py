@@ -2,7 +2,7 @@
 
 As a user would write it who knows the method and numba, and stops there: loops over vertices, springs and faces, 3 × 3
 blocks as (…, 3, 3) arrays, one compiled loop over all steps, no trick of a lower level. The adjoint's systems have the
-step's matrix, assembled again, and start from the last λ. `fastmath` is left out: with it the program is a tenth slower.
+step's matrix, assembled again, and start from the last λ. No `fastmath`: with it the program is a tenth slower.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from math import sqrt
 
 import numpy as np
 from numba import njit
+
 from peers.problem import Problem, block_pattern
 
 
