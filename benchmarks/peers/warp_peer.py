@@ -137,11 +137,13 @@ def solve(p: Cloth, work: Work, x: wp.array(dtype=vec)):
                 r = work.r[i] - alpha * work.q[i]
                 work.r[i] = r
                 rr += wp.dot(r, r)
-                rz += wp.dot(r, work.inverse[i] * r)
+                z = work.inverse[i] * r
+                work.q[i] = z
+                rz += wp.dot(r, z)
         beta = rz / before
         for i in range(n):
             if p.free[i]:
-                work.d[i] = work.inverse[i] * work.r[i] + beta * work.d[i]
+                work.d[i] = work.q[i] + beta * work.d[i]
 
 
 @wp.kernel
