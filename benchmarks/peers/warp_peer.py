@@ -12,7 +12,7 @@ import warp as wp
 
 from peers.problem import Problem, block_pattern
 
-wp.config.quiet = True
+wp.config.log_level = wp.LOG_ERROR  # nothing about missing graphics cards
 wp.set_module_options({"enable_backward": False})
 vec, mat = wp.vec3d, wp.mat33d
 
@@ -53,6 +53,7 @@ class Work:
 
 @wp.kernel
 def vertices(p: Cloth, t: int, v: wp.array2d(dtype=vec), work: Work):
+    """Begin the system of step t: masses, node damping, weight."""
     i = wp.tid()
     unit = wp.identity(n=3, dtype=wp.float64)
     work.diagonal[i] = p.mass[i] * (wp.float64(1.0) + p.h * p.damping) * unit
@@ -61,6 +62,7 @@ def vertices(p: Cloth, t: int, v: wp.array2d(dtype=vec), work: Work):
 
 @wp.kernel
 def springs(p: Cloth, k: wp.array(dtype=wp.float64), t: int, x: wp.array2d(dtype=vec), work: Work):
+    """Add the springs to the matrix and the right-hand side."""
     s = wp.tid()
     i, j = p.ends[s, 0], p.ends[s, 1]
     e = x[t, i] - x[t, j]
@@ -81,6 +83,7 @@ def springs(p: Cloth, k: wp.array(dtype=wp.float64), t: int, x: wp.array2d(dtype
 
 @wp.kernel
 def faces(p: Cloth, t: int, x: wp.array2d(dtype=vec), v: wp.array2d(dtype=vec), work: Work):
+    """Add air drag."""
     f = wp.tid()
     i, j, m = p.corners[f, 0], p.corners[f, 1], p.corners[f, 2]
     n = wp.cross(x[t, j] - x[t, i], x[t, m] - x[t, i])
@@ -148,6 +151,7 @@ def solve(p: Cloth, work: Work, x: wp.array(dtype=vec)):
 
 @wp.kernel
 def advance(p: Cloth, t: int, w: wp.array(dtype=vec), x: wp.array2d(dtype=vec), v: wp.array2d(dtype=vec)):
+    """Keep the new velocities and positions."""
     i = wp.tid()
     v[t + 1, i] = w[i]
     x[t + 1, i] = x[t, i] + p.h * w[i]
@@ -161,6 +165,7 @@ def compare(
     x_bar: wp.array(dtype=vec),
     cost: wp.array(dtype=wp.float64),
 ):
+    """Add what frame t costs, and its derivative by the positions."""
     i = wp.tid()
     gap = x[t, i] - target[t, i]
     cost[0] += wp.dot(gap, gap)
@@ -179,6 +184,7 @@ def seed(p: Cloth, x_bar: wp.array(dtype=vec), v_bar: wp.array(dtype=vec), work:
 
 @wp.kernel
 def vertices_back(p: Cloth, lam: wp.array(dtype=vec), v_bar: wp.array(dtype=vec)):
+    """The gradient by the velocity before the step, without drag."""
     i = wp.tid()
     v_bar[i] = p.mass[i] * lam[i]
 
@@ -194,19 +200,19 @@ def springs_back(
     x_bar: wp.array(dtype=vec),
     gradient: wp.array(dtype=wp.float64),
 ):
-    """With h k ψ = λᵀ(A w − b) of a spring, ψ = (1 − ρ) λ·(e + h w) + σ (λ·d)(w·d), σ = h ρ + α/2."""
+    """With h k ψ = λᵀ(A w − b) of a spring, ψ = (1 − ρ) q·(e + h w) + σ (q·d)(w·d), σ = h ρ + α/2, q = λ_i − λ_j."""
     s = wp.tid()
     i, j = p.ends[s, 0], p.ends[s, 1]
-    e, w, l = x[t, i] - x[t, j], v[t + 1, i] - v[t + 1, j], lam[i] - lam[j]
+    e, w, q = x[t, i] - x[t, j], v[t + 1, i] - v[t + 1, j], lam[i] - lam[j]
     length = wp.length(e)
     d = e / length
     rho = p.rest[s] / length
     sigma = p.h * rho + wp.float64(0.5) * p.damping
-    ld, wd, lev = wp.dot(l, d), wp.dot(w, d), wp.dot(l, e + p.h * w)
-    gradient[s] -= p.h * ((wp.float64(1.0) - rho) * lev + sigma * ld * wd)
+    qd, wd, qew = wp.dot(q, d), wp.dot(w, d), wp.dot(q, e + p.h * w)
+    gradient[s] -= p.h * ((wp.float64(1.0) - rho) * qew + sigma * qd * wd)
     cl = wp.float64(1.0) - rho + sigma * wd / length
-    cd = (rho * lev - (p.h * rho + wp.float64(2.0) * sigma) * ld * wd) / length
-    by_e = p.h * k[s] * (cl * l + sigma * ld / length * w + cd * d)
+    cd = (rho * qew - (p.h * rho + wp.float64(2.0) * sigma) * qd * wd) / length
+    by_e = p.h * k[s] * (cl * q + sigma * qd / length * w + cd * d)
     x_bar[i] -= by_e
     x_bar[j] += by_e
 
