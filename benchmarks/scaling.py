@@ -74,7 +74,10 @@ def run(given: argparse.Namespace, side: int) -> tuple[dict[str, Any], Seconds, 
 
 
 def peak_memory(given: argparse.Namespace, side: int) -> float:
-    """Peak memory, MB, of a cost and gradient in a process of its own."""
+    """Peak memory, MB, of a cost and gradient in a process of its own.
+
+    To be called while this process is small: a new one counts the memory of the one that starts it.
+    """
     command = [sys.executable, __file__, str(side), "--peak", "--steps", str(steps_of(given, side))]
     return float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
 
@@ -98,12 +101,12 @@ def cells(name: str, program: Any, step: Seconds, gradient: Seconds) -> list[str
 
 
 def exponent(times: dict[int, float]) -> str:
-    """The exponent p of time ~ vertices^p, over the large grids."""
+    """The exponent p of time ~ vertices^p, over the large grids; nothing where there is only one."""
     sides = [side for side in times if side >= LARGE]
     if len(sides) < 2:
-        return "–"
+        return ""
     slope = np.polyfit(np.log(np.square(sides)), np.log([times[side] for side in sides]), 1)[0]
-    return f"{slope:.2f}, from {sides[0]}² to {sides[-1]}²"
+    return f"vertices^{slope:.2f} from {sides[0]}² to {sides[-1]}²"
 
 
 def main() -> None:
@@ -114,7 +117,8 @@ def main() -> None:
     if given.peak:
         print_peak(sides[0], given.steps)
         return
-    print(f"{measure.machine()}; medians of {given.rounds} rounds\n")
+    print(f"{measure.machine()}; medians of {given.rounds} rounds\n", flush=True)
+    memory = {side: f"{peak_memory(given, side):.0f} MB" for side in sides}
     columns = ("grid", "steps", "program", "CG iterations", "ms per step", "clothfit ×", "with gradient", "clothfit ×")
     print(f"| {' | '.join(columns)} | peak memory |")
     print("|---|---|---|---|---|---|---|---|---|")
@@ -122,8 +126,8 @@ def main() -> None:
     for side in sides:
         found, *seconds = run(given, side)
         for name, program in found.items():
-            memory = f"{peak_memory(given, side):.0f} MB" if name == "clothfit" else ""
-            row = [f"{side}²", str(steps_of(given, side)), *cells(name, program, *seconds), memory]
+            own = memory[side] if name == "clothfit" else ""
+            row = [f"{side}²", str(steps_of(given, side)), *cells(name, program, *seconds), own]
             print(f"| {' | '.join(row)} |", flush=True)
             for kind, times in zip(grown.values(), seconds, strict=True):
                 if name in times:
@@ -131,7 +135,8 @@ def main() -> None:
     print()
     for what, kind in grown.items():
         for name, times in kind.items():
-            print(f"- {name}, {what}: vertices^{exponent(times)}")
+            if told := exponent(times):
+                print(f"- {name}, {what}: {told}")
 
 
 if __name__ == "__main__":
