@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import platform
 import subprocess
@@ -46,24 +47,44 @@ def peer_classes(names: list[str]) -> dict[str, Any]:
     return found
 
 
-def in_turn(works: Mapping[str, Work], rounds: int) -> dict[str, NDArray[np.float64]]:
+CLOCKS = {"wall": time.perf_counter, "cpu": time.process_time}
+"""What `--clock` may be: the time that passes, or what this process uses, which others hardly change."""
+
+
+def in_turn(works: Mapping[str, Work], rounds: int, clock: str = "wall") -> dict[str, NDArray[np.float64]]:
     """Seconds of each work in each round; first all run once for their compilation, then in turn, A B C, A B C.
 
     What slows the machine for a while slows them all, so ratios of one round can be trusted more than the seconds.
     """
+    now = CLOCKS[clock]
     for work in works.values():
         work()
     seconds: dict[str, list[float]] = {name: [] for name in works}
     for _ in range(rounds):
         for name, work in works.items():
-            began = time.perf_counter()
+            began = now()
             work()
-            seconds[name].append(time.perf_counter() - began)
+            seconds[name].append(now() - began)
     return {name: np.array(each) for name, each in seconds.items()}
 
 
+def add_options(parser: argparse.ArgumentParser, rounds: int, peers: list[str]) -> None:
+    """The options that the scripts share."""
+    parser.add_argument("--rounds", type=int, default=rounds, help=f"runs of each program (default: {rounds})")
+    told = f"default: {', '.join(peers)}, as far as installed"
+    parser.add_argument("--peers", nargs="*", default=peers, choices=PEERS, help=told)
+    parser.add_argument("--cores", type=int, default=1, help="cores that each program may use (default: 1)")
+    parser.add_argument("--clock", default="wall", choices=CLOCKS, help="cpu: on a busy machine, with one core")
+
+
+def heading(given: argparse.Namespace) -> str:
+    """The line above the tables: machine, versions, commit, rounds and clock."""
+    clock = ", processor time" if given.clock == "cpu" else ""
+    return f"{machine()}; medians of {given.rounds} rounds{clock}"
+
+
 def machine() -> str:
-    """Processor, versions and commit, in one paragraph."""
+    """Processor, versions and commit."""
     packages = []
     for name in PACKAGES:
         try:

@@ -33,9 +33,7 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Print how time and memory grow with the cloth.")
     parser.add_argument("sides", nargs="*", type=int, metavar="SIDE", help="vertices along a side (default: 32 … 256)")
     parser.add_argument("--steps", type=int, help=f"steps of each motion (default: {STEPS})")
-    parser.add_argument("--rounds", type=int, default=3, help=f"runs of each program (default: 3; 1 above {ABOVE})")
-    parser.add_argument("--peers", nargs="*", default=["numba", "jax"], choices=measure.PEERS, help="default: both")
-    parser.add_argument("--cores", type=int, default=1, help="cores that each program may use (default: 1)")
+    measure.add_options(parser, rounds=3, peers=["numba", "jax"])
     parser.add_argument("--no-gradient", action="store_true", help="steps only")
     parser.add_argument("--peak", action="store_true", help=argparse.SUPPRESS)  # what `peak_memory` runs
     return parser.parse_args()
@@ -63,13 +61,13 @@ def run(given: argparse.Namespace, side: int) -> tuple[dict[str, Any], Seconds, 
     found = {"clothfit": this}
     names = [name for name in given.peers if side <= ABOVE or name != "jax"]
     found |= {name: peer(problem(this.scene)) for name, peer in measure.peer_classes(names).items()}
-    seconds = measure.in_turn({n: lambda p=p: p.steps(steps, TOLERANCE) for n, p in found.items()}, rounds)
+    seconds = measure.in_turn({n: lambda p=p: p.steps(steps, TOLERANCE) for n, p in found.items()}, rounds, given.clock)
     works = {
         name: lambda p=p: p.cost_and_gradient(k, goal, TOLERANCE)
         for name, p in found.items()
         if p.cost_and_gradient and not given.no_gradient
     }
-    gradient = measure.in_turn(works, rounds)
+    gradient = measure.in_turn(works, rounds, given.clock)
     return found, *({name: each / steps for name, each in times.items()} for times in (seconds, gradient))
 
 
@@ -117,7 +115,7 @@ def main() -> None:
     if given.peak:
         print_peak(sides[0], given.steps)
         return
-    print(f"{measure.machine()}; medians of {given.rounds} rounds\n", flush=True)
+    print(f"{measure.heading(given)}\n", flush=True)
     memory = {side: f"{peak_memory(given, side):.0f} MB" for side in sides}
     columns = ("grid", "steps", "program", "CG iterations", "ms per step", "clothfit ×", "with gradient", "clothfit ×")
     print(f"| {' | '.join(columns)} | peak memory |")

@@ -32,9 +32,7 @@ def arguments() -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description="Print how fast this program is, beside others.")
     parser.add_argument("scenes", nargs="*", type=Path, metavar="SCENE", help="scene files (default: the examples)")
-    parser.add_argument("--rounds", type=int, default=15, help="runs of each program (default: 15)")
-    parser.add_argument("--peers", nargs="*", default=list(measure.PEERS), choices=measure.PEERS, help="default: all")
-    parser.add_argument("--cores", type=int, default=1, help="cores that each program may use (default: 1)")
+    measure.add_options(parser, rounds=15, peers=list(measure.PEERS))
     parser.add_argument("--table", choices=("programs", "scenes"), help="only one of the tables")
     return parser.parse_args()
 
@@ -77,16 +75,16 @@ def programs(path: Path, names: list[str]) -> tuple[dict[str, Any], int]:
     return found, steps
 
 
-def programs_table(path: Path, names: list[str], rounds: int) -> None:
+def programs_table(path: Path, names: list[str], rounds: int, clock: str = "wall") -> None:
     """Print the rows of one scene."""
     found, steps = programs(path, names)
     target = found["clothfit"].steps(steps, FITTING)
     k = guess(found["clothfit"])
     able = {name: program for name, program in found.items() if program.cost_and_gradient}
-    step = measure.in_turn({n: lambda p=p: p.steps(steps, PLAYING) for n, p in found.items()}, rounds)
+    step = measure.in_turn({n: lambda p=p: p.steps(steps, PLAYING) for n, p in found.items()}, rounds, clock)
     iterations = {name: program.iterations for name, program in found.items()}
     fast, tight = (
-        measure.in_turn({n: lambda p=p, t=t: p.cost_and_gradient(k, target, t) for n, p in able.items()}, rounds)
+        measure.in_turn({n: lambda p=p, t=t: p.cost_and_gradient(k, target, t) for n, p in able.items()}, rounds, clock)
         for t in (PLAYING, FITTING)
     )
     print(f"\n{path.stem}: {target.shape[1]} vertices, {steps} steps, gradient by {len(k)} stiffnesses\n")
@@ -105,7 +103,7 @@ def cell(seconds: dict[str, NDArray[np.float64]], name: str, steps: int = 1) -> 
     return f"{1e3 * np.median(seconds[name]) / steps:.3g}", ratio
 
 
-def scenes_row(path: Path, rounds: int) -> str:
+def scenes_row(path: Path, rounds: int, clock: str) -> str:
     """One line of the table of scenes."""
     import clothfit
     from clothfit.fit import FIT_TOLERANCE, record_target
@@ -124,6 +122,7 @@ def scenes_row(path: Path, rounds: int) -> str:
             "gradient": lambda: objective.cost_and_gradient(p),
         },
         rounds,
+        clock,
     )
     step, gradient = (1e3 * float(np.median(seconds[name])) for name in ("step", "gradient"))
     return (
@@ -132,25 +131,25 @@ def scenes_row(path: Path, rounds: int) -> str:
     )
 
 
-def scenes_table(paths: list[Path], rounds: int) -> None:
+def scenes_table(paths: list[Path], rounds: int, clock: str) -> None:
     """Print the table of this program alone."""
     columns = ("scene", "vertices", "ms per step", "CG iterations", "parameters", "steps", "ms per cost and gradient")
     print(f"\n| {' | '.join(columns)} | … over cost |")
     print("|---|---|---|---|---|---|---|---|")
     for path in paths:
-        print(scenes_row(path, rounds), flush=True)
+        print(scenes_row(path, rounds, clock), flush=True)
 
 
 def main() -> None:
     """Print the tables."""
     given = arguments()
     measure.use_cores(given.cores)
-    print(f"{measure.machine()}; medians of {given.rounds} rounds")
+    print(measure.heading(given))
     if given.table != "scenes":
         for path in given.scenes or [EXAMPLES / "side.json"]:
-            programs_table(path, given.peers, given.rounds)
+            programs_table(path, given.peers, given.rounds, given.clock)
     if given.table != "programs":
-        scenes_table(given.scenes or sorted(EXAMPLES.glob("*.json")), given.rounds)
+        scenes_table(given.scenes or sorted(EXAMPLES.glob("*.json")), given.rounds, given.clock)
 
 
 if __name__ == "__main__":

@@ -122,7 +122,7 @@ def test_the_exponent_is_that_of_a_power_law():
 
 
 def test_the_table_of_grids(capsys):
-    given = SimpleNamespace(steps=2, rounds=1, peers=["scipy"], no_gradient=False)
+    given = SimpleNamespace(steps=2, rounds=1, peers=["scipy"], no_gradient=False, clock="cpu")
     scaling = import_module("scaling")
     found, step, gradient = scaling.run(given, 5)
     rows = [scaling.cells(name, program, step, gradient) for name, program in found.items()]
