@@ -104,7 +104,7 @@ def run(job: Job) -> Outcome:
     """Do a job. KeyboardInterrupt ends it with the best so far; it is never raised here, and nothing else is."""
     try:
         return finished(job, fitted(job))
-    except (Exception, KeyboardInterrupt) as error:  # whatever it is, the other jobs go on
+    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  whatever it is, others go on
         return failed(error)
 
 

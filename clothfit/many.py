@@ -133,9 +133,9 @@ def estimate_many(
 
     `targets`: one item per scene, as `estimate` takes it, with paths where wanted (default: the scenes' own motions).
     Each scene is fitted from so many `starts` (`clothfit.starts`), on `jobs` processes (default: one per core) or on a
-    Dask `cluster`, "tcp://host:port". `done` is called with index and result as soon as a scene is fitted; `options` are
-    those of `estimate`. What goes wrong with a scene is in its result, and never stops the others; after Ctrl-C, so
-    are the fits that were ended by it. Raises InvalidInput when there is no such cluster, or an argument cannot be.
+    Dask `cluster`, "tcp://host:port". `done` is called with index and result as soon as a scene is fitted; `options`
+    are those of `estimate`. What goes wrong with a scene is in its result, and never stops the others; so are fits that
+    Ctrl-C ended. Raises InvalidInput when there is no such cluster, or an argument cannot be.
     """
     check_numbers(starts, seed, jobs)
     goals = [None] * len(scenes) if targets is None else list(targets)

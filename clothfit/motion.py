@@ -142,7 +142,7 @@ def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]
 def load_motion(
     path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene, name: str | None = None
 ) -> Motion:
-    """Read a motion of `scene` and check it; messages call it `name`, by default by its path's. Raises InvalidMotion."""
+    """Read a motion of `scene` and check it. `name`: in messages (default: the file's). Raises InvalidMotion."""
     if name is None:
         name = os.path.basename(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else "motion"
     try:

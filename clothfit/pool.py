@@ -75,7 +75,7 @@ class Processes:
         except BrokenProcessPool:
             executor.shutdown(wait=False)
             raise Died(DIED) from None
-        except Exception as error:  # what cannot be sent, in either direction
+        except Exception as error:  # noqa: BLE001  what cannot be sent, there or back
             found = Outcome(None, FAULT, f"a fault of the program: {type(error).__name__}: {error}")
         self._idle.append(executor)
         return found
