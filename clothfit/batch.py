@@ -132,7 +132,8 @@ class Batch:
                 self.alone.append(number)
                 self.tell(number, None)
                 return
-            outcome = Outcome(None, FAULT, f"{error}{', and again when it was alone' if again else ''}")
+            code = INTERRUPTED if self.stopping else FAULT
+            outcome = Outcome(None, code, f"{error}{', and again when it was alone' if again else ''}")
         if number != PREPARATION:
             self.tell(number, outcome)
 
@@ -161,7 +162,7 @@ class Batch:
         while self.waiting:
             self.tell(self.waiting.popleft(), outcome)
         while self.alone:
-            self.tell(self.alone.popleft(), Outcome(None, FAULT, "its process died, and there was no second try"))
+            self.tell(self.alone.popleft(), Outcome(None, INTERRUPTED, "its process died; there was no second try"))
 
     def _give_up(self, outcome: Outcome) -> None:
         """All that is not done ends so."""

@@ -8,6 +8,8 @@ only. A worker does one job at a time, however many threads it has: a fit is one
 from __future__ import annotations
 
 import logging
+import re
+import socket
 import threading
 import time
 import uuid
@@ -20,7 +22,7 @@ from clothfit import __version__, interrupts
 from clothfit.errors import InvalidInput
 from clothfit.job import FAULT, NOT_STARTED, Died, Job, Lost, Outcome, run
 
-CONNECT = 8.0  # s to wait for the scheduler
+CONNECT = 4.0  # s to wait for the scheduler
 GONE = 5.0  # s without the scheduler after which it will not come back
 
 REFRESH = 2.0  # s between questions how many workers there are
@@ -51,6 +53,18 @@ def stop(batch: str) -> None:
         interrupts.request()
 
 
+def knock(address: str) -> None:
+    """Raise InvalidInput when nobody listens at an address: the client of Dask would take longer to say so."""
+    parts = re.fullmatch(r"(?:tcp|tls)://(.+):(\d{1,5})/?", address)
+    if not parts:
+        raise InvalidInput(f"--cluster: {address} is no address of a scheduler; one looks like tcp://host:8786")
+    try:
+        socket.create_connection((parts[1].strip("[]"), int(parts[2])), CONNECT).close()
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InvalidInput(f"--cluster: no scheduler answers at {address} ({reason})") from None
+
+
 class Cluster:
     """The workers of a Dask scheduler."""
 
@@ -67,6 +81,7 @@ class Cluster:
         for name in ("distributed", "tornado", "asyncio"):  # what matters is told as the fate of a job
             logging.getLogger(name).setLevel(logging.CRITICAL)
         self.address, self.batch = address, uuid.uuid4().hex
+        knock(address)
         try:
             self._client: Any = Client(address, timeout=CONNECT, set_as_default=False)
         except (OSError, ValueError, TypeError, RuntimeError) as error:

@@ -58,9 +58,8 @@ class Processes:
         self._begin(number, work, job, done)
 
     def _begin(self, number: int, function: Callable[..., object], argument: object, done: Any) -> None:
+        executor = self._busy[number] = self._idle.pop() if self._idle else self._executor()
         with _requests_held():
-            executor = self._idle.pop() if self._idle else self._executor()
-            self._busy[number] = executor
             future = executor.submit(function, argument)
         self._results[number] = future
         future.add_done_callback(lambda _: done(number))
@@ -98,8 +97,11 @@ class Processes:
         self._busy.clear()
 
     def _executor(self) -> Any:
+        from multiprocessing import resource_tracker
+
         from joblib.externals.loky.process_executor import ProcessPoolExecutor
 
+        resource_tracker.ensure_running()  # where it is started later, it lets requests through again
         logging.getLogger("concurrent.futures").setLevel(logging.CRITICAL)
         start = partial(prepare, os.getpid())
         return ProcessPoolExecutor(max_workers=1, timeout=None, initializer=start, env=ONE_THREAD)

@@ -17,7 +17,7 @@ from clothfit.cli.files import Files
 from clothfit.cli.plan import Item, planned
 from clothfit.cli.table import rows, summaries
 from clothfit.errors import ClothfitError
-from clothfit.job import INTERRUPTED, Job
+from clothfit.job import INTERRUPTED, NOT_STARTED, Job
 from clothfit.many import Result, chosen_pool, fit_all
 from clothfit.output import write_atomically
 
@@ -102,7 +102,8 @@ class Writer:
         self.ended += 1
         if result.fit is not None and result.outcome.usable:
             self.write(index, item, result)
-        if error := self.errors.get(index) or result.error:
+        error = self.errors.get(index) or result.error
+        if error and result.outcome != NOT_STARTED:
             self.refuse(item, str(error))
         self.close(item, result)
 

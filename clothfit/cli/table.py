@@ -22,8 +22,9 @@ def rows(items: Sequence[Item], results: Sequence[Result], errors: Mapping[int, 
     for index, (item, result) in enumerate(zip(items, results, strict=True)):
         for number, outcome in enumerate(result.outcomes):
             error = errors.get(index) or outcome.error
-            output = item.out.name if item.out and number == result.best else ""
-            place = f"error: {error}" if error else output
+            best = number == result.best and outcome.usable
+            output = item.out.name if item.out and best else ""
+            place = f"error: {error}" if error and outcome.status != "not started" else output
             found.append([item.path if number == 0 else "", str(number + 1), *account(outcome), place])
     if all(len(result.outcomes) == 1 for result in results):
         return [row[:START] + row[START + 1 :] for row in found]
