@@ -78,8 +78,8 @@ class Cluster:
             from distributed import Client
         except ImportError:
             raise InvalidInput("--cluster needs the package distributed: install clothfit[cluster]") from None
-        for name in ("distributed", "tornado", "asyncio"):  # what matters is told as the fate of a job
-            logging.getLogger(name).setLevel(logging.CRITICAL)
+        for name in [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]:
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is told as the fate of a job
         self.address, self.batch = address, uuid.uuid4().hex
         knock(address)
         try:
@@ -151,7 +151,7 @@ class Cluster:
     def interrupt(self) -> None:
         """Let the jobs that run end with their best so far."""
         with suppress(Exception):  # a scheduler that is gone will be noticed
-            self._client.run(stop, self.batch, wait=False)
+            self._client.run(stop, self.batch, on_error="ignore")
 
     def close(self, kill: bool = False) -> None:
         """Leave the cluster; with `kill` jobs are left undone."""

@@ -97,13 +97,13 @@ class Writer:
         for kept, outcome in zip(item.kept, result.outcomes, strict=True):
             if kept is not None:
                 kept.written = outcome.checkpointed
-        if len(self.items) == 1:
+        if len(self.items) == 1 or result.outcome == NOT_STARTED:
             return
         self.ended += 1
         if result.fit is not None and result.outcome.usable:
             self.write(index, item, result)
         error = self.errors.get(index) or result.error
-        if error and result.outcome != NOT_STARTED:
+        if error:
             self.refuse(item, str(error))
         self.close(item, result)
 
