@@ -28,72 +28,54 @@ def paths(tmp_path):
     return [write_scene(tmp_path, trial("LL", 20, 4, 4 + i), f"{i}.json") for i in range(3)]
 
 
-def bytes_of(results):
-    return [dumps(one.fit.scene) for one in results]
-
-
-def test_results_are_those_of_single_fits_to_the_last_bit_whatever_the_number_of_processes(paths):
-    motions = [clothfit.degrade(record_target(load(path)), noise=1e-3, seed=1) for path in paths]
-    single = [dumps(estimate(load(path), motion).scene) for path, motion in zip(paths, motions, strict=True)]
-    one = estimate_many([load(path) for path in paths], motions, jobs=1)
-    two = estimate_many(paths, motions, jobs=2)
-    assert bytes_of(one) == single
-    assert bytes_of(two) == single
-    assert [r.exit_code for r in two] == [0, 0, 0]
-
-
-def test_the_best_of_several_starts_does_not_depend_on_the_number_of_processes(paths):
-    runs = [estimate_many(paths[:2], start=3.0, starts=3, seed=5, jobs=n, **FEW) for n in (1, 2)]
-    assert bytes_of(runs[0]) == bytes_of(runs[1])
-    for index, one in enumerate(runs[0]):
-        scene = load(paths[index])
-        costs = [estimate(scene, None, numbered(scene, None, 3.0, k, 5), **FEW).cost for k in range(3)]
-        assert [o.fit.cost for o in one.outcomes] == costs
-        assert one.best == costs.index(min(costs))
-        assert one.fit.cost == min(costs)
-
-
-def test_what_fails_is_a_result_and_the_others_are_fitted(paths, tmp_path):
-    told = []
-    results = estimate_many([paths[0], str(tmp_path / "none.json")], jobs=2, done=lambda i, r: told.append(i), **FEW)
-    assert [r.exit_code for r in results] == [5, 3]
-    assert results[1].fit is None
-    assert results[1].error == "none.json: cannot be read: No such file or directory"
-    assert sorted(told) == [0, 1]
+def test_results_are_those_of_single_fits_to_the_last_bit_whatever_the_number_of_processes(paths, tmp_path):
+    scenes = [load(path) for path in paths[:2]]
+    motions = [clothfit.degrade(record_target(scene), noise=1e-3, seed=1) for scene in scenes]
+    fits = [
+        [estimate(scene, motion, numbered(scene, motion, None, start, 5), budget=9) for start in range(2)]
+        for scene, motion in zip(scenes, motions, strict=True)
+    ]
+    for jobs, given in ((1, scenes), (2, paths)):
+        told = []
+        many = [*given[:2], str(tmp_path / "none.json")]
+        results = estimate_many(
+            many, [*motions, None], starts=2, seed=5, jobs=jobs, done=lambda i, r, told=told: told.append(i), budget=9
+        )
+        assert sorted(told) == [0, 1, 2]
+        assert [[o.fit.cost for o in r.outcomes] for r in results[:2]] == [[fit.cost for fit in own] for own in fits]
+        for one, own in zip(results, fits, strict=False):
+            cheapest = min(own, key=lambda fit: fit.cost)
+            assert dumps(one.fit.scene) == dumps(cheapest.scene)
+            assert own[one.best] is cheapest
+        assert (results[2].exit_code, results[2].fit) == (3, None)
+        assert results[2].error == "none.json: cannot be read: No such file or directory"
 
 
 class Killing(Processes):
-    """Kills the process that does a job, each time until it has done so often enough."""
+    """Kills the processes that do some jobs, each so many times."""
 
-    def __init__(self, width, victim, times):
+    def __init__(self, width, times):
         super().__init__(width)
-        self.victim, self.times, self.begun = victim, times, []
+        self.times, self.begun = times, []
 
     def submit(self, number, job, done):
         super().submit(number, job, done)
         self.begun.append(number)
-        if number == self.victim and self.times:
-            self.times -= 1
+        if self.times.get(number):
+            self.times[number] -= 1
             for pid in list(self._busy[number]._processes):
                 os.kill(pid, signal.SIGKILL)
 
 
-def makers(paths):
-    return [partial(lambda path, number: Job(read(path), number=number, options=FEW), path) for path in paths]
-
-
-def test_a_killed_process_costs_time_only(paths):
-    expected = bytes_of(estimate_many(paths, jobs=2, **FEW))
-    died, pool = [], Killing(2, 1, 1)
-    results = fit_all(makers(paths), 1, pool, died=died.append)
-    assert bytes_of(results) == expected
-    assert (died, pool.begun) == ([1], [0, 1, 2, 1])
-
-
-def test_one_that_is_killed_again_is_a_fault_and_the_others_are_fitted(paths):
-    results = fit_all(makers(paths[:2]), 1, Killing(2, 0, 2))
-    assert [r.exit_code for r in results] == [1, 5]
+def test_a_killed_process_costs_time_only_and_one_that_is_killed_again_is_a_fault(paths):
+    died, pool = [], Killing(2, {0: 2, 1: 1})
+    makers = [partial(lambda path, number: Job(read(path), number=number, options=FEW), path) for path in paths]
+    results = fit_all(makers, 1, pool, died=died.append)
+    assert (sorted(died), sorted(pool.begun)) == ([0, 1], [0, 0, 1, 1, 2])
+    assert [r.exit_code for r in results] == [1, 5, 5]
     assert results[0].error == "the process that fitted it died, out of memory or killed, and again when it was alone"
+    expected = [dumps(estimate(load(path), **FEW).scene) for path in paths[1:]]
+    assert [dumps(r.fit.scene) for r in results[1:]] == expected
 
 
 def test_no_result_is_better_than_a_usable_one_and_ties_go_to_the_first():
