@@ -50,7 +50,7 @@ def test_each_scene_has_its_target_its_file_its_row_and_the_worst_decides(here, 
     assert out == ""
     assert lines[0].startswith("1 of 3: a.json: converged, RMSE ")
     assert lines[1] == f"2 of 3: bad.json: {message}"
-    assert lines[3].split() == "scene status RMSE frames evaluations seconds output".split()
+    assert lines[3].split() == ["scene", "status", "RMSE", "frames", "evaluations", "seconds", "output"]
     assert [line.split()[:2] for line in lines[4:]] == [
         ["a.json", "converged"], ["bad.json", "failed"], ["b.json", "converged"],
     ]  # fmt: skip
