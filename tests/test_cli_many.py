@@ -16,6 +16,7 @@ from clothfit.checkpoint import decoded
 from clothfit.cli import run
 from clothfit.cli.files import filled
 from clothfit.fit import record_target
+from clothfit.job import run as do
 from clothfit.motion import save_motion
 from clothfit.scene import load
 
@@ -33,6 +34,34 @@ def here(tmp_path, monkeypatch):
         path = write_scene(tmp_path, trial("Ln", 15, 4, 3 + i), f"{name}.json")
         save_motion(record_target(load(path)), f"captures/{name}.npz")
     return tmp_path
+
+
+class Here:
+    """A pool that does each job at once, in this process."""
+
+    width, retried_alone = 1, True
+
+    def __init__(self):
+        self.found = {}
+
+    def prepare(self, done):
+        return False
+
+    def submit(self, number, job, done):
+        self.found[number] = do(job)
+        done(number)
+
+    def outcome(self, number):
+        return self.found[number]
+
+    def close(self, kill=False):
+        pass
+
+
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """No processes, which take seconds to start: only what is written and told is looked at."""
+    monkeypatch.setattr("clothfit.cli.many.chosen_pool", lambda *arguments: Here())
 
 
 def files(folder):
@@ -61,7 +90,7 @@ def test_each_scene_has_its_target_its_file_its_row_and_the_worst_decides(here, 
     assert (here / "a.fitted.json").read_bytes() == (here / "new/fitted/a.fitted.json").read_bytes()
 
 
-def test_quiet_tells_errors_only_and_json_tells_all(here, capsys):
+def test_quiet_tells_errors_only_and_json_tells_all(here, in_this_process, capsys):
     assert run(["estimate", "none.json", "a.json", "--in-place", "--json", "-q", "--jobs", "1", *FEW]) == 3
     out, err = capsys.readouterr()
     message = "none.json: cannot be read: No such file or directory"
@@ -75,7 +104,7 @@ def test_quiet_tells_errors_only_and_json_tells_all(here, capsys):
     assert {"status", "method", "cost", "rmse", "frames", "evaluations", "parameters"} <= set(fitted)
 
 
-def test_the_best_start_of_one_scene_is_written_and_all_are_told(here, capsys):
+def test_the_best_start_of_one_scene_is_written_and_all_are_told(here, in_this_process, capsys):
     guess = write_scene(here, even("nG", 15, 4, 3, springStiffness=[90.0] * len(load("a.json").cloths[0].stiffness)))
     call = ["estimate", guess, "--target", "captures/a.npz", "--starts", "3", "--jobs", "1", "--json", "-o", "-"]
     assert run([*call, *FEW]) == 0  # the first converges, the others are ended before
@@ -88,18 +117,18 @@ def test_the_best_start_of_one_scene_is_written_and_all_are_told(here, capsys):
     assert load(json.loads(out)).cloths[0].stiffness[0] != 90.0
 
 
-def test_checkpoints_are_kept_for_each_scene_and_each_start_and_gone_on_from(here, capsys):
+def test_checkpoints_are_kept_for_each_scene_and_each_start_and_gone_on_from(here, in_this_process):
     call = ["estimate", "a.json", "b.json", "--starts", "2", "--jobs", "1", "-q", "--checkpoint", "{stem}.check"]
     assert run([*call, *FEW]) == 5
     kept = {"a.2.check", "a.check", "b.2.check", "b.check"}
     assert kept <= set(files(here))
     short = (here / "a.fitted.json").read_bytes()
     (here / "b.check").unlink()  # begins anew
-    FEW_MORE = ["12" if word == "6" else word for word in FEW]
-    assert run([*call, "--resume", *FEW_MORE]) == 5
+    more = ["12" if word == "6" else word for word in FEW]
+    assert run([*call, "--resume", *more]) == 5
     resumed = (here / "a.fitted.json").read_bytes()
     assert resumed != short
-    assert run([*call[:-2], *FEW_MORE]) == 5
+    assert run(["estimate", "a.json", *call[3:-2], *more]) == 5
     assert (here / "a.fitted.json").read_bytes() == resumed
 
 

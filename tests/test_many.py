@@ -20,6 +20,7 @@ from clothfit.starts import numbered
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
 FEW = {"method": "l-bfgs-b", "budget": 8}
+SOME = {"budget": 9, "intervals": False}
 
 
 @pytest.fixture
@@ -32,14 +33,14 @@ def test_results_are_those_of_single_fits_to_the_last_bit_whatever_the_number_of
     scenes = [load(path) for path in paths[:2]]
     motions = [clothfit.degrade(record_target(scene), noise=1e-3, seed=1) for scene in scenes]
     fits = [
-        [estimate(scene, motion, numbered(scene, motion, None, start, 5), budget=9) for start in range(2)]
+        [estimate(scene, motion, numbered(scene, motion, None, start, 5), **SOME) for start in range(2)]
         for scene, motion in zip(scenes, motions, strict=True)
     ]
     for jobs, given in ((1, scenes), (2, paths)):
         told = []
         many = [*given[:2], str(tmp_path / "none.json")]
         results = estimate_many(
-            many, [*motions, None], starts=2, seed=5, jobs=jobs, done=lambda i, r, told=told: told.append(i), budget=9
+            many, [*motions, None], starts=2, seed=5, jobs=jobs, done=lambda i, r, told=told: told.append(i), **SOME
         )
         assert sorted(told) == [0, 1, 2]
         assert [[o.fit.cost for o in r.outcomes] for r in results[:2]] == [[fit.cost for fit in own] for own in fits]
