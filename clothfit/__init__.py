@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from clothfit.evaluation import Evaluation, evaluate
     from clothfit.fit import estimate
     from clothfit.fit_vector import parameters, with_parameters
+    from clothfit.many import estimate_many
     from clothfit.motion import Motion, as_motion, load_motion, save_motion, simulate
     from clothfit.objective import Objective, cost_and_gradient
     from clothfit.precision import WorkPrecision, work_precision
@@ -34,6 +35,7 @@ _HOME = {
     "evaluate": "evaluation",
     "Fit": "result",
     "estimate": "fit",
+    "estimate_many": "many",
     "Motion": "motion",
     "as_motion": "motion",
     "load_motion": "motion",
@@ -70,6 +72,7 @@ __all__ = [
     "cost_and_gradient",
     "degrade",
     "estimate",
+    "estimate_many",
     "evaluate",
     "load",
     "load_motion",

@@ -139,9 +139,12 @@ def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]
         path_or_file.write(buffer.getvalue())
 
 
-def load_motion(path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene) -> Motion:
-    """Read a motion of `scene` and check it. Raises InvalidMotion."""
-    name = os.path.basename(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else "motion"
+def load_motion(
+    path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene, name: str | None = None
+) -> Motion:
+    """Read a motion of `scene` and check it. `name`: in messages (default: the file's). Raises InvalidMotion."""
+    if name is None:
+        name = os.path.basename(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else "motion"
     try:
         arrays = _arrays(_content(path_or_file))
     except FileNotFoundError:
