@@ -28,8 +28,9 @@ from clothfit.block import Block
 from clothfit.columns import columns
 from clothfit.fit_vector import bounds
 from clothfit.kinds import LETTERED
-from clothfit.objective import Objective, Run
+from clothfit.objective import Objective
 from clothfit.sensitivity import Columns
+from clothfit.storage import Run
 from clothfit.system import EXPLICIT, with_elements
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ Target, the cloth's System and the name of the motion for messages; with
     residual(s)     d (R, c), 0 where s is the target
     pullback(s, r)  Jᵀ r (F, n, 3) for r (R, c), J = ∂d/∂s
     jacobian(s)     J as a sparse matrix (R·c, F·n·3), rows and columns in the order of the arrays
+    groups          R
     linear          whether J is the same for all s
     weights         (R,), how often each group counts; None where all count once
     seen            (n,), the vertices that are compared at some time after the initial state
@@ -39,6 +40,7 @@ Integers: TypeAlias = NDArray[np.integer[Any]]
 class Measure(Protocol):
     """One objective for one cloth and one target."""
 
+    groups: int
     linear: bool
     weights: Array | None
     seen: Flags
