@@ -79,14 +79,15 @@ class Confidence:
 def confidence(search: Search, start: Array) -> Confidence | None:
     """What the data say at the best point of a search that began at `start` (P,).
 
-    None where that would take too long (`trajectory.LARGEST`), or where nothing could be evaluated.
+    None where that would take too long (`trajectory.LARGEST`) or too much memory, or where nothing could be evaluated.
     """
     aside = copy(search)  # what is evaluated from here on is no part of the search
     aside.history, aside.budget, aside.report = [], 100, None
     problem = Trajectory(aside, search.objective)
     exact = search.objective.rmse(search.best_cost) <= min(search.rmse_tolerance, EXACT)
     quick = balances(search) if exact else None
-    if not np.isfinite(search.best_cost) or (quick is None and problem.operations() > trajectory.LARGEST):
+    dear = quick is None and (problem.operations() > trajectory.LARGEST or not problem.fits())
+    if not np.isfinite(search.best_cost) or dear:
         return None
     try:
         local = Local(problem, quick)

@@ -87,6 +87,11 @@ class Comparison:
         """Which vertices (n,) are compared at some time after the initial state."""
         return np.asarray(np.any([measure.seen for measure in self.measures.values()], axis=0))
 
+    @property
+    def entries(self) -> int:
+        """Number of entries of J, at most."""
+        return sum(3 * measure.groups * measure.reach for measure in self.measures.values())
+
     @cached_property
     def total_weight(self) -> float:
         """What G is divided by for a mean: Σ a_k w_g; the number of observed positions where G is plain."""
@@ -138,15 +143,17 @@ class Comparison:
 
     def jacobian(self, x: Array) -> csr_array:
         """J (N, 3 n (T + 1)) of a motion, columns in the order of x; constant where `residual` is linear in x."""
-        return self.jacobian_of(sample(self.goal, x))
+        from scipy.sparse import csr_array
+
+        whole = self.jacobian_of(sample(self.goal, x))
+        return csr_array((whole.data, whole.indices, whole.indptr), shape=(whole.shape[0], x.size))
 
     def jacobian_of(self, s: Array) -> csr_array:
-        """J (N, 3 n (T + 1)) by the motion, of the states s (F, n, 3) at the times of the frames."""
+        """J (N, 3 n (T + 1)), T = `last_step`, of the states s (F, n, 3) at the times of the frames."""
         from scipy.sparse import csr_array, vstack
 
         parts = [self._scaled_jacobian(name, s) for name in self.measures]
-        whole = parts[0] if len(parts) == 1 else csr_array(vstack(parts))
-        return csr_array((whole.data, whole.indices, whole.indptr), shape=whole.shape)
+        return parts[0] if len(parts) == 1 else csr_array(vstack(parts))
 
     def _squares(self, name: str, d: Array) -> Array:
         return np.asarray(self.scales[name] * (d * d).sum(axis=1))

@@ -18,7 +18,7 @@ from clothfit.errors import Diverged
 from clothfit.fit_vector import elements
 from clothfit.prior import Prior, variance
 from clothfit.tally import Measured, tally
-from clothfit.trajectory import Trajectory
+from clothfit.trajectory import ENTRY, Trajectory
 
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator
@@ -37,6 +37,17 @@ SETTLED = 1e-4
 
 FAR = 1e6
 """Residual where the simulation diverges, relative to the largest met: the step is taken back."""
+
+
+VECTORS = 12
+"""Arrays of the size of the residuals that the method works with."""
+
+
+def fits(part: Trajectory) -> bool:
+    """Whether the method fits into what the objective may hold."""
+    entries = sum(run.comparison.entries for run in part.objective.runs)
+    moves = sum((run.comparison.last_step + 1) * run.system.x0.nbytes for run in part.objective.runs)
+    return 8 * VECTORS * part.residuals() + ENTRY * entries + 3 * moves <= part.objective.room
 
 
 def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Array, str]:

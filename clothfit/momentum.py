@@ -40,6 +40,10 @@ DENSE = 6000
 """Parameters up to which the normal equations are a dense matrix."""
 
 
+ENTRY = 100
+"""Bytes for each number in the balances, in all the forms that it takes on the way to a matrix."""
+
+
 class Treatment(NamedTuple):
     """What is done to the target and to the balances against noise."""
 
@@ -78,6 +82,15 @@ def fit(objective: Objective, p: Array, fitted: Flags, treatment: Treatment = TR
     return found
 
 
+def fits(objective: Objective) -> bool:
+    """Whether the balances fit into what an objective may hold."""
+    sizes = (
+        (run.comparison.last_step * (3 * len(run.system.x0) + 6 * len(run.system.springs.rest)) for run in group)
+        for group in ([run for run in objective.runs if run.cloth == cloth] for cloth in objective.cloths)
+    )
+    return ENTRY * max((sum(each) for each in sizes), default=0) <= objective.room
+
+
 def information(
     objective: Objective, p: Array, fitted: Flags, factor: Array
 ) -> tuple[Array, Array, float, int] | None:
@@ -86,7 +99,7 @@ def information(
     stiffnesses are fitted: then a direction that the balances do not show leaves the motion as it is, and only then.
     """
     kinds = {block.name for block in objective.blocks if fitted[block.part].any()}
-    if not (objective.plain and kinds <= set(LETTERED)) or int(fitted.sum()) > DENSE:
+    if not (fits(objective) and objective.plain and kinds <= set(LETTERED)) or int(fitted.sum()) > DENSE:
         return None
     places = np.flatnonzero(fitted)
     H, g, squares, count = np.zeros((len(places),) * 2), np.zeros(len(places)), 0.0, 0

@@ -46,6 +46,9 @@ TIGHT = 1e-14
 """Tolerance of the linear systems in a fit, relative: their errors enter the gradient directly."""
 
 
+SMALL = 64_000_000
+"""Bytes up to which matrices do not count: a program has as much in its libraries."""
+
 PART = 16
 """Steps that `still` looks at together."""
 
@@ -124,6 +127,11 @@ class Objective:
     def spare(self) -> int:
         """Bytes that may be held beside the targets."""
         return max(self.memory - self.needs.held, 0)
+
+    @property
+    def room(self) -> int:
+        """Bytes that the matrices of a method may take."""
+        return max(self.spare, SMALL)
 
     @property
     def first_step(self) -> int:

@@ -45,6 +45,10 @@ class Needs(NamedTuple):
         """How many are kept of the motion that needs most; None: every state is."""
         return max((plan.snapshots for plan in self.plans.values() if plan.snapshots), default=None)
 
+    def summary(self) -> dict[str, int | None]:
+        """What scripts read."""
+        return {"foreseen": self.foreseen, "budget": self.budget, "snapshots": self.snapshots}
+
     def __str__(self) -> str:
         text = f"foreseen: {human(self.foreseen)} of memory; budget {human(self.budget)}"
         if self.snapshots is None:

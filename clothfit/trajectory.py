@@ -27,6 +27,12 @@ from clothfit.tally import Measured, tally
 LARGEST = 3e12
 """Operations of one dense model, about a minute, above which the matrix-free method takes over."""
 
+MATRICES, CHUNKS = 8, 3
+"""Arrays (Q, Q), and parts of the sensitivity (`normal.CHUNK`), that a step of Gauss–Newton works with."""
+
+ENTRY = 60
+"""Bytes for each entry of a sparse matrix while it is made: its value and its place, in the forms they go through."""
+
 FABRIC = ("mass", "stiffness", "rest")
 """Kinds whose values scatter around a fabric's."""
 
@@ -118,6 +124,15 @@ class Trajectory:
             total += run.comparison.last_step * (2.0 * solve + rows * count**2)
         return total
 
+    def fits(self) -> bool:
+        """Whether the dense model fits into what the objective may hold."""
+        needed = 8 * MATRICES * self.size**2
+        for run in self.objective.runs:
+            rows, count = 3 * int(run.system.vertex.free.sum()), len(self.columns_of(run))
+            chunk = 8 * CHUNKS * max(normal.CHUNK, rows * count)
+            needed += chunk + (0 if run.comparison.distances is not None else matrix_bytes(run))
+        return needed <= self.objective.room
+
     def prior(self, centre: Array, tau: float | None) -> Prior:
         """The belief that values scatter around the coordinates `centre` (Q,), by τ, which is learned where None."""
         place = np.cumsum(self.fitted) - 1
@@ -136,6 +151,11 @@ def residual_count(run: Run) -> int:
     x = np.broadcast_to(run.system.x0, (run.comparison.last_step + 1, *run.system.x0.shape))
     touched = run.comparison.jacobian(np.array(x))[:, free_columns(run)]
     return int((np.diff(touched.indptr) > 0).sum())
+
+
+def matrix_bytes(run: Run) -> int:
+    """Bytes of ∂r/∂x of a run as a sparse matrix, while it is made, roughly."""
+    return ENTRY * int(run.comparison.entries)
 
 
 def passing(run: Run) -> Passing:

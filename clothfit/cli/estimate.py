@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from clothfit.motion import Motion
     from clothfit.result import Fit
     from clothfit.scene import Scene
+    from clothfit.storage import Needs
 
 EXIT_CODES = {"converged": 0, "stalled": 5, "limit": 5, "interrupted": 130}
 
@@ -67,6 +69,7 @@ EXIT_CODES = {"converged": 0, "stalled": 5, "limit": 5, "interrupted": 130}
     "--holdout-of", default="frames", metavar="WHAT", help="frames (the last), or vertices.  [default: frames]"
 )
 @click.option("--no-intervals", is_flag=True, help="Do not look at what the motion determines, nor how well.")
+@click.option("--memory", metavar="SIZE", help="To hold at most, such as 200MB.  [default: half of what is free]")
 @click.option("-o", "--output", "path", metavar="SCENE", help="Fitted scene.  [default: <stem>.fitted<suffix>]")
 @click.option("--in-place", is_flag=True, help="Write the fitted values into SCENE itself.")
 def command(
@@ -86,6 +89,7 @@ def command(
     holdout: float | None,
     holdout_of: str,
     no_intervals: bool,
+    memory: str | None,
     path: str | None,
     in_place: bool,
     as_json: bool,
@@ -140,11 +144,18 @@ def command(
             holdout=holdout,
             holdout_of=holdout_of,
             intervals=not no_intervals,
+            memory=memory,
+            foreseen=partial(tell_needs, console),
         )
     with shared.uninterrupted():
         code = finish(scene, found, out, console, as_json)
         checkpoints.closed(kept, checkpoint is not None, found.status, in_place, console)
         return code
+
+
+def tell_needs(console: Console, needs: Needs) -> None:
+    """Say what memory a fit will need, where that is asked for or some states must be computed again."""
+    (console.detail if needs.snapshots is None else console.say)(str(needs))
 
 
 def check_values(max_evaluations: int, rmse: float, path: str | None, in_place: bool, scene_path: str) -> None:
@@ -263,6 +274,7 @@ def summary(scene: Scene, found: Fit, out: shared.Output) -> dict[str, Any]:
         "rank": found.rank,
         "sigma": found.sigma,
         "prior": found.prior and [asdict(scatter) for scatter in found.prior],
+        "memory": found.memory and found.memory.summary(),
         "holdout": found.holdout and asdict(found.holdout),
         "parameters": [asdict(block) for block in found.parameters],
         "warnings": found.warnings,

@@ -23,6 +23,7 @@ class EdgeLength:
     """Differences of lengths; R springs in frames, c = 1."""
 
     linear = False
+    reach = 2
 
     def __init__(self, goal: Target, system: System, name: str) -> None:
         ends = np.asarray(system.springs.ends)

@@ -19,6 +19,7 @@ class Position:
     """Distances of the observed vertices; R observed positions, c = 3."""
 
     linear = True
+    reach = 1
 
     def __init__(self, goal: Target, system: System, name: str) -> None:
         self.observed, self.seen, self._target = goal.observed, goal.seen, goal.positions

@@ -23,6 +23,7 @@ class Velocity:
     """Differences of mean velocities; R pairs of observed positions, c = 3."""
 
     linear = True
+    reach = 2
 
     def __init__(self, goal: Target, system: System, name: str) -> None:
         gaps = system.h * np.diff(goal.places)  # 0 where two frames count as one step
