@@ -1,4 +1,4 @@
-"""Print how much memory a fit takes: `python benchmarks/memory.py [--vertices N] [--frames T] [--memory SIZE] [METHOD]`.
+"""Print how much memory a fit takes: `python benchmarks/memory.py [METHOD …]`, by default of 64² vertices, 1000 frames.
 
 A level cloth of N × N vertices over 7 m, held at one side: one stiffness per spring, fitted to its own motion. Each row
 is a process of its own, that of the command as users run it, with its peak of resident memory; the first two are a

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from clothfit import auto, threads
+from clothfit import auto, momentum, threads
 from clothfit import holdout as holdouts
 from clothfit.arrays import Array, Flags
 from clothfit.checkpoint import Checkpoint, identity
@@ -216,6 +216,8 @@ def found_by(
     if method in METHODS:
         return minimise(search, method)
     if method == "momentum":
+        if not momentum.fits(search.objective):
+            raise InvalidInput("memory: too little for the balance of momentum; use another method, or allow more")
         auto.by_momentum(search, start)
         return search.verdict()
     if method == "gauss-newton":

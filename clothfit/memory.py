@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -32,7 +33,6 @@ LIMITS = (
 )
 """Where a container's limit and use stand, in bytes."""
 
-MOST_LEVELS = 32
 LIVE = 3
 """Snapshots that are in hand while steps are computed, beside those that are kept."""
 
@@ -103,16 +103,24 @@ def plan(steps: int, state: int, snapshot: int, most: float) -> Plan | None:
     """
     if steps * state <= most:
         return Plan(max(steps, 1), (max(steps, 1),))
-    for levels in range(1, MOST_LEVELS):
+    return next((found for found in plans(steps) if size(found, state, snapshot) <= most), None)
+
+
+def plans(steps: int) -> Iterator[Plan]:
+    """All plans with snapshots, those that compute the fewest steps again first."""
+    for levels in range(1, max(steps - 1, 1).bit_length() + 1):
         for parts in range(2, steps + 1):
             length = -(-steps // parts**levels)
-            if (LIVE + levels * parts) * snapshot + length * state <= most:
-                return Plan(length, tuple(length * parts**i for i in reversed(range(levels))), levels * parts)
+            yield Plan(length, tuple(length * parts**i for i in reversed(range(levels))), levels * parts)
             if length == 1:
                 break
-    return None
+
+
+def size(found: Plan, state: int, snapshot: int) -> int:
+    """Bytes that a plan holds."""
+    return found.length * state + (0 if found.snapshots is None else (LIVE + found.snapshots) * snapshot)
 
 
 def least(steps: int, state: int, snapshot: int) -> int:
-    """Bytes with which any motion of so many steps can be swept back."""
-    return state + (LIVE + 2 * max(steps - 1, 1).bit_length()) * snapshot
+    """Bytes with which a motion of so many steps can be swept back."""
+    return min([steps * state, *(size(found, state, snapshot) for found in plans(steps))])

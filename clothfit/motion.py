@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from clothfit.arrays import Array, Flags
 from clothfit.errors import Diverged, InvalidInput, InvalidMotion
-from clothfit.output import write_atomically
+from clothfit.output import Data, put, write_atomically
 from clothfit.rollout import FAR, check_memory
 from clothfit.scene import Scene
 from clothfit.system import build
@@ -123,6 +123,14 @@ def _worst(x: Array) -> int:
 
 def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]) -> None:
     """Write a motion as `.npz`, whole or not at all. Raises InvalidInput when the path cannot be written."""
+    if isinstance(path_or_file, (str, os.PathLike)):
+        write_atomically(path_or_file, archive(motion))
+    else:
+        put(archive(motion), path_or_file)
+
+
+def archive(motion: Motion) -> Data:
+    """What writes a motion as `.npz` to a file, without a copy of its arrays."""
     arrays: dict[str, NDArray[Any]] = {
         "positions": motion.positions,
         "times": motion.times,
@@ -132,13 +140,8 @@ def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]
         arrays["observed"] = motion.observed
     if motion.weights is not None:
         arrays["weights"] = motion.weights
-    buffer = io.BytesIO()
     write: Any = np.savez  # its types take `allow_pickle` for one of the arrays
-    write(buffer, **arrays)  # none of them holds objects, so nothing is pickled
-    if isinstance(path_or_file, (str, os.PathLike)):
-        write_atomically(path_or_file, buffer.getvalue())
-    else:
-        path_or_file.write(buffer.getvalue())
+    return lambda file: write(file, **arrays)  # none of them holds objects, so nothing is pickled
 
 
 def load_motion(path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene) -> Motion:

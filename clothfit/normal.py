@@ -48,10 +48,15 @@ def accumulate_passing(passing: Passing, steps: Iterator[Array], size: tuple[int
     return summed(PassingSums(passing, size), steps, size, passing.steps)
 
 
+def chunk_steps(wide: int) -> int:
+    """Steps of the sensitivity that are kept at a time, of so many numbers each."""
+    return max(1, CHUNK // max(wide, 1))
+
+
 def summed(sums: Adder, steps: Iterator[Array], size: tuple[int, int], total: int) -> tuple[Array, Array]:
     """H and g, from so many steps."""
     rows, count = size
-    length = max(1, CHUNK // max(rows * count, 1))
+    length = chunk_steps(rows * count)
     before = np.zeros(size)
     with ThreadPoolExecutor(1) as pool:
         adding: Future[None] | None = None

@@ -28,7 +28,7 @@ LARGEST = 3e12
 """Operations of one dense model, about a minute, above which the matrix-free method takes over."""
 
 MATRICES, CHUNKS = 8, 3
-"""Arrays (Q, Q), and parts of the sensitivity (`normal.CHUNK`), that a step of Gauss–Newton works with."""
+"""Arrays (Q, Q), and parts of the sensitivity (`normal.chunk_steps`), that a step of Gauss–Newton works with."""
 
 ENTRY = 60
 """Bytes for each entry of a sparse matrix while it is made: its value and its place, in the forms they go through."""
@@ -128,9 +128,9 @@ class Trajectory:
         """Whether the dense model fits into what the objective may hold."""
         needed = 8 * MATRICES * self.size**2
         for run in self.objective.runs:
-            rows, count = 3 * int(run.system.vertex.free.sum()), len(self.columns_of(run))
-            chunk = 8 * CHUNKS * max(normal.CHUNK, rows * count)
-            needed += chunk + (0 if run.comparison.distances is not None else matrix_bytes(run))
+            wide = 3 * int(run.system.vertex.free.sum()) * len(self.columns_of(run))
+            steps = 1 + min(normal.chunk_steps(wide), run.comparison.last_step)
+            needed += 8 * CHUNKS * steps * wide + (0 if run.comparison.distances is not None else matrix_bytes(run))
         return needed <= self.objective.room
 
     def prior(self, centre: Array, tau: float | None) -> Prior:
