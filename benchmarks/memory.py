@@ -89,8 +89,8 @@ def main() -> None:
         same = np.array_equal(*(np.load(out) for out in found))
         command = ["estimate", path, "--target", target, "--start", "20", "--tolerance", str(TOLERANCE), "-q", "--json"]
         for method in given.methods:
-            options = ["--method", method, "--max-evaluations", "3", "--memory", given.memory, "-o", f"{path}.out"]
-            row(f"`estimate --method {method}`, 3 evaluations", ["-m", "clothfit", *command, *options])
+            options = ["--method", method, "--max-evaluations", "2", "--memory", given.memory, "-o", f"{path}.out"]
+            row(f"`estimate --method {method}`, 2 evaluations", ["-m", "clothfit", *command, *options])
     print(f"\ngradients bit-equal: {'yes' if same else 'NO'}")
 
 
