@@ -46,7 +46,7 @@ VECTORS = 12
 def fits(part: Trajectory) -> bool:
     """Whether the method fits into what the objective may hold."""
     entries = sum(run.comparison.entries for run in part.objective.runs)
-    moves = sum((run.comparison.last_step + 1) * run.system.x0.nbytes for run in part.objective.runs)
+    moves = sum((run.steps + 1) * run.system.x0.nbytes for run in part.objective.runs)
     return 8 * VECTORS * part.residuals() + ENTRY * entries + 3 * moves <= part.objective.room
 
 

@@ -29,9 +29,9 @@ from clothfit.columns import columns
 from clothfit.fit_vector import bounds
 from clothfit.kinds import LETTERED
 from clothfit.objective import Objective
+from clothfit.run import Run
 from clothfit.sensitivity import Columns
-from clothfit.storage import Run
-from clothfit.system import EXPLICIT, with_elements
+from clothfit.system import EXPLICIT
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -85,7 +85,7 @@ def fit(objective: Objective, p: Array, fitted: Flags, treatment: Treatment = TR
 def fits(objective: Objective) -> bool:
     """Whether the balances fit into what an objective may hold."""
     sizes = (
-        (run.comparison.last_step * (3 * len(run.system.x0) + 6 * len(run.system.springs.rest)) for run in group)
+        (run.steps * (3 * len(run.system.x0) + 6 * len(run.system.springs.rest)) for run in group)
         for group in ([run for run in objective.runs if run.cloth == cloth] for cloth in objective.cloths)
     )
     return ENTRY * max((sum(each) for each in sizes), default=0) <= objective.room
@@ -109,7 +109,7 @@ def information(
         for block in own:
             column[block.part] = np.where(fitted[block.part], (np.cumsum(fitted) - 1)[block.part], -1)
         C, r = rows_of(objective, run, p, own, column, TREATMENTS[0], len(places))
-        steps = run.comparison.last_step - (1 if run.system.method == EXPLICIT else 0)
+        steps = run.steps - (1 if run.system.method == EXPLICIT else 0)
         if len(r) < 3 * steps * int(run.system.vertex.free.sum()):
             return None
         scaled = C.multiply(factor[places][None, :]).tocsr()
@@ -131,7 +131,7 @@ def rows_of(
     """C (N, Q) and r (N,) of one run, by the parameters of its masses and stiffnesses; Q is `width`, or as many as
     `column` (P,) has.
     """
-    system = with_elements(run.system, objective.elements(run, p))
+    system = run.changed(p)
     seen = track(run.comparison.goal, system)
     rows = balances(system, smoothed(seen, system.x0, treatment.frames) if treatment.frames > 1 else seen)
     C, r = matrix(summed_twice(rows) if treatment.summed else rows, system)

@@ -8,7 +8,7 @@ the cost to about 1e-8; to 1e-14, as far as rounding allows.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from clothfit import adjoint, storage
 from clothfit.adjoint import Slope, Story
-from clothfit.arrays import Array, Elements, Flags
+from clothfit.arrays import Array, Flags
 from clothfit.block import Block
 from clothfit.cost import Comparison, objective_weights
 from clothfit.errors import Diverged
@@ -34,10 +34,11 @@ from clothfit.fit_vector import (
 from clothfit.loss import loss_named
 from clothfit.memory import Plan, budget
 from clothfit.motion import checked_tolerance
-from clothfit.rollout import Rollout, empty, rollout
+from clothfit.rollout import Rollout
+from clothfit.run import Run, roll, seen_in, still, tell
 from clothfit.scene import Scene
-from clothfit.storage import Needs, Run
-from clothfit.system import System, build, with_elements
+from clothfit.storage import Needs
+from clothfit.system import System, build
 from clothfit.tally import Distances, Tally, tally
 from clothfit.tape import Tape
 from clothfit.target import first_step, target
@@ -48,9 +49,6 @@ TIGHT = 1e-14
 
 SMALL = 64_000_000
 """Bytes up to which matrices do not count: a program has as much in its libraries."""
-
-PART = 16
-"""Steps that `still` looks at together."""
 
 
 class Objective:
@@ -141,7 +139,7 @@ class Objective:
     @property
     def steps(self) -> int:
         """Number of steps of the longest experiment, as far as it is compared."""
-        return max((run.comparison.last_step for run in self.runs), default=0)
+        return max((run.steps for run in self.runs), default=0)
 
     @property
     def plain(self) -> bool:
@@ -261,55 +259,20 @@ class Objective:
             if block.cloth in (run.cloth, None):
                 gradient[block.part] += block.reduce(getattr(grad, block.name))
 
-    def elements(self, run: Run, p: Array) -> Elements:
-        """Masses and stiffnesses in a run: those that are flagged from p (P,), the others the experiment's own."""
-        return elements(run.scene, run.cloth, p)
-
     def plan(self, run: Run) -> Plan:
         """Which states of a run are kept for the way back. Raises InvalidInput where no plan is small enough."""
-        return self.needs.plans[run.system.x0.shape, run.comparison.last_step]
+        return self.needs.plans[run.system.x0.shape, run.steps]
 
     def tell(self, run: Run, p: Array, *told: Tally, plan: Plan | None = None) -> tuple[System, Tape]:
         """Simulate a run with parameters p (P,), as far as it is compared, in the sight of some tallies.
 
         With a `plan` the motion can be swept back. Raises Diverged.
         """
-        changed, steps = with_elements(run.system, self.elements(run, p)), run.comparison.last_step
-        tape = Tape(changed, steps, self.tolerance, plan)
-        for part in tape.forward():
-            for each in told:
-                each.see(part)
-        self._check(run, tape.good, steps)
-        return changed, tape
+        return tell(run, p, self.tolerance, told, plan)
 
     def roll(self, run: Run, p: Array) -> tuple[System, Rollout]:
         """The same with all states kept. Raises Diverged."""
-        changed, steps = with_elements(run.system, self.elements(run, p)), run.comparison.last_step
-        memory, good = rollout(changed, steps, self.tolerance)
-        self._check(run, good, steps)
-        return changed, memory
-
-    def _check(self, run: Run, good: int, steps: int) -> None:
-        if good < steps:
-            raise Diverged(f"{run.scene.name}: objects[{run.cloth}] diverged at step {good + 1}", good + 1)
-
-
-def still(run: Run) -> float:
-    """G of a run in which nothing moves."""
-    told, x, steps = tally(run.comparison), run.system.x0, run.comparison.last_step
-    rest = empty(run.system, min(PART, steps))
-    rest.x[:] = x
-    for first in range(0, steps or 1, PART):
-        told.see(rest.part(0, min(PART, steps - first))._replace(first=first))
-    return told.value
-
-
-def seen_in(runs: Iterable[Run]) -> dict[int, Flags]:
-    """Of each cloth, which vertices (n,) are compared in one of the runs at some time after the initial state."""
-    seen: dict[int, Flags] = {}
-    for run in runs:
-        seen[run.cloth] = seen.get(run.cloth, False) | run.comparison.seen
-    return seen
+        return roll(run, p, self.tolerance)
 
 
 def cost_and_gradient(

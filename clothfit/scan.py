@@ -20,7 +20,6 @@ from clothfit.kinds import LETTERED
 from clothfit.memory import Plan
 from clothfit.objective import Objective
 from clothfit.rollout import Rollout
-from clothfit.system import with_elements
 from clothfit.tally import Measured, Tally, tally
 from clothfit.tape import Tape
 
@@ -101,11 +100,11 @@ class Course:
         """The cost at p (P,); infinite where it is above `most` before the end, or the simulation diverges."""
         total = 0.0
         for run, shorter in self.legs:
-            system = with_elements(run.system, self.objective.elements(run, p))
-            tape, told = Tape(system, run.comparison.last_step, LOOSE, self.plan), tally(run.comparison)
+            tape, told = Tape(run.changed(p), run.steps, LOOSE, self.plan), tally(run.comparison)
             for part in pieces(tape, shorter):
                 told.see(part)
-                if costs_more(shorter, part.first + part.steps, told, most - total):
+                step = part.first + part.steps
+                if step < run.steps and costs_more(shorter, step, told, most - total):
                     return np.inf
             if tape.good < tape.steps:
                 return np.inf

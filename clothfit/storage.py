@@ -8,12 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit import memory
-from clothfit.cost import Comparison
 from clothfit.errors import InvalidInput
 from clothfit.memory import Plan, human
 from clothfit.motion import Motion
 from clothfit.rollout import state_bytes
-from clothfit.scene import Scene
+from clothfit.run import Run
 from clothfit.step import implicit
 from clothfit.system import System
 from clothfit.tally import COPIES
@@ -26,16 +25,6 @@ COUNTED = 0.85
 """Part of a budget that is planned for where it is short: the rest is for what is not counted, vectors of the
 parameters, libraries, text.
 """
-
-
-class Run(NamedTuple):
-    """One cloth in one experiment: what is simulated once for each p."""
-
-    cloth: int
-    scene: Scene  # the experiment's, with the flags of the fitted one
-    system: System  # with the values of `scene`
-    comparison: Comparison
-    experiment: int  # counted from 0
 
 
 class Needs(NamedTuple):
@@ -70,7 +59,7 @@ def needs(runs: Sequence[Run], targets: Sequence[Motion], budget: int) -> Needs:
     held = sum(motion_bytes(motion) for motion in targets) + sum(run_bytes(run, targets) for run in runs)
     most, plans = 0, {}
     for run in runs:
-        steps, state, snapshot = run.comparison.last_step, state_bytes(run.system), snapshot_bytes(run.system)
+        steps, state, snapshot = run.steps, state_bytes(run.system), snapshot_bytes(run.system)
         most = max(most, steps * state)
         found = memory.plan(steps, state, snapshot, budget - held)
         if found is None or found.snapshots is not None:

@@ -19,9 +19,9 @@ from clothfit.columns import columns
 from clothfit.objective import Objective
 from clothfit.passing import Passing
 from clothfit.prior import Prior, first
+from clothfit.run import Run
 from clothfit.search import Search
 from clothfit.sensitivity import DENSE, FEW, sweep, tangents
-from clothfit.storage import Run
 from clothfit.tally import Measured, tally
 
 LARGEST = 3e12
@@ -121,7 +121,7 @@ class Trajectory:
         for run in self.objective.runs:
             rows, count = 3.0 * run.system.vertex.free.sum(), float(len(self.columns_of(run)))
             solve = rows * (rows if rows <= DENSE else 40.0 * np.sqrt(rows)) * count
-            total += run.comparison.last_step * (2.0 * solve + rows * count**2)
+            total += run.steps * (2.0 * solve + rows * count**2)
         return total
 
     def fits(self) -> bool:
@@ -129,7 +129,7 @@ class Trajectory:
         needed = 8 * MATRICES * self.size**2
         for run in self.objective.runs:
             wide = 3 * int(run.system.vertex.free.sum()) * len(self.columns_of(run))
-            steps = 1 + min(normal.chunk_steps(wide), run.comparison.last_step)
+            steps = 1 + min(normal.chunk_steps(wide), run.steps)
             needed += 8 * CHUNKS * steps * wide + (0 if run.comparison.distances is not None else matrix_bytes(run))
         return needed <= self.objective.room
 
@@ -148,7 +148,7 @@ def residual_count(run: Run) -> int:
     """Residuals of a run that are not of the initial state or of fixed vertices."""
     if run.comparison.distances is not None:
         return 3 * int(passing(run).movable.sum())
-    x = np.broadcast_to(run.system.x0, (run.comparison.last_step + 1, *run.system.x0.shape))
+    x = np.broadcast_to(run.system.x0, (run.steps + 1, *run.system.x0.shape))
     touched = run.comparison.jacobian(np.array(x))[:, free_columns(run)]
     return int((np.diff(touched.indptr) > 0).sum())
 
@@ -166,7 +166,7 @@ def passing(run: Run) -> Passing:
 def free_columns(run: Run) -> NDArray[np.intp]:
     """Places of the coordinates of the free vertices, after every step, in x (T + 1, n, 3)."""
     free = np.repeat(run.system.vertex.free, 3)
-    steps = run.comparison.last_step
+    steps = run.steps
     every = np.arange(1, steps + 1)[:, None] * len(free) + np.flatnonzero(free)
     return every.reshape(-1)
 

@@ -63,6 +63,7 @@ ORDER = [
     "normal",
     "block",
     "fit_vector",
+    "run",
     "storage",
     "columns",
     "objective",
