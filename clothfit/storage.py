@@ -49,7 +49,7 @@ class Needs(NamedTuple):
         if self.snapshots is None:
             return text
         length = max(plan.length for plan in self.plans.values() if plan.snapshots)
-        return f"{text}: keeps every {length}. state and computes the others again"
+        return f"{text}: keeps 1 state in {length} and computes the others again"
 
 
 def needs(runs: Sequence[Run], targets: Sequence[Motion], budget: int) -> Needs:
