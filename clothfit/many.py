@@ -7,7 +7,7 @@ long as the machines round alike.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ import numpy as np
 from clothfit.batch import Batch, Pool
 from clothfit.errors import InvalidInput
 from clothfit.job import INTERRUPTED, File, Goal, Job, Outcome, read
+from clothfit.memory import budget
 
 if TYPE_CHECKING:
     from clothfit.arrays import Array
@@ -110,6 +111,16 @@ def chosen_pool(count: int, jobs: int | None, cluster: str | None) -> Pool:
     return Processes(max(1, min(count, jobs or usable_cores())))
 
 
+def limited(options: Mapping[str, Any], pool: Pool) -> dict[str, Any]:
+    """Options of a fit, where the processes of this machine share the memory that one fit would allow itself."""
+    from clothfit.pool import Processes
+
+    size = options.get("memory")
+    if size is None and isinstance(pool, Processes):
+        return {**options, "memory": budget(None) // pool.width}
+    return dict(options)
+
+
 def check_numbers(starts: int, seed: int, jobs: int | None) -> None:
     """Raise InvalidInput on numbers that cannot be."""
     for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
@@ -143,11 +154,14 @@ def estimate_many(
         raise InvalidInput(f"targets: {len(goals)} are given for {len(scenes)} scenes; give one item for each")
     first = start if start is None or isinstance(start, (int, float, np.ndarray)) else packed(start)
 
+    pool = chosen_pool(len(scenes) * starts, jobs, cluster)
+    each = limited(options, pool)
+
     def make(index: int, number: int) -> Job:
-        return Job(packed(scenes[index]), packed_goals(goals[index]), first, number, seed, options)
+        return Job(packed(scenes[index]), packed_goals(goals[index]), first, number, seed, each)
 
     makers = [partial(make, index) for index in range(len(scenes))]
-    return fit_all(makers, starts, chosen_pool(len(scenes) * starts, jobs, cluster), done)
+    return fit_all(makers, starts, pool, done)
 
 
 def packed(scene: Path | Scene) -> File:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -11,6 +12,9 @@ from clothfit.cli.console import Console
 from clothfit.cli.files import Files
 from clothfit.errors import InvalidInput
 from clothfit.words import owned
+
+if TYPE_CHECKING:
+    from clothfit.storage import Needs
 
 
 @shared.command("estimate")
@@ -58,6 +62,7 @@ from clothfit.words import owned
     "--holdout-of", default="frames", metavar="WHAT", help="frames (the last), or vertices.  [default: frames]"
 )
 @click.option("--no-intervals", is_flag=True, help="Do not look at what the motion determines, nor how well.")
+@click.option("--memory", metavar="SIZE", help="To hold at most, such as 200MB.  [default: half of what is free]")
 @click.option("-o", "--output", "path", metavar="SCENE", help="Fitted scene.  [default: <stem>.fitted<suffix>]")
 @click.option("--in-place", is_flag=True, help="Write the fitted values into SCENE itself.")
 @click.option("--starts", type=int, default=1, metavar="K", help="Fit from K starts, keep the best.  [default: 1]")
@@ -81,6 +86,7 @@ def command(
     holdout: float | None,
     holdout_of: str,
     no_intervals: bool,
+    memory: str | None,
     path: str | None,
     in_place: bool,
     starts: int,
@@ -120,6 +126,7 @@ def command(
         "holdout": holdout,
         "holdout_of": holdout_of,
         "intervals": not no_intervals,
+        "memory": memory,
     }
     files = Files(target_paths, start, path, in_place, checkpoint, resume)
     if len(scene_paths) > 1 or starts > 1 or cluster is not None:
@@ -147,12 +154,24 @@ def fit_one(scene_path: str, files: Files, options: dict[str, Any], console: Con
     console.announce_compilation()
     with console.progress() as show:
         found = fit.estimate(
-            scene, targets or None, first, **options, report=show, checkpoint=kept, resume=files.resume
+            scene,
+            targets or None,
+            first,
+            **options,
+            report=show,
+            checkpoint=kept,
+            resume=files.resume,
+            foreseen=partial(tell_needs, console),
         )
     with shared.uninterrupted():
         code = report.finish(scene, found, out, console, as_json)
         checkpoints.closed(kept, files.checkpoint is not None, found.status, files.in_place, console)
         return code
+
+
+def tell_needs(console: Console, needs: Needs) -> None:
+    """Say what memory a fit will need, where that is asked for or some states must be computed again."""
+    (console.detail if needs.snapshots is None else console.say)(str(needs))
 
 
 def check_values(max_evaluations: int, rmse: float, starts: int, seed: int, jobs: int | None) -> None:

@@ -18,7 +18,7 @@ from clothfit.cli.plan import Item, planned
 from clothfit.cli.table import rows, summaries
 from clothfit.errors import ClothfitError
 from clothfit.job import INTERRUPTED, NOT_STARTED, Job
-from clothfit.many import Result, chosen_pool, fit_all
+from clothfit.many import Result, chosen_pool, fit_all, limited
 from clothfit.output import write_atomically
 
 SEVERITY = (1, 3, 4, 5, 0)
@@ -55,7 +55,8 @@ def fit(
     items = planned(paths, files, effort.starts, effort.cluster is None, console)
     pool = chosen_pool(len(items) * effort.starts, effort.jobs, effort.cluster)
     tell_compilation(pool, len(items) * effort.starts, console)
-    makers: list[Callable[[int], Job]] = [partial(job, item, effort, options) for item in items]
+    each = limited(options, pool)
+    makers: list[Callable[[int], Job]] = [partial(job, item, effort, each) for item in items]
     writer = Writer(items, console)
     results = fit_all(makers, effort.starts, pool, writer.done, writer.died)
     with shared.uninterrupted():

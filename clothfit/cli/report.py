@@ -75,6 +75,7 @@ def summary(scene: Scene, found: Fit, out: shared.Output) -> dict[str, Any]:
         "rank": found.rank,
         "sigma": found.sigma,
         "prior": found.prior and [asdict(scatter) for scatter in found.prior],
+        "memory": found.memory and found.memory.summary(),
         "holdout": found.holdout and asdict(found.holdout),
         "parameters": [asdict(block) for block in found.parameters],
         "warnings": found.warnings,
