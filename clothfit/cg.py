@@ -150,7 +150,7 @@ def sweep(A, work, phase, first, second):
     total = 0.0
     for turn in range(3):
         s = (turn + 2) % 3 if phase == UPPER else turn
-        if shared and s == 1:
+        if shared and s == 1 and not team.claim(work.team):
             team.wait(work.team)
             total += notes[0, 3]
             continue
@@ -158,6 +158,8 @@ def sweep(A, work, phase, first, second):
             notes[0, 1], notes[0, 2] = first, second
             team.post(work.team, phase)
         total += act(A, work, s, phase, first, second)
+        if shared and s == 1:
+            team.done(work.team)
     return total
 
 

@@ -11,7 +11,9 @@ What is fused is named here, product by product, so no result depends on what a 
     add sub mul        lane by lane                      fma(a, b, c)          a b + c, rounded once
     sum3(v)            v₀ + v₁ + v₂                      clear3(v)             v with 0 in lane 3
     turn(v)            v₁ v₂ v₀ v₃, for cross products     xyzz xxxy zyyz zxyy(v)   the components so named
-    read_shared(a, i), write_shared(a, i, x), pause(long)    a number (n,) of int64 that two threads look at; waiting
+    read_shared(a, i), write_shared(a, i, x)             an int64 of (n,) that two threads look at
+    exchange(a, i, old, new)                             the same, set only where it is `old`; whether it was
+    pause(long)                                          between two looks
 
 Indices are not checked. With NUMBA_DISABLE_JIT=1 the same functions work on NumPy arrays of four numbers.
 """
@@ -33,4 +35,5 @@ spread0, spread1, spread2 = chosen.spread0, chosen.spread1, chosen.spread2
 lane0, lane1, lane2, sum3 = chosen.lane0, chosen.lane1, chosen.lane2, chosen.sum3
 add, sub, mul, fma = chosen.add, chosen.sub, chosen.mul, chosen.fma
 xyzz, xxxy, zyyz, zxyy = chosen.xyzz, chosen.xxxy, chosen.zyyz, chosen.zxyy
-read_shared, write_shared, pause = chosen.read_shared, chosen.write_shared, chosen.pause
+read_shared, write_shared = chosen.read_shared, chosen.write_shared
+exchange, pause = chosen.exchange, chosen.pause

@@ -215,6 +215,17 @@ def write_shared(_context: Any, a: Any, i: Any, value: Any) -> Code:
 
 
 @intrinsic
+def exchange(_context: Any, a: Any, i: Any, expected: Any, value: Any) -> Code:
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        array, i, expected, value = values
+        start = context.make_array(signature.args[0])(context, builder, array).data
+        found = builder.cmpxchg(builder.gep(start, [i]), expected, value, "acq_rel", "acquire")
+        return builder.extract_value(found, 1)
+
+    return types.boolean(a, types.intp, types.int64, types.int64), code
+
+
+@intrinsic
 def pause(_context: Any, long: Any) -> Code:
     def code(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
         with builder.if_then(values[0]):

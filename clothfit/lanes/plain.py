@@ -107,5 +107,12 @@ def write_shared(a, i, value):
     a[i] = value
 
 
+def exchange(a, i, expected, value):
+    same = a[i] == expected
+    if same:
+        a[i] = value
+    return same
+
+
 def pause(long):
     time.sleep(0)  # lets the interpreter run another thread
