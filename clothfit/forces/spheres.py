@@ -69,10 +69,11 @@ def add_step(spheres, y, u, h, A, b):
                 n = pack(n0, n1, n2, 0.0)
                 low, high = outer(mul(splat(stiff), n), n)
                 add_block(A.diagonal, i, low, high)
-                push = h * STIFFNESS * depth
-                b[i, 0] += push * n0
-                b[i, 1] += push * n1
-                b[i, 2] += push * n2
+                if len(b) > 0:
+                    push = h * STIFFNESS * depth
+                    b[i, 0] += push * n0
+                    b[i, 1] += push * n1
+                    b[i, 2] += push * n2
 
 
 @kernel

@@ -111,8 +111,9 @@ def add_step(springs, y, u, h, A, b):
         add_block(A.diagonal, springs.ends[i, 0], low, high)
         add_block(A.diagonal, springs.ends[i, 1], low, high)
         subtract_block(A.upper, springs.slot[i], low, high)
-        pull = -h * k * (length - springs.rest[i])
-        add_opposite(b, springs, i, mul(splat(pull), d))
+        if len(b) > 0:
+            pull = -h * k * (length - springs.rest[i])
+            add_opposite(b, springs, i, mul(splat(pull), d))
 
 
 @kernel

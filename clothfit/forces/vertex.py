@@ -52,8 +52,9 @@ def add_step(vertex, y, u, h, A, b):
         A.diagonal[i, XX] += damping
         A.diagonal[i, YY] += damping
         A.diagonal[i, ZZ] += damping
-        for c in range(3):
-            b[i, c] += h * m * vertex.gravity[c]
+        if len(b) > 0:
+            for c in range(3):
+                b[i, c] += h * m * vertex.gravity[c]
 
 
 @kernel

@@ -112,13 +112,15 @@ def add_damping(faces, y, scale, q, out):
 def add_step(faces, y, u, h, A, b):
     for i in range(len(faces.corners)):
         n, kappa = normal(faces, y, i)
-        push = dot(n, relative(faces, u, i))
         c = h * kappa
         low, high = outer(mul(splat(c), n), n)
         for corner in range(3):
-            j = faces.corners[i, corner]
-            add_block(A.diagonal, j, low, high)
-            add_along(b, j, c * (push + dot(load3(u, j), n)), n)
+            add_block(A.diagonal, faces.corners[i, corner], low, high)
+        if len(b) > 0:
+            push = dot(n, relative(faces, u, i))
+            for corner in range(3):
+                j = faces.corners[i, corner]
+                add_along(b, j, c * (push + dot(load3(u, j), n)), n)
 
 
 @kernel

@@ -29,7 +29,7 @@ from clothfit.vectors import add, add_mass, add_rows_dot, combine, copy, hold_fi
 
 
 class Workspace(NamedTuple):
-    """Memory that a run of steps uses again and again; all (n, 3) but for A, cg and past."""
+    """Memory that a run of steps uses again and again; (n, 3) where nothing else is said."""
 
     A: sparse.BlockMatrix
     cg: cg.Workspace
@@ -41,6 +41,7 @@ class Workspace(NamedTuple):
     solution: Array  # of the derivative's system (λ or dw), holding its first guess before
     gy: Array  # derivative by y
     gu: Array  # derivative by u
+    nothing: Array  # (0, 3)
 
 
 def workspace(system: System) -> Workspace:
@@ -48,12 +49,12 @@ def workspace(system: System) -> Workspace:
     n = len(system.x0)
     vectors = [np.zeros((n, 3)) for _ in range(7)]
     A = sparse.zeros(system.pattern, n)
-    return Workspace(A, cg.workspace(A, system.coarser), guess.past(n), *vectors)
+    return Workspace(A, cg.workspace(A, system.coarser), guess.past(n), *vectors, np.zeros((0, 3)))
 
 
 @kernel
 def assemble(system, y, u, A, b):
-    """A at (y, u), and b = h (f − D u) there."""
+    """A at (y, u), and b = h (f − D u) there; an empty b where it is not needed."""
     sparse.reset(A, system.vertex.mass)
     b[:] = 0.0
     total.add_step(system, y, u, system.h, A, b)
@@ -114,7 +115,7 @@ def pullback(system, x, v, iterates, used, tolerance, work, x_bar, v_bar, grad):
     for k in range(used - 1, -1, -1):
         w = iterates[k]
         u = v if k == 0 else iterates[k - 1]
-        linearise(system, x, w, u, k, A, b, y, s)
+        linearise(system, x, w, u, k, A, work.nothing, y, s)
         copy(w_bar, b)
         hold_fixed(free, b)
         linear.solve(A, b, tolerance, work.cg, lam)
@@ -138,7 +139,7 @@ def pullback(system, x, v, iterates, used, tolerance, work, x_bar, v_bar, grad):
 
 @kernel
 def linearise(system, x, w, u, k, A, b, y, s):
-    """The point y, the matrix A and the offset s of iteration k, which went from u to w; b is scratch."""
+    """The point y, A and b (see `assemble`) and the offset s of iteration k, which went from u to w."""
     h = system.h
     if k == 0:
         copy(x, y)
@@ -160,7 +161,7 @@ def pushforward(system, x, v, iterates, used, tolerance, work, dx, dv, direction
     for k in range(used):
         w = iterates[k]
         u = v if k == 0 else iterates[k - 1]
-        linearise(system, x, w, u, k, A, b, y, s)
+        linearise(system, x, w, u, k, A, work.nothing, y, s)
         if k == 0:
             b[:] = 0.0
             copy(dv, du)
