@@ -46,7 +46,7 @@ def conforms(value: Any, schema: Schema, root: Schema) -> bool:
 
 
 def _reference(value: Any, rule: str, _: Schema, root: Schema) -> bool:
-    kind, _, name = rule.rpartition("/")
+    kind, name = rule.rsplit("/", 1)
     return kind == "#/$defs" and conforms(value, root["$defs"][name], root)
 
 

@@ -32,7 +32,8 @@ from clothfit.fit_vector import (
 )
 from clothfit.journal import opened
 from clothfit.kinds import LETTERED
-from clothfit.motion import Motion, checked_tolerance, simulate, simulate_cloths
+from clothfit.limits import checked_tolerance
+from clothfit.motion import Motion, simulate, simulate_cloths
 from clothfit.objective import Objective
 from clothfit.result import Fit, result
 from clothfit.scene import Scene

@@ -38,7 +38,7 @@ from typing import Any
 import numba
 from numba.core.caching import FunctionCache
 from numba.core.compiler import CompileResult
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
 PACKAGE = Path(__file__).resolve().parent
@@ -93,14 +93,14 @@ def usable() -> list[Path]:
     return [first, *(folder for folder in own if is_safe(folder.parent))]
 
 
-def load(name: str) -> bytes | None:
-    """Give what was kept under a name; None where there is nothing, or nothing whole."""
+def load(name: str) -> tuple[Path, bytes] | None:
+    """Give what was kept under a name, and the folder; None where there is nothing, or nothing whole."""
     for folder in usable():
         with suppress(OSError):
             data = (folder / name).read_bytes()
             mark, content = data[: len(MARK) + 32], data[len(MARK) + 32 :]
             if mark == MARK + hashlib.sha256(content).digest():
-                return content
+                return folder, content
     return None
 
 
@@ -161,11 +161,12 @@ tell: Callable[[str], None] = _warn
 class KernelCache(FunctionCache):
     """What numba asks for compiled code of one function, and gives it to."""
 
-    failed = False  # nothing can be written; of the class, as that holds for all functions
+    failed = False  # whether something could not be written. These two are of the class: they hold for all functions
+    used: Path | None = None  # the folder that was last written to, or read from
 
     def __init__(self, function: Callable[..., object]) -> None:
         # not that of the base class, which makes folders
-        self._py_func = function
+        self._py_func, self._name = function, function.__qualname__
         self.enable()
 
     @property
@@ -181,12 +182,13 @@ class KernelCache(FunctionCache):
         if not self._enabled:
             return None
         key = self._index_key(sig, target_context.codegen())
-        content = load(self._file(key))
-        if content is None:
+        kept = load(self._file(key))
+        if kept is None:
             return None
-        found, payload = pickle.loads(content)
+        found, payload = pickle.loads(kept[1])
         if found != key:  # other types by the same names
             return None
+        KernelCache.used = kept[0]
         rtsys.initialize(target_context)  # of all that the base class prepares, what code needs that only runs
         return CompileResult._rebuild(target_context, *payload)
 
@@ -197,7 +199,7 @@ class KernelCache(FunctionCache):
             return
         key = self._index_key(sig, data.codegen)
         try:
-            save(self._file(key), dumps((key, data._reduce())))
+            KernelCache.used = save(self._file(key), dumps((key, data._reduce())))
         except OSError as error:
             KernelCache.failed = True
             reason = error.strerror or str(error)

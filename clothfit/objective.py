@@ -29,8 +29,8 @@ from clothfit.fit_vector import (
     size,
     unidentifiable,
 )
+from clothfit.limits import checked_tolerance
 from clothfit.loss import loss_named
-from clothfit.motion import checked_tolerance
 from clothfit.rollout import Rollout, rollout
 from clothfit.scene import Scene
 from clothfit.system import System, build, with_elements
@@ -108,7 +108,8 @@ class Objective:
     def still(self) -> float:
         """G of cloths that stay where they are."""
         runs = ((run, (run.comparison.last_step + 1, *run.system.x0.shape)) for run in self.runs)
-        return sum(run.comparison.cost(np.array(np.broadcast_to(run.system.x0, shape))) for run, shape in runs)
+        starts = ((run, np.array(np.broadcast_to(run.system.x0, shape), order="C")) for run, shape in runs)
+        return sum(run.comparison.cost(x) for run, x in starts)
 
     @property
     def first_step(self) -> int:

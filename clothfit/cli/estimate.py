@@ -108,6 +108,7 @@ def command(
     pairs = [motion_and_scene(path) for path in target_paths]
     inputs = (*(path for pair in pairs for path in pair), start_path)
     shared.one_stream(scene_path, *inputs)
+    shared.check_numbers(tolerance=tolerance)
     scene = shared.read_scene(scene_path, console)
     out = output(scene_path, path, in_place, inputs)
     from clothfit import fit
