@@ -87,7 +87,8 @@ def target(motion: Motion, cloth: int, delta: float, last_step: int | None = Non
         observed &= weights[kept] > 0
     positions = np.where(observed[:, :, None], motion.of(cloth)[kept], 0.0)
     counted = np.zeros((0, 0)) if weights is None else np.where(observed, weights[kept], 0.0)
-    return Target(step[kept], fraction[kept], positions, observed, counted)
+    arrays = (step[kept], fraction[kept], positions, observed, counted)
+    return Target(*map(np.ascontiguousarray, arrays))  # a file's may be in another order, for which to compile again
 
 
 def first_step(goals: Iterable[Target]) -> int:

@@ -29,6 +29,7 @@ def places(tmp_path, monkeypatch):
         folder.parent.mkdir(mode=0o700)
     monkeypatch.setattr(kernel_cache, "folders", lambda: made)
     monkeypatch.setattr(KernelCache, "failed", False)
+    monkeypatch.setattr(KernelCache, "used", KernelCache.used)  # put back afterwards
     return made
 
 
