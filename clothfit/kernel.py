@@ -5,6 +5,10 @@ per-step check notices, instead of a branch at every division. No fast-math flag
 (`contract`) would gain a sixth, but which products are fused depends on what is inlined where, and that differs
 between code just compiled and the same code from the cache; without it, repeated runs agree to the last bit.
 With NUMBA_DISABLE_JIT=1 the same functions run as plain Python.
+
+Most kernels are only called by kernels. The code that makes a function callable from Python, which takes a structure
+of thirty arrays apart, is then a third of what there is to compile. So each kernel is two functions for numba: one
+that other kernels call, without that code, and one for calls from Python, compiled only when there is such a call.
 """
 
 from __future__ import annotations
@@ -17,12 +21,15 @@ import numba
 from clothfit.kernel_cache import KernelCache
 
 F = TypeVar("F", bound=Callable[..., object])
+FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # nobody calls by a C function pointer
 
 
 def kernel(function: F) -> F:
     """Compile `function` on first call, with the flags that the module docstring explains."""
-    compiled: Any = numba.njit(error_model="numpy")(function)
-    if compiled is not function:  # as it is with NUMBA_DISABLE_JIT
-        compiled._cache = KernelCache(function)
-    made: F = compiled
+    outer: Any = numba.njit(**FLAGS)(function)
+    if outer is not function:  # as it is with NUMBA_DISABLE_JIT
+        inner: Any = numba.njit(**FLAGS, no_cpython_wrapper=True)(function)
+        inner._cache, outer._cache = KernelCache(function, "inner"), KernelCache(function)
+        outer.get_call_template, outer.get_overload = inner.get_call_template, inner.get_overload  # for kernels
+    made: F = outer
     return made

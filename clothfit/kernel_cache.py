@@ -164,9 +164,9 @@ class KernelCache(FunctionCache):
     failed = False  # whether something could not be written. These two are of the class: they hold for all functions
     used: Path | None = None  # the folder that was last written to, or read from
 
-    def __init__(self, function: Callable[..., object]) -> None:
+    def __init__(self, function: Callable[..., object], variant: str = "") -> None:
         # not that of the base class, which makes folders
-        self._py_func, self._name = function, function.__qualname__
+        self._py_func, self._name, self._variant = function, function.__qualname__, variant
         self.enable()
 
     @property
@@ -208,6 +208,6 @@ class KernelCache(FunctionCache):
     def _file(self, key: object) -> str:
         """The file's name for a function's signature, bytecode and processor."""
         code = self._py_func.__code__
-        all_of_it = (self._py_func.__module__, code.co_firstlineno, key, numba.__version__, sys.version)
+        all_of_it = (self._py_func.__module__, code.co_firstlineno, self._variant, key, numba.__version__, sys.version)
         digest = hashlib.sha256(repr(all_of_it).encode()).hexdigest()[:24]
         return f"{self._py_func.__module__.removeprefix('clothfit.')}.{code.co_name}-{digest}"
