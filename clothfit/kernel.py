@@ -26,9 +26,10 @@ FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # no
 
 def kernel(function: F) -> F:
     """Compile `function` on first call, with the flags that the module docstring explains."""
-    outer: Any = numba.njit(**FLAGS)(function)
+    compile_lazily: Any = numba.njit  # its types know neither of these flags
+    outer: Any = compile_lazily(**FLAGS)(function)
     if outer is not function:  # as it is with NUMBA_DISABLE_JIT
-        inner: Any = numba.njit(**FLAGS, no_cpython_wrapper=True)(function)
+        inner: Any = compile_lazily(**FLAGS, no_cpython_wrapper=True)(function)
         inner._cache, outer._cache = KernelCache(function, "inner"), KernelCache(function)
         outer.get_call_template, outer.get_overload = inner.get_call_template, inner.get_overload  # for kernels
     made: F = outer

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scenes import cloth, document, even
 
-from clothfit.capture import check, degrade
+from clothfit.capture import degrade
 from clothfit.errors import InvalidInput
+from clothfit.limits import check_capture
 from clothfit.motion import Motion, simulate
 from clothfit.scene import load
 
