@@ -8,6 +8,7 @@ import numba
 import pytest
 from scenes import cloth, environment, sphere, started, trial, write_scene
 
+import clothfit
 from clothfit.warmup import PARTS, Part, compilations, small_scene, warm_up
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
@@ -17,6 +18,7 @@ pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is com
 AFTERWARDS = """
 import json, sys
 from clothfit.kernel_cache import KernelCache
+import clothfit
 from clothfit.warmup import warm_up
 from clothfit.cli import run
 warm_up()
@@ -39,7 +41,7 @@ SCENES = {
     "symplectic": trial("GL", 6, 3, 3, integrationMethod=1, delta=0.001, **WIND),
     "two": {**trial("LL", 6, 3, 3), "objects": [cloth(3, 3, optimizationSettings=s) for s in ("LL", "nG")]},
     "kinds": {**trial("nn", 6), "fit": {"windVel": True, "gravity": True}, "objects": [cloth(3, 3, fit=KINDS)]},
-    "stiff": trial("nL", 6, 3, 3, springStiffness=[1e9] * 16, vertMass=[1e-4] * 9, delta=0.1),
+    "compressed": {**trial("nL", 6), "objects": [cloth(3, 3, optimizationSettings="nL", springRestLength=[3.0] * 16)]},
 }
 COMMANDS = [
     *(f"simulate -q {name}.json" for name in SCENES),
@@ -95,6 +97,11 @@ def test_where_it_cannot_keep_anything_it_fails(tmp_path):
     assert compiling.startswith("compiling everything for this machine")
     assert warning.startswith("warning: compiled code cannot be kept") or told.startswith("warning: compiled code")
     assert error.startswith("error: what was compiled could not be kept")
+
+
+def test_one_of_those_scenes_is_solved_directly():
+    """Else the way there would not be tested above."""
+    assert clothfit.simulate(clothfit.load(SCENES["compressed"])).direct_solves > 0
 
 
 def test_without_compilation_there_is_nothing_to_do():
