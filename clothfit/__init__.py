@@ -7,11 +7,13 @@ libraries.
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
+TYPE_CHECKING = False  # what `typing` calls so is true for type checkers only, but takes 10 ms to import
 if TYPE_CHECKING:
+    from typing import Any
+
     from clothfit.capture import degrade
     from clothfit.errors import ClothfitError, Diverged, InvalidInput, InvalidMotion, InvalidScene
     from clothfit.evaluation import Evaluation, evaluate

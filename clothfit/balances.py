@@ -20,7 +20,7 @@ from clothfit.step import implicit
 from clothfit.step.jacobian import differentiate, jacobian
 from clothfit.system import EXPLICIT, IMPLICIT, System
 from clothfit.target import Target
-from clothfit.vectors import add, add_mass, combine
+from clothfit.vectors import add, add_mass, combine, copy
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -112,8 +112,9 @@ def fill(system, near, x, v, work, step, out):
             add_mass(mass, 1.0, v[t + 1], r)
             add(-h, b, r)
         add_mass(mass, -1.0, v[t], r)
-        out.mass[t] = step.by_mass
-        out.stiffness[t] = step.by_stiffness
+        copy(step.by_mass, out.mass[t])
+        for i in range(len(step.by_stiffness)):
+            copy(step.by_stiffness[i], out.stiffness[t, i])
 
 
 def summed_twice(rows: Balances) -> Balances:

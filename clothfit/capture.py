@@ -6,24 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from clothfit.errors import InvalidInput
+from clothfit.limits import check_capture
 from clothfit.motion import Motion
 from clothfit.rollout import check_memory
 from clothfit.target import TIME_SLACK, interpolated, snapped
-
-
-def check(noise: float, observed: float, every: int, fps: float | None = None) -> None:
-    """Raise InvalidInput when a value is out of range."""
-    if not (np.isfinite(noise) and noise >= 0):
-        raise InvalidInput(f"noise: {noise:g} m is not possible, 0 or more is")
-    if not 0 < observed <= 1:
-        raise InvalidInput(f"observed: the fraction {observed:g} is not possible, it must be above 0 and at most 1")
-    if every < 1:
-        raise InvalidInput(f"every: {every} is not possible, 1 or more is")
-    if fps is not None and not 0 < fps < np.inf:
-        raise InvalidInput(f"fps: {fps:g} frames per second are not possible, the rate must be above 0 and finite")
-    if fps is not None and every != 1:
-        raise InvalidInput("fps: does not go with every; each says which frames there are")
 
 
 def degrade(
@@ -40,7 +26,7 @@ def degrade(
     Which vertices are seen is drawn once for each object (at least one of each); what is not seen becomes NaN. The same
     seed gives the same result. Raises InvalidInput when a value is out of range.
     """
-    check(noise, observed, every, fps)
+    check_capture(noise, observed, every, fps)
     generator = np.random.default_rng(seed)
     motion = thinned(motion, every) if fps is None else at_rate(motion, fps)
     positions, kept = motion.positions, motion.observed

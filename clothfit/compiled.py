@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-GRADIENT = "adjoint.*.nbi"  # files of the cache that any fit by gradients leaves
+GRADIENT = "adjoint.sweep_back-*"  # files of the cache that any fit by gradients leaves
 
 
 def cold() -> bool:
     """Whether fits would have to be compiled first."""
-    import numba
+    from clothfit.kernel_cache import config, usable
 
-    from clothfit.kernel import FOLDER
-
-    config: Any = numba.config
-    return not config.DISABLE_JIT and not any(Path(FOLDER).rglob(GRADIENT))
+    return not config.DISABLE_JIT and not any(any(folder.glob(GRADIENT)) for folder in usable())
 
 
 def warm(nothing: object = None) -> None:

@@ -32,8 +32,9 @@ from clothfit.fit_vector import (
 )
 from clothfit.journal import opened
 from clothfit.kinds import LETTERED
+from clothfit.limits import checked_tolerance
 from clothfit.memory import budget as budgeted
-from clothfit.motion import Motion, checked_tolerance, simulate, simulate_cloths
+from clothfit.motion import Motion, simulate, simulate_cloths
 from clothfit.objective import Objective
 from clothfit.result import Fit, result
 from clothfit.scene import Scene

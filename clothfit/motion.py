@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from clothfit.arrays import Array, Flags
 from clothfit.errors import Diverged, InvalidInput, InvalidMotion
+from clothfit.limits import checked_tolerance
 from clothfit.output import Data, put, write_atomically
 from clothfit.rollout import FAR, check_memory
 from clothfit.scene import Scene
@@ -105,14 +106,6 @@ def simulate_cloths(
         )
         raise Diverged(message, step, motion)
     return motion
-
-
-def checked_tolerance(tolerance: float | None, default: float) -> float:
-    """The relative tolerance to solve to. Raises InvalidInput unless it is above 0 and below 1."""
-    value = default if tolerance is None else tolerance
-    if not 0 < value < 1:
-        raise InvalidInput(f"tolerance: {value:g} is not possible, it must be above 0 and below 1")
-    return value
 
 
 def _worst(x: Array) -> int:

@@ -31,9 +31,9 @@ from clothfit.fit_vector import (
     size,
     unidentifiable,
 )
+from clothfit.limits import checked_tolerance
 from clothfit.loss import loss_named
 from clothfit.memory import Plan, budget
-from clothfit.motion import checked_tolerance
 from clothfit.rollout import Rollout
 from clothfit.run import Run, roll, seen_in, still, tell
 from clothfit.scene import Scene

@@ -2,19 +2,22 @@
 
 The rules are those of `schemas/scene.schema.json`, and so are the defaults. A schema validator takes seconds on the
 long arrays of a large cloth, so these are cut out here, from document and schema alike: only that they are lists is
-checked. Their items are checked by `checks.py`. Two types are meant more strictly than JSON Schema does: a number
-is finite and within the range of doubles, a whole number is written without a decimal point.
+checked. Their items are checked by `checks.py`. The validator is loaded only for what does not obviously conform.
+Two types are meant more strictly than JSON Schema does: a number is finite and within the range of doubles, a whole
+number is written without a decimal point.
 """
 
 from __future__ import annotations
 
+import copy
 import json
-import math
 from functools import cache
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from clothfit.conforms import TYPES as TYPE_TESTS
+from clothfit.conforms import conforms
 from clothfit.words import named, place, shown
 
 LONG = (
@@ -34,7 +37,10 @@ TYPES = {
 def problems_of(document: Any) -> list[str]:
     """List what is wrong with the structure, each as "place: what is wrong"; at most one per place."""
     found: dict[str, str] = {}
-    for error in islice(_validator().iter_errors(_outline(document)), MOST_PROBLEMS):
+    outline, schema = _outline(document), _schema_of_outlines()
+    if conforms(outline, schema, schema):
+        return []
+    for error in islice(_validator().iter_errors(outline), MOST_PROBLEMS):
         for where, sentence in _problems(error):
             found.setdefault(where, f"{where}: {sentence}")
     return list(found.values())
@@ -64,21 +70,16 @@ def _validator() -> Any:
     import jsonschema  # type: ignore[import-untyped]  # here because importing it takes longer than reading a scene
 
     base = jsonschema.Draft202012Validator
-    checker = base.TYPE_CHECKER.redefine("number", _is_number).redefine("integer", _is_integer)
-    schema = json.loads(json.dumps(_schema()))
+    checker = base.TYPE_CHECKER.redefine("number", lambda _, value: TYPE_TESTS["number"](value))
+    checker = checker.redefine("integer", lambda _, value: TYPE_TESTS["integer"](value))
+    return jsonschema.validators.extend(base, type_checker=checker)(_schema_of_outlines())
+
+
+@cache
+def _schema_of_outlines() -> dict[str, Any]:
+    schema: dict[str, Any] = copy.deepcopy(_schema())
     schema["$defs"]["object"]["properties"].update({name: {"type": "array"} for name in LONG})
-    return jsonschema.validators.extend(base, type_checker=checker)(schema)
-
-
-def _is_number(_: Any, value: object) -> bool:
-    try:
-        return type(value) in (int, float) and math.isfinite(value)  # type: ignore[arg-type]
-    except OverflowError:  # an integer beyond the range of doubles
-        return False
-
-
-def _is_integer(_: Any, value: object) -> bool:
-    return type(value) is int
+    return schema
 
 
 def _outline(document: Any) -> Any:

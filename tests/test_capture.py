@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scenes import cloth, document, even
 
-from clothfit.capture import check, degrade
+from clothfit.capture import degrade
 from clothfit.errors import InvalidInput
+from clothfit.limits import check_capture
 from clothfit.motion import Motion, simulate
 from clothfit.scene import load
 
@@ -81,7 +82,7 @@ def test_a_seed_gives_the_same_again_and_another_another():
     ],
 )
 def test_values_out_of_range_are_refused(values, message):
-    for refuse in (check, lambda noise, seen, every, fps=None: degrade(MOTION, noise, seen, every, fps=fps)):
+    for refuse in (check_capture, lambda noise, seen, every, fps=None: degrade(MOTION, noise, seen, every, fps=fps)):
         with pytest.raises(InvalidInput, match=message):
             refuse(*values)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from clothfit import kernel
+from clothfit import kernel_cache
 
 BITS = """
 import hashlib, sys
@@ -31,7 +31,7 @@ def imports(path):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("clothfit"):
             names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
         for name in names:
-            file = kernel.PACKAGE.joinpath(*name.split(".")[1:]).with_suffix(".py")
+            file = kernel_cache.PACKAGE.joinpath(*name.split(".")[1:]).with_suffix(".py")
             found |= {file} if file.is_file() else set()
     return found
 
@@ -45,32 +45,12 @@ def test_compiled_now_or_cached_the_bits_are_the_same(tmp_path):
 
 
 def test_the_cache_depends_on_every_file_that_kernels_use():
-    sources = set(kernel.sources())
+    sources = set(kernel_cache.sources())
     kernels = {path for path in sources if "@kernel" in path.read_text("utf-8")}
     used = set().union(*map(imports, kernels))
     # What is not compiled along: what serves the Python side.
     fit = ["kinds", "block", "fit_vector", "columns", "objective", "bounded"]
     names = ["scene", "errors", "motion", "interrupts", *fit]
-    python_only = {kernel.PACKAGE / f"{name}.py" for name in names}
+    python_only = {kernel_cache.PACKAGE / f"{name}.py" for name in names}
     assert used - python_only <= sources
     assert len(kernels) > 10
-
-
-def test_other_sources_have_another_folder(monkeypatch, tmp_path):
-    own = kernel.cache_folder()
-    (tmp_path / "changed.py").write_text("# kernel\n")
-    monkeypatch.setattr(kernel, "sources", lambda: [tmp_path / "changed.py"])
-    assert kernel.cache_folder().name != own.name
-    assert kernel.cache_folder().parent == own.parent
-
-
-def test_the_folder_of_the_user_is_respected(monkeypatch, tmp_path):
-    monkeypatch.setattr(kernel.config, "CACHE_DIR", str(tmp_path))
-    assert kernel.cache_folder().parent == tmp_path
-
-
-def test_without_a_writable_package_the_cache_goes_to_the_user(monkeypatch, tmp_path):
-    monkeypatch.setattr(kernel.config, "CACHE_DIR", "")
-    monkeypatch.setattr(kernel.os, "access", lambda *_: False)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert kernel.cache_folder().parent == tmp_path / "clothfit"

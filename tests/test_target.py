@@ -95,3 +95,12 @@ def test_within_a_step_the_velocity_is_the_one_after_it(method):
     found = sample(target(seen, 0, 0.005), memory.x)
     for s, step, fraction in zip(found, (0, 2, 3), (0.3, 0.6, 0.1), strict=True):
         np.testing.assert_allclose(s, memory.x[step] + fraction * 0.005 * memory.w[step, 0], atol=1e-15)  # rounding
+
+
+def test_the_order_in_memory_of_a_motion_makes_no_difference_to_the_types():
+    """Else code would be compiled for each order."""
+    plain = motion(DELTA * np.arange(4), np.ones((4, 5), bool), np.full((4, 5), 2.0))
+    turned = [np.asfortranarray(array) for array in (plain.positions, plain.observed, plain.weights)]
+    other = Motion(turned[0], plain.times, plain.vertex_counts, turned[1], "walk.npz", weights=turned[2])
+    types = [[str(numba.typeof(array)) for array in target(m, 0, DELTA)] for m in (plain, other)]
+    assert types[0] == types[1]

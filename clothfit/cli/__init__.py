@@ -1,146 +1,43 @@
 """The `clothfit` command. Commands only parse, call, write and exit; the libraries load when a command runs.
 
-Exit codes: 0 done, 1 a fault of the program, 2 usage, 3 invalid input, 4 the simulation diverged, 5 the fit ended
-without reaching its tolerance, 130 interrupted.
+This file is what starts first, so it imports next to nothing: Ctrl-C while the rest is loading ends the program as
+quietly as later on. The names of `program` are loaded when they are first used.
 """
 
 from __future__ import annotations
 
-import io
 import os
 import signal
-import sys
-import time
-from collections.abc import Sequence
-from contextlib import suppress
 from importlib import import_module
-from typing import NoReturn
 
-import click
+TYPE_CHECKING = False  # what `typing` calls so is true for type checkers only, but takes 10 ms to import
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any, NoReturn
 
-from clothfit import __version__, interrupts
-from clothfit.cli.shared import loudness
-from clothfit.errors import ClothfitError
+    from clothfit.cli.program import COMMANDS, group, run
 
-SAME_REQUEST = 1.0  # s
-_last_request = -SAME_REQUEST
-
-COMMANDS = ("simulate", "target", "estimate", "evaluate")
-
-
-class LazyGroup(click.Group):
-    """A group whose commands are modules of this package, in the order of a working day."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(COMMANDS)
-
-    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        if name not in COMMANDS:
-            return None
-        command: click.Command = import_module(f"clothfit.cli.{name}").command
-        return command
-
-
-@click.command(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__, prog_name="clothfit")
-@loudness
-@click.pass_context
-def group(context: click.Context, quiet: bool, verbose: bool) -> None:
-    """Find the masses and stiffnesses of a cloth whose motion matches a target.
-
-    \b
-    clothfit estimate scene.json                       fit to the scene's own motion, as a trial
-    clothfit estimate scene.json --target capture.npz  fit to a recorded motion
-    clothfit evaluate scene.json scene.fitted.json     how good is it?
-
-    SCENE is a file in the front end's JSON format, or - for standard input.
-    """
-    context.obj = {"quiet": quiet, "verbose": verbose}
+__all__ = ["COMMANDS", "group", "main", "run"]
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit."""
-    _open_streams()
     for kind in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(kind, _interrupt)
+        signal.signal(kind, _leave)
+    from clothfit.cli import program
+
+    program.main(arguments)
+
+
+def _leave(number: int, frame: object) -> None:
+    """End at once, while there is nothing yet to clean up."""
     try:
-        code = run(list(sys.argv[1:] if arguments is None else arguments))
-        sys.stdout.flush()
-    except BrokenPipeError:  # whoever read our output has left: nothing to say, and nobody to say it to
-        with suppress(OSError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = 3
-    with suppress(OSError):
-        sys.stderr.flush()
-    for kind in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(kind, signal.SIG_IGN)  # the exit code is decided
-    sys.exit(code)
+        os.write(2, b"error: interrupted\n")
+    finally:
+        os._exit(130)
 
 
-def run(arguments: list[str]) -> int:
-    """Run the command line; returns the exit code, having reported what went wrong."""
-    interrupts.clear()
-    try:
-        code = group.main(arguments or ["--help"], prog_name="clothfit", standalone_mode=False)
-        return int(code or 0)
-    except click.UsageError as error:
-        return _refuse(error)
-    except ClothfitError as error:
-        return _fail(str(error), error.exit_code)
-    except (KeyboardInterrupt, click.Abort):
-        return _fail("interrupted", 130)
-    except MemoryError:
-        return _fail("out of memory; try fewer frames (--steps, optimizationIterations)", 1)
-    except BrokenPipeError:
-        raise
-    except SystemExit as error:  # click's own answer to a reader that left, before anybody can catch it
-        if error.code == 1:
-            raise BrokenPipeError from None
-        raise
-    except OSError as error:
-        return _fail(f"{error.filename or 'standard output'}: {error.strerror or error}", 3)
-    except Exception as error:
-        if os.environ.get("CLOTHFIT_TRACEBACK"):
-            raise
-        kind = type(error).__name__
-        return _fail(f"a fault of the program: {kind}: {error} (set CLOTHFIT_TRACEBACK=1 to see where)", 1)
-
-
-def _refuse(error: click.UsageError) -> int:
-    value_is_wrong = isinstance(error, click.BadParameter) and not isinstance(error, click.MissingParameter)
-    hint = "" if value_is_wrong or error.ctx is None else f" (see {error.ctx.command_path} --help)"
-    message = error.format_message().rstrip(".").replace("\n", " ")
-    return _fail(f"{message[:1].lower()}{message[1:]}{hint}", 3 if value_is_wrong else 2)
-
-
-def _fail(message: str, code: int) -> int:
-    with suppress(OSError):
-        print(f"error: {message}", file=sys.stderr, flush=True)
-    return code
-
-
-def _interrupt(number: int, frame: object) -> None:
-    """End at the first request, Ctrl-C or a polite one; a fit then writes the best so far.
-
-    Repetitions within a moment are one request: the second of a double Ctrl-C must not hit the writing.
-    """
-    global _last_request
-    before, _last_request = _last_request, time.monotonic()
-    if _last_request - before > SAME_REQUEST:
-        interrupts.request()
-        raise KeyboardInterrupt
-
-
-def _open_streams() -> None:
-    """Put the null device in the place of standard streams that are closed, before a file takes their number.
-
-    What standard output cannot spell (a Windows code page, ASCII) is escaped instead of ending the program.
-    """
-    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
-        if getattr(sys, name) is None:
-            null = os.open(os.devnull, os.O_RDWR)
-            if null != number:
-                os.dup2(null, number)
-            setattr(sys, name, open(number, mode, encoding="utf-8"))  # noqa: SIM115 (for the life of the program)
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module 'clothfit.cli' has no attribute {name!r}")
+    return getattr(import_module("clothfit.cli.program"), name)

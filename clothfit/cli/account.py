@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from statistics import median
 from typing import TYPE_CHECKING
 
 from clothfit.words import counted
@@ -26,6 +25,8 @@ def account(block: FittedBlock) -> str:
 
 def accuracy(block: FittedBlock) -> str:
     """Half of the middle one of the intervals: in percent where a fit moves the logarithm."""
+    from statistics import median  # here, as it is slow to import
+
     from clothfit.kinds import KIND
 
     kind, ends = KIND[block.name], [interval for interval in block.interval if interval]

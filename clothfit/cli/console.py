@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 PLAIN_INTERVAL = 5.0  # s between plain progress lines
 
+COMPILING = "compiling for this machine: a command's first use does so once, for 5 to 20 seconds …"
+_listening: list[object] = []  # to compilations
+
 
 @dataclass
 class Console:
@@ -62,13 +65,19 @@ class Console:
         for row in rows:
             self.say("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
 
-    def announce_compilation(self) -> None:
+    def announce_compilation(self, message: str = COMPILING) -> None:
         """Say so, once, when the first use of the program makes it compile: that takes seconds and looks like
-        hanging.
+        hanging. Say also when what is compiled cannot be kept.
         """
         from numba.core import event
 
-        event.register("numba:compile", _first_compilation(self))
+        from clothfit import kernel_cache
+
+        kernel_cache.tell = self.warn
+        if _listening:  # an earlier command's, in the same process
+            event.unregister("numba:compile", _listening.pop())
+        _listening.append(_first_compilation(self, message))
+        event.register("numba:compile", _listening[0])
 
     @contextmanager
     def progress(self) -> Iterator[Callable[[Progress], None] | None]:
@@ -82,7 +91,7 @@ class Console:
             yield _plain(self)
 
 
-def _first_compilation(console: Console) -> object:
+def _first_compilation(console: Console, message: str) -> object:
     from numba.core.event import Event, Listener  # here, as numba takes half a second to import
     from numba.core.registry import CPUDispatcher
 
@@ -93,7 +102,7 @@ def _first_compilation(console: Console) -> object:
             # numba prepares calls back into Python anew in every process, in no time: that is not worth a word
             if not self.told and isinstance(event.data["dispatcher"], CPUDispatcher):
                 self.told = True
-                console.say("compiling for this machine: a command's first use does so once, for 5 to 20 seconds …")
+                console.say(message)
 
         def on_end(self, event: Event) -> None:
             pass

@@ -82,6 +82,8 @@ def compare(
 ) -> int:
     """Compare a fitted scene with the true one."""
     shared.one_stream(scene_path, fitted_path, target_path)
+    shared.check_numbers(steps)
+    shared.check_there(scene_path, fitted_path)
     truth = shared.read_scene(scene_path, console)
     fitted = shared.read_scene(fitted_path, console)
     from clothfit.evaluation import HORIZON, evaluate

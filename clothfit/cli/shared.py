@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
@@ -18,7 +18,9 @@ import click
 
 from clothfit import __version__
 from clothfit.cli.console import Console
-from clothfit.errors import InvalidInput
+from clothfit.errors import InvalidInput, InvalidScene
+from clothfit.limits import checked_tolerance
+from clothfit.source import name_of
 
 if TYPE_CHECKING:
     from clothfit.motion import Motion
@@ -123,6 +125,7 @@ def same_file(a: str, b: str) -> bool:
 
 def read_scene(path: str, console: Console) -> Scene:
     """Load a scene from a path or standard input, and pass its warnings on."""
+    check_there(path)
     import clothfit
 
     scene = clothfit.load(sys.stdin.buffer if path == STREAM else path)
@@ -146,13 +149,29 @@ def motion_data(motion: Motion) -> Data:
     return archive(motion)
 
 
+def check_numbers(steps: int | None = None, tolerance: float | None = None) -> None:
+    """Check options before the libraries load, which takes longer. Raises InvalidInput on what cannot be."""
+    if steps is not None and steps < 1:
+        raise InvalidInput(f"--steps: {steps} is not possible, at least 1 is")
+    if tolerance is not None:
+        checked_tolerance(tolerance, tolerance)
+
+
+def check_there(*paths: str) -> None:
+    """Check that there are scenes at the paths, for the same reason. Raises InvalidScene."""
+    for path in paths:
+        try:
+            with suppress(ValueError):  # no possible name; whoever reads it finds the words
+                if path != STREAM:
+                    os.stat(path)
+        except OSError as error:
+            raise InvalidScene(f"cannot be read: {error.strerror or error}", name_of(path)) from None
+
+
 def frames_of(steps: int | None, scene: Scene) -> int:
     """Number of frames for --steps. Raises InvalidInput when it is not positive."""
-    if steps is None:
-        return scene.frames
-    if steps < 1:
-        raise InvalidInput(f"--steps: {steps} is not possible, at least 1 is")
-    return steps + 1
+    check_numbers(steps)
+    return scene.frames if steps is None else steps + 1
 
 
 def one_stream(*paths: str | None) -> None:

@@ -30,6 +30,7 @@ def command(
     clothfit simulate scene.json
     clothfit simulate scene.json --steps 500 -o long.npz
     """
+    shared.check_numbers(steps, tolerance)
     scene = shared.read_scene(scene_path, console)
     frames = shared.frames_of(steps, scene)
     out = shared.output(path, scene_path, ".motion.npz", ())

@@ -6,6 +6,7 @@ import click
 
 from clothfit.cli import shared
 from clothfit.cli.console import Console, metres
+from clothfit.limits import check_capture
 
 
 @shared.command("target")
@@ -45,13 +46,14 @@ def command(
     clothfit target scene.json --noise 0.001 --observed 0.25 --every 2 -o capture.npz
     clothfit target scene.json --noise 0.001 --fps 30 -o capture.npz
     """
+    check_capture(noise, observed, every, fps)
+    shared.check_numbers(steps, tolerance)
     scene = shared.read_scene(scene_path, console)
     frames = shared.frames_of(steps, scene)
     out = shared.output(path, scene_path, ".target.npz", ())
-    from clothfit.capture import check, degrade
+    from clothfit.capture import degrade
     from clothfit.fit import record_target
 
-    check(noise, observed, every, fps)
     console.announce_compilation()
     motion = degrade(record_target(scene, frames, tolerance), noise, observed, every, seed, fps)
     out.write(shared.motion_data(motion))

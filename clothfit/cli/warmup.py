@@ -1,0 +1,51 @@
+"""`clothfit warmup`: compile everything ahead of time."""
+
+from __future__ import annotations
+
+import os
+import time
+
+from clothfit.cli import shared
+from clothfit.cli.console import Console
+from clothfit.errors import InvalidInput
+
+
+@shared.command("warmup")
+def command(as_json: bool, console: Console) -> int:
+    """Compile everything for this machine, so that no command has to.
+
+    The code is kept where NUMBA_CACHE_DIR says, else with the package or, where that is not writable, with the user.
+    Run it when an image is built, with the same NUMBA_CACHE_DIR and by anybody who may write there.
+
+    \b
+    clothfit warmup
+    NUMBA_CACHE_DIR=/var/cache/clothfit clothfit warmup --json
+    """
+    from clothfit.kernel_cache import KernelCache, config
+    from clothfit.warmup import Part, warm_up
+
+    if config.DISABLE_JIT:
+        raise InvalidInput("NUMBA_DISABLE_JIT is set, so nothing is ever compiled")
+
+    def tell(part: Part) -> None:
+        if part.compiled:
+            console.say(f"{part.name}: {part.compiled} functions compiled in {part.seconds:.1f} s")
+
+    began = time.perf_counter()
+    console.announce_compilation("compiling everything for this machine: up to a minute …")
+    parts = warm_up(tell)
+    seconds, compiled = time.perf_counter() - began, sum(part.compiled for part in parts)
+    if KernelCache.failed:
+        raise InvalidInput("what was compiled could not be kept; name a folder that can be written by NUMBA_CACHE_DIR")
+    folder = os.fspath(KernelCache.used or "")
+    what = f"{compiled} functions compiled in {seconds:.1f} s, kept" if compiled else "everything is compiled, kept"
+    console.say(f"{what} in {folder}")
+    if as_json:
+        summary = {
+            "compiled": compiled,
+            "seconds": seconds,
+            "folder": folder,
+            "parts": [part._asdict() for part in parts],
+        }
+        shared.print_json("warmup", summary)
+    return 0

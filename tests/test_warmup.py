@@ -1,0 +1,138 @@
+"""`clothfit warmup`: after it no command compiles anything."""
+
+import json
+import subprocess
+import sys
+
+import numba
+import pytest
+from scenes import cloth, environment, sphere, started, trial, write_scene
+
+import clothfit
+from clothfit.warmup import PARTS, Part, compilations, small_scene, warm_up
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+
+# Runs warmup, then commands, and prints what of the compiled code was asked for after warmup for the first time. As it
+# makes no difference whether that is already on the disk, nothing need be compiled for this test.
+AFTERWARDS = """
+import json, sys
+from clothfit.kernel_cache import KernelCache
+import clothfit
+from clothfit.warmup import warm_up
+from clothfit.cli import run
+warm_up()
+asked, load = [], KernelCache.load_overload
+def note(self, sig, context):
+    asked.append(f"{self._py_func.__module__}.{self._name} {sig}")
+    return load(self, sig, context)
+KernelCache.load_overload = note
+codes = [run(line.split()) for line in sys.stdin.read().splitlines()]
+json.dump([asked, codes], sys.stdout)
+"""
+
+KINDS = {"damping": "G", "dragCoefficient": "G", "vertVel": "G", "springRestLength": "G"}
+WIND = {"windVel": {"x": 1.0, "y": 0.0, "z": 0.5}, "colliders": [sphere(0.3)]}
+SCENES = {
+    "all": trial("LL", 6, 3, 3, **WIND),
+    "one": trial("nG", 6, 3, 3),
+    "newton": trial("LL", 6, 3, 3, forwardSubSteps=3, **WIND),
+    "explicit": trial("LL", 6, 3, 3, integrationMethod=0, delta=0.001),
+    "symplectic": trial("GL", 6, 3, 3, integrationMethod=1, delta=0.001, **WIND),
+    "two": {**trial("LL", 6, 3, 3), "objects": [cloth(3, 3, optimizationSettings=s) for s in ("LL", "nG")]},
+    "kinds": {**trial("nn", 6), "fit": {"windVel": True, "gravity": True}, "objects": [cloth(3, 3, fit=KINDS)]},
+    "compressed": {**trial("nL", 6), "objects": [cloth(3, 3, optimizationSettings="nL", springRestLength=[3.0] * 16)]},
+}
+COMMANDS = [
+    *(f"simulate -q {name}.json" for name in SCENES),
+    *(f"estimate -q {name}.json --max-evaluations 4" for name in SCENES),
+    *(f"estimate -q {name}.json --max-evaluations 3 --method {method} --start 0.5 -o x.json"
+      for name in ("all", "newton", "symplectic") for method in ("gauss-newton", "l-bfgs-b", "momentum")),
+    "target -q all.json --noise 0.001 --observed 0.5 --every 2 -o some.npz",
+    "target -q all.json --noise 0.001 --fps 35 -o fps.npz",
+    "estimate -q all.json --target some.npz --max-evaluations 4 --holdout 0.2 -o x.json",
+    "estimate -q all.json --target fps.npz --target some.npz --max-evaluations 3 --loss huber -o x.json",
+    "estimate -q all.json --target fps.npz --max-evaluations 3 --objective velocity --objective spectrum -o x.json",
+    "evaluate -q all.json x.json --steps 7",
+    "evaluate -q two.json two.fitted.json --target two.motion.npz --steps 7",
+]  # fmt: skip
+
+
+def test_after_it_no_command_asks_for_other_code(tmp_path):
+    for name, scene in SCENES.items():
+        write_scene(tmp_path, scene, f"{name}.json")
+    call = [sys.executable, "-c", AFTERWARDS]
+    done = subprocess.run(
+        call, input="\n".join(COMMANDS), capture_output=True, text=True, env=environment(), cwd=tmp_path, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    asked, codes = json.loads(done.stdout)
+    assert asked == []
+    assert set(codes) <= {0, 5}, done.stderr  # so few evaluations end a fit early
+
+
+def test_the_command_says_what_it_did_and_where_and_does_nothing_twice():
+    runs = [started("warmup", "--json") for _ in range(2)]
+    first, second = (json.loads(run.stdout) for run in runs)
+    assert [run.returncode for run in runs] == [0, 0]
+    assert [part["name"] for part in second["parts"]] == list(PARTS)
+    assert second["compiled"] == sum(part["compiled"] for part in second["parts"]) == 0
+    assert first["folder"] == second["folder"]
+    assert runs[1].stderr.decode() == f"everything is compiled, kept in {second['folder']}\n"
+
+
+def test_where_it_cannot_keep_anything_it_fails(tmp_path):
+    """What little it compiles comes from a scene of its own: the real ones take half a minute."""
+    code = (
+        "import clothfit.warmup as w, clothfit.kernel_cache as k, numba, sys; from pathlib import Path;"
+        "k.folders = lambda: (Path(sys.argv[1]) / 'kernels-now',);"
+        "f = numba.njit(lambda x: x); f._cache = k.KernelCache(f.py_func); w.PARTS = {'one': lambda: f(1)};"
+        "from clothfit.cli import run; sys.exit(run(['warmup']))"
+    )
+    (tmp_path / "file").write_text("")
+    call = [sys.executable, "-c", code, str(tmp_path / "file")]
+    done = subprocess.run(call, capture_output=True, text=True, env=environment(), check=False)
+    compiling, told, warning, error = done.stderr.splitlines()
+    assert done.returncode == 3
+    assert compiling.startswith("compiling everything for this machine")
+    assert warning.startswith("warning: compiled code cannot be kept") or told.startswith("warning: compiled code")
+    assert error.startswith("error: what was compiled could not be kept")
+
+
+def test_one_of_those_scenes_is_solved_directly():
+    """Else the way there would not be tested above."""
+    assert clothfit.simulate(clothfit.load(SCENES["compressed"])).direct_solves > 0
+
+
+def test_without_compilation_there_is_nothing_to_do():
+    done = started("warmup", env=environment(NUMBA_DISABLE_JIT="1"))
+    assert (done.returncode, done.stdout) == (3, b"")
+    assert done.stderr.startswith(b"error: NUMBA_DISABLE_JIT is set")
+
+
+def test_parts_are_reported_as_they_are_done(monkeypatch):
+    heard = []
+    monkeypatch.setattr("clothfit.warmup.PARTS", {"one": lambda: numba.njit(lambda x: x)(1), "two": lambda: None})
+    parts = warm_up(heard.append)
+    assert parts == heard
+    assert [(part.name, part.compiled) for part in parts] == [("one", 1), ("two", 0)]
+    assert all(isinstance(part, Part) for part in parts)
+
+
+def test_compilations_are_counted_within_the_block_only():
+    with compilations() as found:
+        numba.njit(doubled)(1)
+    numba.njit(doubled)(1.5)
+    assert found == [f"{__name__}.doubled"]
+
+
+def doubled(x):
+    return x + x
+
+
+def test_its_scene_has_all_that_can_act_on_a_cloth():
+    scene = small_scene()
+    assert scene.spheres
+    assert scene.wind.any()
+    assert scene.cloths[0].drag > 0
+    assert scene.cloths[0].triangles.size
