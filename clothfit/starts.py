@@ -14,7 +14,8 @@ from clothfit.arrays import Array
 from clothfit.experiment import Targets
 from clothfit.fit import FIT_TOLERANCE, choose_start
 from clothfit.fit_vector import blocks, bounds, fitted_cloths, identifiable, parameters, with_parameters
-from clothfit.limits import checked_tolerance, simulate_cloths
+from clothfit.limits import checked_tolerance
+from clothfit.motion import simulate_cloths
 from clothfit.scene import Scene
 
 FACTOR = 10.0
