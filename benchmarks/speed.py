@@ -1,68 +1,155 @@
-"""Print how fast this program is on this machine: `python benchmarks/speed.py [SCENE …]`, by default the examples.
+"""Print how fast this program is on this machine, beside others: `python benchmarks/speed.py [SCENE …]`.
 
-Times are medians of many runs in one process, compiled beforehand; CG iterations are means over the steps. A step is
-one time step of one cloth at tolerance 1e-5; the gradient is the cost with its exact derivative by all flagged
-parameters over all frames, linear systems solved to 1e-10 as in a fit; the last column is its time over that of the
-cost alone.
+Two tables in Markdown. The first, for each scene (default: the example `side`), has one row for each program of `peers`
+whose library is installed: a step at tolerance 1e-5; the cost with its exact gradient by all stiffnesses over the
+scene's frames, linear systems solved to 1e-5 and to 1e-10; each in milliseconds and as a multiple of the plain numba
+program's. The programs run in turn in one process on one core, compiled beforehand; times are medians over the rounds,
+multiples the medians of the ratios within each. A program whose motion or gradient is another one is not quoted.
+
+The second (default: all examples) is of this program alone: CG iterations are means over the steps; the gradient is by
+all flagged parameters, solved to 1e-10 as in a fit, and the last column its time over that of the cost alone.
 """
 
 from __future__ import annotations
 
-import platform
+import argparse
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-import clothfit
-from clothfit.fit import FIT_TOLERANCE, record_target
-from clothfit.rollout import rollout
-from clothfit.system import build
+import measure
 
-PLAYING = 1e-5
+PLAYING, FITTING, REFERENCE = 1e-5, 1e-10, 1e-13
+SAME_MOTION, SAME_GRADIENT = 1e-7, 1e-6  # m and relative, at tolerance FITTING: what 99 steps make of it is below 1e-8
+BASE = "numba"
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
-def median_seconds(work: Callable[[], object], runs: int = 31) -> float:
-    """Median duration of `work`, after one run that does not count."""
-    work()
-    times = []
-    for _ in range(runs):
-        began = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - began)
-    return float(np.median(times))
+def arguments() -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description="Print how fast this program is, beside others.")
+    parser.add_argument("scenes", nargs="*", type=Path, metavar="SCENE", help="scene files (default: the examples)")
+    measure.add_options(parser, rounds=15, peers=list(measure.PEERS))
+    parser.add_argument("--table", choices=("programs", "scenes"), help="only one of the tables")
+    return parser.parse_args()
 
 
-def row(path: Path) -> str:
-    """One line of the table."""
+def differences(program: Any, this: Any, steps: int) -> tuple[float, float | None]:
+    """How far a program's motion, m, and its gradient, relative, are from those of this program, solved tightly."""
+    exact = this.steps(steps, REFERENCE)
+    motion = float(np.abs(program.steps(steps, FITTING) - exact).max())
+    if not program.cost_and_gradient:
+        return motion, None
+    k = guess(this)
+    _, wanted = this.cost_and_gradient(k, exact, REFERENCE)
+    _, gradient = program.cost_and_gradient(k, exact, FITTING)
+    return motion, float(np.linalg.norm(gradient - wanted) / np.linalg.norm(wanted))
+
+
+def guess(this: Any) -> NDArray[np.float64]:
+    """Stiffnesses to take the gradient at: a tenth above those of the target."""
+    return 1.1 * np.asarray(this.system.springs.stiffness)
+
+
+def programs(path: Path, names: list[str]) -> tuple[dict[str, Any], int]:
+    """This program and its peers that compute the same on a scene, by name, and the number of steps."""
+    import clothfit
+    from peers import this_program
+    from peers.problem import problem
+
     scene = clothfit.load(path)
-    steps = scene.frames - 1
-    system = build(scene, 0)
+    this, steps = this_program.Peer(scene), scene.frames - 1
+    found = {"clothfit": this}
+    for name, peer in measure.peer_classes(names).items():
+        program = peer(problem(scene))
+        motion, gradient = differences(program, this, steps)
+        said = "no gradient" if gradient is None else f"gradient by {gradient:.1e}"
+        print(f"{program.name}: motion differs by {motion:.1e} m, {said}", file=sys.stderr)
+        if motion > SAME_MOTION or (gradient or 0.0) > SAME_GRADIENT:
+            print(f"{program.name}: left out, it computes something else", file=sys.stderr)
+        else:
+            found[name] = program
+    return found, steps
+
+
+def programs_table(path: Path, names: list[str], rounds: int, clock: str = "wall") -> None:
+    """Print the rows of one scene."""
+    found, steps = programs(path, names)
+    target = found["clothfit"].steps(steps, FITTING)
+    k = guess(found["clothfit"])
+    able = {name: program for name, program in found.items() if program.cost_and_gradient}
+    step = measure.in_turn({n: lambda p=p: p.steps(steps, PLAYING) for n, p in found.items()}, rounds, clock)
+    iterations = {name: program.iterations for name, program in found.items()}
+    fast, tight = (
+        measure.in_turn({n: lambda p=p, t=t: p.cost_and_gradient(k, target, t) for n, p in able.items()}, rounds, clock)
+        for t in (PLAYING, FITTING)
+    )
+    print(f"\n{path.stem}: {target.shape[1]} vertices, {steps} steps, gradient by {len(k)} stiffnesses\n")
+    print("| program | ms per step | × numba | CG iterations | ms per gradient, 1e-5 | × numba | 1e-10 | × numba |")
+    print("|---|---|---|---|---|---|---|---|")
+    for name in sorted(found, key=lambda name: np.median(step[name])):
+        cells = [*cell(step, name, steps), f"{iterations[name]:.1f}", *cell(fast, name), *cell(tight, name)]
+        print(f"| {found[name].name} | {' | '.join(cells)} |", flush=True)
+
+
+def cell(seconds: dict[str, NDArray[np.float64]], name: str, steps: int = 1) -> tuple[str, str]:
+    """Milliseconds per step, and the ratio to the plain program; dashes where a program has none."""
+    if name not in seconds:
+        return "–", "–"
+    ratio = f"{np.median(seconds[name] / seconds[BASE]):.2f}" if BASE in seconds else "–"
+    return f"{1e3 * np.median(seconds[name]) / steps:.3g}", ratio
+
+
+def scenes_row(path: Path, rounds: int, clock: str) -> str:
+    """One line of the table of scenes."""
+    import clothfit
+    from clothfit.fit import FIT_TOLERANCE, record_target
+    from clothfit.rollout import rollout
+    from clothfit.system import build
+
+    scene = clothfit.load(path)
+    steps, system = scene.frames - 1, build(scene, 0)
     memory, _ = rollout(system, steps, PLAYING)
-    step = median_seconds(lambda: rollout(system, steps, PLAYING)) / steps
     objective = clothfit.Objective(scene, record_target(scene), FIT_TOLERANCE)
     p = 1.1 * clothfit.parameters(scene)
-    simulation = median_seconds(lambda: objective.cost(p), 15)
-    gradient = median_seconds(lambda: objective.cost_and_gradient(p), 15)
-    iterations = memory.solves[:, 0].mean()
+    seconds = measure.in_turn(
+        {
+            "step": lambda: rollout(system, steps, PLAYING),
+            "cost": lambda: objective.cost(p),
+            "gradient": lambda: objective.cost_and_gradient(p),
+        },
+        rounds,
+        clock,
+    )
+    step, gradient = (1e3 * float(np.median(seconds[name])) for name in ("step", "gradient"))
     return (
-        f"| {path.stem} | {len(system.x0)} | {1e3 * step:.3f} | {iterations:.1f} "
-        f"| {len(p)} | {steps} | {1e3 * gradient:.1f} | {gradient / simulation:.1f} |"
+        f"| {path.stem} | {len(system.x0)} | {step / steps:.3f} | {memory.solves[:, 0].mean():.1f} "
+        f"| {len(p)} | {steps} | {gradient:.1f} | {np.median(seconds['gradient'] / seconds['cost']):.1f} |"
     )
 
 
-def main() -> None:
-    """Print the table."""
-    paths = [Path(argument) for argument in sys.argv[1:]] or sorted(EXAMPLES.glob("*.json"))
-    print(f"clothfit {clothfit.__version__}, Python {platform.python_version()}, {platform.machine()}")
+def scenes_table(paths: list[Path], rounds: int, clock: str) -> None:
+    """Print the table of this program alone."""
     columns = ("scene", "vertices", "ms per step", "CG iterations", "parameters", "steps", "ms per cost and gradient")
-    print(f"| {' | '.join(columns)} | … over cost |")
+    print(f"\n| {' | '.join(columns)} | … over cost |")
     print("|---|---|---|---|---|---|---|---|")
     for path in paths:
-        print(row(path), flush=True)
+        print(scenes_row(path, rounds, clock), flush=True)
+
+
+def main() -> None:
+    """Print the tables."""
+    given = arguments()
+    measure.use_cores(given.cores)
+    print(measure.heading(given))
+    if given.table != "scenes":
+        for path in given.scenes or [EXAMPLES / "side.json"]:
+            programs_table(path, given.peers, given.rounds, given.clock)
+    if given.table != "programs":
+        scenes_table(given.scenes or sorted(EXAMPLES.glob("*.json")), given.rounds, given.clock)
 
 
 if __name__ == "__main__":

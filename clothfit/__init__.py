@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     from clothfit.evaluation import Evaluation, evaluate
     from clothfit.fit import estimate
     from clothfit.fit_vector import parameters, with_parameters
+    from clothfit.many import estimate_many
     from clothfit.motion import Motion, as_motion, load_motion, save_motion, simulate
     from clothfit.objective import Objective, cost_and_gradient
+    from clothfit.precision import WorkPrecision, work_precision
     from clothfit.result import Fit
     from clothfit.scene import Cloth, Scene, load, save
 
@@ -35,6 +37,7 @@ _HOME = {
     "evaluate": "evaluation",
     "Fit": "result",
     "estimate": "fit",
+    "estimate_many": "many",
     "Motion": "motion",
     "as_motion": "motion",
     "load_motion": "motion",
@@ -42,6 +45,8 @@ _HOME = {
     "simulate": "motion",
     "Objective": "objective",
     "cost_and_gradient": "objective",
+    "WorkPrecision": "precision",
+    "work_precision": "precision",
     "parameters": "fit_vector",
     "with_parameters": "fit_vector",
     "Cloth": "scene",
@@ -64,10 +69,12 @@ __all__ = [
     "Motion",
     "Objective",
     "Scene",
+    "WorkPrecision",
     "as_motion",
     "cost_and_gradient",
     "degrade",
     "estimate",
+    "estimate_many",
     "evaluate",
     "load",
     "load_motion",
@@ -76,6 +83,7 @@ __all__ = [
     "save_motion",
     "simulate",
     "with_parameters",
+    "work_precision",
 ]
 
 

@@ -8,68 +8,103 @@ direction in them. They are each other's transpose.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from typing import TypeAlias
 
 import numpy as np
 
-from clothfit import guess, interrupts
+from clothfit import cg, guess, interrupts
 from clothfit.arrays import Array, Elements
 from clothfit.kernel import kernel
-from clothfit.rollout import Rollout, stretches, velocity
+from clothfit.rollout import Rollout, velocity
 from clothfit.step import implicit, transition
 from clothfit.system import System, zeros
+from clothfit.tape import Tape
 from clothfit.vectors import add, copy, hold_fixed
+
+Story: TypeAlias = Rollout | Tape
+"""A finished motion: all of it in memory, or told part by part."""
+
+Slope: TypeAlias = Callable[[Rollout], Array]
+"""∂G/∂x (T + 1, n, 3) of a part of T steps, asked for from the last part to the first; its entry for the state before
+the part does not count, as it belongs to the part before."""
 
 
 def gradient(
-    system: System, memory: Rollout, by_position: Array, tolerance: float, kinds: Collection[str] = ()
+    system: System, memory: Story, by_position: Array | Slope, tolerance: float, kinds: Collection[str] = ()
 ) -> Elements:
-    """The gradient of G from by_position = ∂G/∂x (T + 1, n, 3), along a finished rollout.
+    """The gradient of G from by_position = ∂G/∂x (T + 1, n, 3), whole or part by part, along a finished motion.
 
     By masses (n,), stiffnesses (S,) and the `kinds`, names of fields of Elements; the other fields stay empty.
     """
-    grad = zeros(system, kinds)
-    by_position, work = np.ascontiguousarray(by_position), implicit.workspace(system)
+    slope = by_position if callable(by_position) else whole(by_position)
+    grad, work = zeros(system, kinds), implicit.workspace(system)
     x_bar, v_bar = np.zeros_like(system.x0), np.zeros_like(system.x0)
-    for first, last in reversed(list(stretches(len(memory.w), len(system.x0)))):
-        sweep_back(system, memory, by_position, tolerance, work, first, last, x_bar, v_bar, grad)
-        interrupts.check()
+    for segment in memory.backward():
+        for part in reversed(segment.parts()):
+            before = memory.steps - part.first - part.steps  # steps that are swept already
+            with cg.helped(work.A, work.cg):
+                sweep_back(system, part, slope(part), tolerance, work, before, x_bar, v_bar, grad)
+            interrupts.check()
     if "velocity" in kinds:
         hold_fixed(system.vertex.free, v_bar)
         grad = grad._replace(velocity=v_bar)
     return grad
 
 
-def tangent(system: System, memory: Rollout, direction: Elements, tolerance: float) -> Array:
+def whole(by_position: Array) -> Slope:
+    """A derivative that is in memory as a whole, part by part."""
+    array = np.ascontiguousarray(by_position)
+    return lambda part: array[part.first : part.first + part.steps + 1]
+
+
+def tangent(system: System, memory: Story, direction: Elements, tolerance: float) -> Array:
     """Change of all positions (T + 1, n, 3) for the change `direction`; its empty fields do not change."""
-    change, work = np.zeros_like(memory.x), implicit.workspace(system)
-    dx, dv = np.zeros_like(system.x0), np.zeros_like(system.x0)
-    if len(direction.velocity) > 0:
-        copy(direction.velocity, dv)
-        hold_fixed(system.vertex.free, dv)
-    for first, last in stretches(len(memory.w), len(system.x0)):
-        sweep_forward(system, memory, direction, tolerance, work, first, last, dx, dv, change)
-        interrupts.check()
+    change = np.zeros((memory.steps + 1, *system.x0.shape))
+    sweep = Sweep(system, direction, tolerance)
+    for segment in memory.forward():
+        for part in segment.parts():
+            change[part.first + 1 : part.first + 1 + part.steps] = sweep.through(part)
     return change
 
 
+class Sweep:
+    """A forward sweep along one direction, on its way."""
+
+    def __init__(self, system: System, direction: Elements, tolerance: float) -> None:
+        self.system, self.direction, self.tolerance = system, direction, tolerance
+        self.work = implicit.workspace(system)
+        self.dx, self.dv = np.zeros_like(system.x0), np.zeros_like(system.x0)
+        if len(direction.velocity) > 0:
+            copy(direction.velocity, self.dv)
+            hold_fixed(system.vertex.free, self.dv)
+
+    def through(self, part: Rollout) -> Array:
+        """Change of the positions (T, n, 3) after each step of the next part of the motion."""
+        change = np.empty_like(part.x[1:])
+        with cg.helped(self.work.A, self.work.cg):
+            sweep_forward(self.system, part, self.direction, self.tolerance, self.work, self.dx, self.dv, change)
+        interrupts.check()
+        return change
+
+
 @kernel
-def sweep_back(system, memory, by_position, tolerance, work, first, last, x_bar, v_bar, grad):
-    """Carry x_bar, v_bar (n, 3), the gradient by the state after step last − 1, to before step `first`."""
-    x, w, used, _ = memory
-    for t in range(last - 1, first - 1, -1):
+def sweep_back(system, part, by_position, tolerance, work, before, x_bar, v_bar, grad):
+    """Carry x_bar, v_bar (n, 3), the gradient by the state after a part, to before it; `before` steps are swept."""
+    x, w, used = part.x, part.w, part.used
+    for t in range(len(w) - 1, -1, -1):
         add(1.0, by_position[t + 1], x_bar)
-        v = velocity(system, memory, t)
-        guess.advance(work.past, len(w) - 1 - t, work.solution)
+        v = velocity(part, t)
+        guess.advance(work.past, before + len(w) - 1 - t, work.solution)
         transition.pullback(system, x[t], v, w[t], used[t], tolerance, work, x_bar, v_bar, grad)
 
 
 @kernel
-def sweep_forward(system, memory, direction, tolerance, work, first, last, dx, dv, change):
-    """Carry dx, dv (n, 3), the change of the state before step `first`, to after step last − 1; keep all dx."""
-    x, w, used, _ = memory
-    for t in range(first, last):
-        v = velocity(system, memory, t)
-        guess.advance(work.past, t, work.solution)
+def sweep_forward(system, part, direction, tolerance, work, dx, dv, change):
+    """Carry dx, dv (n, 3), the change of the state before a part, to after it; keep all dx (T, n, 3)."""
+    x, w, used = part.x, part.w, part.used
+    for t in range(len(w)):
+        v = velocity(part, t)
+        guess.advance(work.past, part.first + t, work.solution)
         transition.pushforward(system, x[t], v, w[t], used[t], tolerance, work, dx, dv, direction)
-        copy(dx, change[t + 1])
+        copy(dx, change[t])

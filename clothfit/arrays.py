@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 Flags = NDArray[np.bool_]
 
+
+LINE, PAGE = 8, 512
+"""Numbers in a cache line of 64 bytes, and in a page of 4096."""
 
 NONE: Array = np.zeros(0)
 NO_VECTORS: Array = np.zeros((0, 3))
@@ -31,3 +35,21 @@ class Elements(NamedTuple):
     rest: Array = NONE  # (S,), rest lengths, m
     wind: Array = NONE  # (3,), velocity, m/s
     gravity: Array = NONE  # (3,), m/s²
+
+
+def aligned(*shape: int) -> Array:
+    """Zeros whose rows of 4 or 8 numbers lie whole in cache lines of 64 bytes: one that straddles two costs twice."""
+    return staggered(1, *shape)[0]
+
+
+def staggered(count: int, *shape: int) -> list[Array]:
+    """Several such arrays, of which no two begin at the same place of a page of 4096 bytes.
+
+    A processor compares the address of a load with those of stores under way by their last 12 bits: loads from one
+    array, stores into another at the same index, would seem to meet.
+    """
+    size = -(-math.prod(shape) // PAGE) * PAGE + PAGE // count // LINE * LINE
+    memory = np.zeros(count * size + LINE)
+    start = -(memory.ctypes.data // 8) % LINE
+    begins = [start + k * size for k in range(count)]
+    return [memory[begin : begin + math.prod(shape)].reshape(shape) for begin in begins]

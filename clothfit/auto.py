@@ -17,7 +17,7 @@ from functools import partial
 
 import numpy as np
 
-from clothfit import matrix_free, momentum
+from clothfit import descent, matrix_free, momentum
 from clothfit.arrays import Array
 from clothfit.kinds import LETTERED
 from clothfit.objective import Objective
@@ -67,6 +67,9 @@ def by_momentum(
     search: Search, start: Array, treatments: Sequence[momentum.Treatment] = momentum.TREATMENTS
 ) -> list[Array]:
     """The momentum fits (P,), the best last; none where the target does not show enough."""
+    if not momentum.fits(search.objective):
+        search.note("too little memory for the balance of momentum, which was left out (--memory)")
+        return []
     found: list[tuple[float, Array]] = []
     for treatment in treatments:
         fit = partial(momentum.fit, search.objective, start, search.fitted, treatment)
@@ -147,8 +150,14 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
         if not np.isfinite(part.cost(y)):
             break
         search.prior = prior
-        if part.operations() > LARGEST:
-            y, status = matrix_free.minimise(part, y, prior, whole)
+        if part.operations() > LARGEST or not part.fits():
+            if matrix_free.fits(part):
+                y, status = matrix_free.minimise(part, y, prior, whole)
+                continue
+            search.prior = None
+            search.note("too little memory for the matrices of gauss-newton: l-bfgs-b took its place (--memory)")
+            if whole:
+                status = descent.minimise(search, "l-bfgs-b")
             continue
         accepted, most = (part.accepted, MOST) if whole else (part.passed, ITERATIONS)
         y, prior, status = minimise(search, part.problem(), y, prior, accepted, most)

@@ -45,7 +45,8 @@ from clothfit.null_space import inverse_beside, null_space
 from clothfit.objective import Objective
 from clothfit.prior import NARROWEST, Prior, inverse, none, variance
 from clothfit.search import Search
-from clothfit.trajectory import Trajectory, free_columns
+from clothfit.tally import Distances, Measured
+from clothfit.trajectory import Trajectory, free_columns, passing
 
 COVERAGE = 0.95
 
@@ -78,14 +79,15 @@ class Confidence:
 def confidence(search: Search, start: Array) -> Confidence | None:
     """What the data say at the best point of a search that began at `start` (P,).
 
-    None where that would take too long (`trajectory.LARGEST`), or where nothing could be evaluated.
+    None where that would take too long (`trajectory.LARGEST`) or too much memory, or where nothing could be evaluated.
     """
     aside = copy(search)  # what is evaluated from here on is no part of the search
     aside.history, aside.budget, aside.report = [], 100, None
     problem = Trajectory(aside, search.objective)
     exact = search.objective.rmse(search.best_cost) <= min(search.rmse_tolerance, EXACT)
     quick = balances(search) if exact else None
-    if not np.isfinite(search.best_cost) or (quick is None and problem.operations() > trajectory.LARGEST):
+    dear = quick is None and (problem.operations() > trajectory.LARGEST or not problem.fits())
+    if not np.isfinite(search.best_cost) or dear:
         return None
     try:
         local = Local(problem, quick)
@@ -256,8 +258,15 @@ def residual_squares(objective: Objective, p: Array) -> tuple[float, int]:
     """Sum of squares and number N of the residuals that can change: not of the initial state nor of fixed vertices."""
     squares, count = 0.0, 0
     for run in objective.runs:
-        _, memory = objective.roll(run, p)
-        touched = np.diff(run.comparison.jacobian(memory.x)[:, free_columns(run)].indptr) > 0
-        squares += float((run.comparison.residual(memory.x)[touched] ** 2).sum())
+        if run.comparison.distances is not None:
+            movable = passing(run).movable
+            told = Distances(run.comparison.goal._replace(observed=movable), run.comparison.distances)
+            objective.tell(run, p, told)
+            squares, count = squares + told.value, count + 3 * int(movable.sum())
+            continue
+        states = Measured(run.comparison)
+        objective.tell(run, p, states)
+        touched: Flags = np.diff(run.comparison.jacobian_of(states.states)[:, free_columns(run)].indptr) > 0
+        squares += float((run.comparison.residual_of(states.states)[touched] ** 2).sum())
         count += int(touched.sum())
     return squares, count

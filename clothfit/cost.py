@@ -31,6 +31,8 @@ from clothfit.target import Target, accumulate, interpolation, sample
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
+NOTHING = np.empty((0, 0, 0))
+
 OBJECTIVES: dict[str, Maker] = {
     "position": Position,
     "velocity": Velocity,
@@ -71,54 +73,68 @@ class Comparison:
         self.scales = dict(weights or {"position": 1.0})
         self.measures: dict[str, Measure] = {k: OBJECTIVES[k](goal, system, name) for k in self.scales}
         self.last_step = goal.last_step
-        self._compiled = list(self.scales) == ["position"] and self.loss.is_linear
+        alone = list(self.scales) == ["position"] and self.loss.is_linear
+        self.distances = self.scales["position"] if alone else None  # G is this times the squared distances
         self._constant: dict[str, csr_array] = {}
 
     @property
     def plain(self) -> bool:
         """Whether G is the sum of squared distances, in m², and nothing else."""
-        return self._compiled and self.scales["position"] == 1.0 and not len(self.goal.weights)
+        return self.distances == 1.0 and not len(self.goal.weights)
 
     @property
     def seen(self) -> Flags:
         """Which vertices (n,) are compared at some time after the initial state."""
         return np.asarray(np.any([measure.seen for measure in self.measures.values()], axis=0))
 
+    @property
+    def entries(self) -> int:
+        """Number of entries of J, at most."""
+        return sum(3 * measure.groups * measure.reach for measure in self.measures.values())
+
     @cached_property
     def total_weight(self) -> float:
         """What G is divided by for a mean: Σ a_k w_g; the number of observed positions where G is plain."""
-        states = np.zeros_like(self.goal.positions)
         sums = []
         for name, measure in self.measures.items():
-            counted = len(measure.residual(states)) if measure.weights is None else float(measure.weights.sum())
+            counted = measure.groups if measure.weights is None else float(measure.weights.sum())
             sums.append(self.scales[name] * counted)
         return float(sum(sums))
 
     def cost(self, x: Array) -> float:
         """G of a motion."""
-        if self._compiled:
-            return self.scales["position"] * float(accumulate(x, self.goal, np.empty((0, 0, 0))))
-        s = sample(self.goal, x)
+        if self.distances is not None:
+            return self.distances * float(accumulate(x, self.goal, NOTHING, 0.0))
+        return self.cost_of(sample(self.goal, x))
+
+    def cost_of(self, s: Array) -> float:
+        """G of the states s (F, n, 3) at the times of the frames."""
         return float(sum(self._value(name, measure.residual(s)) for name, measure in self.measures.items()))
 
     def cost_and_derivative(self, x: Array) -> tuple[float, Array]:
         """G of a motion, and ∂G/∂x (T + 1, n, 3)."""
-        if self._compiled:
-            derivative, scale = np.zeros_like(x), self.scales["position"]
-            value = scale * float(accumulate(x, self.goal, derivative))
-            return value, derivative if scale == 1.0 else scale * derivative
+        if self.distances is not None:
+            derivative = np.zeros_like(x)
+            value = self.distances * float(accumulate(x, self.goal, derivative, 0.0))
+            return value, derivative if self.distances == 1.0 else self.distances * derivative
         s = sample(self.goal, x)
-        total, by_frame = 0.0, np.zeros_like(s)
+        back: Array = self._interpolation(len(x)).T @ self.derivative_of(s).reshape(len(s), -1)
+        return self.cost_of(s), back.reshape(x.shape)
+
+    def derivative_of(self, s: Array) -> Array:
+        """∂G/∂s (F, n, 3) of the states s at the times of the frames."""
+        by_frame = np.zeros_like(s)
         for name, measure in self.measures.items():
             d = measure.residual(s)
-            total += self._value(name, d)
             by_frame += measure.pullback(s, 2.0 * self._factor(name, d)[:, None] * d)
-        back: Array = self._interpolation(len(x)).T @ by_frame.reshape(len(s), -1)
-        return total, back.reshape(x.shape)
+        return by_frame
 
     def residual(self, x: Array) -> Array:
         """r (N,) of a motion: all groups of all objectives, each number with the square root of its factor."""
-        s = sample(self.goal, x)
+        return self.residual_of(sample(self.goal, x))
+
+    def residual_of(self, s: Array) -> Array:
+        """r (N,) of the states s (F, n, 3) at the times of the frames."""
         parts = []
         for name, measure in self.measures.items():
             d = measure.residual(s)
@@ -127,17 +143,17 @@ class Comparison:
 
     def jacobian(self, x: Array) -> csr_array:
         """J (N, 3 n (T + 1)) of a motion, columns in the order of x; constant where `residual` is linear in x."""
-        from scipy.sparse import csr_array, vstack
+        from scipy.sparse import csr_array
 
-        s = sample(self.goal, x)
-        parts = [self._scaled_jacobian(name, s) for name in self.measures]
-        whole = parts[0] if len(parts) == 1 else csr_array(vstack(parts))
+        whole = self.jacobian_of(sample(self.goal, x))
         return csr_array((whole.data, whole.indices, whole.indptr), shape=(whole.shape[0], x.size))
 
-    def position_error(self, x: Array) -> tuple[float, int]:
-        """Sum of the squared distances, m², and number of the observed positions, whatever the objective."""
-        bare = self.goal._replace(weights=np.zeros((0, 0)))
-        return float(accumulate(x, bare, np.empty((0, 0, 0)))), int(self.goal.observed.sum())
+    def jacobian_of(self, s: Array) -> csr_array:
+        """J (N, 3 n (T + 1)), T = `last_step`, of the states s (F, n, 3) at the times of the frames."""
+        from scipy.sparse import csr_array, vstack
+
+        parts = [self._scaled_jacobian(name, s) for name in self.measures]
+        return parts[0] if len(parts) == 1 else csr_array(vstack(parts))
 
     def _squares(self, name: str, d: Array) -> Array:
         return np.asarray(self.scales[name] * (d * d).sum(axis=1))

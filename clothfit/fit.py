@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from clothfit import auto, threads
+from clothfit import auto, momentum, threads
 from clothfit import holdout as holdouts
 from clothfit.arrays import Array, Flags
 from clothfit.checkpoint import Checkpoint, identity
@@ -33,12 +33,14 @@ from clothfit.fit_vector import (
 from clothfit.journal import opened
 from clothfit.kinds import LETTERED
 from clothfit.limits import checked_tolerance
+from clothfit.memory import budget as budgeted
 from clothfit.motion import Motion, simulate, simulate_cloths
 from clothfit.objective import Objective
 from clothfit.result import Fit, result
 from clothfit.scene import Scene
 from clothfit.search import Progress, Search, Stop
 from clothfit.start import fabric, neutral, neutral_start
+from clothfit.storage import Needs
 from clothfit.words import owned
 
 OWN = ("auto", "momentum", "gauss-newton")
@@ -73,6 +75,8 @@ def estimate(
     holdout: float | None = None,
     holdout_of: str = "frames",
     intervals: bool = True,
+    memory: int | str | None = None,
+    foreseen: Callable[[Needs], None] | None = None,
 ) -> Fit:
     """Fit the flagged parameters of a scene to a target motion, or to several.
 
@@ -98,6 +102,10 @@ def estimate(
     `holdout_of` "vertices" of the vertices out of the fit and judges it by them. `intervals`: whether to look at what
     the motion determines (`clothfit.confidence`), which takes as long as a step of Gauss–Newton.
 
+    `memory` is how much the fit may hold, in bytes or as "200MB" (default: half of what is free). Where all states do
+    not fit, some are computed again, which changes no bit of a gradient; where the matrices of a method do not, another
+    takes its place, and a warning says so. `foreseen` is called with what the fit will need, before it begins.
+
     Raises InvalidInput when nothing is flagged, or an argument, the target or the checkpoint does not fit; Diverged
     when the scene's own motion, needed as target, diverges.
     """
@@ -115,19 +123,23 @@ def estimate(
     hidden = target is None
     if target is None:
         target = simulate_cloths(scene, fitted_cloths(scene), tolerance=tight)
-    options: dict[str, Any] = {"objective": objective, "loss": loss, "loss_scale": loss_scale}
+    asked: dict[str, Any] = {"objective": objective, "loss": loss, "loss_scale": loss_scale}
+    options = {**asked, "memory": budgeted(memory)}
     given, kept_out = experiments(scene, target), None
     ends = [e.scene.frames for e in given]
     if holdout is not None:
         given, rest = holdouts.split(scene, given, holdout, holdout_of)
-        target, kept_out = given, Objective(scene, rest, tight, ends)
+        target, kept_out = given, Objective(scene, rest, tight, ends, memory=options["memory"])
     aim = Objective(scene, target, tight, ends, **options)
     if not aim.shows_motion:
         raise InvalidInput(
             f"{given[0].motion.name}: shows nothing after the start that can move, within {given[0].scene.frames} "
             "frames, so there is nothing to fit to"
         )
-    tells = {"method": method, "prior": prior, "tolerance": tight, "holdout": holdout, "of": holdout_of, **options}
+    needs = aim.needs
+    if foreseen:
+        foreseen(needs)
+    tells = {"method": method, "prior": prior, "tolerance": tight, "holdout": holdout, "of": holdout_of, **asked}
     journal = opened(checkpoint, resume, identity(scene, None if hidden else given, start, **tells))
     direct = method in ("auto", "momentum") and hidden and start is None  # these look for a start of their own
     if direct:
@@ -144,9 +156,10 @@ def estimate(
     patterns = None if hidden else [p, *(np.where(lettered(scene), q, p) for q in (fabric(scene), neutral(scene)))]
     others = partial(neutral_start, scene, target, scene.frames, patterns, **options)
     status = run(search, method, p, None if start is not None else others, tau)
-    seconds, warnings = search.seconds, [*warnings, *journal.warnings]
+    seconds, warnings = search.seconds, [*warnings, *search.notes, *journal.warnings]
     known = look(search, status, first, warnings) if intervals else None
     found = result(search, status, method, warnings, start is not None, first, known, seconds)
+    found = replace(found, memory=needs)
     if kept_out is None or holdout is None or status == "diverged":
         return found
     return replace(found, holdout=holdouts.judged(kept_out, parameters(found.scene), holdout_of, holdout))
@@ -184,7 +197,7 @@ def look(search: Search, status: str, start: Array, warnings: list[str]) -> Conf
         warnings.append("no intervals, as looking for them was interrupted")
         return None
     if known is None:
-        warnings.append("no intervals: for so many parameters they would take minutes, or more")
+        warnings.append("no intervals: for so many parameters they would take minutes or more, or too much memory")
     return known
 
 
@@ -204,6 +217,8 @@ def found_by(
     if method in METHODS:
         return minimise(search, method)
     if method == "momentum":
+        if not momentum.fits(search.objective):
+            raise InvalidInput("memory: too little for the balance of momentum; use another method, or allow more")
         auto.by_momentum(search, start)
         return search.verdict()
     if method == "gauss-newton":

@@ -13,24 +13,40 @@ that other kernels call, without that code, and one for calls from Python, compi
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 
 import numba
 
 from clothfit.kernel_cache import KernelCache
 
 F = TypeVar("F", bound=Callable[..., object])
+config: Any = numba.config  # numba's types do not know what is in it
 FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # nobody calls by a C function pointer
 
 
-def kernel(function: F) -> F:
-    """Compile `function` on first call, with the flags that the module docstring explains."""
-    compile_lazily: Any = numba.njit  # its types know neither of these flags
-    outer: Any = compile_lazily(**FLAGS)(function)
-    if outer is not function:  # as it is with NUMBA_DISABLE_JIT
-        inner: Any = compile_lazily(**FLAGS, no_cpython_wrapper=True)(function)
-        inner._cache, outer._cache = KernelCache(function, "inner"), KernelCache(function)
-        outer.get_call_template, outer.get_overload = inner.get_call_template, inner.get_overload  # for kernels
+@overload
+def kernel(function: F) -> F: ...
+
+
+@overload
+def kernel(*, nogil: bool) -> Callable[[F], F]: ...
+
+
+def kernel(function: F | None = None, *, nogil: bool = False) -> F | Callable[[F], F]:
+    """Compile `function` on first call, with the flags that the module docstring explains.
+
+    `nogil`: other threads of Python may run meanwhile.
+    """
+    if function is None:
+        return functools.partial(kernel, nogil=nogil)
+    if config.DISABLE_JIT:
+        return function
+    compile_lazily: Any = numba.njit  # nor do they know all of these flags
+    outer: Any = compile_lazily(**FLAGS, nogil=nogil)(function)
+    inner: Any = compile_lazily(**FLAGS, nogil=nogil, no_cpython_wrapper=True)(function)
+    inner._cache, outer._cache = KernelCache(function, "inner"), KernelCache(function)
+    outer.get_call_template, outer.get_overload = inner.get_call_template, inner.get_overload  # what kernels ask for
     made: F = outer
     return made

@@ -11,34 +11,36 @@ import numpy as np
 from numba import objmode
 
 from clothfit import cg, sparse
-from clothfit.arrays import Array, Flags, Indices
+from clothfit.arrays import Array, Indices
 from clothfit.kernel import kernel
 from clothfit.vectors import copy
 
 
 @kernel
-def solve(A, free, b, tolerance, work, w):
+def solve(A, b, tolerance, work, w):
     """Solve A w = b, w (n, 3) holding a first guess; returns the CG iterations and the direct solves (0 or 1) used."""
     limit = 300 + len(b) // 4  # about the price of a factorisation, from 500 to 10,000 vertices
-    iterations, ended = cg.solve(A, free, b, tolerance, limit, work, w)
+    iterations, ended = cg.solve(A, b, tolerance, limit, work, w)
     if ended == cg.CONVERGED:
         return iterations, 0
-    row, column, diagonal, upper = A
+    order, row, column, shares, diagonal, upper = A
     with objmode(solution="float64[:, ::1]"):
-        solution = factorise_and_solve(row, column, diagonal, upper, free, b)
+        solution = factorise_and_solve(order, row, column, shares, diagonal, upper, b)
     copy(solution, w)
     return iterations, 1
 
 
-def factorise_and_solve(row: Indices, column: Indices, diagonal: Array, upper: Array, free: Flags, b: Array) -> Array:
+def factorise_and_solve(
+    order: Indices, row: Indices, column: Indices, shares: Indices, diagonal: Array, upper: Array, b: Array
+) -> Array:
     """Solve A w = b by a sparse LU factorisation of the free rows; NaN where A is singular or not finite."""
     from scipy.sparse.linalg import splu
 
-    unknown = np.repeat(free, 3)
+    unknown = (3 * order[:, None] + np.arange(3)).reshape(-1)
     solution = np.zeros(b.size)
-    if not (np.isfinite(diagonal).all() and np.isfinite(upper[:-1]).all()):
+    if not (np.isfinite(diagonal[order]).all() and np.isfinite(upper[:-1]).all()):
         return np.full(b.shape, np.nan)  # the factorisation divides by infinity and gives finite numbers
-    values = sparse.to_scipy(row, column, diagonal, upper)[unknown][:, unknown]
+    values = sparse.to_scipy(order, row, column, shares, diagonal, upper)[unknown][:, unknown]
     try:
         solution[unknown] = splu(values.tocsc()).solve(b.reshape(-1)[unknown])
     except RuntimeError:  # exactly singular

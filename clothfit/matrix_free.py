@@ -17,7 +17,8 @@ from clothfit.arrays import Array
 from clothfit.errors import Diverged
 from clothfit.fit_vector import elements
 from clothfit.prior import Prior, variance
-from clothfit.trajectory import Trajectory
+from clothfit.tally import Measured, tally
+from clothfit.trajectory import ENTRY, Trajectory
 
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator
@@ -36,6 +37,17 @@ SETTLED = 1e-4
 
 FAR = 1e6
 """Residual where the simulation diverges, relative to the largest met: the step is taken back."""
+
+
+VECTORS = 12
+"""Arrays of the size of the residuals that the method works with."""
+
+
+def fits(part: Trajectory) -> bool:
+    """Whether the method fits into what the objective may hold."""
+    entries = sum(run.comparison.entries for run in part.objective.runs)
+    moves = sum((run.steps + 1) * run.system.x0.nbytes for run in part.objective.runs)
+    return 8 * VECTORS * part.residuals() + ENTRY * entries + 3 * moves <= part.objective.room
 
 
 def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Array, str]:
@@ -79,11 +91,13 @@ class Residuals:
         p = self.part.search.parameters(y)
         objective = self.part.objective
         try:
-            motions = [(run.comparison, objective.roll(run, p)[1].x) for run in objective.runs]
+            told = [(run, tally(run.comparison), Measured(run.comparison)) for run in objective.runs]
+            for run, cost, states in told:
+                objective.tell(run, p, cost, states)
         except Diverged:
             return np.full(self.count, FAR * self.worst)
-        self.part.remember(p, sum(comparison.cost(x) for comparison, x in motions))
-        parts = [comparison.residual(x) for comparison, x in motions]
+        self.part.remember(p, sum(cost.value for _, cost, _ in told))
+        parts = [run.comparison.residual_of(states.states) for run, _, states in told]
         below = [w * self.prior.deviation(y, g) for w, g in zip(self.weights, self.prior.groups, strict=True)]
         r = np.concatenate([*parts, *below])
         self.count, self.worst = len(r), max(self.worst, float(np.abs(r).max(initial=0.0)))
@@ -96,8 +110,9 @@ class Residuals:
         part, search = self.part, self.part.search
         p, objective = search.parameters(y), part.objective
         factor = search.coordinates.slope(p)
-        rolled = [(run, *objective.roll(run, p)) for run in objective.runs]
-        by_position = [run.comparison.jacobian(memory.x) for run, _, memory in rolled]
+        passed = [(run, Measured(run.comparison)) for run in objective.runs]
+        rolled = [(run, *objective.tell(run, p, told, plan=objective.plan(run))) for run, told in passed]
+        by_position = [run.comparison.jacobian_of(told.states) for run, told in passed]
         groups = list(zip(self.weights, self.prior.groups, strict=True))
 
         def forward(z: Array) -> Array:
@@ -113,7 +128,7 @@ class Residuals:
         def back(r: Array) -> Array:
             gradient, out, start = np.zeros(len(p)), np.zeros(part.size), 0
             for (run, system, memory), B in zip(rolled, by_position, strict=True):
-                weight = (B.T @ r[start : start + B.shape[0]]).reshape(memory.x.shape)
+                weight = (B.T @ r[start : start + B.shape[0]]).reshape(-1, *system.x0.shape)
                 start += B.shape[0]
                 objective.add_pullback(run, system, memory, weight, gradient)
             out += (gradient * factor)[part.fitted]

@@ -28,15 +28,20 @@ from clothfit.block import Block
 from clothfit.columns import columns
 from clothfit.fit_vector import bounds
 from clothfit.kinds import LETTERED
-from clothfit.objective import Objective, Run
+from clothfit.objective import Objective
+from clothfit.run import Run
 from clothfit.sensitivity import Columns
-from clothfit.system import EXPLICIT, with_elements
+from clothfit.system import EXPLICIT
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 DENSE = 6000
 """Parameters up to which the normal equations are a dense matrix."""
+
+
+ENTRY = 100
+"""Bytes for each number in the balances, in all the forms that it takes on the way to a matrix."""
 
 
 class Treatment(NamedTuple):
@@ -77,6 +82,15 @@ def fit(objective: Objective, p: Array, fitted: Flags, treatment: Treatment = TR
     return found
 
 
+def fits(objective: Objective) -> bool:
+    """Whether the balances fit into what an objective may hold."""
+    sizes = (
+        (run.steps * (3 * len(run.system.x0) + 6 * len(run.system.springs.rest)) for run in group)
+        for group in ([run for run in objective.runs if run.cloth == cloth] for cloth in objective.cloths)
+    )
+    return ENTRY * max((sum(each) for each in sizes), default=0) <= objective.room
+
+
 def information(
     objective: Objective, p: Array, fitted: Flags, factor: Array
 ) -> tuple[Array, Array, float, int] | None:
@@ -85,7 +99,7 @@ def information(
     stiffnesses are fitted: then a direction that the balances do not show leaves the motion as it is, and only then.
     """
     kinds = {block.name for block in objective.blocks if fitted[block.part].any()}
-    if not (objective.plain and kinds <= set(LETTERED)) or int(fitted.sum()) > DENSE:
+    if not (fits(objective) and objective.plain and kinds <= set(LETTERED)) or int(fitted.sum()) > DENSE:
         return None
     places = np.flatnonzero(fitted)
     H, g, squares, count = np.zeros((len(places),) * 2), np.zeros(len(places)), 0.0, 0
@@ -95,7 +109,7 @@ def information(
         for block in own:
             column[block.part] = np.where(fitted[block.part], (np.cumsum(fitted) - 1)[block.part], -1)
         C, r = rows_of(objective, run, p, own, column, TREATMENTS[0], len(places))
-        steps = run.comparison.last_step - (1 if run.system.method == EXPLICIT else 0)
+        steps = run.steps - (1 if run.system.method == EXPLICIT else 0)
         if len(r) < 3 * steps * int(run.system.vertex.free.sum()):
             return None
         scaled = C.multiply(factor[places][None, :]).tocsr()
@@ -117,7 +131,7 @@ def rows_of(
     """C (N, Q) and r (N,) of one run, by the parameters of its masses and stiffnesses; Q is `width`, or as many as
     `column` (P,) has.
     """
-    system = with_elements(run.system, objective.elements(run, p))
+    system = run.changed(p)
     seen = track(run.comparison.goal, system)
     rows = balances(system, smoothed(seen, system.x0, treatment.frames) if treatment.frames > 1 else seen)
     C, r = matrix(summed_twice(rows) if treatment.summed else rows, system)

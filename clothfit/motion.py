@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 from clothfit.arrays import Array, Flags
 from clothfit.errors import Diverged, InvalidInput, InvalidMotion
 from clothfit.limits import checked_tolerance
-from clothfit.output import write_atomically
-from clothfit.rollout import FAR, check_memory, rollout
+from clothfit.output import Data, put, write_atomically
+from clothfit.rollout import FAR, check_memory
 from clothfit.scene import Scene
 from clothfit.system import build
+from clothfit.tape import Tape
 
 ARRAYS = ("positions", "times", "vertex_counts", "observed", "weights")
 """What a motion file may hold; anything else in it is ignored."""
@@ -81,16 +82,17 @@ def simulate_cloths(
     if count < 1:
         raise InvalidInput(f"frames: {count} is not possible, at least 1 is (the initial state)")
     counts = scene.vertex_counts
-    check_memory(count, sum(counts), scene.newton_iterations)
+    check_memory(count, sum(counts), 0)
     positions = np.full((count, sum(counts), 3), np.nan)
     motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
     direct, good, fault = 0, count - 1, ""
     for index in cloths:
-        memory, steps = rollout(build(scene, index), count - 1, accuracy)
-        motion.of(index)[:] = memory.x
-        direct += int(memory.solves[:, 1].sum())
-        if steps < good:
-            good, fault = steps, f"objects[{index}], vertex {_worst(memory.x[steps + 1])} of {counts[index]}"
+        tape = Tape(build(scene, index), count - 1, accuracy)
+        for part in tape.forward():
+            motion.of(index)[part.first : part.first + part.steps + 1] = part.x
+            direct += int(part.solves[:, 1].sum())
+        if tape.fault is not None and tape.good < good:
+            good, fault = tape.good, f"objects[{index}], vertex {_worst(tape.fault)} of {counts[index]}"
     moved = np.repeat([index in cloths for index in range(len(counts))], counts)
     observed = None if moved.all() else np.broadcast_to(moved, (good + 1, len(moved))).copy()
     motion = replace(
@@ -114,6 +116,14 @@ def _worst(x: Array) -> int:
 
 def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]) -> None:
     """Write a motion as `.npz`, whole or not at all. Raises InvalidInput when the path cannot be written."""
+    if isinstance(path_or_file, (str, os.PathLike)):
+        write_atomically(path_or_file, archive(motion))
+    else:
+        put(archive(motion), path_or_file)
+
+
+def archive(motion: Motion) -> Data:
+    """What writes a motion as `.npz` to a file, without a copy of its arrays."""
     arrays: dict[str, NDArray[Any]] = {
         "positions": motion.positions,
         "times": motion.times,
@@ -123,20 +133,22 @@ def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]
         arrays["observed"] = motion.observed
     if motion.weights is not None:
         arrays["weights"] = motion.weights
-    buffer = io.BytesIO()
     write: Any = np.savez  # its types take `allow_pickle` for one of the arrays
-    write(buffer, **arrays)  # none of them holds objects, so nothing is pickled
-    if isinstance(path_or_file, (str, os.PathLike)):
-        write_atomically(path_or_file, buffer.getvalue())
-    else:
-        path_or_file.write(buffer.getvalue())
+    return lambda file: write(file, **arrays)  # none of them holds objects, so nothing is pickled
 
 
-def load_motion(path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene) -> Motion:
-    """Read a motion of `scene` and check it. Raises InvalidMotion."""
-    name = os.path.basename(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else "motion"
+def load_motion(
+    path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene, name: str | None = None
+) -> Motion:
+    """Read a motion of `scene` and check it. `name`: in messages (default: the file's). Raises InvalidMotion."""
+    if name is None:
+        name = os.path.basename(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else "motion"
     try:
-        arrays = _arrays(_content(path_or_file))
+        if isinstance(path_or_file, (str, os.PathLike)):
+            with open(path_or_file, "rb") as file:
+                arrays = _arrays(file)
+        else:  # a stream cannot be sought, an archive must be
+            arrays = _arrays(io.BytesIO(path_or_file.read()))
     except FileNotFoundError:
         raise InvalidMotion(f"{name}: there is no such file") from None
     except IsADirectoryError:
@@ -146,17 +158,11 @@ def load_motion(path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene) 
     return check_motion(arrays, scene, name)
 
 
-def _content(path_or_file: str | os.PathLike[str] | IO[bytes]) -> bytes:
-    if isinstance(path_or_file, (str, os.PathLike)):
-        with open(path_or_file, "rb") as file:
-            return file.read()
-    return path_or_file.read()
-
-
-def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
-    if not content.startswith((b"PK", b"\x93NUMPY")):
+def _arrays(file: IO[bytes]) -> dict[str, NDArray[Any]]:
+    if not file.read(6).startswith((b"PK", b"\x93NUMPY")):
         raise ValueError("it is neither")
-    loaded = np.load(io.BytesIO(content), allow_pickle=False)  # a stream cannot be sought, an archive must be
+    file.seek(0)
+    loaded = np.load(file, allow_pickle=False)
     if isinstance(loaded, np.ndarray):
         return {"positions": loaded}
     with loaded:
@@ -237,13 +243,14 @@ def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Mo
         )
         observed = None if observed.all() else observed
     positions = np.ascontiguousarray(positions, np.float64)
-    bad = ~(np.abs(positions) < FAR).all(axis=2)  # NaN as well
-    if observed is not None:
-        bad &= observed
-    if bad.any():
-        frame, vertex = np.argwhere(bad)[0]
-        wrong = f"lies {FAR:g} m away or more" if np.isfinite(positions[frame, vertex]).all() else "is not finite"
-        require(False, f"positions[{frame}, {vertex}]", f"{wrong}, though not marked as unobserved")
+    for frame in range(frames):  # one by one: an array as large as `positions` would take as much memory again
+        bad = ~(np.abs(positions[frame]) < FAR).all(axis=1)  # NaN as well
+        if observed is not None:
+            bad &= observed[frame]
+        if bad.any():
+            vertex = int(np.argmax(bad))
+            wrong = f"lies {FAR:g} m away or more" if np.isfinite(positions[frame, vertex]).all() else "is not finite"
+            require(False, f"positions[{frame}, {vertex}]", f"{wrong}, though not marked as unobserved")
     weights = check_weights(arrays["weights"], (frames, total), name) if "weights" in arrays else None
     return Motion(positions, times, counts, observed, name, weights=weights)
 

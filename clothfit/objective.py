@@ -8,13 +8,15 @@ the cost to about 1e-8; to 1e-14, as far as rounding allows.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from clothfit import adjoint
-from clothfit.arrays import Array, Elements, Flags
+from clothfit import adjoint, storage
+from clothfit.adjoint import Slope, Story
+from clothfit.arrays import Array, Flags
 from clothfit.block import Block
 from clothfit.cost import Comparison, objective_weights
 from clothfit.errors import Diverged
@@ -31,23 +33,22 @@ from clothfit.fit_vector import (
 )
 from clothfit.limits import checked_tolerance
 from clothfit.loss import loss_named
-from clothfit.rollout import Rollout, rollout
+from clothfit.memory import Plan, budget
+from clothfit.rollout import Rollout
+from clothfit.run import Run, roll, seen_in, still, tell
 from clothfit.scene import Scene
-from clothfit.system import System, build, with_elements
+from clothfit.storage import Needs
+from clothfit.system import System, build
+from clothfit.tally import Distances, Tally, tally
+from clothfit.tape import Tape
 from clothfit.target import first_step, target
 
 TIGHT = 1e-14
 """Tolerance of the linear systems in a fit, relative: their errors enter the gradient directly."""
 
 
-class Run(NamedTuple):
-    """One cloth in one experiment: what is simulated once for each p."""
-
-    cloth: int
-    scene: Scene  # the experiment's, with the flags of the fitted one
-    system: System  # with the values of `scene`
-    comparison: Comparison
-    experiment: int  # counted from 0
+SMALL = 64_000_000
+"""Bytes up to which matrices do not count: a program has as much in its libraries."""
 
 
 class Objective:
@@ -63,6 +64,7 @@ class Objective:
         objective: str | Mapping[str, float] = "position",
         loss: str = "linear",
         loss_scale: float | None = None,
+        memory: int | str | None = None,
     ) -> None:
         """Compare with the frames of `motion` that lie within the first `frames` of the scene (default: all).
 
@@ -71,12 +73,16 @@ class Objective:
         have the same objects, but may hold, place, blow and step them as it likes; what is flagged is said by `scene`.
 
         `objective` names what is compared, or gives the weight of each that is (`clothfit.cost`); `loss` and
-        `loss_scale`, in m, say how outliers count (`clothfit.loss`).
+        `loss_scale`, in m, say how outliers count (`clothfit.loss`). `memory` is how much may be held (`needs`), in
+        bytes or as "200MB" (default: half of what is free); it changes no result. The arrays of a motion are used as
+        they are, not copied, and must stay so.
 
         Raises InvalidMotion when a motion does not fit its scene or an objective, InvalidInput for other arguments.
         """
         self.scene = scene
         options: dict[str, Any] = {"objective": objective, "loss": loss, "loss_scale": loss_scale}
+        self.memory = budget(memory)
+        options["memory"] = self.memory
         self._arguments = (motion, frames, options)
         self.tolerance = checked_tolerance(tolerance, TIGHT)
         self.blocks = blocks(scene)
@@ -84,6 +90,7 @@ class Objective:
         self.weights = objective_weights(objective)
         self.loss = loss_named(loss, loss_scale)
         given = experiments(scene, motion)
+        self._targets = [experiment.motion for experiment in given]
         ends = list(frames) if isinstance(frames, Sequence) else [frames] * len(given)
         self.runs = tuple(
             self._run(number, experiment, cloth, end)
@@ -104,12 +111,25 @@ class Objective:
         shorter = [frames if end is None else min(frames, end) for end in given]
         return Objective(self.scene, motion, tolerance or self.tolerance, shorter, **options)
 
-    @property
+    @cached_property
     def still(self) -> float:
         """G of cloths that stay where they are."""
-        runs = ((run, (run.comparison.last_step + 1, *run.system.x0.shape)) for run in self.runs)
-        starts = ((run, np.array(np.broadcast_to(run.system.x0, shape), order="C")) for run, shape in runs)
-        return sum(run.comparison.cost(x) for run, x in starts)
+        return sum(still(run) for run in self.runs)
+
+    @cached_property
+    def needs(self) -> Needs:
+        """The memory of a gradient. Raises InvalidInput when it cannot do with what may be held."""
+        return storage.needs(self.runs, self._targets, self.memory)
+
+    @property
+    def spare(self) -> int:
+        """Bytes that may be held beside the targets."""
+        return max(self.memory - self.needs.held, 0)
+
+    @property
+    def room(self) -> int:
+        """Bytes that the matrices of a method may take."""
+        return max(self.spare, SMALL)
 
     @property
     def first_step(self) -> int:
@@ -119,7 +139,7 @@ class Objective:
     @property
     def steps(self) -> int:
         """Number of steps of the longest experiment, as far as it is compared."""
-        return max((run.comparison.last_step for run in self.runs), default=0)
+        return max((run.steps for run in self.runs), default=0)
 
     @property
     def plain(self) -> bool:
@@ -173,17 +193,26 @@ class Objective:
 
     def position_rmse(self, p: Array) -> float:
         """Root mean square distance of the observed positions, m, whatever the objective. Raises Diverged."""
-        errors = [run.comparison.position_error(self.roll(run, p)[1].x) for run in self.runs]
-        squares, counts = (sum(part) for part in zip(*errors, strict=True)) if errors else (0.0, 0)
-        return float(np.sqrt(squares / max(counts, 1)))
+        squares = 0.0
+        for run in self.runs:
+            distances = Distances(run.comparison.goal._replace(weights=np.zeros((0, 0))))
+            self.tell(run, p, distances)
+            squares += distances.value
+        return float(np.sqrt(squares / max(self.observations, 1)))
 
     def cost(self, p: Array) -> float:
         """G(p), m². Raises Diverged."""
-        return sum(run.comparison.cost(self.roll(run, p)[1].x) for run in self.runs)
+        return sum(self.cost_of_run(run, p) for run in self.runs)
 
     def cost_of(self, cloth: int, p: Array) -> float:
         """The part of G(p), m², that one fitted cloth contributes. Raises Diverged."""
-        return sum(run.comparison.cost(self.roll(run, p)[1].x) for run in self.runs if run.cloth == cloth)
+        return sum(self.cost_of_run(run, p) for run in self.runs if run.cloth == cloth)
+
+    def cost_of_run(self, run: Run, p: Array) -> float:
+        """The part of G(p), m², that one run contributes. Raises Diverged."""
+        told = tally(run.comparison)
+        self.tell(run, p, told)
+        return told.value
 
     def cost_or_infinity(self, p: Array, cloth: int | None = None) -> float:
         """G(p), m², or the part of one fitted cloth; infinite where the simulation diverges or the cost overflows."""
@@ -197,10 +226,10 @@ class Objective:
         """G(p), m², and ∂G/∂p (P,). Raises Diverged."""
         total, gradient = 0.0, np.zeros(len(check_shape(self.scene, p)))
         for run in self.runs:
-            system, memory = self.roll(run, p)
-            value, by_position = run.comparison.cost_and_derivative(memory.x)
-            total += value
-            self.add_pullback(run, system, memory, by_position, gradient)
+            told = tally(run.comparison)
+            system, tape = self.tell(run, p, told, plan=self.plan(run))
+            total += told.value
+            self.add_pullback(run, system, tape, told.derivative, gradient)
         if not np.isfinite(gradient).all():
             raise Diverged(f"{self.scene.name}: the gradient overflows", 0)
         return total, gradient
@@ -209,45 +238,41 @@ class Objective:
         """Change of the positions (T + 1, n, 3) of each run along `direction` (P,) from p. Raises Diverged."""
         changes = []
         for run in self.runs:
-            system, memory = self.roll(run, p)
+            system, tape = self.tell(run, p)
             along = elements(run.scene, run.cloth, direction, absent=0.0)
-            changes.append(adjoint.tangent(system, memory, along, self.tolerance))
+            changes.append(adjoint.tangent(system, tape, along, self.tolerance))
         return changes
 
     def pullback(self, p: Array, by_position: Sequence[Array]) -> Array:
         """The transpose of `tangent` at p: (P,) from one weight (T + 1, n, 3) per run. Raises Diverged."""
         gradient = np.zeros(len(check_shape(self.scene, p)))
         for run, weight in zip(self.runs, by_position, strict=True):
-            self.add_pullback(run, *self.roll(run, p), weight, gradient)
+            self.add_pullback(run, *self.tell(run, p, plan=self.plan(run)), weight, gradient)
         return gradient
 
-    def add_pullback(self, run: Run, system: System, memory: Rollout, by_position: Array, gradient: Array) -> None:
-        """Add to `gradient` (P,) that of a cost with ∂G/∂x = by_position (T + 1, n, 3), along a finished rollout."""
+    def add_pullback(
+        self, run: Run, system: System, memory: Story, by_position: Array | Slope, gradient: Array
+    ) -> None:
+        """Add to `gradient` (P,) that of a cost with ∂G/∂x = by_position (T + 1, n, 3), along a finished motion."""
         grad = adjoint.gradient(system, memory, by_position, self.tolerance, extra_kinds(self.scene, run.cloth))
         for block in self.blocks:
             if block.cloth in (run.cloth, None):
                 gradient[block.part] += block.reduce(getattr(grad, block.name))
 
-    def elements(self, run: Run, p: Array) -> Elements:
-        """Masses and stiffnesses in a run: those that are flagged from p (P,), the others the experiment's own."""
-        return elements(run.scene, run.cloth, p)
+    def plan(self, run: Run) -> Plan:
+        """Which states of a run are kept for the way back. Raises InvalidInput where no plan is small enough."""
+        return self.needs.plans[run.system.x0.shape, run.steps]
+
+    def tell(self, run: Run, p: Array, *told: Tally, plan: Plan | None = None) -> tuple[System, Tape]:
+        """Simulate a run with parameters p (P,), as far as it is compared, in the sight of some tallies.
+
+        With a `plan` the motion can be swept back. Raises Diverged.
+        """
+        return tell(run, p, self.tolerance, told, plan)
 
     def roll(self, run: Run, p: Array) -> tuple[System, Rollout]:
-        """Simulate a run with parameters p (P,), as far as it is compared. Raises Diverged."""
-        changed = with_elements(run.system, self.elements(run, p))
-        steps = run.comparison.last_step
-        memory, good = rollout(changed, steps, self.tolerance)
-        if good < steps:
-            raise Diverged(f"{run.scene.name}: objects[{run.cloth}] diverged at step {good + 1}", good + 1)
-        return changed, memory
-
-
-def seen_in(runs: Iterable[Run]) -> dict[int, Flags]:
-    """Of each cloth, which vertices (n,) are compared in one of the runs at some time after the initial state."""
-    seen: dict[int, Flags] = {}
-    for run in runs:
-        seen[run.cloth] = seen.get(run.cloth, False) | run.comparison.seen
-    return seen
+        """The same with all states kept. Raises Diverged."""
+        return roll(run, p, self.tolerance)
 
 
 def cost_and_gradient(

@@ -7,15 +7,21 @@ step and are written directly.
 
 from __future__ import annotations
 
+import io
 import os
 import secrets
 import stat
+from collections.abc import Callable
 from contextlib import suppress
+from typing import IO, TypeAlias
 
 from clothfit.errors import InvalidInput
 
+Data: TypeAlias = bytes | Callable[[IO[bytes]], object]
+"""What to write: bytes, or a function that writes them to a file, so that they need not be in memory."""
 
-def write_atomically(path: str | os.PathLike[str], data: bytes) -> None:
+
+def write_atomically(path: str | os.PathLike[str], data: Data) -> None:
     """Write a file whole, keeping the permission bits of the one it replaces; a link stays and its target is replaced.
 
     Raises InvalidInput when it cannot be written; then, and on an interrupt, no trace is left.
@@ -27,7 +33,7 @@ def write_atomically(path: str | os.PathLike[str], data: bytes) -> None:
             _replace(os.path.realpath(path), data, mode)
         else:
             with open(path, "wb") as device:
-                device.write(data)
+                put(data, device)
     except OSError as error:
         raise _refusal(path, error.strerror or str(error)) from error
 
@@ -58,11 +64,21 @@ def _obstacle(path: str | os.PathLike[str]) -> str | None:
     return None if os.access(folder, os.W_OK | os.X_OK) else f"the folder {folder} is not writable"
 
 
-def _replace(path: str, data: bytes, mode: int | None) -> None:
+def put(data: Data, stream: IO[bytes]) -> None:
+    """Write to what cannot be sought, as an archive that is written must be."""
+    if isinstance(data, bytes):
+        stream.write(data)
+        return
+    buffer = io.BytesIO()
+    data(buffer)
+    stream.write(buffer.getbuffer())
+
+
+def _replace(path: str, data: Data, mode: int | None) -> None:
     new = os.path.join(os.path.dirname(path), f".clothfit-{secrets.token_hex(8)}.tmp")
     try:
         with open(new, "xb") as file:  # permissions as the umask says
-            file.write(data)
+            file.write(data) if isinstance(data, bytes) else data(file)
             file.flush()
             os.fsync(file.fileno())
         if mode is not None:

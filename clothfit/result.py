@@ -14,6 +14,7 @@ from clothfit.fit_vector import at_lower, at_upper, blocks, bounds, with_paramet
 from clothfit.holdout import HeldOut
 from clothfit.scene import Scene
 from clothfit.search import Search
+from clothfit.storage import Needs
 
 UNMOVED = 1e-9
 """Relative change up to which a parameter counts as not having moved: beyond the rounding of exp and log."""
@@ -60,6 +61,7 @@ class Fit:
     sigma: float | None = None  # standard deviation of a residual; m where positions are compared
     prior: list[Scatter] | None = None  # None: the result does without
     holdout: HeldOut | None = None  # None: nothing was kept out
+    memory: Needs | None = None  # what was foreseen
 
 
 def result(

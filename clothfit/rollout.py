@@ -1,19 +1,18 @@
 """Step after step in one compiled loop, keeping what the derivatives need.
 
-A Rollout is the memory of one cloth's motion: positions after every step and the velocities of every iteration in it.
-States are kept, matrices are not: they are assembled again, which takes a tenth of the memory and little time.
+A Rollout is the memory of a part of one cloth's motion: positions after every step and the velocities of every
+iteration in it. States are kept, matrices are not: they are assembled again, which takes a tenth of the memory and
+little time. `tape` tells a whole motion part by part.
 """
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from clothfit import guess, interrupts
+from clothfit import cg, guess, interrupts, memory
 from clothfit.arrays import Array, Indices
 from clothfit.errors import InvalidInput
 from clothfit.kernel import kernel
@@ -30,48 +29,76 @@ STRETCH = 20_000
 
 
 class Rollout(NamedTuple):
-    """T steps of one cloth with n vertices and up to N iterations per step."""
+    """T steps of one cloth with n vertices and up to N iterations per step: a whole motion, or a part of it."""
 
-    x: Array  # (T + 1, n, 3), positions, m; x[0] the start
+    x: Array  # (T + 1, n, 3), positions, m; x[0] before the first of the steps
     w: Array  # (T, N, n, 3), velocities of the iterations of each step, m/s
     used: Indices  # (T,), iterations of each step; w[t, used[t] − 1] is the velocity after step t
     solves: Indices  # (T, 2), CG iterations and direct solves of each step
+    v: Array  # (n, 3), velocity before the first of the steps, m/s
+    first: int = 0  # steps of the motion before it
+
+    @property
+    def steps(self) -> int:
+        """T."""
+        return len(self.w)
+
+    def part(self, begin: int, end: int) -> Rollout:
+        """The steps from `begin` to below `end`, counted here; not a copy."""
+        v = self.w[begin - 1, self.used[begin - 1] - 1] if begin else self.v
+        later = (self.w[begin:end], self.used[begin:end], self.solves[begin:end])
+        return Rollout(self.x[begin : end + 1], *later, v, self.first + begin)
+
+    def parts(self) -> list[Rollout]:
+        """Parts short enough to be interrupted."""
+        return [self.part(begin, end) for begin, end in stretches(self.steps, self.x.shape[1])]
+
+    def forward(self) -> Iterator[Rollout]:
+        """A motion of one part; see `tape.Tape`."""
+        yield self
+
+    def backward(self) -> Iterator[Rollout]:
+        """The same."""
+        yield self
 
 
-def rollout(
-    system: System,
-    steps: int,
-    tolerance: float,
-    marks: Sequence[int] = (),
-    enough: Callable[[Array], bool] = lambda x: False,
-) -> tuple[Rollout, int]:
-    """Simulate `steps` steps; linear systems are solved to `tolerance`, relative.
+def empty(system: System, steps: int) -> Rollout:
+    """Memory for so many steps from the start."""
+    n, iterations = len(system.x0), iterations_of(system)
+    x, w = np.empty((steps + 1, n, 3)), np.zeros((steps, iterations, n, 3))
+    x[0] = system.x0
+    return Rollout(x, w, np.ones(steps, np.int32), np.zeros((steps, 2), np.int32), system.v0)
 
-    After each number of steps in `marks`, ascending, `enough` is asked with the positions so far, (steps + 1, n, 3),
-    whether to stop.
 
-    Returns the rollout and how many of its steps are good: fewer than `steps` when the motion diverged or was enough.
+def iterations_of(system: System) -> int:
+    """Most iterations N of a step."""
+    return system.newton_iterations if system.method == IMPLICIT else 1
+
+
+def state_bytes(system: System) -> int:
+    """What a Rollout holds of each step, in bytes."""
+    return 24 * len(system.x0) * (1 + iterations_of(system)) + 12
+
+
+def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]:
+    """Simulate `steps` steps and keep them all; linear systems are solved to `tolerance`, relative.
+
+    Returns the rollout and how many of its steps are good: fewer than `steps` when the motion diverged.
     """
-    n = len(system.x0)
-    check_memory(steps + 1, n, system.newton_iterations)
-    iterations = system.newton_iterations if system.method == IMPLICIT else 1
-    memory = Rollout(
-        np.empty((steps + 1, n, 3)),
-        np.zeros((steps, iterations, n, 3)),
-        np.ones(steps, np.int32),
-        np.zeros((steps, 2), np.int32),
-    )
-    memory.x[0] = system.x0
-    work = implicit.workspace(system)
-    for begin, end in pairwise(sorted({0, *(mark for mark in marks if mark < steps), steps})):
-        for first, last in stretches(end - begin, n):
-            good = run(system, tolerance, work, memory, begin + first, begin + last)
+    check_memory(steps + 1, len(system.x0), iterations_of(system))
+    whole = empty(system, steps)
+    return whole, fill(system, tolerance, implicit.workspace(system), whole)
+
+
+def fill(system: System, tolerance: float, work: implicit.Workspace, part: Rollout) -> int:
+    """Compute the steps of a part whose x[0], v and first are set; returns how many are good."""
+    with cg.helped(work.A, work.cg):
+        for begin, end in stretches(part.steps, len(system.x0)):
+            good = int(run(system, tolerance, work, part, begin, end))
             interrupts.check()
-            if good < begin + last:
-                return memory, good
-        if enough(memory.x[: end + 1]):
-            return memory, end
-    return memory, steps
+            if good < end:
+                return good
+    return part.steps
 
 
 def stretches(steps: int, n: int) -> Iterator[tuple[int, int]]:
@@ -82,33 +109,34 @@ def stretches(steps: int, n: int) -> Iterator[tuple[int, int]]:
 
 
 def check_memory(frames: int, vertices: int, iterations: int) -> None:
-    """Raise InvalidInput, with the figure, when a motion cannot be kept in this machine's memory."""
-    needed = 24 * (1 + iterations) * frames * vertices
-    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 2**40
-    if needed > memory:
+    """Raise InvalidInput, with the figure, when a motion with its velocities cannot be kept in this machine's memory;
+    0 `iterations`: the positions alone.
+    """
+    needed, most = 24 * (1 + iterations) * frames * vertices, memory.physical()
+    if needed > most:
         raise InvalidInput(
             f"{frames} frames of {vertices} vertices take {needed / 1e9:.3g} GB, "
-            f"this machine has {memory / 1e9:.3g} GB; use fewer frames (--steps, optimizationIterations)"
+            f"this machine has {most / 1e9:.3g} GB; use fewer frames (--steps, optimizationIterations)"
         )
 
 
 @kernel
-def velocity(system, memory, t):
-    """Velocity (n, 3) before step t."""
+def velocity(part, t):
+    """Velocity (n, 3) before step t of a Rollout."""
     if t == 0:
-        return system.v0
-    return memory.w[t - 1, memory.used[t - 1] - 1]
+        return part.v
+    return part.w[t - 1, part.used[t - 1] - 1]
 
 
 @kernel
-def run(system, tolerance, work, memory, start, stop):
-    """Fill `memory` from step `start` to below `stop`; returns the number of good steps since the beginning."""
-    x, w, used, solves = memory
+def run(system, tolerance, work, part, start, stop):
+    """Fill a Rollout from its step `start` to below `stop`; returns the number of good steps since its beginning."""
+    x, w, used, solves, _, before = part
     first = work.solution
     for t in range(start, stop):
-        v = velocity(system, memory, t)
+        v = velocity(part, t)
         copy(v, first)
-        guess.advance(work.past, t, first)
+        guess.advance(work.past, before + t, first)
         result = transition.step(system, x[t], v, first, tolerance, work, w[t], x[t + 1])
         used[t], solves[t, 0], solves[t, 1] = result
         if not finite(x[t + 1]):

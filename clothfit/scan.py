@@ -8,9 +8,8 @@ followed further: most of the scan simulates little. A coarse scan goes first, t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import partial
-from itertools import product
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -18,9 +17,11 @@ from clothfit.arrays import Array
 from clothfit.block import Block
 from clothfit.cost import Comparison
 from clothfit.kinds import LETTERED
+from clothfit.memory import Plan
 from clothfit.objective import Objective
-from clothfit.rollout import rollout
-from clothfit.system import with_elements
+from clothfit.rollout import Rollout
+from clothfit.tally import Measured, Tally, tally
+from clothfit.tape import Tape
 
 POINTS = {1: 400, 2: 20}
 """Along each axis, by the number of values."""
@@ -88,7 +89,7 @@ class Course:
         adds = "spectrum" not in objective.weights  # a spectrum's cost is not a sum over frames
         ends = {round(objective.steps * (i + 1) / LOOKS) for i in range(LOOKS)} if adds else set()
         parts = [objective.until(end + 1) for end in sorted(ends | {objective.steps})]
-        self.objective = objective
+        self.objective, self.plan = objective, Plan(max(1, -(-objective.steps // LOOKS)))
         self.legs = [
             (run, {part.runs[i].comparison.last_step: part.runs[i].comparison for part in parts})
             for i, run in enumerate(objective.runs)
@@ -99,19 +100,34 @@ class Course:
         """The cost at p (P,); infinite where it is above `most` before the end, or the simulation diverges."""
         total = 0.0
         for run, shorter in self.legs:
-            system = with_elements(run.system, self.objective.elements(run, p))
-            enough = partial(costs_more, shorter, most - total)
-            steps = run.comparison.last_step
-            memory, good = rollout(system, steps, LOOSE, sorted(shorter), enough)
-            if good < steps:
+            tape, told = Tape(run.changed(p), run.steps, LOOSE, self.plan), tally(run.comparison)
+            for part in pieces(tape, shorter):
+                told.see(part)
+                step = part.first + part.steps
+                if step < run.steps and costs_more(shorter, step, told, most - total):
+                    return np.inf
+            if tape.good < tape.steps:
                 return np.inf
-            total += run.comparison.cost(memory.x)
+            total += told.value
         return total
 
 
-def costs_more(comparisons: Mapping[int, Comparison], most: float, x: Array) -> bool:
-    """Whether positions x (T + 1, n, 3) cost more than `most` in the comparison of so many steps."""
-    return len(x) - 1 in comparisons and comparisons[len(x) - 1].cost(x) > most
+def pieces(tape: Tape, ends: Mapping[int, Comparison]) -> Iterator[Rollout]:
+    """The parts of a motion, none reaching beyond one of the steps in `ends`."""
+    for part in tape.forward():
+        last = part.first + part.steps
+        cuts = [part.first, *(end for end in sorted(ends) if part.first < end < last), last]
+        for begin, end in pairwise(cuts):
+            yield part.part(begin - part.first, end - part.first)
+
+
+def costs_more(shorter: Mapping[int, Comparison], step: int, told: Tally, most: float) -> bool:
+    """Whether what was told up to a step costs more than `most` in the comparison of so many steps."""
+    if step not in shorter:
+        return False
+    if isinstance(told, Measured):
+        return shorter[step].cost_of(told.states[: len(shorter[step].goal.step)]) > most
+    return told.value > most
 
 
 def is_minimum(costs: dict[Point, float], point: Point) -> bool:

@@ -96,6 +96,7 @@ class Search:
         self.journal = journal or Journal()
         self.journal.standing = self
         self.began = time.perf_counter() - self.journal.known.seconds
+        self.notes: list[str] = []  # what the user should know
         self.history: list[float] = []  # best cost after each evaluation
         self.scale = self.coordinates.weight[self.fitted]
         self.unit = 0.0
@@ -190,6 +191,11 @@ class Search:
         self.unit, self.worst = float(standing[1]), float(standing[2])
         self.best_gradient, self.history = standing[3 + count : 3 + 2 * count], standing[3 + 2 * count :].tolist()
         self.settle(standing[3 : 3 + count], float(standing[0]))
+
+    def note(self, text: str) -> None:
+        """Tell the user something, once."""
+        if text not in self.notes:
+            self.notes.append(text)
 
     def take_known(self) -> None:
         """Make the best point that the journal knows the best one, where the way did not lead there again."""

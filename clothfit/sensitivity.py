@@ -11,11 +11,12 @@ dense for small cloths, where that is fastest, and by a sparse factorisation for
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from clothfit import adjoint, interrupts, sparse
+from clothfit.adjoint import Story
 from clothfit.arrays import Array, Elements, Flags, Indices
 from clothfit.kernel import kernel
 from clothfit.rollout import Rollout, velocity
@@ -29,6 +30,10 @@ FEW = 16
 
 DENSE = 1500
 """Unknowns up to which A is inverted as a dense matrix."""
+
+
+Watch: TypeAlias = Callable[[Rollout], None]
+"""What looks on while a motion passes."""
 
 
 class Columns(NamedTuple):
@@ -51,8 +56,11 @@ class Share(NamedTuple):
     factor: Array
 
 
-def sweep(system: System, memory: Rollout, columns: Columns) -> Iterator[Array]:
-    """Give dX (3 f, Q) after every step, the coordinates of the free vertices in order; one array, used again."""
+def sweep(system: System, memory: Story, columns: Columns, watch: Watch | None = None) -> Iterator[Array]:
+    """Give dX (3 f, Q) after every step, the coordinates of the free vertices in order; one array, used again.
+
+    `watch` is shown each part of the motion before its steps are given.
+    """
     free = system.vertex.free
     place = np.where(free, np.cumsum(free) - 1, -1).astype(np.int32)
     near, work = stencil(system, 2), implicit.workspace(system)
@@ -62,37 +70,46 @@ def sweep(system: System, memory: Rollout, columns: Columns) -> Iterator[Array]:
     dx, dv, dy, du, dw = (np.zeros(size) for _ in range(5))
     for column, start in columns.velocity:
         dv[:, column] = start[free].reshape(-1)
-    for t in range(len(memory.w)):
-        v = velocity(system, memory, t)
-        for k in range(memory.used[t]):
-            w = memory.w[t, k]
-            u = v if k == 0 else memory.w[t, k - 1]
-            differentiate(system, near, memory.x[t], v, w, u, k, work, step)
-            np.copyto(du, dv if k == 0 else dw)
-            np.copyto(dy, dx) if k == 0 else np.add(dx, system.h * du, out=dy)
-            right = mass * dv
-            add_product(near, place, step.by_y, dy, right)
-            if np.any(step.by_u):
-                add_product(near, place, step.by_u, du, right)
-            add_vertex_columns(place, step.by_mass, columns.mass, right)
-            add_spring_columns(place, system.springs.ends, step.by_stiffness, columns.stiffness, right)
-            add_spring_columns(place, system.springs.ends, step.by_rest, columns.rest, right)
-            for column, direction in columns.everywhere:
-                differentiate_globally(system, memory.x[t], v, w, u, k, work, direction, change)
-                right[:, column] += change[free].reshape(-1)
-            dw = solver(system, work.A, free)(right)
-        dx += system.h * (dv if system.method == EXPLICIT else dw)
-        dv[:] = dw
-        interrupts.check()
-        yield dx
+    for part in (part for segment in memory.forward() for part in segment.parts()):
+        if watch:
+            watch(part)
+        for t in range(part.steps):
+            v = velocity(part, t)
+            for k in range(part.used[t]):
+                w = part.w[t, k]
+                u = v if k == 0 else part.w[t, k - 1]
+                differentiate(system, near, part.x[t], v, w, u, k, work, step)
+                np.copyto(du, dv if k == 0 else dw)
+                np.copyto(dy, dx) if k == 0 else np.add(dx, system.h * du, out=dy)
+                right = mass * dv
+                add_product(near, place, step.by_y, dy, right)
+                if np.any(step.by_u):
+                    add_product(near, place, step.by_u, du, right)
+                add_vertex_columns(place, step.by_mass, columns.mass, right)
+                add_spring_columns(place, system.springs.ends, step.by_stiffness, columns.stiffness, right)
+                add_spring_columns(place, system.springs.ends, step.by_rest, columns.rest, right)
+                for column, direction in columns.everywhere:
+                    differentiate_globally(system, part.x[t], v, w, u, k, work, direction, change)
+                    right[:, column] += change[free].reshape(-1)
+                dw = solver(system, work.A, free)(right)
+            dx += system.h * (dv if system.method == EXPLICIT else dw)
+            dv[:] = dw
+            interrupts.check()
+            yield dx
 
 
-def tangents(system: System, memory: Rollout, columns: Columns, tolerance: float) -> Iterator[Array]:
+def tangents(
+    system: System, memory: Story, columns: Columns, tolerance: float, watch: Watch | None = None
+) -> Iterator[Array]:
     """The same as `sweep` by one forward sweep per column: the faster way for a few of them."""
     free = system.vertex.free
-    changes = [adjoint.tangent(system, memory, along(system, columns, q), tolerance) for q in range(columns.width)]
-    for t in range(len(memory.w)):
-        yield np.stack([change[t + 1][free].reshape(-1) for change in changes], axis=1)
+    sweeps = [adjoint.Sweep(system, along(system, columns, q), tolerance) for q in range(columns.width)]
+    for part in (part for segment in memory.forward() for part in segment.parts()):
+        if watch:
+            watch(part)
+        changes = [each.through(part) for each in sweeps]
+        for t in range(part.steps):
+            yield np.stack([change[t][free].reshape(-1) for change in changes], axis=1)
 
 
 def along(system: System, columns: Columns, q: int) -> Elements:

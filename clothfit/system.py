@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit import sparse
-from clothfit.arrays import Array, Elements, Flags, Indices
+from clothfit import multigrid, sparse
+from clothfit.arrays import Array, Elements, Flags
 from clothfit.forces import spheres, springs, vertex, wind
 from clothfit.scene import Scene
 
@@ -32,14 +32,14 @@ class System(NamedTuple):
     springs: springs.Springs
     faces: wind.Faces
     spheres: spheres.Spheres
-    row: Indices  # pattern of the step's matrix, see `sparse.BlockMatrix`
-    column: Indices
+    pattern: sparse.Pattern  # of the step's matrix
+    coarser: tuple[multigrid.Coarsening, multigrid.Coarsening]  # and of its coarser levels, for very large cloths
 
 
 def build(scene: Scene, index: int, air: bool = False) -> System:
     """The System of cloth `index` of the scene; `air` keeps its faces even where the scene gives them no drag."""
     cloth = scene.cloths[index]
-    row, column, slot = sparse.pattern(cloth.springs, ~cloth.fixed)
+    pattern, slot = sparse.pattern(cloth.springs, ~cloth.fixed)
     return System(
         x0=np.array(cloth.positions),
         v0=held(cloth.velocity, cloth.fixed),
@@ -50,8 +50,8 @@ def build(scene: Scene, index: int, air: bool = False) -> System:
         springs=springs.build(np.array(cloth.springs), cloth.rest, cloth.stiffness, cloth.damping, slot),
         faces=wind.build(np.array(cloth.triangles), cloth.drag, scene.wind, air or cloth.mode("drag") != "n"),
         spheres=spheres.build(scene.spheres),
-        row=row,
-        column=column,
+        pattern=pattern,
+        coarser=multigrid.coarsenings(pattern, len(cloth.fixed)),
     )
 
 

@@ -38,9 +38,9 @@ class Target(NamedTuple):
 
     step: Indices  # j (F,), the last step that is not after the frame; 0 is the initial state
     fraction: Array  # φ (F,), how far into the next step the frame is, 0 … 1
-    positions: Array  # x*, (F, n, 3), m; 0 where not observed
+    positions: Array  # x*, (F, n, 3), m; anything where not observed, of the motion itself where that is possible
     observed: Flags  # (F, n), seen and of a weight above 0
-    weights: Array  # (F, n), how often each position counts; (0, 0) where all count once
+    weights: Array  # (F, n), how often each position counts, anything where not observed; (0, 0) where all count once
 
     @property
     def places(self) -> Array:
@@ -81,14 +81,14 @@ def target(motion: Motion, cloth: int, delta: float, last_step: int | None = Non
     """The part of a motion that concerns one cloth, up to step `last_step`. Raises InvalidMotion as `frame_places`."""
     step, fraction = frame_places(motion, delta)
     kept = slice(None if last_step is None else int(np.searchsorted(step + fraction, last_step, side="right")))
-    observed = np.array(motion.seen(cloth)[kept])
+    observed = np.ascontiguousarray(motion.seen(cloth)[kept])
     weights = motion.weights_of(cloth)
     if weights is not None:
-        observed &= weights[kept] > 0
-    positions = np.where(observed[:, :, None], motion.of(cloth)[kept], 0.0)
-    counted = np.zeros((0, 0)) if weights is None else np.where(observed, weights[kept], 0.0)
-    arrays = (step[kept], fraction[kept], positions, observed, counted)
-    return Target(*map(np.ascontiguousarray, arrays))  # a file's may be in another order, for which to compile again
+        observed = np.ascontiguousarray(observed & (weights[kept] > 0))
+    positions = np.ascontiguousarray(motion.of(cloth)[kept])
+    counted = np.zeros((0, 0)) if weights is None else np.ascontiguousarray(weights[kept])
+    # contiguous, whatever the order in a file: there would be more to compile for another
+    return Target(step[kept], fraction[kept], positions, observed, counted)
 
 
 def first_step(goals: Iterable[Target]) -> int:
@@ -123,9 +123,10 @@ def interpolated(x: Array, step: Indices, fraction: Array) -> Array:
 
 
 @kernel
-def accumulate(x, goal, derivative):
-    """G = Σ w |s − x*|², m², of a motion x (T + 1, n, 3); adds ∂G/∂x to `derivative` unless that is empty."""
-    total, weighted = 0.0, len(goal.weights) > 0
+def accumulate(x, goal, derivative, total):
+    """`total` plus G = Σ w |s − x*|², m², of a motion x (T + 1, n, 3); adds ∂G/∂x to `derivative` unless that is empty.
+    """
+    weighted = len(goal.weights) > 0
     for frame in range(len(goal.step)):
         t, fraction = goal.step[frame], goal.fraction[frame]
         for i in range(x.shape[1]):

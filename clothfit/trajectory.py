@@ -8,6 +8,7 @@ products with vectors, each a tangent or an adjoint sweep along the motion.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +16,22 @@ from numpy.typing import NDArray
 from clothfit import gauss_newton, normal
 from clothfit.arrays import Array, Indices
 from clothfit.columns import columns
-from clothfit.objective import Objective, Run
+from clothfit.objective import Objective
+from clothfit.passing import Passing
 from clothfit.prior import Prior, first
-from clothfit.rollout import Rollout
+from clothfit.run import Run
 from clothfit.search import Search
 from clothfit.sensitivity import DENSE, FEW, sweep, tangents
-from clothfit.system import System
+from clothfit.tally import Measured, tally
 
 LARGEST = 3e12
 """Operations of one dense model, about a minute, above which the matrix-free method takes over."""
+
+MATRICES, CHUNKS = 8, 3
+"""Arrays (Q, Q), and parts of the sensitivity (`normal.chunk_steps`), that a step of Gauss–Newton works with."""
+
+ENTRY = 60
+"""Bytes for each entry of a sparse matrix while it is made: its value and its place, in the forms they go through."""
 
 FABRIC = ("mass", "stiffness", "rest")
 """Kinds whose values scatter around a fabric's."""
@@ -88,13 +96,12 @@ class Trajectory:
         H, g, cost = np.zeros((self.size, self.size)), np.zeros(self.size), 0.0
         for run in self.objective.runs:
             own = self.columns_of(run)
-            system, memory = self.objective.roll(run, p)
             if not len(own):
-                cost += run.comparison.cost(memory.x)
+                cost += self.objective.cost_of_run(run, p)
                 continue
             column = np.full(len(p), -1, np.int32)
             column[own] = np.arange(len(own))
-            part, slope, value = run_model(run, system, memory, self.objective, column, factor)
+            part, slope, value = run_model(run, self.objective, p, column, factor)
             place = (np.cumsum(self.fitted) - 1)[own]
             H[np.ix_(place, place)] += part
             g[place] += slope
@@ -114,8 +121,17 @@ class Trajectory:
         for run in self.objective.runs:
             rows, count = 3.0 * run.system.vertex.free.sum(), float(len(self.columns_of(run)))
             solve = rows * (rows if rows <= DENSE else 40.0 * np.sqrt(rows)) * count
-            total += run.comparison.last_step * (2.0 * solve + rows * count**2)
+            total += run.steps * (2.0 * solve + rows * count**2)
         return total
+
+    def fits(self) -> bool:
+        """Whether the dense model fits into what the objective may hold."""
+        needed = 8 * MATRICES * self.size**2
+        for run in self.objective.runs:
+            wide = 3 * int(run.system.vertex.free.sum()) * len(self.columns_of(run))
+            steps = 1 + min(normal.chunk_steps(wide), run.steps)
+            needed += 8 * CHUNKS * steps * wide + (0 if run.comparison.distances is not None else matrix_bytes(run))
+        return needed <= self.objective.room
 
     def prior(self, centre: Array, tau: float | None) -> Prior:
         """The belief that values scatter around the coordinates `centre` (Q,), by τ, which is learned where None."""
@@ -130,29 +146,49 @@ class Trajectory:
 
 def residual_count(run: Run) -> int:
     """Residuals of a run that are not of the initial state or of fixed vertices."""
-    x = np.broadcast_to(run.system.x0, (run.comparison.last_step + 1, *run.system.x0.shape))
+    if run.comparison.distances is not None:
+        return 3 * int(passing(run).movable.sum())
+    x = np.broadcast_to(run.system.x0, (run.steps + 1, *run.system.x0.shape))
     touched = run.comparison.jacobian(np.array(x))[:, free_columns(run)]
     return int((np.diff(touched.indptr) > 0).sum())
+
+
+def matrix_bytes(run: Run) -> int:
+    """Bytes of ∂r/∂x of a run as a sparse matrix, while it is made, roughly."""
+    return ENTRY * int(run.comparison.entries)
+
+
+def passing(run: Run) -> Passing:
+    """The residuals of a run that compares squared distances."""
+    return Passing(run.comparison.goal, run.system.vertex.free, run.comparison.distances or 1.0)
 
 
 def free_columns(run: Run) -> NDArray[np.intp]:
     """Places of the coordinates of the free vertices, after every step, in x (T + 1, n, 3)."""
     free = np.repeat(run.system.vertex.free, 3)
-    steps = run.comparison.last_step
+    steps = run.steps
     every = np.arange(1, steps + 1)[:, None] * len(free) + np.flatnonzero(free)
     return every.reshape(-1)
 
 
 def run_model(
-    run: Run, system: System, memory: Rollout, objective: Objective, column: Indices, factor: Array
+    run: Run, objective: Objective, p: Array, column: Indices, factor: Array
 ) -> tuple[Array, Array, float]:
-    """H, g and the cost of one run, by the columns of `column` (P,), with derivatives multiplied by `factor` (P,)."""
+    """H, g and the cost of one run at p (P,), by the columns of `column` (P,), with derivatives multiplied by `factor`
+    (P,). Raises Diverged.
+    """
+    told, comparison = tally(run.comparison), run.comparison
+    system, tape = objective.tell(run, p, told, plan=objective.plan(run))
     count = int(column.max(initial=-1)) + 1
-    by_position = run.comparison.jacobian(memory.x)[:, free_columns(run)]
     blocks = [block for block in objective.blocks if block.cloth in (run.cloth, None)]
     wanted = columns(system, blocks, column, factor, count)
     size = (3 * int(system.vertex.free.sum()), count)
-    tolerance = objective.tolerance
-    steps = tangents(system, memory, wanted, tolerance) if count <= FEW else sweep(system, memory, wanted)
-    H, g = normal.accumulate(by_position, run.comparison.residual(memory.x), steps, size)
-    return H, g, run.comparison.cost(memory.x)
+    few = partial(tangents, system, tape, wanted, objective.tolerance)
+    steps = few if count <= FEW else partial(sweep, system, tape, wanted)
+    if isinstance(told, Measured):
+        by_position = comparison.jacobian_of(told.states)[:, free_columns(run)]
+        H, g = normal.accumulate(by_position, comparison.residual_of(told.states), steps(), size)
+    else:
+        seen = passing(run)
+        H, g = normal.accumulate_passing(seen, steps(seen.see), size)
+    return H, g, told.value

@@ -1,6 +1,6 @@
 """Compiling ahead of time all that commands can need: for images, for continuous integration, for the impatient.
 
-What is compiled depends on the types of arguments only, so a cloth of nine vertices that goes every way once compiles
+What is compiled depends on the types of arguments only, so a cloth of four vertices that goes every way once compiles
 the same as one of ten thousand.
 """
 
@@ -16,13 +16,13 @@ from numba.core import event
 from numba.core.registry import CPUDispatcher
 
 from clothfit.capture import degrade
+from clothfit.compiled import small_cloth
 from clothfit.fit import estimate, record_target
 from clothfit.fit_vector import parameters
 from clothfit.motion import simulate
 from clothfit.objective import Objective
 from clothfit.scene import Scene, load
 
-SIDE = 3  # vertices along the cloth
 STEP = 0.001  # s, short, so that explicit steps stay stable
 KINDS = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}  # what else to fit
 
@@ -69,36 +69,11 @@ def compilations() -> Iterator[list[str]]:
         event.unregister("numba:compile", listener)
 
 
-def small_scene(settings: str = "LL", **fields: Any) -> Scene:
-    """A cloth that hangs from two corners in the wind over a sphere; `fields` are those of the file."""
-    n = SIDE * SIDE
-    index = [(j, i) for j in range(SIDE) for i in range(SIDE)]
-    corners = [SIDE * j + i for j, i in index if j < SIDE - 1 and i < SIDE - 1]
-    triangles = [v for a in corners for v in (a, a + SIDE, a + SIDE + 1, a, a + SIDE + 1, a + 1)]
-    springs = [v for j, i in index for a in [SIDE * j + i] for v in
-               ((a, a + 1) if i < SIDE - 1 else ()) + ((a, a + SIDE) if j < SIDE - 1 else ())]
-    made = {
-        "vertPos": [{"x": float(i), "y": 0.0, "z": float(j)} for j, i in index],
-        "vertIsFixed": [a in (0, SIDE - 1) for a in range(n)],
-        "vertMass": [0.02 + 0.001 * a for a in range(n)],
-        "springs": springs,
-        "springStiffness": [30.0 + s for s in range(len(springs) // 2)],
-        "triangles": triangles,
-        "dragCoefficient": 0.1,
-        "damping": 0.1,
-        "optimizationSettings": settings,
-        "fit": fields.pop("cloth_fit", {}),
-    }
-    ball = {"type": 1, "pos": {"x": 1.0, "y": -0.4, "z": 1.0}, "scale": {"x": 1.0, "y": 1.0, "z": 1.0}}
-    whole = {
-        "integrationMethod": 2,
-        "delta": STEP,
-        "optimizationIterations": 6,
-        "windVel": {"x": 1.0, "y": 0.0, "z": 0.5},
-        "objects": [made],
-        "colliders": [ball],
-    }
-    return load({**whole, **fields})
+def small_scene(settings: str = "LL", cloth_fit: dict[str, str] | None = None, **fields: Any) -> Scene:
+    """A scene with all that can act on a cloth, six frames long; `fields` are those of the file."""
+    whole = {**small_cloth(), "delta": STEP, "optimizationIterations": 6, **fields}
+    (cloth,) = whole["objects"]
+    return load({**whole, "objects": [{**cloth, "optimizationSettings": settings, "fit": cloth_fit or {}}]})
 
 
 def _simulations() -> None:

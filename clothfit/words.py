@@ -37,3 +37,11 @@ def owned(cloth: int | None, kind: str) -> str:
 def named(key: str) -> str:
     """Write a key as a step of a place: as it is when short and plain, else in quotes, escaped and cut."""
     return key if key.isidentifier() and key.isascii() and len(key) <= LONGEST else shown(key)
+
+
+def metres(value: float) -> str:
+    """Write a length in the unit that suits its size."""
+    for unit, size in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
+        if value >= size:
+            return f"{value / size:.3g} {unit}"
+    return f"{value / 1e-9:.3g} nm"

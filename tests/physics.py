@@ -169,7 +169,7 @@ def damping(module: Any, force: Any, y: Array, d: Array) -> Array:
 
 def step_terms(system: System, module: Any, force: Any, y: Array, u: Array) -> tuple[sparse.BlockMatrix, Array]:
     """What the force adds to the step: −h² K − h D as a matrix, and h (f − D u)."""
-    A, b = sparse.zeros(system.row, system.column), np.zeros_like(y)
+    A, b = sparse.zeros(system.pattern, len(y)), np.zeros_like(y)
     module.add_step(force, y, u, system.h, A, b)
     return A, b
 
@@ -285,14 +285,24 @@ def dense_forces(system: System, x: Array, v: Array) -> tuple[Array, Array, Arra
 
 def dense_matrix(A: sparse.BlockMatrix) -> Array:
     """A as a dense (3n, 3n) array, block by block."""
-    n = len(A.diagonal)
-    square = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
+    n = len(A.diagonal) - 1
     full = np.zeros((n, n, 3, 3))
-    for i in range(n):
-        full[i, i] = A.diagonal[i][square]
-        for slot in range(A.row[i], A.row[i + 1]):
-            full[i, A.column[slot]] = full[A.column[slot], i] = A.upper[slot][square]
+    for r, i in enumerate(A.order):
+        full[i, i] = square(A.diagonal[i])
+        for slot in range(A.row[r], A.row[r + 1]):
+            full[i, A.column[slot]] = full[A.column[slot], i] = square(A.upper[slot])
     return full.transpose(0, 2, 1, 3).reshape(3 * n, 3 * n)
+
+
+def square(block: Array) -> Array:
+    """The symmetric 3×3 matrices of blocks (…, 8) as they are stored."""
+    xx, xy, xz, yz, zz, _, yy, _ = np.moveaxis(block, -1, 0)
+    return np.moveaxis(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), (0, 1), (-2, -1))
+
+
+def stored(matrix: Array) -> Array:
+    """Symmetric 3×3 matrices (…, 3, 3) as blocks (…, 8)."""
+    return matrix[..., [0, 0, 0, 1, 2, 0, 1, 1], [0, 1, 2, 2, 2, 1, 1, 2]]
 
 
 def sheet(settings="nn", nx=3, ny=3, **fields):

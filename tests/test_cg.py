@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from physics import dense_matrix, times
+from physics import dense_matrix, stored, times
 
 from clothfit import cg, sparse
 
@@ -15,12 +15,12 @@ ENDS = np.array([[0, 1], [1, 2], [2, 3], [3, 4], [4, 5], [5, 0], [0, 3], [1, 4]]
 def matrix(pull=1.0, seed=3):
     """A mass on each vertex and springs of strength `pull` along random axes; positive definite when pull > 0."""
     rng = np.random.default_rng(seed)
-    row, column, slot = sparse.pattern(ENDS, FREE)
-    A = sparse.zeros(row, column)
-    A.diagonal[:] = [1, 0, 0, 1, 0, 1]
+    pattern, slot = sparse.pattern(ENDS, FREE)
+    A = sparse.zeros(pattern, N)
+    A.diagonal[:] = stored(np.eye(3))
     for (a, b), place in zip(ENDS, slot, strict=True):
         d = rng.normal(size=3)
-        block = pull * np.outer(d, d)[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+        block = stored(pull * np.outer(d, d))
         A.diagonal[a] += block
         A.diagonal[b] += block
         A.upper[place] -= block
@@ -38,7 +38,7 @@ def dense_solution(A, b):
 
 
 def solve(A, b, w, tolerance=1e-14, limit=200):
-    return cg.solve(A, FREE, b, tolerance, limit, cg.workspace(N), w)
+    return cg.solve(A, b, tolerance, limit, cg.workspace(A), w)
 
 
 @pytest.mark.parametrize("guess", [0.0, 1.0])
@@ -82,7 +82,7 @@ def test_iterations_run_out():
 
 def test_a_block_that_is_not_positive_definite_is_noticed_at_once():
     A = matrix()
-    A.diagonal[4, 3] = -1.0
+    A.diagonal[4, sparse.YY] = -1.0
     assert solve(A, right_side(), np.zeros((N, 3))) == (0, cg.INDEFINITE)
 
 

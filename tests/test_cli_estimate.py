@@ -24,7 +24,7 @@ from clothfit.scene import load
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
 KEYS = {"schema_version", "command", "scene", "status", "method", "cost", "rmse", "frames", "evaluations", "seconds"}
-KEYS |= {"parameters", "output", "warnings", "rank", "sigma", "prior", "holdout"}
+KEYS |= {"parameters", "output", "warnings", "rank", "sigma", "prior", "holdout", "memory"}
 PARAMETER_KEYS = {"object", "name", "mode", "count", "at_bound", "unidentifiable", "unmoved", "interval"}
 REFERENCE = Path(clothfit.scene.__file__).resolve().parents[2] / "shared" / "scenes" / "side.txt"
 DOWNHILL = ["--method", "l-bfgs-b"]  # begins at the start, and takes its time

@@ -132,15 +132,6 @@ def test_a_weight_is_that_many_frames():
     assert Comparison(weighted, SYSTEM).total_weight == counts.sum()
 
 
-def test_the_position_error_knows_no_objective_no_weight_and_no_loss():
-    seen = partly()
-    made = compared(seen=seen, weights=RNG.uniform(1, 2, seen.shape), objective={"velocity": 3.0}, loss=LOSSES[2])
-    x = states()
-    squares, count = made.position_error(x)
-    assert squares == pytest.approx(((x - made.goal.positions)[seen] ** 2).sum(), rel=1e-13)  # rounding
-    assert count == seen.sum()
-
-
 def test_the_general_way_agrees_with_the_compiled_one():
     made = captured({"position": 2.0})
     x = states()

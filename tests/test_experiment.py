@@ -60,15 +60,15 @@ def test_each_experiment_has_its_own_forces_and_the_same_parameters():
     flagged = experiments(MAIN, (truth(WINDY), WINDY))[0].scene
     expected = simulate(with_parameters(flagged, p), tolerance=1e-14)
     np.testing.assert_array_equal(objective.roll(run, p)[1].x, expected.positions)
-    np.testing.assert_array_equal(objective.elements(run, p).mass, p[:16])
+    np.testing.assert_array_equal(run.changed(p).vertex.mass, p[:16])
 
 
 def test_what_is_not_flagged_is_the_experiments_own():
     heavy = load(even("nn", vertMass=[0.05] * 16))
     made = load(even("nG"))
     objective = Objective(made, (record_target(heavy), heavy))
-    assert objective.elements(objective.runs[0], np.array([7.0])).mass.tolist() == [0.05] * 16
-    assert objective.elements(objective.runs[0], np.array([7.0])).stiffness.tolist() == [7.0] * 33
+    assert objective.runs[0].changed(np.array([7.0])).vertex.mass.tolist() == [0.05] * 16
+    assert objective.runs[0].changed(np.array([7.0])).springs.stiffness.tolist() == [7.0] * 33
 
 
 def test_what_one_experiment_cannot_show_another_can():

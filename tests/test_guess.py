@@ -1,11 +1,11 @@
-"""First guesses: exact for motions that are parabolas, and never out of memory."""
+"""First guesses: exact for motions that are polynomials, the last solution where solutions jump."""
 
 import numpy as np
 import pytest
 
-from clothfit.guess import advance, past
+from clothfit.guess import TERMS, advance, past
 
-TIMES = range(8)
+TIMES = range(12)
 
 
 def guesses(solutions):
@@ -24,7 +24,7 @@ def polynomial(degree, seed=0):
     return [sum(c * float(t) ** k for k, c in enumerate(coefficients)) for t in TIMES]
 
 
-@pytest.mark.parametrize(("degree", "known"), [(0, 1), (1, 2), (2, 3)])
+@pytest.mark.parametrize(("degree", "known"), [(k, k + 1) for k in range(TERMS)])
 def test_a_polynomial_is_continued_exactly_once_it_is_known(degree, known):
     series = polynomial(degree)
     made = guesses(series)
@@ -40,13 +40,29 @@ def test_the_first_guesses_are_zero_the_last_solution_and_a_line():
     np.testing.assert_array_equal(made[2], 2 * series[1] - series[0])
 
 
-def test_the_error_is_of_third_order():
-    def error(h):
-        series = [np.full((1, 3), np.sin(h * t)) for t in range(12)]
-        return abs(guesses(series)[-1] - series[-1]).max() / abs(np.cos(h * 9.5))
+def test_a_smooth_series_is_guessed_by_all_differences():
+    h = 0.3
+    series = [np.full((1, 3), np.exp(h * t)) for t in TIMES]
+    # the backward difference of order K of exp is (1 − exp(−h))ᴷ exp; rounding of 2ᴷ terms
+    wrong = [(now - made)[0, 0] for made, now in zip(guesses(series), series, strict=True)][TERMS:]
+    expected = [(1 - np.exp(-h)) ** TERMS * np.exp(h * t) for t in TIMES[TERMS:]]
+    np.testing.assert_allclose(wrong, expected, rtol=1e-9)
 
-    # Of h³ sin'''; 0.1: the next order, at h = 0.01 and half of it.
-    assert np.log2(error(0.01) / error(0.005)) == pytest.approx(3.0, abs=0.1)
+
+def test_solutions_that_jump_are_guessed_by_the_last():
+    rng = np.random.default_rng(3)
+    series = [(-1.0) ** t * np.ones((5, 3)) + 0.01 * rng.normal(size=(5, 3)) for t in TIMES]
+    made = guesses(series)
+    for t in TIMES[3:]:  # two differences were compared by then
+        np.testing.assert_array_equal(made[t], series[t - 1])
+
+
+def test_noise_on_a_line_is_not_taken_for_curvature():
+    rng = np.random.default_rng(4)
+    series = [float(t) * np.ones((50, 3)) + 0.01 * rng.normal(size=(50, 3)) for t in TIMES]
+    # the line through the last two adds less than three times the noise, a longer rule much more
+    for t in TIMES[4:]:
+        assert np.linalg.norm(guesses(series)[t] - series[t]) < 4 * np.linalg.norm(0.01 * np.ones((50, 3)))
 
 
 def test_a_guess_of_other_solutions_is_not_influenced():

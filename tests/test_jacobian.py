@@ -20,7 +20,7 @@ def moving(method, newton=1):
     system = gentle(method, newton)
     memory, good = rollout(system, STEP + 1, TIGHT)
     assert good == STEP + 1
-    return system, memory, memory.x[STEP], velocity(system, memory, STEP)
+    return system, memory, memory.x[STEP], velocity(memory, STEP)
 
 
 def blocks_times(near, blocks, d):
@@ -49,7 +49,7 @@ def only(system, *kinds):
 
 def assembled(system, memory, dx, dv, change):
     """What `differentiate` says of the step: its velocity's change (n, 3)."""
-    x, v, h = memory.x[STEP], velocity(system, memory, STEP), system.h
+    x, v, h = memory.x[STEP], velocity(memory, STEP), system.h
     near, work, step = stencil(system, 2), implicit.workspace(system), jacobian(system, stencil(system, 2), True)
     free, dw = np.repeat(system.vertex.free, 3), dv
     for k in range(memory.used[STEP]):
@@ -70,7 +70,7 @@ def assembled(system, memory, dx, dv, change):
 def swept(system, memory, dx, dv, change):
     """The change of the velocity by the tangent of the step."""
     work, dx, dv = implicit.workspace(system), dx.copy(), dv.copy()
-    x, v = memory.x[STEP], velocity(system, memory, STEP)
+    x, v = memory.x[STEP], velocity(memory, STEP)
     transition.pushforward(system, x, v, memory.w[STEP], memory.used[STEP], TIGHT, work, dx, dv, change)
     return dv
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from physics import dense_matrix
-from test_cg import ALL, FREE, N, dense_solution, matrix, right_side
+from test_cg import ALL, ENDS, FREE, N, dense_solution, matrix, right_side
 
-from clothfit import cg, linear
+from clothfit import cg, linear, sparse
 
 
 def solve(A, b, tolerance=1e-12):
     w = np.zeros((N, 3))
-    return w, linear.solve(A, FREE, b, tolerance, cg.workspace(N), w)
+    return w, linear.solve(A, b, tolerance, cg.workspace(A), w)
 
 
 def test_a_positive_definite_system_needs_no_factorisation():
@@ -59,6 +59,6 @@ def test_a_matrix_that_is_not_finite_gives_no_numbers(value):
 
 def test_a_cloth_without_free_vertices_is_solved():
     w = np.zeros((N, 3))
-    none = np.zeros(N, bool)
-    assert linear.solve(matrix(), none, np.zeros((N, 3)), 1e-12, cg.workspace(N), w) == (0, 0)
+    A = sparse.zeros(sparse.pattern(ENDS, np.zeros(N, bool))[0], N)
+    assert linear.solve(A, np.zeros((N, 3)), 1e-12, cg.workspace(A), w) == (0, 0)
     assert np.abs(w).max() == 0.0

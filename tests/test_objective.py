@@ -8,7 +8,7 @@ from scenes import cloth
 
 from clothfit.errors import Diverged, InvalidInput, InvalidMotion
 from clothfit.fit_vector import blocks, parameters, with_parameters
-from clothfit.motion import simulate
+from clothfit.motion import as_motion, simulate
 from clothfit.objective import Objective, cost_and_gradient
 from clothfit.rollout import rollout
 from clothfit.verify import DIFFERENCE, ORDER, PRODUCT, central_difference_error, check
@@ -111,6 +111,15 @@ def test_the_gradient_through_indefinite_matrices(newton, mass, seed):
     assert good == 2
     assert memory.solves[:, 1].sum() > 0  # conjugate gradients met negative curvature
     assert_right(objective, p)
+
+
+def test_the_position_error_knows_no_objective_no_weight_and_no_loss():
+    made = scene(sheet(), optimizationIterations=FRAMES)
+    x, seen = simulate(made, tolerance=TIGHT).positions, np.random.default_rng(1).random((FRAMES, 9)) < 0.7
+    moved = as_motion(made, x + 0.1, observed=seen, weights=np.linspace(1, 2, 9))
+    aim = Objective(made, moved, TIGHT, objective={"velocity": 3.0}, loss="huber")
+    # every coordinate is 0.1 m off; rounding of the solves
+    assert aim.position_rmse(parameters(made)) == pytest.approx(0.1 * np.sqrt(3), rel=1e-11)
 
 
 @pytest.mark.parametrize(("newton", "frames"), [(1, 5), (2, 6)])

@@ -10,6 +10,7 @@ import pytest
 from clothfit.cli import run
 
 ROOT = Path(__file__).resolve().parent.parent
+CUT = "[…]"
 TEXT = (ROOT / "README.md").read_text("utf-8")
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="fits of 144 vertices need compilation")
@@ -24,7 +25,9 @@ def shape(text):
     """A text without its numbers, its units of length, its column widths, and the progress of slow machines."""
     lines = [line for line in text.splitlines() if not re.match(r" *[\d.]+ s  cost ", line) and line.strip()]
     lines = [re.sub(r"\d[\d.e+-]* (nm|µm|mm|m)\b", "# m", line) for line in lines if "compiling" not in line]
-    return [re.sub(r" +", " ", re.sub(r"\d[\d.e+-]*", "#", line)).strip() for line in lines]
+    lines = [re.sub(r" +", " ", re.sub(r"\d[\d.e+-]*", "#", line)).strip() for line in lines]
+    ended = [line for line in lines if line.startswith("# of #: ")]  # of scenes fitted at a time, in any order
+    return [*sorted(ended), *(line for line in lines if line not in ended)]
 
 
 @pytest.fixture
@@ -40,7 +43,11 @@ def test_its_commands_print_what_it_says(checkout, capsys):
     for block in blocks("console"):
         for command, told in re.findall(r"^\$ clothfit (.*)\n((?:(?!\$).*\n)*)", block, re.MULTILINE):
             assert run(command.split()) == 0
-            assert shape(capsys.readouterr().err) == shape(told)
+            printed = shape(capsys.readouterr().err)
+            if CUT in told:  # lines that depend on the machine are left out
+                assert [line for line in shape(told) if line != CUT and line not in printed] == []
+            else:
+                assert printed == shape(told)
             ran += 1
     assert ran >= 6
 

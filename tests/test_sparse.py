@@ -3,7 +3,7 @@
 import numpy as np
 import physics
 import pytest
-from physics import dense_matrix, times
+from physics import dense_matrix, square, stored, times
 
 from clothfit import sparse
 
@@ -13,24 +13,27 @@ ENDS = np.array([[0, 1], [3, 1], [1, 3], [2, 4], [4, 0], [2, 3]], np.int32)  # (
 
 def made(ends, free, rng=RNG):
     """A matrix of random blocks."""
-    row, column, slot = sparse.pattern(ends, np.asarray(free))
-    A = sparse.zeros(row, column)
-    A.diagonal[:] = rng.normal(size=A.diagonal.shape)
-    A.upper[:] = rng.normal(size=A.upper.shape)
+    pattern, slot = sparse.pattern(ends, np.asarray(free))
+    A = sparse.zeros(pattern, len(free))
+    for blocks in (A.diagonal, A.upper):
+        random = rng.normal(size=(len(blocks), 3, 3))
+        blocks[:] = stored(random + random.transpose(0, 2, 1))
     return A, slot
 
 
 def test_the_pattern_has_one_slot_per_pair_above_the_diagonal():
-    row, column, slot = sparse.pattern(ENDS, np.ones(5, bool))
+    (order, row, column, _), slot = sparse.pattern(ENDS, np.ones(5, bool))
+    assert order.tolist() == [0, 1, 2, 3, 4]
     pairs = [(i, int(column[e])) for i in range(5) for e in range(row[i], row[i + 1])]
     assert pairs == [(0, 1), (0, 4), (1, 3), (2, 3), (2, 4)]
     assert slot.tolist() == [0, 2, 2, 4, 1, 3]
 
 
 def test_pairs_with_a_fixed_vertex_share_a_slot_that_no_row_reads():
-    row, column, slot = sparse.pattern(ENDS, np.array([True, True, True, False, True]))
+    (order, row, column, _), slot = sparse.pattern(ENDS, np.array([True, True, True, False, True]))
+    assert order.tolist() == [0, 1, 2, 4]
     assert column.tolist() == [1, 4, 4]
-    assert row.tolist() == [0, 2, 2, 3, 3, 3]
+    assert row.tolist() == [0, 2, 2, 3, 3]
     assert slot.tolist() == [0, 3, 3, 2, 1, 3]
 
 
@@ -66,27 +69,29 @@ def test_to_scipy_is_the_same_matrix():
 
 
 def test_inverse_diagonal_blocks():
-    A, _ = made(ENDS, np.ones(5, bool))
+    A, _ = made(ENDS, np.array([True, True, True, True, False]))
     factors = RNG.normal(size=(5, 3, 3))
     blocks = factors @ factors.transpose(0, 2, 1) + np.eye(3)
-    A.diagonal[:] = blocks[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
-    free = np.array([True, True, True, True, False])
-    inverse = np.empty((5, 6))
-    assert sparse.invert_diagonal(A, free, inverse)
-    square = inverse[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+    A.diagonal[:5] = stored(blocks)
+    inverse = np.full((6, 8), 7.0)
+    assert sparse.invert_diagonal(A, 1.5, inverse)
     # condition numbers of some tens
-    np.testing.assert_allclose(square[:4], np.linalg.inv(blocks[:4]), rtol=1e-12, atol=1e-13)
-    assert np.abs(square[4]).max() == 0.0
+    np.testing.assert_allclose(square(inverse[:4]), 1.5 * np.linalg.inv(blocks[:4]), rtol=1e-12, atol=1e-13)
+    assert inverse[:4].tolist() == stored(square(inverse[:4])).tolist()  # what stands twice is twice the same
+    assert (inverse[4] == 7.0).all()  # a fixed vertex has no row
 
 
 @pytest.mark.parametrize("diagonal", [(-1, 1, 1), (1, -1, 1), (1, 1, -1), (0, 1, 1), (np.nan, 1, 1), (-1, -1, 1)])
 def test_a_block_that_is_not_positive_definite_is_noticed(diagonal):
-    A, _ = made(ENDS, np.ones(5, bool))
-    A.diagonal[:] = [1, 0, 0, 1, 0, 1]
-    assert sparse.invert_diagonal(A, np.ones(5, bool), np.empty((5, 6)))
-    A.diagonal[3, [0, 3, 5]] = diagonal
-    assert not sparse.invert_diagonal(A, np.ones(5, bool), np.empty((5, 6)))
-    assert sparse.invert_diagonal(A, np.arange(5) != 3, np.empty((5, 6)))  # unless the vertex is fixed
+    def definite(free, values):
+        A, _ = made(ENDS, free)
+        A.diagonal[:] = stored(np.eye(3))
+        A.diagonal[3] = stored(np.diag(np.array(values, float)))
+        return sparse.invert_diagonal(A, 1.0, np.empty((6, 8)))
+
+    assert definite(np.ones(5, bool), (1, 1, 1))
+    assert not definite(np.ones(5, bool), diagonal)
+    assert definite(np.arange(5) != 3, diagonal)  # unless the vertex is fixed
 
 
 def test_the_cloth_matrix_is_symmetric_and_has_no_rows_of_fixed_vertices():

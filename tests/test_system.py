@@ -31,7 +31,8 @@ def test_every_field_of_the_scene_has_its_place():
 
 def test_the_pattern_joins_the_free_ends_of_the_springs():
     system = build(MADE, 1)
-    pairs = {(i, int(system.column[e])) for i in range(9) for e in range(system.row[i], system.row[i + 1])}
+    order, row, column, _ = system.pattern
+    pairs = {(int(order[r]), int(column[e])) for r in range(len(order)) for e in range(row[r], row[r + 1])}
     free = set(range(9)) - {0, 2}
     assert pairs == {tuple(sorted(pair)) for pair in system.springs.ends.tolist() if set(pair) <= free}
 

@@ -13,6 +13,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from clothfit.words import metres as metres  # for all commands
+
 if TYPE_CHECKING:
     from clothfit.search import Progress
 
@@ -138,11 +140,3 @@ def _live() -> Iterator[Callable[[Progress], None]]:
             bar.update(task, total=progress.budget, completed=progress.evaluations, line=_line(progress))
 
         yield show
-
-
-def metres(value: float) -> str:
-    """A length in the unit that suits its size."""
-    for unit, size in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
-        if value >= size:
-            return f"{value / size:.3g} {unit}"
-    return f"{value / 1e-9:.3g} nm"

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import os
-from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.cli import shared
-from clothfit.cli.account import account, indices
-from clothfit.cli.console import Console, metres
-from clothfit.errors import Diverged, InvalidInput
-from clothfit.words import counted, owned
+from clothfit.cli import goals, shared
+from clothfit.cli.console import Console
+from clothfit.cli.files import Files
+from clothfit.errors import InvalidInput
+from clothfit.words import owned
 
 if TYPE_CHECKING:
-    from clothfit.motion import Motion
-    from clothfit.result import Fit
-    from clothfit.scene import Scene
-
-EXIT_CODES = {"converged": 0, "stalled": 5, "limit": 5, "interrupted": 130}
+    from clothfit.storage import Needs
 
 
 @shared.command("estimate")
-@click.argument("scene_path", metavar="SCENE")
+@click.argument("scene_paths", metavar="SCENE...", nargs=-1, required=True)
 @click.option(
     "--target",
     "target_paths",
@@ -67,10 +62,15 @@ EXIT_CODES = {"converged": 0, "stalled": 5, "limit": 5, "interrupted": 130}
     "--holdout-of", default="frames", metavar="WHAT", help="frames (the last), or vertices.  [default: frames]"
 )
 @click.option("--no-intervals", is_flag=True, help="Do not look at what the motion determines, nor how well.")
+@click.option("--memory", metavar="SIZE", help="To hold at most, such as 200MB.  [default: half of what is free]")
 @click.option("-o", "--output", "path", metavar="SCENE", help="Fitted scene.  [default: <stem>.fitted<suffix>]")
 @click.option("--in-place", is_flag=True, help="Write the fitted values into SCENE itself.")
+@click.option("--starts", type=int, default=1, metavar="K", help="Fit from K starts, keep the best.  [default: 1]")
+@click.option("--seed", type=int, default=0, metavar="S", help="Of the starts after the first.  [default: 0]")
+@click.option("--jobs", type=int, metavar="N", help="Fits at a time.  [default: one per core]")
+@click.option("--cluster", metavar="ADDRESS", help="Fit on a Dask cluster: tcp://host:port of its scheduler.")
 def command(
-    scene_path: str,
+    scene_paths: tuple[str, ...],
     target_paths: tuple[str, ...],
     objectives: tuple[str, ...],
     loss: str,
@@ -86,8 +86,13 @@ def command(
     holdout: float | None,
     holdout_of: str,
     no_intervals: bool,
+    memory: str | None,
     path: str | None,
     in_place: bool,
+    starts: int,
+    seed: int,
+    jobs: int | None,
+    cluster: str | None,
     as_json: bool,
     console: Console,
 ) -> int:
@@ -96,176 +101,86 @@ def command(
     Without --target the scene's own parameters are the truth, hidden from the fit: a trial of what can be recovered.
     Of several targets the costs add up, as do those of several objectives, each times its weight.
 
+    Several scenes are fitted at a time, one per core; {stem} and {folder} in --target, --start, --checkpoint and -o
+    stand for each scene's name without its suffix and for its folder.
+
     \b
     clothfit estimate scene.json
     clothfit estimate scene.json --target capture.npz -o fitted.json
     clothfit estimate scene.json --target one.npz --target two.npz@windy.json --objective velocity=0.01
     clothfit estimate scene.json --target capture.npz --holdout 0.2
+    clothfit estimate *.json --target 'captures/{stem}.npz' -o fitted/
+    clothfit estimate scene.json --target capture.npz --starts 8
     clothfit estimate - < scene.json > fitted.json
     """
-    check_values(max_evaluations, rmse, path, in_place, scene_path)
-    start_path = None if start is None or is_number(start) else start
-    pairs = [motion_and_scene(path) for path in target_paths]
-    inputs = (*(path for pair in pairs for path in pair), start_path)
-    shared.one_stream(scene_path, *inputs)
+    check_values(max_evaluations, rmse, starts, seed, jobs)
     shared.check_numbers(tolerance=tolerance)
+    options = {  # arguments of `fit.estimate`
+        "method": method,
+        "budget": max_evaluations,
+        "rmse_tolerance": rmse,
+        "tolerance": tolerance,
+        "objective": goals.weights(objectives),
+        "loss": loss,
+        "loss_scale": loss_scale,
+        "prior": prior,
+        "holdout": holdout,
+        "holdout_of": holdout_of,
+        "intervals": not no_intervals,
+        "memory": memory,
+    }
+    files = Files(target_paths, start, path, in_place, checkpoint, resume)
+    if len(scene_paths) > 1 or starts > 1 or cluster is not None:
+        from clothfit.cli import many
+
+        return many.fit(scene_paths, files, options, many.Effort(starts, seed, jobs, cluster), console, as_json)
+    return fit_one(scene_paths[0], files.of(scene_paths[0]), options, console, as_json)
+
+
+def fit_one(scene_path: str, files: Files, options: dict[str, Any], console: Console, as_json: bool) -> int:
+    """Fit one scene in this process; returns the exit code."""
+    files.check(scene_path)
     scene = shared.read_scene(scene_path, console)
-    out = output(scene_path, path, in_place, inputs)
+    out = files.output(scene_path)
     from clothfit import fit
-    from clothfit.cli import checkpoints
+    from clothfit.cli import checkpoints, report
     from clothfit.fit_vector import blocks
 
-    fit.check_method(method)
-    kept = checkpoints.chosen(checkpoint, resume, out, (scene_path, *inputs), console)
-    targets = [read_target(pair, scene, console) for pair in pairs]
-    first = read_start(start, console)
+    fit.check_method(options["method"])
+    kept = checkpoints.chosen(files.checkpoint, files.resume, out, (scene_path, *files.inputs), console)
+    targets = [goals.read_target(pair, scene, console) for pair in files.pairs]
+    first = goals.read_start(files.start, console)
     flagged = ", ".join(f"{owned(b.cloth, b.name)} ({b.mode})" for b in blocks(scene))
     console.detail(f"fitting {flagged or 'nothing'} over {scene.frames} frames")
     console.announce_compilation()
-    with console.progress() as report:
+    with console.progress() as show:
         found = fit.estimate(
             scene,
             targets or None,
             first,
-            method,
-            budget=max_evaluations,
-            rmse_tolerance=rmse,
-            tolerance=tolerance,
-            report=report,
-            objective=weights(objectives),
-            loss=loss,
-            loss_scale=loss_scale,
+            **options,
+            report=show,
             checkpoint=kept,
-            resume=resume,
-            prior=prior,
-            holdout=holdout,
-            holdout_of=holdout_of,
-            intervals=not no_intervals,
+            resume=files.resume,
+            foreseen=partial(tell_needs, console),
         )
     with shared.uninterrupted():
-        code = finish(scene, found, out, console, as_json)
-        checkpoints.closed(kept, checkpoint is not None, found.status, in_place, console)
+        code = report.finish(scene, found, out, console, as_json)
+        checkpoints.closed(kept, files.checkpoint is not None, found.status, files.in_place, console)
         return code
 
 
-def check_values(max_evaluations: int, rmse: float, path: str | None, in_place: bool, scene_path: str) -> None:
+def tell_needs(console: Console, needs: Needs) -> None:
+    """Say what memory a fit will need, where that is asked for or some states must be computed again."""
+    (console.detail if needs.snapshots is None else console.say)(str(needs))
+
+
+def check_values(max_evaluations: int, rmse: float, starts: int, seed: int, jobs: int | None) -> None:
     """Raise InvalidInput on option values that cannot be."""
     if max_evaluations < 1:
         raise InvalidInput(f"--max-evaluations: {max_evaluations} is not possible, at least 1 is")
     if not rmse >= 0:
         raise InvalidInput(f"--rmse: {rmse:g} m is not possible, 0 or more is")
-    if in_place and (path is not None or scene_path == shared.STREAM):
-        raise InvalidInput("--in-place writes into the scene's file; it does not go with -o or standard input")
-
-
-def motion_and_scene(path: str) -> tuple[str, str | None]:
-    """The paths in a --target: of a motion, or of a motion and a scene, split at the last @."""
-    if os.path.exists(path) or "@" not in path:
-        return path, None
-    motion, _, scene = path.rpartition("@")
-    return motion, scene
-
-
-def read_target(
-    paths: tuple[str, str | None], scene: Scene, console: Console
-) -> Motion | tuple[Motion, Scene]:
-    """What a --target names."""
-    motion, own = paths
-    if own is None:
-        return shared.read_motion(motion, scene)
-    other = shared.read_scene(own, console)
-    return shared.read_motion(motion, other), other
-
-
-def weights(objectives: tuple[str, ...]) -> dict[str, float]:
-    """The weight of each --objective, 1 where it has none."""
-    found = {}
-    for text in objectives or ("position",):
-        name, equals, weight = text.partition("=")
-        if name in found:
-            raise InvalidInput(f"--objective: {name} is given twice")
-        if equals and not is_number(weight):
-            raise InvalidInput(f"--objective: {text}: the weight is not a number, as in {name}=0.01")
-        found[name] = float(weight) if equals else 1.0
-    return found
-
-
-def read_start(start: str | None, console: Console) -> float | Scene | None:
-    """What --start says: a value, or a scene's file."""
-    if start is None:
-        return None
-    return float(start) if is_number(start) else shared.read_scene(start, console)
-
-
-def is_number(text: str) -> bool:
-    """Whether a --start is a value, not a file."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def output(scene_path: str, path: str | None, in_place: bool, inputs: tuple[str | None, ...]) -> shared.Output:
-    """Where the fitted scene goes: by default beside the input, with the input's suffix."""
-    if in_place:
-        return shared.output(scene_path, scene_path, "", (), overwrite=True)
-    suffix = os.path.splitext(scene_path)[1]
-    return shared.output(path, scene_path, f".fitted{suffix}", inputs, text=True)
-
-
-def finish(scene: Scene, found: Fit, out: shared.Output, console: Console, as_json: bool) -> int:
-    """Write the result and tell about it; returns the exit code."""
-    from clothfit.scene import dumps
-
-    for warning in found.warnings:
-        console.warn(f"{scene.name}: {warning}")
-    if found.status == "diverged":
-        if as_json:
-            shared.print_json("estimate", summary(scene, found, out) | {"output": None}, out)
-        raise Diverged(
-            f"{scene.name}: no values that were tried gave a simulation that stays finite; nothing is written", 0
-        )
-    out.write(dumps(found.scene))
-    describe(found, out, console)
-    if as_json:
-        shared.print_json("estimate", summary(scene, found, out), out)
-    return EXIT_CODES[found.status]
-
-
-def describe(found: Fit, out: shared.Output, console: Console) -> None:
-    """Tell the result in a few lines."""
-    console.say(
-        f"{found.status}: RMSE {metres(found.rmse)} over {found.frames} frames, "
-        f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s → {out.name}"
-    )
-    if found.holdout:
-        kept = counted(found.holdout.observations, "position", "positions")
-        console.say(f"holdout: RMSE {metres(found.holdout.rmse)} over {kept} kept out of the fit")
-    for block in found.parameters:
-        place = owned(block.object, block.name)
-        if block.at_bound:
-            console.warn(f"{place}: {len(block.at_bound)} of {block.count} at a bound: {indices(block.at_bound)}")
-        if told := account(block):
-            console.say(f"{place}: {told}")
-
-
-def summary(scene: Scene, found: Fit, out: shared.Output) -> dict[str, Any]:
-    """What --json prints."""
-    return {
-        "scene": scene.name,
-        "status": found.status,
-        "method": found.method,
-        "cost": found.cost,
-        "rmse": found.rmse,
-        "frames": found.frames,
-        "evaluations": found.evaluations,
-        "seconds": found.seconds,
-        "rank": found.rank,
-        "sigma": found.sigma,
-        "prior": found.prior and [asdict(scatter) for scatter in found.prior],
-        "holdout": found.holdout and asdict(found.holdout),
-        "parameters": [asdict(block) for block in found.parameters],
-        "warnings": found.warnings,
-        "output": out.path,
-    }
+    for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
+        if value is not None and value < least:
+            raise InvalidInput(f"--{name}: {value} is not possible, at least {least} is")

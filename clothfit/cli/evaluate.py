@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.cli import shared
+from clothfit.cli import evaluate_speed, shared
 from clothfit.cli.console import Console, metres
 from clothfit.errors import Diverged
 from clothfit.words import owned
@@ -18,23 +18,69 @@ if TYPE_CHECKING:
 
 @shared.command("evaluate")
 @click.argument("scene_path", metavar="SCENE")
-@click.argument("fitted_path", metavar="FITTED")
+@click.argument("fitted_path", metavar="FITTED", required=False)
 @click.option("--target", "target_path", metavar="MOTION", help="Compare with this motion instead of SCENE's own.")
-@click.option("--steps", type=int, metavar="N", help="Steps of the longer run.  [default: 499, that is 500 frames]")
+@click.option(
+    "--steps",
+    type=int,
+    metavar="N",
+    help="Steps of the longer run.  [default: 499, that is 500 frames; with --speed those of SCENE]",
+)
+@click.option("--speed", is_flag=True, help="Instead: how fast and how far off are integrators, steps, tolerances?")
+@click.option("--error", type=float, metavar="METRES", help="With --speed: recommend the cheapest that is as near.")
+@click.option("--plot", metavar="FILE", help="With --speed: a diagram, .png, .svg or .pdf. Needs matplotlib.")
+@click.option("--budget", type=float, metavar="SECONDS", help="With --speed: about how long to measure.  [default: 60]")
+@click.option("--fit", is_flag=True, help="With --speed: compare the methods of estimation as well.")
+@click.option(
+    "--max-evaluations", type=int, metavar="N", help="With --fit: limit of cost evaluations of each.  [default: 100]"
+)
 def command(
     scene_path: str,
-    fitted_path: str,
+    fitted_path: str | None,
     target_path: str | None,
     steps: int | None,
+    speed: bool,
+    error: float | None,
+    plot: str | None,
+    budget: float | None,
+    fit: bool,
+    max_evaluations: int | None,
     as_json: bool,
     console: Console,
 ) -> int:
     """Measure how far the motion and the parameters of FITTED are from those of SCENE.
 
+    With --speed, without FITTED: what accuracy each second of simulating SCENE buys.
+
     \b
     clothfit evaluate scene.json scene.fitted.json
     clothfit evaluate scene.json scene.fitted.json --target capture.npz --json
+    clothfit evaluate scene.json --speed --error 0.02 --plot speed.svg
     """
+    if speed:
+        refuse({"FITTED": fitted_path, "--target": target_path}, "--speed takes one scene; {} does not go with it")
+        refuse({"--max-evaluations": None if fit else max_evaluations}, "{} goes with --fit only")
+        return evaluate_speed.command(scene_path, steps, error, plot, budget, fit, max_evaluations, as_json, console)
+    asked = {"--error": error, "--plot": plot, "--budget": budget, "--max-evaluations": max_evaluations}
+    refuse({**asked, "--fit": fit or None}, "{} goes with --speed only")
+    if fitted_path is None:
+        context = click.get_current_context()
+        missing = next(p for p in context.command.params if p.name == "fitted_path")
+        raise click.MissingParameter(ctx=context, param=missing)
+    return compare(scene_path, fitted_path, target_path, steps, as_json, console)
+
+
+def refuse(given: dict[str, object], why: str) -> None:
+    """Raise a usage error, with the name in it, at the first argument that is given."""
+    for name, value in given.items():
+        if value is not None:
+            raise click.UsageError(why.format(name), click.get_current_context())
+
+
+def compare(
+    scene_path: str, fitted_path: str, target_path: str | None, steps: int | None, as_json: bool, console: Console
+) -> int:
+    """Compare a fitted scene with the true one."""
     shared.one_stream(scene_path, fitted_path, target_path)
     shared.check_numbers(steps)
     shared.check_there(scene_path, fitted_path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
 import os
@@ -25,6 +24,7 @@ from clothfit.source import name_of
 
 if TYPE_CHECKING:
     from clothfit.motion import Motion
+    from clothfit.output import Data
     from clothfit.scene import Scene
 
 SCHEMA_VERSION = 1
@@ -72,13 +72,13 @@ class Output:
         """What to call it in a message."""
         return "standard output" if self.is_stream else self.path
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: Data) -> None:
         """Write the whole result; an interrupt that comes now waits."""
-        from clothfit.output import write_atomically
+        from clothfit.output import put, write_atomically
 
         with uninterrupted():
             if self.is_stream:
-                sys.stdout.buffer.write(data)
+                put(data, sys.stdout.buffer)
                 sys.stdout.buffer.flush()
             else:
                 write_atomically(self.path, data)
@@ -142,13 +142,11 @@ def read_motion(path: str, scene: Scene) -> Motion:
     return clothfit.load_motion(sys.stdin.buffer if path == STREAM else path, scene)
 
 
-def motion_bytes(motion: Motion) -> bytes:
-    """A motion as the bytes of its file."""
-    import clothfit
+def motion_data(motion: Motion) -> Data:
+    """What writes a motion to its file."""
+    from clothfit.motion import archive
 
-    buffer = io.BytesIO()
-    clothfit.save_motion(motion, buffer)
-    return buffer.getvalue()
+    return archive(motion)
 
 
 def check_numbers(steps: int | None = None, tolerance: float | None = None) -> None:

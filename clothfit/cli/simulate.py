@@ -42,12 +42,12 @@ def command(
         motion = clothfit.simulate(scene, frames, tolerance)
     except Diverged as error:
         if error.motion is not None:
-            out.write(shared.motion_bytes(error.motion))
+            out.write(shared.motion_data(error.motion))
             console.say(f"the {len(error.motion.times)} frames before it are in {out.name}")
         raise
     seconds = time.perf_counter() - began
     console.detail(f"simulated, {motion.direct_solves} linear systems solved directly")
-    out.write(shared.motion_bytes(motion))
+    out.write(shared.motion_data(motion))
     if motion.direct_solves:
         console.warn(f"{motion.direct_solves} linear systems were indefinite or very stiff and were solved directly")
     done = len(motion.times) - 1

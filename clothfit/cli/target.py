@@ -56,7 +56,7 @@ def command(
 
     console.announce_compilation()
     motion = degrade(record_target(scene, frames, tolerance), noise, observed, every, seed, fps)
-    out.write(shared.motion_bytes(motion))
+    out.write(shared.motion_data(motion))
     seen = 1.0 if motion.observed is None else float(motion.observed.mean())
     spoiled = f"noise {metres(noise)}" if noise else "no noise"
     console.say(f"{scene.name}: {len(motion.times)} frames, {seen:.0%} seen, {spoiled} → {out.name}")

@@ -18,8 +18,9 @@ import numpy as np
 
 from clothfit.arrays import Array
 from clothfit.kernel import kernel
+from clothfit.lanes import mul, pack, splat
 from clothfit.scene import Sphere
-from clothfit.sparse import add_outer
+from clothfit.sparse import add_block, outer
 
 STIFFNESS = 1000.0  # κ, N/m
 
@@ -65,11 +66,14 @@ def add_step(spheres, y, u, h, A, b):
         for i in range(len(y)):
             depth, _, n0, n1, n2 = contact(spheres, y, i, c)
             if depth > 0.0:
-                add_outer(A.diagonal, i, stiff, n0, n1, n2)
-                push = h * STIFFNESS * depth
-                b[i, 0] += push * n0
-                b[i, 1] += push * n1
-                b[i, 2] += push * n2
+                n = pack(n0, n1, n2, 0.0)
+                low, high = outer(mul(splat(stiff), n), n)
+                add_block(A.diagonal, i, low, high)
+                if len(b) > 0:
+                    push = h * STIFFNESS * depth
+                    b[i, 0] += push * n0
+                    b[i, 1] += push * n1
+                    b[i, 2] += push * n2
 
 
 @kernel

@@ -12,6 +12,7 @@ import numpy as np
 
 from clothfit.arrays import Array, Flags
 from clothfit.kernel import kernel
+from clothfit.sparse import XX, YY, ZZ
 
 
 class Vertex(NamedTuple):
@@ -48,11 +49,12 @@ def add_step(vertex, y, u, h, A, b):
     for i in range(len(vertex.mass)):
         m = vertex.mass[i]
         damping = h * vertex.damping * m
-        A.diagonal[i, 0] += damping
-        A.diagonal[i, 3] += damping
-        A.diagonal[i, 5] += damping
-        for c in range(3):
-            b[i, c] += h * m * vertex.gravity[c]
+        A.diagonal[i, XX] += damping
+        A.diagonal[i, YY] += damping
+        A.diagonal[i, ZZ] += damping
+        if len(b) > 0:
+            for c in range(3):
+                b[i, c] += h * m * vertex.gravity[c]
 
 
 @kernel

@@ -20,7 +20,8 @@ import numpy as np
 
 from clothfit.arrays import Array, Indices
 from clothfit.kernel import kernel
-from clothfit.sparse import add_outer
+from clothfit.lanes import add, fma, lane0, lane1, lane2, load3, mul, pack, splat, store3, sub, sum3, turn
+from clothfit.sparse import add_block, outer
 
 
 class Faces(NamedTuple):
@@ -38,170 +39,160 @@ def build(triangles: Indices, drag: float, wind: Array, fitted: bool = False) ->
 
 
 @kernel
+def at(x, faces, i):
+    """The rows of x (n, 3) of the corners of face i."""
+    return load3(x, faces.corners[i, 0]), load3(x, faces.corners[i, 1]), load3(x, faces.corners[i, 2])
+
+
+@kernel
 def edges(faces, y, i):
-    """p = y_b − y_a and q = y_c − y_a of face i, as six numbers."""
-    a, b, c = faces.corners[i, 0], faces.corners[i, 1], faces.corners[i, 2]
-    return (
-        y[b, 0] - y[a, 0], y[b, 1] - y[a, 1], y[b, 2] - y[a, 2],
-        y[c, 0] - y[a, 0], y[c, 1] - y[a, 1], y[c, 2] - y[a, 2],
-    )  # fmt: skip
+    """p = y_b − y_a and q = y_c − y_a of face i."""
+    a, b, c = at(y, faces, i)
+    return sub(b, a), sub(c, a)
+
+
+@kernel
+def cross(p, q):
+    """p × q."""
+    return turn(sub(mul(p, turn(q)), mul(turn(p), q)))
 
 
 @kernel
 def normal(faces, y, i):
     """n of face i, and κ."""
-    p0, p1, p2, q0, q1, q2 = edges(faces, y, i)
-    n0, n1, n2 = p1 * q2 - p2 * q1, p2 * q0 - p0 * q2, p0 * q1 - p1 * q0
-    return n0, n1, n2, faces.drag / 6.0 * sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+    p, q = edges(faces, y, i)
+    n = cross(p, q)
+    return n, faces.drag / 6.0 * sqrt(dot(n, n))
 
 
 @kernel
-def mean(faces, u, i, component):
-    """Mean of one component of u over the corners of face i."""
-    return (
-        u[faces.corners[i, 0], component] + u[faces.corners[i, 1], component] + u[faces.corners[i, 2], component]
-    ) / 3.0
+def dot(p, q):
+    """p·q."""
+    return sum3(mul(p, q))
 
 
 @kernel
-def inflow(faces, u, i, n0, n1, n2):
-    """n·(W − ū) of face i."""
-    return (
-        n0 * (faces.wind[0] - mean(faces, u, i, 0))
-        + n1 * (faces.wind[1] - mean(faces, u, i, 1))
-        + n2 * (faces.wind[2] - mean(faces, u, i, 2))
-    )
+def mean(faces, u, i):
+    """ū, the mean over the corners of face i."""
+    a, b, c = at(u, faces, i)
+    return mul(splat(1.0 / 3.0), add(add(a, b), c))
 
 
 @kernel
-def along(x, i, n0, n1, n2):
-    """n·x_i."""
-    return n0 * x[i, 0] + n1 * x[i, 1] + n2 * x[i, 2]
+def relative(faces, u, i):
+    """W − ū of face i."""
+    return sub(pack(faces.wind[0], faces.wind[1], faces.wind[2], 0.0), mean(faces, u, i))
 
 
 @kernel
-def add_along(out, i, scale, n0, n1, n2):
+def add_along(out, i, scale, n):
     """out_i += scale · n."""
-    out[i, 0] += scale * n0
-    out[i, 1] += scale * n1
-    out[i, 2] += scale * n2
+    store3(fma(splat(scale), n, load3(out, i)), out, i)
 
 
 @kernel
 def add_force(faces, y, u, f):
     for i in range(len(faces.corners)):
-        n0, n1, n2, kappa = normal(faces, y, i)
-        push = kappa * inflow(faces, u, i, n0, n1, n2)
+        n, kappa = normal(faces, y, i)
+        push = kappa * dot(n, relative(faces, u, i))
         for corner in range(3):
-            add_along(f, faces.corners[i, corner], push, n0, n1, n2)
+            add_along(f, faces.corners[i, corner], push, n)
 
 
 @kernel
 def add_damping(faces, y, scale, q, out):
     for i in range(len(faces.corners)):
-        n0, n1, n2, kappa = normal(faces, y, i)
+        n, kappa = normal(faces, y, i)
         for corner in range(3):
             j = faces.corners[i, corner]
-            add_along(out, j, -scale * kappa * along(q, j, n0, n1, n2), n0, n1, n2)
+            add_along(out, j, -scale * kappa * dot(load3(q, j), n), n)
 
 
 @kernel
 def add_step(faces, y, u, h, A, b):
     for i in range(len(faces.corners)):
-        n0, n1, n2, kappa = normal(faces, y, i)
-        push = inflow(faces, u, i, n0, n1, n2)
+        n, kappa = normal(faces, y, i)
         c = h * kappa
+        low, high = outer(mul(splat(c), n), n)
         for corner in range(3):
-            j = faces.corners[i, corner]
-            add_outer(A.diagonal, j, c, n0, n1, n2)
-            add_along(b, j, c * (push + along(u, j, n0, n1, n2)), n0, n1, n2)
+            add_block(A.diagonal, faces.corners[i, corner], low, high)
+        if len(b) > 0:
+            push = dot(n, relative(faces, u, i))
+            for corner in range(3):
+                j = faces.corners[i, corner]
+                add_along(b, j, c * (push + dot(load3(u, j), n)), n)
 
 
 @kernel
 def add_pullback(faces, y, u, w, s, lam, h, grad, gy, gu):
     for i in range(len(faces.corners)):
-        n0, n1, n2, kappa = normal(faces, y, i)
-        size = n0 * n0 + n1 * n1 + n2 * n2
+        n, kappa = normal(faces, y, i)
+        size = dot(n, n)
         if size == 0.0:
             continue  # φ is of third order in n: its derivative is 0
-        eta = inflow(faces, u, i, n0, n1, n2)
-        g0 = g1 = g2 = 0.0  # ∂[φ/(h κ)]/∂n at fixed κ
-        t0, t1, t2 = 0.0, 0.0, 0.0  # Λ
-        value = 0.0
+        flow = relative(faces, u, i)
+        eta = dot(n, flow)
+        a, b, c = at(lam, faces, i)
+        lam_sum = add(add(a, b), c)  # Λ
+        total = dot(n, lam_sum)
+        g = fma(splat(eta), lam_sum, mul(splat(total), flow))  # ∂[φ/(h κ)]/∂n at fixed κ
+        value = total * eta
         for corner in range(3):
             j = faces.corners[i, corner]
-            q0, q1, q2 = w[j, 0] - u[j, 0], w[j, 1] - u[j, 1], w[j, 2] - u[j, 2]
-            theta = n0 * q0 + n1 * q1 + n2 * q2
-            nu = along(lam, j, n0, n1, n2)
+            lam_j, change = load3(lam, j), sub(load3(w, j), load3(u, j))
+            nu, theta = dot(n, lam_j), dot(n, change)
             value -= nu * theta
-            g0 -= lam[j, 0] * theta + q0 * nu
-            g1 -= lam[j, 1] * theta + q1 * nu
-            g2 -= lam[j, 2] * theta + q2 * nu
-            t0, t1, t2 = t0 + lam[j, 0], t1 + lam[j, 1], t2 + lam[j, 2]
-            add_along(gu, j, h * kappa * nu, n0, n1, n2)
-        total = n0 * t0 + n1 * t1 + n2 * t2
-        for corner in range(3):
-            add_along(gu, faces.corners[i, corner], -h * kappa * total / 3.0, n0, n1, n2)
-        value += total * eta
+            g = fma(splat(-theta), lam_j, fma(splat(-nu), change, g))
+            add_along(gu, j, h * kappa * (nu - total / 3.0), n)
         if len(grad.drag) > 0:
             grad.drag[0] += h / 6.0 * sqrt(size) * value
         if len(grad.wind) > 0:
-            grad.wind[0] += h * kappa * total * n0
-            grad.wind[1] += h * kappa * total * n1
-            grad.wind[2] += h * kappa * total * n2
-        # κ = drag |n| / 6, so ∂κ/∂n = κ n / |n|²
-        g0 += t0 * eta + total * (faces.wind[0] - mean(faces, u, i, 0)) + value * n0 / size
-        g1 += t1 * eta + total * (faces.wind[1] - mean(faces, u, i, 1)) + value * n1 / size
-        g2 += t2 * eta + total * (faces.wind[2] - mean(faces, u, i, 2)) + value * n2 / size
-        add_normal_pullback(faces, y, i, h * kappa * g0, h * kappa * g1, h * kappa * g2, gy)
+            grad.wind[0] += h * kappa * total * lane0(n)
+            grad.wind[1] += h * kappa * total * lane1(n)
+            grad.wind[2] += h * kappa * total * lane2(n)
+        g = fma(splat(value / size), n, g)  # κ = drag |n| / 6, so ∂κ/∂n = κ n / |n|²
+        add_normal_pullback(faces, y, i, mul(splat(h * kappa), g), gy)
 
 
 @kernel
-def add_normal_pullback(faces, y, i, g0, g1, g2, gy):
+def add_normal_pullback(faces, y, i, g, gy):
     """gy += gᵀ ∂n/∂y of face i: with n = p × q, g·(dp × q) = dp·(q × g) and g·(p × dq) = dq·(g × p)."""
-    a, b, c = faces.corners[i, 0], faces.corners[i, 1], faces.corners[i, 2]
-    p0, p1, p2, q0, q1, q2 = edges(faces, y, i)
-    b0, b1, b2 = q1 * g2 - q2 * g1, q2 * g0 - q0 * g2, q0 * g1 - q1 * g0
-    c0, c1, c2 = g1 * p2 - g2 * p1, g2 * p0 - g0 * p2, g0 * p1 - g1 * p0
-    add_along(gy, b, 1.0, b0, b1, b2)
-    add_along(gy, c, 1.0, c0, c1, c2)
-    add_along(gy, a, -1.0, b0 + c0, b1 + c1, b2 + c2)
+    p, q = edges(faces, y, i)
+    by_b, by_c = cross(q, g), cross(g, p)
+    add_along(gy, faces.corners[i, 1], 1.0, by_b)
+    add_along(gy, faces.corners[i, 2], 1.0, by_c)
+    add_along(gy, faces.corners[i, 0], -1.0, add(by_b, by_c))
 
 
 @kernel
 def normal_pushforward(faces, y, dy, i):
     """dn of face i: dp × q + p × dq."""
-    p0, p1, p2, q0, q1, q2 = edges(faces, y, i)
-    dp0, dp1, dp2, dq0, dq1, dq2 = edges(faces, dy, i)
-    return (
-        dp1 * q2 - dp2 * q1 + p1 * dq2 - p2 * dq1,
-        dp2 * q0 - dp0 * q2 + p2 * dq0 - p0 * dq2,
-        dp0 * q1 - dp1 * q0 + p0 * dq1 - p1 * dq0,
-    )
+    p, q = edges(faces, y, i)
+    dp, dq = edges(faces, dy, i)
+    return add(cross(dp, q), cross(p, dq))
 
 
 @kernel
 def add_pushforward(faces, y, u, w, s, dy, du, direction, h, out):
     # F_j = κ n (η − θ_j): the product rule over κ, n, η and θ_j.
     for i in range(len(faces.corners)):
-        n0, n1, n2, kappa = normal(faces, y, i)
-        size = n0 * n0 + n1 * n1 + n2 * n2
+        n, kappa = normal(faces, y, i)
+        size = dot(n, n)
         if size == 0.0:
             continue
-        m0, m1, m2 = normal_pushforward(faces, y, dy, i)
-        dkappa = kappa * (n0 * m0 + n1 * m1 + n2 * m2) / size
+        dn = normal_pushforward(faces, y, dy, i)
+        dkappa = kappa * dot(n, dn) / size
         if len(direction.drag) > 0:
             dkappa += direction.drag[0] / 6.0 * sqrt(size)
-        eta = inflow(faces, u, i, n0, n1, n2)
-        deta = inflow(faces, u, i, m0, m1, m2) - (
-            n0 * mean(faces, du, i, 0) + n1 * mean(faces, du, i, 1) + n2 * mean(faces, du, i, 2)
-        )
+        flow = relative(faces, u, i)
+        eta = dot(n, flow)
+        deta = dot(dn, flow) - dot(n, mean(faces, du, i))
         if len(direction.wind) > 0:
-            deta += n0 * direction.wind[0] + n1 * direction.wind[1] + n2 * direction.wind[2]
+            deta += dot(n, pack(direction.wind[0], direction.wind[1], direction.wind[2], 0.0))
         for corner in range(3):
             j = faces.corners[i, corner]
-            theta = along(w, j, n0, n1, n2) - along(u, j, n0, n1, n2)
-            dtheta = along(w, j, m0, m1, m2) - along(u, j, m0, m1, m2) - along(du, j, n0, n1, n2)
-            flow = eta - theta
-            add_along(out, j, h * (dkappa * flow + kappa * (deta - dtheta)), n0, n1, n2)
-            add_along(out, j, h * kappa * flow, m0, m1, m2)
+            change = sub(load3(w, j), load3(u, j))
+            passing = eta - dot(n, change)
+            dpassing = deta - dot(dn, change) + dot(n, load3(du, j))
+            add_along(out, j, h * (dkappa * passing + kappa * dpassing), n)
+            add_along(out, j, h * kappa * passing, dn)

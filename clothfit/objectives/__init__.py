@@ -7,6 +7,8 @@ Target, the cloth's System and the name of the motion for messages; with
     residual(s)     d (R, c), 0 where s is the target
     pullback(s, r)  Jᵀ r (F, n, 3) for r (R, c), J = ∂d/∂s
     jacobian(s)     J as a sparse matrix (R·c, F·n·3), rows and columns in the order of the arrays
+    groups          R
+    reach           how many vertices at how many times a group depends on
     linear          whether J is the same for all s
     weights         (R,), how often each group counts; None where all count once
     seen            (n,), the vertices that are compared at some time after the initial state
@@ -39,6 +41,8 @@ Integers: TypeAlias = NDArray[np.integer[Any]]
 class Measure(Protocol):
     """One objective for one cloth and one target."""
 
+    groups: int
+    reach: int
     linear: bool
     weights: Array | None
     seen: Flags

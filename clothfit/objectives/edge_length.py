@@ -23,10 +23,12 @@ class EdgeLength:
     """Differences of lengths; R springs in frames, c = 1."""
 
     linear = False
+    reach = 2
 
     def __init__(self, goal: Target, system: System, name: str) -> None:
         ends = np.asarray(system.springs.ends)
         self.frame, spring = np.nonzero(goal.observed[:, ends].all(axis=2))
+        self.groups = len(self.frame)
         self.a, self.b = ends[spring].T
         self.goal = self._lengths(goal.positions)
         self.seen = marked(ends[spring[goal.places[self.frame] > 0]], goal.observed.shape[1])

@@ -19,15 +19,16 @@ class Position:
     """Distances of the observed vertices; R observed positions, c = 3."""
 
     linear = True
+    reach = 1
 
     def __init__(self, goal: Target, system: System, name: str) -> None:
-        self.observed, self.seen = goal.observed, goal.seen
-        self.positions = goal.positions[goal.observed]
+        self.observed, self.seen, self._target = goal.observed, goal.seen, goal.positions
+        self.groups = int(goal.observed.sum())
         self.weights = goal.weights[goal.observed] if len(goal.weights) else None
 
     def residual(self, s: Array) -> Array:
         """s − s* (R, 3), m."""
-        return np.asarray(s[self.observed] - self.positions)
+        return np.asarray(s[self.observed] - self._target[self.observed])
 
     def pullback(self, s: Array, r: Array) -> Array:
         """Jᵀ r (F, n, 3)."""

@@ -47,6 +47,8 @@ class Spectrum:
         self.vertices = np.flatnonzero(throughout)
         self.start = system.x0[self.vertices]
         self.basis = basis(len(goal.step))
+        self.reach = len(goal.step)
+        self.groups = self.basis.shape[1] * len(self.vertices)
         self.goal = self._amplitudes(goal.positions)[0]
         self.seen: Flags = throughout & (goal.places[-1] > 0)
         self.weights: Array | None = None

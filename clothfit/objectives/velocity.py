@@ -23,10 +23,12 @@ class Velocity:
     """Differences of mean velocities; R pairs of observed positions, c = 3."""
 
     linear = True
+    reach = 2
 
     def __init__(self, goal: Target, system: System, name: str) -> None:
         gaps = system.h * np.diff(goal.places)  # 0 where two frames count as one step
         self.frame, self.vertex = np.nonzero(goal.observed[1:] & goal.observed[:-1] & (gaps > 0)[:, None])
+        self.groups = len(self.frame)
         self.rate = 1.0 / gaps[self.frame][:, None]
         self.goal = self._velocity(goal.positions)
         self.seen = marked(self.vertex, goal.observed.shape[1])

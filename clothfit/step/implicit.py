@@ -29,7 +29,7 @@ from clothfit.vectors import add, add_mass, add_rows_dot, combine, copy, hold_fi
 
 
 class Workspace(NamedTuple):
-    """Memory that a run of steps uses again and again; all (n, 3) but for A, cg and past."""
+    """Memory that a run of steps uses again and again; (n, 3) where nothing else is said."""
 
     A: sparse.BlockMatrix
     cg: cg.Workspace
@@ -41,23 +41,22 @@ class Workspace(NamedTuple):
     solution: Array  # of the derivative's system (λ or dw), holding its first guess before
     gy: Array  # derivative by y
     gu: Array  # derivative by u
+    nothing: Array  # (0, 3)
 
 
 def workspace(system: System) -> Workspace:
     """Memory for the steps of `system` and their derivatives."""
     n = len(system.x0)
     vectors = [np.zeros((n, 3)) for _ in range(7)]
-    return Workspace(sparse.zeros(system.row, system.column), cg.workspace(n), guess.past(n), *vectors)
+    A = sparse.zeros(system.pattern, n)
+    return Workspace(A, cg.workspace(A, system.coarser), guess.past(n), *vectors, np.zeros((0, 3)))
 
 
 @kernel
 def assemble(system, y, u, A, b):
-    """A at (y, u), and b = h (f − D u) there."""
-    A.diagonal[:] = 0.0
-    A.upper[:] = 0.0
+    """A at (y, u), and b = h (f − D u) there; an empty b where it is not needed."""
+    sparse.reset(A, system.vertex.mass)
     b[:] = 0.0
-    for i in range(len(b)):
-        A.diagonal[i, 0] = A.diagonal[i, 3] = A.diagonal[i, 5] = system.vertex.mass[i]
     total.add_step(system, y, u, system.h, A, b)
 
 
@@ -89,12 +88,12 @@ def step(system, x, v, first, tolerance, work, iterates):
     add_mass(system.vertex.mass, 1.0, v, b)
     hold_fixed(free, b)
     copy(first, iterates[0])
-    iterations, direct = linear.solve(A, free, b, tolerance, work.cg, iterates[0])
+    iterations, direct = linear.solve(A, b, tolerance, work.cg, iterates[0])
     for k in range(1, len(iterates)):
         assemble_newton(system, x, v, iterates[k - 1], work.y, A, work.gy, b)
         hold_fixed(free, b)
         copy(iterates[k - 1], iterates[k])
-        more, more_direct = linear.solve(A, free, b, tolerance, work.cg, iterates[k])
+        more, more_direct = linear.solve(A, b, tolerance, work.cg, iterates[k])
         if more == 0 and more_direct == 0:
             return k, iterations, direct
         iterations += more
@@ -116,10 +115,10 @@ def pullback(system, x, v, iterates, used, tolerance, work, x_bar, v_bar, grad):
     for k in range(used - 1, -1, -1):
         w = iterates[k]
         u = v if k == 0 else iterates[k - 1]
-        linearise(system, x, w, u, k, A, b, y, s)
+        linearise(system, x, w, u, k, A, work.nothing, y, s)
         copy(w_bar, b)
         hold_fixed(free, b)
-        linear.solve(A, free, b, tolerance, work.cg, lam)
+        linear.solve(A, b, tolerance, work.cg, lam)
         gy[:] = 0.0
         gu[:] = 0.0
         total.add_pullback(system, y, u, w, s, lam, h, grad, gy, gu)
@@ -140,7 +139,7 @@ def pullback(system, x, v, iterates, used, tolerance, work, x_bar, v_bar, grad):
 
 @kernel
 def linearise(system, x, w, u, k, A, b, y, s):
-    """The point y, the matrix A and the offset s of iteration k, which went from u to w; b is scratch."""
+    """The point y, A and b (see `assemble`) and the offset s of iteration k, which went from u to w."""
     h = system.h
     if k == 0:
         copy(x, y)
@@ -162,7 +161,7 @@ def pushforward(system, x, v, iterates, used, tolerance, work, dx, dv, direction
     for k in range(used):
         w = iterates[k]
         u = v if k == 0 else iterates[k - 1]
-        linearise(system, x, w, u, k, A, b, y, s)
+        linearise(system, x, w, u, k, A, work.nothing, y, s)
         if k == 0:
             b[:] = 0.0
             copy(dv, du)
@@ -179,6 +178,6 @@ def pushforward(system, x, v, iterates, used, tolerance, work, dx, dv, direction
         add_mass(direction.mass, 1.0, v, b)
         add_mass(direction.mass, -1.0, w, b)
         hold_fixed(free, b)
-        linear.solve(A, free, b, tolerance, work.cg, dw)
+        linear.solve(A, b, tolerance, work.cg, dw)
     copy(dw, dv)
     add(h, dw, dx)

@@ -60,10 +60,7 @@ def differentiate(system, stencil, x, v, w, u, k, work, out):
         copy(x, y)
         s[:] = 0.0
         at, to = v, v
-        A.diagonal[:] = 0.0
-        A.upper[:] = 0.0
-        for i in range(len(v)):
-            A.diagonal[i, 0] = A.diagonal[i, 3] = A.diagonal[i, 5] = system.vertex.mass[i]
+        sparse.reset(A, system.vertex.mass)
     for color in range(stencil.colors):
         for c in range(3):
             seed(system.vertex.free, stencil.color, color, c, lam)

@@ -1,0 +1,37 @@
+"""This program, behind the same few functions as its peers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import clothfit
+from clothfit.rollout import rollout
+from clothfit.scene import Scene
+from clothfit.system import build
+
+
+class Peer:
+    """clothfit on a scene of one cloth whose stiffnesses, and nothing else, are fitted."""
+
+    name = "clothfit"
+
+    def __init__(self, scene: Scene) -> None:
+        cloth = replace(scene.cloths[0], settings="nL", fits={})
+        self.scene = replace(scene, cloths=(cloth,), fits={})
+        self.system, self.iterations = build(self.scene, 0), 0.0
+        self._objective = None, None, None
+
+    def steps(self, n, tolerance):
+        """The motion of n steps."""
+        memory, _ = rollout(self.system, n, tolerance)
+        self.iterations = float(memory.solves[:, 0].mean())
+        return memory.x
+
+    def cost_and_gradient(self, k, target, tolerance):
+        """G and ∂G/∂k; the objective is prepared once for each target, as a fit does."""
+        *key, objective = self._objective
+        if key != [id(target), tolerance]:
+            motion = clothfit.as_motion(self.scene, target)
+            objective = clothfit.Objective(self.scene, motion, tolerance)
+            self._objective = id(target), tolerance, objective
+        return objective.cost_and_gradient(k)

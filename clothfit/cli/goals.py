@@ -1,0 +1,62 @@
+"""What the options of `clothfit estimate` mean that say what to fit to, and from where."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+from clothfit.cli import shared
+from clothfit.cli.console import Console
+from clothfit.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from clothfit.motion import Motion
+    from clothfit.scene import Scene
+
+
+def motion_and_scene(path: str) -> tuple[str, str | None]:
+    """The paths in a --target: of a motion, or of a motion and a scene, split at the last @."""
+    if os.path.exists(path) or "@" not in path:
+        return path, None
+    motion, _, scene = path.rpartition("@")
+    return motion, scene
+
+
+def read_target(
+    paths: tuple[str, str | None], scene: Scene, console: Console
+) -> Motion | tuple[Motion, Scene]:
+    """What a --target names."""
+    motion, own = paths
+    if own is None:
+        return shared.read_motion(motion, scene)
+    other = shared.read_scene(own, console)
+    return shared.read_motion(motion, other), other
+
+
+def weights(objectives: tuple[str, ...]) -> dict[str, float]:
+    """The weight of each --objective, 1 where it has none."""
+    found = {}
+    for text in objectives or ("position",):
+        name, equals, weight = text.partition("=")
+        if name in found:
+            raise InvalidInput(f"--objective: {name} is given twice")
+        if equals and not is_number(weight):
+            raise InvalidInput(f"--objective: {text}: the weight is not a number, as in {name}=0.01")
+        found[name] = float(weight) if equals else 1.0
+    return found
+
+
+def read_start(start: str | None, console: Console) -> float | Scene | None:
+    """What --start says: a value, or a scene's file."""
+    if start is None:
+        return None
+    return float(start) if is_number(start) else shared.read_scene(start, console)
+
+
+def is_number(text: str) -> bool:
+    """Whether a --start is a value, not a file."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

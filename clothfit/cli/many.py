@@ -1,0 +1,165 @@
+"""`clothfit estimate` of several scenes, from several starts, or on a cluster: begin, write what ends, tell."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import Any, NamedTuple
+
+import click
+
+from clothfit.cli import checkpoints, report, shared
+from clothfit.cli.console import Console, metres
+from clothfit.cli.files import Files
+from clothfit.cli.plan import Item, planned
+from clothfit.cli.table import rows, summaries
+from clothfit.errors import ClothfitError
+from clothfit.job import INTERRUPTED, NOT_STARTED, Job
+from clothfit.many import Result, chosen_pool, fit_all, limited
+from clothfit.output import write_atomically
+
+SEVERITY = (1, 3, 4, 5, 0)
+"""Exit codes of scenes, worst first: the command ends with the worst one, or as interrupted where one was."""
+
+
+class Effort(NamedTuple):
+    """How much to do at a time, and where."""
+
+    starts: int
+    seed: int
+    jobs: int | None
+    cluster: str | None
+
+
+class Failed(ClothfitError):
+    """The only scene that was asked for could not be fitted."""
+
+    def __init__(self, message: str, exit_code: int) -> None:
+        self.exit_code = exit_code
+        super().__init__(message)
+
+
+def fit(
+    paths: tuple[str, ...], files: Files, options: dict[str, Any], effort: Effort, console: Console, as_json: bool
+) -> int:
+    """Fit all scenes; returns the exit code."""
+    from clothfit.fit import check_method
+
+    began = time.perf_counter()
+    check_method(options["method"])
+    if effort.cluster is not None and effort.jobs is not None:
+        raise click.UsageError("--jobs is for this machine; a --cluster has its own workers")
+    items = planned(paths, files, effort.starts, effort.cluster is None, console)
+    pool = chosen_pool(len(items) * effort.starts, effort.jobs, effort.cluster)
+    tell_compilation(pool, len(items) * effort.starts, console)
+    each = limited(options, pool)
+    makers: list[Callable[[int], Job]] = [partial(job, item, effort, each) for item in items]
+    writer = Writer(items, console)
+    results = fit_all(makers, effort.starts, pool, writer.done, writer.died)
+    with shared.uninterrupted():
+        if len(items) == 1:
+            return finish_one(items[0], results[0], console, as_json)
+        console.table(rows(items, results, writer.errors))
+        if as_json:
+            told = summaries(items, results, writer.errors)
+            shared.print_json("estimate", {"scenes": told, "seconds": time.perf_counter() - began})
+    codes = [writer.code(index, one) for index, one in enumerate(results)]
+    return INTERRUPTED if INTERRUPTED in codes else next(code for code in SEVERITY if code in codes)
+
+
+def job(item: Item, effort: Effort, options: dict[str, Any], number: int) -> Job:
+    """The fit of a scene from a start."""
+    return item.job(number, effort.seed, options)
+
+
+def tell_compilation(pool: Any, count: int, console: Console) -> None:
+    """Say so when the processes have to compile first."""
+    from clothfit.compiled import cold
+    from clothfit.pool import Processes
+
+    if isinstance(pool, Processes) and cold():
+        console.say("compiling for this machine: the first fits do so once, for 20 to 40 seconds …")
+
+
+class Writer:
+    """Writes each result as it comes, and says so."""
+
+    def __init__(self, items: list[Item], console: Console) -> None:
+        self.items, self.console = items, console
+        self.ended = 0
+        self.errors: dict[int, ClothfitError] = {}  # of writing, by index
+
+    def done(self, index: int, result: Result) -> None:
+        """A scene is fitted, or cannot be."""
+        item = self.items[index]
+        for kept, outcome in zip(item.kept, result.outcomes, strict=True):
+            if kept is not None:
+                kept.written = outcome.checkpointed
+        if len(self.items) == 1 or result.outcome == NOT_STARTED:
+            return
+        self.ended += 1
+        if result.fit is not None and result.outcome.usable:
+            self.write(index, item, result)
+        error = self.errors.get(index) or result.error
+        if error:
+            self.refuse(item, str(error))
+        self.close(item, result)
+
+    def write(self, index: int, item: Item, result: Result) -> None:
+        """Write a result."""
+        from clothfit.scene import dumps
+
+        assert result.fit is not None
+        assert item.out is not None
+        found = result.fit
+        for warning in (*found.scene.warnings, *found.warnings):
+            self.console.warn(f"{item.path}: {warning}")
+        try:
+            write_atomically(item.out.path, dumps(found.scene))
+        except ClothfitError as error:
+            self.errors[index] = error
+            return
+        told = f"{found.status}, RMSE {metres(found.rmse)} in {found.seconds:.1f} s → {item.out.name}"
+        self.console.say(f"{self.ended} of {len(self.items)}: {item.path}: {told}")
+
+    def refuse(self, item: Item, message: str) -> None:
+        """Tell why there is no result; an error is told even where nothing else is."""
+        if not self.console.quiet:
+            self.console.say(f"{self.ended} of {len(self.items)}: {item.path}: error: {message}")
+            return
+        with suppress(OSError):
+            print(f"error: {item.path}: {message}", file=sys.stderr, flush=True)
+
+    def died(self, index: int) -> None:
+        """A process has died."""
+        self.console.warn(f"{self.items[index].path}: the process that fitted it died; it is tried again at the end")
+
+    def close(self, item: Item, result: Result) -> None:
+        """Take checkpoints away that are of no more use."""
+        for kept, outcome in zip(item.kept, result.outcomes, strict=True):
+            asked = item.files.checkpoint is not None
+            checkpoints.closed(kept, asked, outcome.status, item.files.in_place, self.console)
+
+    def code(self, index: int, result: Result) -> int:
+        """The exit code of a scene."""
+        error = self.errors.get(index)
+        return error.exit_code if error else result.exit_code
+
+
+def finish_one(item: Item, result: Result, console: Console, as_json: bool) -> int:
+    """Write and tell the result of the only scene, as if it had been fitted in this process."""
+    if len(result.outcomes) > 1:
+        console.table(rows([item], [result], {}))
+    found, out = result.fit, item.out
+    if found is None or out is None:
+        raise Failed(result.error or "there is no result", result.exit_code)
+    for warning in found.scene.warnings:
+        console.warn(f"{found.scene.name}: {warning}")
+    (own,) = summaries([item], [result], {})
+    starts: dict[str, Any] = {key: own[key] for key in ("start", "starts") if key in own}
+    report.finish(found.scene, found, out, console, as_json, starts)
+    Writer([item], console).close(item, result)
+    return result.exit_code

@@ -1,0 +1,137 @@
+"""What `clothfit estimate` means to do with each of many scenes, checked before anything is begun."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import click
+
+from clothfit.checkpoint import Checkpoint
+from clothfit.cli import checkpoints, goals, shared
+from clothfit.cli.console import Console
+from clothfit.cli.files import Files, default_name
+from clothfit.errors import ClothfitError, InvalidInput
+from clothfit.job import File, Goal, Job, read
+
+
+@dataclass
+class Item:
+    """One scene of many."""
+
+    path: str  # as it was given
+    files: Files  # its own
+    out: shared.Output | None  # None where there is no place for it, and `refusal` says why
+    kept: list[Checkpoint | None]  # for each start
+    refusal: ClothfitError | None = None
+    stream: bytes | None = None  # standard input, where it is one of the files
+
+    def job(self, number: int, seed: int, options: dict[str, object]) -> Job:
+        """The fit from a start. Raises InvalidInput when a file cannot be read."""
+        if self.refusal:
+            raise self.refusal
+        kept, start = self.kept[number], self.files.start
+        first = None if start is None else float(start) if goals.is_number(start) else self.file(start)
+        resume = self.files.resume and kept is not None and os.path.isfile(kept.path)
+        return Job(self.file(self.path), self.goals(), first, number, seed, options, kept, resume)
+
+    def goals(self) -> tuple[Goal, ...]:
+        """The targets, each with its scene."""
+        pairs = self.files.pairs
+        return tuple((self.file(motion), None if own is None else self.file(own)) for motion, own in pairs)
+
+    def file(self, path: str) -> File:
+        """The content of a file, or of standard input."""
+        if path != shared.STREAM:
+            return read(path)
+        if self.stream is None:
+            self.stream = sys.stdin.buffer.read()
+        return File(self.stream, "standard input")
+
+
+def planned(
+    paths: tuple[str, ...], files: Files, starts: int, local: bool, console: Console
+) -> list[Item]:
+    """What to do with each scene. Raises UsageError or InvalidInput where the options cannot be for all of them.
+
+    `local`: whether the fits are done on this machine, and can keep checkpoints.
+    """
+    if not local and (files.checkpoint is not None or files.resume):
+        raise click.UsageError("--checkpoint and --resume are for fits on this machine, not on a --cluster")
+    if len(paths) > 1:
+        check_many(paths, files)
+    own = [within(files.of(path), path) if len(paths) > 1 else files.of(path) for path in paths]
+    if len(paths) > 1:
+        check_apart(paths, own)
+    return [item(path, one, starts, local, console, len(paths) == 1) for path, one in zip(paths, own, strict=True)]
+
+
+def item(path: str, files: Files, starts: int, local: bool, console: Console, only: bool) -> Item:
+    """What to do with a scene; that it cannot be done is raised for the `only` one, else told in its turn."""
+    try:
+        files.check(path)
+        out = files.output(path)
+        kept: list[Checkpoint | None] = [None] * starts
+        if local:
+            first = checkpoints.chosen(files.checkpoint, files.resume, out, (path, *files.inputs), console)
+            kept = [first and beside(first, number) for number in range(starts)]
+        return Item(path, files, out, kept)
+    except ClothfitError as error:
+        if only:
+            raise
+        return Item(path, files, None, [None] * starts, error)
+
+
+def beside(first: Checkpoint, number: int) -> Checkpoint:
+    """The checkpoint of a start, beside that of the first."""
+    if number == 0:
+        return first
+    root, suffix = os.path.splitext(os.fspath(first.path))
+    return Checkpoint(f"{root}.{number + 1}{suffix}", first.after)
+
+
+def check_many(paths: tuple[str, ...], files: Files) -> None:
+    """Raise UsageError where options fit one scene only."""
+    if shared.STREAM in (*paths, files.path, files.start, *files.targets):
+        raise click.UsageError(f"standard input and output (-) are for one scene, not for {len(paths)}")
+    if files.checkpoint is not None and "{stem}" not in files.checkpoint:
+        raise click.UsageError(f"--checkpoint: {len(paths)} scenes need one each: put {{stem}} into the name")
+    if files.path is not None and "{stem}" not in files.path and not is_folder(files.path):
+        raise click.UsageError(f"-o {files.path}: {len(paths)} scenes need a folder, or a name with {{stem}}")
+
+
+def is_folder(path: str) -> bool:
+    """Whether a name means a folder: there is one, or it looks like one that is to be made."""
+    if os.path.exists(path):
+        return os.path.isdir(path)
+    return path.endswith(("/", os.sep)) or not Path(path).suffix
+
+
+def within(files: Files, scene_path: str) -> Files:
+    """The files of one of many scenes: the result goes into the folder that is named. Raises InvalidInput."""
+    if files.path is None or not is_folder(files.path):
+        return files
+    try:
+        os.makedirs(files.path, exist_ok=True)
+    except OSError as error:
+        raise InvalidInput(f"cannot make the folder {files.path}: {error.strerror or error}") from None
+    return replace(files, path=os.path.join(files.path, default_name(scene_path)))
+
+
+def check_apart(paths: tuple[str, ...], files: list[Files]) -> None:
+    """Raise InvalidInput where two results would go to one file, or one over an input of another fit."""
+    written: dict[str, str] = {}
+    read_from = {os.path.realpath(name) for path, one in zip(paths, files, strict=True) for name in (path, *one.inputs)
+                 if name is not None}  # fmt: skip
+    for path, one in zip(paths, files, strict=True):
+        beside = os.path.join(os.path.dirname(path), default_name(path))
+        name = path if one.in_place else one.path or beside
+        place = os.path.realpath(name)
+        if place in written:
+            raise InvalidInput(f"{written[place]} and {path} would both be written to {name}; use {{folder}} in -o")
+        if place in read_from and not one.in_place:
+            raise InvalidInput(f"cannot write {name}: it is an input, which is never written over; leave it out, or "
+                               "name a folder with -o")  # fmt: skip
+        written[place] = path

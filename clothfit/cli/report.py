@@ -1,0 +1,83 @@
+"""What `clothfit estimate` writes and tells of a fit."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from clothfit.cli import shared
+from clothfit.cli.account import account, indices
+from clothfit.cli.console import Console, metres
+from clothfit.errors import Diverged
+from clothfit.job import CODES
+from clothfit.words import counted, owned
+
+if TYPE_CHECKING:
+    from clothfit.result import Fit
+    from clothfit.scene import Scene
+
+
+def finish(
+    scene: Scene,
+    found: Fit,
+    out: shared.Output,
+    console: Console,
+    as_json: bool,
+    starts: dict[str, Any] | None = None,
+) -> int:
+    """Write the result and tell about it, and of its `starts`; returns the exit code."""
+    from clothfit.scene import dumps
+
+    told = summary(scene, found, out) | (starts or {})
+    for warning in found.warnings:
+        console.warn(f"{scene.name}: {warning}")
+    if found.status == "diverged":
+        if as_json:
+            shared.print_json("estimate", told | {"output": None}, out)
+        raise Diverged(
+            f"{scene.name}: no values that were tried gave a simulation that stays finite; nothing is written", 0
+        )
+    out.write(dumps(found.scene))
+    describe(found, out, console)
+    if as_json:
+        shared.print_json("estimate", told, out)
+    return CODES[found.status]
+
+
+def describe(found: Fit, out: shared.Output, console: Console) -> None:
+    """Tell the result in a few lines."""
+    console.say(
+        f"{found.status}: RMSE {metres(found.rmse)} over {found.frames} frames, "
+        f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s → {out.name}"
+    )
+    if found.holdout:
+        kept = counted(found.holdout.observations, "position", "positions")
+        console.say(f"holdout: RMSE {metres(found.holdout.rmse)} over {kept} kept out of the fit")
+    for block in found.parameters:
+        place = owned(block.object, block.name)
+        if block.at_bound:
+            console.warn(f"{place}: {len(block.at_bound)} of {block.count} at a bound: {indices(block.at_bound)}")
+        if told := account(block):
+            console.say(f"{place}: {told}")
+
+
+def summary(scene: Scene, found: Fit, out: shared.Output) -> dict[str, Any]:
+    """What --json prints."""
+    return {
+        "scene": scene.name,
+        "status": found.status,
+        "method": found.method,
+        "cost": found.cost,
+        "rmse": found.rmse,
+        "frames": found.frames,
+        "evaluations": found.evaluations,
+        "seconds": found.seconds,
+        "rank": found.rank,
+        "sigma": found.sigma,
+        "prior": found.prior and [asdict(scatter) for scatter in found.prior],
+        "memory": found.memory and found.memory.summary(),
+        "holdout": found.holdout and asdict(found.holdout),
+        "parameters": [asdict(block) for block in found.parameters],
+        "warnings": found.warnings,
+        "output": out.path,
+    }

@@ -1,0 +1,164 @@
+"""Many jobs: each is told once, whatever becomes of the others, of their processes and of the pool."""
+
+import os
+import signal
+
+import pytest
+
+from clothfit.batch import CUT_SHORT, PREPARATION, Batch
+from clothfit.errors import InvalidInput
+from clothfit.job import FAULT, NOT_STARTED, Died, File, Job, Lost, Outcome
+
+JOB = Job(File(b"", "a"))
+DONE = Outcome(None, 0)
+BEST = Outcome(None, 130, "best so far")
+
+
+class Plain:
+    """A pool whose jobs end at once, but for those of which `fates` says something else, each time they are begun."""
+
+    retried_alone = True
+    width = 2
+
+    def __init__(self, **fates):
+        self.fates = {int(name[1:]): list(fate) for name, fate in fates.items()}
+        self.begun, self.together, self.running, self.held = [], [], set(), []
+        self.calls = []
+
+    def prepare(self, done):
+        return False
+
+    def submit(self, number, job, done):
+        self.begun.append(number)
+        self.running.add(number)
+        self.together.append(set(self.running))
+        fate = self.fates.get(number, [None])[0]
+        if fate == "hangs":
+            self.held.append((number, done))
+        else:
+            done(number)
+        if fate == "asks":
+            os.kill(os.getpid(), signal.SIGINT)
+
+    def outcome(self, number):
+        self.running.discard(number)
+        fate = self.fates.get(number, [None]).pop(0) if self.fates.get(number) else None
+        if fate == "hangs":
+            return BEST
+        if isinstance(fate, Exception):
+            raise fate
+        return DONE
+
+    def check(self):
+        pass
+
+    def interrupt(self):
+        self.calls.append("interrupt")
+        for number, done in self.held:
+            done(number)
+
+    def close(self, kill=False):
+        self.calls.append(f"close {kill}")
+
+
+def told(pool, count=4, makers=None):
+    """What a batch of jobs tells: (number, outcome), in order."""
+    found = []
+    Batch(pool, makers or [lambda: JOB] * count, lambda *what: found.append(what)).run()
+    return found
+
+
+def outcomes(found):
+    """By number, each of which must have come once."""
+    final = [(number, outcome) for number, outcome in found if outcome is not None]
+    assert len(dict(final)) == len(final)
+    return [dict(final)[number] for number in range(len(final))]
+
+
+def test_all_jobs_are_done_and_no_more_at_a_time_than_there_is_room_for():
+    pool = Plain()
+    assert outcomes(told(pool, 5)) == [DONE] * 5
+    assert pool.begun == [0, 1, 2, 3, 4]
+    assert max(map(len, pool.together)) == 2
+
+
+def test_a_job_that_cannot_be_made_is_told_and_the_others_are_done():
+    def broken():
+        raise InvalidInput("a.json: cannot be read")
+
+    made = [lambda: JOB, broken, lambda: JOB]
+    assert outcomes(told(Plain(), makers=made)) == [DONE, Outcome(None, 3, "a.json: cannot be read"), DONE]
+
+
+def test_a_job_whose_process_died_is_begun_once_more_alone_after_all_others():
+    pool = Plain(j0=[Died("it died"), None])
+    found = told(pool)
+    assert found[0] == (0, None)
+    assert found[-1] == (0, DONE)
+    assert outcomes(found) == [DONE] * 4
+    assert (pool.begun[-1], pool.together[-1]) == (0, {0})
+
+
+def test_one_that_dies_again_is_a_fault_of_its_own():
+    pool = Plain(j1=[Died("it died"), Died("it died")])
+    expected = Outcome(None, FAULT, "it died, and again when it was alone")
+    assert outcomes(told(pool)) == [DONE, expected, DONE, DONE]
+    assert pool.begun.count(1) == 2
+
+
+def test_a_pool_that_has_tried_again_by_itself_is_not_asked_to():
+    pool = Plain(j1=[Died("all died")])
+    pool.retried_alone = False
+    assert outcomes(told(pool)) == [DONE, Outcome(None, FAULT, "all died"), DONE, DONE]
+
+
+def test_a_lost_pool_ends_what_is_not_done():
+    found = outcomes(told(Plain(j1=[Lost("it is gone")]), 4))
+    assert found[0] == DONE
+    assert found[1:] == [Outcome(None, 3, "it is gone")] * 3
+
+
+def test_a_pool_that_is_lost_while_jobs_run_is_noticed():
+    class Silent(Plain):
+        def check(self):
+            raise Lost("it is gone")
+
+    found = outcomes(told(Silent(j0=["hangs"], j1=["hangs"]), 3))
+    assert found == [Outcome(None, 3, "it is gone")] * 3
+
+
+def test_a_request_to_end_lets_what_runs_end_and_begins_no_more():
+    pool = Plain(j0=["hangs"], j1=["asks"])
+    assert outcomes(told(pool, 4))[:1] == [BEST]
+    assert outcomes(told(Plain(j0=["hangs"], j1=["asks"]), 4))[-1] == NOT_STARTED
+    assert pool.calls == ["interrupt"]
+    with pytest.raises(KeyboardInterrupt):  # the handler is back
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_a_second_request_ends_at_once(monkeypatch):
+    monkeypatch.setattr("clothfit.batch.SAME_REQUEST", -1.0)
+
+    class Deaf(Plain):
+        def interrupt(self):
+            os.kill(os.getpid(), signal.SIGINT)
+
+    pool = Deaf(j0=["hangs"], j1=["asks"])
+    found = outcomes(told(pool, 4))
+    assert found[0] == CUT_SHORT
+    assert pool.calls == ["close True"]
+
+
+def test_what_must_be_done_before_is_done_alone():
+    class Cold(Plain):
+        def prepare(self, done):
+            self.begun.append(PREPARATION)
+            self.held.append(done)
+            return True
+
+        def check(self):
+            self.held.pop()(PREPARATION)
+
+    pool = Cold()
+    assert outcomes(told(pool, 3)) == [DONE] * 3
+    assert pool.begun == [PREPARATION, 0, 1, 2]

@@ -1,0 +1,109 @@
+"""Sizes, what is free, and plans for keeping states: what they hold against what they may."""
+
+from pathlib import Path
+
+import pytest
+
+from clothfit import memory
+from clothfit.errors import InvalidInput
+from clothfit.memory import LIVE, Plan, budget, human, least, left, parse, plan
+
+STATE, SNAPSHOT = 200, 500
+
+
+@pytest.mark.parametrize(
+    ("text", "size"),
+    [
+        ("200MB", 200_000_000),
+        ("200 mb", 200_000_000),
+        ("2GiB", 2 * 2**30),
+        ("1.5G", 1_500_000_000),
+        (".5k", 500),
+        ("1e9", 10**9),
+        ("64KiB", 65536),
+        ("12345", 12345),
+        (12345, 12345),
+    ],
+)
+def test_sizes(text, size):
+    assert parse(text) == budget(text) == size
+
+
+@pytest.mark.parametrize("text", ["", "MB", "200MBit", "-5", "1,5G", "nan", "inf", "half", "2 00MB"])
+def test_what_is_no_size_is_refused_with_an_example(text):
+    with pytest.raises(InvalidInput, match=f"^memory: {text!r} is not a size; give one such as 200MB, 2GiB or 1.5G$"):
+        parse(text)
+
+
+@pytest.mark.parametrize("text", [0, "0.0001k", "1e30"])
+def test_sizes_that_cannot_be_are_refused(text):
+    with pytest.raises(InvalidInput, match="is not possible"):
+        parse(text)
+
+
+@pytest.mark.parametrize(
+    ("size", "text"),
+    [(17, "17 bytes"), (999.4, "999 bytes"), (999_900, "1 MB"), (98_300_000, "98.3 MB"), (2.5e12, "2.5e+03 GB")],
+)
+def test_sizes_for_people(size, text):
+    assert human(size) == text
+
+
+def test_the_default_is_half_of_what_is_free(monkeypatch):
+    monkeypatch.setattr(memory, "free", lambda: 1001)
+    assert budget(None) == 500
+
+
+def limit(folder, most, used):
+    for name, text in (("most", most), ("used", used)):
+        (folder / name).write_text(text)
+    return folder / "most", folder / "used"
+
+
+def test_a_container_leaves_what_it_has_not_used(tmp_path, monkeypatch):
+    files = limit(tmp_path, "5000000\n", "2000000\n")
+    assert left(*files) == 3_000_000
+    monkeypatch.setattr(memory, "LIMITS", [files, (Path("/no"), Path("/such"))])
+    monkeypatch.setattr(memory, "available", lambda: 10**12)
+    assert memory.free() == 3_000_000
+    monkeypatch.setattr(memory, "available", lambda: 10**6)
+    assert memory.free() == 10**6
+
+
+@pytest.mark.parametrize(("most", "used", "rest"), [("max\n", "10", None), ("10", "25", 0)])
+def test_a_container_without_a_limit_and_one_beyond_it(tmp_path, most, used, rest):
+    assert left(*limit(tmp_path, most, used)) == rest
+
+
+def test_what_is_free_is_no_more_than_the_machine_has():
+    assert 0 < memory.free() <= memory.physical()
+
+
+@pytest.mark.parametrize("steps", [1, 2, 7, 99, 1000])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 1.0])
+def test_a_plan_holds_no_more_than_it_may_and_covers_all_steps(steps, share):
+    low, high = least(steps, STATE, SNAPSHOT), steps * STATE
+    most = max(low, low + share * (high - low))
+    found = plan(steps, STATE, SNAPSHOT, most)
+    kept = 0 if found.snapshots is None else (found.snapshots + LIVE) * SNAPSHOT
+    assert found.length * STATE + kept <= most
+    assert found.strides[-1] == found.length
+    assert all(a % b == 0 for a, b in zip(found.strides, found.strides[1:], strict=False))
+    counts = [-(-a // b) for a, b in zip([max(steps, 1), *found.strides], found.strides, strict=False)]
+    assert sum(counts) <= (found.snapshots or 1)
+
+
+def test_everything_is_kept_where_it_fits_and_as_few_steps_as_possible_are_done_again_where_not():
+    assert plan(1000, STATE, SNAPSHOT, 1000 * STATE) == Plan(1000, (1000,))
+    most = 1000 * STATE - 1
+    found = plan(1000, STATE, SNAPSHOT, most)
+    assert found == Plan(500, (500,), 2)  # one level, the longest parts
+    levels = [len(plan(1000, STATE, SNAPSHOT, m).strides) for m in range(12_000, 60_000, 4000)]
+    assert levels == sorted(levels, reverse=True)
+    assert levels[0] > 2 > levels[-1]
+
+
+def test_there_is_no_plan_for_too_little():
+    enough = least(1000, STATE, SNAPSHOT)
+    assert plan(1000, STATE, SNAPSHOT, enough) is not None
+    assert plan(1000, STATE, SNAPSHOT, enough - 1) is None
