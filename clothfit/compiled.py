@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-GRADIENT = "adjoint.*"  # files of the cache that any fit by gradients leaves
+GRADIENT = "adjoint.sweep_back-*"  # files of the cache that any fit by gradients leaves
 
 
 def cold() -> bool:

@@ -22,7 +22,6 @@ import numba
 from clothfit.kernel_cache import KernelCache
 
 F = TypeVar("F", bound=Callable[..., object])
-config: Any = numba.config  # numba's types do not know what is in it
 FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # nobody calls by a C function pointer
 
 
@@ -41,12 +40,11 @@ def kernel(function: F | None = None, *, nogil: bool = False) -> F | Callable[[F
     """
     if function is None:
         return functools.partial(kernel, nogil=nogil)
-    if config.DISABLE_JIT:
-        return function
-    compile_lazily: Any = numba.njit  # nor do they know all of these flags
+    compile_lazily: Any = numba.njit  # its types know neither of these flags
     outer: Any = compile_lazily(**FLAGS, nogil=nogil)(function)
-    inner: Any = compile_lazily(**FLAGS, nogil=nogil, no_cpython_wrapper=True)(function)
-    inner._cache, outer._cache = KernelCache(function, "inner"), KernelCache(function)
-    outer.get_call_template, outer.get_overload = inner.get_call_template, inner.get_overload  # what kernels ask for
+    if outer is not function:  # as it is with NUMBA_DISABLE_JIT
+        inner: Any = compile_lazily(**FLAGS, no_cpython_wrapper=True)(function)
+        inner._cache, outer._cache = KernelCache(function, "inner"), KernelCache(function)
+        outer.get_call_template, outer.get_overload = inner.get_call_template, inner.get_overload  # for kernels
     made: F = outer
     return made

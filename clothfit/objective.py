@@ -122,14 +122,9 @@ class Objective:
         return storage.needs(self.runs, self._targets, self.memory)
 
     @property
-    def spare(self) -> int:
-        """Bytes that may be held beside the targets."""
-        return max(self.memory - self.needs.held, 0)
-
-    @property
-    def room(self) -> int:
-        """Bytes that the matrices of a method may take."""
-        return max(self.spare, SMALL)
+    def room(self) -> float:
+        """Bytes that the matrices of a method may take beside the targets."""
+        return max(storage.COUNTED * self.memory - self.needs.held, SMALL)
 
     @property
     def first_step(self) -> int:

@@ -22,8 +22,8 @@ WORK = 2000
 
 
 COUNTED = 0.85
-"""Part of a budget that is planned for where it is short: the rest is for what is not counted, vectors of the
-parameters, libraries, text.
+"""Part of a budget that is planned for, where not everything fits: the rest is for what is not counted, vectors of
+the parameters, libraries, text.
 """
 
 

@@ -25,7 +25,7 @@ SHORT = 16
 
 
 class Snapshot(NamedTuple):
-    """All that the steps after it depend on; a state that a kernel carries from step to step belongs here."""
+    """All that the steps after it depend on; what is carried from step to step belongs here."""
 
     step: int
     x: Array  # (n, 3), m

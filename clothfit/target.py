@@ -85,9 +85,8 @@ def target(motion: Motion, cloth: int, delta: float, last_step: int | None = Non
     weights = motion.weights_of(cloth)
     if weights is not None:
         observed = np.ascontiguousarray(observed & (weights[kept] > 0))
-    positions = np.ascontiguousarray(motion.of(cloth)[kept])
+    positions = np.ascontiguousarray(motion.of(cloth)[kept])  # a file's may be in another order: to compile again for
     counted = np.zeros((0, 0)) if weights is None else np.ascontiguousarray(weights[kept])
-    # contiguous, whatever the order in a file: there would be more to compile for another
     return Target(step[kept], fraction[kept], positions, observed, counted)
 
 

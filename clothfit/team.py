@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.arrays import Array, aligned
-from clothfit.kernel import config, kernel
+from clothfit.kernel import kernel
+from clothfit.kernel_cache import config
 from clothfit.lanes import exchange, pause, read_shared, write_shared
 
 SERVES, POSTED, CLAIMED, DONE = 0, 8, 16, 24

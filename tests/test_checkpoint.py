@@ -413,7 +413,8 @@ def test_an_explicit_checkpoint_is_kept(tmp_path, files, capsys):
     assert f"to go on, repeat the command with --resume and more --max-evaluations: {kept}" in said
     code, found, said = summary(capsys, path, "--target", target, "--checkpoint", kept, "--resume")
     assert code == 0
-    assert {**found, "seconds": 0} == {**whole, "seconds": 0}
+    different = {"seconds": 0, "memory": None}  # what is free differs from moment to moment
+    assert {**found, **different} == {**whole, **different}
     assert "--resume" not in said
     assert os.path.exists(kept)
 

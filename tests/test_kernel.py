@@ -50,7 +50,7 @@ def test_the_cache_depends_on_every_file_that_kernels_use():
     used = set().union(*map(imports, kernels))
     # What is not compiled along: what serves the Python side.
     fit = ["kinds", "block", "fit_vector", "columns", "objective", "bounded"]
-    names = ["scene", "errors", "motion", "interrupts", *fit]
+    names = ["scene", "errors", "motion", "memory", "tape", "interrupts", *fit]
     python_only = {kernel_cache.PACKAGE / f"{name}.py" for name in names}
     assert used - python_only <= sources
     assert len(kernels) > 10

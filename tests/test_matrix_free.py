@@ -95,5 +95,6 @@ def test_noise_leaves_the_same_minimum(monkeypatch):
         p = part.search.best
         auto.by_gauss_newton(part.search, p, p, np.inf)
         costs.append(part.search.best_cost)
-    # both end where the rest saves little against the noise, of which some hundred residuals are left
-    assert costs[0] == pytest.approx(costs[1], rel=1e-2)
+    # The valley's floor is flat: 288 residuals less some 70 parameters leave a cost of 217 of the noise's squares,
+    # which is uncertain by 21 of them; both end within 4 of each other.
+    assert costs[0] == pytest.approx(costs[1], rel=2e-2)

@@ -34,6 +34,7 @@ class Workspace(NamedTuple):
     A: sparse.BlockMatrix
     cg: cg.Workspace
     past: guess.Past  # solutions of the last steps
+    nothing: Array  # (0, 3)
     b: Array  # right-hand side
     w_bar: Array  # gradient by the velocity of an iteration
     y: Array  # point of linearisation
@@ -41,7 +42,6 @@ class Workspace(NamedTuple):
     solution: Array  # of the derivative's system (λ or dw), holding its first guess before
     gy: Array  # derivative by y
     gu: Array  # derivative by u
-    nothing: Array  # (0, 3)
 
 
 def workspace(system: System) -> Workspace:
@@ -49,7 +49,7 @@ def workspace(system: System) -> Workspace:
     n = len(system.x0)
     vectors = [np.zeros((n, 3)) for _ in range(7)]
     A = sparse.zeros(system.pattern, n)
-    return Workspace(A, cg.workspace(A, system.coarser), guess.past(n), *vectors, np.zeros((0, 3)))
+    return Workspace(A, cg.workspace(A, system.coarser), guess.past(n), np.zeros((0, 3)), *vectors)
 
 
 @kernel
