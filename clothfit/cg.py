@@ -53,8 +53,8 @@ class Workspace(NamedTuple):
     own: Array  # right-hand side of a solve with D̂ + L, used up by it
     far: Array  # the same of the second share of rows
     inverse: Array  # (n + 1, 8), D̂⁻¹
-    team: Team
-    hierarchy: multigrid.Hierarchy | None  # for very large cloths; a type of its own, so others need not compile it
+    team: Team | None  # for large cloths, and the next for very large ones; types of their own, so that
+    hierarchy: multigrid.Hierarchy | None  # others need not compile what serves these
 
 
 def workspace(A: sparse.BlockMatrix, coarser: tuple[Coarsening, Coarsening] | None = None) -> Workspace:
@@ -62,7 +62,8 @@ def workspace(A: sparse.BlockMatrix, coarser: tuple[Coarsening, Coarsening] | No
     n = len(A.diagonal) - 1
     x, r, p, t, q, z, own, far = staggered(8, n, 4)
     levels = multigrid.hierarchy(A, coarser) if coarser and len(coarser[0].slot) else None
-    return Workspace(x, r, p, t, q, z, own, far, aligned(n + 1, sparse.BLOCK), team.team(), levels)
+    crew = team.team() if A.shares[1, 0] < A.shares[1, 1] else None
+    return Workspace(x, r, p, t, q, z, own, far, aligned(n + 1, sparse.BLOCK), crew, levels)
 
 
 @kernel
@@ -72,12 +73,12 @@ def solve(A, b, tolerance, limit, work, w):
     Returns the iterations used and CONVERGED, INDEFINITE or LIMIT. A guess that is good enough costs 0 iterations.
     A small matrix has all its rows in one share, and each pass over them is one call; see `act` for the others.
     """
-    x, r, p, t, q, z, own, far, inverse, _, hierarchy = work
+    x, r, p, t, q, z, own, far, inverse, crew, hierarchy = work
     whole, split = A.shares[0], A.shares[1, 0] < A.shares[1, 1]
     bb = ssor.enter(A, whole, b, w, x, own)
     if split:
         bb += ssor.enter(A, A.shares[1], b, w, x, far) + ssor.enter(A, A.shares[2], b, w, x, own)
-    rr = sweep(A, work, RESIDUAL, 0.0, 0.0) if split else ssor.residual(A, whole, x, own, r)
+    rr = sweep(A, work, crew, RESIDUAL, 0.0, 0.0) if split else ssor.residual(A, whole, x, own, r)
     target = tolerance * tolerance * bb
     if rr <= target:
         return 0, CONVERGED
@@ -93,9 +94,9 @@ def solve(A, b, tolerance, limit, work, w):
         return 0, INDEFINITE
     scale, kappa = 1.0 / relaxation, 2.0 / relaxation - 1.0
     if split:
-        sweep(A, work, PREPARE, 0.0, 0.0)
-        sweep(A, work, PRECONDITION, 0.0, 0.0)
-        rz = sweep(A, work, WEIGH, scale, 0.0)
+        sweep(A, work, crew, PREPARE, 0.0, 0.0)
+        sweep(A, work, crew, PRECONDITION, 0.0, 0.0)
+        rz = sweep(A, work, crew, WEIGH, scale, 0.0)
     else:
         ssor.solve_lower(A, whole, inverse, r, r)
         rz = ssor.weigh(A, whole, scale, r, z)
@@ -103,19 +104,22 @@ def solve(A, b, tolerance, limit, work, w):
     beta = 0.0
     for iteration in range(1, limit + 1):
         if split:
-            sweep(A, work, UPPER, kappa, beta)
-            curvature = sweep(A, work, LOWER, 0.0, 0.0)
+            sweep(A, work, crew, UPPER, kappa, beta)
+            curvature = sweep(A, work, crew, LOWER, 0.0, 0.0)
         else:
             ssor.solve_upper(A, whole, inverse, kappa, beta, z, p, t, own)
             curvature = ssor.apply_lower(A, whole, inverse, p, t, own, q)
         if not curvature > 0.0:
             return iteration, INDEFINITE
         alpha = rz / curvature
-        rz_new = sweep(A, work, ADVANCE, alpha, scale) if split else ssor.advance(A, whole, alpha, scale, t, q, x, r, z)
+        if split:
+            rz_new = sweep(A, work, crew, ADVANCE, alpha, scale)
+        else:
+            rz_new = ssor.advance(A, whole, alpha, scale, t, q, x, r, z)
         if rz_new * ratio <= NEAR * target:
             if split:
-                sweep(A, work, CLEAR, 0.0, 0.0)
-                rr = sweep(A, work, CHECK, scale, 0.0)
+                sweep(A, work, crew, CLEAR, 0.0, 0.0)
+                rr = sweep(A, work, crew, CHECK, scale, 0.0)
             else:
                 ssor.clear(A, whole, own)
                 rr = ssor.squared_residual(A, whole, scale, r, own)
@@ -143,23 +147,25 @@ def by_cycles(hierarchy, A, target, limit, work, w):
 
 
 @kernel
-def sweep(A, work, phase, first, second):
+def sweep(A, work, crew, phase, first, second):
     """A pass over all rows, the third share first where it goes against the order; returns its sum over the rows."""
-    shared = work.team.flags[SERVES] == 1
-    notes = work.team.notes
+    if crew is None:  # nor is there more than one share
+        return 0.0
+    shared = crew.flags[SERVES] == 1
+    notes = crew.notes
     total = 0.0
     for turn in range(3):
         s = (turn + 2) % 3 if phase == UPPER else turn
-        if shared and s == 1 and not team.claim(work.team):
-            team.wait(work.team)
+        if shared and s == 1 and not team.claim(crew):
+            team.wait(crew)
             total += notes[0, 3]
             continue
         if shared and s == 0:
             notes[0, 1], notes[0, 2] = first, second
-            team.post(work.team, phase)
+            team.post(crew, phase)
         total += act(A, work, s, phase, first, second)
         if shared and s == 1:
-            team.done(work.team)
+            team.done(crew)
     return total
 
 
@@ -196,20 +202,20 @@ def act(A, work, s, phase, first, second):
 @kernel(nogil=True)
 def serve(A, work):
     """The second thread's share of every pass, until it is told to stop."""
-    notes = work.team.notes
-    team.enter(work.team)
+    crew = work.team
+    team.enter(crew)
     while True:
-        phase = team.next_phase(work.team)
+        phase = team.next_phase(crew)
         if phase == STOP:
             return
-        notes[0, 3] = act(A, work, 1, phase, notes[0, 1], notes[0, 2])
-        team.done(work.team)
+        crew.notes[0, 3] = act(A, work, 1, phase, crew.notes[0, 1], crew.notes[0, 2])
+        team.done(crew)
 
 
 @contextmanager
 def helped(A: sparse.BlockMatrix, work: Workspace) -> Iterator[None]:
     """Within, a second thread does its share in solves with this matrix and workspace, where its share is not empty."""
-    if A.shares[1, 0] == A.shares[1, 1]:
+    if work.team is None:
         yield
         return
     with team.serving(work.team, lambda: serve(A, work)):
