@@ -33,7 +33,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numba
 from numba.core.caching import FunctionCache
@@ -91,6 +91,12 @@ def usable() -> list[Path]:
     """Those folders that may be read: the first, and the safe ones of the user."""
     first, *own = folders()
     return [first, *(folder for folder in own if is_safe(folder.parent))]
+
+
+def file_name(name: str, *key: object) -> str:
+    """The name of a file for one key and these versions."""
+    digest = hashlib.sha256(repr((name, key, numba.__version__, sys.version)).encode())
+    return f"{name}-{digest.hexdigest()[:24]}"
 
 
 def load(name: str) -> tuple[Path, bytes] | None:
@@ -163,6 +169,7 @@ class KernelCache(FunctionCache):
 
     failed = False  # whether something could not be written. These two are of the class: they hold for all functions
     used: Path | None = None  # the folder that was last written to, or read from
+    names: ClassVar[set[str]] = set()  # of the files written or read
 
     def __init__(self, function: Callable[..., object], variant: str = "") -> None:
         # not that of the base class, which makes folders
@@ -182,13 +189,15 @@ class KernelCache(FunctionCache):
         if not self._enabled:
             return None
         key = self._index_key(sig, target_context.codegen())
-        kept = load(self._file(key))
+        name = self._file(key)
+        kept = load(name)
         if kept is None:
             return None
         found, payload = pickle.loads(kept[1])
         if found != key:  # other types by the same names
             return None
         KernelCache.used = kept[0]
+        KernelCache.names.add(name)
         rtsys.initialize(target_context)  # of all that the base class prepares, what code needs that only runs
         return CompileResult._rebuild(target_context, *payload)
 
@@ -199,7 +208,9 @@ class KernelCache(FunctionCache):
             return
         key = self._index_key(sig, data.codegen)
         try:
-            KernelCache.used = save(self._file(key), dumps((key, data._reduce())))
+            name = self._file(key)
+            KernelCache.used = save(name, dumps((key, data._reduce())))
+            KernelCache.names.add(name)
         except OSError as error:
             KernelCache.failed = True
             reason = error.strerror or str(error)
@@ -208,6 +219,5 @@ class KernelCache(FunctionCache):
     def _file(self, key: object) -> str:
         """The file's name for a function's signature, bytecode and processor."""
         code = self._py_func.__code__
-        all_of_it = (self._py_func.__module__, code.co_firstlineno, self._variant, key, numba.__version__, sys.version)
-        digest = hashlib.sha256(repr(all_of_it).encode()).hexdigest()[:24]
-        return f"{self._py_func.__module__.removeprefix('clothfit.')}.{code.co_name}-{digest}"
+        name = f"{self._py_func.__module__.removeprefix('clothfit.')}.{code.co_name}"
+        return file_name(name, code.co_firstlineno, self._variant, key)

@@ -1,30 +1,38 @@
 """Compiling ahead of time all that commands can need: for images, for continuous integration, for the impatient.
 
-What is compiled depends on the types of arguments only, so a cloth of nine vertices that goes every way once compiles
-the same as one of ten thousand.
+What is compiled depends on the types of arguments only, so a strip of a few vertices that goes every way once compiles
+the same as a cloth of thousands. Large cloths are solved with other types, and very large ones with others again: for
+these the strip is called large.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 from numba.core import event
-from numba.core.registry import CPUDispatcher
+from numba.core.registry import CPUDispatcher, cpu_target
 
+from clothfit import cg, kernel_cache, multigrid, runge_kutta, sparse
 from clothfit.capture import degrade
 from clothfit.fit import estimate, record_target
 from clothfit.fit_vector import parameters
+from clothfit.kernel_cache import KernelCache
 from clothfit.motion import simulate
 from clothfit.objective import Objective
 from clothfit.scene import Scene, load
+from clothfit.step import implicit
+from clothfit.system import build
 
-SIDE = 3  # vertices along the cloth
 STEP = 0.001  # s, short, so that explicit steps stay stable
 KINDS = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}  # what else to fit
+EVERYWHERE = {"windVel": True, "gravity": True}
+FEW, NEVER = 10, 2**31  # vertices
 
 
 class Part(NamedTuple):
@@ -35,10 +43,29 @@ class Part(NamedTuple):
     seconds: float
 
 
-def warm_up(report: Callable[[Part], None] = lambda part: None) -> list[Part]:
-    """Compile everything that is not compiled yet, part by part; `report` is called after each."""
+def warm_up(report: Callable[[Part], None] = lambda part: None, small: bool = False) -> list[Part]:
+    """Compile what is not compiled yet, part by part; `report` is called after each.
+
+    Everything, or with `small` only what cloths need that are not large. That it was done is noted beside the code,
+    with the names of its files: where they are all there nothing is done.
+    """
+    processor = cpu_target.target_context.codegen().magic_tuple()
+    note = kernel_cache.file_name("warmup", small, processor)
+    noted = kernel_cache.load(note)
+    if noted is not None and all(kernel_cache.load(name) for name in noted[1].decode().split()):
+        KernelCache.used = noted[0]
+        return [Part(name, 0, 0.0) for name in (SMALL if small else PARTS)]
+    parts = use_everything(report, small)
+    if not KernelCache.failed:
+        with suppress(OSError):  # then it is done again the next time
+            KernelCache.used = kernel_cache.save(note, "\n".join(sorted(KernelCache.names)).encode())
+    return parts
+
+
+def use_everything(report: Callable[[Part], None], small: bool) -> list[Part]:
+    """Run all that is compiled."""
     parts = []
-    for name, use in PARTS.items():
+    for name, use in (SMALL if small else PARTS).items():
         began = time.perf_counter()
         with compilations() as found:
             use()
@@ -69,67 +96,97 @@ def compilations() -> Iterator[list[str]]:
         event.unregister("numba:compile", listener)
 
 
-def small_scene(settings: str = "LL", **fields: Any) -> Scene:
-    """A cloth that hangs from two corners in the wind over a sphere; `fields` are those of the file."""
-    n = SIDE * SIDE
-    index = [(j, i) for j in range(SIDE) for i in range(SIDE)]
-    corners = [SIDE * j + i for j, i in index if j < SIDE - 1 and i < SIDE - 1]
-    triangles = [v for a in corners for v in (a, a + SIDE, a + SIDE + 1, a, a + SIDE + 1, a + 1)]
-    springs = [v for j, i in index for a in [SIDE * j + i] for v in
-               ((a, a + 1) if i < SIDE - 1 else ()) + ((a, a + SIDE) if j < SIDE - 1 else ())]
-    made = {
-        "vertPos": [{"x": float(i), "y": 0.0, "z": float(j)} for j, i in index],
-        "vertIsFixed": [a in (0, SIDE - 1) for a in range(n)],
-        "vertMass": [0.02 + 0.001 * a for a in range(n)],
-        "springs": springs,
-        "springStiffness": [30.0 + s for s in range(len(springs) // 2)],
-        "triangles": triangles,
+@contextmanager
+def called(large: bool, very_large: bool) -> Iterator[None]:
+    """Within, every cloth is taken for a large or a very large one, or none is."""
+    before = sparse.LARGE, multigrid.MANY
+    sparse.LARGE, multigrid.MANY = (FEW if large else NEVER), (FEW if very_large else NEVER)
+    try:
+        yield
+    finally:
+        sparse.LARGE, multigrid.MANY = before
+
+
+def strip_scene(settings: str = "LL", kinds: dict[str, str] | None = None, **fields: Any) -> Scene:
+    """A strip in the wind over a sphere, six frames; `kinds` are fitted besides, `fields` are those of the file."""
+    columns = range(12)
+    springs = [(0, 1)] + [(2 * i + a, 2 * i + b) for i in columns[:-1] for a, b in ((0, 2), (1, 3), (0, 3), (2, 3))]
+    corners = [2 * i + a for i in columns[:-1] for a in (0, 1, 3, 0, 3, 2)]
+    cloth = {
+        "vertPos": [{"x": float(i), "y": 0.1 * i * j, "z": float(j)} for i in columns for j in (0, 1)],
+        "vertIsFixed": [i + j == 0 for i in columns for j in (0, 1)],
+        "vertMass": [0.02 + 0.001 * i for i in columns for j in (0, 1)],
+        "springs": [vertex for ends in springs for vertex in ends],
+        "springStiffness": [30.0 + s for s in range(len(springs))],
+        "triangles": corners,
         "dragCoefficient": 0.1,
         "damping": 0.1,
         "optimizationSettings": settings,
-        "fit": fields.pop("cloth_fit", {}),
+        "fit": kinds or {},
     }
-    ball = {"type": 1, "pos": {"x": 1.0, "y": -0.4, "z": 1.0}, "scale": {"x": 1.0, "y": 1.0, "z": 1.0}}
+    size = {"x": 0.5, "y": 0.5, "z": 0.5}
     whole = {
         "integrationMethod": 2,
         "delta": STEP,
         "optimizationIterations": 6,
         "windVel": {"x": 1.0, "y": 0.0, "z": 0.5},
-        "objects": [made],
-        "colliders": [ball],
+        "objects": [cloth],
+        "colliders": [{"type": 1, "pos": {"x": 1.0, "y": -0.1, "z": 0.0}, "scale": size}],
     }
     return load({**whole, **fields})
 
 
-def _simulations() -> None:
+def simulations() -> None:
+    """Move the strip by all methods, and as a reference for their errors."""
     for method in (0, 1, 2):
-        simulate(small_scene(integrationMethod=method))
+        simulate(strip_scene(integrationMethod=method))
+    runge_kutta.record(build(strip_scene(), 0), STEP, 2, 1)
 
 
-def _gradients() -> None:
-    scene = small_scene(cloth_fit=KINDS)
+def gradients() -> None:
+    """Differentiate its motion, both ways."""
+    scene = strip_scene(kinds=KINDS)
     objective, p = Objective(scene, simulate(scene)), parameters(scene)
     objective.cost_and_gradient(p)
     objective.tangent(p, np.ones_like(p))
 
 
-def _fits() -> None:
+def fits() -> None:
+    """Fit it by each method, and to what a capture sees."""
     for method in ("auto", "gauss-newton", "l-bfgs-b"):
-        estimate(small_scene(), method=method, budget=4)
-    scene = small_scene()
+        estimate(strip_scene(), method=method, budget=4)
+    scene = strip_scene()
     estimate(scene, degrade(record_target(scene), noise=1e-3, observed=0.5), budget=4)
-    estimate(small_scene("GG"), budget=4)
+    estimate(strip_scene("GG"), budget=4)
 
 
-def _fits_of_all_kinds() -> None:
+def fits_of_all_kinds() -> None:
+    """Fit all that can be fitted."""
     for method in (0, 2):
-        scene = small_scene(cloth_fit=KINDS, fit={"windVel": True, "gravity": True}, integrationMethod=method)
+        scene = strip_scene(kinds=KINDS, fit=EVERYWHERE, integrationMethod=method)
         estimate(scene, method="gauss-newton", budget=4)
 
 
+def large(very: bool) -> None:
+    """All of it for a large cloth or a very large one, as shortly as possible."""
+    with called(large=True, very_large=very):
+        gradients()
+        work = implicit.workspace(build(strip_scene(), 0))
+        serve: Any = cg.serve  # would be called where there is a second processor only
+        serve.compile((numba.typeof(work.A), numba.typeof(work.cg)))
+        estimate(strip_scene(), method="momentum", budget=1, intervals=False)
+        estimate(strip_scene(kinds=KINDS, fit=EVERYWHERE), method="gauss-newton", budget=2, intervals=False)
+
+
+SMALL: dict[str, Callable[[], None]] = {
+    "simulation": simulations,
+    "gradient": gradients,
+    "fits": fits,
+    "fits of other kinds": fits_of_all_kinds,
+}
+
 PARTS: dict[str, Callable[[], None]] = {
-    "simulation": _simulations,
-    "gradient": _gradients,
-    "fits": _fits,
-    "fits of other kinds": _fits_of_all_kinds,
+    **SMALL,
+    "large cloths": partial(large, very=False),
+    "very large cloths": partial(large, very=True),
 }

@@ -91,7 +91,7 @@ def test_on_a_cluster_a_batch_that_was_ended_begins_nothing_more_and_others_go_o
 def test_whether_fits_are_compiled_is_known_from_the_cache(tmp_path, monkeypatch):
     compiled.warm()
     assert not compiled.cold()
-    monkeypatch.setattr("clothfit.kernel_cache.usable", lambda: [tmp_path / "none"])
+    monkeypatch.setattr("clothfit.kernel_cache.folders", lambda: (tmp_path / "none",))
     assert compiled.cold()
 
 

@@ -114,6 +114,7 @@ def command(
     clothfit estimate - < scene.json > fitted.json
     """
     check_values(max_evaluations, rmse, starts, seed, jobs)
+    shared.check_numbers(tolerance=tolerance)
     options = {  # arguments of `fit.estimate`
         "method": method,
         "budget": max_evaluations,

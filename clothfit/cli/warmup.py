@@ -5,13 +5,16 @@ from __future__ import annotations
 import os
 import time
 
+import click
+
 from clothfit.cli import shared
 from clothfit.cli.console import Console
 from clothfit.errors import InvalidInput
 
 
 @shared.command("warmup")
-def command(as_json: bool, console: Console) -> int:
+@click.option("--small", is_flag=True, help="Only what cloths of fewer than 1500 free vertices need: a third.")
+def command(small: bool, as_json: bool, console: Console) -> int:
     """Compile everything for this machine, so that no command has to.
 
     The code is kept where NUMBA_CACHE_DIR says, else with the package or, where that is not writable, with the user.
@@ -32,8 +35,8 @@ def command(as_json: bool, console: Console) -> int:
             console.say(f"{part.name}: {part.compiled} functions compiled in {part.seconds:.1f} s")
 
     began = time.perf_counter()
-    console.announce_compilation("compiling everything for this machine: up to a minute …")
-    parts = warm_up(tell)
+    console.announce_compilation("compiling for this machine: one to two minutes …")
+    parts = warm_up(tell, small)
     seconds, compiled = time.perf_counter() - began, sum(part.compiled for part in parts)
     if KernelCache.failed:
         raise InvalidInput("what was compiled could not be kept; name a folder that can be written by NUMBA_CACHE_DIR")
