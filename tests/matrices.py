@@ -27,16 +27,18 @@ def free_but(n: int, *fixed: int) -> Flags:
     return ~np.isin(np.arange(n), fixed)
 
 
-def matrix(ends: Indices, free: Flags, pull: float = 1.0, seed: int = 3, even: bool = False) -> sparse.BlockMatrix:
-    """A mass of 1 on each vertex and springs of strength `pull`, along random axes, or along all three where `even`.
+def matrix(
+    ends: Indices, free: Flags, pull: float = 1.0, mass: float = 1.0, seed: int = 3, even: bool = False
+) -> sparse.BlockMatrix:
+    """A mass on each vertex and springs of strength `pull`, along random axes, or along all three where `even`.
 
-    Positive definite when pull ≥ 0; its smallest eigenvalue is then 1 or more.
+    Its smallest eigenvalue is the mass, or more, when pull ≥ 0.
     """
     d = np.random.default_rng(seed).normal(size=(len(ends), 3))
     blocks = stored(pull * (np.tile(np.eye(3), (len(ends), 1, 1)) if even else d[:, :, None] * d[:, None, :]))
     pattern, slot = sparse.pattern(ends, free)
     A = sparse.zeros(pattern, len(free))
-    A.diagonal[:] = stored(np.eye(3))
+    A.diagonal[:] = stored(mass * np.eye(3))
     np.add.at(A.diagonal, ends[:, 0], blocks)
     np.add.at(A.diagonal, ends[:, 1], blocks)
     np.subtract.at(A.upper, slot, blocks)
