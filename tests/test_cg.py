@@ -100,9 +100,10 @@ def test_negative_curvature_is_noticed():
     assert iterations > 0
 
 
-def test_numbers_that_are_not_finite_do_not_pass_as_converged():
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e200])  # the last has an infinite square
+def test_numbers_that_are_not_finite_do_not_pass_as_converged(value):
     b = right_side()
-    b[1, 1] = np.nan
+    b[1, 1] = value
     assert solve(matrix(), b, np.zeros((N, 3)))[1] != cg.CONVERGED
 
 
