@@ -80,7 +80,7 @@ def solve(A, b, tolerance, limit, work, w):
         bb += ssor.enter(A, A.shares[1], b, w, x, far) + ssor.enter(A, A.shares[2], b, w, x, own)
     rr = sweep(A, work, crew, RESIDUAL, 0.0, 0.0) if split else ssor.residual(A, whole, x, own, r)
     target = tolerance * tolerance * bb
-    if rr <= target:
+    if rr <= target < np.inf:  # an infinite residual is no smaller than an infinite right-hand side
         return 0, CONVERGED
     if bb == 0.0:  # no residual but 0 is small beside it
         ssor.clear(A, np.array([0, len(A.order)], np.int32), x)

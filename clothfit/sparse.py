@@ -124,9 +124,9 @@ def along_bandwidth(joined: Indices, m: int) -> Indices:
     ones = np.ones(2 * len(joined))
     both_ways = (np.concatenate([joined[:, 0], joined[:, 1]]), np.concatenate([joined[:, 1], joined[:, 0]]))
     better = reverse_cuthill_mckee(csr_array((ones, both_ways), shape=(m, m)), symmetric_mode=True)
-    distance = np.abs(joined[:, 0] - joined[:, 1]).mean()
+    distance = np.abs(joined[:, 0] - joined[:, 1]).sum()
     after = np.argsort(better)[joined]
-    jumps = distance > 2.0 * np.abs(after[:, 0] - after[:, 1]).mean()
+    jumps = distance > 2.0 * np.abs(after[:, 0] - after[:, 1]).sum()
     return np.asarray(better, np.int32) if jumps else np.arange(m, dtype=np.int32)
 
 

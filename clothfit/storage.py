@@ -17,9 +17,11 @@ from clothfit.step import implicit
 from clothfit.system import System
 from clothfit.tally import COPIES
 
-WORK = 2000
+WORK = 3000
 """Bytes of each vertex that a cloth's arrays, its matrix and the vectors of a sweep take, roughly."""
 
+DIRECT = 20_000
+"""Bytes of each vertex that a direct solve takes for a moment (`linear`), on cloths of some thousand vertices."""
 
 COUNTED = 0.85
 """Part of a budget that is planned for, where not everything fits: the rest is for what is not counted, vectors of
@@ -63,7 +65,10 @@ def needs(runs: Sequence[Run], targets: Sequence[Motion], budget: int) -> Needs:
         most = max(most, steps * state)
         found = memory.plan(steps, state, snapshot, budget - held)
         if found is None or found.snapshots is not None:
-            found = memory.plan(steps, state, snapshot, COUNTED * budget - held) or found
+            room = COUNTED * budget - held - DIRECT * len(run.system.x0)
+            found = memory.plan(steps, state, snapshot, max(room, memory.least(steps, state, snapshot))) or found
+            if found is not None and held + memory.size(found, state, snapshot) > budget:
+                found = None
         if found is None:
             least = held + memory.least(steps, state, snapshot)
             raise InvalidInput(

@@ -106,14 +106,13 @@ def serving(team: Team, serve: Callable[[], None]) -> Iterator[None]:
         return
     thread = threading.Thread(target=serve, name="clothfit-solve", daemon=True)
     thread.start()
-    while not team.flags[SERVES] and thread.is_alive():
-        time.sleep(1e-5)  # until it runs compiled code, which the interpreter's lock would keep it from
     try:
+        while not team.flags[SERVES] and thread.is_alive():
+            time.sleep(1e-5)  # until it runs compiled code, which the interpreter's lock would keep it from
         yield
     finally:
-        if team.flags[SERVES]:
-            team.notes[0, 0] = STOP
-            team.flags[POSTED] += 1
+        team.notes[0, 0] = STOP
+        team.flags[POSTED] += 1
         thread.join()
         team.flags[:] = 0
 

@@ -31,7 +31,8 @@ def test_what_conforms_is_valid(changes):
     for path, value in changes:
         owner, (*steps, last) = scene, (path if isinstance(path, tuple) else (path,))
         for step in steps:
-            owner = owner[step] if isinstance(owner, (dict, list)) and len(owner) else {}
+            held = dict(enumerate(owner)) if isinstance(owner, list) else owner
+            owner = held.get(step, {}) if isinstance(held, dict) else {}
         if isinstance(owner, dict):
             owner[last] = value
     assert not conforms(scene, SCHEMA, SCHEMA) or JUDGE.is_valid(scene)

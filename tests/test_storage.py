@@ -16,6 +16,7 @@ from clothfit.fit_vector import parameters, with_parameters
 from clothfit.motion import as_motion, simulate
 from clothfit.objective import Objective, cost_and_gradient
 from clothfit.rollout import state_bytes
+from clothfit.storage import snapshot_bytes
 
 SLOW = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="fits are slow without compilation")
 FRAMES = 80
@@ -33,7 +34,7 @@ def tightest(made, motion, **options):
     """A budget in which a few states fit beside what is held anyway."""
     aim = Objective(made, motion, memory=PLENTY, **options)
     system = aim.runs[0].system
-    return aim.needs.held + memory.least(aim.steps, state_bytes(system), 5 * system.x0.nbytes)
+    return aim.needs.held + memory.least(aim.steps, state_bytes(system), snapshot_bytes(system))
 
 
 @pytest.mark.parametrize("newton", [1, 3])
@@ -63,7 +64,7 @@ def test_frames_between_steps_and_several_cloths():
     made = with_parameters(truth, 1.2 * parameters(truth))
     aim = Objective(made, motion, memory=PLENTY)
     systems = [run.system for run in aim.runs]
-    tight = aim.needs.held + max(memory.least(aim.steps, state_bytes(s), 5 * s.x0.nbytes) for s in systems)
+    tight = aim.needs.held + max(memory.least(aim.steps, state_bytes(s), snapshot_bytes(s)) for s in systems)
     found, expected = (cost_and_gradient(made, motion, memory=size) for size in (tight, PLENTY))
     assert Objective(made, motion, memory=tight).needs.snapshots > 0
     assert found[0] == expected[0]

@@ -1,0 +1,197 @@
+"""Four numbers at once: each function is what its name says, compiled and with NumPy, to the last bit."""
+
+import threading
+from fractions import Fraction
+from functools import cache
+
+import numba
+import numpy as np
+import pytest
+
+from clothfit.lanes import compiled, plain
+from clothfit.team import config
+
+GUARD = 7.0
+needs_compiler = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled here")
+KINDS = [pytest.param(plain, id="plain"), pytest.param(compiled, id="compiled", marks=needs_compiler)]
+both = pytest.mark.parametrize("lanes", KINDS)
+LANE_BY_LANE = ("add", "sub", "mul")
+REORDERED = {
+    "spread0": [0, 0, 0, 0],
+    "spread1": [1, 1, 1, 1],
+    "spread2": [2, 2, 2, 2],
+    "turn": [1, 2, 0, 3],
+    "xyzz": [0, 1, 2, 2],
+    "xxxy": [0, 0, 0, 1],
+    "zyyz": [2, 1, 1, 2],
+    "zxyy": [2, 0, 1, 1],
+}
+ROWS = ("u", "v", "w", "splat", "pack", "clear3", "load3", "fma", "lanes", *LANE_BY_LANE, *REORDERED)
+
+
+def usable(lanes, function):
+    """The function itself, or compiled."""
+    return numba.njit(function) if lanes is compiled else function
+
+
+@cache
+def every(lanes):
+    """A function that writes what each of `lanes` makes of the rows of a (3, 8) into a row of out, as named in ROWS."""
+
+    def run(a, out):
+        u, v, w = lanes.load(a, 0, 0), lanes.load(a, 1, 3), lanes.load(a, 2, 4)
+        lanes.store(u, out, 0, 0)
+        lanes.store(v, out, 1, 0)
+        lanes.store(w, out, 2, 0)
+        lanes.store(lanes.splat(a[1, 1]), out, 3, 0)
+        lanes.store(lanes.pack(a[0, 3], a[1, 2], a[2, 1], a[0, 0]), out, 4, 0)
+        lanes.store(lanes.clear3(u), out, 5, 0)
+        lanes.store(lanes.load3(a, 2), out, 6, 0)
+        lanes.store(lanes.fma(u, v, w), out, 7, 0)
+        lanes.store(lanes.pack(lanes.lane0(u), lanes.lane1(u), lanes.lane2(u), lanes.sum3(u)), out, 8, 0)
+        lanes.store(lanes.add(u, v), out, 9, 0)
+        lanes.store(lanes.sub(u, v), out, 10, 0)
+        lanes.store(lanes.mul(u, v), out, 11, 0)
+        lanes.store(lanes.spread0(u), out, 12, 0)
+        lanes.store(lanes.spread1(u), out, 13, 0)
+        lanes.store(lanes.spread2(u), out, 14, 0)
+        lanes.store(lanes.turn(u), out, 15, 0)
+        lanes.store(lanes.xyzz(u), out, 16, 0)
+        lanes.store(lanes.xxxy(u), out, 17, 0)
+        lanes.store(lanes.zyyz(u), out, 18, 0)
+        lanes.store(lanes.zxyy(u), out, 19, 0)
+
+    return usable(lanes, run)
+
+
+def results(lanes, a):
+    """Row of four numbers by name, for the rows a (3, 8)."""
+    out = np.full((len(ROWS), 4), GUARD)
+    every(lanes)(a, out)
+    return dict(zip(ROWS, out, strict=True))
+
+
+def numbers(seed):
+    """Rows (3, 8) of very different sizes, so that sums in another order differ."""
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(3, 8)) * 10.0 ** rng.integers(-4, 5, size=(3, 8))
+
+
+@both
+def test_rows_are_loaded_from_any_column_and_stored(lanes):
+    a = numbers(0)
+    row = results(lanes, a)
+    assert row["u"].tolist() == a[0, :4].tolist()
+    assert row["v"].tolist() == a[1, 3:7].tolist()
+    assert row["w"].tolist() == a[2, 4:].tolist()  # the last four numbers of all
+    assert row["load3"].tolist() == [*a[2, :3], 0.0]
+    assert row["splat"].tolist() == [a[1, 1]] * 4
+    assert row["pack"].tolist() == [a[0, 3], a[1, 2], a[2, 1], a[0, 0]]
+    assert row["clear3"].tolist() == [*a[0, :3], 0.0]
+
+
+@both
+@pytest.mark.parametrize("seed", range(5))
+def test_lanes_are_taken_out_and_added_in_their_order(lanes, seed):
+    a = numbers(seed)
+    x, y, z, _ = a[0, :4]
+    assert results(lanes, a)["lanes"].tolist() == [x, y, z, (x + y) + z]
+
+
+@both
+def test_the_order_of_a_sum_can_be_told(lanes):
+    a = np.array([[1.0, 2.0**-53, 2.0**-53, 9.0, 0, 0, 0, 0]] * 3)
+    assert results(lanes, a)["lanes"][3] == 1.0  # the other order gives 1 + 2⁻⁵²
+
+
+@both
+@pytest.mark.parametrize("name", REORDERED)
+def test_lanes_are_reordered_as_named(lanes, name):
+    a = numbers(1)
+    assert results(lanes, a)[name].tolist() == a[0, REORDERED[name]].tolist()
+
+
+@both
+@pytest.mark.parametrize("name", LANE_BY_LANE)
+def test_arithmetic_is_lane_by_lane(lanes, name):
+    a = numbers(2)
+    operation = {"add": np.add, "sub": np.subtract, "mul": np.multiply}[name]
+    assert results(lanes, a)[name].tolist() == operation(a[0, :4], a[1, 3:7]).tolist()
+
+
+@needs_compiler
+@pytest.mark.parametrize("seed", range(20))
+def test_a_compiled_product_and_sum_is_rounded_once(seed):
+    a = numbers(seed)
+    exact = [Fraction(x) * Fraction(y) + Fraction(z) for x, y, z in zip(a[0, :4], a[1, 3:7], a[2, 4:], strict=True)]
+    assert results(compiled, a)["fma"].tolist() == [float(number) for number in exact]  # which rounds to nearest
+
+
+@needs_compiler
+@pytest.mark.parametrize("seed", range(5))
+def test_compiled_and_plain_lanes_are_the_same_numbers_but_for_the_product_that_is_fused(seed):
+    a = numbers(seed)
+    fast, slow = results(compiled, a), results(plain, a)
+    fused, twice = fast.pop("fma"), slow.pop("fma")
+    product, total = np.abs(a[0, :4] * a[1, 3:7]), np.abs(twice)
+    # half a unit in the last place of the product, and of either sum
+    assert (np.abs(fused - twice) <= 2.0**-53 * (product + 2.1 * total)).all()
+    assert {name: row.tolist() for name, row in fast.items()} == {name: row.tolist() for name, row in slow.items()}
+
+
+@both
+def test_three_numbers_are_read_and_written_without_touching_what_follows(lanes):
+    def copy(a, i, j, out):
+        lanes.store3(lanes.load3(a, i), out, j)
+
+    a, out = np.arange(9.0).reshape(3, 3), np.full((3, 3), GUARD)
+    usable(lanes, copy)(a, 2, 1, out)  # the last row: behind it there is nothing to read
+    assert out.tolist() == [[GUARD] * 3, [6.0, 7.0, 8.0], [GUARD] * 3]
+
+
+@both
+def test_four_numbers_may_reach_into_the_next_row_and_are_written_without_touching_others(lanes):
+    def copy(a, i, j, out):
+        lanes.store(lanes.load(a, i, j), out, i, 2)
+
+    a, out = np.arange(24.0).reshape(3, 8), np.full((3, 8), GUARD)
+    usable(lanes, copy)(a, 1, 5, out)
+    expected = np.full((3, 8), GUARD)
+    expected[1, 2:6] = [13.0, 14.0, 15.0, 16.0]
+    assert out.tolist() == expected.tolist()
+
+
+@both
+def test_shared_numbers(lanes):
+    def use(a, said):
+        lanes.write_shared(a, 1, 5)
+        said[0] = lanes.read_shared(a, 1)
+        said[1] = lanes.exchange(a, 1, 4, 9)  # it is 5: nothing happens
+        said[2] = lanes.read_shared(a, 1)
+        said[3] = lanes.exchange(a, 1, 5, 9)
+        lanes.pause(False)
+        lanes.pause(True)
+
+    a, said = np.full(3, 7, np.int64), np.zeros(4, np.int64)
+    usable(lanes, use)(a, said)
+    assert said.tolist() == [5, 0, 5, 1]
+    assert a.tolist() == [7, 9, 7]
+
+
+@needs_compiler
+def test_no_exchange_of_two_threads_is_lost():
+    @numba.njit(nogil=True)
+    def count(a, times):
+        for _ in range(times):
+            seen = compiled.read_shared(a, 0)
+            while not compiled.exchange(a, 0, seen, seen + 1):
+                seen = compiled.read_shared(a, 0)
+
+    a = np.zeros(1, np.int64)
+    count(a, 1)  # compiled before the threads start
+    threads = [threading.Thread(target=count, args=(a, 50_000)) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert a[0] == 100_001
