@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 PLAIN_INTERVAL = 5.0  # s between plain progress lines
 
-COMPILING = "compiling for this machine: a command's first use does so once, for 5 to 20 seconds …"
+COMPILING = "compiling for this machine: a command's first use does so once, for 10 to 25 seconds …"
 _listening: list[object] = []  # to compilations
 
 
