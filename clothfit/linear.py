@@ -46,12 +46,12 @@ def factorise_and_solve(
     """Solve A w = b by a sparse LU factorisation of the free rows; NaN where A is singular or not finite."""
     from scipy.sparse.linalg import splu
 
-    unknown = (3 * order[:, None] + np.arange(3)).reshape(-1)
-    solution = np.zeros(b.size)
+    free = np.sort(order)
+    solution = np.zeros(b.shape)
     if not (np.isfinite(diagonal[order]).all() and np.isfinite(upper[:-1]).all()):
         return np.full(b.shape, np.nan)  # the factorisation divides by infinity and gives finite numbers
-    A = sparse.to_scipy(order, row, column, shares, diagonal, upper)[unknown][:, unknown].tocsc()
-    known = b.reshape(-1)[unknown]
+    A = sparse.to_scipy(order, row, column, shares, diagonal, upper)
+    known = b[free].reshape(-1)
     for options in (SYMMETRIC, {}):
         try:
             found = splu(A, **options).solve(known)
@@ -59,5 +59,5 @@ def factorise_and_solve(
             found = np.full(len(known), np.nan)
         if np.linalg.norm(A @ found - known) <= SOLVED * np.linalg.norm(known):
             break
-    solution[unknown] = found
-    return solution.reshape(b.shape)
+    solution[free] = found.reshape(-1, 3)
+    return solution

@@ -17,7 +17,7 @@ import numpy as np
 
 from clothfit import adjoint, interrupts, sparse
 from clothfit.adjoint import Story
-from clothfit.arrays import Array, Elements, Flags, Indices
+from clothfit.arrays import Array, Elements, Indices
 from clothfit.kernel import kernel
 from clothfit.rollout import Rollout, velocity
 from clothfit.stencil import stencil
@@ -91,7 +91,7 @@ def sweep(system: System, memory: Story, columns: Columns, watch: Watch | None =
                 for column, direction in columns.everywhere:
                     differentiate_globally(system, part.x[t], v, w, u, k, work, direction, change)
                     right[:, column] += change[free].reshape(-1)
-                dw = solver(system, work.A, free)(right)
+                dw = solver(work.A)(right)
             dx += system.h * (dv if system.method == EXPLICIT else dw)
             dv[:] = dw
             interrupts.check()
@@ -125,15 +125,14 @@ def along(system: System, columns: Columns, q: int) -> Elements:
     return change
 
 
-def solver(system: System, A: sparse.BlockMatrix, free: Flags) -> Callable[[Array], Array]:
+def solver(A: sparse.BlockMatrix) -> Callable[[Array], Array]:
     """Factorise A on the free vertices: a function that solves A dW = B for B (3 f, Q)."""
     from scipy.linalg import blas, lapack
     from scipy.sparse.linalg import splu
 
-    unknown = np.repeat(free, 3)
-    matrix = sparse.to_scipy(*A)[unknown][:, unknown]
+    matrix = sparse.to_scipy(*A)
     if matrix.shape[0] > DENSE:
-        factor = splu(matrix.tocsc())
+        factor = splu(matrix)
         return lambda right: np.asarray(factor.solve(right))
     dense = matrix.toarray(order="F")
     lower, fault = lapack.dpotrf(dense, lower=1)

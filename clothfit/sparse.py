@@ -223,14 +223,14 @@ def invert_diagonal(A, scale, inverse):
 def to_scipy(
     order: Indices, row: Indices, column: Indices, _shares: Indices, diagonal: Array, upper: Array
 ) -> csc_array:
-    """The matrix as a SciPy sparse array (3n, 3n), both halves; rows of fixed vertices are empty."""
+    """The matrix as a SciPy sparse array (3 m, 3 m), both halves: of the free vertices, in ascending order."""
     from scipy.sparse import bsr_array
 
-    n = len(diagonal) - 1
-    above = np.repeat(order, np.diff(row))
-    rows = np.concatenate([order, above, column])
-    columns = np.concatenate([order, column, above])
-    blocks = np.concatenate([diagonal[order], upper[:-1], upper[:-1]])[:, SQUARE]
+    m, place = len(order), np.zeros(len(diagonal), np.int32)
+    place[np.sort(order)] = np.arange(m)
+    own, above, beside = place[order], place[np.repeat(order, np.diff(row))], place[column]
+    rows, columns = np.concatenate([own, above, beside]), np.concatenate([own, beside, above])
     sorting = np.lexsort((columns, rows))
-    starts = np.searchsorted(rows[sorting], np.arange(n + 1))
-    return bsr_array((blocks[sorting], columns[sorting], starts), shape=(3 * n, 3 * n)).tocsc()
+    blocks = np.concatenate([diagonal[order], upper[:-1], upper[:-1]])[sorting][:, SQUARE]
+    starts = np.searchsorted(rows[sorting], np.arange(m + 1))
+    return bsr_array((blocks, columns[sorting], starts), shape=(3 * m, 3 * m)).tocsr().T  # it is symmetric
