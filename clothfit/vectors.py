@@ -6,15 +6,6 @@ from clothfit.kernel import kernel
 
 
 @kernel
-def dot(a, b):
-    """Σ a·b."""
-    total = 0.0
-    for i in range(len(a)):
-        total += a[i, 0] * b[i, 0] + a[i, 1] * b[i, 1] + a[i, 2] * b[i, 2]
-    return total
-
-
-@kernel
 def copy(a, out):
     """out = a; `out[:] = a` would add seconds to the compilation, for its messages about shapes that differ."""
     for i in range(len(out)):
