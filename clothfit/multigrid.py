@@ -24,9 +24,6 @@ from clothfit.kernel import kernel
 from clothfit.lanes import add, clear3, fma, load, splat, spread0, spread1, spread2, store, sub, sum3
 from clothfit.sparse import BlockMatrix, Pattern, times, times_spread
 
-MANY = sparse.VERY_LARGE
-"""Free vertices from which a matrix has coarser levels."""
-
 BOOST = 1.6
 """γ; with 1.4 … 1.8 the iterations differ by one."""
 
@@ -56,7 +53,7 @@ class Level(NamedTuple):
 
 def coarsenings(pattern: Pattern, n: int) -> tuple[Coarsening, Coarsening]:
     """Two levels above a matrix; empty ones where it is small enough for SSOR."""
-    first = coarsen(pattern, n) if len(pattern.order) >= MANY else nothing()
+    first = coarsen(pattern, n) if len(pattern.order) >= sparse.VERY_LARGE else nothing()
     return first, coarsen(first.pattern, len(first.pattern.order)) if len(first.pattern.order) else nothing()
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numba.core import event
 from numba.core.registry import CPUDispatcher, cpu_target
 
-from clothfit import cg, kernel_cache, multigrid, runge_kutta, sparse
+from clothfit import cg, kernel_cache, runge_kutta, sparse
 from clothfit.capture import degrade
 from clothfit.fit import estimate, record_target
 from clothfit.fit_vector import parameters
@@ -99,12 +99,12 @@ def compilations() -> Iterator[list[str]]:
 @contextmanager
 def called(large: bool, very_large: bool) -> Iterator[None]:
     """Within, every cloth is taken for a large or a very large one, or none is."""
-    before = sparse.LARGE, multigrid.MANY
-    sparse.LARGE, multigrid.MANY = (FEW if large else NEVER), (FEW if very_large else NEVER)
+    before = sparse.LARGE, sparse.VERY_LARGE
+    sparse.LARGE, sparse.VERY_LARGE = (FEW if large else NEVER), (FEW if very_large else NEVER)
     try:
         yield
     finally:
-        sparse.LARGE, multigrid.MANY = before
+        sparse.LARGE, sparse.VERY_LARGE = before
 
 
 def strip_scene(settings: str = "LL", kinds: dict[str, str] | None = None, **fields: Any) -> Scene:
@@ -172,8 +172,9 @@ def large(very: bool) -> None:
     with called(large=True, very_large=very):
         gradients()
         work = implicit.workspace(build(strip_scene(), 0))
-        serve: Any = cg.serve  # would be called where there is a second processor only
-        serve.compile((numba.typeof(work.A), numba.typeof(work.cg)))
+        if work.cg.team is not None:
+            serve: Any = cg.serve  # would be called where there is a second processor only
+            serve.compile((numba.typeof(work.A), numba.typeof(work.cg)))
         estimate(strip_scene(), method="momentum", budget=1, intervals=False)
         estimate(strip_scene(kinds=KINDS, fit=EVERYWHERE), method="gauss-newton", budget=2, intervals=False)
 

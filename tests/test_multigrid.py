@@ -18,7 +18,7 @@ ENDS = scrambled(joined(SIDE), N)
 @pytest.fixture(autouse=True)
 def _few_are_many(monkeypatch):
     """As if some vertices were very many: coarser levels, and rows in three shares."""
-    monkeypatch.setattr(multigrid, "MANY", 10)
+    monkeypatch.setattr(sparse, "VERY_LARGE", 10)
     monkeypatch.setattr(sparse, "LARGE", 10)
 
 
@@ -57,7 +57,7 @@ def test_every_vertex_is_in_one_aggregate_with_its_neighbours():
 
 
 def test_a_small_matrix_has_no_coarser_levels(monkeypatch):
-    monkeypatch.setattr(multigrid, "MANY", 10_000)
+    monkeypatch.setattr(sparse, "VERY_LARGE", 10_000)
     A = matrix(ENDS, FREE)
     coarser = multigrid.coarsenings(sparse.Pattern(*A[:4]), N)
     assert [len(each.aggregate) for each in coarser] == [0, 0]

@@ -9,7 +9,7 @@ import pytest
 from scenes import cloth, environment, sphere, started, trial, write_scene
 
 import clothfit
-from clothfit import kernel_cache, multigrid, sparse
+from clothfit import kernel_cache, sparse
 from clothfit.kernel_cache import KernelCache
 from clothfit.step import implicit
 from clothfit.system import build
@@ -154,7 +154,7 @@ def test_a_strip_can_be_called_large_and_very_large():
             work = implicit.workspace(build(strip_scene(), 0)).cg
         found.append((work.team is not None, work.hierarchy is not None))
     assert found == [(False, False), (True, False), (True, True)]
-    assert sparse.LARGE < multigrid.MANY < NEVER  # as before
+    assert sparse.LARGE < sparse.VERY_LARGE < NEVER  # as before
 
 
 def test_a_note_counts_only_while_all_files_are_there(tmp_path, monkeypatch):
