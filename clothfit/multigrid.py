@@ -7,9 +7,9 @@ with P the 0/1 matrix that says who is in which, its matrix is Pᵀ A P: sums of
     z = (D + L)⁻¹ r,    z += γ P A_c⁻¹ Pᵀ (r − A z),    z += (D + Lᵀ)⁻¹ (r − A z)
 
 is symmetric and positive definite; A_c⁻¹ is again such a cycle, and on the last level some sweeps of Gauss–Seidel,
-which suffice there because the mass outweighs the springs ever more. γ makes up for that constant pieces underestimate
-a smooth correction's energy. References: P. Vaněk, J. Mandel, M. Brezina, Computing 56, 1996 (aggregation); D. Braess,
-Computing 55, 1995 (γ).
+which suffice there because the mass outweighs the springs ever more. γ makes up for that constant pieces
+underestimate a smooth correction's energy. The last sweep also leaves r − A z, so nothing else multiplies by A.
+References: P. Vaněk, J. Mandel, M. Brezina, Computing 56, 1996 (aggregation); D. Braess, Computing 55, 1995 (γ).
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ import numpy as np
 from clothfit import sparse, ssor
 from clothfit.arrays import Array, Indices, staggered
 from clothfit.kernel import kernel
-from clothfit.lanes import add, clear3, fma, load, splat, spread0, spread1, spread2, store, sub, sum3
-from clothfit.sparse import BlockMatrix, Pattern, times, times_spread
+from clothfit.lanes import add, clear3, fma, load, splat, store, sub, sum3
+from clothfit.sparse import BlockMatrix, Pattern, times
 
 BOOST = 1.6
 """γ; with 1.4 … 1.8 the iterations differ by one."""
@@ -176,19 +176,25 @@ def descend(at):
 
 @kernel
 def ascend(at):
-    """z += (D + Lᵀ)⁻¹ (r − A z)."""
-    A, r, z, own, rest, inverse, whole = at
-    ssor.copy_rows(A, whole[0], r, own)
-    ssor.residual(A, whole[0], z, own, rest)
+    """z = (D + Lᵀ)⁻¹ (r − L z) and rest = r − A z, which is L times what z was more before.
+
+    Going back through the rows, a block is used for both while it is at hand: it is read from memory once.
+    """
+    A, r, z, _, rest, inverse, whole = at
     zero = splat(0.0)
+    ssor.copy_rows(A, whole[0], r, rest)
+    for k in range(len(A.order)):
+        ssor.push(A, A.row, k, sub(zero, load(z, A.order[k], 0)), rest)
     for k in range(len(A.order) - 1, -1, -1):
         i = A.order[k]
         total = zero
         for e in range(A.row[k + 1] - 1, A.row[k] - 1, -1):
-            total = times(A.upper, e, load(own, A.column[e], 0), total)
-        change = clear3(times(inverse, i, sub(load(rest, i, 0), total), zero))
-        store(change, own, i, 0)
-        store(add(load(z, i, 0), change), z, i, 0)
+            total = times(A.upper, e, load(z, A.column[e], 0), total)
+        z_i = clear3(times(inverse, i, sub(load(rest, i, 0), total), zero))
+        less = sub(load(z, i, 0), z_i)
+        store(z_i, z, i, 0)
+        store(zero, rest, i, 0)
+        ssor.push(A, A.row, k, less, rest)
 
 
 @kernel
@@ -216,10 +222,9 @@ def settle(at):
     descend(at)
     ascend(at)
     for _ in range(1, LAST_SWEEPS):
-        A, r, z, own, rest, inverse, whole = at
-        ssor.copy_rows(A, whole[0], r, own)
-        ssor.residual(A, whole[0], z, own, rest)
-        ssor.solve_lower(A, whole[0], inverse, rest, rest)
+        A, _, z, own, rest, inverse, whole = at
+        ssor.copy_rows(A, whole[0], rest, own)
+        ssor.solve_lower(A, whole[0], inverse, own, rest)
         for i in A.order:
             store(add(load(z, i, 0), load(rest, i, 0)), z, i, 0)
         ascend(at)
@@ -248,14 +253,15 @@ def solve(hierarchy, target, limit, x, q, p):
     A, r, z = fine.A, fine.r, fine.z
     if not prepare(hierarchy.levels, hierarchy.coarsenings):
         return -1, False
+    ssor.clear(A, fine.whole[0], p)
+    ssor.clear(A, fine.whole[0], q)
     zr = 0.0
     for iteration in range(1, limit + 1):
         cycle(hierarchy.levels, hierarchy.coarsenings)
         zr_new = dot(A, z, r)
         beta = zr_new / zr if iteration > 1 else 0.0
         zr = zr_new
-        follow(A, beta, z, p)
-        curvature = apply(A, p, q)
+        curvature = follow(A, beta, fine, p, q)
         if not curvature > 0.0:
             return -1, False
         rr = step(A, zr / curvature, p, q, x, r)
@@ -274,31 +280,15 @@ def dot(A, a, b):
 
 
 @kernel
-def follow(A, beta, z, p):
-    """p = z + β p."""
-    growth = splat(beta)
+def follow(A, beta, fine, p, q):
+    """p = z + β p and q = A z + β q = A p; returns p·q. A cycle knows A z = r − rest."""
+    total, growth = splat(0.0), splat(beta)
     for i in A.order:
-        store(fma(growth, load(p, i, 0), load(z, i, 0)), p, i, 0)
-
-
-@kernel
-def apply(A, p, q):
-    """q = A p; returns p·q."""
-    zero, total = splat(0.0), splat(0.0)
-    for i in A.order:
-        store(zero, q, i, 0)
-    for k in range(len(A.order)):
-        i = A.order[k]
-        p_i = load(p, i, 0)
-        p0, p1, p2 = spread0(p_i), spread1(p_i), spread2(p_i)
-        sum_i = times_spread(A.diagonal, i, p0, p1, p2, load(q, i, 0))
-        for e in range(A.row[k], A.row[k + 1]):
-            j = A.column[e]
-            sum_i = times(A.upper, e, load(p, j, 0), sum_i)
-            store(times_spread(A.upper, e, p0, p1, p2, load(q, j, 0)), q, j, 0)
-        sum_i = clear3(sum_i)
-        store(sum_i, q, i, 0)
-        total = fma(p_i, sum_i, total)
+        p_i = fma(growth, load(p, i, 0), load(fine.z, i, 0))
+        q_i = fma(growth, load(q, i, 0), sub(load(fine.r, i, 0), load(fine.rest, i, 0)))
+        store(p_i, p, i, 0)
+        store(q_i, q, i, 0)
+        total = fma(p_i, q_i, total)
     return sum3(total)
 
 

@@ -129,6 +129,16 @@ def test_a_cycle_is_what_its_formula_says():
     np.testing.assert_allclose(cycles(made, r)[fine.A.order].reshape(-1), expected, atol=1e-11)
 
 
+def test_a_cycle_leaves_the_residual_of_what_it_found():
+    made = levels(matrix(ENDS, FREE))
+    A, order = made.levels[0].A, made.levels[0].A.order
+    r = right_side(FREE)
+    z = cycles(made, r)
+    expected = r[order].reshape(-1) - in_order(A) @ z[order].reshape(-1)
+    # sums of some dozen products of order 1
+    np.testing.assert_allclose(made.levels[0].rest[order, :3].reshape(-1), expected, atol=1e-13)
+
+
 def solve(A, b, w, tolerance=1e-12):
     """Iterations and direct solves for A w = b, by multigrid."""
     work = cg.workspace(A, multigrid.coarsenings(sparse.Pattern(*A[:4]), len(b)))
