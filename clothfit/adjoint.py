@@ -18,7 +18,7 @@ from clothfit.arrays import Array, Elements
 from clothfit.kernel import kernel
 from clothfit.rollout import Rollout, velocity
 from clothfit.step import implicit, transition
-from clothfit.system import System, zeros
+from clothfit.system import System, clamped, zeros
 from clothfit.tape import Tape
 from clothfit.vectors import add, copy, hold_fixed
 
@@ -38,13 +38,13 @@ def gradient(
     By masses (n,), stiffnesses (S,) and the `kinds`, names of fields of Elements; the other fields stay empty.
     """
     slope = by_position if callable(by_position) else whole(by_position)
-    grad, work = zeros(system, kinds), implicit.workspace(system)
+    grad, work, safe = zeros(system, kinds), implicit.workspace(system), clamped(system)
     x_bar, v_bar = np.zeros_like(system.x0), np.zeros_like(system.x0)
     for segment in memory.backward():
         for part in reversed(segment.parts()):
             before = memory.steps - part.first - part.steps  # steps that are swept already
             with cg.helped(work.A, work.cg):
-                sweep_back(system, part, slope(part), tolerance, work, before, x_bar, v_bar, grad)
+                sweep_back(system, safe, part, slope(part), tolerance, work, before, x_bar, v_bar, grad)
             interrupts.check()
     if "velocity" in kinds:
         hold_fixed(system.vertex.free, v_bar)
@@ -73,7 +73,7 @@ class Sweep:
 
     def __init__(self, system: System, direction: Elements, tolerance: float) -> None:
         self.system, self.direction, self.tolerance = system, direction, tolerance
-        self.work = implicit.workspace(system)
+        self.work, self.safe = implicit.workspace(system), clamped(system)
         self.dx, self.dv = np.zeros_like(system.x0), np.zeros_like(system.x0)
         if len(direction.velocity) > 0:
             copy(direction.velocity, self.dv)
@@ -83,28 +83,38 @@ class Sweep:
         """Change of the positions (T, n, 3) after each step of the next part of the motion."""
         change = np.empty_like(part.x[1:])
         with cg.helped(self.work.A, self.work.cg):
-            sweep_forward(self.system, part, self.direction, self.tolerance, self.work, self.dx, self.dv, change)
+            state = self.dx, self.dv
+            sweep_forward(self.system, self.safe, part, self.direction, self.tolerance, self.work, *state, change)
         interrupts.check()
         return change
 
 
 @kernel
-def sweep_back(system, part, by_position, tolerance, work, before, x_bar, v_bar, grad):
-    """Carry x_bar, v_bar (n, 3), the gradient by the state after a part, to before it; `before` steps are swept."""
+def sweep_back(system, safe, part, by_position, tolerance, work, before, x_bar, v_bar, grad):
+    """Carry x_bar, v_bar (n, 3), the gradient by the state after a part, to before it; `before` steps are swept.
+
+    `safe` is the clamped system, here and in `sweep_forward`.
+    """
     x, w, used = part.x, part.w, part.used
     for t in range(len(w) - 1, -1, -1):
         add(1.0, by_position[t + 1], x_bar)
         v = velocity(part, t)
         guess.advance(work.past, before + len(w) - 1 - t, work.solution)
-        transition.pullback(system, x[t], v, w[t], used[t], tolerance, work, x_bar, v_bar, grad)
+        if part.clamped[t]:
+            transition.pullback(safe, x[t], v, w[t], used[t], tolerance, work, x_bar, v_bar, grad)
+        else:
+            transition.pullback(system, x[t], v, w[t], used[t], tolerance, work, x_bar, v_bar, grad)
 
 
 @kernel
-def sweep_forward(system, part, direction, tolerance, work, dx, dv, change):
+def sweep_forward(system, safe, part, direction, tolerance, work, dx, dv, change):
     """Carry dx, dv (n, 3), the change of the state before a part, to after it; keep all dx (T, n, 3)."""
     x, w, used = part.x, part.w, part.used
     for t in range(len(w)):
         v = velocity(part, t)
         guess.advance(work.past, part.first + t, work.solution)
-        transition.pushforward(system, x[t], v, w[t], used[t], tolerance, work, dx, dv, direction)
+        if part.clamped[t]:
+            transition.pushforward(safe, x[t], v, w[t], used[t], tolerance, work, dx, dv, direction)
+        else:
+            transition.pushforward(system, x[t], v, w[t], used[t], tolerance, work, dx, dv, direction)
         copy(dx, change[t])

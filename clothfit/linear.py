@@ -1,8 +1,7 @@
 """The linear solve of a step: conjugate gradients, and a direct factorisation where they cannot be trusted.
 
-Conjugate gradients need a positive definite matrix; strongly compressed springs make it indefinite, and very stiff
-scenes need more iterations than a factorisation costs. The system is the same either way, so the motion stays the one
-that the scene means; every such solve is counted.
+Very stiff scenes need more iterations than a factorisation costs, and a matrix that is not positive definite is beyond
+conjugate gradients: `attempt` says so, `solve` solves it nevertheless. Every direct solve is counted.
 """
 
 from __future__ import annotations
@@ -27,17 +26,40 @@ SOLVED = 1e-10
 
 
 @kernel
-def solve(A, b, tolerance, work, w):
-    """Solve A w = b, w (n, 3) holding a first guess; returns the CG iterations and the direct solves (0 or 1) used."""
+def attempt(A, b, tolerance, work, w):
+    """Solve A w = b, w (n, 3) holding a first guess, unless A is seen not to be positive definite.
+
+    Returns the CG iterations and the direct solves (0 or 1) used, and whether w is the solution.
+    """
     limit = 300 + len(b) // 4  # about the price of a factorisation, from 500 to 10,000 vertices
     iterations, ended = cg.solve(A, b, tolerance, limit, work, w)
     if ended == cg.CONVERGED:
-        return iterations, 0
+        return iterations, 0, True
+    work.p[:] = 0.0  # the next solve multiplies them by 0, and they may have grown beyond all numbers
+    work.q[:] = 0.0
+    if ended == cg.INDEFINITE:
+        return iterations, 0, False
+    solve_directly(A, b, w)
+    return iterations, 1, True
+
+
+@kernel
+def solve(A, b, tolerance, work, w):
+    """Solve A w = b, w (n, 3) holding a first guess; returns the CG iterations and the direct solves (0 or 1) used."""
+    iterations, direct, solved = attempt(A, b, tolerance, work, w)
+    if solved:
+        return iterations, direct
+    solve_directly(A, b, w)
+    return iterations, 1
+
+
+@kernel
+def solve_directly(A, b, w):
+    """Solve A w = b by a factorisation."""
     order, row, column, shares, diagonal, upper = A
     with objmode(solution="float64[:, ::1]"):
         solution = factorise_and_solve(order, row, column, shares, diagonal, upper, b)
     copy(solution, w)
-    return iterations, 1
 
 
 def factorise_and_solve(

@@ -253,8 +253,6 @@ def solve(hierarchy, target, limit, x, q, p):
     A, r, z = fine.A, fine.r, fine.z
     if not prepare(hierarchy.levels, hierarchy.coarsenings):
         return -1, False
-    ssor.clear(A, fine.whole[0], p)
-    ssor.clear(A, fine.whole[0], q)
     zr = 0.0
     for iteration in range(1, limit + 1):
         cycle(hierarchy.levels, hierarchy.coarsenings)

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit import cg, guess, interrupts, memory
-from clothfit.arrays import Array, Indices
+from clothfit.arrays import Array, Flags, Indices
 from clothfit.errors import InvalidInput
 from clothfit.kernel import kernel
 from clothfit.step import implicit, transition
-from clothfit.system import IMPLICIT, System
+from clothfit.system import IMPLICIT, System, clamped
 from clothfit.vectors import copy
 
 FAR = 1e12
@@ -35,6 +35,7 @@ class Rollout(NamedTuple):
     w: Array  # (T, N, n, 3), velocities of the iterations of each step, m/s
     used: Indices  # (T,), iterations of each step; w[t, used[t] − 1] is the velocity after step t
     solves: Indices  # (T, 2), CG iterations and direct solves of each step
+    clamped: Flags  # (T,), steps taken with the clamped system, as their matrix was not positive definite
     v: Array  # (n, 3), velocity before the first of the steps, m/s
     first: int = 0  # steps of the motion before it
 
@@ -46,7 +47,7 @@ class Rollout(NamedTuple):
     def part(self, begin: int, end: int) -> Rollout:
         """The steps from `begin` to below `end`, counted here; not a copy."""
         v = self.w[begin - 1, self.used[begin - 1] - 1] if begin else self.v
-        later = (self.w[begin:end], self.used[begin:end], self.solves[begin:end])
+        later = (self.w[begin:end], self.used[begin:end], self.solves[begin:end], self.clamped[begin:end])
         return Rollout(self.x[begin : end + 1], *later, v, self.first + begin)
 
     def parts(self) -> list[Rollout]:
@@ -67,7 +68,7 @@ def empty(system: System, steps: int) -> Rollout:
     n, iterations = len(system.x0), iterations_of(system)
     x, w = np.empty((steps + 1, n, 3)), np.zeros((steps, iterations, n, 3))
     x[0] = system.x0
-    return Rollout(x, w, np.ones(steps, np.int32), np.zeros((steps, 2), np.int32), system.v0)
+    return Rollout(x, w, np.ones(steps, np.int32), np.zeros((steps, 2), np.int32), np.zeros(steps, bool), system.v0)
 
 
 def iterations_of(system: System) -> int:
@@ -77,7 +78,7 @@ def iterations_of(system: System) -> int:
 
 def state_bytes(system: System) -> int:
     """What a Rollout holds of each step, in bytes."""
-    return 24 * len(system.x0) * (1 + iterations_of(system)) + 12
+    return 24 * len(system.x0) * (1 + iterations_of(system)) + 13
 
 
 def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]:
@@ -92,9 +93,10 @@ def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]
 
 def fill(system: System, tolerance: float, work: implicit.Workspace, part: Rollout) -> int:
     """Compute the steps of a part whose x[0], v and first are set; returns how many are good."""
+    safe = clamped(system)
     with cg.helped(work.A, work.cg):
         for begin, end in stretches(part.steps, len(system.x0)):
-            good = int(run(system, tolerance, work, part, begin, end))
+            good = int(run(system, safe, tolerance, work, part, begin, end))
             interrupts.check()
             if good < end:
                 return good
@@ -129,16 +131,16 @@ def velocity(part, t):
 
 
 @kernel
-def run(system, tolerance, work, part, start, stop):
+def run(system, safe, tolerance, work, part, start, stop):
     """Fill a Rollout from its step `start` to below `stop`; returns the number of good steps since its beginning."""
-    x, w, used, solves, _, before = part
+    x, w, used, solves, capped, _, before = part
     first = work.solution
     for t in range(start, stop):
         v = velocity(part, t)
         copy(v, first)
         guess.advance(work.past, before + t, first)
-        result = transition.step(system, x[t], v, first, tolerance, work, w[t], x[t + 1])
-        used[t], solves[t, 0], solves[t, 1] = result
+        result = transition.step(system, safe, x[t], v, first, tolerance, work, w[t], x[t + 1])
+        used[t], solves[t, 0], solves[t, 1], capped[t] = result
         if not finite(x[t + 1]):
             return t
     return stop

@@ -23,7 +23,7 @@ from clothfit.rollout import Rollout, velocity
 from clothfit.stencil import stencil
 from clothfit.step import implicit
 from clothfit.step.jacobian import differentiate, differentiate_globally, jacobian
-from clothfit.system import EXPLICIT, System
+from clothfit.system import EXPLICIT, System, clamped
 
 FEW = 16
 """Columns up to which a sweep for each is faster than one for all."""
@@ -63,7 +63,7 @@ def sweep(system: System, memory: Story, columns: Columns, watch: Watch | None =
     """
     free = system.vertex.free
     place = np.where(free, np.cumsum(free) - 1, -1).astype(np.int32)
-    near, work = stencil(system, 2), implicit.workspace(system)
+    near, work, safe = stencil(system, 2), implicit.workspace(system), clamped(system)
     step, change = jacobian(system, near, rest=len(columns.rest.column) > 0), np.zeros_like(system.x0)
     mass = np.repeat(system.vertex.mass[free], 3)[:, None]
     size = (3 * int(free.sum()), columns.width)
@@ -74,11 +74,11 @@ def sweep(system: System, memory: Story, columns: Columns, watch: Watch | None =
         if watch:
             watch(part)
         for t in range(part.steps):
-            v = velocity(part, t)
+            v, form = velocity(part, t), safe if part.clamped[t] else system
             for k in range(part.used[t]):
                 w = part.w[t, k]
                 u = v if k == 0 else part.w[t, k - 1]
-                differentiate(system, near, part.x[t], v, w, u, k, work, step)
+                differentiate(form, near, part.x[t], v, w, u, k, work, step)
                 np.copyto(du, dv if k == 0 else dw)
                 np.copyto(dy, dx) if k == 0 else np.add(dx, system.h * du, out=dy)
                 right = mass * dv
@@ -89,7 +89,7 @@ def sweep(system: System, memory: Story, columns: Columns, watch: Watch | None =
                 add_spring_columns(place, system.springs.ends, step.by_stiffness, columns.stiffness, right)
                 add_spring_columns(place, system.springs.ends, step.by_rest, columns.rest, right)
                 for column, direction in columns.everywhere:
-                    differentiate_globally(system, part.x[t], v, w, u, k, work, direction, change)
+                    differentiate_globally(form, part.x[t], v, w, u, k, work, direction, change)
                     right[:, column] += change[free].reshape(-1)
                 dw = solver(work.A)(right)
             dx += system.h * (dv if system.method == EXPLICIT else dw)

@@ -81,6 +81,11 @@ def with_elements(system: System, values: Elements) -> System:
     return system._replace(v0=v0, vertex=point, springs=spring, faces=face)
 
 
+def clamped(system: System) -> System:
+    """The same system with a matrix of the step that is positive definite whatever the state; see `springs`."""
+    return system._replace(springs=system.springs._replace(cap=1.0))
+
+
 def all_elements(system: System) -> Elements:
     """The values that a system has now, every kind of them, copied."""
     return Elements(

@@ -245,7 +245,9 @@ def placed(system: System, turn: Array, shift: Array) -> System:
 
 
 def dense_forces(system: System, x: Array, v: Array) -> tuple[Array, Array, Array]:
-    """f (n, 3), K and D (3n, 3n) of the scene format, written down again with NumPy for comparison."""
+    """f (n, 3), K and D (3n, 3n) of the scene format, written down again with NumPy for comparison; K of a clamped
+    system has no push sideways.
+    """
     n = len(x)
     alpha, m = system.vertex.damping, system.vertex.mass
     f = m[:, None] * (system.vertex.gravity - alpha * v)
@@ -256,7 +258,8 @@ def dense_forces(system: System, x: Array, v: Array) -> tuple[Array, Array, Arra
         length = np.linalg.norm(e)
         d = e / length
         pull = -k * (length - rest) * d - alpha / 2 * k * (d @ (v[a] - v[b])) * d
-        block_k = -k * ((1 - rest / length) * np.eye(3) + rest / length * np.outer(d, d))
+        rho = min(rest / length, system.springs.cap)
+        block_k = -k * ((1 - rho) * np.eye(3) + rho * np.outer(d, d))
         block_d = -alpha / 2 * k * np.outer(d, d)
         for matrix, block in ((K, block_k), (D, block_d)):
             matrix[a, a] += block

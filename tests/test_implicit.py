@@ -6,8 +6,8 @@ import pytest
 from physics import STATES, TIGHT, dense_forces, full, relative, state
 
 from clothfit.arrays import Elements
-from clothfit.step import implicit
-from clothfit.system import with_elements
+from clothfit.step import implicit, transition
+from clothfit.system import clamped, with_elements
 
 FIXED = (0, 2)
 
@@ -20,6 +20,13 @@ def start(system, name):
     """State whose fixed vertices are at rest."""
     at = state(system, name)
     return at._replace(u=at.u * system.vertex.free[:, None])
+
+
+def as_taken(system, x, v):
+    """The system, clamped where a step from this state has to be."""
+    iterates = np.zeros((system.newton_iterations, *x.shape))
+    used, *_ = implicit.step(system, x, v, v, TIGHT, implicit.workspace(system), iterates)
+    return system if used else clamped(system)
 
 
 def step(system, x, v, tolerance=TIGHT):
@@ -51,25 +58,34 @@ def residual(system, x, v, w):
 
 @pytest.mark.parametrize("name", STATES)
 def test_the_linearised_step_is_that_of_the_scene_format(name):
-    one = system()
-    at = start(one, name)
+    at = start(system(), name)
+    one = as_taken(system(), at.y, at.u)
+    assert (one.springs.cap == 1.0) == (name == "compressed")
     velocities, _, _ = step(one, at.y, at.u)
     # condition number below 1e3, residual 1e-14
     assert relative(velocities[-1], dense_step(one, at.y, at.u)) < 1e-10
     assert np.abs(velocities[-1][list(FIXED)]).max() == 0.0
 
 
-def test_a_compressed_cloth_has_an_indefinite_matrix_and_is_stepped_all_the_same():
+def least_eigenvalue(system, at):
+    """Of the matrix of the step of the scene format, or of its clamped form."""
+    _, K, D = dense_forces(system, at.y, at.u)
+    A = np.kron(np.diag(system.vertex.mass), np.eye(3)) - system.h * D - system.h**2 * K
+    unknown = np.repeat(system.vertex.free, 3)
+    return np.linalg.eigvalsh(A[np.ix_(unknown, unknown)]).min()
+
+
+def test_a_compressed_cloth_has_an_indefinite_matrix_and_is_stepped_in_the_clamped_form():
     one = system()
     one = with_elements(one, Elements(one.vertex.mass, 40 * one.springs.stiffness))
     at = start(one, "compressed")
-    _, K, D = dense_forces(one, at.y, at.u)
-    A = np.kron(np.diag(one.vertex.mass), np.eye(3)) - one.h * D - one.h**2 * K
-    unknown = np.repeat(one.vertex.free, 3)
-    assert np.linalg.eigvalsh(A[np.ix_(unknown, unknown)]).min() < 0
-    velocities, _, direct = step(one, at.y, at.u)
-    assert direct == 1
-    assert relative(velocities[-1], dense_step(one, at.y, at.u)) < 1e-10  # condition number below 1e4
+    safe = clamped(one)
+    assert least_eigenvalue(one, at) < 0 < 0.99 * one.vertex.mass.min() < least_eigenvalue(safe, at)
+    w, x_new = np.zeros((1, *at.y.shape)), np.zeros_like(at.y)
+    result = transition.step(one, safe, at.y, at.u, at.u, TIGHT, implicit.workspace(one), w, x_new)
+    assert (result[0], result[2:]) == (1, (0, True))
+    assert relative(w[0], dense_step(safe, at.y, at.u)) < 1e-10  # condition number below 1e4
+    np.testing.assert_array_equal(x_new, at.y + one.h * w[0])
 
 
 @pytest.mark.parametrize("name", ["rest", "random", "stretched"])
@@ -115,6 +131,7 @@ def push(system, at, velocities, change, tolerance=TIGHT):
 def test_the_pushforward_is_the_derivative_of_the_step(name, newton):
     one = system(newton, delta=0.005)
     at = start(one, name)
+    one = as_taken(one, at.y, at.u)
     at = at._replace(du=at.du * one.vertex.free[:, None])
     change, t = physics.direction(one), 1e-6
 
@@ -135,6 +152,7 @@ def test_the_pushforward_is_the_derivative_of_the_step(name, newton):
 def test_the_pullback_is_the_transpose_of_the_pushforward(name, newton):
     one = system(newton)
     at = start(one, name)
+    one = as_taken(one, at.y, at.u)
     at = at._replace(du=at.du * one.vertex.free[:, None])
     change = physics.direction(one)
     velocities = step(one, at.y, at.u)[0]

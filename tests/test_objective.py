@@ -109,7 +109,7 @@ def test_the_gradient_through_indefinite_matrices(newton, mass, seed):
     objective, p = squeezed(newton, mass, seed)
     memory, good = rollout(objective.runs[0].system, 2, TIGHT)
     assert good == 2
-    assert memory.solves[:, 1].sum() > 0  # conjugate gradients met negative curvature
+    assert memory.clamped.any()  # conjugate gradients met negative curvature
     assert_right(objective, p)
 
 
@@ -130,7 +130,7 @@ def test_the_gradient_of_a_column_that_buckles(newton, frames):
     made = variant([column], "implicit", newton, optimizationIterations=frames)
     objective, p = Objective(made, truth(made)), parameters(made)
     memory, _ = rollout(objective.runs[0].system, frames - 1, TIGHT)
-    assert memory.solves[:, 1].sum() > 0
+    assert memory.clamped.any()  # conjugate gradients met negative curvature
     assert_right(objective, p)
 
 

@@ -11,6 +11,7 @@ from scenes import cloth
 
 from clothfit.rollout import FAR, finite, rollout, velocity
 from clothfit.step import implicit, transition
+from clothfit.system import clamped
 
 ALL = list(METHODS)
 
@@ -146,7 +147,7 @@ def test_a_vertex_rests_on_a_sphere_at_the_depth_that_carries_its_weight():
 def stepped(system, x, v):
     """Position and velocity one step later."""
     w, x_new = np.zeros((system.newton_iterations, *x.shape)), np.zeros_like(x)
-    used, _, _ = transition.step(system, x, v, v, TIGHT, implicit.workspace(system), w, x_new)
+    used, *_ = transition.step(system, clamped(system), x, v, v, TIGHT, implicit.workspace(system), w, x_new)
     return x_new, w[used - 1]
 
 

@@ -3,10 +3,12 @@
 import numpy as np
 import physics
 import pytest
+from matrices import dense_matrix
 from physics import STATES, damping, full, pushforward_error, relative, state, step_terms, times, transpose_error
 
 from clothfit.arrays import Elements
 from clothfit.forces import springs
+from clothfit.system import clamped
 
 SYSTEM = full()
 SPRINGS = SYSTEM.springs
@@ -77,15 +79,37 @@ def test_the_right_hand_side_leaves_the_damping_to_the_matrix():
     assert relative(b, expected) < 1e-14  # f − D u is the elastic force
 
 
-@pytest.mark.parametrize("name", STATES)
-def test_the_pushforward_is_the_derivative_of_the_model(name):
+@pytest.mark.parametrize("name", ["random", "compressed"])
+def test_the_clamped_matrix_has_no_push_sideways_and_the_same_force(name):
+    safe, at = clamped(SYSTEM), state(SYSTEM, name)
+    (A, b), (plain, same) = (step_terms(SYSTEM, springs, each.springs, at.y, at.u) for each in (safe, SYSTEM))
+    eigenvalues = np.linalg.eigvalsh(dense_matrix(A))
+    assert eigenvalues.min() > -1e-13 * eigenvalues.max() > np.linalg.eigvalsh(dense_matrix(plain)).min()  # rounding
+    np.testing.assert_array_equal(b, same)
+
+
+def test_nothing_is_clamped_where_no_spring_is_compressed():
+    at = state(SYSTEM, "stretched")
+    (A, _), (plain, _) = (step_terms(SYSTEM, springs, e.springs, at.y, at.u) for e in (clamped(SYSTEM), SYSTEM))
+    np.testing.assert_array_equal(dense_matrix(A), dense_matrix(plain))
+
+
+FORMS = pytest.mark.parametrize("one", [SYSTEM, clamped(SYSTEM)], ids=["as it is", "clamped"])
+
+
+@pytest.mark.parametrize(
+    ("name", "one"),  # at rest every spring is where its clamping begins, and the clamped model has a kink
+    [(name, SYSTEM) for name in STATES] + [(name, clamped(SYSTEM)) for name in STATES if name != "rest"],
+)
+def test_the_pushforward_is_the_derivative_of_the_model(name, one):
     # central differences at 1e-5: truncation 1e-10 times a third derivative of some tens, rounding 1e-11
-    assert pushforward_error(SYSTEM, "springs", state(SYSTEM, name)) < 1e-7
+    assert pushforward_error(one, "springs", state(SYSTEM, name)) < 1e-7
 
 
+@FORMS
 @pytest.mark.parametrize("name", STATES)
-def test_the_pullback_is_the_transpose_of_the_pushforward(name):
-    assert transpose_error(SYSTEM, "springs", state(SYSTEM, name)) < 1e-12  # rounding of sums of some 100 products
+def test_the_pullback_is_the_transpose_of_the_pushforward(name, one):
+    assert transpose_error(one, "springs", state(SYSTEM, name)) < 1e-12  # rounding of sums of some 100 products
 
 
 def test_a_spring_of_zero_length_exerts_nothing_and_stays_finite():

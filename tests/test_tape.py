@@ -42,13 +42,13 @@ def told(system, chosen, steps=STEPS):
 
 def states(parts, memory):
     """Positions, velocities and counts put together from parts, in the shape of a whole motion."""
-    x, w, used, solves = (np.full_like(array, -1) for array in memory[:4])
+    x, w, used, solves, clamped = (np.zeros_like(array) for array in memory[:5])
     for part in parts:
         end = part.first + part.steps
         x[part.first : end + 1] = part.x
-        for array, piece in ((w, part.w), (used, part.used), (solves, part.solves)):
+        for array, piece in ((w, part.w), (used, part.used), (solves, part.solves), (clamped, part.clamped)):
             array[part.first : end] = piece
-    return x, used, solves, [w[t, : used[t]] for t in range(len(w))]
+    return x, used, solves, clamped, [w[t, : used[t]] for t in range(len(w))]
 
 
 def assert_same(found, expected):

@@ -11,6 +11,11 @@ the step's model: with s and w the differences s_a − s_b and w_a − w_b,
 
     F_a(w) = −k [(1 − ρ)(e + s) + ρ d (d·s) + β d (d·w)].
 
+A compressed spring, ρ > 1, pushes sideways: −K is not positive semi-definite. Where the step's matrix must be positive
+definite, K takes ρ̂ = min(ρ, 1) for ρ; then F_a = −k [(1 − ρ) e + (1 − ρ̂) s + ρ̂ d (d·s) + β d (d·w)], the same force
+with a stiffer model of how it changes, as in J. Teran et al., Robust quasistatic finite elements and flesh
+simulation, SCA 2005, there per element as well.
+
 The force on b is the opposite and every block is symmetric, so one pass over the springs serves both ends.
 Reference: D. Baraff, A. Witkin, Large steps in cloth simulation, SIGGRAPH 1998.
 """
@@ -36,6 +41,7 @@ class Springs(NamedTuple):
     stiffness: Array  # k, (S,), N/m
     damping: float  # β = α/2, s
     slot: Indices  # (S,), place of the block (a, b) in the matrix
+    cap: float = np.inf  # most that ρ counts as in K: 1 makes −K positive semi-definite
 
 
 def build(ends: Indices, rest: Array, stiffness: Array, damping: float, slot: Indices) -> Springs:
@@ -66,6 +72,14 @@ def axis(springs, y, i):
         return springs.rest[i], 1.0 / springs.rest[i], e
     inverse = 1.0 / length
     return length, inverse, mul(e, splat(inverse))
+
+
+@kernel
+def capped(springs, rho):
+    """ρ̂ = min(ρ, cap), and ρ̃ for ∂ρ̂/∂e = −ρ̃ d/L and ∂ρ̂/∂L₀ = ρ̃/L₀: ρ, or 0 where the cap holds it."""
+    if rho > springs.cap:
+        return springs.cap, 0.0
+    return rho, rho
 
 
 @kernel
@@ -103,7 +117,7 @@ def add_step(springs, y, u, h, A, b):
     for i in range(len(springs.rest)):
         length, inverse, d = axis(springs, y, i)
         k = springs.stiffness[i]
-        rho = springs.rest[i] * inverse
+        rho, _ = capped(springs, springs.rest[i] * inverse)
         across = splat(h * h * k * (1.0 - rho))
         along = splat(h * k * (h * rho + springs.damping))
         low, high = outer(mul(along, d), d)
@@ -118,54 +132,57 @@ def add_step(springs, y, u, h, A, b):
 
 @kernel
 def add_pullback(springs, y, u, w, s, lam, h, grad, gy, gu):
-    # φ = −h k ψ(e),  ψ = (1 − ρ)(L λ·d + λ·s) + ρ (λ·d)(d·s) + β (λ·d)(d·w),  with λ = λ_a − λ_b held fixed.
-    # ∂ρ/∂e = −ρ d/L and ∂(p·d)/∂e = (p − (p·d) d)/L for any fixed vector p.
+    # φ = −h k ψ(e),  ψ = (L − L₀) λ·d + (1 − ρ̂) λ·s + ρ̂ (λ·d)(d·s) + β (λ·d)(d·w),  with λ = λ_a − λ_b held fixed.
+    # ∂ρ̂/∂e = −ρ̃ d/L and ∂(p·d)/∂e = (p − (p·d) d)/L for any fixed vector p.
     beta = springs.damping
     for i in range(len(springs.rest)):
         length, inverse, d = axis(springs, y, i)
         s_i, w_i, l_i = difference(s, springs, i), difference(w, springs, i), difference(lam, springs, i)
         rho = springs.rest[i] * inverse
+        hat, bent = capped(springs, rho)
         ld, sd, wd, ls = dot(l_i, d), dot(s_i, d), dot(w_i, d), dot(l_i, s_i)
-        turn = rho * sd + beta * wd
-        grad.stiffness[i] -= h * ((1.0 - rho) * (length * ld + ls) + ld * turn)
+        turn = hat * sd + beta * wd
+        grad.stiffness[i] -= h * ((1.0 - rho) * length * ld + (1.0 - hat) * ls + ld * turn)
         if len(grad.damping) > 0:  # β = α/2
             grad.damping[0] -= 0.5 * h * springs.stiffness[i] * ld * wd
-        if len(grad.rest) > 0 and not pointlike(d):  # ∂ρ/∂L₀ = 1/L
-            grad.rest[i] += h * springs.stiffness[i] * (ld + (ls - ld * sd) * inverse)
+        if len(grad.rest) > 0 and not pointlike(d):
+            grad.rest[i] += h * springs.stiffness[i] * (ld + (ls - ld * sd) * bent / springs.rest[i])
         # ∂ψ/∂e = cl λ + cs s + cw w + cd d
         hk = -h * springs.stiffness[i]
         cl = hk * ((1.0 - rho) + turn * inverse)
-        cs = hk * (rho * ld * inverse)
+        cs = hk * (hat * ld * inverse)
         cw = hk * (beta * ld * inverse)
-        cd = hk * ((rho * (ls + length * ld) - ld * (turn + turn + rho * sd)) * inverse)
+        cd = hk * ((bent * ls + rho * length * ld - ld * (turn + turn + bent * sd)) * inverse)
         g = fma(splat(cl), l_i, fma(splat(cs), s_i, fma(splat(cw), w_i, mul(splat(cd), d))))
         add_opposite(gy, springs, i, g)
 
 
 @kernel
 def add_pushforward(springs, y, u, w, s, dy, du, direction, h, out):
-    # With t = (d·de)/L and n = de/L − t d = dd:  dρ = −ρ t, and each product rule in turn.
+    # With t = (d·de)/L and n = de/L − t d = dd:  dρ = −ρ t, dρ̂ = −ρ̃ t, and each product rule in turn.
     beta = springs.damping
     for i in range(len(springs.rest)):
         length, inverse, d = axis(springs, y, i)
         s_i, w_i, e_i = difference(s, springs, i), difference(w, springs, i), difference(dy, springs, i)
         rho = springs.rest[i] * inverse
+        hat, bent = capped(springs, rho)
         sd, wd = dot(s_i, d), dot(w_i, d)
         t = dot(e_i, d) * inverse
         n = fma(splat(-t), d, mul(splat(inverse), e_i))
         sn, wn = dot(s_i, n), dot(w_i, n)
-        # F/(−k) = (1 − ρ)(e + s) + turn d, its change with y, and on top the change of k
-        turn = rho * sd + beta * wd
-        swing = rho * (t * length + sn - t * sd) + beta * wn
+        # F/(−k) = (1 − ρ) e + (1 − ρ̂) s + turn d, its change with y, and on top the change of k
+        turn = hat * sd + beta * wd
+        swing = rho * t * length + hat * sn - bent * t * sd + beta * wn
         hk = -h * springs.stiffness[i]
         cd = hk * swing - h * direction.stiffness[i] * ((1.0 - rho) * length + turn)
-        cs = hk * rho * t - h * direction.stiffness[i] * (1.0 - rho)
+        cs = hk * bent * t - h * direction.stiffness[i] * (1.0 - hat)
         ce = hk * (1.0 - rho)
         cn = hk * turn
         if len(direction.damping) > 0:
             cd += 0.5 * hk * direction.damping[0] * wd
         if len(direction.rest) > 0 and not pointlike(d):
-            cd += hk * direction.rest[i] * (sd * inverse - 1.0)
-            cs -= hk * direction.rest[i] * inverse
+            change = bent / springs.rest[i]  # ∂ρ̂/∂L₀
+            cd += hk * direction.rest[i] * (sd * change - 1.0)
+            cs -= hk * direction.rest[i] * change
         p = fma(splat(cd), d, fma(splat(cs), s_i, fma(splat(ce), e_i, mul(splat(cn), n))))
         add_opposite(out, springs, i, p)

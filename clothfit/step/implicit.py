@@ -5,6 +5,9 @@ Each iteration linearises the forces at a point (y, u) and solves r = 0 for the 
     r = M (w − v) − h F(w),   F(w) = f(y, u) + K s + D (w − u),   s = x + h w − y,   x⁺ = x + h w
       ⇔  A w = M v + h [f(y, u) + K (x − y) − D u],   A = M − h D − h² K at (y, u)
 
+Strongly compressed springs make A indefinite. Where a solve shows that, the whole step is taken with a matrix that is
+positive definite, that of the `clamped` system: functions here are given the system that the step was taken with.
+
 The first iteration linearises at (x, v): the linearised step. The others linearise at (x + h u, u) with u the velocity
 of the iteration before: Newton's method on M (v⁺ − v) = h f(x + h v⁺, v⁺). The derivatives go through every
 iteration that was taken, so they are exact for two iterations as for twenty, converged or not.
@@ -80,7 +83,8 @@ def step(system, x, v, first, tolerance, work, iterates):
     velocity.
 
     Returns the number used, the CG iterations and the direct solves. Stops early when the residual of the next
-    iteration is already within `tolerance` of its right-hand side.
+    iteration is already within `tolerance` of its right-hand side, and with 0 used where A is seen not to be positive
+    definite: then the step is to be taken with the clamped system.
     """
     free = system.vertex.free
     A, b = work.A, work.b
@@ -88,17 +92,30 @@ def step(system, x, v, first, tolerance, work, iterates):
     add_mass(system.vertex.mass, 1.0, v, b)
     hold_fixed(free, b)
     copy(first, iterates[0])
-    iterations, direct = linear.solve(A, b, tolerance, work.cg, iterates[0])
+    iterations, direct, solved = solve(system, A, b, tolerance, work, iterates[0])
+    if not solved:
+        return 0, iterations, direct
     for k in range(1, len(iterates)):
         assemble_newton(system, x, v, iterates[k - 1], work.y, A, work.gy, b)
         hold_fixed(free, b)
         copy(iterates[k - 1], iterates[k])
-        more, more_direct = linear.solve(A, b, tolerance, work.cg, iterates[k])
-        if more == 0 and more_direct == 0:
-            return k, iterations, direct
+        more, more_direct, solved = solve(system, A, b, tolerance, work, iterates[k])
         iterations += more
         direct += more_direct
+        if not solved:
+            return 0, iterations, direct
+        if more == 0 and more_direct == 0:
+            return k, iterations, direct
     return len(iterates), iterations, direct
+
+
+@kernel
+def solve(system, A, b, tolerance, work, w):
+    """`linear.attempt`, or `linear.solve` where A is positive definite but for rounding."""
+    if system.springs.cap > 1.0:
+        return linear.attempt(A, b, tolerance, work.cg, w)
+    iterations, direct = linear.solve(A, b, tolerance, work.cg, w)
+    return iterations, direct, True
 
 
 @kernel

@@ -13,19 +13,23 @@ from clothfit.vectors import combine
 
 
 @kernel
-def step(system, x, v, first, tolerance, work, w, x_new):
-    """Write w and the new positions, from a first guess of the velocity.
+def step(system, safe, x, v, first, tolerance, work, w, x_new):
+    """Write w and the new positions, from a first guess of the velocity; `safe` is the clamped system.
 
-    Returns the iterations used, the CG iterations and the direct solves.
+    Returns the iterations used, the CG iterations, the direct solves, and whether the clamped system was needed.
     """
-    used, iterations, direct = 1, 0, 0
+    used, iterations, direct, needed = 1, 0, 0, False
     if system.method == IMPLICIT:
         used, iterations, direct = implicit.step(system, x, v, first, tolerance, work, w)
+        needed = used == 0
+        if needed:
+            used, more, more_direct = implicit.step(safe, x, v, first, tolerance, work, w)
+            iterations, direct = iterations + more, direct + more_direct
     else:
         explicit.step(system, x, v, w[0])
     moving = v if system.method == EXPLICIT else w[used - 1]
     combine(1.0, x, system.h, moving, x_new)
-    return used, iterations, direct
+    return used, iterations, direct, needed
 
 
 @kernel
