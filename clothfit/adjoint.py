@@ -16,7 +16,7 @@ import numpy as np
 from clothfit import cg, guess, interrupts
 from clothfit.arrays import Array, Elements
 from clothfit.kernel import kernel
-from clothfit.rollout import Rollout, velocity
+from clothfit.rollout import Rollout, velocities, velocity
 from clothfit.step import implicit, transition
 from clothfit.system import System, clamped, zeros
 from clothfit.tape import Tape
@@ -95,26 +95,26 @@ def sweep_back(system, safe, part, by_position, tolerance, work, before, x_bar, 
 
     `safe` is the clamped system, here and in `sweep_forward`.
     """
-    x, w, used = part.x, part.w, part.used
-    for t in range(len(w) - 1, -1, -1):
+    x, used, theta = part.x, part.used, part.theta
+    for t in range(len(used) - 1, -1, -1):
         add(1.0, by_position[t + 1], x_bar)
-        v = velocity(part, t)
-        guess.advance(work.past, before + len(w) - 1 - t, work.solution)
+        v, w = velocity(part, t), velocities(part, t)
+        guess.advance(work.past, before + len(used) - 1 - t, work.solution)
         if part.clamped[t]:
-            transition.pullback(safe, x[t], v, w[t], used[t], tolerance, work, x_bar, v_bar, grad)
+            transition.pullback(safe, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
         else:
-            transition.pullback(system, x[t], v, w[t], used[t], tolerance, work, x_bar, v_bar, grad)
+            transition.pullback(system, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
 
 
 @kernel
 def sweep_forward(system, safe, part, direction, tolerance, work, dx, dv, change):
     """Carry dx, dv (n, 3), the change of the state before a part, to after it; keep all dx (T, n, 3)."""
-    x, w, used = part.x, part.w, part.used
-    for t in range(len(w)):
-        v = velocity(part, t)
+    x, used, theta = part.x, part.used, part.theta
+    for t in range(len(used)):
+        v, w = velocity(part, t), velocities(part, t)
         guess.advance(work.past, part.first + t, work.solution)
         if part.clamped[t]:
-            transition.pushforward(safe, x[t], v, w[t], used[t], tolerance, work, dx, dv, direction)
+            transition.pushforward(safe, x[t], v, w, used[t], theta[t], tolerance, work, dx, dv, direction)
         else:
-            transition.pushforward(system, x[t], v, w[t], used[t], tolerance, work, dx, dv, direction)
+            transition.pushforward(system, x[t], v, w, used[t], theta[t], tolerance, work, dx, dv, direction)
         copy(dx, change[t])

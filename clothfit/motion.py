@@ -44,6 +44,7 @@ class Motion:
     name: str = "motion"  # for messages
     direct_solves: int = 0  # linear systems that conjugate gradients could not solve
     clamped_steps: int = 0  # steps with a matrix that was not positive definite, and was made so
+    shortened_steps: int = 0  # steps that would have added energy, and were shortened
     weights: Array | None = None  # (frames, vertices), 0 or more: how often each position counts; None: once
 
     def of(self, cloth: int) -> Array:
@@ -86,19 +87,20 @@ def simulate_cloths(
     check_memory(count, sum(counts), 0)
     positions = np.full((count, sum(counts), 3), np.nan)
     motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
-    direct, clamped, good, fault = 0, 0, count - 1, ""
+    direct, clamped, shortened, good, fault = 0, 0, 0, count - 1, ""
     for index in cloths:
         tape = Tape(build(scene, index), count - 1, accuracy)
         for part in tape.forward():
             motion.of(index)[part.first : part.first + part.steps + 1] = part.x
             direct += int(part.solves[:, 1].sum())
             clamped += int(part.clamped.sum())
+            shortened += int((part.theta < 1.0).sum())
         if tape.fault is not None and tape.good < good:
             good, fault = tape.good, f"objects[{index}], vertex {_worst(tape.fault)} of {counts[index]}"
     moved = np.repeat([index in cloths for index in range(len(counts))], counts)
     observed = None if moved.all() else np.broadcast_to(moved, (good + 1, len(moved))).copy()
     kept = {"positions": positions[: good + 1], "times": motion.times[: good + 1], "observed": observed}
-    motion = replace(motion, **kept, direct_solves=direct, clamped_steps=clamped)
+    motion = replace(motion, **kept, direct_solves=direct, clamped_steps=clamped, shortened_steps=shortened)
     if good < count - 1:
         step = good + 1
         message = (

@@ -16,7 +16,7 @@ from clothfit import cg, guess, interrupts, memory
 from clothfit.arrays import Array, Flags, Indices
 from clothfit.errors import InvalidInput
 from clothfit.kernel import kernel
-from clothfit.step import implicit, transition
+from clothfit.step import guard, implicit, transition
 from clothfit.system import IMPLICIT, System, clamped
 from clothfit.vectors import copy
 
@@ -36,6 +36,7 @@ class Rollout(NamedTuple):
     used: Indices  # (T,), iterations of each step; w[t, used[t] − 1] is the velocity after step t
     solves: Indices  # (T, 2), CG iterations and direct solves of each step
     clamped: Flags  # (T,), steps taken with the clamped system, as their matrix was not positive definite
+    theta: Array  # (T,), part of each step that was taken, 1 unless it was shortened (`step.guard`)
     v: Array  # (n, 3), velocity before the first of the steps, m/s
     first: int = 0  # steps of the motion before it
 
@@ -47,8 +48,8 @@ class Rollout(NamedTuple):
     def part(self, begin: int, end: int) -> Rollout:
         """The steps from `begin` to below `end`, counted here; not a copy."""
         v = self.w[begin - 1, self.used[begin - 1] - 1] if begin else self.v
-        later = (self.w[begin:end], self.used[begin:end], self.solves[begin:end], self.clamped[begin:end])
-        return Rollout(self.x[begin : end + 1], *later, v, self.first + begin)
+        steps = (each[begin:end] for each in (self.w, self.used, self.solves, self.clamped, self.theta))
+        return Rollout(self.x[begin : end + 1], *steps, v, self.first + begin)
 
     def parts(self) -> list[Rollout]:
         """Parts short enough to be interrupted."""
@@ -68,7 +69,8 @@ def empty(system: System, steps: int) -> Rollout:
     n, iterations = len(system.x0), iterations_of(system)
     x, w = np.empty((steps + 1, n, 3)), np.zeros((steps, iterations, n, 3))
     x[0] = system.x0
-    return Rollout(x, w, np.ones(steps, np.int32), np.zeros((steps, 2), np.int32), np.zeros(steps, bool), system.v0)
+    used, solves = np.ones(steps, np.int32), np.zeros((steps, 2), np.int32)
+    return Rollout(x, w, used, solves, np.zeros(steps, bool), np.ones(steps), system.v0)
 
 
 def iterations_of(system: System) -> int:
@@ -78,7 +80,7 @@ def iterations_of(system: System) -> int:
 
 def state_bytes(system: System) -> int:
     """What a Rollout holds of each step, in bytes."""
-    return 24 * len(system.x0) * (1 + iterations_of(system)) + 13
+    return 24 * len(system.x0) * (1 + iterations_of(system)) + 21
 
 
 def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]:
@@ -131,18 +133,38 @@ def velocity(part, t):
 
 
 @kernel
+def velocities(part, t):
+    """Velocities (N, n, 3) of the iterations of step t, as they were before the step was shortened."""
+    w, theta = part.w[t], part.theta[t]
+    if theta < 1.0:
+        w = w.copy()
+        w[part.used[t] - 1] /= theta  # a power of ½: nothing is lost
+    return w
+
+
+@kernel
 def run(system, safe, tolerance, work, part, start, stop):
     """Fill a Rollout from its step `start` to below `stop`; returns the number of good steps since its beginning."""
-    x, w, used, solves, capped, _, before = part
-    first = work.solution
+    x, w, used, solves, capped, theta, _, before = part
+    guarded, first, energy = guard.applies(system), work.solution, 0.0
     for t in range(start, stop):
         v = velocity(part, t)
+        now, power = transition.prepare(system, x[t], v, work)
+        if guarded and t > start and guard.rises(energy, now, system.h * power):
+            theta[t - 1] = guard.shorten(system, x[t - 1], energy, v, x[t])
+            now, _ = transition.prepare(system, x[t], v, work)
+        energy = now
         copy(v, first)
         guess.advance(work.past, before + t, first)
         result = transition.step(system, safe, x[t], v, first, tolerance, work, w[t], x[t + 1])
         used[t], solves[t, 0], solves[t, 1], capped[t] = result
+        theta[t] = 1.0
         if not finite(x[t + 1]):
             return t
+    if guarded and stop > start:
+        v = velocity(part, stop)
+        if guard.raised(system, energy, x[stop], v):
+            theta[stop - 1] = guard.shorten(system, x[stop - 1], energy, v, x[stop])
     return stop
 
 

@@ -19,7 +19,7 @@ from clothfit import adjoint, interrupts, sparse
 from clothfit.adjoint import Story
 from clothfit.arrays import Array, Elements, Indices
 from clothfit.kernel import kernel
-from clothfit.rollout import Rollout, velocity
+from clothfit.rollout import Rollout, velocities, velocity
 from clothfit.stencil import stencil
 from clothfit.step import implicit
 from clothfit.step.jacobian import differentiate, differentiate_globally, jacobian
@@ -74,10 +74,11 @@ def sweep(system: System, memory: Story, columns: Columns, watch: Watch | None =
         if watch:
             watch(part)
         for t in range(part.steps):
-            v, form = velocity(part, t), safe if part.clamped[t] else system
+            v, form, theta = velocity(part, t), safe if part.clamped[t] else system, part.theta[t]
+            iterates = velocities(part, t)
             for k in range(part.used[t]):
-                w = part.w[t, k]
-                u = v if k == 0 else part.w[t, k - 1]
+                w = iterates[k]
+                u = v if k == 0 else iterates[k - 1]
                 differentiate(form, near, part.x[t], v, w, u, k, work, step)
                 np.copyto(du, dv if k == 0 else dw)
                 np.copyto(dy, dx) if k == 0 else np.add(dx, system.h * du, out=dy)
@@ -92,8 +93,8 @@ def sweep(system: System, memory: Story, columns: Columns, watch: Watch | None =
                     differentiate_globally(form, part.x[t], v, w, u, k, work, direction, change)
                     right[:, column] += change[free].reshape(-1)
                 dw = solver(work.A)(right)
-            dx += system.h * (dv if system.method == EXPLICIT else dw)
-            dv[:] = dw
+            dx += system.h * (dv if system.method == EXPLICIT else theta * dw)
+            np.multiply(theta, dw, out=dv)
             interrupts.check()
             yield dx
 

@@ -28,6 +28,7 @@ class System(NamedTuple):
     h: float  # time step, s
     method: int  # EXPLICIT, SYMPLECTIC or IMPLICIT
     newton_iterations: int  # linear solves per implicit step, at least 1
+    guarded: bool  # False: implicit steps as the format has them, whatever comes of it
     vertex: vertex.Vertex
     springs: springs.Springs
     faces: wind.Faces
@@ -46,6 +47,7 @@ def build(scene: Scene, index: int, air: bool = False) -> System:
         h=scene.delta,
         method=scene.method,
         newton_iterations=scene.newton_iterations,
+        guarded=True,
         vertex=vertex.build(cloth.mass, cloth.fixed, cloth.damping, scene.gravity),
         springs=springs.build(np.array(cloth.springs), cloth.rest, cloth.stiffness, cloth.damping, slot),
         faces=wind.build(np.array(cloth.triangles), cloth.drag, scene.wind, air or cloth.mode("drag") != "n"),

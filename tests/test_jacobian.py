@@ -71,7 +71,7 @@ def swept(system, memory, dx, dv, change):
     """The change of the velocity by the tangent of the step."""
     work, dx, dv = implicit.workspace(system), dx.copy(), dv.copy()
     x, v = memory.x[STEP], velocity(memory, STEP)
-    transition.pushforward(system, x, v, memory.w[STEP], memory.used[STEP], TIGHT, work, dx, dv, change)
+    transition.pushforward(system, x, v, memory.w[STEP], memory.used[STEP], 1.0, TIGHT, work, dx, dv, change)
     return dv
 
 

@@ -147,7 +147,9 @@ def test_a_vertex_rests_on_a_sphere_at_the_depth_that_carries_its_weight():
 def stepped(system, x, v):
     """Position and velocity one step later."""
     w, x_new = np.zeros((system.newton_iterations, *x.shape)), np.zeros_like(x)
-    used, *_ = transition.step(system, clamped(system), x, v, v, TIGHT, implicit.workspace(system), w, x_new)
+    work = implicit.workspace(system)
+    transition.prepare(system, x, v, work)
+    used, *_ = transition.step(system, clamped(system), x, v, v, TIGHT, work, w, x_new)
     return x_new, w[used - 1]
 
 

@@ -49,6 +49,7 @@ SCENES = {
     "symplectic": trial("GL", 6, 3, 3, integrationMethod=1, delta=0.001, **WIND),
     "two": {**trial("LL", 6, 3, 3), "objects": [cloth(3, 3, optimizationSettings=s) for s in ("LL", "nG")]},
     "kinds": {**trial("nn", 6), "fit": {"windVel": True, "gravity": True}, "objects": [cloth(3, 3, fit=KINDS)]},
+    "beyond": trial("nL", 6, 3, 3, tolerance=1e-30),
     "compressed": {**trial("nL", 6), "objects": [cloth(3, 3, optimizationSettings="nL", springRestLength=[3.0] * 16)]},
 }
 COMMANDS = [
@@ -109,7 +110,12 @@ def test_where_it_cannot_keep_anything_it_fails(tmp_path):
 
 def test_one_of_those_scenes_is_solved_directly():
     """Else the way there would not be tested above."""
-    assert clothfit.simulate(clothfit.load(SCENES["compressed"])).direct_solves > 0
+    assert clothfit.simulate(clothfit.load(SCENES["beyond"])).direct_solves > 0
+
+
+def test_one_of_those_scenes_has_clamped_steps():
+    """The same."""
+    assert clothfit.simulate(clothfit.load(SCENES["compressed"])).clamped_steps > 0
 
 
 def test_without_compilation_there_is_nothing_to_do():

@@ -61,7 +61,7 @@ def add_force(spheres, y, u, f):
 
 @kernel
 def add_step(spheres, y, u, h, A, b):
-    stiff = h * h * STIFFNESS
+    stiff, stored = h * h * STIFFNESS, 0.0
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
             depth, _, n0, n1, n2 = contact(spheres, y, i, c)
@@ -70,10 +70,23 @@ def add_step(spheres, y, u, h, A, b):
                 low, high = outer(mul(splat(stiff), n), n)
                 add_block(A.diagonal, i, low, high)
                 if len(b) > 0:
+                    stored += STIFFNESS * depth * depth
                     push = h * STIFFNESS * depth
                     b[i, 0] += push * n0
                     b[i, 1] += push * n1
                     b[i, 2] += push * n2
+    return 0.5 * stored
+
+
+@kernel
+def energy(spheres, y):
+    stored = 0.0
+    for c in range(len(spheres.radius)):
+        for i in range(len(y)):
+            depth, _, _, _, _ = contact(spheres, y, i, c)
+            if depth > 0.0:
+                stored += STIFFNESS * depth * depth
+    return 0.5 * stored
 
 
 @kernel

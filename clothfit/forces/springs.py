@@ -114,6 +114,7 @@ def add_damping(springs, y, scale, q, out):
 @kernel
 def add_step(springs, y, u, h, A, b):
     upright, lowered = pack(1.0, 0.0, 0.0, 0.0), pack(1.0, 0.0, 1.0, 0.0)  # where xx, zz and yy are in a block
+    stored = 0.0
     for i in range(len(springs.rest)):
         length, inverse, d = axis(springs, y, i)
         k = springs.stiffness[i]
@@ -126,8 +127,20 @@ def add_step(springs, y, u, h, A, b):
         add_block(A.diagonal, springs.ends[i, 1], low, high)
         subtract_block(A.upper, springs.slot[i], low, high)
         if len(b) > 0:
-            pull = -h * k * (length - springs.rest[i])
-            add_opposite(b, springs, i, mul(splat(pull), d))
+            stretch = length - springs.rest[i]
+            stored += k * stretch * stretch
+            add_opposite(b, springs, i, mul(splat(-h * k * stretch), d))
+    return 0.5 * stored
+
+
+@kernel
+def energy(springs, y):
+    stored = 0.0
+    for i in range(len(springs.rest)):
+        length, _, _ = axis(springs, y, i)
+        stretch = length - springs.rest[i]
+        stored += springs.stiffness[i] * stretch * stretch
+    return 0.5 * stored
 
 
 @kernel

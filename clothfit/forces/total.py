@@ -23,10 +23,15 @@ def add_damping(system, y, scale, q, out):
 
 @kernel
 def add_step(system, y, u, h, A, b):
-    vertex.add_step(system.vertex, y, u, h, A, b)
-    springs.add_step(system.springs, y, u, h, A, b)
-    wind.add_step(system.faces, y, u, h, A, b)
-    spheres.add_step(system.spheres, y, u, h, A, b)
+    stored = vertex.add_step(system.vertex, y, u, h, A, b)
+    stored += springs.add_step(system.springs, y, u, h, A, b)
+    stored += wind.add_step(system.faces, y, u, h, A, b)
+    return stored + spheres.add_step(system.spheres, y, u, h, A, b)
+
+
+@kernel
+def energy(system, y):
+    return springs.energy(system.springs, y) + spheres.energy(system.spheres, y)
 
 
 @kernel

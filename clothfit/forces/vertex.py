@@ -55,6 +55,7 @@ def add_step(vertex, y, u, h, A, b):
         if len(b) > 0:
             for c in range(3):
                 b[i, c] += h * m * vertex.gravity[c]
+    return 0.0
 
 
 @kernel

@@ -121,6 +121,7 @@ def add_step(faces, y, u, h, A, b):
             for corner in range(3):
                 j = faces.corners[i, corner]
                 add_along(b, j, c * (push + dot(load3(u, j), n)), n)
+    return 0.0
 
 
 @kernel

@@ -23,10 +23,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit import cg, guess, linear, sparse
+from clothfit import cg, guess, lanes, linear, sparse
 from clothfit.arrays import Array
 from clothfit.forces import total
 from clothfit.kernel import kernel
+from clothfit.lanes import fma, load3, mul, splat, store3, sum3
+from clothfit.step import guard
 from clothfit.system import System
 from clothfit.vectors import add, add_mass, add_rows_dot, combine, copy, hold_fixed
 
@@ -57,10 +59,10 @@ def workspace(system: System) -> Workspace:
 
 @kernel
 def assemble(system, y, u, A, b):
-    """A at (y, u), and b = h (f − D u) there; an empty b where it is not needed."""
+    """A at (y, u), and b = h (f − D u) there, empty where it is not needed; returns the stored energy unless it is."""
     sparse.reset(A, system.vertex.mass)
     b[:] = 0.0
-    total.add_step(system, y, u, system.h, A, b)
+    return total.add_step(system, y, u, system.h, A, b)
 
 
 @kernel
@@ -78,9 +80,32 @@ def assemble_newton(system, x, v, u, y, A, f, b):
 
 
 @kernel
+def prepare(system, x, v, work):
+    """The system of the first iteration, in the workspace; returns the kinetic and stored energy of the state, J, and
+    the power of the weight, W (see `guard`): they come with it, almost free.
+    """
+    stored = assemble(system, x, v, work.A, work.b)
+    kinetic, power = add_momentum(system.vertex, v, work.b)
+    return kinetic + stored, power
+
+
+@kernel
+def add_momentum(vertex, v, b):
+    """b += M v, and 0 at fixed vertices; returns what `guard.moving` does."""
+    twice, momentum = splat(0.0), splat(0.0)
+    for i in range(len(vertex.mass)):
+        v_i = load3(v, i)
+        p_i = mul(splat(vertex.mass[i]), v_i)
+        momentum = lanes.add(momentum, p_i)
+        twice = fma(p_i, v_i, twice)
+        store3(lanes.add(load3(b, i), p_i) if vertex.free[i] else splat(0.0), b, i)
+    return 0.5 * sum3(twice), sum3(mul(guard.load_vector(vertex.gravity), momentum))
+
+
+@kernel
 def step(system, x, v, first, tolerance, work, iterates):
     """Fill iterates (N, n, 3) with the velocities of the iterations, from a first guess; the last one used is the new
-    velocity.
+    velocity. The first system is prepared.
 
     Returns the number used, the CG iterations and the direct solves. Stops early when the residual of the next
     iteration is already within `tolerance` of its right-hand side, and with 0 used where A is seen not to be positive
@@ -88,9 +113,6 @@ def step(system, x, v, first, tolerance, work, iterates):
     """
     free = system.vertex.free
     A, b = work.A, work.b
-    assemble(system, x, v, A, b)
-    add_mass(system.vertex.mass, 1.0, v, b)
-    hold_fixed(free, b)
     copy(first, iterates[0])
     iterations, direct, solved = solve(system, A, b, tolerance, work, iterates[0])
     if not solved:
@@ -112,22 +134,24 @@ def step(system, x, v, first, tolerance, work, iterates):
 @kernel
 def solve(system, A, b, tolerance, work, w):
     """`linear.attempt`, or `linear.solve` where A is positive definite but for rounding."""
-    if system.springs.cap > 1.0:
+    if system.guarded and system.springs.cap > 1.0:
         return linear.attempt(A, b, tolerance, work.cg, w)
     iterations, direct = linear.solve(A, b, tolerance, work.cg, w)
     return iterations, direct, True
 
 
 @kernel
-def pullback(system, x, v, iterates, used, tolerance, work, x_bar, v_bar, grad):
+def pullback(system, x, v, iterates, used, theta, tolerance, work, x_bar, v_bar, grad):
     """Turn x_bar, v_bar (n, 3), the gradient by the state after the step, into that before it; add to `grad`.
+
+    `theta` is the part of the step that was taken (`guard`), here and in `pushforward`.
 
     work.solution holds a first guess of λ and receives λ of the first iteration.
     """
     h, mass, free = system.h, system.vertex.mass, system.vertex.free
     A, b, y, s, lam, gy, gu = work.A, work.b, work.y, work.s, work.solution, work.gy, work.gu
     w_bar = work.w_bar
-    combine(1.0, v_bar, h, x_bar, w_bar)
+    combine(theta, v_bar, theta * h, x_bar, w_bar)
     v_bar[:] = 0.0
     for k in range(used - 1, -1, -1):
         w = iterates[k]
@@ -168,7 +192,7 @@ def linearise(system, x, w, u, k, A, b, y, s):
 
 
 @kernel
-def pushforward(system, x, v, iterates, used, tolerance, work, dx, dv, direction):
+def pushforward(system, x, v, iterates, used, theta, tolerance, work, dx, dv, direction):
     """Turn dx, dv (n, 3), the change of the state before the step, into that after it, for the change `direction`.
 
     work.solution holds a first guess of dw and receives dw of the last iteration.
@@ -196,5 +220,5 @@ def pushforward(system, x, v, iterates, used, tolerance, work, dx, dv, direction
         add_mass(direction.mass, -1.0, w, b)
         hold_fixed(free, b)
         linear.solve(A, b, tolerance, work.cg, dw)
-    copy(dw, dv)
-    add(h, dw, dx)
+    combine(theta, dw, 0.0, dw, dv)
+    add(h, dv, dx)

@@ -13,8 +13,14 @@ from clothfit.vectors import combine
 
 
 @kernel
+def prepare(system, x, v, work):
+    """What a step from this state begins with; of an implicit one, returns what `guard` needs to know of the state."""
+    return implicit.prepare(system, x, v, work) if system.method == IMPLICIT else (0.0, 0.0)
+
+
+@kernel
 def step(system, safe, x, v, first, tolerance, work, w, x_new):
-    """Write w and the new positions, from a first guess of the velocity; `safe` is the clamped system.
+    """Write w and the new positions, from a first guess of the velocity, once prepared; `safe` is the clamped system.
 
     Returns the iterations used, the CG iterations, the direct solves, and whether the clamped system was needed.
     """
@@ -23,6 +29,7 @@ def step(system, safe, x, v, first, tolerance, work, w, x_new):
         used, iterations, direct = implicit.step(system, x, v, first, tolerance, work, w)
         needed = used == 0
         if needed:
+            implicit.prepare(safe, x, v, work)
             used, more, more_direct = implicit.step(safe, x, v, first, tolerance, work, w)
             iterations, direct = iterations + more, direct + more_direct
     else:
@@ -33,18 +40,18 @@ def step(system, safe, x, v, first, tolerance, work, w, x_new):
 
 
 @kernel
-def pullback(system, x, v, w, used, tolerance, work, x_bar, v_bar, grad):
+def pullback(system, x, v, w, used, theta, tolerance, work, x_bar, v_bar, grad):
     """Turn x_bar, v_bar (n, 3), the gradient by the state after the step, into that before it; add to `grad`."""
     if system.method == IMPLICIT:
-        implicit.pullback(system, x, v, w, used, tolerance, work, x_bar, v_bar, grad)
+        implicit.pullback(system, x, v, w, used, theta, tolerance, work, x_bar, v_bar, grad)
     else:
         explicit.pullback(system, x, v, w[0], work, x_bar, v_bar, grad)
 
 
 @kernel
-def pushforward(system, x, v, w, used, tolerance, work, dx, dv, direction):
+def pushforward(system, x, v, w, used, theta, tolerance, work, dx, dv, direction):
     """Turn dx, dv (n, 3), the change of the state before the step, into that after it, for the change `direction`."""
     if system.method == IMPLICIT:
-        implicit.pushforward(system, x, v, w, used, tolerance, work, dx, dv, direction)
+        implicit.pushforward(system, x, v, w, used, theta, tolerance, work, dx, dv, direction)
     else:
         explicit.pushforward(system, x, v, w[0], work, dx, dv, direction)

@@ -1,0 +1,82 @@
+"""No implicit step adds energy: one that would is shortened.
+
+The linearised step follows tangents. Where the cloth turns far in one step, or is strongly compressed, the springs at
+its end are longer than its model knew, and the energy E = ½ vᵀM v + V(x) rises: by a few percent in a stiff cloth, by
+orders of magnitude in a crushed one, and what follows is garbage. Then only a part of the step is taken,
+
+    v⁺ = θ w,   x⁺ = x + h θ w,   θ = ½, ¼, … the first with  E⁺ ≤ E + h Σ m g·v⁺,
+
+V being the energy stored in springs and contacts, the last term the work of the weight. Some θ always serves: as θ → 0
+the kinetic energy goes, and where there is none, w = h A⁻¹ f points downhill as A is positive definite (`clamped`).
+Air at rest only takes energy away; wind brings some, so in wind no step is shortened. Rises below a ten-thousandth are
+left: motions stay those of the editor's engine, and the tolerance of the linear solver is no reason.
+"""
+
+from __future__ import annotations
+
+from clothfit.forces import total
+from clothfit.kernel import kernel
+from clothfit.lanes import add, fma, load3, mul, pack, splat, sum3
+from clothfit.system import IMPLICIT
+from clothfit.vectors import combine
+
+SLACK = 1e-4
+"""Rise that is left alone, relative to the kinetic and stored energy before the step."""
+
+FLOOR = 1e-20
+"""The same in J: rounding, in a cloth that does not move and is not stretched."""
+
+SHORTEST = 40
+"""Halvings at most; v⁺ is then 1e-12 of w."""
+
+
+@kernel
+def applies(system):
+    """Whether steps may be shortened at all."""
+    faces = system.faces
+    still = faces.wind[0] == 0.0 and faces.wind[1] == 0.0 and faces.wind[2] == 0.0
+    return system.guarded and system.method == IMPLICIT and (still or faces.drag == 0.0 or len(faces.corners) == 0)
+
+
+@kernel
+def moving(vertex, v):
+    """½ vᵀM v, J, and the power of the weight Σ m g·v, W, for velocities v (n, 3)."""
+    twice, momentum = splat(0.0), splat(0.0)
+    for i in range(len(vertex.mass)):
+        v_i = load3(v, i)
+        p_i = mul(splat(vertex.mass[i]), v_i)
+        momentum = add(momentum, p_i)
+        twice = fma(p_i, v_i, twice)
+    return 0.5 * sum3(twice), sum3(mul(load_vector(vertex.gravity), momentum))
+
+
+@kernel
+def load_vector(a):
+    """A vector (3,) in lanes."""
+    return pack(a[0], a[1], a[2], 0.0)
+
+
+@kernel
+def rises(before, after, work):
+    """Whether a step added more energy than the weight's work, all in J."""
+    return not after - work <= (1.0 + SLACK) * before + FLOOR
+
+
+@kernel
+def raised(system, before, x, v):
+    """The same for a step that led to x and v (n, 3)."""
+    kinetic, power = moving(system.vertex, v)
+    return rises(before, kinetic + total.energy(system, x), system.h * power)
+
+
+@kernel
+def shorten(system, x, before, v, x_new):
+    """Halve v, which led from x (n, 3) to x_new, until the energy does not rise; returns the part θ that is left."""
+    theta = 1.0
+    for _ in range(SHORTEST):
+        theta *= 0.5
+        combine(0.5, v, 0.0, v, v)
+        combine(1.0, x, system.h, v, x_new)
+        if not raised(system, before, x_new, v):
+            break
+    return theta

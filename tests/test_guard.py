@@ -1,0 +1,166 @@
+"""Steps that would add energy: they are shortened, and only they; energies and derivatives of what was taken."""
+
+import numpy as np
+import physics
+import pytest
+from physics import GRAVITY, TIGHT, cloth, gentle, relative, thing, xyz
+
+from clothfit import adjoint
+from clothfit.forces import spheres, springs, total
+from clothfit.rollout import rollout, velocities, velocity
+from clothfit.step import guard, implicit
+from clothfit.system import all_elements
+
+STEPS = 60
+
+
+def crushed(side=5, factor=5.0, **fields):
+    """A cloth whose springs are at a fraction of their rest length, not quite flat, one side fixed."""
+    x = np.array([(i, 0.0, j) for j in range(side) for i in range(side)]) / (side - 1)
+    x += 1e-3 * np.random.default_rng(3).normal(size=x.shape)
+    held = [i < side for i in range(side * side)]
+    made = cloth(side, side, vertIsFixed=held, vertPos=[xyz(p) for p in x], vertMass=[0.01] * side**2)
+    ends = np.reshape(made["springs"], (-1, 2))
+    rest = factor * np.linalg.norm(x[ends[:, 0]] - x[ends[:, 1]], axis=1)
+    return physics.system({**made, "springRestLength": rest.tolist(), "springStiffness": [50.0] * len(ends)}, **fields)
+
+
+def turning(k=1e5, h=0.2, **fields):
+    """A stiff pendulum that is let go level: tangents lead far from its circle."""
+    bob = thing([(0, 0, 0), (1, 0, 0)], [(0, 1)], mass=0.5, stiffness=k, fixed=[0])
+    return physics.system(bob, delta=h, **fields)
+
+
+HARD = {
+    "crushed": crushed()._replace(h=0.05),
+    "crushed, longer steps": crushed()._replace(h=0.1),
+    "crushed, Newton": crushed(forwardSubSteps=2)._replace(h=0.2),
+    "turning": turning(),
+    "in contact": gentle(windVel=xyz((0, 0, 0)), delta=0.2),
+}
+
+
+def energies(system, memory, good):
+    """Kinetic and stored energy, and that of the weight, (good + 1,) each, J."""
+    moving = [velocity(memory, t) for t in range(good + 1)]
+    inner = [guard.moving(system.vertex, v)[0] + total.energy(system, memory.x[t]) for t, v in enumerate(moving)]
+    m, g = system.vertex.mass, system.vertex.gravity
+    return np.array(inner), -np.einsum("n,tnc,c->t", m, memory.x[: good + 1], g)
+
+
+@pytest.mark.parametrize("name", ["springs", "spheres"])
+def test_a_force_is_minus_the_slope_of_its_energy(name):
+    system, t = physics.full(), 1e-6
+    module, force = physics.parts(system)[name]
+    at = physics.state(system, "random")
+    slope = (module.energy(force, at.y + t * at.dy) - module.energy(force, at.y - t * at.dy)) / (2 * t)
+    f = physics.total_force(module, force, at.y, 0 * at.u)
+    if name == "springs":
+        f -= physics.total_force(module, force._replace(rest=0 * force.rest, stiffness=0 * force.stiffness), at.y, at.u)
+    # differences at 1e-6 of energies of some 100 J
+    assert abs(np.vdot(f, at.dy) + slope) < 1e-7 * abs(slope)
+
+
+def test_the_energy_that_comes_with_the_step_is_the_same():
+    system = physics.full()
+    at = physics.state(system, "random")
+    work = implicit.workspace(system)
+    energy, power = implicit.prepare(system, at.y, at.u, work)
+    stored = springs.energy(system.springs, at.y) + spheres.energy(system.spheres, at.y)
+    assert energy == pytest.approx(stored + 0.5 * np.sum(system.vertex.mass[:, None] * at.u**2), rel=1e-13)  # sums
+    assert power == pytest.approx(-GRAVITY * system.vertex.mass @ at.u[:, 1], rel=1e-12)
+    np.testing.assert_allclose(guard.moving(system.vertex, at.u), (energy - stored, power), rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_energy_never_rises_where_the_step_of_the_format_lets_it(name):
+    system = HARD[name]
+    plain, safe = (rollout(each, STEPS, 1e-8) for each in (system._replace(guarded=False), system))
+    before, weight = energies(system, *plain)
+    assert np.max(np.diff(before + weight)) > 0.01 * before.max()  # it does
+    memory, good = safe
+    assert good == STEPS
+    assert (memory.theta < 1).any()
+    inner, weight = energies(system, memory, good)
+    rounding = 1e-13 * np.abs(weight).max()  # of the differences
+    assert (np.diff(inner + weight) <= guard.SLACK * inner[:-1] + guard.FLOOR + rounding).all()
+
+
+@pytest.mark.parametrize("method", ["implicit", "symplectic"])
+@pytest.mark.parametrize("newton", [1, 3])
+def test_a_gentle_motion_is_that_of_the_format_to_the_last_bit(method, newton):
+    for system in (gentle(method, newton), gentle(method, newton, windVel=xyz((0, 0, 0)))):
+        (plain, _), (guarded, _) = (rollout(each, STEPS, TIGHT) for each in (system._replace(guarded=False), system))
+        assert (guarded.theta == 1).all()
+        np.testing.assert_array_equal(plain.x, guarded.x)
+
+
+def test_a_shortened_step_is_a_part_of_the_step_of_the_format():
+    system = HARD["turning"]
+    memory, _ = rollout(system, STEPS, TIGHT)
+    t = int(np.argmax(memory.theta < 1))
+    whole = system._replace(guarded=False, x0=memory.x[t], v0=velocity(memory, t).copy())
+    once, _ = rollout(whole, 1, TIGHT)
+    theta = memory.theta[t]
+    assert np.log2(theta) == np.round(np.log2(theta))
+    # two solves from different first guesses
+    np.testing.assert_allclose(velocities(memory, t)[0], once.w[0, 0], atol=1e-12)
+    np.testing.assert_allclose(memory.w[t, 0], theta * once.w[0, 0], atol=1e-12)
+    np.testing.assert_array_equal(memory.x[t + 1], memory.x[t] + system.h * memory.w[t, 0])
+    longer = guard.raised(
+        system, sum(energies(system, memory, t)[0][-1:]), once.x[0] + 2 * theta * system.h * once.w[0, 0],
+        2 * theta * once.w[0, 0],
+    )  # fmt: skip
+    assert longer  # the next longer part would have added energy
+
+
+def test_no_step_is_shortened_in_wind():
+    windy = gentle(windVel=xyz((30.0, 0, 0)))
+    assert not guard.applies(windy)
+    assert guard.applies(gentle(windVel=xyz((0, 0, 0))))
+    assert guard.applies(windy._replace(faces=windy.faces._replace(drag=0.0)))
+    assert not guard.applies(gentle("symplectic", windVel=xyz((0, 0, 0))))
+
+
+def test_how_a_motion_is_cut_into_runs_changes_nothing(monkeypatch):
+    whole, _ = rollout(HARD["crushed"], STEPS, 1e-6)
+    assert (whole.theta < 1).any()
+    monkeypatch.setattr("clothfit.rollout.STRETCH", 25)  # one step of 25 vertices at a time
+    cut, _ = rollout(HARD["crushed"], STEPS, 1e-6)
+    for one, other in zip(whole[:6], cut[:6], strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def until_shortened(system, newton):
+    """A system that starts a step before its first shortened one, and a motion of some steps."""
+    memory, _ = rollout(system, STEPS, TIGHT)
+    t = max(0, int(np.argmax(memory.theta < 1)) - 1)
+    start = system._replace(x0=memory.x[t].copy(), v0=velocity(memory, t).copy())
+    again, good = rollout(start, 4, TIGHT)
+    assert good == 4
+    assert (again.theta < 1).any()
+    return start, again
+
+
+@pytest.mark.parametrize("name", ["crushed", "crushed, Newton", "turning", "in contact"])
+def test_the_derivatives_are_those_of_the_shortened_step(name):
+    system, memory = until_shortened(HARD[name], 1)
+    change, t = physics.direction(system), 1e-7
+    # wind would end the guard
+    change = change._replace(velocity=change.velocity * system.vertex.free[:, None], wind=0 * change.wind)
+    forward = adjoint.tangent(system, memory, change, TIGHT)
+
+    def moved(t):
+        found, _ = rollout(physics.shifted(system, change, t), 4, TIGHT)
+        np.testing.assert_array_equal(found.theta, memory.theta)  # no switch between the two points
+        np.testing.assert_array_equal(found.clamped, memory.clamped)
+        return found.x
+
+    measured = (moved(t) - moved(-t)) / (2 * t)
+    assert relative(forward, measured) < 1e-5  # truncation 1e-14 times third derivatives of a turn
+    weight = np.random.default_rng(5).normal(size=memory.x.shape)
+    weight[0] = 0.0
+    gradient = adjoint.gradient(system, memory, weight, TIGHT, physics.KINDS)
+    size = np.abs(weight * forward).sum()
+    assert abs(np.vdot(weight, forward) - physics.product(gradient, change)) < 1e-10 * size
+    assert set(all_elements(system)._fields) == set(gradient._fields)
