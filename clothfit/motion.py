@@ -99,8 +99,8 @@ def simulate_cloths(
             good, fault = tape.good, f"objects[{index}], vertex {_worst(tape.fault)} of {counts[index]}"
     moved = np.repeat([index in cloths for index in range(len(counts))], counts)
     observed = None if moved.all() else np.broadcast_to(moved, (good + 1, len(moved))).copy()
-    kept = {"positions": positions[: good + 1], "times": motion.times[: good + 1], "observed": observed}
-    motion = replace(motion, **kept, direct_solves=direct, clamped_steps=clamped, shortened_steps=shortened)
+    motion = replace(motion, positions=positions[: good + 1], times=motion.times[: good + 1], observed=observed)
+    motion = replace(motion, direct_solves=direct, clamped_steps=clamped, shortened_steps=shortened)
     if good < count - 1:
         step = good + 1
         message = (
