@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from clothfit.capture import degrade
+    from clothfit.energy import Energy, energies
     from clothfit.errors import ClothfitError, Diverged, InvalidInput, InvalidMotion, InvalidScene
     from clothfit.evaluation import Evaluation, evaluate
     from clothfit.fit import estimate
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 _HOME = {
     "degrade": "capture",
+    "Energy": "energy",
+    "energies": "energy",
     "ClothfitError": "errors",
     "Diverged": "errors",
     "InvalidInput": "errors",
@@ -61,6 +64,7 @@ __all__ = [
     "Cloth",
     "ClothfitError",
     "Diverged",
+    "Energy",
     "Evaluation",
     "Fit",
     "InvalidInput",
@@ -73,6 +77,7 @@ __all__ = [
     "as_motion",
     "cost_and_gradient",
     "degrade",
+    "energies",
     "estimate",
     "estimate_many",
     "evaluate",

@@ -55,6 +55,7 @@ ORDER = [
     "adjoint",
     "sensitivity",
     "motion",
+    "energy",
     "runge_kutta",
     "richardson",
     "setting",

@@ -52,7 +52,7 @@ SCENES = {
     "compressed": {**trial("nL", 6), "objects": [cloth(3, 3, optimizationSettings="nL", springRestLength=[3.0] * 16)]},
 }
 COMMANDS = [
-    *(f"simulate -q {name}.json" for name in SCENES),
+    *(f"simulate -q {name}.json --energy" for name in SCENES),
     *(f"estimate -q {name}.json --max-evaluations 4" for name in SCENES),
     *(f"estimate -q {name}.json --max-evaluations 3 --method {method} --start 0.5 -o x.json"
       for name in ("all", "newton", "symplectic") for method in ("gauss-newton", "l-bfgs-b", "momentum")),
