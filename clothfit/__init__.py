@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from clothfit.precision import WorkPrecision, work_precision
     from clothfit.result import Fit
     from clothfit.scene import Cloth, Scene, load, save
+    from clothfit.scene_check import SceneCheck, check_scene
 
 _HOME = {
     "degrade": "capture",
@@ -54,6 +55,8 @@ _HOME = {
     "with_parameters": "fit_vector",
     "Cloth": "scene",
     "Scene": "scene",
+    "SceneCheck": "scene_check",
+    "check_scene": "scene_check",
     "load": "scene",
     "save": "scene",
 }
@@ -73,8 +76,10 @@ __all__ = [
     "Motion",
     "Objective",
     "Scene",
+    "SceneCheck",
     "WorkPrecision",
     "as_motion",
+    "check_scene",
     "cost_and_gradient",
     "degrade",
     "energies",
