@@ -17,7 +17,7 @@ import numpy as np
 from clothfit.arrays import Array
 from clothfit.block import Block
 from clothfit.errors import InvalidInput
-from clothfit.fit_vector import blocks, bounds, fitted_cloths, parameters, with_parameters
+from clothfit.fit_vector import blocks, fitted_cloths, parameters, with_parameters
 from clothfit.ladder import (
     FAILED,
     LADDER,
@@ -72,7 +72,9 @@ class SceneCheck:
         if self.reach == LADDER[-1]:
             return ""
         why = self.switch or "the cost curves too strongly there"
-        return f"steps above {self.reach:.1g} of the values are left out: {why}" if self.reach else f"a kink: {why}"
+        if not self.reach:
+            return f"the cost has a kink here, within {LADDER[0]:.1g} of the values: {why}"
+        return f"steps above {self.reach:.1g} of the values are left out: {why}"
 
     @property
     def why(self) -> str:
@@ -133,7 +135,7 @@ def changed(scene: Scene, p: Array, rng: np.random.Generator) -> Array:
     for block in blocks(scene):
         nothing = (p[block.part] == 0.0) & (not block.kind.log)
         other[block.part][nothing] = SPREAD * block.kind.scale
-    return np.asarray(np.clip(other, *bounds(scene)))
+    return np.asarray(other)
 
 
 def slope_of(other: Objective, p: Array, d: Array, gradient: Array) -> Known:

@@ -2,11 +2,14 @@
 
 import json
 
+import numba
 import pytest
 from scenes import cloth, document, sphere, started, trial, write_scene
 
 from clothfit.cli import run
 from clothfit.objective import Objective
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of motions are slow without compilation")
 
 KEYS = {
     "schema_version", "command", "scene", "verdict", "frames", "target", "flagged", "parameters", "tests",

@@ -1,5 +1,6 @@
 """The accounts of energy: closed forms, the very forces of the steps, and what each integrator does to the total."""
 
+import numba
 import numpy as np
 import pytest
 from physics import GRAVITY, METHODS, STATES, ball, full, scene, sheet, state, thing, unbound, xyz
@@ -15,6 +16,7 @@ from clothfit.system import all_elements, build, with_elements
 
 STILL = {"windVel": xyz((0, 0, 0))}
 NO_WEIGHT = {"gravity": xyz((0, 0, 0))}
+SLOW = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="thousands of steps are slow without compilation")
 RISE = 1e-12
 """Of the most energy in one place: sums of some hundred terms, and differences of positions over a step."""
 
@@ -115,6 +117,7 @@ def test_a_damped_vertex_loses_to_damping_and_to_the_implicit_step():
     np.testing.assert_allclose(np.diff(found.numerical), 0.5 * m * np.diff(v) ** 2, atol=1e-13)
 
 
+@SLOW
 @pytest.mark.parametrize(("method", "newton"), [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 8)])
 def test_what_no_force_takes_is_of_the_first_order_of_the_step(method, newton):
     """So work and damping are counted right, whatever the integrator: the rest must go with h."""
@@ -139,6 +142,7 @@ def swing(method, h, **fields):
     return scene(made, integrationMethod=METHODS[method], delta=h)
 
 
+@SLOW
 @pytest.mark.parametrize("kind", ["pendulum", "cloth"])
 def test_the_symplectic_method_keeps_the_energy_within_bounds_over_20000_steps(kind):
     h = 0.005
@@ -156,6 +160,7 @@ def test_the_symplectic_method_keeps_the_energy_within_bounds_over_20000_steps(k
     assert np.abs(means[1:10].mean() - means[10:].mean()) < 0.01 * bound
 
 
+@SLOW
 def test_the_explicit_method_gains_what_the_implicit_one_loses():
     found = {method: account(swing(method, 0.002), 2000) for method in METHODS}
     assert found["explicit"].numerical[-1] < -5 * abs(found["symplectic"].numerical[-1])
@@ -175,6 +180,7 @@ IMPLICIT = {
 }
 
 
+@SLOW
 @pytest.mark.parametrize("name", list(IMPLICIT))
 def test_the_implicit_method_never_gains_energy_without_input(name):
     found = account(IMPLICIT[name], 1001)

@@ -1,5 +1,6 @@
 """The tests of a gradient on scenes: hard ones pass, faults are found, and kinks are named instead of blamed."""
 
+import numba
 import numpy as np
 import pytest
 from physics import METHODS, ball, scene, sheet, thing, xyz
@@ -15,6 +16,8 @@ from clothfit.scene import load
 from clothfit.scene_check import check_scene, default_frames
 from clothfit.switching import Switch, contacts, first_switch
 from clothfit.system import build
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of motions are slow without compilation")
 
 ON_A_BALL = {"windVel": xyz((2, 1, 0)), "colliders": [ball((1, -0.72, 1), 0.75)], "optimizationIterations": 40}
 KINDS = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "G"}
@@ -101,7 +104,8 @@ def test_near_a_contact_that_switches_shorter_steps_are_judged(distance):
 def test_at_a_contact_that_switches_there_is_a_kink_and_nothing_is_blamed():
     found = check_scene(dropped(edge() * (1 - 1e-9)))
     assert (found.verdict, found.reach) == ("unclear", 0.0)
-    assert found.why.startswith("a kink: contacts switch (objects[0] vertex 1 at sphere 0, step ")
+    kink = "the cost has a kink here, within 1e-07 of the values: contacts switch (objects[0] vertex 1 at sphere 0, "
+    assert found.why.startswith(kink)
     assert found.tests[2].verdict == "passed"  # the sweeps do not mind
 
 
