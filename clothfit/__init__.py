@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from clothfit.capture import degrade
+    from clothfit.energy import Energy, energies
     from clothfit.errors import ClothfitError, Diverged, InvalidInput, InvalidMotion, InvalidScene
     from clothfit.evaluation import Evaluation, evaluate
     from clothfit.fit import estimate
@@ -25,9 +26,12 @@ if TYPE_CHECKING:
     from clothfit.precision import WorkPrecision, work_precision
     from clothfit.result import Fit
     from clothfit.scene import Cloth, Scene, load, save
+    from clothfit.scene_check import SceneCheck, check_scene
 
 _HOME = {
     "degrade": "capture",
+    "Energy": "energy",
+    "energies": "energy",
     "ClothfitError": "errors",
     "Diverged": "errors",
     "InvalidInput": "errors",
@@ -51,6 +55,8 @@ _HOME = {
     "with_parameters": "fit_vector",
     "Cloth": "scene",
     "Scene": "scene",
+    "SceneCheck": "scene_check",
+    "check_scene": "scene_check",
     "load": "scene",
     "save": "scene",
 }
@@ -61,6 +67,7 @@ __all__ = [
     "Cloth",
     "ClothfitError",
     "Diverged",
+    "Energy",
     "Evaluation",
     "Fit",
     "InvalidInput",
@@ -69,10 +76,13 @@ __all__ = [
     "Motion",
     "Objective",
     "Scene",
+    "SceneCheck",
     "WorkPrecision",
     "as_motion",
+    "check_scene",
     "cost_and_gradient",
     "degrade",
+    "energies",
     "estimate",
     "estimate_many",
     "evaluate",

@@ -13,7 +13,7 @@ import io
 import os
 import zipfile
 import zlib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import IO, Any
 
@@ -125,12 +125,13 @@ def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]
         put(archive(motion), path_or_file)
 
 
-def archive(motion: Motion) -> Data:
-    """What writes a motion as `.npz` to a file, without a copy of its arrays."""
+def archive(motion: Motion, extra: Mapping[str, Array] | None = None) -> Data:
+    """What writes a motion as `.npz` to a file, without a copy of its arrays, and with others beside them, by name."""
     arrays: dict[str, NDArray[Any]] = {
         "positions": motion.positions,
         "times": motion.times,
         "vertex_counts": np.array(motion.vertex_counts, np.int64),
+        **(extra or {}),
     }
     if motion.observed is not None:
         arrays["observed"] = motion.observed

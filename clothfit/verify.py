@@ -125,8 +125,7 @@ def check(objective: Differentiable, p: Array, seed: int = 0) -> Report:
     p = np.asarray(p, float)
     rng = np.random.default_rng(seed)
     gradient = objective.cost_and_gradient(p)[1]
-    random = np.where(p == 0.0, 1.0, p) * rng.normal(size=p.shape)
-    direction = scaled(p, np.where(gradient == 0.0, random, np.copysign(random, gradient)))
+    direction = direction_of(p, gradient, rng)
     shapes = [change.shape for change in objective.tangent(p, direction)]
     cuts = np.cumsum([0] + [int(np.prod(shape)) for shape in shapes])
     weight = rng.normal(size=int(cuts[-1]))
@@ -145,6 +144,12 @@ def check(objective: Differentiable, p: Array, seed: int = 0) -> Report:
         central_difference_error(objective.cost, gradient, p, direction),
         dot_product_error(tangent, transpose, direction, weight),
     )
+
+
+def direction_of(p: Array, gradient: Array, rng: np.random.Generator) -> Array:
+    """A random direction (P,) relative to p, scaled, with the signs of the gradient where that is not 0."""
+    random = np.where(p == 0.0, 1.0, p) * rng.normal(size=p.shape)
+    return scaled(p, np.where(gradient == 0.0, random, np.copysign(random, gradient)))
 
 
 def scaled(p: Array, direction: Array) -> Array:

@@ -20,6 +20,7 @@ from numba.core.registry import CPUDispatcher, cpu_target
 
 from clothfit import cg, kernel_cache, runge_kutta, sparse
 from clothfit.capture import degrade
+from clothfit.energy import energies
 from clothfit.fit import estimate, record_target
 from clothfit.fit_vector import parameters
 from clothfit.kernel_cache import KernelCache
@@ -139,7 +140,8 @@ def strip_scene(settings: str = "LL", kinds: dict[str, str] | None = None, **fie
 def simulations() -> None:
     """Move the strip by all methods, and as a reference for their errors."""
     for method in (0, 1, 2):
-        simulate(strip_scene(integrationMethod=method))
+        scene = strip_scene(integrationMethod=method)
+        energies(scene, simulate(scene))
     runge_kutta.record(build(strip_scene(), 0), STEP, 2, 1)
 
 

@@ -53,7 +53,7 @@ SCENES = {
     "compressed": {**trial("nL", 6), "objects": [cloth(3, 3, optimizationSettings="nL", springRestLength=[3.0] * 16)]},
 }
 COMMANDS = [
-    *(f"simulate -q {name}.json" for name in SCENES),
+    *(f"simulate -q {name}.json --energy" for name in SCENES),
     *(f"estimate -q {name}.json --max-evaluations 4" for name in SCENES),
     *(f"estimate -q {name}.json --max-evaluations 3 --method {method} --start 0.5 -o x.json"
       for name in ("all", "newton", "symplectic") for method in ("gauss-newton", "l-bfgs-b", "momentum")),
@@ -62,6 +62,7 @@ COMMANDS = [
     "estimate -q all.json --target some.npz --max-evaluations 4 --holdout 0.2 -o x.json",
     "estimate -q all.json --target fps.npz --target some.npz --max-evaluations 3 --loss huber -o x.json",
     "estimate -q all.json --target fps.npz --max-evaluations 3 --objective velocity --objective spectrum -o x.json",
+    "check -q all.json",
     "evaluate -q all.json x.json --steps 7",
     "evaluate -q two.json two.fitted.json --target two.motion.npz --steps 7",
 ]  # fmt: skip

@@ -25,7 +25,7 @@ from clothfit.errors import ClothfitError
 SAME_REQUEST = 1.0  # s
 _last_request = -SAME_REQUEST
 
-COMMANDS = ("simulate", "target", "estimate", "evaluate", "warmup")
+COMMANDS = ("simulate", "target", "estimate", "evaluate", "check", "warmup")
 
 
 class LazyGroup(click.Group):

@@ -7,7 +7,7 @@ import math
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import wraps
@@ -23,6 +23,7 @@ from clothfit.limits import checked_tolerance
 from clothfit.source import name_of
 
 if TYPE_CHECKING:
+    from clothfit.arrays import Array
     from clothfit.motion import Motion
     from clothfit.output import Data
     from clothfit.scene import Scene
@@ -142,11 +143,11 @@ def read_motion(path: str, scene: Scene) -> Motion:
     return clothfit.load_motion(sys.stdin.buffer if path == STREAM else path, scene)
 
 
-def motion_data(motion: Motion) -> Data:
-    """What writes a motion to its file."""
+def motion_data(motion: Motion, extra: Mapping[str, Array] | None = None) -> Data:
+    """What writes a motion to its file, with other arrays beside it."""
     from clothfit.motion import archive
 
-    return archive(motion)
+    return archive(motion, extra)
 
 
 def check_numbers(steps: int | None = None, tolerance: float | None = None) -> None:

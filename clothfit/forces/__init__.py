@@ -7,6 +7,10 @@ Around a linearisation point (y, u), the implicit step models a force as a funct
 with f the force, K and D the position and velocity Jacobians that the editor's engine keeps (not always the true ones),
 and s how far the step ends from the point of linearisation. Each module has
 
+    energy(force, y)                                              potential energy, J: −∂/∂y is what of f is left at
+                                                                  u = 0 in still air; none of the air
+    damping_power(force, y, u, w)                                 f'·w, W, of the part f' of f that damps, at (y, u);
+                                                                  left out where nothing does
     add_force(force, y, u, f)                                     f += f(y, u)
     add_damping(force, y, scale, q, out)                          out += scale · D(y) q; left out where D = 0
     add_step(force, y, u, h, A, b)                                A −= h² K + h D,  b += h (f − D u) unless b is empty;
@@ -24,7 +28,7 @@ step's linear system; lam or λ the adjoint variable, the solution of A λ = ∂
 front (dx) a change. A vertex or spring index is i; a and b are a spring's ends, p0 p1 p2 the components of a vector p.
 
 To add a force: write such a module, give `System` a field for it and `system.build` a line, and add a line to each
-function of `forces/total.py`.
+function of `forces/total.py` and to those of `energy.py`, which keeps the accounts.
 
 To add a kind of parameter p: a row in `kinds.KINDS`; a field in `arrays.Elements`, in the same order, and its lines in
 `system.with_elements` and `system.all_elements`; the field in the JSON schema, there also in `fit`, and its attribute

@@ -49,6 +49,17 @@ def contact(spheres, y, i, c):
 
 
 @kernel
+def energy(spheres, y):
+    total = 0.0  # ½ κ (r − δ)²
+    for c in range(len(spheres.radius)):
+        for i in range(len(y)):
+            depth = contact(spheres, y, i, c)[0]
+            if depth > 0.0:
+                total += 0.5 * STIFFNESS * depth * depth
+    return total
+
+
+@kernel
 def add_force(spheres, y, u, f):
     for c in range(len(spheres.radius)):
         for i in range(len(y)):

@@ -95,6 +95,26 @@ def pointlike(d):
 
 
 @kernel
+def energy(springs, y):
+    total = 0.0  # ½ k (L − L₀)², also where L = 0, as its limit
+    for i in range(len(springs.rest)):
+        e = difference(y, springs, i)
+        stretch = sqrt(dot(e, e)) - springs.rest[i]
+        total += 0.5 * springs.stiffness[i] * stretch * stretch
+    return total
+
+
+@kernel
+def damping_power(springs, y, u, w):
+    total = 0.0
+    for i in range(len(springs.rest)):
+        _, _, d = axis(springs, y, i)
+        along = dot(d, difference(u, springs, i)) * dot(d, difference(w, springs, i))
+        total -= springs.damping * springs.stiffness[i] * along
+    return total
+
+
+@kernel
 def add_force(springs, y, u, f):
     for i in range(len(springs.rest)):
         length, _, d = axis(springs, y, i)

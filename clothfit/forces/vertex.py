@@ -30,6 +30,34 @@ def build(mass: Array, fixed: Flags, damping: float, gravity: Array) -> Vertex:
 
 
 @kernel
+def energy(vertex, y):
+    total = 0.0  # −m g·y
+    for i in range(len(vertex.mass)):
+        for c in range(3):
+            total -= vertex.mass[i] * vertex.gravity[c] * y[i, c]
+    return total
+
+
+@kernel
+def kinetic_energy(vertex, u):
+    """½ Σ m |u|², J."""
+    total = 0.0
+    for i in range(len(vertex.mass)):
+        for c in range(3):
+            total += 0.5 * vertex.mass[i] * u[i, c] * u[i, c]
+    return total
+
+
+@kernel
+def damping_power(vertex, y, u, w):
+    total = 0.0
+    for i in range(len(vertex.mass)):
+        for c in range(3):
+            total -= vertex.damping * vertex.mass[i] * u[i, c] * w[i, c]
+    return total
+
+
+@kernel
 def add_force(vertex, y, u, f):
     for i in range(len(vertex.mass)):
         m = vertex.mass[i]

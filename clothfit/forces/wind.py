@@ -91,6 +91,19 @@ def add_along(out, i, scale, n):
 
 
 @kernel
+def powers(faces, y, u, w):
+    """f·w, W, in its two parts: the push of the wind on a cloth that is still, and what its own velocity adds."""
+    wind, drag = 0.0, 0.0
+    still = pack(faces.wind[0], faces.wind[1], faces.wind[2], 0.0)
+    for i in range(len(faces.corners)):
+        n, kappa = normal(faces, y, i)
+        along = 3.0 * kappa * dot(n, mean(faces, w, i))
+        wind += along * dot(n, still)
+        drag -= along * dot(n, mean(faces, u, i))
+    return wind, drag
+
+
+@kernel
 def add_force(faces, y, u, f):
     for i in range(len(faces.corners)):
         n, kappa = normal(faces, y, i)

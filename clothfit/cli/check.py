@@ -1,0 +1,116 @@
+"""`clothfit check`: is the gradient right on this scene?"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from clothfit.cli import shared
+from clothfit.cli.console import Console
+from clothfit.errors import ClothfitError, InvalidInput
+from clothfit.words import counted, owned
+
+if TYPE_CHECKING:
+    from clothfit.ladder import Finding
+    from clothfit.scene import Scene
+    from clothfit.scene_check import SceneCheck
+
+
+@shared.command("check")
+@click.argument("scene_path", metavar="SCENE")
+@click.option("--steps", type=int, metavar="N", help="Time steps.  [default: the scene's, fewer for large cloths]")
+@click.option("--target", "target_path", metavar="MOTION", help="Compare with it.  [default: that of other values]")
+@click.option("--seed", type=click.IntRange(0), default=0, metavar="S", help="Of the random directions.  [default: 0]")
+@click.option("--memory", metavar="SIZE", help="To hold at most, such as 200MB.  [default: half of what is free]")
+def command(
+    scene_path: str,
+    steps: int | None,
+    target_path: str | None,
+    seed: int,
+    memory: str | None,
+    as_json: bool,
+    console: Console,
+) -> int:
+    """Check the gradient that a fit of SCENE would follow, at the scene's own values, by what it flags.
+
+    Taylor and difference compare it with the cost itself, along a random direction; dot product compares the forward
+    with the reverse sweep. Steps over which a contact switches are left out: there the cost has a kink.
+
+    \b
+    clothfit check scene.json
+    clothfit check scene.json --target capture.npz --steps 50
+    """
+    shared.check_numbers(steps)
+    shared.one_stream(scene_path, target_path)
+    scene = shared.read_scene(scene_path, console)
+    target = None if target_path is None else shared.read_motion(target_path, scene)
+    from clothfit.scene_check import check_scene
+
+    console.announce_compilation()
+    began = time.perf_counter()
+    found = check_scene(scene, target, None if steps is None else steps + 1, seed=seed, memory=memory)
+    seconds = time.perf_counter() - began
+    show(found, scene, steps is not None, target_path, console)
+    if as_json:
+        shared.print_json("check", {**summary(found, target_path), "seconds": seconds})
+    return judge(found, console)
+
+
+def show(found: SceneCheck, scene: Scene, chosen: bool, target_path: str | None, console: Console) -> None:
+    """Say what is checked, and print a line for each test."""
+    if not found.flagged:
+        console.say(f"{found.scene} flags nothing to fit: checked by all masses and stiffnesses")
+    if found.frames < scene.frames and not chosen:
+        console.say(f"the first {found.frames - 1} of {scene.frames - 1} steps; --steps checks others")
+    told = [(owned(b.cloth, b.name), b.mode, counted(b.count, "value", "values")) for b in found.blocks]
+    values = ", ".join(f"{name} ({mode}, {count})" for name, mode, count in told)
+    against = target_path or "the motion of values up to 10 % off"
+    console.say(f"gradient by {values}; {counted(found.frames, 'frame', 'frames')}, against {against}")
+    console.table([("test", "measured", "bar", "verdict"), *map(row, found.tests)])
+    if found.left_out:
+        console.say(found.left_out)
+
+
+def row(test: Finding) -> tuple[str, ...]:
+    """A line of the table."""
+    order = test.name == "Taylor"
+    measured = "" if test.measured is None else f"{test.measured:.2f}" if order else f"{test.measured:.1e}"
+    bar = f"above {test.bar:g}" if order else f"below {test.bar:g}"
+    return test.name, measured, bar, f"{test.verdict}: {test.why}" if test.why else test.verdict
+
+
+def judge(found: SceneCheck, console: Console) -> int:
+    """Tell the verdict; returns the exit code. Raises ClothfitError for a wrong gradient, which is a fault of the
+    program, InvalidInput where this scene does not show whether it is one.
+    """
+    failed = [test.name for test in found.tests if test.verdict == "failed"]
+    if failed:
+        raise ClothfitError(
+            f"{found.scene}: the gradient is wrong ({', '.join(failed)}): a fault of the program; please report it "
+            "with the scene"
+        )
+    if found.verdict != "passed":
+        raise InvalidInput(
+            f"{found.scene}: whether the gradient is right cannot be seen here ({found.why}); try fewer or more --steps"
+        )
+    console.say(f"{found.scene}: the gradient is right")
+    return 0
+
+
+def summary(found: SceneCheck, target_path: str | None) -> dict[str, Any]:
+    """What --json prints."""
+    names = ("cloth", "name", "mode", "count")
+    blocks = [dict(zip(("object", *names[1:]), (getattr(b, n) for n in names), strict=True)) for b in found.blocks]
+    return {
+        "scene": found.scene,
+        "verdict": found.verdict,
+        "frames": found.frames,
+        "target": target_path,
+        "flagged": found.flagged,
+        "parameters": blocks,
+        "tests": [test._asdict() for test in found.tests],
+        "longest_step": found.reach,
+        "left_out": found.left_out or None,
+    }
