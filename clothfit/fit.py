@@ -160,6 +160,10 @@ def estimate(
     known = look(search, status, first, warnings) if intervals else None
     found = result(search, status, method, warnings, start is not None, first, known, seconds)
     found = replace(found, memory=needs)
+    if status != "diverged":
+        remedies = aim.remedies(parameters(found.scene))
+        told = [f"the fitted motion: {text}" for text in remedies.sentences(sum(run.steps for run in aim.runs))]
+        found = replace(found, remedies=remedies, warnings=[*found.warnings, *told])
     if kept_out is None or holdout is None or status == "diverged":
         return found
     return replace(found, holdout=holdouts.judged(kept_out, parameters(found.scene), holdout_of, holdout))

@@ -24,6 +24,7 @@ from clothfit.arrays import Array, Flags
 from clothfit.errors import Diverged, InvalidInput, InvalidMotion
 from clothfit.limits import checked_tolerance
 from clothfit.output import Data, put, write_atomically
+from clothfit.remedies import NONE, Remedies
 from clothfit.rollout import FAR, check_memory
 from clothfit.scene import Scene
 from clothfit.system import build
@@ -42,9 +43,7 @@ class Motion:
     vertex_counts: tuple[int, ...]  # vertices of each object
     observed: Flags | None = None  # (frames, vertices); None: everything was seen
     name: str = "motion"  # for messages
-    direct_solves: int = 0  # linear systems that conjugate gradients could not solve
-    clamped_steps: int = 0  # steps with a matrix that was not positive definite, and was made so
-    shortened_steps: int = 0  # steps that would have added energy, and were shortened
+    remedies: Remedies = NONE  # what its steps needed beyond the ordinary
     weights: Array | None = None  # (frames, vertices), 0 or more: how often each position counts; None: once
 
     def of(self, cloth: int) -> Array:
@@ -87,20 +86,18 @@ def simulate_cloths(
     check_memory(count, sum(counts), 0)
     positions = np.full((count, sum(counts), 3), np.nan)
     motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
-    direct, clamped, shortened, good, fault = 0, 0, 0, count - 1, ""
+    remedies, good, fault = NONE, count - 1, ""
     for index in cloths:
         tape = Tape(build(scene, index), count - 1, accuracy)
         for part in tape.forward():
             motion.of(index)[part.first : part.first + part.steps + 1] = part.x
-            direct += int(part.solves[:, 1].sum())
-            clamped += int(part.clamped.sum())
-            shortened += int((part.theta < 1.0).sum())
+        remedies = remedies.together(tape.remedies)
         if tape.fault is not None and tape.good < good:
             good, fault = tape.good, f"objects[{index}], vertex {_worst(tape.fault)} of {counts[index]}"
     moved = np.repeat([index in cloths for index in range(len(counts))], counts)
     observed = None if moved.all() else np.broadcast_to(moved, (good + 1, len(moved))).copy()
-    motion = replace(motion, positions=positions[: good + 1], times=motion.times[: good + 1], observed=observed)
-    motion = replace(motion, direct_solves=direct, clamped_steps=clamped, shortened_steps=shortened)
+    motion = replace(motion, positions=positions[: good + 1], times=motion.times[: good + 1])
+    motion = replace(motion, observed=observed, remedies=remedies)
     if good < count - 1:
         step = good + 1
         message = (

@@ -34,6 +34,7 @@ from clothfit.fit_vector import (
 from clothfit.limits import checked_tolerance
 from clothfit.loss import loss_named
 from clothfit.memory import Plan, budget
+from clothfit.remedies import NONE, Remedies
 from clothfit.rollout import Rollout
 from clothfit.run import Run, roll, seen_in, still, tell
 from clothfit.scene import Scene
@@ -253,6 +254,13 @@ class Objective:
         for block in self.blocks:
             if block.cloth in (run.cloth, None):
                 gradient[block.part] += block.reduce(getattr(grad, block.name))
+
+    def remedies(self, p: Array) -> Remedies:
+        """What the steps of the motions of p (P,) need beyond the ordinary. Raises Diverged."""
+        found = NONE
+        for run in self.runs:
+            found = found.together(self.tell(run, p)[1].remedies)
+        return found
 
     def plan(self, run: Run) -> Plan:
         """Which states of a run are kept for the way back. Raises InvalidInput where no plan is small enough."""

@@ -12,6 +12,7 @@ from clothfit.confidence import Confidence
 from clothfit.errors import Diverged
 from clothfit.fit_vector import at_lower, at_upper, blocks, bounds, with_parameters
 from clothfit.holdout import HeldOut
+from clothfit.remedies import NONE, Remedies
 from clothfit.scene import Scene
 from clothfit.search import Search
 from clothfit.storage import Needs
@@ -62,6 +63,7 @@ class Fit:
     prior: list[Scatter] | None = None  # None: the result does without
     holdout: HeldOut | None = None  # None: nothing was kept out
     memory: Needs | None = None  # what was foreseen
+    remedies: Remedies = NONE  # what the steps of the fitted motion needed beyond the ordinary
 
 
 def result(

@@ -48,8 +48,16 @@ class Rollout(NamedTuple):
     def part(self, begin: int, end: int) -> Rollout:
         """The steps from `begin` to below `end`, counted here; not a copy."""
         v = self.w[begin - 1, self.used[begin - 1] - 1] if begin else self.v
-        steps = (each[begin:end] for each in (self.w, self.used, self.solves, self.clamped, self.theta))
-        return Rollout(self.x[begin : end + 1], *steps, v, self.first + begin)
+        return Rollout(
+            self.x[begin : end + 1],
+            self.w[begin:end],
+            self.used[begin:end],
+            self.solves[begin:end],
+            self.clamped[begin:end],
+            self.theta[begin:end],
+            v,
+            self.first + begin,
+        )
 
     def parts(self) -> list[Rollout]:
         """Parts short enough to be interrupted."""
@@ -150,8 +158,8 @@ def run(system, safe, tolerance, work, part, start, stop):
     for t in range(start, stop):
         v = velocity(part, t)
         now, power = transition.prepare(system, x[t], v, work)
-        if guarded and t > start and guard.rises(energy, now, system.h * power):
-            theta[t - 1] = guard.shorten(system, x[t - 1], energy, v, x[t])
+        suspect = guarded and t > start and guard.rises(energy, now, system.h * power)
+        if suspect and shortened(system, part, t - 1, energy):
             now, _ = transition.prepare(system, x[t], v, work)
         energy = now
         copy(v, first)
@@ -162,10 +170,17 @@ def run(system, safe, tolerance, work, part, start, stop):
         if not finite(x[t + 1]):
             return t
     if guarded and stop > start:
-        v = velocity(part, stop)
-        if guard.raised(system, energy, x[stop], v):
-            theta[stop - 1] = guard.shorten(system, x[stop - 1], energy, v, x[stop])
+        shortened(system, part, stop - 1, energy)
     return stop
+
+
+@kernel
+def shortened(system, part, t, energy):
+    """Shorten step t, which began with some energy, J, where it added some; returns whether it did."""
+    x, v = part.x, velocity(part, t + 1)
+    if guard.raised(system, energy, x[t], v, x[t + 1]):
+        part.theta[t] = guard.shorten(system, energy, x[t], v, x[t + 1])
+    return part.theta[t] < 1.0
 
 
 @kernel

@@ -16,6 +16,7 @@ import numpy as np
 from clothfit.arrays import Array
 from clothfit.guess import Past
 from clothfit.memory import Plan
+from clothfit.remedies import NONE
 from clothfit.rollout import STRETCH, Rollout, empty, fill, velocity
 from clothfit.step import implicit
 from clothfit.system import System
@@ -50,6 +51,7 @@ class Tape:
         self.system, self.steps, self.tolerance = system, steps, tolerance
         self.plan = plan or Plan(min(max(steps, 1), max(SHORT, STRETCH // len(system.x0))))
         self.good = 0  # steps known to be good, all of them once it was told, unless the motion diverged
+        self.remedies = NONE  # what the good steps needed, once it was told
         self.fault: Array | None = None  # (n, 3), the positions after the first step that is not good
         self._work = implicit.workspace(system)
         self._room: Rollout | None = None
@@ -61,9 +63,11 @@ class Tape:
         is cut before the step that is not good.
         """
         at = self._kept[0]
+        self.remedies = NONE
         for begin in range(0, self.steps or 1, self.plan.length):
             end = min(begin + self.plan.length, self.steps)
             part, at = self._part(at, end)
+            self.remedies = self.remedies.with_those_of(part)
             if self.plan.strides and end < self.steps and end % self.plan.strides[0] == 0:
                 self._kept[end] = at
             yield part

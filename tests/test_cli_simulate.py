@@ -10,9 +10,10 @@ from scenes import MISSING, changed, cloth, document, even, kind, needs_full_dis
 
 from clothfit.cli import run
 from clothfit.motion import load_motion, simulate
+from clothfit.remedies import Remedies
 from clothfit.scene import load
 
-KEYS = {"schema_version", "command", "scene", "frames", "vertices", "seconds", "direct_solves", "output"}
+KEYS = {"schema_version", "command", "scene", "frames", "vertices", "seconds", "output", *Remedies._fields}
 SCENE = trial("nG", 6, 3, 3)
 
 

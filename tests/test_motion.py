@@ -48,7 +48,7 @@ def test_a_simulation_has_the_frames_times_and_counts_of_the_scene():
     np.testing.assert_allclose(motion.times, [0, 0.02, 0.04, 0.06], rtol=1e-15)  # one product each
     assert motion.vertex_counts == COUNTS
     assert motion.observed is None
-    assert motion.direct_solves == 0
+    assert motion.remedies.direct_solves == 0
     start = np.concatenate([c.positions for c in TWO.cloths])
     np.testing.assert_array_equal(motion.positions[0], start)
     assert simulate(TWO, frames=2).positions.tolist() == motion.positions[:2].tolist()
@@ -84,8 +84,8 @@ def test_steps_with_a_matrix_that_is_not_positive_definite_are_counted():
     links = [(i, i + 1) for i in range(7)]
     column = thing(points, links, mass=0.01, stiffness=200.0, fixed=[0])
     motion = simulate(scene(column, optimizationIterations=30))
-    assert motion.clamped_steps > 0
-    assert motion.direct_solves == 0
+    assert motion.remedies.clamped_steps > 0
+    assert motion.remedies.direct_solves == 0
     assert np.isfinite(motion.positions).all()
 
 

@@ -111,12 +111,12 @@ def test_where_it_cannot_keep_anything_it_fails(tmp_path):
 
 def test_one_of_those_scenes_is_solved_directly():
     """Else the way there would not be tested above."""
-    assert clothfit.simulate(clothfit.load(SCENES["beyond"])).direct_solves > 0
+    assert clothfit.simulate(clothfit.load(SCENES["beyond"])).remedies.direct_solves > 0
 
 
 def test_one_of_those_scenes_has_clamped_steps():
     """The same."""
-    assert clothfit.simulate(clothfit.load(SCENES["compressed"])).clamped_steps > 0
+    assert clothfit.simulate(clothfit.load(SCENES["compressed"])).remedies.clamped_steps > 0
 
 
 def test_without_compilation_there_is_nothing_to_do():

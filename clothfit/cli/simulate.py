@@ -57,12 +57,12 @@ def command(
             energy_table.show(energy, console)
         raise
     seconds = time.perf_counter() - began
-    console.detail(f"simulated, {motion.direct_solves} linear systems solved directly")
+    console.detail("simulated")
     energy = energy_of(scene, motion, with_energy)
     out.write(shared.motion_data(motion, energy_table.arrays(energy)))
-    if motion.direct_solves:
-        console.warn(f"{motion.direct_solves} linear systems were indefinite or very stiff and were solved directly")
     done = len(motion.times) - 1
+    for sentence in motion.remedies.sentences(done * len(scene.cloths)):
+        console.warn(sentence)
     console.say(f"{scene.name}: {done} steps of {scene.delta:.4g} s in {seconds:.2f} s → {out.name}")
     energy_table.show(energy, console)
     if as_json:
@@ -71,7 +71,7 @@ def command(
             "frames": done + 1,
             "vertices": motion.positions.shape[1],
             "seconds": seconds,
-            "direct_solves": motion.direct_solves,
+            **motion.remedies._asdict(),
             "output": out.path,
             **energy_table.summary(energy),
         }

@@ -50,11 +50,17 @@ def contact(spheres, y, i, c):
 
 @kernel
 def energy(spheres, y):
+    return energy_of_contacts(spheres, y, y)
+
+
+@kernel
+def energy_of_contacts(spheres, y, x):
+    """The energy at y of the contacts that there are at x, (n, 3) each."""
     total = 0.0  # ½ κ (r − δ)²
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
             depth = contact(spheres, y, i, c)[0]
-            if depth > 0.0:
+            if depth > 0.0 and contact(spheres, x, i, c)[0] > 0.0:
                 total += 0.5 * STIFFNESS * depth * depth
     return total
 
@@ -86,17 +92,6 @@ def add_step(spheres, y, u, h, A, b):
                     b[i, 0] += push * n0
                     b[i, 1] += push * n1
                     b[i, 2] += push * n2
-    return 0.5 * stored
-
-
-@kernel
-def energy(spheres, y):
-    stored = 0.0
-    for c in range(len(spheres.radius)):
-        for i in range(len(y)):
-            depth, _, _, _, _ = contact(spheres, y, i, c)
-            if depth > 0.0:
-                stored += STIFFNESS * depth * depth
     return 0.5 * stored
 
 

@@ -65,11 +65,13 @@ def add_opposite(out, springs, i, p):
 
 @kernel
 def axis(springs, y, i):
-    """Length, its inverse and unit vector of spring i; one of zero length has no direction and exerts nothing."""
+    """Length, its inverse and unit vector of spring i; one of zero length has no direction and exerts nothing: there
+    the vector is 0, and the inverse that of the rest length.
+    """
     e = difference(y, springs, i)
     length = sqrt(sum3(mul(e, e)))
     if length == 0.0:
-        return springs.rest[i], 1.0 / springs.rest[i], e
+        return 0.0, 1.0 / springs.rest[i], e
     inverse = 1.0 / length
     return length, inverse, mul(e, splat(inverse))
 
@@ -96,12 +98,12 @@ def pointlike(d):
 
 @kernel
 def energy(springs, y):
-    total = 0.0  # ½ k (L − L₀)², also where L = 0, as its limit
+    twice = 0.0  # k (L − L₀)², also where L = 0, as its limit
     for i in range(len(springs.rest)):
         e = difference(y, springs, i)
         stretch = sqrt(dot(e, e)) - springs.rest[i]
-        total += 0.5 * springs.stiffness[i] * stretch * stretch
-    return total
+        twice += springs.stiffness[i] * stretch * stretch
+    return 0.5 * twice
 
 
 @kernel
@@ -150,16 +152,6 @@ def add_step(springs, y, u, h, A, b):
             stretch = length - springs.rest[i]
             stored += k * stretch * stretch
             add_opposite(b, springs, i, mul(splat(-h * k * stretch), d))
-    return 0.5 * stored
-
-
-@kernel
-def energy(springs, y):
-    stored = 0.0
-    for i in range(len(springs.rest)):
-        length, _, _ = axis(springs, y, i)
-        stretch = length - springs.rest[i]
-        stored += springs.stiffness[i] * stretch * stretch
     return 0.5 * stored
 
 

@@ -30,8 +30,9 @@ def add_step(system, y, u, h, A, b):
 
 
 @kernel
-def energy(system, y):
-    return springs.energy(system.springs, y) + spheres.energy(system.spheres, y)
+def stored_energy(system, y, x):
+    """The energy at y of the springs, and of the contacts that there are at x, (n, 3) each, J."""
+    return springs.energy(system.springs, y) + spheres.energy_of_contacts(system.spheres, y, x)
 
 
 @kernel

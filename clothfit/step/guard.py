@@ -8,8 +8,9 @@ orders of magnitude in a crushed one, and what follows is garbage. Then only a p
 
 V being the energy stored in springs and contacts, the last term the work of the weight. Some θ always serves: as θ → 0
 the kinetic energy goes, and where there is none, w = h A⁻¹ f points downhill as A is positive definite (`clamped`).
-Air at rest only takes energy away; wind brings some, so in wind no step is shortened. Rises below a ten-thousandth are
-left: motions stay those of the editor's engine, and the tolerance of the linear solver is no reason.
+
+Left as the format has it: a contact that begins with the step, of whose sphere the step knew nothing; all steps in
+wind, which brings energy, while air at rest only takes it away; and rises below a thousandth.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from clothfit.lanes import add, fma, load3, mul, pack, splat, sum3
 from clothfit.system import IMPLICIT
 from clothfit.vectors import combine
 
-SLACK = 1e-4
+SLACK = 1e-3
 """Rise that is left alone, relative to the kinetic and stored energy before the step."""
 
 FLOOR = 1e-20
@@ -63,20 +64,20 @@ def rises(before, after, work):
 
 
 @kernel
-def raised(system, before, x, v):
-    """The same for a step that led to x and v (n, 3)."""
+def raised(system, before, x, v, x_new):
+    """The same for a step from x to x_new with velocity v, (n, 3) each, without contacts that begin with it."""
     kinetic, power = moving(system.vertex, v)
-    return rises(before, kinetic + total.energy(system, x), system.h * power)
+    return rises(before, kinetic + total.stored_energy(system, x_new, x), system.h * power)
 
 
 @kernel
-def shorten(system, x, before, v, x_new):
-    """Halve v, which led from x (n, 3) to x_new, until the energy does not rise; returns the part θ that is left."""
+def shorten(system, before, x, v, x_new):
+    """Halve v, which led from x to x_new, (n, 3) each, until no energy is added; returns the part θ that is left."""
     theta = 1.0
     for _ in range(SHORTEST):
         theta *= 0.5
         combine(0.5, v, 0.0, v, v)
         combine(1.0, x, system.h, v, x_new)
-        if not raised(system, before, x_new, v):
+        if not raised(system, before, x, v, x_new):
             break
     return theta
