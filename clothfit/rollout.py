@@ -106,10 +106,16 @@ def fill(system: System, tolerance: float, work: implicit.Workspace, part: Rollo
     safe = clamped(system)
     with cg.helped(work.A, work.cg):
         for begin, end in stretches(part.steps, len(system.x0)):
-            good = int(run(system, safe, tolerance, work, part, begin, end))
-            interrupts.check()
-            if good < end:
-                return good
+            done, refused = begin, False
+            while done < end:
+                if refused:
+                    done, failed = run(safe, tolerance, work, part, done, done + 1)
+                else:
+                    done, failed = run(system, tolerance, work, part, done, end)
+                interrupts.check()
+                if failed:
+                    return int(done)
+                refused = not refused and done < end
     return part.steps
 
 
@@ -151,10 +157,15 @@ def velocities(part, t):
 
 
 @kernel
-def run(system, safe, tolerance, work, part, start, stop):
-    """Fill a Rollout from its step `start` to below `stop`; returns the number of good steps since its beginning."""
+def run(system, tolerance, work, part, start, stop):
+    """Fill a Rollout from its step `start` to below `stop`.
+
+    Returns the number of good steps since its beginning, and whether the next failed; where neither it did nor `stop`
+    is reached, it is to be taken with the clamped system, and the guess for it is made.
+    """
     x, w, used, solves, capped, theta, _, before = part
     guarded, first, energy = guard.applies(system), work.solution, 0.0
+    safe = system.springs.cap <= 1.0
     for t in range(start, stop):
         v = velocity(part, t)
         now, power = transition.prepare(system, x[t], v, work)
@@ -162,16 +173,21 @@ def run(system, safe, tolerance, work, part, start, stop):
         if suspect and shortened(system, part, t - 1, energy):
             now, _ = transition.prepare(system, x[t], v, work)
         energy = now
-        copy(v, first)
-        guess.advance(work.past, before + t, first)
-        result = transition.step(system, safe, x[t], v, first, tolerance, work, w[t], x[t + 1])
-        used[t], solves[t, 0], solves[t, 1], capped[t] = result
-        theta[t] = 1.0
+        if not safe:
+            copy(v, first)
+            guess.advance(work.past, before + t, first)
+            solves[t] = 0
+        used[t], iterations, direct = transition.step(system, x[t], v, first, tolerance, work, w[t], x[t + 1])
+        solves[t, 0] += iterations
+        solves[t, 1] += direct
+        theta[t], capped[t] = 1.0, safe
+        if used[t] == 0:
+            return t, False
         if not finite(x[t + 1]):
-            return t
+            return t, True
     if guarded and stop > start:
         shortened(system, part, stop - 1, energy)
-    return stop
+    return stop, False
 
 
 @kernel
