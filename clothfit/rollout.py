@@ -164,14 +164,15 @@ def run(system, tolerance, work, part, start, stop):
     is reached, it is to be taken with the clamped system, and the guess for it is made.
     """
     x, w, used, solves, capped, theta, _, before = part
-    guarded, first, energy = guard.applies(system), work.solution, 0.0
-    safe = system.springs.cap <= 1.0
-    for t in range(start, stop):
+    first, energy, safe = work.solution, 0.0, system.springs.cap <= 1.0
+    t, checked = start, start if guard.applies(system) else stop
+    while t < stop:
         v = velocity(part, t)
-        now, power = transition.prepare(system, x[t], v, work)
-        suspect = guarded and t > start and guard.rises(energy, now, system.h * power)
-        if suspect and shortened(system, part, t - 1, energy):
-            now, _ = transition.prepare(system, x[t], v, work)
+        now, power = transition.prepare(system, x[t], v, work)  # tells the energy that step t − 1 led to
+        if t > checked and guard.rises(energy, now, system.h * power):
+            checked = t
+            if shortened(system, part, t - 1, energy):
+                continue
         energy = now
         if not safe:
             copy(v, first)
@@ -185,7 +186,8 @@ def run(system, tolerance, work, part, start, stop):
             return t, False
         if not finite(x[t + 1]):
             return t, True
-    if guarded and stop > start:
+        t += 1
+    if checked < stop:
         shortened(system, part, stop - 1, energy)
     return stop, False
 
