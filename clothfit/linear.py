@@ -58,7 +58,7 @@ def solve_directly(A, b, w):
 def factorise_and_solve(
     order: Indices, row: Indices, column: Indices, shares: Indices, diagonal: Array, upper: Array, b: Array
 ) -> Array:
-    """Solve A w = b by a sparse LU factorisation of the free rows; NaN where A is singular, or not finite, or what comes
+    """Solve A w = b by a sparse LU factorisation of the free rows; NaN where A is singular or not finite, or what comes
     of it is no solution.
     """
     from scipy.sparse.linalg import norm, splu
