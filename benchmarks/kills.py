@@ -1,8 +1,9 @@
 """Kill runs at random instants and see what is left: `python benchmarks/kills.py [--count 200] [--seed 0]`.
 
-Runs of `clothfit estimate` (a fit to a noisy capture, with a checkpoint) and `clothfit simulate` take turns; each gets
-a SIGKILL at an instant drawn from its whole length or, every second time, from the last fifth of it, where files are
-written. In half of the runs there is an older file in the place of the output. Afterwards
+Runs of `clothfit estimate` (a fit to a noisy capture, with a checkpoint) and `clothfit simulate` take turns until so
+many have been killed. Each gets a SIGKILL at an instant drawn from its whole length; of three runs, one from its last
+fifth, where files are written, and one as soon as a file is being written after the instant that was drawn. In half of
+the runs there is an older file in the place of the output. Afterwards
 
 - the output is absent, the older file, or to the last byte that of a run that nobody disturbed: no file is torn;
 - the inputs have the bytes they had;
@@ -16,9 +17,11 @@ Prints a table, and each fault; the exit code is 1 where there is one.
 
 from __future__ import annotations
 
+import itertools
 import os
 import random
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -34,6 +37,7 @@ from clothfit.errors import InvalidInput
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 LATE = 0.2  # the last part of a run
+WRITING = 0.003  # s that a file is being written for, at most, when its writer is killed
 OLD = b"an older file\n"
 LONGEST = 300  # s
 
@@ -61,8 +65,8 @@ def clothfit(folder: Path, *arguments: str) -> None:
     subprocess.run([sys.executable, "-m", "clothfit", *arguments, "-q"], cwd=folder, check=True)
 
 
-def prepared(folder: Path, frames: int, steps: int) -> list[Run]:
-    """The two commands: a fit to so many `frames`, a simulation of so many `steps`."""
+def prepared(folder: Path, frames: int, steps: int, warm: int) -> list[Run]:
+    """The two commands: a fit to so many `frames`, a simulation of so many `steps`; measured after `warm` runs."""
     scene = EXAMPLES / "corners.json"
     shutil.copy(scene, folder / "scene.json")
     clothfit(folder, "target", "scene.json", "--steps", str(frames - 1), "--noise", "0.001", "-o", "capture.npz")
@@ -72,7 +76,7 @@ def prepared(folder: Path, frames: int, steps: int) -> list[Run]:
     move = ["simulate", "scene.json", "--steps", str(steps), "-q", "-o", "moved.npz"]
     runs = [Run(fit, files, "fitted.json", "fit.checkpoint"), Run(move, files, "moved.npz")]
     for run in runs:
-        for _ in range(2):  # the first may compile
+        for _ in range(1 + warm):  # the first may compile
             began = time.perf_counter()
             clothfit(folder, *run.arguments)
             run.seconds = time.perf_counter() - began
@@ -87,18 +91,25 @@ def disturbed(run: Run, folder: Path, chance: random.Random) -> list[str]:
     older = chance.random() < 0.5
     if older:
         (folder / run.output).write_bytes(OLD)
-    late = chance.random() < 0.5
-    instant = run.seconds * chance.uniform(1.0 - LATE if late else 0.0, 1.0)
+    kind = chance.choice(("any", "late", "writing"))
+    instant = run.seconds * chance.uniform(1.0 - LATE if kind == "late" else 0.0, 1.0)
+    began = time.perf_counter()
     process = run.begin(folder)
     try:
         process.communicate(timeout=instant)
-        run.counts["ended before"] += 1
     except subprocess.TimeoutExpired:
+        while kind == "writing" and process.poll() is None and not temporaries(folder):
+            pass
+        time.sleep(chance.uniform(0.0, WRITING) if kind == "writing" else 0.0)
         process.kill()
         process.communicate()
+    if process.returncode == -signal.SIGKILL:
         run.counts["killed"] += 1
-    found = [f"killed after {instant:.3f} s: {fault}" for fault in torn(run, folder, older)]
-    return found + [f"killed after {instant:.3f} s, then repeated: {fault}" for fault in repeated(run, folder)]
+    else:  # it is faster than it was
+        run.counts["ended before"] += 1
+        run.seconds = min(run.seconds, time.perf_counter() - began)
+    found = [f"{kind}, {instant:.3f} s: {fault}" for fault in torn(run, folder, older)]
+    return found + [f"{kind}, {instant:.3f} s, then repeated: {fault}" for fault in repeated(run, folder)]
 
 
 def torn(run: Run, folder: Path, older: bool) -> list[str]:
@@ -137,20 +148,22 @@ def temporaries(folder: Path) -> list[str]:
     return [name for name in os.listdir(folder) if name.startswith(".clothfit-") and name.endswith(".tmp")]
 
 
-def trials(count: int, seed: int, frames: int, steps: int) -> tuple[list[Run], list[str]]:
+def trials(count: int, seed: int, frames: int, steps: int, warm: int = 1) -> tuple[list[Run], list[str]]:
     """Kill so many runs, by turns; returns both commands with what was counted, and the faults."""
     chance, faults = random.Random(seed), []
     with tempfile.TemporaryDirectory() as first:
-        runs = prepared(Path(first), frames, steps)
-    for number in range(count):
+        runs = prepared(Path(first), frames, steps, warm)
+    for number in itertools.count():
         run = runs[number % len(runs)]
+        if sum(run.counts["killed"] for run in runs) >= count:
+            break
         with tempfile.TemporaryDirectory() as folder:
             faults += [f"{number}: {run.arguments[0]} {fault}" for fault in disturbed(run, Path(folder), chance)]
     return runs, faults
 
 
 @click.command()
-@click.option("--count", default=200, show_default=True, help="Runs to kill.")
+@click.option("--count", default=200, show_default=True, help="Kills.")
 @click.option("--seed", default=0, show_default=True, help="Of the instants.")
 @click.option("--frames", default=12, show_default=True, help="That are fitted.")
 @click.option("--steps", default=5000, show_default=True, help="That are simulated.")
@@ -163,7 +176,7 @@ def main(count: int, seed: int, frames: int, steps: int) -> None:
     for run in runs:
         told = " | ".join(str(run.counts[name]) for name in names)
         print(f"| `{run.arguments[0]}` | {run.seconds:.1f} | {told} |")
-    print(f"{count} runs, {len(faults)} faults")
+    print(f"{sum(run.counts['killed'] for run in runs)} kills, {len(faults)} faults")
     for fault in faults:
         print(fault, file=sys.stderr)
     sys.exit(1 if faults else 0)

@@ -59,7 +59,9 @@ def _obstacle(path: str | os.PathLike[str]) -> str | None:
     if mode is not None and not stat.S_ISREG(mode):
         return None
     folder = os.path.dirname(os.path.realpath(path))
-    if not os.path.isdir(folder):
+    try:
+        os.stat(folder)  # "permission denied" passes on
+    except FileNotFoundError:
         return f"the folder {folder} does not exist"
     return None if os.access(folder, os.W_OK | os.X_OK) else f"the folder {folder} is not writable"
 

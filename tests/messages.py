@@ -67,9 +67,8 @@ def sentences(node: ast.AST, scope: ast.AST, tree: ast.Module) -> Iterator[str]:
             position = 1
         if position is not None and len(node.args) > position:
             yield from texts(node.args[position], scope, tree)
-    elif isinstance(node, (ast.Return, ast.Yield)) and node.value is not None:
-        if GIVERS.fullmatch(getattr(scope, "name", "")):
-            yield from texts(node.value, scope, tree)
+    elif isinstance(node, (ast.Return, ast.Yield)) and GIVERS.fullmatch(getattr(scope, "name", "")):
+        yield from texts(node.value or ast.Constant(None), scope, tree)
 
 
 def texts(node: ast.AST, scope: ast.AST, tree: ast.Module) -> Iterator[str]:

@@ -147,7 +147,7 @@ def test_a_call_raises_the_message_of_its_row(message):
 def test_a_gradient_that_overflows_is_a_divergence(monkeypatch):
     scene = load(SMALL)
     monkeypatch.setattr(Objective, "add_pullback", lambda *arguments: arguments[-1].fill(np.inf))
-    with pytest.raises(Diverged, match="^scene: the gradient overflows$"):
+    with pytest.raises(Diverged, match=r"^scene: the gradient overflows$"):
         Objective(scene, simulate(scene)).cost_and_gradient(np.ones(1))
 
 

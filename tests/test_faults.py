@@ -2,6 +2,7 @@
 
 import io
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -38,11 +39,7 @@ def names(place="."):
 
 # --- places that cannot be written
 
-WRITERS = [
-    ("out.npz", ["simulate", "scene.json"]),
-    ("out.npz", ["target", "scene.json"]),
-    ("out.json", ["estimate", "scene.json"]),
-]
+WRITERS = [("out.npz", ["simulate", "scene.json"]), ("out.json", ["estimate", "scene.json"])]
 
 
 @unix
@@ -97,7 +94,7 @@ def test_a_folder_that_vanishes_during_the_work_is_told(folder, capsys, monkeypa
 
     monkeypatch.setattr(clothfit, "simulate", vanishing)
     assert run(["simulate", "scene.json", "-o", "out/x.npz"]) == 3
-    assert capsys.readouterr().err == "error: cannot write out/x.npz: No such file or directory\n"
+    assert re.fullmatch(r"error: cannot write out/x.npz: the folder .*out does not exist\n", capsys.readouterr().err)
 
 
 def test_where_the_result_cannot_be_written_the_checkpoint_is_named(folder, capsys, monkeypatch):
@@ -114,8 +111,8 @@ def test_where_the_result_cannot_be_written_the_checkpoint_is_named(folder, caps
     with monkeypatch.context() as patch:
         patch.setattr(fit, "estimate", vanishing)
         assert run(command) == 3
-    reason = "cannot write out/x.json: No such file or directory"
-    assert capsys.readouterr().err == f"error: {reason}; then repeat the command with --resume: c is kept\n"
+    told = r"error: cannot write out/x.json: .*; then repeat the command with --resume: c is kept\n"
+    assert re.fullmatch(told, capsys.readouterr().err)
     Path("out").mkdir()
     assert run([*command, "--resume"]) == 0
     resumed = Path("out/x.json").read_bytes()
@@ -151,8 +148,10 @@ def test_a_pipe_is_no_place_for_a_checkpoint(folder, capsys):
 
 
 @unix
-@pytest.mark.parametrize("command", [["target", "-o", "-"], ["evaluate", "scene.json", "--json"]])
-@pytest.mark.parametrize("closed", [("stdout",), ("stdout", "stderr")])
+@pytest.mark.parametrize(
+    ("command", "closed"),
+    [(["target", "-o", "-"], ("stdout",)), (["evaluate", "scene.json", "--json"], ("stdout", "stderr"))],
+)
 def test_readers_that_left_are_no_fault_of_the_program(folder, command, closed):
     call = [sys.executable, "-m", "clothfit", command[0], "scene.json", *command[1:], "-q"]
     process = subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment())
@@ -235,7 +234,7 @@ def test_a_request_to_end_leaves_nothing_behind(folder, kind):
 
 @unix
 def test_with_nohup_a_terminal_may_be_closed(folder):
-    process = begun(preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
+    process = begun("--steps", "2000", preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
     process.send_signal(signal.SIGHUP)
     process.communicate(timeout=SECONDS)
     assert process.returncode == 0
@@ -311,9 +310,9 @@ def test_runs_that_are_killed_leave_whole_files_and_go_on(monkeypatch):
         monkeypatch.setenv(name, value)
     from kills import trials
 
-    runs, faults = trials(count=6, seed=1, frames=5, steps=500)
+    runs, faults = trials(count=6, seed=1, frames=5, steps=500, warm=0)
     assert faults == []
-    assert sum(run.counts["killed"] for run in runs) >= 1
+    assert sum(run.counts["killed"] for run in runs) == 6
 
 
 # --- memory
