@@ -32,8 +32,12 @@ from pathlib import Path
 
 import click
 
+from clothfit.capture import degrade
 from clothfit.checkpoint import decoded
 from clothfit.errors import InvalidInput
+from clothfit.fit import record_target
+from clothfit.motion import save_motion
+from clothfit.scene import load
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 LATE = 0.2  # the last part of a run
@@ -60,16 +64,11 @@ class Run:
         return subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
 
-def clothfit(folder: Path, *arguments: str) -> None:
-    """Run a command of this program."""
-    subprocess.run([sys.executable, "-m", "clothfit", *arguments, "-q"], cwd=folder, check=True)
-
-
-def prepared(folder: Path, frames: int, steps: int, warm: int) -> list[Run]:
+def prepared(folder: Path, scene: Path, frames: int, steps: int, warm: int) -> list[Run]:
     """The two commands: a fit to so many `frames`, a simulation of so many `steps`; measured after `warm` runs."""
-    scene = EXAMPLES / "corners.json"
     shutil.copy(scene, folder / "scene.json")
-    clothfit(folder, "target", "scene.json", "--steps", str(frames - 1), "--noise", "0.001", "-o", "capture.npz")
+    capture = degrade(record_target(load(scene), frames), noise=0.001)
+    save_motion(capture, folder / "capture.npz")
     files = {name: (folder / name).read_bytes() for name in ("scene.json", "capture.npz")}
     fit = ["estimate", "scene.json", "--target", "capture.npz", "--start", "0.05", "--no-intervals", "-q"]
     fit += ["--checkpoint", "fit.checkpoint", "-o", "fitted.json"]
@@ -78,7 +77,10 @@ def prepared(folder: Path, frames: int, steps: int, warm: int) -> list[Run]:
     for run in runs:
         for _ in range(1 + warm):  # the first may compile
             began = time.perf_counter()
-            clothfit(folder, *run.arguments)
+            process = run.begin(folder)
+            told = process.communicate(timeout=LONGEST)[1].decode()
+            if process.returncode:
+                raise SystemExit(f"{run.arguments[0]} fails undisturbed: {told}")
             run.seconds = time.perf_counter() - began
         run.result = (folder / run.output).read_bytes()
     return runs
@@ -99,7 +101,7 @@ def disturbed(run: Run, folder: Path, chance: random.Random) -> list[str]:
         process.communicate(timeout=instant)
     except subprocess.TimeoutExpired:
         while kind == "writing" and process.poll() is None and not temporaries(folder):
-            pass
+            time.sleep(0.0002)
         time.sleep(chance.uniform(0.0, WRITING) if kind == "writing" else 0.0)
         process.kill()
         process.communicate()
@@ -148,11 +150,13 @@ def temporaries(folder: Path) -> list[str]:
     return [name for name in os.listdir(folder) if name.startswith(".clothfit-") and name.endswith(".tmp")]
 
 
-def trials(count: int, seed: int, frames: int, steps: int, warm: int = 1) -> tuple[list[Run], list[str]]:
+def trials(
+    count: int, seed: int, frames: int, steps: int, scene: Path = EXAMPLES / "corners.json", warm: int = 1
+) -> tuple[list[Run], list[str]]:
     """Kill so many runs, by turns; returns both commands with what was counted, and the faults."""
     chance, faults = random.Random(seed), []
     with tempfile.TemporaryDirectory() as first:
-        runs = prepared(Path(first), frames, steps, warm)
+        runs = prepared(Path(first), scene, frames, steps, warm)
     for number in itertools.count():
         run = runs[number % len(runs)]
         if sum(run.counts["killed"] for run in runs) >= count:

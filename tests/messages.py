@@ -21,7 +21,7 @@ CALLS = {
     **dict.fromkeys(("UsageError", "Died", "Lost", "_fail", "append"), 0),
     **dict.fromkeys(("_refusal", "refuse"), 1),
     **dict.fromkeys(("Outcome", "require", "_report"), 2),
-    "_report_springs": 3,
+    **dict.fromkeys(("_report_springs", "check"), 3),
 }
 """Which argument of a call is a sentence; that of `append` where it is to a list of problems."""
 

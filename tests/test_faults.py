@@ -3,20 +3,17 @@
 import io
 import os
 import re
-import signal
 import subprocess
 import sys
 import tempfile
 import threading
-import time
 from pathlib import Path
 
-import numpy as np
 import pytest
-from scenes import environment, even, needs_full_disk, started, trial, write_scene
+from scenes import environment, even, needs_full_disk, trial, write_scene
 
 import clothfit
-from clothfit import fit, temporary
+from clothfit import fit
 from clothfit.cli import run
 
 unix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals, pipes and limits")
@@ -208,152 +205,3 @@ def test_a_scene_that_somebody_saved_meanwhile_is_left_alone(folder, monkeypatch
     Path("same.json").write_bytes(before)
     assert run(["estimate", "same.json", "-q"]) == 0
     assert Path("scene.fitted.json").read_bytes() == Path("same.fitted.json").read_bytes()
-
-
-# --- signals
-
-
-def begun(*arguments, **keywords):
-    """A long simulation, at the moment when it has begun."""
-    call = [sys.executable, "-m", "clothfit", "simulate", "scene.json", "-v", "--steps", "100000", *arguments]
-    process = subprocess.Popen(call, stderr=subprocess.PIPE, env=environment(), **keywords)
-    process.stderr.readline()  # the scene is read
-    return process
-
-
-@unix
-@pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_a_request_to_end_leaves_nothing_behind(folder, kind):
-    process = begun()
-    process.send_signal(getattr(signal, kind))
-    err = process.communicate(timeout=SECONDS)[1]
-    assert process.returncode == 130
-    assert err.endswith(b"error: interrupted\n")
-    assert names() == ["scene.json", "target.npz"]
-
-
-@unix
-def test_with_nohup_a_terminal_may_be_closed(folder):
-    process = begun("--steps", "2000", preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
-    process.send_signal(signal.SIGHUP)
-    process.communicate(timeout=SECONDS)
-    assert process.returncode == 0
-
-
-@unix
-def test_a_second_request_ends_a_writing_that_nobody_reads(folder):
-    os.mkfifo("pipe")
-    call = [sys.executable, "-m", "clothfit", "simulate", "scene.json", "-v", "-o", "pipe"]
-    process = subprocess.Popen(call, stderr=subprocess.PIPE, env=environment())
-    while b"simulated" not in process.stderr.readline():
-        pass
-    time.sleep(0.3)  # until it waits for a reader
-    process.terminate()
-    with pytest.raises(subprocess.TimeoutExpired):
-        process.wait(1.2)
-    process.terminate()
-    assert process.wait(SECONDS) == 130
-    process.stderr.close()
-
-
-# --- two at once, and what killed ones left
-
-
-def test_two_runs_with_one_output_leave_one_of_both_results(folder):
-    calls = [[sys.executable, "-m", "clothfit", "simulate", "scene.json", "--steps", n, "-q", "-o", "x.npz"]
-             for n in ("1000", "1001")]  # fmt: skip
-    both = [subprocess.Popen(call, env=environment()) for call in calls]
-    assert [process.wait(SECONDS) for process in both] == [0, 0]
-    motion = clothfit.load_motion("x.npz", clothfit.load("scene.json"))
-    assert len(motion.times) in (1001, 1002)
-    alone = clothfit.simulate(clothfit.load("scene.json"), len(motion.times))
-    np.testing.assert_array_equal(motion.positions, alone.positions)
-    assert names() == ["scene.json", "target.npz", "x.npz"]
-
-
-@unix
-def test_what_a_killed_run_left_goes_with_the_next_and_nothing_else_does(folder, monkeypatch):
-    left, foreign = f"{temporary.prefix()}{'0' * 16}.tmp", f".clothfit-another0-{'0' * 16}.tmp"
-    for name in (left, foreign, ".clothfit-mine.tmp"):
-        Path(name).write_bytes(b"half")
-    temporary._swept.clear()
-    with temporary.create(str(folder)) as alive:
-        assert not Path(left).exists()
-        temporary._swept.clear()
-        assert run(["simulate", "scene.json", "-q", "-o", "x.npz"]) == 0
-        assert Path(alive.name).exists()  # somebody is writing it
-    assert sorted(set(names()) - {os.path.basename(alive.name)}) == sorted(
-        [foreign, ".clothfit-mine.tmp", "scene.json", "target.npz", "x.npz"]
-    )
-
-
-@unix
-def test_a_new_file_that_is_taken_for_left_behind_is_made_again(folder, monkeypatch):
-    lock, taken = temporary.lock, []
-
-    def late(number, wait):
-        if not taken:  # in the moment before it is locked
-            taken.extend(name for name in names() if name.startswith(".clothfit"))
-            os.unlink(taken[0])
-        return lock(number, wait)
-
-    monkeypatch.setattr(temporary, "lock", late)
-    assert run(["simulate", "scene.json", "-q", "-o", "x.npz"]) == 0
-    assert len(taken) == 1
-    assert names() == ["scene.json", "target.npz", "x.npz"]
-
-
-@unix
-def test_runs_that_are_killed_leave_whole_files_and_go_on(monkeypatch):
-    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[1] / "benchmarks"))
-    for name, value in environment().items():
-        monkeypatch.setenv(name, value)
-    from kills import trials
-
-    runs, faults = trials(count=6, seed=1, frames=5, steps=500, warm=0)
-    assert faults == []
-    assert sum(run.counts["killed"] for run in runs) == 6
-
-
-# --- memory
-
-FORESEEN = [["simulate", "scene.json"], ["target", "scene.json"], ["evaluate", "scene.json", "scene.json"]]
-
-
-@pytest.mark.parametrize("command", [*FORESEEN, ["estimate", "scene.json"], ["evaluate", "scene.json", "--speed"]])
-def test_memory_that_is_not_free_is_refused_with_the_figure_before_the_work(folder, monkeypatch, capsys, command):
-    monkeypatch.setattr("clothfit.memory.available", lambda: 1000)
-    monkeypatch.setattr("clothfit.rollout.run", lambda *_: pytest.fail("it began to work"))
-    assert run(command) == 3
-    assert ", 1 kB of memory are free; use fewer frames" in capsys.readouterr().err
-    assert names() == ["scene.json", "target.npz"]
-
-
-@pytest.mark.parametrize("steps", ["100000000", "9" * 400])
-@pytest.mark.parametrize("command", FORESEEN)
-def test_any_number_of_steps_has_its_figure(folder, capsys, command, steps):
-    assert run([*command, "--steps", steps]) == 3
-    err = capsys.readouterr().err
-    assert "frames of 16 vertices take " in err
-    assert len(err) < 200
-
-
-@pytest.mark.parametrize("rate", ["1e12", "1e308"])
-def test_any_rate_of_frames_has_its_figure(folder, capsys, rate):
-    assert run(["target", "scene.json", "--fps", rate]) == 3
-    assert "frames of 16 vertices take " in capsys.readouterr().err
-
-
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere the use of address space is not told")
-def test_a_limit_of_the_process_counts(folder):
-    # 4 GB of address space, of which the program takes 1; 10^7 frames of 16 vertices take 3.84 GB.
-    call = ["sh", "-c", 'ulimit -v 4000000; exec "$0" -m clothfit "$@"', sys.executable]
-    call += ["simulate", "scene.json", "--steps", "10000000"]
-    done = subprocess.run(call, capture_output=True, env=environment(), check=False, timeout=SECONDS)
-    assert (done.returncode, done.stdout) == (3, b"")
-    assert b"error: 10000001 frames of 16 vertices take 3.84 GB, " in done.stderr
-
-
-def test_what_a_command_says_of_a_missing_file_names_it(folder):
-    done = started("simulate", "absent.json")
-    assert (done.returncode, done.stderr) == (3, b"error: absent.json: cannot be read: No such file or directory\n")
