@@ -127,14 +127,15 @@ def stretches(steps: int, n: int) -> Iterator[tuple[int, int]]:
 
 
 def check_memory(frames: int, vertices: int, iterations: int) -> None:
-    """Raise InvalidInput, with the figure, when a motion with its velocities cannot be kept in this machine's memory;
+    """Raise InvalidInput, with the figure, when a motion with its velocities cannot be kept in the memory that is free;
     0 `iterations`: the positions alone.
     """
-    needed, most = 24 * (1 + iterations) * frames * vertices, memory.physical()
+    needed, most = 24 * (1 + iterations) * frames * vertices, memory.free()
     if needed > most:
+        count = str(frames) if frames < 10**15 else f"more than {10**15:.0e}"
         raise InvalidInput(
-            f"{frames} frames of {vertices} vertices take {needed / 1e9:.3g} GB, "
-            f"this machine has {most / 1e9:.3g} GB; use fewer frames (--steps, optimizationIterations)"
+            f"{count} frames of {vertices} vertices take {memory.human(min(needed, 10**30))}, "
+            f"{memory.human(most)} of memory are free; use fewer frames (--steps, --fps, optimizationIterations)"
         )
 
 

@@ -52,7 +52,7 @@ def test_an_indefinite_system_is_refused_unless_it_is_to_be_solved_anyhow():
 def test_numbers_beyond_all_bounds_do_not_spoil_the_next_solve():
     A, b, w = matrix(), right_side(), np.zeros((N, 3))
     work = cg.workspace(A)
-    linear.solve(A, 1e308 * b, 1e-12, work, w, False)
+    linear.solve(A, np.full_like(b, 1e308), 1e-12, work, w, False)
     w[:] = 0.0
     assert linear.solve(A, b, 1e-12, work, w, False)[1:] == (0, True)
     np.testing.assert_allclose(w, dense_solution(A, b), atol=1e-10)
