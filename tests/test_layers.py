@@ -25,6 +25,8 @@ ORDER = [
     "guess",
     "team",
     "output",
+    "reading",
+    "npz",
     "source",
     "splice",
     "conforms",
