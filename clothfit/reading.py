@@ -37,7 +37,7 @@ def whole(file: IO[Any], most: int | None = None) -> Any:
         if not piece:
             return piece.join(pieces)
         size += len(piece)
-    free = "that is free of memory" if most is None else "that can be read"
+    free = "of memory that are free" if most is None else "that can be read"
     raise OSError(errno.EFBIG, f"it has more than the {human(limit)} {free}")
 
 

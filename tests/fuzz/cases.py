@@ -75,16 +75,17 @@ class Verdict:
 
 
 @contextlib.contextmanager
-def workplace(folder: str) -> Iterator[None]:
-    """Work in a folder with the valid files that the commands need."""
+def workplace(folder: str, warm: bool = True) -> Iterator[None]:
+    """Work in a folder with the valid files that the commands need; `warm`: with everything compiled."""
     before = os.getcwd()
     os.chdir(folder)
     try:
         Path("good.json").write_text(json.dumps(scene()))
         np.savez("good.npz", **motion())  # type: ignore[arg-type]
         arguments = ("estimate", "good.json", "--target", "good.npz", "--checkpoint", "good.checkpoint", *FIT)
-        for command in (("warmup",), arguments):  # compiling is not what is timed
-            judged(command)
+        if warm:  # compiling is not what is timed
+            judged(("warmup",))
+        judged(arguments)
         yield  # the fit ended at the limit of evaluations, so its checkpoint is still there
     finally:
         os.chdir(before)
@@ -113,16 +114,16 @@ def checkpoint_bytes(chance: Random) -> bytes:
     return FORMAT + checksum(rest) + b"\n" + rest
 
 
-def tried(one: Case) -> Verdict:
-    """Do a case; in a workplace."""
+def tried(one: Case, slow: float = SLOW) -> Verdict:
+    """Do a case; in a workplace. More than `slow` seconds are a fault."""
     name = f"case.{'json' if one.kind == 'scene' else 'npz' if one.kind == 'motion' else 'checkpoint'}"
     Path(name).write_bytes(one.data)
-    return judged(tuple(argument.replace("{file}", name) for argument in one.arguments))
+    return judged(tuple(argument.replace("{file}", name) for argument in one.arguments), slow)
 
 
-def judged(arguments: tuple[str, ...]) -> Verdict:
+def judged(arguments: tuple[str, ...], slow: float = SLOW) -> Verdict:
     """Run a command and look at how it ends."""
-    out, error = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
+    out, error = (io.TextIOWrapper(io.BytesIO(), "utf-8", "backslashreplace", write_through=True) for _ in range(2))
     raised, code = "", -1
     began = time.perf_counter()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error), warnings.catch_warnings():
@@ -135,10 +136,11 @@ def judged(arguments: tuple[str, ...]) -> Verdict:
                 raise
     seconds = time.perf_counter() - began
     text = error.buffer.getvalue().decode("utf-8", "replace")  # type: ignore[attr-defined]
-    return Verdict(code, seconds, text, tuple(faults(code, seconds, text, raised)))
+    late = [f"more than {slow:g} s"] if seconds > slow else []
+    return Verdict(code, seconds, text, (*faults(code, text, raised), *late))
 
 
-def faults(code: int, seconds: float, text: str, raised: str) -> Iterator[str]:
+def faults(code: int, text: str, raised: str) -> Iterator[str]:
     """What must not be."""
     lines = text.splitlines()
     errors = [line for line in lines if line.startswith("error: ")]
@@ -154,5 +156,3 @@ def faults(code: int, seconds: float, text: str, raised: str) -> Iterator[str]:
         yield f"a line of {max(map(len, lines))} characters"
     if ".py:" in text:
         yield "a warning of a library"
-    if seconds > SLOW:
-        yield f"{seconds:.1f} s"

@@ -95,13 +95,14 @@ def alter(chance: Random, owner: Any, key: Any) -> None:
     value = owner[key]
     match chance.randrange(8):
         case 0:
-            owner[key] = chance.choice(OTHERS)
+            owner[key] = copy.deepcopy(chance.choice(OTHERS))
         case 1:
             del owner[key]
         case 2 if isinstance(owner, list):
-            owner[key:key] = [value] * chance.choice([1, 2, 3, 100])
+            owner[key:key] = [copy.deepcopy(value) for _ in range(chance.choice([1, 2, 3, 100]))]
         case 3 if isinstance(owner, dict):
-            owner[chance.choice(["", "x", "delta", "vertPos", "a b", "\0", "é"])] = chance.choice([*NUMBERS, *OTHERS])
+            name = chance.choice(["", "x", "delta", "vertPos", "a b", "\0", "é"])
+            owner[name] = copy.deepcopy(chance.choice([*NUMBERS, *OTHERS]))
         case 4 if isinstance(owner, list):
             chance.shuffle(owner)
         case _:
@@ -210,10 +211,11 @@ def zipped(chance: Random, members: list[tuple[str, bytes]]) -> bytes:
     """An archive of some members."""
     file = io.BytesIO()
     methods = [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_STORED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA]
-    with zipfile.ZipFile(file, "w", chance.choice(methods)) as archive, warnings.catch_warnings():
+    method = chance.choice(methods)
+    with zipfile.ZipFile(file, "w") as archive, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of names that are there twice
         for name, data in members:
-            archive.writestr(name, data)
+            archive.writestr(zipfile.ZipInfo(name), data, method)  # as of 1980, so that the bytes are always the same
     return file.getvalue()
 
 
