@@ -1,14 +1,15 @@
 """Try hostile scenes, motions and checkpoints on the commands: in `tests`, python -m fuzz --seconds 60.
 
-With atheris installed (there are wheels for some versions of Python on Linux only, and the tests do without) and
---guided, inputs are chosen by what code they reach; otherwise by a seeded generator, so that --seed S --count N are the
-same N cases again. Ends with exit code 1 when one of them led to anything but a documented exit code, one short
-message, 5 s and 1 GB of memory at most; the files that did are kept in --keep FOLDER.
+Cases come from a seeded generator, so that --seed S --count N are the same N cases again. With --guided they are also
+bred by atheris, by the code they reach; there are wheels of it for some versions of Python on Linux and macOS, so the
+tests do not ask for it. Ends with exit code 1 when a case led to anything but a documented exit code, one short message,
+5 s and 1 GB of memory at most; the files that did are kept in --keep FOLDER.
 """
 
 from __future__ import annotations
 
 import argparse
+import atexit
 import faulthandler
 import os
 import resource
@@ -19,12 +20,21 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
+from typing import TYPE_CHECKING
 
-from fuzz.cases import COMMANDS, Case, Verdict, case, tried, workplace
+if TYPE_CHECKING:
+    from fuzz.cases import Case, Verdict
 
 MOST_MEMORY = 1000  # MB
 HUNG = 60  # s after which a case is given up, and with it the run
 MOST_TOLD = 20
+LONGEST = 20_000  # bytes of a case that is bred
+
+WATCHED = [
+    f"clothfit.{name}" for name in
+    ("source", "conforms", "structure", "checks", "scene", "splice", "npz", "reading", "motion", "checkpoint")
+]  # fmt: skip
+"""What reads files, and has no kernels, which must be compiled as they are."""
 
 
 @dataclass
@@ -74,7 +84,9 @@ class Report:
 
 
 def generated(report: Report, seed: int, count: int | None, seconds: float) -> None:
-    """Try cases of a seeded generator, so many or so long."""
+    """Try cases of a seeded generator, so many or so long; in a workplace."""
+    from fuzz.cases import case, tried
+
     end = time.perf_counter() + seconds
     number = 0
     while number < count if count is not None else time.perf_counter() < end:
@@ -86,27 +98,48 @@ def generated(report: Report, seed: int, count: int | None, seconds: float) -> N
 
 
 def guided(report: Report, seconds: float) -> None:
-    """Let atheris choose the inputs by the code they reach; does not return."""
+    """Let atheris breed cases by the code they reach; in a workplace. Does not return.
+
+    A case is a byte for its kind and its file. Half of the mutations are the generator's.
+    """
     import atheris  # type: ignore[import-not-found]
 
-    commands = [(kind, COMMANDS[kind][0]) for kind in ("scene", "motion")]
+    from fuzz.cases import COMMANDS, Case, tried
+    from fuzz.mutations import KINDS
+
+    kinds = ("scene", "motion")
     corpus = Path("corpus")
     corpus.mkdir()
     for i, name in enumerate(("good.json", "good.npz")):
         (corpus / name).write_bytes(bytes([i]) + Path(name).read_bytes())
 
     def one_input(data: bytes) -> None:
-        if data:
-            one = Case(*commands[data[0] % 2], data[1:])
-            report.add(one, tried(one))
+        kind = kinds[data[0] % 2] if data else "scene"
+        one = Case(kind, COMMANDS[kind][0], data[1:])
+        report.add(one, tried(one))
 
-    atheris.instrument_all()
-    atheris.Setup([sys.argv[0], f"-max_total_time={seconds:.0f}", f"-timeout={HUNG}", str(corpus)], one_input)
+    def mutated(data: bytes, size: int, seed: int) -> bytes:
+        chance = Random(seed)
+        if chance.random() < 0.5:
+            return bytes(atheris.Mutate(data, size))
+        i = chance.randrange(2)
+        return bytes([i]) + KINDS[kinds[i]](chance)[: size - 1]
+
+    limits = [f"-max_total_time={seconds:.0f}", f"-timeout={HUNG}", f"-max_len={LONGEST}", "-verbosity=0"]
+    atheris.Setup([sys.argv[0], *limits, str(corpus)], one_input, custom_mutator=mutated)
+    atexit.register(lambda: os._exit(report.finish()))  # libFuzzer ends the process
+    atheris.Fuzz()
+
+
+def watched() -> bool:
+    """Load what reads files so that atheris sees what is reached; returns whether it is installed."""
     try:
-        atheris.Fuzz()
-    finally:
-        sys.stdout.flush()
-        os._exit(report.finish())
+        import atheris
+    except ImportError:
+        return False
+    with atheris.instrument_imports(include=WATCHED):
+        import fuzz.cases  # noqa: F401
+    return True
 
 
 def main() -> int:
@@ -118,13 +151,15 @@ def main() -> int:
     parser.add_argument("--guided", action="store_true", help="by coverage, with atheris where it is installed")
     parser.add_argument("--keep", type=Path, default=Path("faults"), help="where what led to a fault goes")
     options = parser.parse_args()
+    breeding = options.guided and watched()
+    from fuzz.cases import workplace
+
     report = Report(options.keep.absolute())
     with tempfile.TemporaryDirectory() as folder, workplace(folder):
-        if options.guided:
-            try:
-                guided(report, options.seconds)
-            except ImportError:
-                print("atheris is not installed; going on with the generator")
+        if breeding:
+            guided(report, options.seconds)
+        elif options.guided:
+            print("atheris is not installed; the generator it is")
         generated(report, options.seed, options.count, options.seconds)
         return report.finish()
 
