@@ -30,9 +30,12 @@ PIECE = 1 << 20
 ROOM, RATIO = 64 << 20, 100
 """An array of more than `ROOM` bytes may be packed `RATIO` times smaller at most: a motion's numbers hardly shrink."""
 
-DESCR = re.compile(r"""['"]descr['"]\s*:\s*['"]([<>=|]?[A-Za-z][0-9]{0,9}(?:\[[0-9A-Za-z]{1,9}\])?)['"]\s*[,}]""")
+DESCR = re.compile(r"""['"]descr['"]\s*:\s*['"]([^'"]{1,30})['"]\s*[,}]""")
 ORDER = re.compile(r"""['"]fortran_order['"]\s*:\s*(True|False)\s*[,}]""")
 SHAPE = re.compile(r"""['"]shape['"]\s*:\s*\(((?:\s*[0-9]{1,18}L?\s*,)*\s*(?:[0-9]{1,18}L?)?\s*)\)\s*[,}]""")
+
+TYPE = re.compile(r"[<>=|]?[biufcSUVmM][0-9]{1,9}(?:\[[0-9A-Za-z]{1,9}\])?")
+"""Types whose items are plain bytes, as NumPy writes them; it knows other names, some of them for pointers."""
 
 FAULTS = (
     OSError, ValueError, EOFError, RuntimeError, MemoryError, OverflowError, zipfile.BadZipFile, zlib.error,
@@ -141,7 +144,9 @@ def _described(text: str) -> tuple[np.dtype[Any], tuple[int, ...], bool]:
     if not len(descr) == len(order) == len(shape) == 1:
         raise ValueError("its header does not tell type and shape of plain numbers")
     try:
+        if not TYPE.fullmatch(descr[0]):
+            raise TypeError
         dtype = np.dtype(descr[0])
     except TypeError:
-        raise ValueError(f"there is no type {descr[0]}") from None
+        raise ValueError(f"there is no type {descr[0]!r} of plain numbers") from None
     return dtype, tuple(int(size) for size in re.findall("[0-9]+", shape[0])), order[0] == "True"

@@ -23,8 +23,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import IO, Any
 
-import numpy as np
-
 from clothfit import memory
 from clothfit.errors import InvalidScene
 from clothfit.memory import human
@@ -172,6 +170,8 @@ def _checked(text: str) -> Source:
 
 def _check_nesting(text: str, name: str) -> None:
     """Raise InvalidScene on a text that is nested too deeply, or whose values would not fit into the free memory."""
+    import numpy as np  # here because messages about files, which this module names, must not wait for it
+
     marks = _marks(text)
     steps = 28 - (np.frombuffer(marks, np.uint8) & 31).astype(np.int32)  # 1 for [ and {, −1 for ] and }
     if steps.cumsum().max(initial=0) > MOST_DEPTH:

@@ -47,6 +47,10 @@ def test_what_numpy_writes_is_read(save, kind):
         np.testing.assert_array_equal(found["b"], np.arange(5.0))
 
 
+def test_items_of_no_size_are_read():
+    assert [array.shape for array in read(npy(header("(2,)", "|S0"))).values()] == [(2,)]
+
+
 def test_a_bare_array_is_read():
     file = io.BytesIO()
     np.save(file, np.asfortranarray(np.arange(6.0).reshape(2, 3)))
@@ -85,7 +89,10 @@ HEADERS = {
     "deep": ("(" * 9000, NOT_PLAIN),
     "signs": ("-" * 9000 + "1", NOT_PLAIN),
     "nothing": ("", NOT_PLAIN),
-    "no type": (header(descr="f99"), "there is no type f99"),
+    "no type": (header(descr="f99"), "there is no type 'f99' of plain numbers"),
+    "a type of pointers": (header(descr="T"), "there is no type 'T' of plain numbers"),
+    "an old name of a type": (header(descr="|a8"), "there is no type '|a8' of plain numbers"),
+    "several types": (header(descr="<f8, <f8"), "there is no type '<f8, <f8' of plain numbers"),
     "a wide type": (header(descr="V999999999"), "it ends early: "),
     "long": (header() + " " * 10_000, STRANGE),
 }
