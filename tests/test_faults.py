@@ -162,12 +162,16 @@ def test_readers_that_left_are_no_fault_of_the_program(folder, command, closed):
 
 
 class Growing(io.FileIO):
-    """A file to which somebody writes while it is read."""
+    """A file to which somebody writes once while it is read."""
+
+    grown = False
 
     def read(self, size=-1):
         data = super().read(size)
-        with open(self.name, "ab") as file:
-            file.write(b" ")
+        if not self.grown:
+            self.grown = True
+            with open(self.name, "ab") as file:
+                file.write(b" ")
         return data
 
 
