@@ -29,7 +29,8 @@ import numpy as np
 
 from clothfit.arrays import Array, Indices
 from clothfit.kernel import kernel
-from clothfit.lanes import add, fma, load3, mul, pack, splat, store3, sub, sum3
+from clothfit.lanes import add, fma, load3, mul, pack, splat, store3, sub
+from clothfit.lanes.products import dot
 from clothfit.sparse import add_block, outer, subtract_block
 
 
@@ -69,7 +70,7 @@ def axis(springs, y, i):
     the vector is 0, and the inverse that of the rest length.
     """
     e = difference(y, springs, i)
-    length = sqrt(sum3(mul(e, e)))
+    length = sqrt(dot(e, e))
     if length == 0.0:
         return 0.0, 1.0 / springs.rest[i], e
     inverse = 1.0 / length
@@ -82,12 +83,6 @@ def capped(springs, rho):
     if rho > springs.cap:
         return springs.cap, 0.0
     return rho, rho
-
-
-@kernel
-def dot(p, q):
-    """p·q."""
-    return sum3(mul(p, q))
 
 
 @kernel

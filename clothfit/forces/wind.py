@@ -20,7 +20,8 @@ import numpy as np
 
 from clothfit.arrays import Array, Indices
 from clothfit.kernel import kernel
-from clothfit.lanes import add, fma, lane0, lane1, lane2, load3, mul, pack, splat, store3, sub, sum3, turn
+from clothfit.lanes import add, fma, lane0, lane1, lane2, load3, mul, splat, store3, sub
+from clothfit.lanes.products import cross, dot, vector
 from clothfit.sparse import add_block, outer
 
 
@@ -52,23 +53,11 @@ def edges(faces, y, i):
 
 
 @kernel
-def cross(p, q):
-    """p × q."""
-    return turn(sub(mul(p, turn(q)), mul(turn(p), q)))
-
-
-@kernel
 def normal(faces, y, i):
     """n of face i, and κ."""
     p, q = edges(faces, y, i)
     n = cross(p, q)
     return n, faces.drag / 6.0 * sqrt(dot(n, n))
-
-
-@kernel
-def dot(p, q):
-    """p·q."""
-    return sum3(mul(p, q))
 
 
 @kernel
@@ -81,7 +70,7 @@ def mean(faces, u, i):
 @kernel
 def relative(faces, u, i):
     """W − ū of face i."""
-    return sub(pack(faces.wind[0], faces.wind[1], faces.wind[2], 0.0), mean(faces, u, i))
+    return sub(vector(faces.wind), mean(faces, u, i))
 
 
 @kernel
@@ -94,7 +83,7 @@ def add_along(out, i, scale, n):
 def powers(faces, y, u, w):
     """f·w, W, in its two parts: the push of the wind on a cloth that is still, and what its own velocity adds."""
     wind, drag = 0.0, 0.0
-    still = pack(faces.wind[0], faces.wind[1], faces.wind[2], 0.0)
+    still = vector(faces.wind)
     for i in range(len(faces.corners)):
         n, kappa = normal(faces, y, i)
         along = 3.0 * kappa * dot(n, mean(faces, w, i))
@@ -202,7 +191,7 @@ def add_pushforward(faces, y, u, w, s, dy, du, direction, h, out):
         eta = dot(n, flow)
         deta = dot(dn, flow) - dot(n, mean(faces, du, i))
         if len(direction.wind) > 0:
-            deta += dot(n, pack(direction.wind[0], direction.wind[1], direction.wind[2], 0.0))
+            deta += dot(n, vector(direction.wind))
         for corner in range(3):
             j = faces.corners[i, corner]
             change = sub(load3(w, j), load3(u, j))

@@ -17,7 +17,8 @@ from __future__ import annotations
 
 from clothfit.forces import total
 from clothfit.kernel import kernel
-from clothfit.lanes import add, fma, load3, mul, pack, splat, sum3
+from clothfit.lanes import add, fma, load3, mul, splat, sum3
+from clothfit.lanes.products import dot, vector
 from clothfit.system import IMPLICIT
 from clothfit.vectors import combine
 
@@ -48,13 +49,7 @@ def moving(vertex, v):
         p_i = mul(splat(vertex.mass[i]), v_i)
         momentum = add(momentum, p_i)
         twice = fma(p_i, v_i, twice)
-    return 0.5 * sum3(twice), sum3(mul(load_vector(vertex.gravity), momentum))
-
-
-@kernel
-def load_vector(a):
-    """A vector (3,) in lanes."""
-    return pack(a[0], a[1], a[2], 0.0)
+    return 0.5 * sum3(twice), dot(vector(vertex.gravity), momentum)
 
 
 @kernel

@@ -28,7 +28,7 @@ from clothfit.arrays import Array
 from clothfit.forces import total
 from clothfit.kernel import kernel
 from clothfit.lanes import fma, load3, mul, splat, store3, sum3
-from clothfit.step import guard
+from clothfit.lanes.products import dot, vector
 from clothfit.system import System
 from clothfit.vectors import add, add_mass, add_rows_dot, combine, copy, hold_fixed
 
@@ -99,7 +99,7 @@ def add_momentum(vertex, v, b):
         momentum = lanes.add(momentum, p_i)
         twice = fma(p_i, v_i, twice)
         store3(lanes.add(load3(b, i), p_i) if vertex.free[i] else splat(0.0), b, i)
-    return 0.5 * sum3(twice), sum3(mul(guard.load_vector(vertex.gravity), momentum))
+    return 0.5 * sum3(twice), dot(vector(vertex.gravity), momentum)
 
 
 @kernel
