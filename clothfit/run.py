@@ -64,7 +64,9 @@ def roll(run: Run, p: Array, tolerance: float) -> tuple[System, Rollout]:
 def check(run: Run, good: int) -> None:
     """Raise Diverged unless all steps are good."""
     if good < run.steps:
-        raise Diverged(f"{run.scene.name}: objects[{run.cloth}] diverged at step {good + 1}", good + 1)
+        step = good + 1
+        when = f"step {step} (t = {step * run.scene.delta:.4g} s)"
+        raise Diverged(f"{run.scene.name}: objects[{run.cloth}] diverged at {when}; try a smaller delta", step)
 
 
 def still(run: Run) -> float:

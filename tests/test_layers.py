@@ -53,6 +53,8 @@ ORDER = [
     "step.jacobian",
     "rollout",
     "remedies",
+    "stability_limit",
+    "divergence",
     "tape",
     "adjoint",
     "sensitivity",

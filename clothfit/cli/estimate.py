@@ -152,6 +152,7 @@ def fit_one(scene_path: str, files: Files, options: dict[str, Any], console: Con
     first = goals.read_start(files.start, console)
     flagged = ", ".join(f"{owned(b.cloth, b.name)} ({b.mode})" for b in blocks(scene))
     console.detail(f"fitting {flagged or 'nothing'} over {scene.frames} frames")
+    shared.warn_of_steps(scene, scene.frames, console)
     console.announce_compilation()
     with console.progress() as show:
         found = fit.estimate(

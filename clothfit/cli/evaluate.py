@@ -90,6 +90,8 @@ def compare(
 
     horizon = HORIZON if steps is None else shared.frames_of(steps, truth)
     target = shared.read_motion(target_path, truth) if target_path is not None else None
+    for each in (truth, fitted) if target is None else (fitted,):
+        shared.warn_of_steps(each, max(truth.frames, horizon), console)
     console.announce_compilation()
     report = evaluate(truth, fitted, horizon=horizon, target=target)
     if as_json:

@@ -117,6 +117,7 @@ class Writer:
         found = result.fit
         for warning in (*found.scene.warnings, *found.warnings):
             self.console.warn(f"{item.path}: {warning}")
+        shared.warn_of_steps(found.scene, found.frames, self.console)
         try:
             write_atomically(item.out.path, dumps(found.scene))
         except ClothfitError as error:
@@ -158,6 +159,7 @@ def finish_one(item: Item, result: Result, console: Console, as_json: bool) -> i
         raise Failed(result.error or "there is no result", result.exit_code)
     for warning in found.scene.warnings:
         console.warn(f"{found.scene.name}: {warning}")
+    shared.warn_of_steps(found.scene, found.frames, console)
     (own,) = summaries([item], [result], {})
     starts: dict[str, Any] = {key: own[key] for key in ("start", "starts") if key in own}
     report.finish(found.scene, found, out, console, as_json, starts)

@@ -9,7 +9,7 @@ import click
 
 from clothfit.cli import energy_table, shared
 from clothfit.cli.console import Console
-from clothfit.errors import Diverged
+from clothfit.errors import Diverged, InvalidInput
 
 if TYPE_CHECKING:
     from clothfit.energy import Energy
@@ -22,12 +22,14 @@ if TYPE_CHECKING:
 @click.option("--steps", type=int, metavar="N", help="Time steps.  [default: the scene's optimizationIterations - 1]")
 @click.option("--tolerance", type=float, metavar="T", help="Of the linear solver.  [default: the scene's]")
 @click.option("--energy", "with_energy", is_flag=True, help="Tell, and keep with the motion, where the energy is.")
+@click.option("--dump", "dump_path", metavar="FILE", help="Where it diverges, keep the last states there (.npz).")
 @click.option("-o", "--output", "path", metavar="MOTION", help="Motion file.  [default: <stem>.motion.npz]")
 def command(
     scene_path: str,
     steps: int | None,
     tolerance: float | None,
     with_energy: bool,
+    dump_path: str | None,
     path: str | None,
     as_json: bool,
     console: Console,
@@ -38,13 +40,16 @@ def command(
     clothfit simulate scene.json
     clothfit simulate scene.json --steps 500 -o long.npz
     clothfit simulate scene.json --energy
+    clothfit simulate scene.json --dump last.npz
     """
     shared.check_numbers(steps, tolerance)
     scene = shared.read_scene(scene_path, console)
     frames = shared.frames_of(steps, scene)
     out = shared.output(path, scene_path, ".motion.npz", ())
+    dump = dump_of(dump_path, scene_path, out)
     import clothfit
 
+    shared.warn_of_steps(scene, frames, console)
     console.announce_compilation()
     began = time.perf_counter()
     try:
@@ -55,6 +60,7 @@ def command(
             out.write(shared.motion_data(error.motion, energy_table.arrays(energy)))
             console.say(f"the {len(error.motion.times)} frames before it are in {out.name}")
             energy_table.show(energy, console)
+        keep(scene, error, dump, console)
         raise
     seconds = time.perf_counter() - began
     console.detail("simulated")
@@ -63,7 +69,10 @@ def command(
     done = len(motion.times) - 1
     for sentence in motion.remedies.sentences(done * len(scene.cloths)):
         console.warn(sentence)
+    shared.warn_of_stretch(scene, motion, console)
     console.say(f"{scene.name}: {done} steps of {scene.delta:.4g} s in {seconds:.2f} s → {out.name}")
+    if dump is not None:
+        console.say(f"it stayed finite, so nothing is written to {dump.name}")
     energy_table.show(energy, console)
     if as_json:
         summary = {
@@ -86,3 +95,22 @@ def energy_of(scene: Scene, motion: Motion, wanted: bool) -> Energy | None:
     from clothfit.energy import energies
 
     return energies(scene, motion)
+
+
+def dump_of(path: str | None, scene_path: str, out: shared.Output) -> shared.Output | None:
+    """Where the last states go, checked as any output. Raises InvalidInput."""
+    if path is None:
+        return None
+    if path == shared.STREAM or (not out.is_stream and shared.same_file(path, out.path)):
+        raise InvalidInput(f"--dump: {path} is not possible, a file of its own is needed")
+    return shared.output(path, scene_path, "", ())
+
+
+def keep(scene: Scene, error: Diverged, dump: shared.Output | None, console: Console) -> None:
+    """Write the last states of a motion that diverged, where that is asked for."""
+    if dump is None or error.fault is None:
+        return
+    from clothfit import divergence
+
+    dump.write(divergence.dump(scene, error.fault))
+    console.say(f"the last states and the first bad one of objects[{error.fault.cloth}] are in {dump.name}")
