@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from clothfit.arrays import Array, Flags
 from clothfit.divergence import Fault, last_states, outcome, with_bad
-from clothfit.errors import Diverged, InvalidInput, InvalidMotion
+from clothfit.errors import InvalidInput, InvalidMotion
 from clothfit.limits import checked_tolerance
 from clothfit.output import Data, put, write_atomically
 from clothfit.remedies import NONE, Remedies
