@@ -14,7 +14,8 @@ from clothfit.motion import load_motion, simulate
 from clothfit.remedies import Remedies
 from clothfit.scene import load
 
-KEYS = {"schema_version", "command", "scene", "frames", "vertices", "seconds", "output", *Remedies._fields}
+NAMED = ("schema_version", "command", "scene", "frames", "vertices", "seconds", "output", "diverged", "dump")
+KEYS = {*NAMED, *Remedies._fields}
 SCENE = trial("nG", 6, 3, 3)
 
 
@@ -70,6 +71,7 @@ def test_json_has_the_keys_that_scripts_read(path, capsys):
     assert set(summary) == KEYS
     assert (summary["schema_version"], summary["command"]) == (1, "simulate")
     assert (summary["frames"], summary["vertices"]) == (6, 9)
+    assert (summary["diverged"], summary["dump"]) == (None, None)
     assert err == ""
 
 
@@ -180,6 +182,19 @@ def test_a_dump_holds_the_last_states(tmp_path, capsys):
     np.testing.assert_array_equal(x[:-1], kept.positions[steps[:-1]])
     assert not (np.abs(x[-1]).sum(axis=1) < 1e12).all()
     assert f"diverged at step {steps[-1]} " in err
+
+
+def test_json_tells_where_it_diverged(tmp_path, capsys):
+    made = write_scene(tmp_path, WILD)
+    assert run(["simulate", made, "--json", "-q", "--dump", str(tmp_path / "last.npz")]) == 4
+    out, err = capsys.readouterr()
+    summary = json.loads(out, parse_constant=refuse)
+    assert set(summary) == KEYS
+    found = summary["diverged"]
+    when = f"at step {found['step']} (t = {found['time']:.4g} s)"
+    assert f"{when}, objects[{found['object']}], vertex {found['vertex']} of 16;" in err
+    assert summary["frames"] == found["step"]
+    assert summary["dump"] == str(tmp_path / "last.npz")
 
 
 def test_a_motion_that_stays_finite_leaves_no_dump(path, tmp_path, capsys):

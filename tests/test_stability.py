@@ -4,6 +4,7 @@ import io
 import json
 import sys
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 
 import numba
@@ -42,9 +43,8 @@ def totals(system, steps=STEPS):
 
 def beginning(system, x):
     """Energy of the contacts that begin with each step, J: the step knows nothing of them, as in the format."""
-    pairs = zip(x[:-1], x[1:], strict=True)
     return np.array([spheres.energy(system.spheres, b) - spheres.energy_of_contacts(system.spheres, b, a)
-                     for a, b in pairs])  # fmt: skip
+                     for a, b in pairwise(x)])  # fmt: skip
 
 
 @pytest.mark.parametrize("name", STILL)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -51,41 +51,55 @@ def command(
 
     shared.warn_of_steps(scene, frames, console)
     console.announce_compilation()
-    began = time.perf_counter()
+    began, error = time.perf_counter(), None
     try:
         motion = clothfit.simulate(scene, frames, tolerance)
-    except Diverged as error:
-        if error.motion is not None:
-            energy = energy_of(scene, error.motion, with_energy)
-            out.write(shared.motion_data(error.motion, energy_table.arrays(energy)))
-            console.say(f"the {len(error.motion.times)} frames before it are in {out.name}")
-            energy_table.show(energy, console)
-        keep(scene, error, dump, console)
-        raise
+    except Diverged as problem:
+        if problem.motion is None:
+            raise
+        motion, error = problem.motion, problem
     seconds = time.perf_counter() - began
     console.detail("simulated")
     energy = energy_of(scene, motion, with_energy)
     out.write(shared.motion_data(motion, energy_table.arrays(energy)))
+    if error is None:
+        tell(scene, motion, seconds, out, console)
+    else:
+        console.say(f"the {len(motion.times)} frames before it are in {out.name}")
+    dumped = keep(scene, error, dump, console)
+    energy_table.show(energy, console)
+    if as_json:
+        summary = {
+            "scene": scene.name,
+            "frames": len(motion.times),
+            "vertices": motion.positions.shape[1],
+            "seconds": seconds,
+            **motion.remedies._asdict(),
+            "output": out.path,
+            "diverged": error and place(scene, error),
+            "dump": dumped,
+            **energy_table.summary(energy),
+        }
+        shared.print_json("simulate", summary, out)
+    if error is not None:
+        raise error
+    return 0
+
+
+def tell(scene: Scene, motion: Motion, seconds: float, out: shared.Output, console: Console) -> None:
+    """Tell of a motion that stayed finite."""
     done = len(motion.times) - 1
     for sentence in motion.remedies.sentences(done * len(scene.cloths)):
         console.warn(sentence)
     shared.warn_of_stretch(scene, motion, console)
     console.say(f"{scene.name}: {done} steps of {scene.delta:.4g} s in {seconds:.2f} s → {out.name}")
-    if dump is not None:
-        console.say(f"it stayed finite, so nothing is written to {dump.name}")
-    energy_table.show(energy, console)
-    if as_json:
-        summary = {
-            "scene": scene.name,
-            "frames": done + 1,
-            "vertices": motion.positions.shape[1],
-            "seconds": seconds,
-            **motion.remedies._asdict(),
-            "output": out.path,
-            **energy_table.summary(energy),
-        }
-        shared.print_json("simulate", summary, out)
-    return 0
+
+
+def place(scene: Scene, error: Diverged) -> dict[str, Any]:
+    """Where a motion diverged, for --json."""
+    fault = error.fault
+    where = {"object": None, "vertex": None} if fault is None else {"object": fault.cloth, "vertex": fault.vertex}
+    return {"step": error.step, "time": error.step * scene.delta, **where}
 
 
 def energy_of(scene: Scene, motion: Motion, wanted: bool) -> Energy | None:
@@ -106,11 +120,14 @@ def dump_of(path: str | None, scene_path: str, out: shared.Output) -> shared.Out
     return shared.output(path, scene_path, "", ())
 
 
-def keep(scene: Scene, error: Diverged, dump: shared.Output | None, console: Console) -> None:
-    """Write the last states of a motion that diverged, where that is asked for."""
-    if dump is None or error.fault is None:
-        return
+def keep(scene: Scene, error: Diverged | None, dump: shared.Output | None, console: Console) -> str | None:
+    """Write the last states of a motion that diverged, where that is asked for; returns where they are."""
+    if dump is None or error is None or error.fault is None:
+        if dump is not None:
+            console.say(f"it stayed finite, so nothing is written to {dump.name}")
+        return None
     from clothfit import divergence
 
     dump.write(divergence.dump(scene, error.fault))
     console.say(f"the last states and the first bad one of objects[{error.fault.cloth}] are in {dump.name}")
+    return dump.path
