@@ -42,9 +42,12 @@ def gradient(
     x_bar, v_bar = np.zeros_like(system.x0), np.zeros_like(system.x0)
     for segment in memory.backward():
         for part in reversed(segment.parts()):
-            before = memory.steps - part.first - part.steps  # steps that are swept already
+            after, by_position = memory.steps - part.first, slope(part)
             with cg.helped(work.A, work.cg):
-                sweep_back(system, safe, part, slope(part), tolerance, work, before, x_bar, v_bar, grad)
+                for begin, end in reversed(alike(part)):
+                    form = safe if part.clamped[begin] else system
+                    state = x_bar, v_bar
+                    sweep_back(form, part, by_position, begin, end, tolerance, work, after - end, *state, grad)
             interrupts.check()
     if "velocity" in kinds:
         hold_fixed(system.vertex.free, v_bar)
@@ -83,38 +86,41 @@ class Sweep:
         """Change of the positions (T, n, 3) after each step of the next part of the motion."""
         change = np.empty_like(part.x[1:])
         with cg.helped(self.work.A, self.work.cg):
-            state = self.dx, self.dv
-            sweep_forward(self.system, self.safe, part, self.direction, self.tolerance, self.work, *state, change)
+            for begin, end in alike(part):
+                form = self.safe if part.clamped[begin] else self.system
+                state = self.dx, self.dv
+                sweep_forward(form, part, begin, end, self.direction, self.tolerance, self.work, *state, change)
         interrupts.check()
         return change
 
 
-@kernel
-def sweep_back(system, safe, part, by_position, tolerance, work, before, x_bar, v_bar, grad):
-    """Carry x_bar, v_bar (n, 3), the gradient by the state after a part, to before it; `before` steps are swept.
+def alike(part: Rollout) -> list[tuple[int, int]]:
+    """Split the steps of a part, from first to below last, where the system that they were taken with changes."""
+    changes = (np.flatnonzero(np.diff(part.clamped)) + 1).tolist()
+    return list(zip([0, *changes], [*changes, part.steps], strict=True)) if part.steps else []
 
-    `safe` is the clamped system, here and in `sweep_forward`.
+
+@kernel
+def sweep_back(system, part, by_position, begin, end, tolerance, work, before, x_bar, v_bar, grad):
+    """Carry x_bar, v_bar (n, 3), the gradient by the state after some steps of a part, to before them; `before` steps
+    are swept.
     """
     x, used, theta = part.x, part.used, part.theta
-    for t in range(len(used) - 1, -1, -1):
+    for t in range(end - 1, begin - 1, -1):
         add(1.0, by_position[t + 1], x_bar)
         v, w = velocity(part, t), velocities(part, t)
-        guess.advance(work.past, before + len(used) - 1 - t, work.solution)
-        if part.clamped[t]:
-            transition.pullback(safe, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
-        else:
-            transition.pullback(system, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
+        guess.advance(work.past, before + end - 1 - t, work.solution)
+        transition.pullback(system, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
 
 
 @kernel
-def sweep_forward(system, safe, part, direction, tolerance, work, dx, dv, change):
-    """Carry dx, dv (n, 3), the change of the state before a part, to after it; keep all dx (T, n, 3)."""
+def sweep_forward(system, part, begin, end, direction, tolerance, work, dx, dv, change):
+    """Carry dx, dv (n, 3), the change of the state before some steps of a part, to after them; keep all dx in change
+    (T, n, 3).
+    """
     x, used, theta = part.x, part.used, part.theta
-    for t in range(len(used)):
+    for t in range(begin, end):
         v, w = velocity(part, t), velocities(part, t)
         guess.advance(work.past, part.first + t, work.solution)
-        if part.clamped[t]:
-            transition.pushforward(safe, x[t], v, w, used[t], theta[t], tolerance, work, dx, dv, direction)
-        else:
-            transition.pushforward(system, x[t], v, w, used[t], theta[t], tolerance, work, dx, dv, direction)
+        transition.pushforward(system, x[t], v, w, used[t], theta[t], tolerance, work, dx, dv, direction)
         copy(dx, change[t])

@@ -17,8 +17,8 @@ from contextlib import contextmanager
 from typing import Any, Protocol
 
 from clothfit.errors import InvalidInput
+from clothfit.interrupts import REQUESTS
 from clothfit.job import FAULT, INTERRUPTED, NOT_STARTED, Died, Job, Lost, Outcome, failed
-from clothfit.worker import REQUESTS
 
 TICK = 0.25  # s: how often to look whether the pool is still there
 SAME_REQUEST = 1.0  # s: requests within it are one

@@ -11,6 +11,9 @@ from clothfit.motion import Motion
 from clothfit.rollout import check_memory
 from clothfit.target import TIME_SLACK, interpolated, snapped
 
+MOST = 1e18
+"""Frames, more than any memory holds."""
+
 
 def degrade(
     motion: Motion,
@@ -31,7 +34,8 @@ def degrade(
     motion = thinned(motion, every) if fps is None else at_rate(motion, fps)
     positions, kept = motion.positions, motion.observed
     if noise > 0:
-        positions += generator.normal(scale=noise, size=positions.shape)
+        for frame in positions:  # one by one: an array as large as `positions` would take as much memory again
+            frame += generator.normal(scale=noise, size=frame.shape)
     if observed < 1:
         seen = np.zeros(positions.shape[1], bool)
         start = 0
@@ -58,7 +62,7 @@ def at_rate(motion: Motion, fps: float) -> Motion:
     """
     first, last = float(motion.times[0]), float(motion.times[-1])
     slack = TIME_SLACK * (last - first) / max(len(motion.times) - 1, 1)
-    frames = int((last - first + slack) * fps) + 1
+    frames = int(min((last - first + slack) * fps, MOST)) + 1
     check_memory(frames, motion.positions.shape[1], 1)
     times = first + np.arange(frames) / fps
     index, fraction = snapped(np.interp(times, motion.times, np.arange(len(motion.times))))

@@ -58,6 +58,8 @@ class Checkpoint:
     def check(self) -> None:
         """Raise InvalidInput when the file cannot be written, or is there and is no checkpoint."""
         check_writable(self.path)
+        if os.path.exists(self.path) and stat.S_ISFIFO(os.stat(self.path).st_mode):  # to open it may take forever
+            raise InvalidInput(f"{self._name}: is a pipe, which keeps nothing; name a file for the checkpoint")
         if os.path.isfile(self.path) and os.path.getsize(self.path):
             self._content(len(FORMAT))
 

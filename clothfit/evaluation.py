@@ -14,6 +14,7 @@ from clothfit.errors import Diverged, InvalidInput
 from clothfit.fit import FIT_TOLERANCE
 from clothfit.fit_vector import blocks, fitted_cloths, identifiable, parameters
 from clothfit.motion import Motion, check_counts, checked_motion, simulate_cloths
+from clothfit.rollout import check_memory
 from clothfit.scene import Scene
 from clothfit.target import frame_places, sample
 from clothfit.target import target as target_of
@@ -71,6 +72,7 @@ def evaluate(
     compared = fitted_cloths(truth) or range(len(truth.cloths))
     length = max(near, horizon)
     if target is None:
+        check_memory(length, sum(truth.vertex_counts), 1)  # two motions, of which the second would be refused late
         goal, fault = finite_part(truth, compared, length, near)
     else:
         check_counts(target, truth)

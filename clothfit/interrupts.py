@@ -7,7 +7,23 @@ stretch of steps. Whoever handles signals calls `request`, as the command line d
 
 from __future__ import annotations
 
+import signal
+from collections.abc import Callable
+
+REQUESTS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+"""Signals that ask to end: Ctrl-C, a polite kill, a terminal that is closed."""
+
+SAME_REQUEST = 1.0
+"""Seconds: requests within it are one."""
+
 _requested = False
+
+
+def handle(handler: Callable[[int, object], object]) -> None:
+    """Install a handler of requests. A program that `nohup` started does not hear that its terminal is closed."""
+    for kind in REQUESTS:
+        if kind in (signal.SIGINT, signal.SIGTERM) or signal.getsignal(kind) is not signal.SIG_IGN:
+            signal.signal(kind, handler)
 
 
 def request() -> None:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 from clothfit import __version__
 from clothfit.errors import ClothfitError, InvalidInput
 from clothfit.source import name_of
+from clothfit.steady import steady
 
 if TYPE_CHECKING:
     from clothfit.arrays import Array
@@ -94,7 +95,7 @@ NOT_STARTED = Outcome(None, INTERRUPTED, "not started")
 def read(path: str | os.PathLike[str]) -> File:
     """A file as a job carries it. Raises InvalidInput."""
     try:
-        with open(path, "rb") as file:
+        with steady(path) as file:
             return File(file.read(), name_of(path))
     except (OSError, ValueError) as error:
         raise InvalidInput(f"{name_of(path)}: cannot be read: {getattr(error, 'strerror', None) or error}") from None

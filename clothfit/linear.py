@@ -1,7 +1,7 @@
 """The linear solve of a step: conjugate gradients, and a direct factorisation where they cannot be trusted.
 
 Very stiff scenes need more iterations than a factorisation costs, and a matrix that is not positive definite is beyond
-conjugate gradients: `attempt` says so, `solve` solves it nevertheless. Every direct solve is counted.
+conjugate gradients: that is said, or it is solved directly as well. Every direct solve is counted.
 """
 
 from __future__ import annotations
@@ -24,10 +24,13 @@ SYMMETRIC: dict[str, Any] = {
 SOLVED = 1e-10
 """A residual, relative, with which such pivots were good enough; else the factorisation is done with the best ones."""
 
+USABLE = 1e-10
+"""The largest backward error of a solution; one that is not even that of a system near this one is none."""
+
 
 @kernel
-def attempt(A, b, tolerance, work, w):
-    """Solve A w = b, w (n, 3) holding a first guess, unless A is seen not to be positive definite.
+def solve(A, b, tolerance, work, w, anyhow):
+    """Solve A w = b, w (n, 3) holding a first guess, unless A is seen not to be positive definite, or `anyhow`.
 
     Returns the CG iterations and the direct solves (0 or 1) used, and whether w is the solution.
     """
@@ -37,20 +40,10 @@ def attempt(A, b, tolerance, work, w):
         return iterations, 0, True
     work.p[:] = 0.0  # the next solve multiplies them by 0, and they may have grown beyond all numbers
     work.q[:] = 0.0
-    if ended == cg.INDEFINITE:
+    if ended == cg.INDEFINITE and not anyhow:
         return iterations, 0, False
     solve_directly(A, b, w)
     return iterations, 1, True
-
-
-@kernel
-def solve(A, b, tolerance, work, w):
-    """Solve A w = b, w (n, 3) holding a first guess; returns the CG iterations and the direct solves (0 or 1) used."""
-    iterations, direct, solved = attempt(A, b, tolerance, work, w)
-    if solved:
-        return iterations, direct
-    solve_directly(A, b, w)
-    return iterations, 1
 
 
 @kernel
@@ -65,8 +58,10 @@ def solve_directly(A, b, w):
 def factorise_and_solve(
     order: Indices, row: Indices, column: Indices, shares: Indices, diagonal: Array, upper: Array, b: Array
 ) -> Array:
-    """Solve A w = b by a sparse LU factorisation of the free rows; NaN where A is singular or not finite."""
-    from scipy.sparse.linalg import splu
+    """Solve A w = b by a sparse LU factorisation of the free rows; NaN where A is singular or not finite, or what comes
+    of it is no solution.
+    """
+    from scipy.sparse.linalg import norm, splu
 
     free = np.sort(order)
     solution = np.zeros(b.shape)
@@ -79,7 +74,10 @@ def factorise_and_solve(
             found = splu(A, **options).solve(known)
         except RuntimeError:  # exactly singular
             found = np.full(len(known), np.nan)
-        if np.linalg.norm(A @ found - known) <= SOLVED * np.linalg.norm(known):
+        missing = np.linalg.norm(A @ found - known)
+        if missing <= SOLVED * np.linalg.norm(known):
             break
+    if not missing <= USABLE * (norm(A) * np.linalg.norm(found) + np.linalg.norm(known)):
+        return np.full(b.shape, np.nan)
     solution[free] = found.reshape(-1, 3)
     return solution

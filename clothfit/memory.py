@@ -31,7 +31,7 @@ LIMITS = (
     ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
     ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
 )
-"""Where a container's limit and use stand, in bytes."""
+"""Where a container's limit and use stand, in bytes; beside the use, `memory.stat` tells what of it is only cached."""
 
 LIVE = 3
 """Snapshots that are in hand while steps are computed, beside those that are kept."""
@@ -62,8 +62,10 @@ def budget(size: int | str | None) -> int:
 
 
 def free() -> int:
-    """Bytes of memory that this process could have now: what the system has left, within a container's limit."""
-    found = [available(), *(left(Path(most), Path(used)) for most, used in LIMITS)]
+    """Bytes of memory that this process could have now: what the system has left, within the limits of a container
+    and of the process (`ulimit -v`).
+    """
+    found = [available(), allowed(), *(left(Path(most), Path(used)) for most, used in LIMITS)]
     return min(each for each in found if each is not None)
 
 
@@ -84,7 +86,26 @@ def physical() -> int:
 def left(most: Path, used: Path) -> int | None:
     """What a container has left of its limit; None where there is none."""
     with suppress(OSError, ValueError):  # "max" is no number
-        return max(int(most.read_text()) - int(used.read_text()), 0)
+        return max(int(most.read_text()) - int(used.read_text()) + cached(used.parent / "memory.stat"), 0)
+    return None
+
+
+def cached(stat: Path) -> int:
+    """Bytes that a container uses for files it has read, and gives back when they are needed."""
+    with suppress(OSError, ValueError, IndexError):
+        return next(int(line.split()[1]) for line in stat.read_text().splitlines() if line.startswith("inactive_file "))
+    return 0
+
+
+def allowed() -> int | None:
+    """What this process has left of the address space that it may have; None where there is no limit."""
+    with suppress(ImportError, OSError, ValueError, IndexError):
+        import resource  # not on Windows
+
+        most = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if most != resource.RLIM_INFINITY:
+            used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+            return max(most - used, 0)
     return None
 
 

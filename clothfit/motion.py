@@ -28,6 +28,7 @@ from clothfit.output import Data, put, write_atomically
 from clothfit.remedies import NONE, Remedies
 from clothfit.rollout import FAR, check_memory
 from clothfit.scene import Scene
+from clothfit.steady import steady
 from clothfit.system import build
 from clothfit.tape import Tape
 
@@ -137,8 +138,8 @@ def load_motion(
         name = os.path.basename(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else "motion"
     try:
         if isinstance(path_or_file, (str, os.PathLike)):
-            with open(path_or_file, "rb") as file:
-                arrays = _arrays(file)
+            with steady(path_or_file) as file:
+                arrays = _arrays(file if file.seekable() else io.BytesIO(file.read()))
         else:  # a stream cannot be sought, an archive must be
             arrays = _arrays(io.BytesIO(path_or_file.read()))
     except FileNotFoundError:
@@ -166,7 +167,7 @@ def _arrays(file: IO[bytes]) -> dict[str, NDArray[Any]]:
 
 
 def _short(error: BaseException) -> str:
-    text = str(error).split("\n")[0]
+    text = (getattr(error, "strerror", None) or str(error)).split("\n")[0]
     return "it holds pickled objects" if "allow_pickle" in text else text or type(error).__name__
 
 

@@ -2,19 +2,19 @@
 
 The data goes to a new file in the same folder, is forced to the disk, and then takes the final name in one step.
 Whatever happens before that step, what was there stays. Devices and pipes (`/dev/stdout`) have no such
-step and are written directly.
+step and are written directly. What a killed process left of its new file, a later one takes away (`temporary`).
 """
 
 from __future__ import annotations
 
 import io
 import os
-import secrets
 import stat
 from collections.abc import Callable
 from contextlib import suppress
 from typing import IO, TypeAlias
 
+from clothfit import temporary
 from clothfit.errors import InvalidInput
 
 Data: TypeAlias = bytes | Callable[[IO[bytes]], object]
@@ -59,7 +59,9 @@ def _obstacle(path: str | os.PathLike[str]) -> str | None:
     if mode is not None and not stat.S_ISREG(mode):
         return None
     folder = os.path.dirname(os.path.realpath(path))
-    if not os.path.isdir(folder):
+    try:
+        os.stat(folder)  # "permission denied" passes on
+    except FileNotFoundError:
         return f"the folder {folder} does not exist"
     return None if os.access(folder, os.W_OK | os.X_OK) else f"the folder {folder} is not writable"
 
@@ -75,18 +77,18 @@ def put(data: Data, stream: IO[bytes]) -> None:
 
 
 def _replace(path: str, data: Data, mode: int | None) -> None:
-    new = os.path.join(os.path.dirname(path), f".clothfit-{secrets.token_hex(8)}.tmp")
+    file = temporary.create(os.path.dirname(path))
     try:
-        with open(new, "xb") as file:  # permissions as the umask says
+        with file:
             file.write(data) if isinstance(data, bytes) else data(file)
             file.flush()
             os.fsync(file.fileno())
-        if mode is not None:
-            os.chmod(new, mode & 0o777)
-        os.replace(new, path)
+            if mode is not None:
+                os.chmod(file.name, mode & 0o777)
+            os.replace(file.name, path)  # while it is open, as it is locked so long
     except BaseException:  # an interrupt as well
         with suppress(OSError):
-            os.unlink(new)
+            os.unlink(file.name)
         raise
 
 

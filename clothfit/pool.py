@@ -18,8 +18,9 @@ from typing import Any
 
 from clothfit.batch import PREPARATION
 from clothfit.compiled import cold, warm
+from clothfit.interrupts import REQUESTS
 from clothfit.job import FAULT, Died, Job, Outcome
-from clothfit.worker import REQUESTS, prepare, work
+from clothfit.worker import prepare, work
 
 LIBRARIES = ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "BLIS_NUM", "VECLIB_MAXIMUM", "NUMBA_NUM", "NUMEXPR_NUM")
 ONE_THREAD = {f"{name}_THREADS": "1" for name in LIBRARIES}

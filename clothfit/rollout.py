@@ -106,10 +106,16 @@ def fill(system: System, tolerance: float, work: implicit.Workspace, part: Rollo
     safe = clamped(system)
     with cg.helped(work.A, work.cg):
         for begin, end in stretches(part.steps, len(system.x0)):
-            good = int(run(system, safe, tolerance, work, part, begin, end))
-            interrupts.check()
-            if good < end:
-                return good
+            done, refused = begin, False
+            while done < end:
+                if refused:
+                    done, failed = run(safe, tolerance, work, part, done, done + 1)
+                else:
+                    done, failed = run(system, tolerance, work, part, done, end)
+                interrupts.check()
+                if failed:
+                    return int(done)
+                refused = not refused and done < end
     return part.steps
 
 
@@ -121,14 +127,15 @@ def stretches(steps: int, n: int) -> Iterator[tuple[int, int]]:
 
 
 def check_memory(frames: int, vertices: int, iterations: int) -> None:
-    """Raise InvalidInput, with the figure, when a motion with its velocities cannot be kept in this machine's memory;
+    """Raise InvalidInput, with the figure, when a motion with its velocities cannot be kept in the memory that is free;
     0 `iterations`: the positions alone.
     """
-    needed, most = 24 * (1 + iterations) * frames * vertices, memory.physical()
+    needed, most = 24 * (1 + iterations) * frames * vertices, memory.free()
     if needed > most:
+        count = str(frames) if frames < 10**15 else f"more than {10**15:.0e}"
         raise InvalidInput(
-            f"{frames} frames of {vertices} vertices take {needed / 1e9:.3g} GB, "
-            f"this machine has {most / 1e9:.3g} GB; use fewer frames (--steps, optimizationIterations)"
+            f"{count} frames of {vertices} vertices take {memory.human(min(needed, 10**30))}, "
+            f"{memory.human(most)} of memory are free; use fewer frames (--steps, --fps, optimizationIterations)"
         )
 
 
@@ -151,27 +158,39 @@ def velocities(part, t):
 
 
 @kernel
-def run(system, safe, tolerance, work, part, start, stop):
-    """Fill a Rollout from its step `start` to below `stop`; returns the number of good steps since its beginning."""
+def run(system, tolerance, work, part, start, stop):
+    """Fill a Rollout from its step `start` to below `stop`.
+
+    Returns the number of good steps since its beginning, and whether the next failed; where neither it did nor `stop`
+    is reached, it is to be taken with the clamped system, and the guess for it is made.
+    """
     x, w, used, solves, capped, theta, _, before = part
-    guarded, first, energy = guard.applies(system), work.solution, 0.0
-    for t in range(start, stop):
+    first, energy, safe = work.solution, 0.0, system.springs.cap <= 1.0
+    t, checked = start, start if guard.applies(system) else stop
+    while t < stop:
         v = velocity(part, t)
-        now, power = transition.prepare(system, x[t], v, work)
-        suspect = guarded and t > start and guard.rises(energy, now, system.h * power)
-        if suspect and shortened(system, part, t - 1, energy):
-            now, _ = transition.prepare(system, x[t], v, work)
+        now, power = transition.prepare(system, x[t], v, work)  # tells the energy that step t − 1 led to
+        if t > checked and guard.rises(energy, now, system.h * power):
+            checked = t
+            if shortened(system, part, t - 1, energy):
+                continue
         energy = now
-        copy(v, first)
-        guess.advance(work.past, before + t, first)
-        result = transition.step(system, safe, x[t], v, first, tolerance, work, w[t], x[t + 1])
-        used[t], solves[t, 0], solves[t, 1], capped[t] = result
-        theta[t] = 1.0
+        if not safe:
+            copy(v, first)
+            guess.advance(work.past, before + t, first)
+            solves[t] = 0
+        used[t], iterations, direct = transition.step(system, x[t], v, first, tolerance, work, w[t], x[t + 1])
+        solves[t, 0] += iterations
+        solves[t, 1] += direct
+        theta[t], capped[t] = 1.0, safe
+        if used[t] == 0:
+            return t, False
         if not finite(x[t + 1]):
-            return t
-    if guarded and stop > start:
+            return t, True
+        t += 1
+    if checked < stop:
         shortened(system, part, stop - 1, energy)
-    return stop
+    return stop, False
 
 
 @kernel

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import IO, Any
 
 from clothfit.errors import InvalidScene
+from clothfit.steady import steady
 from clothfit.words import named, place
 
 Readable = str | os.PathLike[str] | IO[str] | IO[bytes] | dict[str, Any]
@@ -127,7 +128,7 @@ def _content(origin: Readable) -> str | bytes:
     if isinstance(origin, dict):
         return json.dumps(origin)
     if isinstance(origin, (str, os.PathLike)):
-        with open(origin, "rb") as file:
+        with steady(origin) as file:
             return file.read()
     if not hasattr(origin, "read"):
         raise TypeError(f"a scene comes from a path, an open file or a dict, not from {type(origin).__name__}")

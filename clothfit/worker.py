@@ -12,9 +12,9 @@ import threading
 import time
 
 from clothfit import interrupts
+from clothfit.interrupts import REQUESTS
 from clothfit.job import NOT_STARTED, Job, Outcome, run
 
-REQUESTS = (signal.SIGINT, signal.SIGTERM)
 WATCH = 1.0  # s between looks for the parent
 
 _stopped = False
@@ -26,8 +26,7 @@ def prepare(parent: int) -> None:
 
     It was started with requests held back, so that none could hit Python while it loads; they arrive now.
     """
-    for kind in REQUESTS:
-        signal.signal(kind, _request)
+    interrupts.handle(_request)
     threading.Thread(target=_watch, args=(parent,), daemon=True).start()
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, REQUESTS)

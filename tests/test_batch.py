@@ -136,6 +136,11 @@ def test_a_request_to_end_lets_what_runs_end_and_begins_no_more():
         os.kill(os.getpid(), signal.SIGINT)
 
 
+def test_a_request_to_end_leaves_no_second_try_to_one_that_died():
+    found = outcomes(told(Plain(j0=[Died("it died")], j1=["asks"]), 4))
+    assert found[0] == Outcome(None, 130, "its process died; there was no second try")
+
+
 def test_a_second_request_ends_at_once(monkeypatch):
     monkeypatch.setattr("clothfit.batch.SAME_REQUEST", -1.0)
 

@@ -10,7 +10,7 @@ from clothfit import cg, linear, sparse
 
 def solve(A, b, tolerance=1e-12):
     w = np.zeros((N, 3))
-    return w, linear.solve(A, b, tolerance, cg.workspace(A), w)
+    return w, linear.solve(A, b, tolerance, cg.workspace(A), w, True)[:2]
 
 
 def test_a_positive_definite_system_needs_no_factorisation():
@@ -39,6 +39,40 @@ def test_an_ill_conditioned_system_is_solved_when_the_iterations_run_out_or_befo
     assert np.linalg.norm(residual[ALL]) < 2e-6 * np.linalg.norm(b)
 
 
+def test_an_indefinite_system_is_refused_unless_it_is_to_be_solved_anyhow():
+    A, b, w = matrix(), right_side(), np.zeros((N, 3))
+    work = cg.workspace(A)
+    A.upper[:] *= -30.0
+    assert linear.solve(A, b, 1e-12, work, w, False)[1:] == (0, False)
+    again = matrix()
+    assert linear.solve(again, b, 1e-12, work, w, False)[1:] == (0, True)
+    np.testing.assert_allclose(w, dense_solution(again, b), atol=1e-10)  # tolerance 1e-12, condition number below 100
+
+
+def test_numbers_beyond_all_bounds_do_not_spoil_the_next_solve():
+    A, b, w = matrix(), right_side(), np.zeros((N, 3))
+    work = cg.workspace(A)
+    linear.solve(A, np.full_like(b, 1e308), 1e-12, work, w, False)
+    w[:] = 0.0
+    assert linear.solve(A, b, 1e-12, work, w, False)[1:] == (0, True)
+    np.testing.assert_allclose(w, dense_solution(A, b), atol=1e-10)
+
+
+def test_what_a_factorisation_gives_is_no_solution_unless_it_solves_the_system(monkeypatch):
+    import scipy.sparse.linalg
+
+    class Broken:
+        def __init__(self, A, **_):
+            pass
+
+        def solve(self, known):
+            return 1.01 * known
+
+    monkeypatch.setattr(scipy.sparse.linalg, "splu", Broken)
+    A, b = matrix(), right_side()
+    assert np.isnan(linear.factorise_and_solve(*A, b)).all()
+
+
 def test_a_singular_system_gives_no_numbers():
     A, b = matrix(), right_side()
     A.diagonal[:] = 0.0
@@ -60,5 +94,5 @@ def test_a_matrix_that_is_not_finite_gives_no_numbers(value):
 def test_a_cloth_without_free_vertices_is_solved():
     w = np.zeros((N, 3))
     A = sparse.zeros(sparse.pattern(ENDS, np.zeros(N, bool))[0], N)
-    assert linear.solve(A, np.zeros((N, 3)), 1e-12, cg.workspace(A), w) == (0, 0)
+    assert linear.solve(A, np.zeros((N, 3)), 1e-12, cg.workspace(A), w, True) == (0, 0, True)
     assert np.abs(w).max() == 0.0

@@ -11,7 +11,6 @@ from scenes import cloth
 
 from clothfit.rollout import FAR, finite, rollout, velocity
 from clothfit.step import implicit, transition
-from clothfit.system import clamped
 
 ALL = list(METHODS)
 
@@ -149,7 +148,7 @@ def stepped(system, x, v):
     w, x_new = np.zeros((system.newton_iterations, *x.shape)), np.zeros_like(x)
     work = implicit.workspace(system)
     transition.prepare(system, x, v, work)
-    used, *_ = transition.step(system, clamped(system), x, v, v, TIGHT, work, w, x_new)
+    used, *_ = transition.step(system, x, v, v, TIGHT, work, w, x_new)
     return x_new, w[used - 1]
 
 

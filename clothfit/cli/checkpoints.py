@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from clothfit.checkpoint import Checkpoint
 from clothfit.cli import shared
@@ -43,6 +45,17 @@ def chosen(
         console.warn(f"no checkpoint is kept: {error}")
         return None
     return beside
+
+
+@contextmanager
+def told_if_lost(kept: Checkpoint | None) -> Iterator[None]:
+    """Tell, where the result cannot be written, that there is a checkpoint to go on from."""
+    try:
+        yield
+    except InvalidInput as error:
+        if kept is None or not kept.written:
+            raise
+        raise InvalidInput(f"{error}; then repeat the command with --resume: {os.fspath(kept.path)} is kept") from None
 
 
 def closed(kept: Checkpoint | None, asked: bool, status: str, in_place: bool, console: Console) -> None:

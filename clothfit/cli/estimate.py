@@ -165,7 +165,7 @@ def fit_one(scene_path: str, files: Files, options: dict[str, Any], console: Con
             resume=files.resume,
             foreseen=partial(tell_needs, console),
         )
-    with shared.uninterrupted():
+    with shared.uninterrupted(), checkpoints.told_if_lost(kept):
         code = report.finish(scene, found, out, console, as_json)
         checkpoints.closed(kept, files.checkpoint is not None, found.status, files.in_place, console)
         return code

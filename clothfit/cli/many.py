@@ -19,7 +19,6 @@ from clothfit.cli.table import rows, summaries
 from clothfit.errors import ClothfitError
 from clothfit.job import INTERRUPTED, NOT_STARTED, Job
 from clothfit.many import Result, chosen_pool, fit_all, limited
-from clothfit.output import write_atomically
 
 SEVERITY = (1, 3, 4, 5, 0)
 """Exit codes of scenes, worst first: the command ends with the worst one, or as interrupted where one was."""
@@ -110,8 +109,6 @@ class Writer:
 
     def write(self, index: int, item: Item, result: Result) -> None:
         """Write a result."""
-        from clothfit.scene import dumps
-
         assert result.fit is not None
         assert item.out is not None
         found = result.fit
@@ -119,7 +116,7 @@ class Writer:
             self.console.warn(f"{item.path}: {warning}")
         shared.warn_of_steps(found.scene, found.frames, self.console)
         try:
-            write_atomically(item.out.path, dumps(found.scene))
+            shared.write_scene(found.scene, item.out)
         except ClothfitError as error:
             self.errors[index] = error
             return

@@ -21,8 +21,8 @@ import click
 from clothfit import __version__, interrupts
 from clothfit.cli.shared import loudness
 from clothfit.errors import ClothfitError
+from clothfit.interrupts import REQUESTS, SAME_REQUEST
 
-SAME_REQUEST = 1.0  # s
 _last_request = -SAME_REQUEST
 
 COMMANDS = ("simulate", "target", "estimate", "evaluate", "check", "warmup")
@@ -62,8 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit."""
     try:
         _open_streams()
-        for kind in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(kind, _interrupt)
+        interrupts.handle(_interrupt)
         code = run(list(sys.argv[1:] if arguments is None else arguments))
         sys.stdout.flush()
     except BrokenPipeError:  # whoever read our output has left: nothing to say, and nobody to say it to
@@ -74,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         code = _fail("interrupted", 130)
     with suppress(OSError):
         sys.stderr.flush()
-    for kind in (signal.SIGINT, signal.SIGTERM):
+    for kind in REQUESTS:
         signal.signal(kind, signal.SIG_IGN)  # the exit code is decided
     sys.exit(code)
 

@@ -26,8 +26,6 @@ def finish(
     starts: dict[str, Any] | None = None,
 ) -> int:
     """Write the result and tell about it, and of its `starts`; returns the exit code."""
-    from clothfit.scene import dumps
-
     told = summary(scene, found, out) | (starts or {})
     for warning in found.warnings:
         console.warn(f"{scene.name}: {warning}")
@@ -37,7 +35,7 @@ def finish(
         raise Diverged(
             f"{scene.name}: no values that were tried gave a simulation that stays finite; nothing is written", 0
         )
-    out.write(dumps(found.scene))
+    shared.write_scene(found.scene, out)
     describe(found, out, console)
     if as_json:
         shared.print_json("estimate", told, out)

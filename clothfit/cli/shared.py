@@ -7,6 +7,7 @@ import math
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ import click
 from clothfit import __version__
 from clothfit.cli.console import Console
 from clothfit.errors import InvalidInput, InvalidScene
+from clothfit.interrupts import REQUESTS, SAME_REQUEST, handle
 from clothfit.limits import checked_tolerance
 from clothfit.source import name_of
 
@@ -63,6 +65,7 @@ class Output:
     """Where a result goes: a path, or standard output."""
 
     path: str
+    in_place: bool = False  # it is the scene that was read
 
     @property
     def is_stream(self) -> bool:
@@ -76,14 +79,18 @@ class Output:
 
     def write(self, data: Data) -> None:
         """Write the whole result; an interrupt that comes now waits."""
+        with uninterrupted():
+            self.put(data)
+
+    def put(self, data: Data) -> None:
+        """The same, where interrupts are held back or noted already."""
         from clothfit.output import put, write_atomically
 
-        with uninterrupted():
-            if self.is_stream:
-                put(data, sys.stdout.buffer)
-                sys.stdout.buffer.flush()
-            else:
-                write_atomically(self.path, data)
+        if self.is_stream:
+            put(data, sys.stdout.buffer)
+            sys.stdout.buffer.flush()
+        else:
+            write_atomically(self.path, data)
 
 
 def output(
@@ -114,7 +121,31 @@ def output(
                 f"cannot write {path}: it is an input, which is never written over; name another with -o"
             )
     check_writable(path)
-    return Output(path)
+    return Output(path, overwrite)
+
+
+def write_scene(scene: Scene, out: Output) -> None:
+    """Write a scene whole. Where it should replace the one it was read from, and somebody has changed that meanwhile,
+    it goes beside it and InvalidInput says so. An interrupt is for the caller to hold back.
+    """
+    from clothfit.scene import dumps
+
+    if not out.in_place or unchanged(scene, out.path):
+        out.put(dumps(scene))
+        return
+    beside = Path(out.path)
+    other = Output(str(beside.with_suffix(f".fitted{beside.suffix}")))
+    other.put(dumps(scene))
+    raise InvalidInput(f"{out.path}: changed while the fit ran, so it is left as it is; the result is in {other.path}")
+
+
+def unchanged(scene: Scene, path: str) -> bool:
+    """Whether a file still holds the text that the scene was read from; so one that is gone does not."""
+    source = scene.source
+    try:
+        return Path(path).read_bytes() == source.encode(source.text)
+    except OSError:
+        return False
 
 
 def same_file(a: str, b: str) -> bool:
@@ -218,12 +249,21 @@ def plain(value: Any) -> Any:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Let interrupts wait: for the short time in which a result is written and told."""
-    pending: list[int] = []
-    kinds = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(kind, lambda number, frame: pending.append(number)) for kind in kinds]
+    """Let interrupts wait: for the short time in which a result is written and told.
+
+    Where that takes long, as nobody reads from a pipe, one that comes a moment after another ends it.
+    """
+    first: list[float] = []
+
+    def wait(number: int, frame: object) -> None:
+        first.append(time.monotonic())
+        if first[-1] - first[0] > SAME_REQUEST:
+            raise KeyboardInterrupt
+
+    before = [(kind, signal.getsignal(kind)) for kind in REQUESTS]
+    handle(wait)
     try:
         yield
     finally:
-        for kind, handler in zip(kinds, before, strict=True):
+        for kind, handler in before:
             signal.signal(kind, handler)

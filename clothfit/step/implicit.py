@@ -113,31 +113,23 @@ def step(system, x, v, first, tolerance, work, iterates):
     """
     free = system.vertex.free
     A, b = work.A, work.b
-    copy(first, iterates[0])
-    iterations, direct, solved = solve(system, A, b, tolerance, work, iterates[0])
-    if not solved:
-        return 0, iterations, direct
-    for k in range(1, len(iterates)):
-        assemble_newton(system, x, v, iterates[k - 1], work.y, A, work.gy, b)
-        hold_fixed(free, b)
-        copy(iterates[k - 1], iterates[k])
-        more, more_direct, solved = solve(system, A, b, tolerance, work, iterates[k])
+    anyhow = system.springs.cap <= 1.0 or not system.guarded  # the first: positive definite but for rounding
+    iterations, direct = 0, 0
+    for k in range(len(iterates)):
+        if k == 0:
+            copy(first, iterates[0])
+        else:
+            assemble_newton(system, x, v, iterates[k - 1], work.y, A, work.gy, b)
+            hold_fixed(free, b)
+            copy(iterates[k - 1], iterates[k])
+        more, more_direct, solved = linear.solve(A, b, tolerance, work.cg, iterates[k], anyhow)
         iterations += more
         direct += more_direct
         if not solved:
             return 0, iterations, direct
-        if more == 0 and more_direct == 0:
+        if k > 0 and more == 0 and more_direct == 0:
             return k, iterations, direct
     return len(iterates), iterations, direct
-
-
-@kernel
-def solve(system, A, b, tolerance, work, w):
-    """`linear.attempt`, or `linear.solve` where A is positive definite but for rounding."""
-    if system.guarded and system.springs.cap > 1.0:
-        return linear.attempt(A, b, tolerance, work.cg, w)
-    iterations, direct = linear.solve(A, b, tolerance, work.cg, w)
-    return iterations, direct, True
 
 
 @kernel
@@ -159,7 +151,7 @@ def pullback(system, x, v, iterates, used, theta, tolerance, work, x_bar, v_bar,
         linearise(system, x, w, u, k, A, work.nothing, y, s)
         copy(w_bar, b)
         hold_fixed(free, b)
-        linear.solve(A, b, tolerance, work.cg, lam)
+        linear.solve(A, b, tolerance, work.cg, lam, True)
         gy[:] = 0.0
         gu[:] = 0.0
         total.add_pullback(system, y, u, w, s, lam, h, grad, gy, gu)
@@ -219,6 +211,6 @@ def pushforward(system, x, v, iterates, used, theta, tolerance, work, dx, dv, di
         add_mass(direction.mass, 1.0, v, b)
         add_mass(direction.mass, -1.0, w, b)
         hold_fixed(free, b)
-        linear.solve(A, b, tolerance, work.cg, dw)
+        linear.solve(A, b, tolerance, work.cg, dw, True)
     combine(theta, dw, 0.0, dw, dv)
     add(h, dv, dx)

@@ -19,24 +19,20 @@ def prepare(system, x, v, work):
 
 
 @kernel
-def step(system, safe, x, v, first, tolerance, work, w, x_new):
-    """Write w and the new positions, from a first guess of the velocity, once prepared; `safe` is the clamped system.
+def step(system, x, v, first, tolerance, work, w, x_new):
+    """Write w and the new positions, from a first guess of the velocity, once prepared.
 
-    Returns the iterations used, the CG iterations, the direct solves, and whether the clamped system was needed.
+    Returns the iterations used, 0 where the step is to be taken with the clamped system; the CG iterations and the
+    direct solves.
     """
-    used, iterations, direct, needed = 1, 0, 0, False
+    used, iterations, direct = 1, 0, 0
     if system.method == IMPLICIT:
         used, iterations, direct = implicit.step(system, x, v, first, tolerance, work, w)
-        needed = used == 0
-        if needed:
-            implicit.prepare(safe, x, v, work)
-            used, more, more_direct = implicit.step(safe, x, v, first, tolerance, work, w)
-            iterations, direct = iterations + more, direct + more_direct
     else:
         explicit.step(system, x, v, w[0])
     moving = v if system.method == EXPLICIT else w[used - 1]
     combine(1.0, x, system.h, moving, x_new)
-    return used, iterations, direct, needed
+    return used, iterations, direct
 
 
 @kernel

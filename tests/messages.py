@@ -1,0 +1,112 @@
+"""The error messages of the program, read from its syntax trees, and the table of them in `docs/errors.md`.
+
+A message is a template: what the program puts in is `…`. A sentence is found wherever it is given to something that
+raises, reports or collects errors (`CALLS`), or is what a function named for that gives (`GIVERS`).
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE, TABLE = ROOT / "clothfit", ROOT / "docs" / "errors.md"
+GAP = "…"
+
+CALLS = {
+    **dict.fromkeys(("InvalidInput", "InvalidScene", "InvalidMotion", "Diverged", "Failed"), 0),
+    **dict.fromkeys(("UsageError", "Died", "Lost", "_fail", "append"), 0),
+    **dict.fromkeys(("_refusal", "refuse"), 1),
+    **dict.fromkeys(("Outcome", "require", "_report"), 2),
+    **dict.fromkeys(("_report_springs", "check"), 3),
+}
+"""Which argument of a call is a sentence; that of `append` where it is to a list of problems."""
+
+GIVERS = re.compile(r".*_problems?|_sentence|_obstacle|_repetition|_not_finite|_gone")
+"""Functions that return or yield sentences, or parts of them."""
+
+
+class Row(NamedTuple):
+    """One row of the table."""
+
+    message: str
+    codes: str  # exit codes; where there are several, the reason decides
+    meaning: str
+
+
+def templates() -> dict[str, list[str]]:
+    """The places, file and line, of each template."""
+    found: dict[str, list[str]] = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        tree = ast.parse(path.read_text("utf-8"))
+        for node, scope in nodes(tree, tree):
+            for sentence in sentences(node, scope, tree):
+                place = f"{path.relative_to(PACKAGE)}:{node.lineno}"
+                found.setdefault(normal(sentence), []).append(place)
+    return {text: places for text, places in found.items() if re.search(r"[a-z]{2}", text)}
+
+
+def nodes(node: ast.AST, scope: ast.AST) -> Iterator[tuple[ast.AST, ast.AST]]:
+    """Every node, with the function it stands in."""
+    for child in ast.iter_child_nodes(node):
+        yield child, scope
+        yield from nodes(child, child if isinstance(child, ast.FunctionDef) else scope)
+
+
+def sentences(node: ast.AST, scope: ast.AST, tree: ast.Module) -> Iterator[str]:
+    """The sentences that a node gives to the user."""
+    if isinstance(node, ast.Call):
+        name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+        if name == "append" and getattr(getattr(node.func, "value", None), "id", "") != "problems":
+            return
+        position = CALLS.get(name)
+        if name == "OSError" and len(node.args) > 1:
+            position = 1
+        if position is not None and len(node.args) > position:
+            yield from texts(node.args[position], scope, tree)
+    elif isinstance(node, (ast.Return, ast.Yield)) and GIVERS.fullmatch(getattr(scope, "name", "")):
+        yield from texts(node.value or ast.Constant(None), scope, tree)
+
+
+def texts(node: ast.AST, scope: ast.AST, tree: ast.Module) -> Iterator[str]:
+    """What an expression may be, as templates; nothing for what another place has made."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        yield node.value
+    elif isinstance(node, ast.JoinedStr):
+        yield "".join(part.value if isinstance(part, ast.Constant) else GAP for part in node.values)
+    elif isinstance(node, ast.IfExp):
+        yield from texts(node.body, scope, tree)
+        yield from texts(node.orelse, scope, tree)
+    elif isinstance(node, ast.Lambda):
+        yield from texts(node.body, scope, tree)
+    elif isinstance(node, (ast.Tuple, ast.List)):
+        for item in node.elts:
+            yield from texts(item, scope, tree)
+    elif isinstance(node, ast.ListComp):
+        yield from texts(node.elt, scope, tree)
+    elif isinstance(node, ast.Name):
+        for place in (scope, tree):
+            for other in ast.walk(place) if place is scope else tree.body:
+                if isinstance(other, ast.Assign) and node.id in [getattr(t, "id", "") for t in other.targets]:
+                    yield from texts(other.value, scope, tree)
+
+
+def normal(text: str) -> str:
+    """A template without the place before it; values are gaps, gaps in a row one."""
+    text = re.sub(r"\{\d*\}", GAP, text.replace("{{", "{").replace("}}", "}"))
+    text = re.sub(rf"{GAP}(?:\s*{GAP})+", GAP, text)
+    return re.sub(rf"^(?:{GAP}\.)?{GAP}: ", "", text).strip()
+
+
+def rows() -> list[Row]:
+    """The rows of the table."""
+    found = re.findall(r"^\| `(.+?)` \| ([\d, ]+) \| (.+) \|$", TABLE.read_text("utf-8"), re.MULTILINE)
+    return [Row(*row) for row in found]
+
+
+def pattern(message: str) -> re.Pattern[str]:
+    """What matches a message with anything in its gaps."""
+    return re.compile(".*".join(map(re.escape, message.split(GAP))), re.DOTALL)
