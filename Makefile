@@ -1,5 +1,6 @@
 # make demo   set up and fit an example: is everything in place?
 # make test   set up and run the tests
+# make fuzz   set up and try hostile input for a minute; more: make fuzz FUZZ='--count 100000', or with --guided
 # make lint   set up and check style and types
 # make clean  remove what these made
 #
@@ -12,10 +13,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
+FUZZ := --seconds 60
+
 DEMO := examples/corners.json
 FITTED := build/demo/corners.fitted.json
 
-.PHONY: help demo test lint clean
+.PHONY: help demo test fuzz lint clean
 .DELETE_ON_ERROR:
 
 help:
@@ -30,6 +33,10 @@ demo: $(VENV)/installed
 
 test: $(VENV)/installed-test
 	$(BIN)/python -m pytest -q
+
+# --guided needs atheris in the environment, of which there are wheels for some systems only; nothing else does.
+fuzz: $(VENV)/installed-test
+	cd tests && ../$(BIN)/python -m fuzz --keep ../build/faults $(FUZZ)
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .

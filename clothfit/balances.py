@@ -89,7 +89,7 @@ def valid_rows(system: System, near: Stencil, track: Track, steps: int) -> Flags
         bad |= missing[2 : steps + 2]
     else:
         bad[1:] |= missing[: steps - 1]
-    return np.asarray(~bad & system.vertex.free)
+    return np.ascontiguousarray(~bad & system.vertex.free)  # in one order, however few steps: to compile once for
 
 
 @kernel

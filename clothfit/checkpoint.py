@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import stat
 from collections.abc import Mapping, Sequence
@@ -22,6 +23,7 @@ from clothfit.arrays import Array
 from clothfit.errors import InvalidInput
 from clothfit.experiment import Experiment
 from clothfit.output import check_writable, write_atomically
+from clothfit.reading import whole
 from clothfit.scene import Scene, dumps
 
 FORMAT = b"clothfit checkpoint 1 "
@@ -91,7 +93,7 @@ class Checkpoint:
             if os.path.exists(self.path) and not os.path.isfile(self.path):
                 raise InvalidInput(f"{self._name}: is not a file, so there is no checkpoint to read")
             with open(self.path, "rb") as file:
-                data = file.read(size)
+                data: bytes = whole(file) if size < 0 else file.read(size)
         except FileNotFoundError:
             raise InvalidInput(f"{self._name}: there is no such checkpoint to resume from") from None
         except OSError as error:
@@ -117,14 +119,26 @@ def decoded(data: bytes, name: str) -> tuple[dict[str, str], Content]:
     if first != FORMAT + checksum(rest):
         raise InvalidInput(f"{name}: is damaged: its checksum is wrong; begin anew, without --resume")
     text, _, numbers = rest.partition(b"\n")
-    head: dict[str, Any] = json.loads(text)
-    flat = np.frombuffer(numbers, "<f8").astype(float)
+    try:
+        return _understood(json.loads(text), np.frombuffer(numbers, "<f8").astype(float))
+    except (ValueError, TypeError, LookupError, AttributeError, RecursionError, OverflowError):  # not by `encoded`
+        raise InvalidInput(f"{name}: is not what a fit has written; begin anew, without --resume") from None
+
+
+def _understood(head: Any, flat: Array) -> tuple[dict[str, str], Content]:
+    """The same from the line of JSON and all numbers. Raises one of several errors where they are not in order."""
     records, start = [], 0
     for label, word, *shape in head["records"]:
-        end = start + int(np.prod(shape, dtype=int))
+        if not (isinstance(label, str) and isinstance(word, str) and all(type(n) is int and n >= 0 for n in shape)):
+            raise ValueError("no record")
+        end = start + math.prod(shape)
         records.append(Record(label, flat[start:end].reshape(shape), word))
         start = end
-    return head["identity"], Content(head["seconds"], records[0].values, records[1:])
+    texts, seconds = head["identity"], head["seconds"]
+    plain = all(isinstance(text, str) for text in texts.values())
+    if not (plain and start == len(flat) and records[0].values.ndim == 1 and 0 <= float(seconds) < math.inf):
+        raise ValueError("no content")
+    return texts, Content(float(seconds), records[0].values, records[1:])
 
 
 def checksum(data: bytes) -> bytes:

@@ -73,6 +73,7 @@ RULES: dict[str, Callable[[Any, Any, Schema, Schema], bool]] = {
     "exclusiveMaximum": lambda value, rule, *_: is_number(value) and value < rule,
     "exclusiveMinimum": lambda value, rule, *_: is_number(value) and value > rule,
     "items": _items,
+    "maximum": lambda value, rule, *_: is_number(value) and value <= rule,
     "maxLength": lambda value, rule, *_: type(value) is str and len(value) <= rule,
     "minItems": lambda value, rule, *_: type(value) is list and len(value) >= rule,
     "minimum": lambda value, rule, *_: is_number(value) and value >= rule,

@@ -96,10 +96,9 @@ def outcome(scene: Scene, motion: Motion, fault: Fault) -> Diverged:
     """What tells that a motion of a scene ended with its good frames, and what to do about it."""
     step, cloth = len(motion.times), fault.cloth
     place = f"objects[{cloth}], vertex {fault.vertex} of {scene.vertex_counts[cloth]}"
-    when = f"at step {step} (t = {step * scene.delta:.4g} s), {place}"
-    begins = overstretched_from(scene, cloth, motion.of(cloth))
-    found = "" if begins is None else f"{overstretched(begins)}; "
-    message = f"{scene.name}: the simulation diverged {when}; {found}{advice(scene, cloth)}"
+    begins, hint = overstretched_from(scene, cloth, motion.of(cloth)), advice(scene, cloth)
+    more = hint if begins is None else f"{overstretched(begins)}; {hint}"
+    message = f"{scene.name}: the simulation diverged at step {step} (t = {step * scene.delta:.4g} s), {place}; {more}"
     return Diverged(message, step, motion, fault)
 
 

@@ -106,7 +106,7 @@ def check_same_objects(truth: Scene, fitted: Scene) -> None:
     sizes = [[(len(c.mass), len(c.stiffness)) for c in scene.cloths] for scene in (truth, fitted)]
     if sizes[0] != sizes[1]:
         raise InvalidInput(
-            f"{fitted.name}: its objects have (vertices, springs) {sizes[1]}, those of {truth.name} {sizes[0]}"
+            f"{fitted.name}: its objects have (vertices, springs) {sizes[1][:8]}, those of {truth.name} {sizes[0][:8]}"
         )
     if truth.delta != fitted.delta:
         raise InvalidInput(f"{fitted.name}: its delta is {fitted.delta:g} s, that of {truth.name} {truth.delta:g} s")

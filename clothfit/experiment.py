@@ -61,7 +61,7 @@ def flagged_as(scene: Scene, main: Scene) -> Scene:
     sizes = [[(len(c.mass), len(c.stiffness)) for c in one.cloths] for one in (scene, main)]
     if sizes[0] != sizes[1]:
         raise InvalidInput(
-            f"{scene.name}: its objects have (vertices, springs) {sizes[0]}, those of {main.name} {sizes[1]}"
+            f"{scene.name}: its objects have (vertices, springs) {sizes[0][:8]}, those of {main.name} {sizes[1][:8]}"
         )
     pairs = zip(scene.cloths, main.cloths, strict=True)
     cloths = tuple(replace(own, settings=other.settings, fits=other.fits) for own, other in pairs)

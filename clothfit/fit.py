@@ -141,24 +141,26 @@ def estimate(
         foreseen(needs)
     tells = {"method": method, "prior": prior, "tolerance": tight, "holdout": holdout, "of": holdout_of, **asked}
     journal = opened(checkpoint, resume, identity(scene, None if hidden else given, start, **tells))
-    direct = method in ("auto", "momentum") and hidden and start is None  # these look for a start of their own
-    if direct:
-        p = np.where(aim.identifiable, fabric(scene), parameters(scene))
-    else:
-        p = journal.recall("start", partial(choose_start, scene, target, start, hidden, **options))
-    warnings = [*undetermined(scene), *outside_bounds(scene, p)]
-    if not direct and not np.isfinite(aim.cost_or_infinity(p)):
-        warnings.append("the simulation diverges at the start; the fit starts from the best of a coarse search instead")
-        coarse = partial(neutral_start, scene, target, scene.frames, [p], **options)
-        p = journal.recall("second start", lambda: coarse()[0])
-    search = Search(aim, p, rmse_tolerance, budget, report, journal)
-    first = search.best  # within the bounds
-    patterns = None if hidden else [p, *(np.where(lettered(scene), q, p) for q in (fabric(scene), neutral(scene)))]
-    others = partial(neutral_start, scene, target, scene.frames, patterns, **options)
-    status = run(search, method, p, None if start is not None else others, tau)
-    seconds, warnings = search.seconds, [*warnings, *search.notes, *journal.warnings]
-    known = look(search, status, first, warnings) if intervals else None
-    found = result(search, status, method, warnings, start is not None, first, known, seconds)
+    with journal.trusted():
+        direct = method in ("auto", "momentum") and hidden and start is None  # these look for a start of their own
+        if direct:
+            p = np.where(aim.identifiable, fabric(scene), parameters(scene))
+        else:
+            p = journal.recall("start", partial(choose_start, scene, target, start, hidden, **options))
+        warnings = [*undetermined(scene), *outside_bounds(scene, p)]
+        if not direct and not np.isfinite(aim.cost_or_infinity(p)):
+            instead = "the fit starts from the best of a coarse search instead"
+            warnings.append(f"the simulation diverges at the start; {instead}")
+            coarse = partial(neutral_start, scene, target, scene.frames, [p], **options)
+            p = journal.recall("second start", lambda: coarse()[0])
+        search = Search(aim, p, rmse_tolerance, budget, report, journal)
+        first = search.best  # within the bounds
+        patterns = None if hidden else [p, *(np.where(lettered(scene), q, p) for q in (fabric(scene), neutral(scene)))]
+        others = partial(neutral_start, scene, target, scene.frames, patterns, **options)
+        status = run(search, method, p, None if start is not None else others, tau)
+        seconds, warnings = search.seconds, [*warnings, *search.notes, *journal.warnings]
+        known = look(search, status, first, warnings) if intervals else None
+        found = result(search, status, method, warnings, start is not None, first, known, seconds)
     found = replace(found, memory=needs)
     if status not in ("diverged", "interrupted"):  # who has asked for the end waits for no more steps
         remedies = aim.remedies(parameters(found.scene))

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from clothfit import __version__
 from clothfit.errors import ClothfitError, InvalidInput
+from clothfit.reading import whole
 from clothfit.source import name_of
 from clothfit.steady import steady
 
@@ -96,7 +97,7 @@ def read(path: str | os.PathLike[str]) -> File:
     """A file as a job carries it. Raises InvalidInput."""
     try:
         with steady(path) as file:
-            return File(file.read(), name_of(path))
+            return File(whole(file), name_of(path))
     except (OSError, ValueError) as error:
         raise InvalidInput(f"{name_of(path)}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
 

@@ -15,7 +15,8 @@ from __future__ import annotations
 import hashlib
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Protocol
 
 import numpy as np
@@ -69,6 +70,19 @@ class Journal:
         if self.strayed:
             found.append("the way of the checkpoint could be followed only in part (other versions of the libraries?)")
         return found
+
+    @contextmanager
+    def trusted(self) -> Iterator[None]:
+        """Take records for those of such a fit: what goes wrong in the block is put down to a file that was resumed
+        from, whose checksum anybody can make. Raises InvalidInput.
+        """
+        try:
+            yield
+        except (ValueError, LookupError, TypeError, ArithmeticError) as error:
+            if isinstance(error, InvalidInput) or self.file is None or self.known is NOTHING:
+                raise
+            name = os.fspath(self.file.path)
+            raise InvalidInput(f"{name}: holds what no such fit has found; begin anew, without --resume") from error
 
     def recall(self, name: str, compute: Callable[[], Array], point: Array | None = None) -> Array:
         """An array of any shape: what is known of it, else what `compute` gives, which is kept.

@@ -24,6 +24,9 @@ LOSSES = ("linear", "soft_l1", "huber")
 LOSS_SCALE = 0.01
 """C where none is given, m: ten times the noise of a good capture, far below the size of a cloth."""
 
+SCALES = 1e-100, 1e100
+"""Scales, m, whose squares and their quotients are doubles."""
+
 
 class Loss(NamedTuple):
     """One of LOSSES with its scale."""
@@ -63,4 +66,6 @@ def loss_named(name: str = "linear", scale: float | None = None) -> Loss:
         raise InvalidInput("loss scale: the linear loss has none; choose the loss soft_l1 or huber with it")
     if not 0 < scale < np.inf:
         raise InvalidInput(f"loss scale: {scale:g} m is not possible, it must be above 0 and finite")
+    if not SCALES[0] <= scale <= SCALES[1]:
+        raise InvalidInput(f"loss scale: {scale:g} m is not possible, it must be within {SCALES[0]:g} … {SCALES[1]:g}")
     return Loss(name, float(scale))

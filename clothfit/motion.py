@@ -11,20 +11,21 @@ from __future__ import annotations
 
 import io
 import os
-import zipfile
-import zlib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import IO, Any
+from typing import IO, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from clothfit import memory, npz
 from clothfit.arrays import Array, Flags
 from clothfit.divergence import Fault, last_states, outcome, with_bad
 from clothfit.errors import InvalidInput, InvalidMotion
 from clothfit.limits import checked_tolerance
+from clothfit.memory import human
 from clothfit.output import Data, put, write_atomically
+from clothfit.reading import whole
 from clothfit.remedies import NONE, Remedies
 from clothfit.rollout import FAR, check_memory
 from clothfit.scene import Scene
@@ -34,6 +35,21 @@ from clothfit.tape import Tape
 
 ARRAYS = ("positions", "times", "vertex_counts", "observed", "weights")
 """What a motion file may hold; anything else in it is ignored."""
+
+LONGEST_WORDS = 150
+"""Characters of what a library says of a file."""
+
+
+class Shaped(Protocol):
+    """An array, or what its file says of it."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Its sizes."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type of its items."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +102,8 @@ def simulate_cloths(
         raise InvalidInput(f"frames: {count} is not possible, at least 1 is (the initial state)")
     counts = scene.vertex_counts
     check_memory(count, sum(counts), 0)
+    if not scene.delta * (count - 1) < np.inf:
+        raise InvalidInput(f"{scene.name}: delta: {count - 1} steps of {scene.delta:g} s do not end at a finite time")
     positions = np.full((count, sum(counts), 3), np.nan)
     motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
     remedies, good, fault = NONE, count - 1, None
@@ -139,36 +157,33 @@ def load_motion(
     try:
         if isinstance(path_or_file, (str, os.PathLike)):
             with steady(path_or_file) as file:
-                arrays = _arrays(file if file.seekable() else io.BytesIO(file.read()))
+                arrays = _arrays(file if file.seekable() else io.BytesIO(whole(file)), scene, name)
         else:  # a stream cannot be sought, an archive must be
-            arrays = _arrays(io.BytesIO(path_or_file.read()))
+            arrays = _arrays(io.BytesIO(whole(path_or_file)), scene, name)
     except FileNotFoundError:
         raise InvalidMotion(f"{name}: there is no such file") from None
     except IsADirectoryError:
         raise InvalidMotion(f"{name}: is a folder, a motion file (.npz) is needed") from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, RuntimeError, MemoryError, zlib.error) as error:
+    except InvalidMotion:
+        raise
+    except npz.FAULTS as error:
         raise InvalidMotion(f"{name}: cannot be read as .npz or .npy ({_short(error)})") from None
     return check_motion(arrays, scene, name)
 
 
-def _arrays(file: IO[bytes]) -> dict[str, NDArray[Any]]:
-    if not file.read(6).startswith((b"PK", b"\x93NUMPY")):
-        raise ValueError("it is neither")
-    file.seek(0)
-    loaded = np.load(file, allow_pickle=False)
-    if isinstance(loaded, np.ndarray):
-        return {"positions": loaded}
-    with loaded:
-        arrays = {key: loaded[key] for key in ARRAYS if key in loaded.files}
-    strange = [key for key, value in arrays.items() if not isinstance(value, np.ndarray)]
-    if strange:
-        raise ValueError(f"{strange[0]} is not an array")
-    return arrays
+def _arrays(file: IO[bytes], scene: Scene, name: str) -> dict[str, NDArray[Any]]:
+    """The arrays of an open file, read when it is known that they fit the scene and into memory."""
+    stored = npz.stored(file, ARRAYS, "positions")
+    check_shapes(stored, scene, name)
+    needed, free = sum(array.nbytes for array in stored.values()), memory.free()
+    if needed > free:
+        raise InvalidMotion(f"{name}: takes {human(needed)} of memory, {human(free)} are free; keep fewer frames")
+    return {key: array.read() for key, array in stored.items()}
 
 
 def _short(error: BaseException) -> str:
-    text = (getattr(error, "strerror", None) or str(error)).split("\n")[0]
-    return "it holds pickled objects" if "allow_pickle" in text else text or type(error).__name__
+    text = getattr(error, "strerror", None) or str(error).split("\n")[0] or type(error).__name__
+    return text if len(text) <= LONGEST_WORDS else f"{text[: LONGEST_WORDS - 1]}…"
 
 
 def as_motion(
@@ -203,6 +218,30 @@ def check_counts(motion: Motion, scene: Scene) -> None:
         )
 
 
+def check_shapes(arrays: Mapping[str, Shaped], scene: Scene, name: str) -> None:
+    """Raise InvalidMotion, naming the array and what would be right, where types or shapes do not fit the scene."""
+
+    def check(key: str, shapes: tuple[tuple[int, ...], ...], kinds: str, message: str) -> None:
+        if key in arrays and not (arrays[key].shape in shapes and arrays[key].dtype.kind in kinds):
+            raise InvalidMotion(f"{name}: {key}: {message}")
+
+    def has(key: str) -> str:
+        return f"has shape {arrays[key].shape} and type {arrays[key].dtype}" if key in arrays else ""
+
+    total = sum(scene.vertex_counts)
+    if "positions" not in arrays:
+        raise InvalidMotion(f"{name}: positions: is missing")
+    shape, dtype = arrays["positions"].shape, arrays["positions"].dtype
+    check("positions", (shape,), "fiu", f"has type {dtype}, numbers are needed")
+    frames = shape[0] if shape else 0
+    right = ((frames, total, 3),) if frames else ()
+    check("positions", right, "fiu", f"has shape {shape}, (frames, {total}, 3) fits {scene.name}")
+    check("times", ((frames,),), "fiu", f"needs {frames} numbers, one per frame")
+    check("observed", ((frames, total),), "b", f"{has('observed')}, ({frames}, {total}) bool fits")
+    fitting = f"({total},) or ({frames}, {total}) numbers fit"
+    check("weights", ((total,), (frames, total)), "fiub", f"{has('weights')}, {fitting}")
+
+
 def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Motion:
     """Make a Motion from the arrays of a file. Raises InvalidMotion naming the array and what would be right."""
 
@@ -210,31 +249,17 @@ def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Mo
         if not condition:
             raise InvalidMotion(f"{name}: {place}: {message}")
 
-    counts = scene.vertex_counts
-    total = sum(counts)
-    require("positions" in arrays, "positions", "is missing")
-    positions = arrays["positions"]
-    require(positions.dtype.kind in "fiu", "positions", f"has type {positions.dtype}, numbers are needed")
-    right = positions.ndim == 3 and positions.shape[1:] == (total, 3) and len(positions) > 0
-    require(right, "positions", f"has shape {positions.shape}, (frames, {total}, 3) fits {scene.name}")
-    frames = len(positions)
-    stored = arrays.get("vertex_counts", np.array(counts))
-    require(
-        tuple(stored.reshape(-1).tolist()) == counts,
-        "vertex_counts",
-        f"is {stored.reshape(-1)[:8].tolist()}, the scene has {list(counts)[:8]}",
-    )
-    times = arrays.get("times", np.arange(frames) * scene.delta)
-    require(times.shape == (frames,) and times.dtype.kind in "fiu", "times", f"needs {frames} numbers, one per frame")
-    times = times.astype(np.float64)
+    check_shapes(arrays, scene, name)
+    counts, positions = scene.vertex_counts, arrays["positions"]
+    frames, total = positions.shape[:2]
+    stored = arrays.get("vertex_counts", np.array(counts)).reshape(-1)
+    right = len(stored) == len(counts) and tuple(stored.tolist()) == counts
+    require(right, "vertex_counts", f"is {stored[:8].tolist()}, the scene has {list(counts)[:8]}")
+    times = arrays.get("times", np.arange(frames) * scene.delta).astype(np.float64)
     require(np.isfinite(times).all() and (np.diff(times) > 0).all(), "times", "must be finite and increasing")
     observed = arrays.get("observed")
-    if observed is not None:
-        right = observed.shape == (frames, total) and observed.dtype == bool
-        require(
-            right, "observed", f"has shape {observed.shape} and type {observed.dtype}, ({frames}, {total}) bool fits"
-        )
-        observed = None if observed.all() else observed
+    if observed is not None and observed.all():
+        observed = None
     positions = np.ascontiguousarray(positions, np.float64)
     for frame in range(frames):  # one by one: an array as large as `positions` would take as much memory again
         bad = ~(np.abs(positions[frame]) < FAR).all(axis=1)  # NaN as well
@@ -244,15 +269,12 @@ def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Mo
             vertex = int(np.argmax(bad))
             wrong = f"lies {FAR:g} m away or more" if np.isfinite(positions[frame, vertex]).all() else "is not finite"
             require(False, f"positions[{frame}, {vertex}]", f"{wrong}, though not marked as unobserved")
-    weights = check_weights(arrays["weights"], (frames, total), name) if "weights" in arrays else None
+    weights = checked_weights(arrays["weights"], (frames, total), name) if "weights" in arrays else None
     return Motion(positions, times, counts, observed, name, weights=weights)
 
 
-def check_weights(weights: NDArray[Any], shape: tuple[int, int], name: str) -> Array:
-    """Weights as (frames, vertices) from one per vertex or position. Raises InvalidMotion where they are none."""
-    if weights.shape not in (shape, shape[1:]) or weights.dtype.kind not in "fiub":
-        fitting = f"({shape[1]},) or {shape} numbers fit"
-        raise InvalidMotion(f"{name}: weights: has shape {weights.shape} and type {weights.dtype}, {fitting}")
+def checked_weights(weights: NDArray[Any], shape: tuple[int, int], name: str) -> Array:
+    """Weights as (frames, vertices) from one per vertex or position. Raises InvalidMotion where one cannot be."""
     values = weights.astype(np.float64)
     wrong = ~((values >= 0) & (values < np.inf))  # NaN as well
     if wrong.any():

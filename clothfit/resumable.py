@@ -19,6 +19,7 @@ from clothfit.prior import Prior
 from clothfit.search import Search
 
 RUNNING = "running"
+STATUSES = (RUNNING, "converged", "stalled", "limit")
 
 
 class Descent:
@@ -36,6 +37,8 @@ class Descent:
         record, standing = self.journal.next(self.name), self.journal.next("standing")
         if record is None or standing is None:
             return None
+        if record.text not in STATUSES:
+            raise ValueError(f"there is no status {record.text!r}")
         iteration, radius, *mark = record.values[:4].tolist()
         rest = record.values[4:]
         self.search.stand(standing.values)

@@ -64,9 +64,9 @@ def roll(run: Run, p: Array, tolerance: float) -> tuple[System, Rollout]:
 def check(run: Run, good: int) -> None:
     """Raise Diverged unless all steps are good."""
     if good < run.steps:
-        step = good + 1
-        when = f"step {step} (t = {step * run.scene.delta:.4g} s)"
-        raise Diverged(f"{run.scene.name}: objects[{run.cloth}] diverged at {when}; try a smaller delta", step)
+        step, t = good + 1, (good + 1) * run.scene.delta
+        place = f"{run.scene.name}: objects[{run.cloth}]"
+        raise Diverged(f"{place} diverged at step {step} (t = {t:.4g} s); try a smaller delta", step)
 
 
 def still(run: Run) -> float:

@@ -151,10 +151,7 @@ def load(path_or_file: Readable) -> Scene:
     name = name_of(path_or_file)
     source = read(path_or_file)
     parsed = parse(source, name)
-    try:
-        problems = structure.problems_of(parsed.document)
-    except RecursionError:
-        problems = ["the JSON is nested too deeply to be a scene"]
+    problems = structure.problems_of(parsed.document)
     if problems:
         raise InvalidScene(problems, name)
     document = {**structure.defaults("scene"), **parsed.document}
@@ -215,6 +212,7 @@ def _plain(owner: Cloth | Scene, kind: Kind) -> Any:
 def _scene(document: dict[str, Any], cloths: tuple[Cloth, ...], name: str, source: Source) -> Scene:
     colliders = document["colliders"]
     planes = [i for i, item in enumerate(colliders) if item["type"] != SPHERE]
+    more = f" (and {len(planes) - 1} more)" if len(planes) > 1 else ""
     return Scene(
         title=document["title"].encode(errors="replace").decode(),  # "\ud800" in JSON is a text nobody can print
         method=document["integrationMethod"],
@@ -227,7 +225,7 @@ def _scene(document: dict[str, Any], cloths: tuple[Cloth, ...], name: str, sourc
         fits=_fits(document["fit"], SCENE_KINDS),
         cloths=cloths,
         spheres=tuple(_sphere(item) for item in colliders if item["type"] == SPHERE),
-        warnings=tuple(f"colliders[{i}]: planes are ignored, as in the editor" for i in planes),
+        warnings=tuple(f"colliders[{i}]: planes are ignored, as in the editor{more}" for i in planes[:1]),
         name=name,
         source=source,
     )

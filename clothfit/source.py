@@ -7,6 +7,9 @@ Python's `json` is laxer than JSON: it takes NaN and Infinity, keeps the last of
 infinity, and stops with errors of its own on deep nesting and on integers beyond 4300 digits. Repeated keys, deep
 nesting and broken syntax are refused here. Numbers that are not finite are let through, so that whoever
 checks the values can name their place in the scene; `Parsed.constants` tells that there are some.
+
+A text may come from anybody: its size, its nesting and the memory that its values will take are looked at before it is
+parsed.
 """
 
 from __future__ import annotations
@@ -16,10 +19,14 @@ import json
 import os
 import re
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import IO, Any
 
+from clothfit import memory
 from clothfit.errors import InvalidScene
+from clothfit.memory import human
+from clothfit.reading import MOST_TEXT, whole
 from clothfit.steady import steady
 from clothfit.words import named, place
 
@@ -34,6 +41,19 @@ MARKS = {
     codecs.BOM_UTF16_BE: "utf-16-be",
 }
 SAFE_DIGITS = 400  # an integer with more digits is beyond the range of doubles
+
+MOST_DEPTH = 64
+"""Levels of lists and objects in one another; a scene has 5."""
+
+BYTES = {"{": 184, "[": 56, ",": 40}
+"""Memory that an object, a list, and a value with its place in one take, at least, …"""
+
+COPIES = 3
+"""… and that takes the text, in bytes, with what is cut out of it."""
+
+NO_MARKS = bytes(set(range(256)) - set(b'[]{}"'))
+
+MOST_REPETITIONS = 20  # keys that are told
 
 
 @dataclass(frozen=True)
@@ -103,15 +123,14 @@ def parse(source: Source, name: str) -> Parsed:
         constants.append(token)
         return float(token)
 
+    _check_nesting(source.text, name)
     hooks: dict[str, Any] = {"object_pairs_hook": fields, "parse_constant": constant}
     try:
         document = _loaded(source.text, hooks)
     except json.JSONDecodeError as error:
         raise InvalidScene(_syntax_problem(error), name) from None
-    except RecursionError:
-        raise InvalidScene("the JSON is nested too deeply to be a scene", name) from None
     if repeated:
-        raise InvalidScene([_repetition(document, *where) for where in repeated[:20]], name)
+        raise InvalidScene(_repetitions(document, repeated[:MOST_REPETITIONS]), name)
     return Parsed(document, tuple(constants))
 
 
@@ -129,12 +148,11 @@ def _content(origin: Readable) -> str | bytes:
         return json.dumps(origin)
     if isinstance(origin, (str, os.PathLike)):
         with steady(origin) as file:
-            return file.read()
+            data: bytes = whole(file, MOST_TEXT)
+            return data
     if not hasattr(origin, "read"):
         raise TypeError(f"a scene comes from a path, an open file or a dict, not from {type(origin).__name__}")
-    content = origin.read()
-    if not isinstance(content, (str, bytes)):
-        raise TypeError(f"the file gave {type(content).__name__} instead of text or bytes")
+    content: str | bytes = whole(origin, MOST_TEXT)
     return content
 
 
@@ -149,6 +167,26 @@ def _checked(text: str) -> Source:
     if text.startswith("\ufeff"):
         return Source(text[1:], mark=codecs.BOM_UTF8)
     return Source(text)
+
+
+def _check_nesting(text: str, name: str) -> None:
+    """Raise InvalidScene on a text that is nested too deeply, or whose values would not fit into the free memory."""
+    import numpy as np  # here because messages about files, which this module names, must not wait for it
+
+    marks = _marks(text)
+    steps = 28 - (np.frombuffer(marks, np.uint8) & 31).astype(np.int32)  # 1 for [ and {, −1 for ] and }
+    if steps.cumsum().max(initial=0) > MOST_DEPTH:
+        raise InvalidScene(f"the JSON is nested too deeply to be a scene (more than {MOST_DEPTH} levels)", name)
+    counts = {"{": marks.count(b"{"), "[": marks.count(b"["), ",": text.count(",")}
+    needed, free = COPIES * len(text) + sum(BYTES[mark] * counts[mark] for mark in BYTES), memory.free()
+    if needed > free:
+        raise InvalidScene(f"to read it takes about {human(needed)} of memory, {human(free)} are free", name)
+
+
+def _marks(text: str) -> bytes:
+    """The brackets of a text in their order, without those in strings."""
+    plain = text.encode().replace(rb"\\", b"").replace(rb"\"", b"")
+    return b"".join(plain.translate(None, NO_MARKS).replace(b'""', b"").split(b'"')[::2])
 
 
 def _loaded(text: str, hooks: dict[str, Any]) -> Any:
@@ -176,14 +214,26 @@ def _syntax_problem(error: json.JSONDecodeError) -> str:
     return f"{where}: not JSON: {error.msg[0].lower()}{error.msg[1:]}"
 
 
-def _repetition(document: Any, owner: dict[str, Any], key: str) -> str:
+def _repetitions(document: Any, repeated: list[tuple[dict[str, Any], str]]) -> list[str]:
+    """A sentence for each object and key that it has more than once."""
+    wanted = {id(owner) for owner, _ in repeated}
+    paths = {id(value): path for path, value in _containers(document) if id(value) in wanted}
+    return [_repetition(paths.get(id(owner)), key) for owner, key in repeated]
+
+
+def _repetition(path: tuple[str | int, ...] | None, key: str) -> str:
+    if path is None:  # its owner was itself dropped with a repeated key
+        return f"{named(key)}: the key appears more than once in an object; keep one"
+    return f"{place((*path, named(key)))}: the key {named(key)} appears more than once; keep one"
+
+
+def _containers(document: Any) -> Iterator[tuple[tuple[str | int, ...], Any]]:
+    """All objects and lists of a document, with their paths."""
     stack: list[tuple[tuple[str | int, ...], Any]] = [((), document)]
     while stack:
         path, value = stack.pop()
-        if value is owner:
-            return f"{place((*path, named(key)))}: the key {named(key)} appears more than once; keep one"
-        if isinstance(value, (dict, list)):
-            members = value.items() if isinstance(value, dict) else enumerate(value)
-            stack.extend(((*path, named(step) if isinstance(step, str) else step), item) for step, item in members)
-    # Its owner was itself dropped with a repeated key.
-    return f"{named(key)}: the key appears more than once in an object; keep one"
+        yield path, value
+        members = value.items() if isinstance(value, dict) else enumerate(value)
+        for step, item in members:
+            if isinstance(item, (dict, list)):
+                stack.append(((*path, named(step) if isinstance(step, str) else step), item))

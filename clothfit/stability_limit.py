@@ -27,7 +27,7 @@ the steps: those examples whose springs keep their length diverge between 1.03 a
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf, log10, sqrt
+from math import hypot, inf, isnan, log10, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -65,12 +65,13 @@ def limit(system: System) -> Limit:
     """The limit of a cloth, with its own method; nothing limits implicit steps."""
     if system.method == IMPLICIT:
         return Limit(0.0, inf, 1.0)
-    omega, alpha, air = frequency(system), system.vertex.damping, drag(system)
-    damping = alpha + system.springs.damping * omega**2
+    with np.errstate(all="ignore"):  # of values at the ends of the range of doubles
+        omega, alpha, air = frequency(system), system.vertex.damping, drag(system)
+    damping = alpha + system.springs.damping * omega * omega
     modes = [(omega, damping, damping + air), (0.0, alpha, alpha + air)]  # the second: what no spring holds
     step = min(longest_step(system.method, *mode) for mode in modes)
     growths = [growth(system.method, system.h, w, d) for w, *ds in modes for d in ds]
-    return Limit(omega, step, max(growths))
+    return Limit(omega, step, inf if any(map(isnan, growths)) else max(growths))
 
 
 def warning(scene: Scene, steps: int) -> str | None:
@@ -83,7 +84,7 @@ def warning(scene: Scene, steps: int) -> str | None:
     decades = steps * log10(max(worst.growth, 1.0))
     if decades <= log10(TELLING):
         return None
-    over = f"{10**decades:.2g}" if decades < 4 else f"1e{decades:.0f}"
+    over = f"{10**decades:.2g}" if decades < 4 else f"1e{decades:.0f}" if decades < inf else "inf"
     return (
         f"{scene.name}: objects[{index}]: {NAMES[scene.method]} steps of {scene.delta:.4g} s will not stay stable "
         f"({known(worst.step)}): the fastest oscillation, of {worst.frequency:.3g} rad/s, grows {worst.growth:.3g} "
@@ -109,25 +110,30 @@ def longest_step(method: int, omega: float, low: float, high: float) -> float:
     """The longest stable step, s, for an oscillation of frequency ω, 1/s; its damping, 1/s, is known to lie between
     two values. Zero frequency and no damping: any.
     """
+    if max(low, high, omega) == inf:
+        return 0.0
     if method == SYMPLECTIC:  # the positive root of h² ω² + 2 h d = 4
-        return 4.0 / (high + sqrt(high**2 + 4.0 * omega**2)) if high or omega else inf
-    gain = low / omega**2 if omega else inf
+        return 4.0 / (high + hypot(high, 2.0 * omega)) if high or omega else inf
+    gain = low / omega / omega if omega else inf
     if high < 2.0 * omega or not high:
         return gain
-    return min(gain, 4.0 / (high + sqrt(high**2 - 4.0 * omega**2)))  # the smaller root of h² ω² − 2 h d + 4 = 0
+    # the smaller root of h² ω² − 2 h d + 4 = 0
+    return min(gain, 4.0 / (high + sqrt(high - 2.0 * omega) * sqrt(high + 2.0 * omega)))
 
 
 def growth(method: int, h: float, omega: float, damping: float) -> float:
     """The larger eigenvalue, in size, of a step of h, s: the factor by which an oscillation grows."""
-    stiff, damped = (h * omega) ** 2, h * damping
+    stiff, damped = h * omega * h * omega, h * damping
     trace = 2.0 - damped - (stiff if method == SYMPLECTIC else 0.0)
     determinant = 1.0 - damped + (stiff if method == EXPLICIT else 0.0)
-    root = trace**2 / 4.0 - determinant
+    root = trace * trace / 4.0 - determinant
     return abs(trace) / 2.0 + sqrt(root) if root > 0.0 else sqrt(determinant)
 
 
 def frequency(system: System, turned: bool = False) -> float:
-    """ω of the fastest oscillation, 1/s, to half of `ACCURACY`; `turned`: of any directions of the springs."""
+    """ω of the fastest oscillation, 1/s, to half of `ACCURACY`, or infinite where doubles do not hold it; `turned`: of
+    any directions of the springs.
+    """
     scale = np.where(system.vertex.free, 1.0 / np.sqrt(system.vertex.mass), 0.0)[:, None]
     multiply = stiffness(system, turned)
     return sqrt(largest_eigenvalue(lambda x: scale * multiply(scale * x), (scale > 0) * np.ones((1, 3))))
@@ -176,7 +182,7 @@ def drag(system: System) -> float:
     n = np.cross(b - a, c - a)
     size = (n * n).sum(axis=1)
     taken = np.bincount(corners.reshape(-1), np.repeat(system.faces.drag / 6.0 * size**1.5, 3), len(x))
-    return float((taken / system.vertex.mass)[system.vertex.free].max(initial=0.0))
+    return float(np.nan_to_num(taken / system.vertex.mass, nan=inf, posinf=inf)[system.vertex.free].max(initial=0.0))
 
 
 def largest_eigenvalue(multiply: Callable[[Array], Array], within: Array) -> float:
@@ -196,6 +202,8 @@ def largest_eigenvalue(multiply: Callable[[Array], Array], within: Array) -> flo
         diagonal.append(float(np.vdot(q, r)))
         r -= diagonal[-1] * q
         beta = float(np.linalg.norm(r))
+        if not beta < inf:  # NaN as well
+            return inf
         if beta <= ROUNDING * max(diagonal):  # no more vectors, and the eigenvalues are exact
             beta = 0.0
         if beta == 0.0 or len(diagonal) % LOOK == 0:

@@ -122,6 +122,8 @@ def _sentence(rule: str, bound: Any, value: Any) -> str:
             return f"{shown(value)} is too large; it must be below {bound}"
         case "minimum":
             return f"{shown(value)} is too small; it must be at least {bound}"
+        case "maximum":
+            return f"{shown(value)} is too large; it must be at most {bound}"
         case "minItems":
             return f"is empty; at least {bound} is needed"
         case "pattern" | "maxLength":

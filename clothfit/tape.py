@@ -13,11 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clothfit import memory
 from clothfit.arrays import Array
+from clothfit.errors import InvalidInput
 from clothfit.guess import Past
-from clothfit.memory import Plan
+from clothfit.memory import Plan, human
 from clothfit.remedies import NONE
-from clothfit.rollout import STRETCH, Rollout, empty, fill, velocity
+from clothfit.rollout import STRETCH, Rollout, empty, fill, iterations_of, state_bytes, velocity
 from clothfit.step import implicit
 from clothfit.system import System
 
@@ -49,7 +51,14 @@ class Tape:
     def __init__(self, system: System, steps: int, tolerance: float, plan: Plan | None = None) -> None:
         """Without a plan the motion can only be told forwards."""
         self.system, self.steps, self.tolerance = system, steps, tolerance
-        self.plan = plan or Plan(min(max(steps, 1), max(SHORT, STRETCH // len(system.x0))))
+        iterations = iterations_of(system)
+        self.plan = plan or Plan(min(max(steps, 1), max(SHORT, STRETCH // (len(system.x0) * iterations))))
+        needed, free = self.plan.length * state_bytes(system), memory.free()
+        if needed > free:
+            raise InvalidInput(
+                f"{self.plan.length} steps of {len(system.x0)} vertices, with {iterations} velocities each, take "
+                f"{human(needed)} of memory, {human(free)} are free; use fewer iterations (forwardSubSteps)"
+            )
         self.good = 0  # steps known to be good, all of them once it was told, unless the motion diverged
         self.remedies = NONE  # what the good steps needed, once it was told
         self.fault: Array | None = None  # (n, 3), the positions after the first step that is not good

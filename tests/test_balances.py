@@ -41,9 +41,9 @@ def hide(motion, where):
     return Motion(np.where(where[:, :, None], np.nan, motion.positions), motion.times, motion.vertex_counts, ~where)
 
 
-def rows(method, newton, vary=None):
+def rows(method, newton, vary=None, frames=8):
     """The balances of a small cloth along its own motion, for other elements where `vary` changes them."""
-    given = made(method, newton)
+    given = made(method, newton, frames=frames)
     aim = Objective(given, simulate(given, tolerance=TIGHT), TIGHT)
     (run,) = aim.runs
     system = run.system if vary is None else with_elements(run.system, vary(all_elements(run.system)))
@@ -87,6 +87,13 @@ def test_rows_that_a_hidden_vertex_touches_are_not_valid():
     # the steps from 3 to 4 and from 4 to 5, and the one after, whose first velocity needs frame 4
     assert sorted(set(lost[:, 0].tolist())) == [3, 4, 5]
     assert sorted(set(lost[:, 1].tolist())) == near
+
+
+@pytest.mark.parametrize("frames", [2, 3, 8])
+def test_rows_have_one_order_however_few_steps_there_are(frames):
+    """What is in another order has another type, for which the kernel would be compiled again."""
+    found, _ = rows("implicit", 1, frames=frames)
+    assert all(array.flags.c_contiguous for array in found)
 
 
 def test_sums_of_sums_end_at_the_first_gap():

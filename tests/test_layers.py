@@ -27,6 +27,8 @@ ORDER = [
     "temporary",
     "output",
     "steady",
+    "reading",
+    "npz",
     "source",
     "splice",
     "conforms",

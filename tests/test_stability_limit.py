@@ -179,3 +179,21 @@ def test_the_worst_cloth_is_named():
     calm = thing([(0, 0, 0), (0, -1, 0)], [(0, 1)], mass=M, stiffness=1.0, fixed=[0])
     wild = thing([(0, 0, 0), (0, -1, 0)], [(0, 1)], **SPRING)
     assert "objects[1]" in warning(scene(calm, wild, integrationMethod=SYMPLECTIC, delta=0.06), 99)
+
+
+@pytest.mark.parametrize("method", [EXPLICIT, SYMPLECTIC])
+@pytest.mark.parametrize(
+    "values",
+    [{"stiffness": 1e308}, {"mass": 1e-308}, {"mass": 1e-308, "stiffness": 1e308}, {"damping": 1e308}, {"mass": 1e308}],
+)
+def test_values_at_the_ends_of_the_numbers_are_no_fault(method, values):
+    made = scene(thing([(0, 0, 0), (0, -1, 0)], [(0, 1)], **{**SPRING, **values}), integrationMethod=method)
+    told = warning(made, 99)
+    assert (told is None) == (values == {"mass": 1e308})
+    assert "nan" not in str(told)
+
+
+def test_air_that_stops_everything_at_once_leaves_no_step():
+    wide = [(0, 0, 0), (1e150, 0, 0), (0, 0, 1e150)]
+    face = thing(wide, [(0, 1)], [(0, 1, 2)], dragCoefficient=1.0)
+    assert limit(physics.system(face, integrationMethod=SYMPLECTIC)).step == 0.0

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from clothfit.storage import Needs
 
 
+MOST_STARTS = 10_000
+"""Of one scene; each is kept until the end."""
+
+
 @shared.command("estimate")
 @click.argument("scene_paths", metavar="SCENE...", nargs=-1, required=True)
 @click.option(
@@ -185,3 +189,5 @@ def check_values(max_evaluations: int, rmse: float, starts: int, seed: int, jobs
     for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
         if value is not None and value < least:
             raise InvalidInput(f"--{name}: {value} is not possible, at least {least} is")
+    if starts > MOST_STARTS:
+        raise InvalidInput(f"--starts: {starts} is not possible, at most {MOST_STARTS} is")

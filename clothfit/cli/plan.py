@@ -15,6 +15,7 @@ from clothfit.cli.console import Console
 from clothfit.cli.files import Files, default_name
 from clothfit.errors import ClothfitError, InvalidInput
 from clothfit.job import File, Goal, Job, read
+from clothfit.reading import whole
 
 
 @dataclass
@@ -47,7 +48,7 @@ class Item:
         if path != shared.STREAM:
             return read(path)
         if self.stream is None:
-            self.stream = sys.stdin.buffer.read()
+            self.stream = whole(sys.stdin.buffer)
         return File(self.stream, "standard input")
 
 

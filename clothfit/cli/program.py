@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 import time
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
@@ -82,7 +83,9 @@ def run(arguments: list[str]) -> int:
     """Run the command line; returns the exit code, having reported what went wrong."""
     interrupts.clear()
     try:
-        code = group.main(arguments or ["--help"], prog_name="clothfit", standalone_mode=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of NumPy, on numbers that leave the finite ones
+            code = group.main(arguments or ["--help"], prog_name="clothfit", standalone_mode=False)
         return int(code or 0)
     except click.UsageError as error:
         return _refuse(error)

@@ -154,6 +154,8 @@ def same_file(a: str, b: str) -> bool:
         return os.path.samefile(a, b)
     except OSError:
         return os.path.realpath(a) == os.path.realpath(b)
+    except ValueError:  # no possible name
+        return False
 
 
 def read_scene(path: str, console: Console) -> Scene:

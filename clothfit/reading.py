@@ -1,0 +1,50 @@
+"""Files from anybody: no more of them is read than a limit, whatever they are and say.
+
+A device never ends, a pipe does not tell how long it is, and a file may be as large as a disk.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from typing import IO, Any
+
+from clothfit import memory
+from clothfit.memory import human
+
+MOST_TEXT = 500_000_000
+"""Bytes of a scene: several times what the largest have."""
+
+PIECE = 1 << 24
+"""Bytes to read at a time where nobody knows how many there are."""
+
+
+def whole(file: IO[Any], most: int | None = None) -> Any:
+    """All that is in an open file, text or bytes.
+
+    Raises OSError, with a sentence as its `strerror`, when that is more than `most` (default: than is free of memory).
+    """
+    limit = memory.free() if most is None else most
+    known = _size(file)
+    pieces: list[Any] = []
+    size = known if known > limit else 0
+    while size <= limit:
+        piece = file.read(min(max(known + 1, PIECE), limit + 1 - size))  # so much memory is taken at once
+        if not isinstance(piece, (str, bytes)):
+            raise TypeError(f"the file gave {type(piece).__name__} instead of text or bytes")
+        pieces.append(piece)
+        if not piece:
+            return piece.join(pieces)
+        size += len(piece)
+    free = "of memory that are free" if most is None else "that can be read"
+    raise OSError(errno.EFBIG, f"it has more than the {human(limit)} {free}")
+
+
+def _size(file: IO[Any]) -> int:
+    """Bytes of a regular file; 0 where nobody knows."""
+    try:
+        found = os.fstat(file.fileno())
+    except (AttributeError, OSError, ValueError):  # a file in memory
+        return 0
+    return found.st_size if stat.S_ISREG(found.st_mode) else 0

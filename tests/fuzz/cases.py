@@ -1,0 +1,158 @@
+"""Cases: a command, a hostile file for it, and what came of it. Commands run in this process, as the program runs them.
+
+Simulations are of two steps, fits of a few evaluations, so that a case takes milliseconds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import time
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+
+import numpy as np
+
+from clothfit.checkpoint import FORMAT, checksum
+from clothfit.cli.program import run
+from fuzz.mutations import KINDS, damaged, motion, scene
+
+CODES = (0, 3, 4, 5)
+"""The exit codes that a file can lead to: done, invalid, diverged, not converged."""
+
+SLOW = 5.0  # s
+LONGEST = 400  # characters of a message
+
+FIT = ("--max-evaluations", "5", "--no-intervals", "-o", "out.json")
+COMMANDS = {
+    "scene": [
+        ("simulate", "{file}", "--steps", "2", "-o", "out.npz"),
+        ("simulate", "{file}", "--steps", "2", "-o", "out.npz", "--json"),
+        ("target", "{file}", "--steps", "2", "--fps", "70", "-o", "out.npz"),
+        ("evaluate", "good.json", "{file}", "--steps", "3"),
+        ("evaluate", "{file}", "good.json", "--steps", "3", "--target", "good.npz"),
+    ],
+    "motion": [
+        ("evaluate", "good.json", "good.json", "--steps", "3", "--target", "{file}"),
+    ],
+    "checkpoint": [
+        ("estimate", "good.json", "--target", "good.npz", "--resume", "--checkpoint", "{file}", *FIT),
+    ],
+}
+FITS = {
+    "scene": [
+        ("estimate", "{file}", "--target", "good.npz", *FIT),
+        ("estimate", "good.json", "--target", "good.npz@{file}", *FIT),
+        ("estimate", "good.json", "--target", "good.npz", "--start", "{file}", *FIT),
+    ],
+    "motion": [("estimate", "good.json", "--target", "{file}", *FIT)],
+}
+"""Commands that take longer, tried more rarely."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command with the name of its hostile file, and that file's content."""
+
+    kind: str
+    arguments: tuple[str, ...]
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What came of a case."""
+
+    code: int
+    seconds: float
+    message: str  # what was said on standard error
+    faults: tuple[str, ...]  # what must not be; none in a good program
+
+
+@contextlib.contextmanager
+def workplace(folder: str, warm: bool = True) -> Iterator[None]:
+    """Work in a folder with the valid files that the commands need; `warm`: with everything compiled."""
+    before = os.getcwd()
+    os.chdir(folder)
+    try:
+        Path("good.json").write_text(json.dumps(scene()))
+        np.savez("good.npz", **motion())  # type: ignore[arg-type]
+        arguments = ("estimate", "good.json", "--target", "good.npz", "--checkpoint", "good.checkpoint", *FIT)
+        if warm:  # compiling is not what is timed
+            judged(("warmup",))
+        judged(arguments)
+        yield  # the fit ended at the limit of evaluations, so its checkpoint is still there
+    finally:
+        os.chdir(before)
+
+
+def case(chance: Random) -> Case:
+    """A case by chance; in a workplace."""
+    kind = chance.choices(["scene", "motion", "checkpoint"], [60, 38, 2])[0]
+    data = checkpoint_bytes(chance) if kind == "checkpoint" else KINDS[kind](chance)
+    commands = FITS[kind] if kind in FITS and chance.random() < 0.05 else COMMANDS[kind]
+    return Case(kind, chance.choice(commands), data)
+
+
+def checkpoint_bytes(chance: Random) -> bytes:
+    """A damaged checkpoint, often with the checksum that belongs to the damage."""
+    data = Path("good.checkpoint").read_bytes()
+    if chance.random() < 0.3:
+        return damaged(chance, data)
+    rest = data.partition(b"\n")[2]
+    head, _, numbers = rest.partition(b"\n")
+    if chance.random() < 0.5:
+        head = damaged(chance, head)
+    else:
+        numbers = damaged(chance, numbers)
+    rest = head + b"\n" + numbers
+    return FORMAT + checksum(rest) + b"\n" + rest
+
+
+def tried(one: Case, slow: float = SLOW) -> Verdict:
+    """Do a case; in a workplace. More than `slow` seconds are a fault."""
+    name = f"case.{'json' if one.kind == 'scene' else 'npz' if one.kind == 'motion' else 'checkpoint'}"
+    Path(name).write_bytes(one.data)
+    return judged(tuple(argument.replace("{file}", name) for argument in one.arguments), slow)
+
+
+def judged(arguments: tuple[str, ...], slow: float = SLOW) -> Verdict:
+    """Run a command and look at how it ends."""
+    out, error = (io.TextIOWrapper(io.BytesIO(), "utf-8", "backslashreplace", write_through=True) for _ in range(2))
+    raised, code = "", -1
+    began = time.perf_counter()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error), warnings.catch_warnings():
+        warnings.simplefilter("always")
+        try:
+            code = run(list(arguments))
+        except BaseException as exception:  # the very thing that must not be
+            raised = f"{type(exception).__name__}: {exception}"
+            if isinstance(exception, KeyboardInterrupt):
+                raise
+    seconds = time.perf_counter() - began
+    text = error.buffer.getvalue().decode("utf-8", "replace")  # type: ignore[attr-defined]
+    late = [f"more than {slow:g} s"] if seconds > slow else []
+    return Verdict(code, seconds, text, (*faults(code, text, raised), *late))
+
+
+def faults(code: int, text: str, raised: str) -> Iterator[str]:
+    """What must not be."""
+    lines = text.splitlines()
+    errors = [line for line in lines if line.startswith("error: ")]
+    if raised or "Traceback" in text or "fault of the program" in text:
+        yield f"traceback: {raised or lines[-1]}"
+    elif code not in CODES:
+        yield f"exit code {code}"
+    if len(errors) != (code not in (0, 5)):
+        yield f"{len(errors)} errors told at exit code {code}"
+    if code == 3 and len([line for line in lines if not line.startswith("warning: ")]) != 1:
+        yield f"{len(lines)} lines for an invalid input"
+    if any(len(line) > LONGEST for line in lines):
+        yield f"a line of {max(map(len, lines))} characters"
+    if ".py:" in text:
+        yield "a warning of a library"

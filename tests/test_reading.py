@@ -1,0 +1,67 @@
+import io
+import os
+
+import pytest
+
+from clothfit import memory
+from clothfit.reading import whole
+
+
+class Trickle(io.RawIOBase):
+    """A stream that gives a byte at a time, and notes how many."""
+
+    def __init__(self, data):
+        self.data, self.given = data, 0
+
+    def read(self, size=-1):
+        piece = self.data[self.given : self.given + 1]
+        self.given += len(piece)
+        return piece
+
+
+class Endless(io.RawIOBase):
+    """A stream that gives whatever is asked for, as a device does."""
+
+    given = 0
+
+    def read(self, size=-1):
+        self.given += size
+        return bytes(size)
+
+
+@pytest.mark.parametrize("data", [b"", b"abc", bytes(100)])
+def test_all_is_read_whatever_the_stream(tmp_path, data):
+    path = tmp_path / "file"
+    path.write_bytes(data)
+    with open(path, "rb") as file:
+        assert whole(file, 100) == data
+    assert whole(io.BytesIO(data), 100) == whole(Trickle(data), 100) == data
+    assert whole(io.StringIO("é" * 100), 100) == "é" * 100
+
+
+def test_a_file_that_is_too_large_is_not_begun(tmp_path):
+    with open(tmp_path / "sparse", "wb+") as file:
+        os.truncate(file.fileno(), 10**12)
+        with pytest.raises(OSError, match="it has more than the 500 MB that can be read"):
+            whole(file, 500_000_000)
+        assert file.tell() == 0
+
+
+def test_a_stream_without_end_is_left_at_the_limit():
+    stream = Endless()
+    with pytest.raises(OSError, match="more than the 1 kB that can be read"):
+        whole(stream, 1000)
+    assert stream.given == 1001
+
+
+def test_without_a_limit_it_is_the_free_memory(monkeypatch):
+    monkeypatch.setattr(memory, "free", lambda: 99)
+    assert whole(io.BytesIO(bytes(99))) == bytes(99)
+    with pytest.raises(OSError, match="more than the 99 bytes of memory that are free"):
+        whole(io.BytesIO(bytes(100)))
+
+
+def test_what_gives_neither_text_nor_bytes_is_no_file():
+    stream = Trickle([1, 2])
+    with pytest.raises(TypeError, match="the file gave list instead of text or bytes"):
+        whole(stream, 10)
