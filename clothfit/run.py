@@ -65,8 +65,10 @@ def check(run: Run, good: int) -> None:
     """Raise Diverged unless all steps are good."""
     if good < run.steps:
         step, t = good + 1, (good + 1) * run.scene.delta
-        place = f"{run.scene.name}: objects[{run.cloth}]"
-        raise Diverged(f"{place} diverged at step {step} (t = {t:.4g} s); try a smaller delta", step)
+        message = (
+            f"{run.scene.name}: objects[{run.cloth}] diverged at step {step} (t = {t:.4g} s); try a smaller delta"
+        )
+        raise Diverged(message, step)
 
 
 def still(run: Run) -> float:
