@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from clothfit.scene import Scene
 
 SCHEMA_VERSION = 1
-DOUBT = "the motion is not to be believed unless they are that soft; try a smaller delta"
 STREAM = "-"
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -168,25 +167,6 @@ def read_scene(path: str, console: Console) -> Scene:
         console.warn(f"{scene.name}: {warning}")
     console.detail(f"{scene.name}: {len(scene.cloths)} objects, {sum(scene.vertex_counts)} vertices")
     return scene
-
-
-def warn_of_steps(scene: Scene, frames: int, console: Console) -> None:
-    """Tell, before they are taken, when explicit or symplectic steps will not stay stable."""
-    from clothfit.stability_limit import warning
-
-    told = warning(scene, frames - 1)
-    if told:
-        console.warn(told)
-
-
-def warn_of_stretch(scene: Scene, motion: Motion, console: Console) -> None:
-    """Tell when a simulated motion ends in a state that cannot be believed, though it is finite."""
-    from clothfit.divergence import overstretched, overstretched_from
-
-    for index in range(len(scene.cloths)):
-        begins = overstretched_from(scene, index, motion.of(index))
-        if begins is not None:
-            console.warn(f"{scene.name}: objects[{index}]: {overstretched(begins)}; {DOUBT}")
 
 
 def read_motion(path: str, scene: Scene) -> Motion:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.cli import energy_table, shared
+from clothfit.cli import energy_table, shared, trust
 from clothfit.cli.console import Console
 from clothfit.errors import Diverged, InvalidInput
 
@@ -49,7 +49,7 @@ def command(
     dump = dump_of(dump_path, scene_path, out)
     import clothfit
 
-    shared.warn_of_steps(scene, frames, console)
+    trust.warn_of_steps(scene, frames, console)
     console.announce_compilation()
     began, error = time.perf_counter(), None
     try:
@@ -91,7 +91,7 @@ def tell(scene: Scene, motion: Motion, seconds: float, out: shared.Output, conso
     done = len(motion.times) - 1
     for sentence in motion.remedies.sentences(done * len(scene.cloths)):
         console.warn(sentence)
-    shared.warn_of_stretch(scene, motion, console)
+    trust.warn_of_stretch(scene, motion, console)
     console.say(f"{scene.name}: {done} steps of {scene.delta:.4g} s in {seconds:.2f} s → {out.name}")
 
 
