@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from clothfit.divergence import Fault
     from clothfit.motion import Motion
 
 
@@ -47,12 +48,15 @@ class Diverged(ClothfitError):
     """The simulation left the finite numbers.
 
     `step` is the first step that cannot be used (1 = the first, 0 where no single one is to blame); `motion`, where
-    there is one, holds the frames before it.
+    there is one, holds the frames before it, and `fault` the last states of the cloth that diverged.
     """
 
     exit_code = 4
 
-    def __init__(self, message: str, step: int, motion: Motion | None = None) -> None:
+    def __init__(
+        self, message: str, step: int, motion: Motion | None = None, fault: Fault | None = None
+    ) -> None:
         self.step = step
         self.motion = motion
+        self.fault = fault
         super().__init__(message)

@@ -162,7 +162,7 @@ def estimate(
         known = look(search, status, first, warnings) if intervals else None
         found = result(search, status, method, warnings, start is not None, first, known, seconds)
     found = replace(found, memory=needs)
-    if status != "diverged":
+    if status not in ("diverged", "interrupted"):  # who has asked for the end waits for no more steps
         remedies = aim.remedies(parameters(found.scene))
         told = [f"the fitted motion: {text}" for text in remedies.sentences(sum(run.steps for run in aim.runs))]
         found = replace(found, remedies=remedies, warnings=[*found.warnings, *told])

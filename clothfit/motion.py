@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from clothfit import memory, npz
 from clothfit.arrays import Array, Flags
-from clothfit.errors import Diverged, InvalidInput, InvalidMotion
+from clothfit.divergence import Fault, last_states, outcome, with_bad
+from clothfit.errors import InvalidInput, InvalidMotion
 from clothfit.limits import checked_tolerance
 from clothfit.memory import human
 from clothfit.output import Data, put, write_atomically
@@ -105,32 +106,22 @@ def simulate_cloths(
         raise InvalidInput(f"{scene.name}: delta: {count - 1} steps of {scene.delta:g} s do not end at a finite time")
     positions = np.full((count, sum(counts), 3), np.nan)
     motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
-    remedies, good, fault = NONE, count - 1, ""
+    remedies, good, fault = NONE, count - 1, None
     for index in cloths:
-        tape = Tape(build(scene, index), count - 1, accuracy)
+        tape, last = Tape(build(scene, index), count - 1, accuracy), None
         for part in tape.forward():
             motion.of(index)[part.first : part.first + part.steps + 1] = part.x
+            last = last_states(part, last)
         remedies = remedies.together(tape.remedies)
-        if tape.fault is not None and tape.good < good:
-            good, fault = tape.good, f"objects[{index}], vertex {_worst(tape.fault)} of {counts[index]}"
+        if tape.fault is not None and last is not None and tape.good < good:
+            good, fault = tape.good, Fault(index, with_bad(last, tape.fault, tape.fault_velocity))
     moved = np.repeat([index in cloths for index in range(len(counts))], counts)
     observed = None if moved.all() else np.broadcast_to(moved, (good + 1, len(moved))).copy()
     motion = replace(motion, positions=positions[: good + 1], times=motion.times[: good + 1])
     motion = replace(motion, observed=observed, remedies=remedies)
-    if good < count - 1:
-        step = good + 1
-        message = (
-            f"{scene.name}: the simulation diverged at step {step} (t = {step * scene.delta:.4g} s), {fault}; "
-            f"try a smaller delta{'' if scene.method == 2 else ' or integrationMethod 2 (implicit)'}"
-        )
-        raise Diverged(message, step, motion)
+    if fault is not None:
+        raise outcome(scene, motion, fault)
     return motion
-
-
-def _worst(x: Array) -> int:
-    """The vertex that is farthest from being a sensible position."""
-    size = np.abs(x).sum(axis=1)
-    return int(np.argmax(np.where(np.isfinite(size), size, np.inf)))
 
 
 def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]) -> None:

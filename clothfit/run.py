@@ -64,7 +64,11 @@ def roll(run: Run, p: Array, tolerance: float) -> tuple[System, Rollout]:
 def check(run: Run, good: int) -> None:
     """Raise Diverged unless all steps are good."""
     if good < run.steps:
-        raise Diverged(f"{run.scene.name}: objects[{run.cloth}] diverged at step {good + 1}", good + 1)
+        step, t = good + 1, (good + 1) * run.scene.delta
+        message = (
+            f"{run.scene.name}: objects[{run.cloth}] diverged at step {step} (t = {t:.4g} s); try a smaller delta"
+        )
+        raise Diverged(message, step)
 
 
 def still(run: Run) -> float:

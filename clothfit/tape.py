@@ -62,6 +62,7 @@ class Tape:
         self.good = 0  # steps known to be good, all of them once it was told, unless the motion diverged
         self.remedies = NONE  # what the good steps needed, once it was told
         self.fault: Array | None = None  # (n, 3), the positions after the first step that is not good
+        self.fault_velocity: Array = system.v0  # (n, 3), there
         self._work = implicit.workspace(system)
         self._room: Rollout | None = None
         self._held: Held | None = None
@@ -126,7 +127,7 @@ class Tape:
         good = fill(self.system, self.tolerance, work, part)
         self.good = max(self.good, at.step + good)
         if good < part.steps:
-            self.fault = part.x[good + 1].copy()
+            self.fault, self.fault_velocity = part.x[good + 1].copy(), np.array(velocity(part, good + 1))
             part = part.part(0, good)
         v = np.array(velocity(part, good))
         return Held(at.step, end, part, Snapshot(end, part.x[good].copy(), v, work.past))

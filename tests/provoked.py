@@ -254,6 +254,7 @@ COMMANDS: dict[str, Case] = {
     "cannot write …: it is an input, which is never written over": Case(
         "evaluate x.svg --speed --plot x.svg", {"x.svg": SMALL}
     ),
+    "--dump: … is not possible, a file of its own is needed": Case("simulate scene.json --dump -"),
     "cannot write …: it is an input, which is never written over; leave it out, or name a folder with -o": fit(
         "scene.fitted.json", **{"scene.fitted.json": SMALL}
     ),
@@ -271,7 +272,7 @@ COMMANDS: dict[str, Case] = {
     ),
     "is not a file, so there is no checkpoint to read": fit("--resume --checkpoint /dev/null"),
     # divergence
-    "the simulation diverged at step … (t = … s), …; try a smaller delta…": Case(
+    "the simulation diverged at step … (t = … s), …; …": Case(
         "simulate scene.json", {"scene.json": HARD}
     ),
     "…; the horizon ends before that": Case(

@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import sys
 
 import numpy as np
@@ -13,7 +14,8 @@ from clothfit.motion import load_motion, simulate
 from clothfit.remedies import Remedies
 from clothfit.scene import load
 
-KEYS = {"schema_version", "command", "scene", "frames", "vertices", "seconds", "output", *Remedies._fields}
+NAMED = ("schema_version", "command", "scene", "frames", "vertices", "seconds", "output", "diverged", "dump")
+KEYS = {*NAMED, *Remedies._fields}
 SCENE = trial("nG", 6, 3, 3)
 
 
@@ -69,6 +71,7 @@ def test_json_has_the_keys_that_scripts_read(path, capsys):
     assert set(summary) == KEYS
     assert (summary["schema_version"], summary["command"]) == (1, "simulate")
     assert (summary["frames"], summary["vertices"]) == (6, 9)
+    assert (summary["diverged"], summary["dump"]) == (None, None)
     assert err == ""
 
 
@@ -161,6 +164,77 @@ def test_a_scene_that_diverges_is_code_4_and_keeps_the_good_frames(tmp_path, cap
     assert 1 <= len(kept.times) < 50
     assert np.isfinite(kept.positions).all()
     assert f"the {len(kept.times)} frames before it are in" in err
+
+
+WILD = even("nG", 50, integrationMethod=1, springStiffness=[1e4] * 33, damping=0.0)
+
+
+def test_a_dump_holds_the_last_states(tmp_path, capsys):
+    made = write_scene(tmp_path, WILD)
+    dump = tmp_path / "last.npz"
+    assert run(["simulate", made, "--dump", str(dump)]) == 4
+    err = capsys.readouterr().err
+    assert f"the last states and the first bad one of objects[0] are in {dump}\n" in err
+    kept = load_motion(tmp_path / "scene.motion.npz", load(made))
+    with np.load(dump, allow_pickle=False) as found:
+        steps, x = found["steps"], found["positions"]
+    assert steps[-1] == len(kept.times)
+    np.testing.assert_array_equal(x[:-1], kept.positions[steps[:-1]])
+    assert not (np.abs(x[-1]).sum(axis=1) < 1e12).all()
+    assert f"diverged at step {steps[-1]} " in err
+
+
+def test_json_tells_where_it_diverged(tmp_path, capsys):
+    made = write_scene(tmp_path, WILD)
+    assert run(["simulate", made, "--json", "-q", "--dump", str(tmp_path / "last.npz")]) == 4
+    out, err = capsys.readouterr()
+    summary = json.loads(out, parse_constant=refuse)
+    assert set(summary) == KEYS
+    found = summary["diverged"]
+    when = f"at step {found['step']} (t = {found['time']:.4g} s)"
+    assert f"{when}, objects[{found['object']}], vertex {found['vertex']} of 16;" in err
+    assert summary["frames"] == found["step"]
+    assert summary["dump"] == str(tmp_path / "last.npz")
+
+
+def test_a_motion_that_stays_finite_leaves_no_dump(path, tmp_path, capsys):
+    assert run(["simulate", path, "--dump", "last.npz"]) == 0
+    assert "it stayed finite, so nothing is written to last.npz\n" in capsys.readouterr().err
+    assert files(tmp_path) == ["my scene.v1.motion.npz", "my scene.v1.txt"]
+
+
+@pytest.mark.parametrize(
+    ("place", "reason"),
+    [
+        ("-", "a file of its own is needed"),
+        ("my scene.v1.motion.npz", "a file of its own is needed"),
+        ("./my scene.v1.motion.npz", "a file of its own is needed"),
+        ("my scene.v1.txt", "it is an input"),
+        ("absent/x.npz", "does not exist"),
+    ],
+)
+def test_a_dump_needs_a_place_of_its_own(path, tmp_path, capsys, place, reason):
+    assert run(["simulate", "my scene.v1.txt", "--dump", place]) == 3
+    assert reason in capsys.readouterr().err
+    assert files(tmp_path) == ["my scene.v1.txt"]
+
+
+@pytest.mark.parametrize("command", ["simulate", "target", "estimate", "evaluate"])
+def test_steps_beyond_the_stability_limit_are_told_before_they_are_taken(tmp_path, capsys, command):
+    made = write_scene(tmp_path, WILD)
+    code = run([command, made, *[made] * (command == "evaluate")])
+    assert code == 4
+    first, *_, last = capsys.readouterr().err.splitlines()
+    assert first.startswith("warning: scene.json: objects[0]: symplectic steps of 0.02 s will not stay stable (the ")
+    assert "try a smaller delta (symplectic steps: the limit is 0.00" in last
+    assert last.startswith("error: scene.json: the simulation diverged at step ")
+
+
+def test_a_finite_motion_that_cannot_be_believed_is_told(tmp_path, capsys):
+    made = write_scene(tmp_path, {**WILD, "optimizationIterations": 5})
+    assert run(["simulate", made]) == 0
+    err = capsys.readouterr().err
+    assert re.search(r"warning: scene.json: objects\[0\]: from step \d on springs are more than 10 times as long", err)
 
 
 # --- scenes that cannot be

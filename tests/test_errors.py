@@ -58,7 +58,8 @@ ELSEWHERE = {
     "frames (--steps)": "test_richardson.py::test_no_time_and_no_frames_are_refused",
     "no values that were tried gave a simulation that stays finite; nothing is written":
         "test_cli_estimate.py::test_values_that_all_diverge_are_code_4_and_no_file",
-    "objects[…] diverged at step …": "test_objective.py::test_a_cost_that_overflows_is_a_divergence",
+    "objects[…] diverged at step … (t = … s); try a smaller delta":
+        "test_objective.py::test_a_cost_that_overflows_is_a_divergence",
     "the reference motion is not known well enough to judge by; allow more time (--budget)":
         "test_precision.py::test_frames_count_as_long_as_the_reference_is_known_there",
     "the gradient overflows": "test_errors.py::test_a_gradient_that_overflows_is_a_divergence",

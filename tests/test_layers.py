@@ -57,6 +57,8 @@ ORDER = [
     "step.jacobian",
     "rollout",
     "remedies",
+    "stability_limit",
+    "divergence",
     "tape",
     "adjoint",
     "sensitivity",

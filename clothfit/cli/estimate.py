@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.cli import goals, shared
+from clothfit.cli import goals, shared, trust
 from clothfit.cli.console import Console
 from clothfit.cli.files import Files
 from clothfit.errors import InvalidInput
@@ -156,6 +156,7 @@ def fit_one(scene_path: str, files: Files, options: dict[str, Any], console: Con
     first = goals.read_start(files.start, console)
     flagged = ", ".join(f"{owned(b.cloth, b.name)} ({b.mode})" for b in blocks(scene))
     console.detail(f"fitting {flagged or 'nothing'} over {scene.frames} frames")
+    trust.warn_of_steps(scene, scene.frames, console)
     console.announce_compilation()
     with console.progress() as show:
         found = fit.estimate(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.cli import evaluate_speed, shared
+from clothfit.cli import evaluate_speed, shared, trust
 from clothfit.cli.console import Console, metres
 from clothfit.errors import Diverged
 from clothfit.words import owned
@@ -90,6 +90,8 @@ def compare(
 
     horizon = HORIZON if steps is None else shared.frames_of(steps, truth)
     target = shared.read_motion(target_path, truth) if target_path is not None else None
+    for each in (truth, fitted) if target is None else (fitted,):
+        trust.warn_of_steps(each, max(truth.frames, horizon), console)
     console.announce_compilation()
     report = evaluate(truth, fitted, horizon=horizon, target=target)
     if as_json:

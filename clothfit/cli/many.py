@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import click
 
-from clothfit.cli import checkpoints, report, shared
+from clothfit.cli import checkpoints, report, shared, trust
 from clothfit.cli.console import Console, metres
 from clothfit.cli.files import Files
 from clothfit.cli.plan import Item, planned
@@ -114,6 +114,7 @@ class Writer:
         found = result.fit
         for warning in (*found.scene.warnings, *found.warnings):
             self.console.warn(f"{item.path}: {warning}")
+        trust.warn_of_steps(found.scene, found.frames, self.console)
         try:
             shared.write_scene(found.scene, item.out)
         except ClothfitError as error:
@@ -155,6 +156,7 @@ def finish_one(item: Item, result: Result, console: Console, as_json: bool) -> i
         raise Failed(result.error or "there is no result", result.exit_code)
     for warning in found.scene.warnings:
         console.warn(f"{found.scene.name}: {warning}")
+    trust.warn_of_steps(found.scene, found.frames, console)
     (own,) = summaries([item], [result], {})
     starts: dict[str, Any] = {key: own[key] for key in ("start", "starts") if key in own}
     report.finish(found.scene, found, out, console, as_json, starts)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.cli import energy_table, shared
+from clothfit.cli import energy_table, shared, trust
 from clothfit.cli.console import Console
-from clothfit.errors import Diverged
+from clothfit.errors import Diverged, InvalidInput
 
 if TYPE_CHECKING:
     from clothfit.energy import Energy
@@ -22,12 +22,14 @@ if TYPE_CHECKING:
 @click.option("--steps", type=int, metavar="N", help="Time steps.  [default: the scene's optimizationIterations - 1]")
 @click.option("--tolerance", type=float, metavar="T", help="Of the linear solver.  [default: the scene's]")
 @click.option("--energy", "with_energy", is_flag=True, help="Tell, and keep with the motion, where the energy is.")
+@click.option("--dump", "dump_path", metavar="FILE", help="Where it diverges, keep the last states there (.npz).")
 @click.option("-o", "--output", "path", metavar="MOTION", help="Motion file.  [default: <stem>.motion.npz]")
 def command(
     scene_path: str,
     steps: int | None,
     tolerance: float | None,
     with_energy: bool,
+    dump_path: str | None,
     path: str | None,
     as_json: bool,
     console: Console,
@@ -38,45 +40,66 @@ def command(
     clothfit simulate scene.json
     clothfit simulate scene.json --steps 500 -o long.npz
     clothfit simulate scene.json --energy
+    clothfit simulate scene.json --dump last.npz
     """
     shared.check_numbers(steps, tolerance)
     scene = shared.read_scene(scene_path, console)
     frames = shared.frames_of(steps, scene)
     out = shared.output(path, scene_path, ".motion.npz", ())
+    dump = dump_of(dump_path, scene_path, out)
     import clothfit
 
+    trust.warn_of_steps(scene, frames, console)
     console.announce_compilation()
-    began = time.perf_counter()
+    began, error = time.perf_counter(), None
     try:
         motion = clothfit.simulate(scene, frames, tolerance)
-    except Diverged as error:
-        if error.motion is not None:
-            energy = energy_of(scene, error.motion, with_energy)
-            out.write(shared.motion_data(error.motion, energy_table.arrays(energy)))
-            console.say(f"the {len(error.motion.times)} frames before it are in {out.name}")
-            energy_table.show(energy, console)
-        raise
+    except Diverged as problem:
+        if problem.motion is None:
+            raise
+        motion, error = problem.motion, problem
     seconds = time.perf_counter() - began
     console.detail("simulated")
     energy = energy_of(scene, motion, with_energy)
     out.write(shared.motion_data(motion, energy_table.arrays(energy)))
-    done = len(motion.times) - 1
-    for sentence in motion.remedies.sentences(done * len(scene.cloths)):
-        console.warn(sentence)
-    console.say(f"{scene.name}: {done} steps of {scene.delta:.4g} s in {seconds:.2f} s → {out.name}")
+    if error is None:
+        tell(scene, motion, seconds, out, console)
+    else:
+        console.say(f"the {len(motion.times)} frames before it are in {out.name}")
+    dumped = keep(scene, error, dump, console)
     energy_table.show(energy, console)
     if as_json:
         summary = {
             "scene": scene.name,
-            "frames": done + 1,
+            "frames": len(motion.times),
             "vertices": motion.positions.shape[1],
             "seconds": seconds,
             **motion.remedies._asdict(),
             "output": out.path,
+            "diverged": error and place(scene, error),
+            "dump": dumped,
             **energy_table.summary(energy),
         }
         shared.print_json("simulate", summary, out)
+    if error is not None:
+        raise error
     return 0
+
+
+def tell(scene: Scene, motion: Motion, seconds: float, out: shared.Output, console: Console) -> None:
+    """Tell of a motion that stayed finite."""
+    done = len(motion.times) - 1
+    for sentence in motion.remedies.sentences(done * len(scene.cloths)):
+        console.warn(sentence)
+    trust.warn_of_stretch(scene, motion, console)
+    console.say(f"{scene.name}: {done} steps of {scene.delta:.4g} s in {seconds:.2f} s → {out.name}")
+
+
+def place(scene: Scene, error: Diverged) -> dict[str, Any]:
+    """Where a motion diverged, for --json."""
+    fault = error.fault
+    where = {"object": None, "vertex": None} if fault is None else {"object": fault.cloth, "vertex": fault.vertex}
+    return {"step": error.step, "time": error.step * scene.delta, **where}
 
 
 def energy_of(scene: Scene, motion: Motion, wanted: bool) -> Energy | None:
@@ -86,3 +109,25 @@ def energy_of(scene: Scene, motion: Motion, wanted: bool) -> Energy | None:
     from clothfit.energy import energies
 
     return energies(scene, motion)
+
+
+def dump_of(path: str | None, scene_path: str, out: shared.Output) -> shared.Output | None:
+    """Where the last states go, checked as any output. Raises InvalidInput."""
+    if path is None:
+        return None
+    if path == shared.STREAM or (not out.is_stream and shared.same_file(path, out.path)):
+        raise InvalidInput(f"--dump: {path} is not possible, a file of its own is needed")
+    return shared.output(path, scene_path, "", ())
+
+
+def keep(scene: Scene, error: Diverged | None, dump: shared.Output | None, console: Console) -> str | None:
+    """Write the last states of a motion that diverged, where that is asked for; returns where they are."""
+    if dump is None or error is None or error.fault is None:
+        if dump is not None:
+            console.say(f"it stayed finite, so nothing is written to {dump.name}")
+        return None
+    from clothfit import divergence
+
+    dump.write(divergence.dump(scene, error.fault))
+    console.say(f"the last states and the first bad one of objects[{error.fault.cloth}] are in {dump.name}")
+    return dump.path

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from clothfit.cli import shared
+from clothfit.cli import shared, trust
 from clothfit.cli.console import Console, metres
 from clothfit.limits import check_capture
 
@@ -54,8 +54,11 @@ def command(
     from clothfit.capture import degrade
     from clothfit.fit import record_target
 
+    trust.warn_of_steps(scene, frames, console)
     console.announce_compilation()
-    motion = degrade(record_target(scene, frames, tolerance), noise, observed, every, seed, fps)
+    recorded = record_target(scene, frames, tolerance)
+    trust.warn_of_stretch(scene, recorded, console)
+    motion = degrade(recorded, noise, observed, every, seed, fps)
     out.write(shared.motion_data(motion))
     seen = 1.0 if motion.observed is None else float(motion.observed.mean())
     spoiled = f"noise {metres(noise)}" if noise else "no noise"
