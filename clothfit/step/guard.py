@@ -9,13 +9,15 @@ orders of magnitude in a crushed one, and what follows is garbage. Then only a p
 V being the energy stored in springs and contacts, the last term the work of the weight. Some θ always serves: as θ → 0
 the kinetic energy goes, and where there is none, w = h A⁻¹ f points downhill as A is positive definite (`clamped`).
 
-Left as the format has it: a contact that begins with the step, of whose sphere the step knew nothing; all steps in
-wind, which brings energy, while air at rest only takes it away; and rises below a thousandth.
+Left as the format has it: a contact that begins with the step, of whose sphere the step knew nothing, unless the cloth
+starts deep in a sphere; all steps in wind, which brings energy, while air at rest only takes it away; and rises below a
+thousandth.
 """
 
 from __future__ import annotations
 
 from clothfit.forces import total
+from clothfit.forces.spheres import contact
 from clothfit.kernel import kernel
 from clothfit.lanes import add, fma, load3, mul, splat, sum3
 from clothfit.lanes.products import dot, vector
@@ -60,9 +62,20 @@ def rises(before, after, work):
 
 @kernel
 def raised(system, before, x, v, x_new):
-    """The same for a step from x to x_new with velocity v, (n, 3) each, without contacts that begin with it."""
+    """The same for a step from x to x_new with velocity v, (n, 3) each."""
     kinetic, power = moving(system.vertex, v)
-    return rises(before, kinetic + total.stored_energy(system, x_new, x), system.h * power)
+    known = x_new if starts_deep(system.spheres, system.x0) else x
+    return rises(before, kinetic + total.stored_energy(system, x_new, known), system.h * power)
+
+
+@kernel
+def starts_deep(spheres, x0):
+    """Whether a motion begins with a vertex deeper in a sphere than half of its radius."""
+    for c in range(len(spheres.radius)):
+        for i in range(len(x0)):
+            if contact(spheres, x0, i, c)[0] > 0.5 * spheres.radius[c]:
+                return True
+    return False
 
 
 @kernel
