@@ -108,7 +108,8 @@ PRESSED = hard_cases.pressed(hard_cases.cloth(6), 0.2, 1e-3)
 IN_A_SPHERE = [ball((0, -0.1, 0), 0.4)]
 HARD = {  # a scene, and which of (clamped, shortened) steps it takes
     "springs pass their rest length": (loaded(hard_cases.pressed(hard_cases.cloth(6), 0.9), frames=20), (False, False)),
-    "in a sphere and out of it": (loaded(hard_cases.cloth(6), frames=12, colliders=IN_A_SPHERE), (False, False)),
+    "in a sphere and out of it": (loaded(hard_cases.cloth(6), frames=12, colliders=IN_A_SPHERE), (False, True)),
+    "on a sphere": (loaded(hard_cases.cloth(6), frames=12, colliders=[ball((0, -0.3, 0), 0.4)]), (False, False)),
     "compressed, in a sphere": (loaded(PRESSED, frames=12, colliders=IN_A_SPHERE), (True, False)),
     "shortened": (
         scene(
