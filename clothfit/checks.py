@@ -122,7 +122,7 @@ def vertices(values: list[Any], n: int, size: int, place: str, problems: list[st
 def check_finite(array: Array, place: str, problems: list[str]) -> bool:
     """Check that every number is finite."""
     wrong = np.flatnonzero(~np.isfinite(array)).tolist()
-    _report(wrong, place, lambda i: f"{_not_finite(array[i])} within the range of doubles", problems)
+    _report(wrong, place, lambda i: _not_finite(array[i]), problems)
     return not wrong
 
 
@@ -193,11 +193,11 @@ def _vector_problems(value: Any, place: str) -> Iterable[str]:
         elif type(value[axis]) not in NUMBERS:
             yield f"{place}.{axis}: {shown(value[axis])} is not a number"
         elif not np.isfinite(component := _doubles([value[axis]])[0]):
-            yield f"{place}.{axis}: {_not_finite(component)} within the range of doubles"
+            yield f"{place}.{axis}: {_not_finite(component)}"
 
 
 def _not_finite(value: np.float64) -> str:
-    return f"{shown(float(value))} is not a finite number"
+    return f"{shown(float(value))} is not a finite number within the range of doubles"
 
 
 def _doubles(values: list[Any]) -> Array:

@@ -238,8 +238,12 @@ def check_shapes(arrays: Mapping[str, Shaped], scene: Scene, name: str) -> None:
     check("positions", right, "fiu", f"has shape {shape}, (frames, {total}, 3) fits {scene.name}")
     check("times", ((frames,),), "fiu", f"needs {frames} numbers, one per frame")
     check("observed", ((frames, total),), "b", f"{has('observed')}, ({frames}, {total}) bool fits")
-    fitting = f"({total},) or ({frames}, {total}) numbers fit"
-    check("weights", ((total,), (frames, total)), "fiub", f"{has('weights')}, {fitting}")
+    check(
+        "weights",
+        ((total,), (frames, total)),
+        "fiub",
+        f"{has('weights')}, ({total},) or ({frames}, {total}) numbers fit",
+    )
 
 
 def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Motion:

@@ -1,6 +1,6 @@
 """Files from anybody: no more of them is read than a limit, whatever they are and say.
 
-A device never ends, a pipe does not tell how long it is, and a file may be as large as a disk.
+A device never ends, a pipe does not tell how long it is, and a file may be as large as a disk, or grow meanwhile.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import IO, Any
 
 from clothfit import memory
 from clothfit.memory import human
+from clothfit.steady import CHANGED
 
 MOST_TEXT = 500_000_000
 """Bytes of a scene: several times what the largest have."""
@@ -23,7 +24,8 @@ PIECE = 1 << 24
 def whole(file: IO[Any], most: int | None = None) -> Any:
     """All that is in an open file, text or bytes.
 
-    Raises OSError, with a sentence as its `strerror`, when that is more than `most` (default: than is free of memory).
+    Raises OSError, with a sentence as its `strerror`, when that is more than `most` (default: than is free of memory),
+    and when a file has become longer meanwhile: one that is written as fast as it is read would never end.
     """
     limit = memory.free() if most is None else most
     known = _size(file)
@@ -37,6 +39,8 @@ def whole(file: IO[Any], most: int | None = None) -> Any:
         if not piece:
             return piece.join(pieces)
         size += len(piece)
+        if 0 < known < size <= limit:
+            raise OSError(errno.EBUSY, CHANGED)
     free = "of memory that are free" if most is None else "that can be read"
     raise OSError(errno.EFBIG, f"it has more than the {human(limit)} {free}")
 

@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import IO
 
+CHANGED = "it changed while it was read; try again"
+
 
 @contextmanager
 def steady(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
@@ -23,4 +25,4 @@ def steady(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
         after = os.fstat(file.fileno())
     changed = (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns)
     if changed and stat.S_ISREG(before.st_mode):
-        raise OSError(errno.EBUSY, "it changed while it was read; try again", os.fspath(path))
+        raise OSError(errno.EBUSY, CHANGED, os.fspath(path))

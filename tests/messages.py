@@ -1,7 +1,8 @@
 """The error messages of the program, read from its syntax trees, and the table of them in `docs/errors.md`.
 
 A message is a template: what the program puts in is `…`. A sentence is found wherever it is given to something that
-raises, reports or collects errors (`CALLS`), or is what a function named for that gives (`GIVERS`).
+raises, reports or collects errors (`CALLS`), or is what a function named for that gives (`GIVERS`). Whatever else is
+raised must be one of the exceptions that tell nobody anything (`SILENT`).
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ GAP = "…"
 
 CALLS = {
     **dict.fromkeys(("InvalidInput", "InvalidScene", "InvalidMotion", "Diverged", "Failed"), 0),
-    **dict.fromkeys(("UsageError", "Died", "Lost", "_fail", "append"), 0),
-    **dict.fromkeys(("_refusal", "refuse"), 1),
+    **dict.fromkeys(("ClothfitError", "UsageError", "Died", "Lost", "_fail", "append"), 0),
+    **dict.fromkeys(("ValueError", "TypeError", "EOFError", "BadZipFile"), 0),  # become the reason of another message
+    **dict.fromkeys(("_refusal", "refuse", "OSError", "PermissionError"), 1),
     **dict.fromkeys(("Outcome", "require", "_report"), 2),
     **dict.fromkeys(("_report_springs", "check"), 3),
 }
@@ -27,6 +29,20 @@ CALLS = {
 
 GIVERS = re.compile(r".*_problems?|_sentence|_obstacle|_repetition|_not_finite|_gone")
 """Functions that return or yield sentences, or parts of them."""
+
+SILENT = ("KeyboardInterrupt", "BrokenPipeError", "AttributeError", "Stop", "MissingParameter", "outcome")
+"""Exceptions whose words are nobody's message: requests to end, Python's own questions, statuses of a fit, and what the
+library that reads the command line puts into words of its own; and a function that makes one, and is looked at itself."""
+
+WITHIN = {
+    "no record": "checkpoint.decoded has another sentence for it",
+    "no content": "checkpoint.decoded has another sentence for it",
+    "there is no status …": "Journal.trusted has another sentence for it",
+    "belongs to another user": "a part of a warning",
+    "the value at … has no end": "no text that was parsed comes there",
+    "there is no result": "an outcome without a fit has its error",
+}
+"""Sentences that never reach the user as an error, and why."""
 
 
 class Row(NamedTuple):
@@ -46,7 +62,19 @@ def templates() -> dict[str, list[str]]:
             for sentence in sentences(node, scope, tree):
                 place = f"{path.relative_to(PACKAGE)}:{node.lineno}"
                 found.setdefault(normal(sentence), []).append(place)
-    return {text: places for text, places in found.items() if re.search(r"[a-z]{2}", text)}
+    told = {text: places for text, places in found.items() if re.search(r"[a-z]{2}", text)}
+    return {text: places for text, places in told.items() if text not in WITHIN}
+
+
+def raised() -> dict[str, list[str]]:
+    """The places, file and line, where each exception is raised that is made there, by its name."""
+    found: dict[str, list[str]] = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+                name = getattr(node.exc.func, "attr", getattr(node.exc.func, "id", ""))
+                found.setdefault(name, []).append(f"{path.relative_to(PACKAGE)}:{node.lineno}")
+    return found
 
 
 def nodes(node: ast.AST, scope: ast.AST) -> Iterator[tuple[ast.AST, ast.AST]]:
@@ -63,8 +91,6 @@ def sentences(node: ast.AST, scope: ast.AST, tree: ast.Module) -> Iterator[str]:
         if name == "append" and getattr(getattr(node.func, "value", None), "id", "") != "problems":
             return
         position = CALLS.get(name)
-        if name == "OSError" and len(node.args) > 1:
-            position = 1
         if position is not None and len(node.args) > position:
             yield from texts(node.args[position], scope, tree)
     elif isinstance(node, (ast.Return, ast.Yield)) and GIVERS.fullmatch(getattr(scope, "name", "")):
@@ -80,6 +106,9 @@ def texts(node: ast.AST, scope: ast.AST, tree: ast.Module) -> Iterator[str]:
     elif isinstance(node, ast.IfExp):
         yield from texts(node.body, scope, tree)
         yield from texts(node.orelse, scope, tree)
+    elif isinstance(node, ast.BoolOp):
+        for item in node.values:
+            yield from texts(item, scope, tree)
     elif isinstance(node, ast.Lambda):
         yield from texts(node.body, scope, tree)
     elif isinstance(node, (ast.Tuple, ast.List)):

@@ -1,24 +1,31 @@
-"""What provokes each error of `docs/errors.md`, by its message: commands, calls from Python, or another test.
+"""What provokes each error of `docs/errors.md`, by its message: commands, some with replaced parts of the program.
 
 A command runs in a folder with `scene.json` (4 × 4 vertices, one mass to fit, 5 frames), `good.npz` (its motion) and
-whatever `Case` adds.
+whatever `Case` adds. Processes and clusters are in `staged`, calls from Python in `unasked`.
 """
 
 from __future__ import annotations
 
+import errno
 import io
 import os
+import shlex
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
+import jsonschema
 import numpy as np
+import pytest
+from archives import DAMAGED
 from scenes import MISSING, changed, even, trial
 
-import clothfit
-from clothfit import fit_methods, precision
-from clothfit.scene import load
+from clothfit import checkpoint
+from clothfit import fit as fitting
+from clothfit.checkpoint import FORMAT, Record, checksum, decoded, encoded
+from clothfit.cli import run
 
 CLOTH = ("objects", 0)
 VERTICES, SPRINGS = 16, 33
@@ -80,10 +87,86 @@ def raising(error: BaseException) -> Callable[..., Any]:
     return function
 
 
+def free(size: int) -> Any:
+    """The module `memory`, where that many bytes are free."""
+    return SimpleNamespace(free=lambda: size)
+
+
 def read_only(patch: Any) -> None:
     """The answer of a system where nothing is writable; a test that root runs could write everywhere."""
     access = os.access
     patch.setattr("clothfit.output.os.access", lambda path, mode: mode & os.W_OK == 0 and access(path, mode))
+
+
+def closing(patch: Any) -> None:
+    """The same, from the end of a fit on."""
+    estimate = fitting.estimate
+
+    def closed(*arguments: Any, **options: Any) -> Any:
+        found = estimate(*arguments, **options)
+        read_only(patch)
+        return found
+
+    patch.setattr(fitting, "estimate", closed)
+
+
+def piped(_: Any) -> None:
+    """A pipe in the folder."""
+    if not hasattr(os, "mkfifo"):
+        pytest.skip("this system has no pipes")
+    os.mkfifo("pipe")
+
+
+def large(_: Any) -> None:
+    """A file of 1 GB, which takes no place."""
+    with open("large", "wb") as file:
+        file.truncate(10**9)
+
+
+def growing(patch: Any) -> None:
+    """A scene that is saved anew while it is read."""
+
+    class Saved(io.FileIO):
+        def read(self, size: int = -1) -> bytes:
+            os.utime(self.name)
+            return super().read(size)
+
+    patch.setattr("clothfit.steady.open", lambda path, mode: Saved(path), raising=False)
+
+
+def unlikely(_: Any) -> None:
+    """A checkpoint of the same fit, with the right checksum, whose records are none of a fit."""
+    assert run([*shlex.split(RESUMED.replace("--resume", "")), "--max-evaluations", "2", "-q"]) == 5
+    with open("c", "rb") as file:
+        identity, content = decoded(file.read(), "c")
+    records = [Record(record.name, np.zeros(0)) for record in content.records]
+    with open("c", "wb") as file:
+        file.write(encoded(identity, content._replace(records=records)))
+
+
+def full(patch: Any) -> None:
+    """Standard output on a device without room."""
+    patch.setattr("clothfit.cli.shared.sys.stdout", SimpleNamespace(buffer=Full(), isatty=lambda: False))
+
+
+class Full(io.BytesIO):
+    """A stream to which nothing can be written."""
+
+    def write(self, data: Any) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def kept_nowhere(patch: Any) -> None:
+    """Compiled code that could not be written; there is nothing to compile."""
+    patch.setattr("clothfit.kernel_cache.KernelCache.failed", True)
+    patch.setattr("clothfit.warmup.SMALL", {})
+
+
+def ruled(patch: Any) -> None:
+    """A schema with a rule that has no words of its own; none of today's is such."""
+    schema = {"properties": {"delta": {"multipleOf": 7}}}
+    patch.setattr("clothfit.structure.conforms", lambda *_: False)
+    patch.setattr("clothfit.structure._validator", lambda: jsonschema.Draft202012Validator(schema))
 
 
 MOVE, EVALUATE, TARGET = Case("simulate scene.json"), "evaluate scene.json ", "target scene.json "
@@ -93,6 +176,11 @@ PLACE = {"x": 0, "y": 0, "z": 0}
 FAR = {"x": 1e300, "y": 0, "z": 0}
 OTHER = trial("nG", 5, nx=3)
 DEEP = b"[" * 200_000
+HELD = trial("nG", 5, vertIsFixed=[True] * VERTICES)
+UNSEEN = {**GOOD, "observed": np.zeros((5, VERTICES), bool)}
+RESUMED = "estimate scene.json --target good.npz --method l-bfgs-b --start 0.01 --resume --checkpoint c"
+GONE = even("nG", 40, integrationMethod=0, delta=1.0, damping=1e3)  # whatever its stiffness is
+STILL = np.array([[p["x"], p["y"], p["z"]] for p in GONE["objects"][0]["vertPos"]])
 
 COMMANDS: dict[str, Case] = {
     # usage
@@ -116,7 +204,8 @@ COMMANDS: dict[str, Case] = {
     "--max-evaluations: … is not possible, at least 1 is": fit("--max-evaluations 0"),
     "--rmse: … m is not possible, 0 or more is": fit("--rmse -1"),
     "--…: … is not possible, at least … is": fit("--starts 0"),
-    "… is not possible, it must be above 0 and finite": speed("--error 0"),
+    "--starts: … is not possible, at most … is": fit("--starts 1000000000"),
+    "… is not possible, it must be above 0 and finite": speed("--budget 0"),
     "--in-place writes into the scene's file; it does not go with -o or standard input": fit("--in-place -o x.json"),
     "--objective: … is given twice": fit("--objective velocity --objective velocity=2"),
     "--objective: …: the weight is not a number, as in …=0.01": fit("--objective velocity=much"),
@@ -125,6 +214,7 @@ COMMANDS: dict[str, Case] = {
     "loss: there is no …; use …": fit("--loss total"),
     "loss scale: the linear loss has none; choose the loss soft_l1 or huber with it": fit("--loss-scale 0.1"),
     "loss scale: … m is not possible, it must be above 0 and finite": fit("--loss huber --loss-scale 0"),
+    "loss scale: … m is not possible, it must be within …": fit("--loss huber --loss-scale 1e300"),
     "tolerance: … is not possible, it must be above 0 and below 1": Case("simulate scene.json --tolerance 1"),
     "noise: … m is not possible, 0 or more is": Case(TARGET + "--noise -1"),
     "observed: the fraction … is not possible, it must be above 0 and at most 1": Case(TARGET + "--observed 0"),
@@ -152,6 +242,15 @@ COMMANDS: dict[str, Case] = {
     "memory: … is too little: the targets take …, and a fit of … steps of … vertices needs … in all": fit(
         "--memory 1kB"
     ),
+    "memory: too little for the balance of momentum; use another method, or allow more": patched(
+        fit("--method momentum"), "clothfit.momentum.fits", lambda objective: False
+    ),
+    "takes … of memory, … are free; keep fewer frames": patched(
+        fit("--target good.npz"), "clothfit.motion.memory", free(1000)
+    ),
+    "to read it takes about … of memory, … are free": patched(MOVE, "clothfit.source.memory", free(1000)),
+    "… steps of … vertices, with … velocities each, take … of memory, … are free; use fewer iterations "
+    "(forwardSubSteps)": scene(("forwardSubSteps",), 2_000_000_000),
     "out of memory; try fewer frames (--steps, optimizationIterations)": patched(
         MOVE, "clothfit.simulate", raising(MemoryError())
     ),
@@ -160,6 +259,12 @@ COMMANDS: dict[str, Case] = {
     "there is no such file": fit("--target absent.npz"),
     "is a folder, a motion file (.npz) is needed": fit("--target ."),
     "cannot be read as .npz or .npy (…)": fit("--target scene.json"),
+    "it has more than the …": Case("simulate large", prepare=large),
+    "it changed while it was read; try again": Case("simulate scene.json", prepare=growing),
+    **{
+        reason: patched(Case("estimate scene.json --target bad.npz", {"bad.npz": data}), "clothfit.npz.ROOM", 1000)
+        for reason, data in DAMAGED.items()
+    },
     # text
     "the file is empty; a scene is a JSON object": text(b""),
     "byte … (0x…) is not … text; save the file as UTF-8": text(b'{"title": "\xe9"}'),
@@ -167,22 +272,22 @@ COMMANDS: dict[str, Case] = {
     "the text ends inside a value; is the file complete?": text(b'{"delta": '),
     "not JSON: …": text(b"{'delta': 1}"),
     "line …, column …: … is not JSON; a finite number is needed": scene(("mine",), float("nan")),
-    "the JSON is nested too deeply to be a scene": text(DEEP),
+    "the JSON is nested too deeply to be a scene (more than … levels)": text(DEEP),
     "the key … appears more than once; keep one": text(b'{"delta": 1, "delta": 2}'),
     "the key appears more than once in an object; keep one": text(b'{"a": {"x": 1, "x": 2}, "a": 3}'),
     # scene
     "is missing, and it has no default": scene(("delta",), MISSING),
-    "… is not …": scene(("delta",), "short"),
+    "… is not …": scene(("title",), 5),
     "… is not one of …": scene(("integrationMethod",), 7),
     "… is too small; it must be above …": scene(("delta",), 0),
     "… is too large; it must be below …": scene(("tolerance",), 1),
+    "… is too large; it must be at most …": scene(("optimizationIterations",), 10**30),
     "… is too small; it must be at least …": scene(("optimizationIterations",), 0),
     "is empty; at least … is needed": scene(("objects",), []),
+    "… breaks the rule …": Case("simulate scene.json", prepare=ruled),
     "… is not two letters of n, G, L (masses, then stiffnesses)": own("optimizationSettings", "x"),
     "cannot be fitted; … can": scene(("fit",), {"colour": "G"}),
-    "… is not a finite number": own("vertPos", 5, "x", float("inf")),
-    "… is not a finite number within the range of doubles": scene(("delta",), float("inf")),
-    "… within the range of doubles": own("vertMass", 3, float("nan")),
+    "… is not a finite number within the range of doubles": own("vertPos", 5, "x", float("inf")),
     "… is not a number": own("vertMass", 3, "heavy"),
     "… is not true or false": own("vertIsFixed", 2, 1),
     "… is not an index (a whole number)": own("springs", 3, 3.5),
@@ -197,15 +302,15 @@ COMMANDS: dict[str, Case] = {
     "vertices … and … lie at the same place; a spring needs a rest length above 0": own("vertPos", 1, PLACE),
     "vertices … and … are too far apart; the spring's rest length is not finite": own("vertPos", 5, FAR),
     # motion
-    "is missing": motion(positions=None),
+    "positions: is missing": motion(positions=None),
     "has type …, numbers are needed": motion(positions=np.full((5, VERTICES, 3), "a")),
     "has shape …, (frames, …, 3) fits …": motion(positions=np.zeros((5, 7, 3))),
     "is …, the scene has …": motion(vertex_counts=np.array([7])),
     "needs … numbers, one per frame": motion(times=np.zeros(3)),
     "must be finite and increasing": motion(times=np.zeros(5)),
-    "has shape … and type …, (…, …) bool fits": motion(observed=np.ones((5, 7), bool)),
+    "…, (…, …) bool fits": motion(observed=np.ones((5, 7), bool)),
     "…, though not marked as unobserved": motion(positions=np.full((5, VERTICES, 3), np.nan)),
-    "weights: has shape … and type …, …": motion(weights=np.ones(3)),
+    "…, (…,) or (…, …) numbers fit": motion(weights=np.ones(3)),
     "weights…: … is not possible, it must be 0 or more and finite": motion(weights=-np.ones(VERTICES)),
     "times[…]: … s is too many steps away": motion(times=1e9 * np.arange(5)),
     "times[0]: … s is before the start, which is at 0 s": motion(times=np.arange(5) - 1.0),
@@ -220,6 +325,7 @@ COMMANDS: dict[str, Case] = {
         "--target good.npz --objective spectrum", trial("nG", 2)
     ),
     # together
+    "delta: … steps of … s do not end at a finite time": scene(("delta",), 1e308),
     "nothing to fit: no object flags anything; set its optimizationSettings, for example to 'nL', or its fit": fit(
         of=NOTHING
     ),
@@ -238,7 +344,12 @@ COMMANDS: dict[str, Case] = {
     "its objects have (vertices, springs) …, those of …": Case(EVALUATE + "other.json", {"other.json": OTHER}),
     "its delta is … s, that of … s": Case(EVALUATE + "other.json", {"other.json": {**SMALL, "delta": 0.01}}),
     "shows no observed vertex in the first … frames": Case(
-        EVALUATE + "scene.json --target bad.npz", {"bad.npz": {**GOOD, "observed": np.zeros((5, VERTICES), bool)}}
+        EVALUATE + "scene.json --target bad.npz", {"bad.npz": UNSEEN}
+    ),
+    "shows nothing after the start that can move, within … frames, so there is nothing to check the gradient with; "
+    "ask for more --steps": Case("check scene.json --target bad.npz", {"bad.npz": UNSEEN}),
+    "whether the gradient is right cannot be seen here (…); try fewer or more --steps": Case(
+        "check scene.json", {"scene.json": HELD}
     ),
     "… and … would both be written to …; use {folder} in -o": fit("a/scene.json -o out/", **{"a/scene.json": SMALL}),
     # writing
@@ -262,6 +373,16 @@ COMMANDS: dict[str, Case] = {
     "a motion is not text, so it is not written to a terminal; name a file with -o": patched(
         Case("simulate scene.json -o -"), "sys.stdout.isatty", lambda: True
     ),
+    "changed while the fit ran, so it is left as it is; the result is in …": patched(
+        fit("--in-place"), "clothfit.cli.shared.unchanged", lambda scene, path: False
+    ),
+    "…; then repeat the command with --resume: … is kept": Case(
+        fit("--checkpoint c --start 0.01").arguments, prepare=closing
+    ),
+    "standard output: …": Case("simulate scene.json -o -", prepare=full),
+    "what was compiled could not be kept; name a folder that can be written by NUMBA_CACHE_DIR": Case(
+        "warmup --small", prepare=kept_nowhere
+    ),
     # checkpoints
     "--checkpoint: …: must be a file of its own, not an input or the output": fit("--checkpoint scene.json"),
     "--resume: the output is no file, so none is kept beside it; name one with --checkpoint": fit("-o - --resume"),
@@ -270,43 +391,45 @@ COMMANDS: dict[str, Case] = {
     "is damaged: its checksum is wrong; begin anew, without --resume": fit(
         "--resume --checkpoint c", c=b"clothfit checkpoint 1 00\n{}\n"
     ),
+    "is not what a fit has written; begin anew, without --resume": fit(
+        "--resume --checkpoint c", c=FORMAT + checksum(b"{}\n") + b"\n{}\n"
+    ),
+    "holds what no such fit has found; begin anew, without --resume": Case(RESUMED, prepare=unlikely),
+    "belongs to another fit: …": fit("--resume --checkpoint c", c=encoded({"scene": "#1"}, checkpoint.NOTHING)),
+    "is a pipe, which keeps nothing; name a file for the checkpoint": Case(
+        fit("--checkpoint pipe").arguments, prepare=piped
+    ),
     "is not a file, so there is no checkpoint to read": fit("--resume --checkpoint /dev/null"),
     # divergence
     "the simulation diverged at step … (t = … s), …; …": Case(
         "simulate scene.json", {"scene.json": HARD}
     ),
+    "objects[…] diverged at step … (t = … s); try a smaller delta": Case(
+        "check scene.json --target far.npz",
+        {"scene.json": HARD, "far.npz": {"positions": np.zeros((60, VERTICES, 3))}},
+    ),
+    "the gradient overflows": patched(
+        Case("check scene.json"), "clothfit.objective.Objective.add_pullback", lambda *all: all[-1].fill(np.inf)
+    ),
+    "no values that were tried gave a simulation that stays finite; nothing is written": Case(
+        "estimate scene.json --target still.npz",
+        {"scene.json": GONE, "still.npz": {"positions": np.broadcast_to(STILL, (40, VERTICES, 3))}},
+    ),
+    "no steps that fit into the time are short enough for a reference motion; allow more of it (--budget), or fewer "
+    "frames (--steps)": patched(speed("--budget 1e-9"), "clothfit.precision.REFERENCE_SECONDS", 0.0),
+    "the reference motion is not known well enough to judge by; allow more time (--budget)": patched(
+        speed("--budget 1e-9"), "clothfit.precision.KNOWN", np.inf
+    ),
     "…; the horizon ends before that": Case(
         EVALUATE + "scene.json --steps 300", {"scene.json": {**HARD, "optimizationIterations": 5}}
     ),
     # ends
+    "the gradient is wrong (…): a fault of the program; please report it with the scene": patched(
+        Case("check scene.json"), "clothfit.objective.Objective.add_pullback", lambda *all: all[-1].fill(1.0)
+    ),
     "interrupted": patched(MOVE, "clothfit.simulate", raising(KeyboardInterrupt())),
     "a fault of the program: …: … (set CLOTHFIT_TRACEBACK=1 to see where)": patched(
         MOVE, "clothfit.simulate", raising(ZeroDivisionError("by nothing"))
     ),
 }
 """By message. Each ends the command with the code of its row."""
-
-SCENE = load(SMALL)
-
-PYTHON: dict[str, Callable[[], object]] = {
-    "budget: … evaluations are too few, at least 1 is needed": lambda: clothfit.estimate(SCENE, budget=0),
-    "evaluations: … is not possible, at least 1 is": lambda: fit_methods.compare_methods(SCENE, evaluations=0),
-    "frames: … is not possible, at least 1 is (the initial state)": lambda: clothfit.simulate(SCENE, 0),
-    "frames: … is too few to compare, at least 2 are needed": lambda: clothfit.evaluate(SCENE, SCENE, frames=1),
-    "seconds: … is not possible, it must be above 0 and finite": lambda: precision.work_precision(SCENE, seconds=0),
-    "… is not possible, at least … is needed": lambda: clothfit.estimate_many([SCENE], starts=0),
-    "targets: … are given for … scenes; give one item for each": lambda: clothfit.estimate_many([SCENE], []),
-    "target: none is given; at least one motion is needed": lambda: clothfit.estimate(SCENE, []),
-    "objective: none is given; use one or more of …": lambda: clothfit.estimate(SCENE, objective={}),
-    "resume: a checkpoint is needed, the file to resume from": lambda: clothfit.estimate(SCENE, resume=True),
-    "start: … is not a number, an array of numbers or a scene": lambda: clothfit.estimate(SCENE, start="a"),
-    "start: … values given, … has … parameters": lambda: clothfit.estimate(SCENE, start=[1.0, 2.0]),
-    "parameters: shape … given, … has (…,)": lambda: clothfit.with_parameters(SCENE, [1.0, 2.0]),
-    "objects: … for … objects; one each is needed": lambda: SCENE.with_values([], []),
-    "… items for … objects are given": lambda: SCENE.with_values([1], [1], drag=[]),
-    "there is no kind …; there are …": lambda: SCENE.with_values([1], [1], colour=[1]),
-    "an array of … of shape … is not …": lambda: SCENE.with_values([np.ones(2)], [np.ones(SPRINGS)]),
-    "the text holds half a surrogate pair; save it as UTF-8": lambda: clothfit.load(io.StringIO('{"a": "\ud800"}')),
-    "its objects have … vertices, those of …": lambda: clothfit.estimate(SCENE, clothfit.simulate(load(OTHER))),
-}
-"""Errors of the library that no command comes to."""

@@ -4,29 +4,12 @@ import zipfile
 
 import numpy as np
 import pytest
+from archives import archive, header, npy
 
 from clothfit import npz
 
 NAMES = ("a", "b")
 RNG = np.random.default_rng(1)
-
-
-def archive(*members, method=zipfile.ZIP_STORED):
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w", method) as made:
-        for name, data in members:
-            made.writestr(name, data)
-    return file.getvalue()
-
-
-def npy(text, data=b"", wide=False):
-    """A `.npy` file with a header of that text."""
-    length = struct.pack("<I" if wide else "<H", len(text))
-    return b"\x93NUMPY" + (b"\2\0" if wide else b"\1\0") + length + text.encode("latin-1") + data
-
-
-def header(shape="(2,)", descr="<f8", order="False"):
-    return f"{{'descr': '{descr}', 'fortran_order': {order}, 'shape': {shape}, }}\n"
 
 
 def read(data):

@@ -47,6 +47,20 @@ def test_a_file_that_is_too_large_is_not_begun(tmp_path):
         assert file.tell() == 0
 
 
+def test_a_file_that_grows_as_fast_as_it_is_read_is_left(tmp_path):
+    path = tmp_path / "log"
+    path.write_bytes(b"abc")
+
+    class Growing(io.FileIO):
+        def read(self, size=-1):
+            with open(path, "ab") as file:
+                file.write(b"d")
+            return super().read(size)
+
+    with Growing(path) as file, pytest.raises(OSError, match="it changed while it was read; try again"):
+        whole(file, 500_000_000)
+
+
 def test_a_stream_without_end_is_left_at_the_limit():
     stream = Endless()
     with pytest.raises(OSError, match="more than the 1 kB that can be read"):

@@ -102,7 +102,8 @@ def run(arguments: list[str]) -> int:
             raise BrokenPipeError from None
         raise
     except OSError as error:
-        return _fail(f"{error.filename or 'standard output'}: {error.strerror or error}", 3)
+        reason = error.strerror or error
+        return _fail(f"{error.filename}: {reason}" if error.filename else f"standard output: {reason}", 3)
     except Exception as error:
         if os.environ.get("CLOTHFIT_TRACEBACK"):
             raise
