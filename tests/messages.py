@@ -32,7 +32,7 @@ GIVERS = re.compile(r".*_problems?|_sentence|_obstacle|_repetition|_not_finite|_
 
 SILENT = ("KeyboardInterrupt", "BrokenPipeError", "AttributeError", "Stop", "MissingParameter", "outcome")
 """Exceptions whose words are nobody's message: requests to end, Python's own questions, statuses of a fit, and what the
-library that reads the command line puts into words of its own; and a function that makes one, and is looked at itself."""
+library that reads the command line puts into words of its own; and a function that makes one, looked at itself."""
 
 WITHIN = {
     "no record": "checkpoint.decoded has another sentence for it",
