@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from clothfit import __version__
 from clothfit.errors import ClothfitError, InvalidInput
-from clothfit.reading import whole
 from clothfit.source import name_of
 from clothfit.steady import steady
 
@@ -95,9 +94,11 @@ NOT_STARTED = Outcome(None, INTERRUPTED, "not started")
 
 def read(path: str | os.PathLike[str]) -> File:
     """A file as a job carries it. Raises InvalidInput."""
+    from clothfit.npz import content
+
     try:
         with steady(path) as file:
-            return File(whole(file), name_of(path))
+            return File(content(file), name_of(path))
     except (OSError, ValueError) as error:
         raise InvalidInput(f"{name_of(path)}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
 

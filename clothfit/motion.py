@@ -25,7 +25,6 @@ from clothfit.errors import InvalidInput, InvalidMotion
 from clothfit.limits import checked_tolerance
 from clothfit.memory import human
 from clothfit.output import Data, put, write_atomically
-from clothfit.reading import whole
 from clothfit.remedies import NONE, Remedies
 from clothfit.rollout import FAR, check_memory
 from clothfit.scene import Scene
@@ -157,9 +156,9 @@ def load_motion(
     try:
         if isinstance(path_or_file, (str, os.PathLike)):
             with steady(path_or_file) as file:
-                arrays = _arrays(file if file.seekable() else io.BytesIO(whole(file)), scene, name)
+                arrays = _arrays(file if file.seekable() else io.BytesIO(npz.content(file)), scene, name)
         else:  # a stream cannot be sought, an archive must be
-            arrays = _arrays(io.BytesIO(whole(path_or_file)), scene, name)
+            arrays = _arrays(io.BytesIO(npz.content(path_or_file)), scene, name)
     except FileNotFoundError:
         raise InvalidMotion(f"{name}: there is no such file") from None
     except IsADirectoryError:

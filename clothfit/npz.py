@@ -18,6 +18,8 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clothfit.reading import MOST_TEXT, whole
+
 MAGIC = b"\x93NUMPY"
 PACKED = b"PK"
 
@@ -41,6 +43,17 @@ FAULTS = (
     OSError, ValueError, EOFError, RuntimeError, MemoryError, OverflowError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
 """What may be raised here and by the libraries below, on a file that is not in order."""
+
+
+def content(file: IO[bytes]) -> bytes:
+    """All that is in an open file that may hold arrays, or a scene. What does not begin as arrays do may be a device
+    without end: no more of it is read than of a text. Raises OSError, with a sentence as its `strerror`.
+    """
+    first = b""
+    while len(first) < len(MAGIC) and (piece := file.read(len(MAGIC) - len(first))):
+        first += piece
+    rest: bytes = whole(file, None if first.startswith((MAGIC, PACKED)) else MOST_TEXT)
+    return first + rest
 
 
 class Stored:

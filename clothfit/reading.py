@@ -24,10 +24,11 @@ PIECE = 1 << 24
 def whole(file: IO[Any], most: int | None = None) -> Any:
     """All that is in an open file, text or bytes.
 
-    Raises OSError, with a sentence as its `strerror`, when that is more than `most` (default: than is free of memory),
-    and when a file has become longer meanwhile: one that is written as fast as it is read would never end.
+    Raises OSError, with a sentence as its `strerror`, when that is more than `most` (default: than fits twice into the
+    free memory, as what is read in pieces is copied once), and when a file has become longer meanwhile: one that is
+    written as fast as it is read would never end.
     """
-    limit = memory.free() if most is None else most
+    limit = memory.free() // 2 if most is None else most
     known = _size(file)
     pieces: list[Any] = []
     size = known if known > limit else 0
@@ -41,8 +42,8 @@ def whole(file: IO[Any], most: int | None = None) -> Any:
         size += len(piece)
         if 0 < known < size <= limit:
             raise OSError(errno.EBUSY, CHANGED)
-    free = "of memory that are free" if most is None else "that can be read"
-    raise OSError(errno.EFBIG, f"it has more than the {human(limit)} {free}")
+    why = "for which there is memory" if most is None else "that can be read"
+    raise OSError(errno.EFBIG, f"it has more than the {human(limit)} {why}")
 
 
 def _size(file: IO[Any]) -> int:

@@ -24,10 +24,11 @@ CALLS = {
     **dict.fromkeys(("_refusal", "refuse", "OSError", "PermissionError"), 1),
     **dict.fromkeys(("Outcome", "require", "_report"), 2),
     **dict.fromkeys(("_report_springs", "check"), 3),
+    "Finding": 4,
 }
 """Which argument of a call is a sentence; that of `append` where it is to a list of problems."""
 
-GIVERS = re.compile(r".*_problems?|_sentence|_obstacle|_repetition|_not_finite|_gone")
+GIVERS = re.compile(r".*_problems?|_sentence|_obstacle|_repetition|_not_finite|_gone|left_out|difference_of")
 """Functions that return or yield sentences, or parts of them."""
 
 SILENT = ("KeyboardInterrupt", "BrokenPipeError", "AttributeError", "Stop", "MissingParameter", "outcome")
@@ -41,6 +42,10 @@ WITHIN = {
     "belongs to another user": "a part of a warning",
     "the value at … has no end": "no text that was parsed comes there",
     "there is no result": "an outcome without a fit has its error",
+    "steps above … of the values are left out: …": "below the table of `check`",
+    "no two steps are short enough": "in the table of `check`",
+    "nothing that is checked changes the cost": "in the table of `check`",
+    "known to … only": "in the table of `check`",
 }
 """Sentences that never reach the user as an error, and why."""
 

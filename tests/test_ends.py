@@ -132,6 +132,8 @@ def test_runs_that_are_killed_leave_whole_files_and_go_on(tmp_path, monkeypatch)
     from kills import trials
 
     scene = Path(write_scene(tmp_path, trial("nL", 10)))
-    runs, faults = trials(count=6, seed=1, frames=10, steps=20000, scene=scene, warm=0)
+    # With this seed each of the two commands is killed while it writes, and with an older file there and without one,
+    # unless it is faster than it was.
+    runs, faults = trials(count=4, seed=550, frames=6, steps=5000, scene=scene, warm=0)
     assert faults == []
-    assert sum(run.counts["killed"] for run in runs) == 6
+    assert sum(run.counts["killed"] for run in runs) == 4

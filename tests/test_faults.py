@@ -13,7 +13,7 @@ import pytest
 from scenes import environment, even, needs_full_disk, trial, write_scene
 
 import clothfit
-from clothfit import fit
+from clothfit import compiled, fit
 from clothfit.cli import run
 
 unix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals, pipes and limits")
@@ -42,6 +42,8 @@ WRITERS = [("out.npz", ["simulate", "scene.json"]), ("out.json", ["estimate", "s
 @unix
 @pytest.mark.parametrize(("name", "command"), WRITERS, ids=[command[0] for _, command in WRITERS])
 def test_where_there_is_no_room_the_old_file_stays_whole(folder, name, command):
+    if compiled.cold():
+        compiled.warm()  # what is compiled would not fit into the limit either
     Path(name).write_bytes(b"old")
     # A limit on the size of files is met in the middle of writing, as the end of a disk is.
     call = ["sh", "-c", 'ulimit -f 1; exec "$0" -m clothfit "$@"', sys.executable, *command, "-q", "-o", name]
@@ -142,6 +144,27 @@ def test_a_pipe_is_no_place_for_a_checkpoint(folder, capsys):
     told = "error: pipe: is a pipe, which keeps nothing; name a file for the checkpoint\n"
     assert capsys.readouterr().err == told
     assert names() == ["pipe", "scene.json", "target.npz"]
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="this system has no device without end")
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        ("simulate /dev/zero -o x", "zero: cannot be read: it has more than the 1 MB that can be read"),
+        ("check /dev/zero", "zero: cannot be read: it has more than the 1 MB that can be read"),
+        ("estimate scene.json -o x --target /dev/zero", "zero: cannot be read as .npz or .npy (it is neither)"),
+        ("estimate scene.json -o x --start /dev/zero", "zero: cannot be read: it has more than the 1 MB that can be"),
+        ("estimate scene.json -o x --resume --checkpoint /dev/zero", "/dev/zero: is not a file, so there is no"),
+        ("estimate scene.json -o x --starts 2 --target /dev/zero", "zero: cannot be read: it has more than the 1 MB"),
+        ("estimate /dev/zero absent.json -o out/", "/dev/zero: error: zero: cannot be read: it has more than the 1 MB"),
+    ],
+)
+def test_a_device_without_end_is_left(folder, capsys, monkeypatch, command, told):
+    monkeypatch.setattr("clothfit.source.MOST_TEXT", 10**6)  # else it takes as long as half a gigabyte does
+    monkeypatch.setattr("clothfit.npz.MOST_TEXT", 10**6)
+    assert run(command.split()) == 3
+    assert told in capsys.readouterr().err
+    assert set(names()) - {"out"} == {"scene.json", "target.npz"}
 
 
 @unix

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from archives import archive, header, npy
 
-from clothfit import npz
+from clothfit import memory, npz
 
 NAMES = ("a", "b")
 RNG = np.random.default_rng(1)
@@ -149,3 +149,31 @@ def test_what_nobody_reads_takes_no_memory():
     data[central + 24 : central + 28] = struct.pack("<I", 800_001_000)
     found = npz.stored(io.BytesIO(bytes(data)), NAMES, "a")["a"]
     assert (found.shape, found.nbytes) == ((100_000_000,), 800_000_000)
+
+
+class Endless(io.RawIOBase):
+    """A device that gives some bytes, and zeros without end; it notes how many."""
+
+    def __init__(self, first=b""):
+        self.first, self.given = first, 0
+
+    def read(self, size=-1):
+        piece = (self.first[self.given : self.given + size]).ljust(size, b"\0")
+        self.given += size
+        return piece
+
+
+def test_of_what_does_not_begin_as_arrays_do_no_more_is_read_than_of_a_text(monkeypatch):
+    monkeypatch.setattr(npz, "MOST_TEXT", 1000)
+    monkeypatch.setattr(memory, "free", lambda: 10_000)
+    device, long = Endless(), Endless(b"PK\3\4")
+    with pytest.raises(OSError, match="more than the 1 kB that can be read"):
+        npz.content(device)
+    with pytest.raises(OSError, match="more than the 5 kB for which there is memory"):
+        npz.content(long)
+    assert (device.given, long.given) == (6 + 1001, 6 + 5001)
+
+
+@pytest.mark.parametrize("data", [b"", b"PK", b"{}", b"PK" + bytes(2000), b"\x93NUMPY" + bytes(2000)])
+def test_a_whole_file_is_read(data):
+    assert npz.content(io.BytesIO(data)) == data

@@ -68,10 +68,10 @@ def test_a_stream_without_end_is_left_at_the_limit():
     assert stream.given == 1001
 
 
-def test_without_a_limit_it_is_the_free_memory(monkeypatch):
-    monkeypatch.setattr(memory, "free", lambda: 99)
+def test_without_a_limit_it_is_half_of_the_free_memory(monkeypatch):
+    monkeypatch.setattr(memory, "free", lambda: 198)
     assert whole(io.BytesIO(bytes(99))) == bytes(99)
-    with pytest.raises(OSError, match="more than the 99 bytes of memory that are free"):
+    with pytest.raises(OSError, match="more than the 99 bytes for which there is memory"):
         whole(io.BytesIO(bytes(100)))
 
 

@@ -15,7 +15,6 @@ from clothfit.cli.console import Console
 from clothfit.cli.files import Files, default_name
 from clothfit.errors import ClothfitError, InvalidInput
 from clothfit.job import File, Goal, Job, read
-from clothfit.reading import whole
 
 
 @dataclass
@@ -48,7 +47,9 @@ class Item:
         if path != shared.STREAM:
             return read(path)
         if self.stream is None:
-            self.stream = whole(sys.stdin.buffer)
+            from clothfit.npz import content
+
+            self.stream = content(sys.stdin.buffer)
         return File(self.stream, "standard input")
 
 
