@@ -49,7 +49,8 @@ SCENES = {
     "symplectic": trial("GL", 6, 3, 3, integrationMethod=1, delta=0.001, **WIND),
     "two": {**trial("LL", 6, 3, 3), "objects": [cloth(3, 3, optimizationSettings=s) for s in ("LL", "nG")]},
     "kinds": {**trial("nn", 6), "fit": {"windVel": True, "gravity": True}, "objects": [cloth(3, 3, fit=KINDS)]},
-    "beyond": trial("nL", 6, 3, 3, tolerance=1e-30),
+    "beyond": {**trial("nG", 6), "tolerance": 1e-12, "objects": [
+        cloth(9, 9, optimizationSettings="nG", springStiffness=[10 ** (0.618 * i % 1 * 11 - 4) for i in range(208)])]},
     "compressed": {**trial("nL", 6), "objects": [cloth(3, 3, optimizationSettings="nL", springRestLength=[3.0] * 16)]},
 }
 COMMANDS = [
