@@ -32,7 +32,7 @@ demo: $(VENV)/installed
 	@$(BIN)/clothfit evaluate $(DEMO) $(FITTED)
 
 test: $(VENV)/installed-test
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal
 
 # --guided needs atheris in the environment, of which there are wheels for some systems only; nothing else does.
 fuzz: $(VENV)/installed-test
