@@ -33,6 +33,9 @@ LIMITS = (
 )
 """Where a container's limit and use stand, in bytes; beside the use, `memory.stat` tells what of it is only cached."""
 
+LITTLE = 16_000_000
+"""Bytes that a process gets which got its libraries."""
+
 LIVE = 3
 """Snapshots that are in hand while steps are computed, beside those that are kept."""
 
@@ -67,6 +70,16 @@ def free() -> int:
     """
     found = [available(), allowed(), *(left(Path(most), Path(used)) for most, used in LIMITS)]
     return min(each for each in found if each is not None)
+
+
+def missing(needed: int) -> int | None:
+    """The bytes that are free, where more are `needed`; None where it fits. So little that it always fits is not worth
+    a look, which takes as long as some steps of a small cloth.
+    """
+    if needed < LITTLE:
+        return None
+    found = free()
+    return found if needed > found else None
 
 
 def available() -> int:

@@ -130,8 +130,9 @@ def check_memory(frames: int, vertices: int, iterations: int) -> None:
     """Raise InvalidInput, with the figure, when a motion with its velocities cannot be kept in the memory that is free;
     0 `iterations`: the positions alone.
     """
-    needed, most = 24 * (1 + iterations) * frames * vertices, memory.free()
-    if needed > most:
+    needed = 24 * (1 + iterations) * frames * vertices
+    most = memory.missing(needed)
+    if most is not None:
         count = str(frames) if frames < 10**15 else f"more than {10**15:.0e}"
         raise InvalidInput(
             f"{count} frames of {vertices} vertices take {memory.human(min(needed, 10**30))}, "

@@ -53,8 +53,9 @@ class Tape:
         self.system, self.steps, self.tolerance = system, steps, tolerance
         iterations = iterations_of(system)
         self.plan = plan or Plan(min(max(steps, 1), max(SHORT, STRETCH // (len(system.x0) * iterations))))
-        needed, free = self.plan.length * state_bytes(system), memory.free()
-        if needed > free:
+        needed = self.plan.length * state_bytes(system)
+        free = memory.missing(needed)
+        if free is not None:
             raise InvalidInput(
                 f"{self.plan.length} steps of {len(system.x0)} vertices, with {iterations} velocities each, take "
                 f"{human(needed)} of memory, {human(free)} are free; use fewer iterations (forwardSubSteps)"

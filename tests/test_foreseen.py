@@ -32,6 +32,7 @@ FORESEEN = [["simulate", "scene.json"], ["target", "scene.json"], ["evaluate", "
 @pytest.mark.parametrize("command", [*FORESEEN, ["estimate", "scene.json"], ["evaluate", "scene.json", "--speed"]])
 def test_memory_that_is_not_free_is_refused_with_the_figure_before_the_work(folder, monkeypatch, capsys, command):
     monkeypatch.setattr("clothfit.source.memory", SimpleNamespace(free=lambda: 10**9))  # the scene can be read
+    monkeypatch.setattr("clothfit.memory.LITTLE", 0)  # so little is looked at otherwise
     monkeypatch.setattr("clothfit.memory.available", lambda: 1000)
     monkeypatch.setattr("clothfit.rollout.run", lambda *_: pytest.fail("it began to work"))
     assert run(command) == 3
