@@ -17,11 +17,10 @@ from contextlib import contextmanager
 from typing import Any, Protocol
 
 from clothfit.errors import InvalidInput
-from clothfit.interrupts import REQUESTS
+from clothfit.interrupts import REQUESTS, SAME_REQUEST
 from clothfit.job import FAULT, INTERRUPTED, NOT_STARTED, Died, Job, Lost, Outcome, failed
 
 TICK = 0.25  # s: how often to look whether the pool is still there
-SAME_REQUEST = 1.0  # s: requests within it are one
 
 PREPARATION, REQUEST, NOTHING = -1, -2, -3
 """What may end or come instead of a job."""

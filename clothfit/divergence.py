@@ -11,7 +11,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from clothfit import npz
 from clothfit.arrays import Array, Indices
 from clothfit.errors import Diverged
 from clothfit.output import Data
@@ -126,7 +128,7 @@ def stretch(x: Array, ends: Indices, rest: Array) -> Array:
 def dump(scene: Scene, fault: Fault) -> Data:
     """What writes the states of a fault to a file; the module docstring says what is in it."""
     states, cloth = fault.states, scene.cloths[fault.cloth]
-    arrays = {
+    arrays: dict[str, NDArray[Any]] = {
         "positions": states.x,
         "velocities": states.v,
         "steps": states.steps,
@@ -137,5 +139,4 @@ def dump(scene: Scene, fault: Fault) -> Data:
         "vertex": np.array(fault.vertex),
         "delta": np.array(scene.delta),
     }
-    write: Any = np.savez  # its types take `allow_pickle` for one of the arrays
-    return lambda file: write(file, **arrays)
+    return npz.archive(arrays)

@@ -29,7 +29,7 @@ from clothfit.forces import spheres, springs, vertex, wind
 from clothfit.kernel import kernel
 from clothfit.motion import Motion, check_counts
 from clothfit.scene import Scene
-from clothfit.step import explicit
+from clothfit.step import explicit, guard
 from clothfit.system import EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
 
 KINETIC, ELASTIC, GRAVITY, CONTACT, WIND, DAMPING, DRAG = COLUMNS = range(7)
@@ -147,7 +147,7 @@ def last_velocity(system: System, x: Array) -> Array:
 def states(system, x, v, out):
     """Write what is stored at positions x and velocities v (F, n, 3) to the columns of out (F, 7)."""
     for k in range(len(x)):
-        out[k, KINETIC] = vertex.kinetic_energy(system.vertex, v[k])
+        out[k, KINETIC] = guard.moving(system.vertex, v[k])[0]
         out[k, ELASTIC] = springs.energy(system.springs, x[k])
         out[k, GRAVITY] = vertex.energy(system.vertex, x[k])
         out[k, CONTACT] = spheres.energy(system.spheres, x[k])

@@ -116,8 +116,8 @@ def simulate_cloths(
             good, fault = tape.good, Fault(index, with_bad(last, tape.fault, tape.fault_velocity))
     moved = np.repeat([index in cloths for index in range(len(counts))], counts)
     observed = None if moved.all() else np.broadcast_to(moved, (good + 1, len(moved))).copy()
-    motion = replace(motion, positions=positions[: good + 1], times=motion.times[: good + 1])
-    motion = replace(motion, observed=observed, remedies=remedies)
+    positions, times = positions[: good + 1], motion.times[: good + 1]
+    motion = replace(motion, positions=positions, times=times, observed=observed, remedies=remedies)
     if fault is not None:
         raise outcome(scene, motion, fault)
     return motion
@@ -143,8 +143,7 @@ def archive(motion: Motion, extra: Mapping[str, Array] | None = None) -> Data:
         arrays["observed"] = motion.observed
     if motion.weights is not None:
         arrays["weights"] = motion.weights
-    write: Any = np.savez  # its types take `allow_pickle` for one of the arrays
-    return lambda file: write(file, **arrays)  # none of them holds objects, so nothing is pickled
+    return npz.archive(arrays)
 
 
 def load_motion(

@@ -1,4 +1,4 @@
-"""Arrays in `.npz` and `.npy` files from anybody: what they say of themselves is judged before their data are read.
+"""Arrays in `.npz` and `.npy` files. Those from anybody: what they say of themselves is judged before data are read.
 
 A `.npy` file is a short header, which tells type and shape, and then the numbers; an `.npz` file is a zip archive of
 such, stored or deflated. The header is text that looks like Python. It is searched for its three fields, never
@@ -12,12 +12,13 @@ import math
 import re
 import zipfile
 import zlib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from clothfit.output import Data
 from clothfit.reading import MOST_TEXT, whole
 
 MAGIC = b"\x93NUMPY"
@@ -87,6 +88,12 @@ class Stored:
             done += len(piece)
         self._stream.read(1)  # at its end the checksum is looked at
         return array.T if self._fortran else array
+
+
+def archive(arrays: Mapping[str, NDArray[Any]]) -> Data:
+    """What writes arrays of numbers to an `.npz` file, by name, without copies of them."""
+    write: Any = np.savez  # its types take `allow_pickle` for one of the arrays
+    return lambda file: write(file, **arrays)  # none of them holds objects, so nothing is pickled
 
 
 def stored(file: IO[bytes], names: Collection[str], only: str) -> dict[str, Stored]:

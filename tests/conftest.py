@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+from scenes import trial, write_scene
 
 from clothfit import threads
 
@@ -14,3 +16,11 @@ def _one_thread() -> Iterator[None]:
     """Dense algebra of small matrices on one thread, as in a fit: more of them wait for each other."""
     with threads.single():
         yield
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder to work in, with a scene."""
+    monkeypatch.chdir(tmp_path)
+    write_scene(tmp_path, trial("nG", 5))
+    return tmp_path

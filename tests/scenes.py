@@ -112,6 +112,11 @@ def even(settings: str, frames: int = 20, nx: int = 4, ny: int = 4, **fields: An
     return trial(settings, frames, nx, ny, **{**values, **fields})
 
 
+def names(place: str = ".") -> list[str]:
+    """What is in a folder."""
+    return sorted(os.listdir(place))
+
+
 def write_scene(folder: Path, scene: dict[str, Any], name: str = "scene.json", **layout: Any) -> str:
     """Write a document to a file; `layout` goes to json.dumps. Returns the path."""
     path = folder / name

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import environment, trial, write_scene
+from scenes import environment, names, trial, write_scene
 
 import clothfit
 from clothfit import temporary
@@ -17,18 +17,6 @@ from clothfit.cli import run
 
 unix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals, pipes and limits")
 SECONDS = 50
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """A folder to work in, with a scene."""
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path, trial("nG", 5))
-    return tmp_path
-
-
-def names():
-    return sorted(os.listdir("."))
 
 
 # --- signals

@@ -10,7 +10,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from scenes import environment, even, needs_full_disk, trial, write_scene
+from scenes import environment, even, names, needs_full_disk, write_scene
 
 import clothfit
 from clothfit import compiled, fit
@@ -22,16 +22,10 @@ SECONDS = 50
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """A folder to work in, with a scene and a recording of it."""
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path, trial("nG", 5))
+def folder(folder):
+    """The folder with a recording of the scene."""
     assert run(["target", "scene.json", "-o", "target.npz", "-q"]) == 0
-    return tmp_path
-
-
-def names(place="."):
-    return sorted(os.listdir(place))
+    return folder
 
 
 # --- places that cannot be written

@@ -1,29 +1,16 @@
 """Memory that is not there is refused before any work, with the figure."""
 
-import os
 import subprocess
 import sys
 from types import SimpleNamespace
 
 import pytest
-from scenes import environment, trial, write_scene
+from scenes import environment, names
 
 from clothfit import memory
 from clothfit.cli import run
 
 SECONDS = 50
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """A folder to work in, with a scene."""
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path, trial("nG", 5))
-    return tmp_path
-
-
-def names():
-    return sorted(os.listdir("."))
 
 
 FORESEEN = [["simulate", "scene.json"], ["target", "scene.json"], ["evaluate", "scene.json", "scene.json"]]

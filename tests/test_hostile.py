@@ -144,28 +144,28 @@ def test_planes_by_the_thousand_get_one_warning():
 # --- by mutation
 
 
+def assert_faultless(case):
+    verdict = tried(case, slow=math.inf)
+    assert verdict.code in CODES
+    assert verdict.faults == ()
+
+
 @many
 @given(chances)
 def test_mutated_scenes(chance):
-    verdict = tried(Case("scene", chance.choice(COMMANDS["scene"]), scene_bytes(chance)), slow=math.inf)
-    assert verdict.code in CODES
-    assert verdict.faults == ()
+    assert_faultless(Case("scene", chance.choice(COMMANDS["scene"]), scene_bytes(chance)))
 
 
 @many
 @given(chances)
 def test_mutated_motions(chance):
-    verdict = tried(Case("motion", COMMANDS["motion"][0], motion_bytes(chance)), slow=math.inf)
-    assert verdict.code in CODES
-    assert verdict.faults == ()
+    assert_faultless(Case("motion", COMMANDS["motion"][0], motion_bytes(chance)))
 
 
 @settings(many, max_examples=20)
 @given(chances)
 def test_mutated_checkpoints(chance):
-    verdict = tried(Case("checkpoint", COMMANDS["checkpoint"][0], checkpoint_bytes(chance)), slow=math.inf)
-    assert verdict.code in CODES
-    assert verdict.faults == ()
+    assert_faultless(Case("checkpoint", COMMANDS["checkpoint"][0], checkpoint_bytes(chance)))
 
 
 @settings(many, max_examples=150)

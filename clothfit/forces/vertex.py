@@ -39,16 +39,6 @@ def energy(vertex, y):
 
 
 @kernel
-def kinetic_energy(vertex, u):
-    """½ Σ m |u|², J."""
-    total = 0.0
-    for i in range(len(vertex.mass)):
-        for c in range(3):
-            total += 0.5 * vertex.mass[i] * u[i, c] * u[i, c]
-    return total
-
-
-@kernel
 def damping_power(vertex, y, u, w):
     total = 0.0
     for i in range(len(vertex.mass)):
