@@ -3,12 +3,13 @@
 import json
 import re
 import shlex
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 from messages import CALLS, GAP, SILENT, pattern, raised, rows, templates
-from provoked import COMMANDS, GOOD, SMALL
+from provoked import GOOD, SMALL
 from staged import STAGED
 from unasked import PYTHON
 
@@ -17,6 +18,8 @@ from clothfit.errors import ClothfitError
 
 TESTS = Path(__file__).resolve().parent
 ROWS = {row.message: row for row in rows()}
+PROVOKED = [import_module(path.stem).COMMANDS for path in sorted(TESTS.glob("provoked*.py"))]
+COMMANDS = {message: case for cases in PROVOKED for message, case in cases.items()}
 FOREIGN = list(COMMANDS)[:7]  # of the library that reads the command line
 
 

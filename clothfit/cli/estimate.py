@@ -147,7 +147,7 @@ def fit_one(scene_path: str, files: Files, options: dict[str, Any], console: Con
     scene = shared.read_scene(scene_path, console)
     out = files.output(scene_path)
     from clothfit import fit
-    from clothfit.cli import checkpoints, report
+    from clothfit.cli import checkpoints, outcomes
     from clothfit.fit_vector import blocks
 
     fit.check_method(options["method"])
@@ -170,7 +170,7 @@ def fit_one(scene_path: str, files: Files, options: dict[str, Any], console: Con
             foreseen=partial(tell_needs, console),
         )
     with shared.uninterrupted(), checkpoints.told_if_lost(kept):
-        code = report.finish(scene, found, out, console, as_json)
+        code = outcomes.finish(scene, found, out, console, as_json)
         checkpoints.closed(kept, files.checkpoint is not None, found.status, files.in_place, console)
         return code
 

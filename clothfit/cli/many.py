@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import click
 
-from clothfit.cli import checkpoints, report, shared, trust
+from clothfit.cli import checkpoints, outcomes, shared, trust
 from clothfit.cli.console import Console, metres
 from clothfit.cli.files import Files
 from clothfit.cli.plan import Item, planned
@@ -159,6 +159,6 @@ def finish_one(item: Item, result: Result, console: Console, as_json: bool) -> i
     trust.warn_of_steps(found.scene, found.frames, console)
     (own,) = summaries([item], [result], {})
     starts: dict[str, Any] = {key: own[key] for key in ("start", "starts") if key in own}
-    report.finish(found.scene, found, out, console, as_json, starts)
+    outcomes.finish(found.scene, found, out, console, as_json, starts)
     Writer([item], console).close(item, result)
     return result.exit_code

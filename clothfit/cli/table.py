@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from clothfit.cli import report
+from clothfit.cli import outcomes
 from clothfit.cli.console import metres
 from clothfit.cli.plan import Item
 from clothfit.errors import ClothfitError
@@ -50,7 +50,7 @@ def summaries(
         written = item.out is not None and outcome.usable and error is None
         own: dict[str, Any] = {"status": outcome.status}
         if result.fit is not None and item.out is not None:
-            own = report.summary(result.fit.scene, result.fit, item.out)
+            own = outcomes.summary(result.fit.scene, result.fit, item.out)
         own |= {
             "scene": item.path,
             "output": item.out.path if written and item.out else None,
