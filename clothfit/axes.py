@@ -1,0 +1,55 @@
+"""Axes and units of other tools' files, and the scene's: y up, left-handed, metres, as in Unity.
+
+A file's axes are turned so that y is up, (x, y, z) → (x, z, −y) where z was, and x is negated where they were
+right-handed, as Unity does with the models that it imports. Lengths are multiplied by `scale`, m per unit of the file.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.arrays import Array
+
+UPS, HANDS = ("y", "z"), ("left", "right")
+
+
+class Axes(NamedTuple):
+    """How a file's coordinates are meant."""
+
+    up: str = "y"  # the axis that points up, one of UPS
+    handedness: str = "right"  # one of HANDS
+    scale: float = 1.0  # m per unit of the file
+
+    def __str__(self) -> str:
+        unit = "metres" if self.scale == 1 else f"units of {self.scale:g} m"
+        return f"{self.up} up, {self.handedness}-handed, {unit}"
+
+
+SCENE = Axes("y", "left", 1.0)
+
+
+def to_scene(points: Array, axes: Axes) -> Array:
+    """Points (…, 3) of a file in the scene's axes, m."""
+    x, y, z = np.moveaxis(points, -1, 0)
+    turned = (x, z, -y) if axes.up == "z" else (x, y, z)
+    return axes.scale * np.stack(_mirrored(turned, axes), axis=-1)
+
+
+def from_scene(points: Array, axes: Axes) -> Array:
+    """Points (…, 3) of the scene, m, in a file's axes: the inverse of `to_scene`."""
+    x, y, z = _mirrored(tuple(np.moveaxis(points, -1, 0)), axes)
+    return np.stack((x, -z, y) if axes.up == "z" else (x, y, z), axis=-1) / axes.scale
+
+
+def _mirrored(point: tuple[Array, ...], axes: Axes) -> tuple[Array, ...]:
+    x, y, z = point
+    return (-x if axes.handedness == "right" else x, y, z)
+
+
+def facing(triangles: Array, axes: Axes) -> Array:
+    """Triangles (T, 3) between a file's axes and the scene's, either way: a mirror image turns their order round, so
+    that the same side stays the front.
+    """
+    return triangles[:, ::-1] if axes.handedness == "right" else triangles

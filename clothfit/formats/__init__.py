@@ -1,0 +1,77 @@
+"""Files that other tools write and read, by their suffix: one module for each format.
+
+A module has
+
+    read(path) -> Animation                      raises InvalidMotion, naming the file and what is wrong with it
+    encoded(path, animation) -> {path: data}     the files to write, in the axes the animation has; of a sequence many
+
+and loads its library when one of them is called. The numbers in a file are foreign: what it says of sizes is judged
+by how long it is before memory is taken, and whatever a library raises becomes an InvalidMotion.
+"""
+
+from __future__ import annotations
+
+import os
+from importlib import import_module
+from typing import Any, NamedTuple
+
+from clothfit.axes import SCENE, Axes
+from clothfit.errors import InvalidInput
+
+
+class Format(NamedTuple):
+    """A format of files that hold motions."""
+
+    name: str  # as people call it
+    suffixes: tuple[str, ...]  # in lower case
+    module: str  # in this package
+    axes: Axes  # where the file does not tell
+    writes: bool = True  # whether it can be written
+    extra: str | None = None  # the optional extra of this package that installs what it needs
+    library: str | None = None  # which library that is
+
+
+RIGHT = Axes("y", "right", 1.0)
+
+FORMATS = (
+    Format("OBJ sequence", (".obj",), "obj", RIGHT),
+    Format("PC2 point cache", (".pc2",), "pc2", RIGHT),
+    Format("MDD point cache", (".mdd",), "mdd", RIGHT),
+    Format("USD", (".usd", ".usda", ".usdc"), "usd", RIGHT, extra="usd", library="pxr"),
+    Format("glTF", (".glb",), "glb", RIGHT, extra="gltf", library="pygltflib"),
+    Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), extra="c3d", library="ezc3d"),
+    Format("TRC markers", (".trc",), "trc", Axes("y", "right", 0.001)),
+    Format("CSV markers", (".csv",), "csv", RIGHT),
+)
+"""Besides `.npz` and `.npy`, which are this program's own (`motion`), in the scene's axes.
+
+Point caches know neither axes nor unit: they move the vertices of a mesh that is kept in another file, mostly OBJ.
+"""
+
+NATIVE = (".npz", ".npy")
+
+
+def format_of(path: str | os.PathLike[str]) -> Format | None:
+    """The format of a file by its suffix; None for this program's own. Raises InvalidInput for any other suffix."""
+    suffix = os.path.splitext(os.fspath(path))[1].lower()
+    if suffix in NATIVE:
+        return None
+    for each in FORMATS:
+        if suffix in each.suffixes:
+            return each
+    known = ", ".join([NATIVE[0], *(suffix for each in FORMATS for suffix in each.suffixes)])
+    raise InvalidInput(f"{os.fspath(path)}: motions are not kept in files of that suffix; known are {known}")
+
+
+def module_of(found: Format) -> Any:
+    """The module that reads and writes a format. Raises InvalidInput when its library is not there."""
+    if found.library is not None:
+        try:
+            import_module(found.library)
+        except ImportError:
+            need = f"{found.name} needs {found.library}; install it with: pip install 'clothfit[{found.extra}]'"
+            raise InvalidInput(need) from None
+    return import_module(f"clothfit.formats.{found.module}")
+
+
+__all__ = ["FORMATS", "NATIVE", "RIGHT", "SCENE", "Format", "format_of", "module_of"]
