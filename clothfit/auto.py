@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,7 +35,20 @@ FIRST_WINDOW, GROWTH = 10, 2
 """Frames of the first window after what shows something, and by how much each is longer than the one before."""
 
 ITERATIONS, MOST = 8, 200
-"""Of Gauss–Newton in each window, and in the last one."""
+"""Of Gauss–Newton in each window, and where all frames are fitted."""
+
+ROUGH, LOOSE = 1e-3, 1e-6
+"""A window is left where a step would save less than this fraction of its cost. Linear systems are solved to `LOOSE`
+on the way: what that leaves open is far below what the motion is off. The last stage takes the fit's own tolerance.
+"""
+
+
+class Stage(NamedTuple):
+    """Gauss–Newton over some frames, as well as is needed there."""
+
+    objective: Objective
+    least: float  # relative saving that ends it
+    iterations: int
 
 
 def find(search: Search, start: Array, others: Callable[[], list[Array]] | None, tau: float | None) -> str:
@@ -43,14 +57,14 @@ def find(search: Search, start: Array, others: Callable[[], list[Array]] | None,
     `others` gives values (P,) to try beside the start; `tau` is the width of the prior, learned where None. The prior
     is centred on what of the start and the others is nearest to the target at first.
     """
-    exact = by_momentum(search, start, momentum.TREATMENTS[:1])
+    first = search.objective.until(first_window(search.objective), loosened(search))
+    exact = by_momentum(search, start, momentum.TREATMENTS[:1], first)
     if one_value_each(search):
         return by_scan(search, start, tau)
     guesses = [start]
     if others is not None and not is_near(search, search.visit(start)):
         known = search.journal.recall("others", lambda: np.array(others()))
         guesses += [np.where(search.fitted, p, start) for p in known]
-    first = search.objective.until(first_window(search.objective))
     centre = min(guesses, key=lambda p: search.measure(p, first))
     status = by_gauss_newton(search, centre, centre, tau)
     if exact and np.array_equal(search.best, exact[-1]):  # noisy as it is, it is better than that
@@ -64,9 +78,16 @@ def first_window(objective: Objective) -> int:
 
 
 def by_momentum(
-    search: Search, start: Array, treatments: Sequence[momentum.Treatment] = momentum.TREATMENTS
+    search: Search,
+    start: Array,
+    treatments: Sequence[momentum.Treatment] = momentum.TREATMENTS,
+    early: Objective | None = None,
 ) -> list[Array]:
-    """The momentum fits (P,), the best last; none where the target does not show enough."""
+    """The momentum fits (P,), the best last; none where the target does not show enough.
+
+    One that is farther off over the frames of `early` than a cloth that keeps still is not followed further: of a
+    target that the model cannot reproduce it may be so soft that a whole motion takes minutes.
+    """
     if not momentum.fits(search.objective):
         search.note("too little memory for the balance of momentum, which was left out (--memory)")
         return []
@@ -76,10 +97,17 @@ def by_momentum(
         p = search.journal.recall("momentum", fit)
         if np.array_equal(p, start):
             return []
+        if early is not None and early_cost(search, p, early) > early.still:
+            continue
         found.append((search.visit(p), p))
         if is_near(search):
             break
     return [p for _, p in sorted(found, key=lambda pair: -pair[0])]
+
+
+def early_cost(search: Search, p: Array, early: Objective) -> float:
+    """The cost of values (P,) over a few frames, which is no evaluation of the whole."""
+    return float(search.journal.recall("early cost", lambda: np.array(early.cost_or_infinity(p)), p))
 
 
 def is_near(search: Search, cost: float | None = None) -> bool:
@@ -134,16 +162,11 @@ def by_brent(search: Search, p: Array, place: int, bracket: Array) -> None:
 def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, windows: bool = True) -> str:
     """Gauss–Newton from p (P,), in windows of more and more frames where p is far from the target."""
     cost = search.visit(p)
-    last = search.objective.steps + 1
-    windows = windows and "spectrum" not in search.objective.weights  # that of a part is another spectrum
-    near = not windows or is_near(search, cost)
-    lengths = [last] if near else window_lengths(first_window(search.objective), last)
     before, status = (search.best_cost, search.best), "stalled"
     y: Array | None = None
     prior: Prior | None = None
-    for frames in lengths:
-        whole = frames == last
-        objective = search.objective if whole else search.objective.until(frames)
+    for objective, least, iterations in stages(search, is_near(search, cost), windows):
+        whole = objective is search.objective
         part = Trajectory(search, objective)
         y = part.y(p) if y is None else y
         prior = part.prior(part.y(centre), tau) if prior is None else prior
@@ -159,8 +182,8 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
             if whole:
                 status = descent.minimise(search, "l-bfgs-b")
             continue
-        accepted, most = (part.accepted, MOST) if whole else (part.passed, ITERATIONS)
-        y, prior, status = minimise(search, part.problem(), y, prior, accepted, most)
+        accepted = part.accepted if whole else part.passed
+        y, prior, status = minimise(search, part.problem(least), y, prior, accepted, iterations)
         search.prior = prior
         if not whole:
             search.visit(search.parameters(y))
@@ -168,6 +191,26 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
         search.prior = None
         search.settle(before[1], before[0])
     return "stalled" if status == "converged" and search.on_plateau() else status
+
+
+def stages(search: Search, near: bool, windows: bool) -> list[Stage]:
+    """What is fitted one after the other, of all frames last."""
+    objective, whole = search.objective, search.objective.steps + 1
+    last = Stage(objective, 0.0, MOST)
+    if near:
+        return [last]
+    windows = windows and "spectrum" not in objective.weights  # that of a part is another spectrum
+    lengths = window_lengths(first_window(objective), whole) if windows else [whole]
+    tolerance = loosened(search)
+    found = [Stage(objective.until(frames, tolerance), ROUGH, ITERATIONS) for frames in lengths[:-1]]
+    if tolerance > objective.tolerance:
+        found.append(Stage(objective.until(whole, tolerance), ROUGH, MOST))
+    return [*found, last]
+
+
+def loosened(search: Search) -> float:
+    """The tolerance of the linear systems where the motion is still far from the target's."""
+    return max(LOOSE, search.objective.tolerance)
 
 
 def window_lengths(frames: int, last: int) -> list[int]:

@@ -6,7 +6,9 @@ well the model foretold the cost; a trial costs one simulation, a hundredth of t
 model. J. J. Moré, The Levenberg–Marquardt algorithm, 1978.
 
 It ends where the step that is left is small against what the noise leaves open: the cost it would save is below a
-hundredth of the variance of one residual, a tenth of a standard error over all parameters together.
+hundredth of the variance of one residual, a tenth of a standard error over all parameters together. Where a model
+that cannot reproduce the target leaves large residuals, of which neighbours are alike, the last digits come slowly and
+say nothing: it also ends where two steps in a row would save less than 1e-5 of the cost.
 """
 
 from __future__ import annotations
@@ -23,6 +25,9 @@ from clothfit.prior import Prior
 
 LEFT = 1e-2
 """Cost that the rest of the way would save, relative to the variance of a residual, where the fit ends."""
+
+SMALL = 1e-5
+"""The same relative to the whole cost, twice in a row: where the way is fast, the second is below `LEFT`."""
 
 ENOUGH, POOR, GOOD = 1e-4, 0.25, 0.75
 """Achieved over foretold reduction: what a step needs, and below or above which the trust region shrinks or grows."""
@@ -70,6 +75,7 @@ class Problem:
     lower: Array
     upper: Array
     residuals: int
+    least: float = 0.0  # relative reduction of the cost below which no more is asked for
 
 
 def minimise(
@@ -87,7 +93,7 @@ def minimise(
         state = State(y, FIRST_RADIUS * np.sqrt(max(len(y), 1)), prior.tau, 0)
     prior, radius = replace(prior, tau=state.tau), state.radius
     model = problem.model(state.y)
-    mark = state.mark
+    mark, small = state.mark, False
     for iteration in range(state.iteration, iterations):
         if not model.cost > (1.0 - SLOW) * mark[1]:
             mark = (float(iteration), model.cost)
@@ -100,8 +106,10 @@ def minimise(
         H, g = model.H + A, model.g + A @ (model.y - prior.centre)
         lower, upper = problem.lower - model.y, problem.upper - model.y
         whole = bounded.solve(H, g, lower, upper)
-        if -float(2 * g @ whole + whole @ H @ whole) <= LEFT * sigma2:
+        saving = -float(2 * g @ whole + whole @ H @ whole)
+        if saving <= max(LEFT * sigma2, problem.least * model.cost) or (small and saving <= SMALL * model.cost):
             return model, prior, "converged"
+        small = saving <= SMALL * model.cost
         value = model.cost + prior.value(model.y, sigma2)
         total = partial(penalised, problem, prior, sigma2)
         step, radius, good = descend(total, value, Quadratic(model.y, H, g, lower, upper, whole), radius)

@@ -35,6 +35,9 @@ EVALUATIONS = 40
 SETTLED = 1e-4
 """Relative reduction of the cost by a round that ends the fit."""
 
+LEAST, ROUGH = 1e-7, 1e-3
+"""The same by a step that ends a round; and where only a part of the frames is fitted."""
+
 FAR = 1e6
 """Residual where the simulation diverges, relative to the largest met: the step is taken back."""
 
@@ -62,7 +65,8 @@ def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Arr
         before = float(residuals(y) @ residuals(y))
         found = solve(
             residuals, np.clip(y, *bounds), residuals.jacobian, bounds=bounds, method="trf", tr_solver="lsmr",
-            max_nfev=EVALUATIONS if whole else EVALUATIONS // 4, ftol=1e-10, xtol=1e-10, gtol=None,
+            max_nfev=EVALUATIONS if whole else EVALUATIONS // 4,
+            ftol=LEAST if whole else ROUGH, xtol=1e-10, gtol=None,
         )  # fmt: skip
         y = found.x
         if whole:

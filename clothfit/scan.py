@@ -29,8 +29,9 @@ POINTS = {1: 400, 2: 20}
 COARSE = 5
 """Every so many points along each axis belong to the coarse scan."""
 
-LOOKS = 12
-"""How often a motion's cost is looked at on its way."""
+LOOKS, MORE_LOOKS, LARGE = 12, 60, 400
+"""How often a motion's cost is looked at on its way: more often for a cloth of so many vertices, whose steps are dear.
+"""
 
 LOOSE = 3e-4
 """Tolerance of the linear systems, relative."""
@@ -64,7 +65,7 @@ def scan(objective: Objective, cloth: int, p: Array) -> list[list[Bracket]]:
     for point in coarse_first([len(axis) for axis in axes]):
         q = p.copy()
         q[[block.start for block in own]] = [axis[i] for axis, i in zip(axes, point, strict=True)]
-        costs[point] = course.cost(q, best)
+        costs[point] = course.cost(q, CLOSE * best)
         best = min(best, costs[point])
     lowest = sorted((cost, point) for point, cost in costs.items() if np.isfinite(cost) and is_minimum(costs, point))
     kept = [point for cost, point in lowest[:KEPT] if cost <= CLOSE * best]
@@ -77,9 +78,13 @@ def brackets(axis: Array, i: int) -> Bracket:
 
 
 def coarse_first(lengths: Sequence[int]) -> list[Point]:
-    """All points of a grid, those of a coarser one first."""
+    """All points of a grid, those of a coarser one first.
+
+    Both in a random order: along the grid many a motion would be the best so far, and be followed to its end.
+    """
     points = list(product(*map(range, lengths)))
-    return sorted(points, key=lambda point: any(i % COARSE for i in point))
+    shuffled = [points[i] for i in np.random.default_rng(0).permutation(len(points))]
+    return sorted(shuffled, key=lambda point: any(i % COARSE for i in point))
 
 
 class Course:
@@ -87,9 +92,10 @@ class Course:
 
     def __init__(self, objective: Objective, cloth: int) -> None:
         adds = "spectrum" not in objective.weights  # a spectrum's cost is not a sum over frames
-        ends = {round(objective.steps * (i + 1) / LOOKS) for i in range(LOOKS)} if adds else set()
+        looks = MORE_LOOKS if objective.scene.vertex_counts[cloth] >= LARGE else LOOKS
+        ends = {round(objective.steps * (i + 1) / looks) for i in range(looks)} if adds else set()
         parts = [objective.until(end + 1) for end in sorted(ends | {objective.steps})]
-        self.objective, self.plan = objective, Plan(max(1, -(-objective.steps // LOOKS)))
+        self.objective, self.plan = objective, Plan(max(1, -(-objective.steps // looks)))
         self.legs = [
             (run, {part.runs[i].comparison.last_step: part.runs[i].comparison for part in parts})
             for i, run in enumerate(objective.runs)

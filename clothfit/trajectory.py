@@ -63,11 +63,11 @@ class Trajectory:
         """Tell of an iteration on fewer frames."""
         self.search.tell()
 
-    def problem(self) -> gauss_newton.Problem:
-        """What Gauss–Newton minimises."""
+    def problem(self, least: float = 0.0) -> gauss_newton.Problem:
+        """What Gauss–Newton minimises, until a step would save less than this fraction of the cost."""
         ends = self.search.coordinates
         lower, upper = ends.lower[self.fitted], ends.upper[self.fitted]
-        return gauss_newton.Problem(self.model, self.cost, lower, upper, self.residuals())
+        return gauss_newton.Problem(self.model, self.cost, lower, upper, self.residuals(), least)
 
     def cost(self, y: Array) -> float:
         """The cost at y; infinite where the simulation diverges. Raises Stop as a visit of the search does."""
