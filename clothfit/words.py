@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from difflib import get_close_matches
 
 LONGEST = 40  # characters of a value in a message
 
@@ -45,3 +46,12 @@ def metres(value: float) -> str:
         if value >= size:
             return f"{value / size:.3g} {unit}"
     return f"{value / 1e-9:.3g} nm"
+
+
+def meant(wrong: str, names: Iterable[str]) -> str:
+    """Say which of the names was probably meant, if any: `; did you mean estimate?`."""
+    known = {name.lower(): name for name in names}
+    lower = wrong.lower()
+    begins = [name for name in known if len(lower.lstrip("-")) > 1 and name.startswith(lower)]
+    best = [*begins, *get_close_matches(lower, known, 1)][:1]
+    return f"; did you mean {known[best[0]]}?" if best else ""
