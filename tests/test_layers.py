@@ -127,6 +127,7 @@ ORDER = [
     "pool",
     "cluster",
     "many",
+    "export",
     "cli",
     "__main__",
 ]

@@ -28,7 +28,7 @@ from clothfit.interrupts import REQUESTS, SAME_REQUEST
 
 _last_request = -SAME_REQUEST
 
-COMMANDS = ("simulate", "target", "estimate", "evaluate", "check", "completion", "warmup")
+COMMANDS = ("simulate", "target", "estimate", "evaluate", "check", "export", "completion", "warmup")
 
 
 class LazyGroup(click.Group, ExamplesFirst):
