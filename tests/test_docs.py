@@ -6,6 +6,7 @@ from importlib import util
 from pathlib import Path
 
 import pytest
+from messages import pattern, rows
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "examples").glob("*.md")]
@@ -56,3 +57,31 @@ def test_the_reference_of_the_commands_is_what_the_program_says():
     made = util.module_from_spec(where)
     where.loader.exec_module(made)
     assert made.PAGE.read_text("utf-8") == made.page(), "python docs/commands.py writes it again"
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_the_rows_of_a_table_have_as_many_cells_as_its_head(path):
+    text = re.sub(r"^```.*?^```", "", path.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
+    tables = re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE)
+    widths = [{len(re.findall(r"(?<!\\)\|", row)) for row in table.splitlines()} for table in tables]
+    assert [table[:80] for table, width in zip(tables, widths, strict=True) if len(width) > 1] == []
+
+
+WARNED = (
+    "clothfit: command not found", "compiling for this machine: …", "warning: … steps of … s will not stay stable",
+)  # fmt: skip
+FACTS = ("… not shown by the motion", "… at a bound", "converged", "stalled", "limit", "failed", ".clothfit-….tmp")
+"""What troubleshooting quotes that is no error: what a shell says, warnings, and words of results."""
+
+
+def test_the_errors_that_troubleshooting_quotes_are_errors():
+    text = (ROOT / "docs" / "troubleshooting.md").read_text("utf-8")
+    first = re.findall(r"^\| ([^|]*) \|", text, re.MULTILINE)
+    quoted = [quote for cell in first for quote in re.findall(r"`([^`]+)`", cell)]
+    known = [row.message for row in rows()]
+
+    def is_error(quote):
+        return any(pattern(told).search(quote) or quote.rstrip(" …") in told for told in known)
+
+    assert [quote for quote in quoted if not is_error(quote) and quote not in (*WARNED, *FACTS)] == []
+    assert len(quoted) > 20
