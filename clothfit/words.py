@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from difflib import get_close_matches
 
 LONGEST = 40  # characters of a value in a message
 
@@ -50,6 +49,8 @@ def metres(value: float) -> str:
 
 def meant(wrong: str, names: Iterable[str]) -> str:
     """Say which of the names was probably meant, if any: `; did you mean estimate?`."""
+    from difflib import get_close_matches  # only a slip needs it, and the start of every command is short
+
     known = {name.lower(): name for name in names}
     lower = wrong.lower()
     begins = [name for name in known if len(lower.lstrip("-")) > 1 and name.startswith(lower)]

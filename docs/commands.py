@@ -28,7 +28,7 @@ def text(paragraph: str) -> str:
     """A paragraph of help as Markdown; one whose lines were kept as they are is a block of code."""
     if paragraph.startswith("\b"):
         return "```text\n{}\n```".format(paragraph.removeprefix("\b").strip("\n"))
-    plain = " ".join(paragraph.split()).replace("<", "&lt;").replace("|", "\\|")
+    plain = " ".join(paragraph.split()).replace("<", "&lt;")
     return re.sub(r"(?<!\S)(--?[a-z][a-z-]*|\{[a-z]+\})(?=[\s,.;:]|$)", r"`\1`", plain)
 
 
@@ -43,7 +43,7 @@ def row(option: click.Parameter, context: click.Context) -> str | None:
     if record is None:
         return None
     names, meaning = record
-    return f"| `{cell(names)}` | {cell(text(meaning))} |".replace("\\\\|", "\\|")
+    return f"| `{cell(names)}` | {cell(text(meaning))} |"
 
 
 def table(title: str, options: list[click.Parameter], context: click.Context) -> str:

@@ -1,6 +1,8 @@
 """Values for Blender: what its springs make of them, and the script that sets them."""
 
+import re
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 from exports import built, content, of, two
 from scenes import cloth
 
+from clothfit import load
 from clothfit.export import exported
 from clothfit.export.weights import painted
 
@@ -134,3 +137,11 @@ def test_the_script_keeps_a_modifier_that_is_there(scene, monkeypatch):
 def test_the_script_refuses_another_mesh(scene, monkeypatch, active):
     with pytest.raises(RuntimeError, match="select the mesh of object 0: it has 36 vertices"):
         run_script(scene, active, monkeypatch)
+
+
+def test_the_page_tells_how_near_weights_come():
+    root = Path(__file__).resolve().parents[1]
+    told = blender(load(root / "examples" / "corners.json"))[1]["structural"]
+    page = " ".join((root / "docs" / "export.md").read_text("utf-8").split())
+    figures = re.search(r"(\d+) and (\d+) % on `examples/corners.json`", page).groups()
+    assert [round(100 * told[name]) for name in ("median_deviation", "largest_deviation")] == list(map(int, figures))

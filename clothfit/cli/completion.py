@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import click
-from click.shell_completion import get_completion_class
 
 from clothfit.cli import shared
 from clothfit.cli.console import Console
@@ -34,6 +33,8 @@ def command(shell: str, as_json: bool, console: Console) -> int:
 
 def script(shell: str) -> str:
     """The script for that shell."""
+    from click.shell_completion import get_completion_class
+
     made = get_completion_class(shell)
     assert made is not None  # click knows all three
     root = click.get_current_context().find_root().command
