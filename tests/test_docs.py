@@ -1,5 +1,7 @@
 """The pages in docs/: links lead somewhere, the reference of the commands is what the program says."""
 
+import io
+import json
 import re
 from functools import cache
 from importlib import util
@@ -7,6 +9,8 @@ from pathlib import Path
 
 import pytest
 from messages import pattern, rows
+
+from clothfit import load
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "examples").glob("*.md")]
@@ -65,6 +69,18 @@ def test_the_rows_of_a_table_have_as_many_cells_as_its_head(path):
     tables = re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE)
     widths = [{len(re.findall(r"(?<!\\)\|", row)) for row in table.splitlines()} for table in tables]
     assert [table[:80] for table, width in zip(tables, widths, strict=True) if len(width) > 1] == []
+
+
+def test_the_scene_format_names_every_field_and_shows_a_scene():
+    page = (ROOT / "docs" / "scene.md").read_text("utf-8")
+    schema = json.loads((ROOT / "schemas" / "scene.schema.json").read_text("utf-8"))
+    of = (schema, *(schema["$defs"][name] for name in ("object", "collider")))
+    assert [name for one in of for name in one["properties"] if f"| `{name}` |" not in page] == []
+    scene, flags = re.findall(r"^```json\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    assert load(io.StringIO(scene)).warnings == ()
+    changed = json.loads(scene) | json.loads(flags) | {"objects": json.loads(scene)["objects"]}
+    changed["objects"][0] |= json.loads(flags)["objects"][0]
+    assert load(io.StringIO(json.dumps(changed))).mode("wind") == "G"
 
 
 WARNED = (

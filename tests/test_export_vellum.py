@@ -4,11 +4,14 @@ import json
 
 import numpy as np
 import pytest
-from exports import ROUNDING, content, of, two
-from scenes import cloth
+from exports import ROUNDING, built, content, of, two
+from scenes import cloth, document, load_text
 
+from clothfit import simulate
 from clothfit.export import exported
 from clothfit.export.topology import roles
+
+POINTS, PRIMITIVES = "pointattributes", "primitiveattributes"
 
 
 @pytest.fixture(scope="module")
@@ -90,3 +93,46 @@ def test_mantissa_and_exponent_are_the_mean(scene):
         mean, mantissa, exponent = (told["traction"][name] for name in ("mean", "mantissa", "exponent"))
         assert 1 <= mantissa < 10
         assert mantissa * 10.0**exponent == pytest.approx(mean, rel=ROUNDING)
+
+
+def moved_by_constraints(points, ends, constraints, velocity, h, steps):
+    """Move points as solvers of compliant constraints do, each step with sweeps until nothing changes.
+
+    XPBD: M. Macklin, M. Müller, N. Chentanez, MIG 2016.
+    """
+    x, v = np.array(points["P"]), np.array(velocity)
+    inverse = np.array([1 / m if m else 0.0 for m in points["mass"]])
+    compliance = 1 / np.array(constraints["stiffness"]) / h**2
+    for _ in range(steps):
+        before = x.copy()
+        x = x + (h * v + h**2 * np.array([0, -9.81, 0])) * (inverse > 0)[:, None]
+        multiplier = np.zeros(len(ends))
+        for _ in range(40):
+            for s, (a, b) in enumerate(ends):
+                e = x[a] - x[b]
+                length = np.sqrt(e @ e)
+                gap = length - constraints["restlength"][s]
+                change = -(gap + compliance[s] * multiplier[s]) / (inverse[a] + inverse[b] + compliance[s])
+                multiplier[s] += change
+                x[a] += inverse[a] * change * e / length
+                x[b] -= inverse[b] * change * e / length
+        v = (x - before) / h
+    return x
+
+
+def test_a_solver_of_constraints_moves_the_exported_cloth_as_it_moves_here():
+    # both take backward Euler steps; what is left comes from how far a constraint turns within a step
+    still = {"dragCoefficient": 0.0, "damping": 0.0}
+    h, steps = 0.01, 25
+    how = {"delta": h, "optimizationIterations": steps + 1, "forwardSubSteps": 30, "tolerance": 1e-9}
+    scene = load_text(json.dumps(document(built(1, **still), **how)))
+    _, _, ends, held = geometry(exported(scene, "vellum")["object0.constraints.geo"])
+    points, constraints = ({name: held[of, name] for of, name in held if of == kind} for kind in (POINTS, PRIMITIVES))
+    found = moved_by_constraints(points, ends, constraints, points["v"], h, steps)
+    expected = simulate(scene).positions[-1] * np.array([1.0, 1.0, -1.0])
+    moved = np.abs(expected - points["P"]).max()
+    assert moved > 0.1
+    assert np.abs(found - expected).max() < 1e-3 * moved  # 3e-4 at this step, 1e-8 over shorter and fewer ones
+    softer = {**constraints, "stiffness": [0.9 * k for k in constraints["stiffness"]]}
+    other = moved_by_constraints(points, ends, softer, points["v"], h, steps)
+    assert np.abs(other - expected).max() > 1e-2 * moved  # so the stiffnesses do decide
