@@ -16,7 +16,7 @@ from clothfit.cli.help import parts, sections, wrapped
 from clothfit.cli.program import COMMANDS, group
 
 PAGE = Path(__file__).with_name("commands.md")
-WIDTH = 110  # columns of an example
+WIDTH = 96  # columns of an example
 HEAD = """
 # Commands
 
@@ -60,7 +60,7 @@ def chapter(name: str, top: click.Context) -> Iterator[str]:
     told = parts(command.help)
     yield f"## clothfit {name}"
     yield text(told.summary)
-    yield f"```sh\n{command.get_usage(context).removeprefix('Usage: ')}\n```"
+    yield f"`{command.get_usage(context).removeprefix('Usage: ')}`"
     if told.examples:
         yield "\n".join(["```sh", *(piece for line in told.examples for piece in wrapped(line, WIDTH)), "```"])
     yield from map(text, told.rest)
@@ -72,7 +72,7 @@ def chapter(name: str, top: click.Context) -> Iterator[str]:
 def context_of(command: click.Command, top: click.Context) -> click.Context:
     """The context in which a command tells of itself, whatever the terminal."""
     settings = command.context_settings
-    return click.Context(command, parent=top, info_name=command.name, terminal_width=WIDTH, **settings)
+    return click.Context(command, parent=top, info_name=command.name, terminal_width=200, **settings)
 
 
 def page() -> str:
