@@ -2,6 +2,7 @@
 # make test   set up and run the tests
 # make fuzz   set up and try hostile input for a minute; more: make fuzz FUZZ='--count 100000', or with --guided
 # make lint   set up and check style and types
+# make docs   write what the documents say of the commands anew
 # make clean  remove what these made
 #
 # Needs Python 3.11 or newer and nothing else; another one than python3: make test PYTHON=python3.12
@@ -18,7 +19,7 @@ FUZZ := --seconds 60
 DEMO := examples/corners.json
 FITTED := build/demo/corners.fitted.json
 
-.PHONY: help demo test fuzz lint clean
+.PHONY: help demo test fuzz lint docs clean
 .DELETE_ON_ERROR:
 
 help:
@@ -41,6 +42,9 @@ fuzz: $(VENV)/installed-test
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+
+docs: $(VENV)/installed
+	$(BIN)/python docs/commands.py
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis

@@ -27,6 +27,7 @@ from clothfit.objectives.spectrum import Spectrum
 from clothfit.objectives.velocity import Velocity
 from clothfit.system import System
 from clothfit.target import Target, accumulate, interpolation, sample
+from clothfit.words import meant
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -48,7 +49,7 @@ def objective_weights(objective: str | Mapping[str, float]) -> dict[str, float]:
         raise InvalidInput(f"objective: none is given; use one or more of {', '.join(OBJECTIVES)}")
     for name, weight in weights.items():
         if name not in OBJECTIVES:
-            raise InvalidInput(f"objective: there is no {name!r}; use {', '.join(OBJECTIVES)}")
+            raise InvalidInput(f"objective: there is no {name!r}; use {', '.join(OBJECTIVES)}{meant(name, OBJECTIVES)}")
         if not 0 < weight < np.inf:
             raise InvalidInput(f"objective: {name}: a weight of {weight:g} is not possible, above 0 and finite is")
     return weights

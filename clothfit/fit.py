@@ -41,7 +41,7 @@ from clothfit.scene import Scene
 from clothfit.search import Progress, Search, Stop
 from clothfit.start import fabric, neutral, neutral_start
 from clothfit.storage import Needs
-from clothfit.words import owned
+from clothfit.words import meant, owned
 
 OWN = ("auto", "momentum", "gauss-newton")
 """The methods of this package, besides SciPy's `METHODS`."""
@@ -282,7 +282,8 @@ def prior_width(prior: float | str) -> float | None:
 def check_method(method: str) -> None:
     """Raise InvalidInput when there is no such method."""
     if method not in OWN and method not in METHODS:
-        raise InvalidInput(f"method: there is no {method!r}; use {', '.join((*OWN, *METHODS))}")
+        known = (*OWN, *METHODS)
+        raise InvalidInput(f"method: there is no {method!r}; use {', '.join(known)}{meant(method, known)}")
 
 
 def choose_start(

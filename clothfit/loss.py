@@ -18,6 +18,7 @@ import numpy as np
 
 from clothfit.arrays import Array
 from clothfit.errors import InvalidInput
+from clothfit.words import meant
 
 LOSSES = ("linear", "soft_l1", "huber")
 
@@ -59,7 +60,7 @@ class Loss(NamedTuple):
 def loss_named(name: str = "linear", scale: float | None = None) -> Loss:
     """The loss of that name, C in metres (default: LOSS_SCALE). Raises InvalidInput."""
     if name not in LOSSES:
-        raise InvalidInput(f"loss: there is no {name!r}; use {', '.join(LOSSES)}")
+        raise InvalidInput(f"loss: there is no {name!r}; use {', '.join(LOSSES)}{meant(name, LOSSES)}")
     if scale is None:
         return Loss(name)
     if name == "linear":

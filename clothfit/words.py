@@ -45,3 +45,14 @@ def metres(value: float) -> str:
         if value >= size:
             return f"{value / size:.3g} {unit}"
     return f"{value / 1e-9:.3g} nm"
+
+
+def meant(wrong: str, names: Iterable[str]) -> str:
+    """Say which of the names was probably meant, if any: `; did you mean estimate?`."""
+    from difflib import get_close_matches  # only a slip needs it, and the start of every command is short
+
+    known = {name.lower(): name for name in names}
+    lower = wrong.lower()
+    begins = [name for name in known if len(lower.lstrip("-")) > 1 and name.startswith(lower)]
+    best = [*begins, *get_close_matches(lower, known, 1)][:1]
+    return f"; did you mean {known[best[0]]}?" if best else ""

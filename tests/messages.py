@@ -50,6 +50,10 @@ WITHIN = {
 """Sentences that never reach the user as an error, and why."""
 
 
+ELSEWHERE = ("export/blender_script.py",)
+"""What is in the package, but runs in another program, whose user it speaks to."""
+
+
 class Row(NamedTuple):
     """One row of the table."""
 
@@ -58,10 +62,15 @@ class Row(NamedTuple):
     meaning: str
 
 
+def modules() -> list[Path]:
+    """The files of the program."""
+    return sorted(set(PACKAGE.rglob("*.py")) - {PACKAGE / name for name in ELSEWHERE})
+
+
 def templates() -> dict[str, list[str]]:
     """The places, file and line, of each template."""
     found: dict[str, list[str]] = {}
-    for path in sorted(PACKAGE.rglob("*.py")):
+    for path in modules():
         tree = ast.parse(path.read_text("utf-8"))
         for node, scope in nodes(tree, tree):
             for sentence in sentences(node, scope, tree):
@@ -74,7 +83,7 @@ def templates() -> dict[str, list[str]]:
 def raised() -> dict[str, list[str]]:
     """The places, file and line, where each exception is raised that is made there, by its name."""
     found: dict[str, list[str]] = {}
-    for path in sorted(PACKAGE.rglob("*.py")):
+    for path in modules():
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
             if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
                 name = getattr(node.exc.func, "attr", getattr(node.exc.func, "id", ""))

@@ -189,6 +189,7 @@ COMMANDS: dict[str, Case] = {
     "no such command …": Case("fold"),
     "no such option …": fit("--fast"),
     "missing argument …": Case("simulate"),
+    "missing option …": Case("export scene.json"),
     "got unexpected extra argument…": Case("simulate a.json b.json"),
     "option … requires an argument": Case("simulate scene.json --steps"),
     "option … does not take a value": Case("simulate scene.json --quiet=3"),

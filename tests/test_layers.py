@@ -130,6 +130,7 @@ ORDER = [
     "pool",
     "cluster",
     "many",
+    "export",
     "cli",
     "__main__",
 ]

@@ -20,8 +20,17 @@ if TYPE_CHECKING:
 MOST_STARTS = 10_000
 """Of one scene; each is kept until the end."""
 
+SECTIONS = {  # of the help
+    "What to fit to": ("--target", "--objective", "--loss", "--loss-scale"),
+    "How to fit": ("--start", "--method", "--prior", "--max-evaluations", "--rmse", "--tolerance"),
+    "How far to trust it": ("--holdout", "--holdout-of", "--no-intervals"),
+    "What is written": ("--output", "--in-place"),
+    "Long and large fits": ("--checkpoint", "--resume", "--memory"),
+    "Many fits": ("--starts", "--seed", "--jobs", "--cluster"),
+}
 
-@shared.command("estimate")
+
+@shared.command("estimate", SECTIONS)
 @click.argument("scene_paths", metavar="SCENE...", nargs=-1, required=True)
 @click.option(
     "--target",

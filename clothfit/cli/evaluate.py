@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from clothfit.evaluation import Evaluation
 
 
-@shared.command("evaluate")
+SPEED = ("--speed", "--error", "--plot", "--budget", "--fit", "--max-evaluations")
+
+
+@shared.command("evaluate", {"How fast and how exact (--speed)": SPEED})
 @click.argument("scene_path", metavar="SCENE")
 @click.argument("fitted_path", metavar="FITTED", required=False)
 @click.option("--target", "target_path", metavar="MOTION", help="Compare with this motion instead of SCENE's own.")

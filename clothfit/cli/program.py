@@ -20,16 +20,18 @@ from typing import NoReturn
 import click
 
 from clothfit import __version__, interrupts
+from clothfit.cli.help import ExamplesFirst
 from clothfit.cli.shared import loudness
+from clothfit.cli.usage import slip
 from clothfit.errors import ClothfitError
 from clothfit.interrupts import REQUESTS, SAME_REQUEST
 
 _last_request = -SAME_REQUEST
 
-COMMANDS = ("simulate", "target", "estimate", "evaluate", "check", "warmup")
+COMMANDS = ("simulate", "target", "estimate", "evaluate", "check", "export", "completion", "warmup")
 
 
-class LazyGroup(click.Group):
+class LazyGroup(click.Group, ExamplesFirst):
     """A group whose commands are modules of this package, in the order of a working day."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -50,7 +52,7 @@ def group(context: click.Context, quiet: bool, verbose: bool) -> None:
     """Find the masses and stiffnesses of a cloth whose motion matches a target.
 
     \b
-    clothfit estimate scene.json                       fit to the scene's own motion, as a trial
+    clothfit estimate scene.json                       a trial, on its own motion
     clothfit estimate scene.json --target capture.npz  fit to a recorded motion
     clothfit evaluate scene.json scene.fitted.json     how good is it?
 
@@ -114,8 +116,7 @@ def run(arguments: list[str]) -> int:
 def _refuse(error: click.UsageError) -> int:
     value_is_wrong = isinstance(error, click.BadParameter) and not isinstance(error, click.MissingParameter)
     hint = "" if value_is_wrong or error.ctx is None else f" (see {error.ctx.command_path} --help)"
-    message = error.format_message().rstrip(".").replace("\n", " ")
-    return _fail(f"{message[:1].lower()}{message[1:]}{hint}", 3 if value_is_wrong else 2)
+    return _fail(f"{slip(error)}{hint}", 3 if value_is_wrong else 2)
 
 
 def _fail(message: str, code: int) -> int:

@@ -19,6 +19,8 @@ import click
 
 from clothfit import __version__
 from clothfit.cli.console import Console
+from clothfit.cli.help import ExamplesFirst, Sections
+from clothfit.cli.usage import complete_files
 from clothfit.errors import InvalidInput, InvalidScene
 from clothfit.interrupts import REQUESTS, SAME_REQUEST, handle
 from clothfit.limits import checked_tolerance
@@ -41,8 +43,10 @@ def loudness(function: F) -> F:
     return click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")(verbose(function))
 
 
-def command(name: str) -> Callable[[Callable[..., int]], click.Command]:
-    """A command with the options that all of them have; its function is given a `console` for its messages."""
+def command(name: str, sections: Sections | None = None) -> Callable[[Callable[..., int]], click.Command]:
+    """A command with the options that all of them have; its function is given a `console` for its messages. `sections`
+    are those of its other options in the help.
+    """
 
     def decorate(function: Callable[..., int]) -> click.Command:
         @wraps(function)
@@ -54,7 +58,8 @@ def command(name: str) -> Callable[[Callable[..., int]], click.Command]:
         made = loudness(click.version_option(__version__, prog_name="clothfit")(speaking))
         text = "Print the summary as one JSON object on standard output."
         made = click.option("--json", "as_json", is_flag=True, help=text)(made)
-        return click.command(name, context_settings={"help_option_names": ["-h", "--help"]})(made)
+        settings = {"help_option_names": ["-h", "--help"]}
+        return complete_files(click.command(name, ExamplesFirst, context_settings=settings, sections=sections)(made))
 
     return decorate
 

@@ -1,0 +1,42 @@
+"""`clothfit completion`: what a shell needs to complete commands, options and file names."""
+
+from __future__ import annotations
+
+import click
+
+from clothfit.cli import shared
+from clothfit.cli.console import Console
+
+SHELLS = ("bash", "zsh", "fish")
+
+
+@shared.command("completion")
+@click.argument("shell", type=click.Choice(SHELLS), metavar="bash|zsh|fish")
+def command(shell: str, as_json: bool, console: Console) -> int:
+    """Print what makes a shell complete commands, options and file names.
+
+    \b
+    eval "$(clothfit completion bash)"  # put this line into ~/.bashrc
+    eval "$(clothfit completion zsh)"   # into ~/.zshrc, after compinit
+    clothfit completion fish > ~/.config/fish/completions/clothfit.fish
+
+    Each needs its line once; a new terminal then knows it. It takes bash 4.4 or newer. What can be completed is asked
+    of the program itself, so it is what this version can do.
+    """
+    text = script(shell)
+    if as_json:
+        shared.print_json("completion", {"shell": shell, "script": text})
+    else:
+        click.echo(text, nl=False)
+    return 0
+
+
+def script(shell: str) -> str:
+    """The script for that shell."""
+    from click.shell_completion import get_completion_class
+
+    made = get_completion_class(shell)
+    assert made is not None  # click knows all three
+    root = click.get_current_context().find_root().command
+    complete = made(root, {}, "clothfit", "_CLOTHFIT_COMPLETE")
+    return complete.source_template % complete.source_vars()  # `source` asks bash for its version first

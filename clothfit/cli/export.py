@@ -1,0 +1,100 @@
+"""`clothfit export`: fitted values for other cloth tools."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from clothfit.cli import shared
+from clothfit.cli.console import Console
+from clothfit.errors import InvalidInput
+from clothfit.export import TOOLS
+from clothfit.words import counted
+
+if TYPE_CHECKING:
+    from clothfit.scene import Cloth, Scene
+
+MOST_NAMES = 5
+"""Of files in the line that says where they are."""
+
+
+@shared.command("export")
+@click.argument("fitted_path", metavar="FITTED")
+@click.option(
+    "--to", "tool", type=click.Choice(list(TOOLS)), required=True, metavar="TOOL", help="csv, obi, blender or vellum."
+)
+@click.option("-o", "--output", "path", metavar="FOLDER", help="For the files.  [default: <stem>-<tool>]")
+def command(fitted_path: str, tool: str, path: str | None, as_json: bool, console: Console) -> int:
+    """Write the masses and stiffnesses of FITTED as other cloth tools take them.
+
+    csv: tables of objects, vertices and springs. obi: masses and compliances, 1/k, of Obi Cloth for Unity, as JSON.
+    blender: vertex groups and ranges for Blender's cloth modifier, as JSON and as a script that sets them. vellum:
+    geometry and constraints for Houdini, and mantissa and exponent of the mean stiffness.
+
+    What the numbers mean there, and what is lost, is said in docs/export.md.
+
+    \b
+    clothfit export scene.fitted.json --to csv
+    clothfit export scene.fitted.json --to blender -o for-blender
+    """
+    scene = shared.read_scene(fitted_path, console)
+    folder = folder_of(path, fitted_path, tool)
+    from clothfit.export import exported
+
+    made = exported(scene, tool)
+    make(folder)
+    outputs = [(shared.output(os.path.join(folder, name), fitted_path, "", ()), data) for name, data in made.items()]
+    with shared.uninterrupted():
+        for out, data in outputs:
+            out.put(data)
+    springs = sum(len(cloth.springs) for cloth in scene.cloths)
+    parts = (
+        counted(len(scene.cloths), "object", "objects"),
+        counted(sum(scene.vertex_counts), "vertex", "vertices"),
+        counted(springs, "spring", "springs"),
+    )
+    names = ", ".join(made) if len(made) <= MOST_NAMES else f"{len(made)} files"
+    console.say(f"{scene.name}: {', '.join(parts)} → {folder}: {names}")
+    if as_json:
+        shared.print_json("export", summary(scene, tool, folder, list(made)))
+    return 0
+
+
+def folder_of(path: str | None, fitted_path: str, tool: str) -> str:
+    """Where the files go. Raises InvalidInput where nothing says so."""
+    if path == shared.STREAM or (path is None and fitted_path == shared.STREAM):
+        raise InvalidInput("an export is several files, which need a folder; name one with -o")
+    return path or str(Path(fitted_path).with_name(f"{Path(fitted_path).stem}-{tool}"))
+
+
+def make(folder: str) -> None:
+    """Make the folder where there is none. Raises InvalidInput."""
+    try:
+        os.makedirs(folder, exist_ok=True)
+    except OSError as error:
+        raise InvalidInput(f"cannot make the folder {folder}: {error.strerror or error}") from None
+
+
+def summary(scene: Scene, tool: str, folder: str, names: list[str]) -> dict[str, Any]:
+    """What --json prints."""
+    objects = [{"object": number, **described(cloth)} for number, cloth in enumerate(scene.cloths)]
+    return {"scene": scene.name, "to": tool, "output": folder, "files": names, "objects": objects}
+
+
+def described(cloth: Cloth) -> dict[str, Any]:
+    """Counts and means of an object."""
+    from clothfit.export.topology import roles
+
+    role = roles(cloth)
+    kinds = {"traction": role.traction, "bending": role.bending, "other": ~(role.traction | role.bending)}
+    return {
+        "vertices": len(cloth.mass),
+        "mass": float(cloth.mass.mean()),
+        "springs": {name: int(chosen.sum()) for name, chosen in kinds.items()},
+        "stiffness": {
+            name: float(cloth.stiffness[chosen].mean()) if chosen.any() else None for name, chosen in kinds.items()
+        },
+    }

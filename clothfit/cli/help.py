@@ -1,0 +1,94 @@
+"""What `--help` shows, and in which order: what the command does, examples to copy, then the rest.
+
+A command's docstring is its help text: paragraphs between empty lines, the first a plain sentence or two, one of them
+the examples, lines of a shell under a `\\b`. Options stand in sections, those that all commands have at the end.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from inspect import cleandoc
+from typing import Any, NamedTuple
+
+import click
+
+COMMON = ("as_json", "quiet", "verbose", "version")
+"""Parameters that every command has, besides the help itself."""
+WIDTH = 78  # columns of an example: 80 and the indentation of two
+
+Sections = Mapping[str, tuple[str, ...]]
+"""Titles of sections to the options in them, by their long names."""
+
+
+class Text(NamedTuple):
+    """A help text in parts."""
+
+    summary: str  # what the command does
+    examples: tuple[str, ...]  # lines of a shell
+    rest: tuple[str, ...]  # further paragraphs, as click takes them
+
+
+def parts(text: str | None) -> Text:
+    """Split a help text."""
+    paragraphs = cleandoc(text or "").split("\n\n")
+    examples = next((p for p in paragraphs if p.startswith("\b") and re.search(r"^(\S+=\S+ )?clothfit ", p, re.M)), "")
+    summary, *rest = (p for p in paragraphs if p != examples)
+    return Text(summary, tuple(examples.split("\n")[1:]), tuple(rest))
+
+
+def wrapped(example: str, width: int = WIDTH) -> Iterator[str]:
+    """Break a long line of a shell so that a shell still takes it: before an option where possible."""
+    while len(example) > width:
+        breaks = [found.start() for found in re.finditer(r" (?=\S)", example) if 4 < found.start() <= width - 2]
+        before_options = [at for at in breaks if example[at + 1] == "-"]
+        if not breaks:
+            break
+        at = (before_options or breaks)[-1]
+        yield f"{example[:at]} \\"
+        example = f"    {example[at + 1 :]}"
+    yield example
+
+
+def sections(command: click.Command, context: click.Context) -> dict[str, list[click.Parameter]]:
+    """Titles of sections to the options in them, in the order in which they are shown; empty ones are left out."""
+    wanted: Sections = getattr(command, "sections", {})
+    of = {name: title for title, names in wanted.items() for name in names}
+    found: dict[str, list[click.Parameter]] = {"Options": [], **{title: [] for title in wanted}, "Common options": []}
+    for option in command.get_params(context):
+        if option.param_type_name == "option":
+            title = next((of[name] for name in option.opts if name in of), "Options")
+            common = option.name in COMMON or "--help" in option.opts
+            found["Common options" if common else title].append(option)
+    return {title: options for title, options in found.items() if options}
+
+
+class ExamplesFirst(click.Command):
+    """A command whose help shows its examples first, and its options in sections."""
+
+    def __init__(self, *arguments: Any, sections: Sections | None = None, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.sections = sections or {}
+
+    def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the text: summary, examples, rest."""
+        text = parts(self.help)
+        formatter.write_paragraph()
+        with formatter.indentation():
+            formatter.write_text(text.summary)
+        if text.examples:
+            with formatter.section("Examples"):
+                for line in text.examples:
+                    for piece in wrapped(line):
+                        formatter.write(f"{'':{formatter.current_indent}}{piece}\n")
+        if text.rest:
+            formatter.write_paragraph()
+            with formatter.indentation():
+                formatter.write_text("\n\n".join(text.rest))
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options, a section each."""
+        for title, options in sections(self, ctx).items():
+            records = [record for option in options if (record := option.get_help_record(ctx)) is not None]
+            with formatter.section(title):
+                formatter.write_dl(records)

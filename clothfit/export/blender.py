@@ -1,0 +1,80 @@
+"""Blender's cloth modifier: ranges of stiffness, vertex groups between them, and a script that sets them.
+
+Blender's cloth has no SI units: its time unit is a frame (times its speed, `time_scale`), its gravity g/1000 in that
+unit, and a structural spring of "stiffness" S has S/L̄, L̄ the mean length of the edges. With
+
+    τ = √0.001 s ≈ 0.0316 s,      S = τ² k L̄,      time_scale = 1 / (frames per second · τ)
+
+its springs carry the same weights at the same stretch, and move as fast. In the same units a damping α m v is an air
+damping of 100 τ α m, and (α/2) k along a spring one of τ (α/2) k. One mass for all vertices: the mean. Springs across
+edges have no counterpart (Blender bends by angles): only how they vary over the cloth is passed on.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clothfit.export.topology import roles
+from clothfit.export.weights import Painted, painted
+from clothfit.scene import Cloth, Scene
+
+FORMAT = "clothfit-blender-1"
+UNIT = 0.001**0.5  # τ, s: the time in which Blender's weights are SI's
+BENDING = 0.5  # Blender's default, which stands for the mean here
+MOST = 10_000.0  # of a stiffness in Blender
+SCRIPT = Path(__file__).with_name("blender_script.py")
+PLACE = 'json.loads("{}")'  # in the script, for the numbers
+
+
+def files(scene: Scene) -> dict[str, bytes]:
+    """The numbers as JSON, and the script, with the numbers in it as well."""
+    document = {
+        "format": FORMAT,
+        "time_unit": UNIT,
+        "gravity": scene.gravity.tolist(),
+        "objects": [one(number, cloth) for number, cloth in enumerate(scene.cloths)],
+    }
+    text = json.dumps(document, allow_nan=False)
+    script = SCRIPT.read_text("utf-8").replace(PLACE, f"json.loads({text!r})")
+    return {"blender.json": text.encode(), "blender.py": script.encode()}
+
+
+def one(number: int, cloth: Cloth) -> dict[str, Any]:
+    """What Blender takes of an object."""
+    role = roles(cloth)
+    edges = ~role.bending
+    length = float(cloth.rest[edges].mean()) if edges.any() else 0.0
+    count, mass = len(cloth.mass), float(cloth.mass.mean())
+    traction = painted(count, cloth.springs[edges], UNIT**2 * length * cloth.stiffness[edges])
+    across = cloth.stiffness[role.bending]
+    scale = BENDING / float(across.mean()) if across.any() else 0.0
+    bending = painted(count, role.hinges[role.bending], scale * across)
+    along = 0.5 * cloth.damping * UNIT * float(cloth.stiffness[edges].mean()) if edges.any() else 0.0
+    return {
+        "object": number,
+        "vertices": count,
+        "mass": mass,
+        "air_damping": min(100.0 * UNIT * cloth.damping * mass, 10.0),
+        "spring_damping": min(along, 50.0),
+        "mean_length": length,
+        "structural": group(traction),
+        "bending": group(bending),
+        "pin": np.flatnonzero(cloth.fixed).tolist(),
+    }
+
+
+def group(found: Painted | None) -> dict[str, Any] | None:
+    """Range and weights of a vertex group, in Blender's units."""
+    if found is None:
+        return None
+    return {
+        "stiffness": min(found.low, MOST),
+        "stiffness_max": min(found.high, MOST),
+        "weights": found.weights.tolist(),
+        "median_deviation": found.deviation,
+        "largest_deviation": found.largest,
+    }

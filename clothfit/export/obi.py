@@ -1,0 +1,70 @@
+"""Obi Cloth for Unity: masses of particles, compliances of distance and bend constraints.
+
+Obi's constraints are compliant (XPBD): their compliance, m/N, is the inverse of a stiffness, 1/k; 0 is as stiff as the
+solver gets. A particle of inverse mass 0 does not move. An actor has one compliance for all of its constraints of a
+kind, here that of the mean stiffness. Axes and units are the scene's: both are Unity's.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+
+from clothfit.arrays import Array, Flags
+from clothfit.export.topology import roles
+from clothfit.scene import Cloth, Scene
+
+FORMAT = "clothfit-obi-1"
+
+
+def files(scene: Scene) -> dict[str, bytes]:
+    """One file of JSON."""
+    objects = [one(number, cloth) for number, cloth in enumerate(scene.cloths)]
+    document = {"format": FORMAT, "units": {"mass": "kg", "compliance": "m/N", "length": "m"}, "objects": objects}
+    return {"obi.json": json.dumps(document, allow_nan=False).encode()}
+
+
+def one(number: int, cloth: Cloth) -> dict[str, Any]:
+    """What Obi takes of an object."""
+    role = roles(cloth)
+    stretch = ~role.bending  # what is neither can only be a distance
+    inverse = np.where(cloth.fixed, 0.0, 1.0 / cloth.mass)
+    return {
+        "object": number,
+        "actor": {
+            "stretchingScale": 1.0,
+            "stretchCompliance": overall(cloth.stiffness[stretch]),
+            "maxCompression": 0.0,
+            "bendCompliance": overall(cloth.stiffness[role.bending]),
+            "maxBending": 0.0,
+        },
+        "particles": {
+            "position": cloth.positions.tolist(),
+            "mass": cloth.mass.tolist(),
+            "inverseMass": inverse.tolist(),
+        },
+        "distance": constraints(cloth, stretch),
+        "bend": constraints(cloth, role.bending),
+    }
+
+
+def constraints(cloth: Cloth, chosen: Flags) -> dict[str, list[Any]]:
+    """The chosen springs: their number, ends, rest lengths and compliances."""
+    return {
+        "spring": np.flatnonzero(chosen).tolist(),
+        "particles": cloth.springs[chosen].tolist(),
+        "restLength": cloth.rest[chosen].tolist(),
+        "compliance": [compliance(k) for k in cloth.stiffness[chosen].tolist()],
+    }
+
+
+def compliance(stiffness: float) -> float | None:
+    """1/k, m/N; None for a spring without stiffness, which is no constraint."""
+    return 1.0 / stiffness if stiffness > 0 and np.isfinite(1.0 / stiffness) else None
+
+
+def overall(stiffness: Array) -> float | None:
+    """The compliance of the mean stiffness; None without any."""
+    return compliance(float(np.mean(stiffness))) if len(stiffness) else None
