@@ -24,7 +24,7 @@ from clothfit.kinds import LETTERED
 from clothfit.objective import Objective
 from clothfit.prior import Prior
 from clothfit.resumable import minimise
-from clothfit.scan import scan, scannable
+from clothfit.scan import is_large, scan, scannable
 from clothfit.search import Search
 from clothfit.trajectory import LARGEST, Trajectory
 
@@ -37,7 +37,7 @@ FIRST_WINDOW, GROWTH = 10, 2
 ITERATIONS, MOST = 8, 200
 """Of Gauss–Newton in each window, and where all frames are fitted."""
 
-ROUGH, LOOSE = 1e-3, 1e-6
+ROUGH, LOOSE = 1e-3, 1e-5
 """A window is left where a step would save less than this fraction of its cost. Linear systems are solved to `LOOSE`
 on the way: what that leaves open is far below what the motion is off. The last stage takes the fit's own tolerance.
 """
@@ -124,27 +124,32 @@ def one_value_each(search: Search) -> bool:
 
 def by_scan(search: Search, start: Array, tau: float | None) -> str:
     """Scan the values of each cloth, and follow the best points down: one value by Brent's method."""
-    if not np.isfinite(search.best_cost):
+    if not is_near(search):
         search.visit(start)
     for cloth in search.objective.cloths:
         own = [block.start for block in scannable(search.objective, cloth)]
-        for point in scanned(search, cloth) if own else []:
+        large = is_large(search.objective, cloth)
+        for point in scanned(search, cloth, start) if own else []:
             p = search.best.copy()
             p[own] = point[:, 1]
-            if len(own) == 1:
+            if len(own) == 1 and not large:
                 by_brent(search, p, own[0], point[0])
             else:
-                by_gauss_newton(search, p, p, tau, windows=False)
+                by_gauss_newton(search, p, p, tau, windows=large)
     if len(search.y) == 1:
         search(search.y)
         return search.verdict()
     return by_gauss_newton(search, search.best, search.best, tau, windows=False)
 
 
-def scanned(search: Search, cloth: int) -> Array:
-    """The best points of the scan of a cloth (K, blocks, 3): values between their neighbours on the grid."""
-    start = search.best.copy()
-    return search.journal.recall("scan", lambda: np.array(scan(search.objective, cloth, start)))
+def scanned(search: Search, cloth: int, start: Array) -> Array:
+    """The best points of the scan of a cloth (K, blocks, 3): values between their neighbours on the grid. The other
+    cloths are as in the best point; `start` (P,) is where that of a large one is looked for.
+    """
+    p = search.best.copy()
+    for block in scannable(search.objective, cloth):
+        p[block.part] = start[block.part]
+    return search.journal.recall("scan", lambda: np.array(scan(search.objective, cloth, p)))
 
 
 def by_brent(search: Search, p: Array, place: int, bracket: Array) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from clothfit import auto, momentum, threads
+from clothfit import auto, interrupts, momentum, threads
 from clothfit import holdout as holdouts
 from clothfit.arrays import Array, Flags
 from clothfit.checkpoint import Checkpoint, identity
@@ -174,7 +174,7 @@ def estimate(
 def run(search: Search, method: str, start: Array, others: Callable[[], list[Array]] | None, tau: float | None) -> str:
     """Search by a method until it or the user ends it; returns the status."""
     try:
-        with threads.single():
+        with threads.single(), interrupts.heard():
             status = found_by(search, method, start, others, tau)
     except Stop as stop:
         status = stop.status
@@ -197,7 +197,7 @@ def look(search: Search, status: str, start: Array, warnings: list[str]) -> Conf
         warnings.append("no intervals, as the fit was interrupted")
         return None
     try:
-        with threads.single():
+        with threads.single(), interrupts.heard():
             known = confidence(search, start)
     except KeyboardInterrupt:
         warnings.append("no intervals, as looking for them was interrupted")

@@ -8,7 +8,8 @@ stretch of steps. Whoever handles signals calls `request`, as the command line d
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 REQUESTS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 """Signals that ask to end: Ctrl-C, a polite kill, a terminal that is closed."""
@@ -42,3 +43,13 @@ def check() -> None:
     """Raise KeyboardInterrupt when there was a request."""
     if _requested:
         raise KeyboardInterrupt
+
+
+@contextmanager
+def heard() -> Iterator[None]:
+    """Raise KeyboardInterrupt where compiled code that was interrupted in a call into Python ends as a SystemError."""
+    try:
+        yield
+    except SystemError:
+        check()
+        raise

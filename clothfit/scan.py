@@ -3,7 +3,8 @@
 One value for a whole cloth has a cost with many minima, above all in wind. Cloths do not touch, so each is scanned
 alone: 400 values between the bounds, equally spaced in the logarithm, for masses or stiffnesses; for both a grid of 20
 by 20. Costs add up over the frames, so a motion whose first frames already cost more than the best whole motion is not
-followed further: most of the scan simulates little. A coarse scan goes first, to find a good one soon.
+followed further: most of the scan simulates little. A coarse scan goes first, to find a good one soon. Of large cloths
+only the first frames are looked at, around the start.
 """
 
 from __future__ import annotations
@@ -29,15 +30,21 @@ POINTS = {1: 400, 2: 20}
 COARSE = 5
 """Every so many points along each axis belong to the coarse scan."""
 
-LOOKS, MORE_LOOKS, LARGE = 12, 60, 400
-"""How often a motion's cost is looked at on its way: more often for a cloth of so many vertices, whose steps are dear.
+LOOKS = 12
+"""How often a motion's cost is looked at on its way."""
+
+LARGE = 400
+"""Vertices of a cloth whose steps are dear. Of such a one only the first frames are looked at, `STATES` vertices times
+frames and no fewer than `FIRST`, at `SOME` points by the number of values, within a factor of `REACH` of the start.
 """
+
+STATES, FIRST, SOME, REACH = 60_000, 20, {1: 60, 2: 11}, 100.0
 
 LOOSE = 3e-4
 """Tolerance of the linear systems, relative."""
 
-KEPT = 4
-"""Local minima of the scan that are followed down."""
+KEPT, FEW = 4, 2
+"""Local minima of the scan that are followed down; of a large cloth."""
 
 CLOSE = 1.1
 """… if their cost is within this factor of the lowest."""
@@ -58,8 +65,8 @@ def scan(objective: Objective, cloth: int, p: Array) -> list[list[Bracket]]:
     blocks the value between those on the grid.
     """
     own = scannable(objective, cloth)
-    axes = [np.geomspace(b.kind.lower, b.kind.upper, POINTS[len(own)]) for b in own]
-    course = Course(objective, cloth)
+    axes = [axis_of(block, p[block.start], len(own), is_large(objective, cloth)) for block in own]
+    course = Course(beginning(objective) if is_large(objective, cloth) else objective, cloth)
     costs: dict[Point, float] = {}
     best = np.inf
     for point in coarse_first([len(axis) for axis in axes]):
@@ -68,8 +75,31 @@ def scan(objective: Objective, cloth: int, p: Array) -> list[list[Bracket]]:
         costs[point] = course.cost(q, CLOSE * best)
         best = min(best, costs[point])
     lowest = sorted((cost, point) for point, cost in costs.items() if np.isfinite(cost) and is_minimum(costs, point))
-    kept = [point for cost, point in lowest[:KEPT] if cost <= CLOSE * best]
+    most = FEW if is_large(objective, cloth) else KEPT
+    kept = [point for cost, point in lowest[:most] if cost <= CLOSE * best]
     return [[brackets(axis, i) for axis, i in zip(axes, point, strict=True)] for point in kept]
+
+
+def is_large(objective: Objective, cloth: int) -> bool:
+    """Whether a cloth's steps are dear."""
+    return objective.scene.vertex_counts[cloth] >= LARGE
+
+
+def axis_of(block: Block, value: float, count: int, large: bool) -> Array:
+    """The values of a block that a scan of so many values tries."""
+    lower, upper = block.kind.lower, block.kind.upper
+    if not large:
+        return np.geomspace(lower, upper, POINTS[count])
+    middle = min(max(value, lower), upper)
+    return np.geomspace(max(lower, middle / REACH), min(upper, middle * REACH), SOME[count])
+
+
+def beginning(objective: Objective) -> Objective:
+    """The objective over the first frames, of which something shows; a spectrum needs all."""
+    if "spectrum" in objective.weights:
+        return objective
+    frames = STATES // max(objective.scene.vertex_counts)
+    return objective.until(objective.first_step + max(frames, FIRST))
 
 
 def brackets(axis: Array, i: int) -> Bracket:
@@ -92,10 +122,9 @@ class Course:
 
     def __init__(self, objective: Objective, cloth: int) -> None:
         adds = "spectrum" not in objective.weights  # a spectrum's cost is not a sum over frames
-        looks = MORE_LOOKS if objective.scene.vertex_counts[cloth] >= LARGE else LOOKS
-        ends = {round(objective.steps * (i + 1) / looks) for i in range(looks)} if adds else set()
+        ends = {round(objective.steps * (i + 1) / LOOKS) for i in range(LOOKS)} if adds else set()
         parts = [objective.until(end + 1) for end in sorted(ends | {objective.steps})]
-        self.objective, self.plan = objective, Plan(max(1, -(-objective.steps // looks)))
+        self.objective, self.plan = objective, Plan(max(1, -(-objective.steps // LOOKS)))
         self.legs = [
             (run, {part.runs[i].comparison.last_step: part.runs[i].comparison for part in parts})
             for i, run in enumerate(objective.runs)

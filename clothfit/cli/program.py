@@ -85,7 +85,7 @@ def run(arguments: list[str]) -> int:
     """Run the command line; returns the exit code, having reported what went wrong."""
     interrupts.clear()
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), interrupts.heard():
             warnings.simplefilter("ignore", RuntimeWarning)  # of NumPy, on numbers that leave the finite ones
             code = group.main(arguments or ["--help"], prog_name="clothfit", standalone_mode=False)
         return int(code or 0)
