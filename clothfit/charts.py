@@ -33,7 +33,7 @@ def convergence(axes: Axes, history: Sequence[Progress]) -> None:
 
     named(axes, "convergence", "evaluations of the cost", "RMSE")
     if not history:
-        nothing(axes, "no progress was told")
+        nothing(axes, "known without a search")
         return
     x = np.array([one.evaluations for one in history], float)
     y = np.array([max(one.rmse, FLOOR) for one in history])
@@ -63,7 +63,7 @@ def error(axes: Axes, times: Array, rmse: Array, largest: Array, fitted: float, 
     axes.plot(times, shown(rmse), color=BLUE, linewidth=1.7, label="root mean square")
     axes.axvspan(float(times[0]), fitted, color=WINDOW, alpha=0.07, linewidth=0, label="fitted frames", zorder=0)
     if horizon is not None:
-        axes.axvline(horizon, color=RED, linestyle=(0, (5, 3)), linewidth=1.2, label="horizon")
+        axes.axvline(horizon, color=RED, linestyle=(0, (5, 3)), linewidth=1.4, clip_on=False, label="horizon")
     above(axes)
     axes.set_xlim(float(times[0]), max(float(times[-1]), fitted) + 1e-9)
 
@@ -74,8 +74,9 @@ def shown(values: Array) -> Array:
 
 
 def above(axes: Axes) -> None:
-    """The legend in the line of the title."""
-    axes.legend(fontsize=7.5, frameon=False, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 0.985), columnspacing=1.2,
+    """The legend between the title and the chart."""
+    axes.set_title(axes.get_title(loc="left"), loc="left", fontsize=10, color=INK, pad=20)
+    axes.legend(fontsize=7.5, frameon=False, ncols=4, loc="lower left", bbox_to_anchor=(-0.01, 1.0), columnspacing=1.2,
                 handlelength=1.4, borderaxespad=0.0, handletextpad=0.5)  # fmt: skip
 
 
@@ -131,4 +132,5 @@ def logarithmic(axes: Axes, values: Array) -> None:
 
 def nothing(axes: Axes, why: str) -> None:
     """A word in an empty chart."""
+    axes.set(xticks=[], yticks=[])
     axes.annotate(why, (0.5, 0.5), xycoords="axes fraction", ha="center", fontsize=9, color=QUIET)

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 WIDE = 6.0
 """Values of one kind that differ by more than this factor have a logarithmic colour bar."""
 
+MOST = 20_000
+"""Values of a map; of more, so many are drawn, taken at random."""
+
 SHAPE = (0.5, 1.0)  # height by width of a map, at least and at most
 
 
@@ -52,8 +55,11 @@ def maps(scene: Scene, truth: Scene | None = None) -> list[Map]:
 
 
 def joined(kind: Kind, parts: Sequence[tuple[Array, Array, Flags]], relative: bool) -> Map:
-    """A map of all objects from one for each: places, values, and which of them are known."""
+    """A map of all objects from one for each: places, values, and which of them are known; of very many some."""
     places, values, known = (np.concatenate([part[i] for part in parts]) for i in range(3))
+    if len(values) > MOST:
+        some = np.sort(np.random.default_rng(0).choice(len(values), MOST, replace=False))
+        places, values, known = places[some], values[some], known[some]
     return Map(kind, places, values, known.astype(bool), relative)
 
 
@@ -84,9 +90,16 @@ def draw(axes: Axes, shown: Map) -> None:
 
 def colour_bar(axes: Axes, drawn: Any, shown: Map) -> None:
     """The scale beside a map, with its unit."""
+    from matplotlib.colors import LogNorm
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     figure: Any = axes.figure
     ends = "both" if shown.relative and beyond(shown) else "neither"
     bar = figure.colorbar(drawn, ax=axes, fraction=0.05, pad=0.03, extend=ends)
+    if isinstance(drawn.norm, LogNorm):
+        bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
+        bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        bar.ax.yaxis.set_minor_formatter(NullFormatter())
     bar.set_label("fitted / true − 1" if shown.relative else f"{shown.kind.title}, {shown.kind.unit}", fontsize=8)
     bar.ax.tick_params(labelsize=8)
     bar.outline.set_visible(False)
@@ -135,12 +148,14 @@ def springs(axes: Axes, seen: Camera, flat: Array, shown: Map, norm: Normalize) 
     """A line for each spring, the long ones below."""
     from matplotlib.collections import LineCollection
 
-    order = np.argsort(-np.linalg.norm(flat[:, 0] - flat[:, 1], axis=1), kind="stable")
-    flat, values, known = flat[order], shown.values[order], shown.known[order]
-    width, dots = float(np.clip(45.0 / np.sqrt(max(len(flat), 1)), 0.15, 2.2)), len(flat) > VECTORS
-    lost = LineCollection(list(flat[~known]), colors="#c4c8cf", linewidths=0.6 * width, rasterized=dots)
+    length = np.linalg.norm(flat[:, 0] - flat[:, 1], axis=1)
+    order = np.argsort(-length, kind="stable")
+    flat, values, known, length = flat[order], shown.values[order], shown.known[order], length[order]
+    thick, dots = float(np.clip(50.0 / np.sqrt(max(len(flat), 1)), 0.15, 2.4)), len(flat) > VECTORS
+    width = thick * np.clip(np.median(length) / np.maximum(length, 1e-300), 0.3, 1.0)
+    lost = LineCollection(list(flat[~known]), colors="#c4c8cf", linewidths=0.5 * width[~known], rasterized=dots)
     axes.add_collection(lost, autolim=False)
-    lines = LineCollection(list(flat[known]), cmap=colours(shown), norm=norm, linewidths=width, rasterized=dots)
+    lines = LineCollection(list(flat[known]), cmap=colours(shown), norm=norm, linewidths=width[known], rasterized=dots)
     lines.set_array(values[known])
     axes.add_collection(lines, autolim=False)
     return lines

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
     from clothfit.search import Progress
 
-WIDTH, HEAD, LEGEND, ROW = 12.0, 0.42, 0.2, 2.85  # inches: of all, of the title, what is below it, and of a row
-CHART_SHARE, MAP_SHARE, TEXT_SHARE = 1.35, 1.0, 0.8  # of the width of a row
+WIDTH, HEAD, LEGEND, ROW = 12.0, 0.42, 0.2, 3.0  # inches: of all, of the title, what is below it, and of a row
+CHART_SHARE, MAP_SHARE, TEXT_SHARE = 1.25, 1.1, 0.7  # of the width of a row
 
 
 IN_A_ROW = 3
@@ -62,7 +62,8 @@ def evaluation(over: Overlay, truth: Scene, told: str, fitted: float, horizon: f
 
     `fitted`, `horizon`: the ends, s, of the frames that are fitted, and of the longer comparison.
     """
-    drawn = [Part(lambda axes: charts.error(axes, over.times, over.rmse, over.largest, fitted, horizon))]
+    errors = (over.times, over.rmse, over.largest, fitted, horizon)
+    drawn = [Part(lambda axes: charts.error(axes, *errors), 2.0 * CHART_SHARE)]
     return compared(over, f"{over.scene.name} against {truth.name}", told, drawn, values(over.scene, truth))
 
 
@@ -103,9 +104,10 @@ def composed(
 def place(band: SubFigure, parts: Sequence[Part]) -> None:
     """Draw the parts of a row side by side; a row of maps alone is not stretched to the whole width."""
     shares = [part.share for part in parts]
-    free = max(0.0, IN_A_ROW * MAP_SHARE - sum(shares))
-    grid = band.add_gridspec(1, len(parts) + 1, width_ratios=[*shares, free + 1e-6], left=0.062, bottom=0.17, top=0.86,
-                             right=0.985 if len(parts) > 1 else 0.87, wspace=0.24)  # fmt: skip
+    free = 0.0 if max(shares) >= CHART_SHARE else max(0.0, IN_A_ROW * MAP_SHARE - sum(shares))
+    right = 0.985 if len(parts) > 1 else 0.87
+    grid = band.add_gridspec(1, len(parts) + 1, width_ratios=[*shares, free + 1e-6], left=0.062, right=right,
+                             bottom=0.165, top=0.845, wspace=0.24)  # fmt: skip
     for column, part in enumerate(parts):
         part.draw(band.add_subplot(grid[0, column]))
 

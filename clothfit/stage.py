@@ -15,7 +15,7 @@ import numpy as np
 
 from clothfit.arrays import Array, Flags, Indices
 from clothfit.scene import Scene
-from clothfit.view import LIGHT, Camera, camera, faces, framed, project, shaped, thinned
+from clothfit.view import LIGHT, Camera, direction, faces, framed, project, shaped, thinned
 
 Colour: TypeAlias = tuple[float, float, float]
 
@@ -30,6 +30,9 @@ BALL, BALL_RINGS, CORNERS = (0.72, 0.72, 0.76), 24, 64
 
 LINING = 0.86
 """Brightness of a cloth's other side."""
+
+MOST_FRAMES, MOST_VERTICES = 200, 5000
+"""Of a motion, to decide how large a part of the world the camera shows."""
 
 FAR = 20.0
 """Frames with a vertex that many sizes of the scene away show a motion that has lost itself; they are left out."""
@@ -73,15 +76,20 @@ def stage(scene: Scene, motions: Sequence[Array], most: int, shape: tuple[float,
         cloth += [index] * len(kept)
         start += len(own.mass)
     triangles = np.concatenate(parts).astype(np.int32) if parts else np.zeros((0, 3), np.int32)
-    x = np.concatenate(motions)
-    middle = middles(motions, len(motions[0]))
-    seen = camera(x, triangles)
+    middle = middles(motions[0])
+    axes = direction(motions[0], triangles)
     if middle.any():
-        seen = framed((seen.right, seen.up, seen.forward), (motions[0] - middle[:, None]).reshape(-1, 3))
+        seen = framed(axes, some(motions[0] - middle[:, None]))
     else:
-        around = np.concatenate([x.reshape(-1, 3), *(ball(sphere.centre, sphere.radius) for sphere in scene.spheres)])
-        seen = framed((seen.right, seen.up, seen.forward), around)
+        balls = [ball(sphere.centre, sphere.radius) for sphere in scene.spheres]
+        seen = framed(axes, np.concatenate([*map(some, motions), *balls]))
     return Stage(scene, triangles, np.array(cloth, np.int32), shaped(seen, *shape), middle)
+
+
+def some(x: Array) -> Array:
+    """Points (K, 3) of a motion (F, n, 3): all, or of a large one enough to know where it goes."""
+    frames, count = x.shape[:2]
+    return x[:: max(1, frames // MOST_FRAMES), :: max(1, count // MOST_VERTICES)].reshape(-1, 3)
 
 
 def ball(centre: Array, radius: float) -> Array:
@@ -90,13 +98,12 @@ def ball(centre: Array, radius: float) -> Array:
     return np.asarray(centre + 0.75 * radius * signs)
 
 
-def middles(motions: Sequence[Array], frames: int) -> Array:
-    """Where the camera goes along with the first motion (F, 3): 0 unless that goes far."""
-    x = motions[0]
+def middles(x: Array) -> Array:
+    """Where the camera goes along with a motion (F, n, 3): (F, 3), 0 unless that goes far."""
     low, high = np.nanmin(x, axis=1), np.nanmax(x, axis=1)  # (F, 3)
     own = float((high - low).max())
     way = float((np.nanmax(high, axis=0) - np.nanmin(low, axis=0)).max())
-    return 0.5 * (low + high) if way > ROAMS * own else np.zeros((frames, 3))
+    return 0.5 * (low + high) if way > ROAMS * own else np.zeros((len(x), 3))
 
 
 def good_frames(x: Array) -> int:

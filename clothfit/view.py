@@ -71,9 +71,9 @@ def looking(yaw: float, pitch: float) -> tuple[Array, Array, Array]:
     return right, np.cross(forward, right), forward
 
 
-def camera(x: Array, triangles: Indices) -> Camera:
-    """The camera for a motion x (F, n, 3), NaN where nothing is known: of some directions the one that shows the most
-    of the cloth, and of the plane what the motion passes through.
+def direction(x: Array, triangles: Indices) -> tuple[Array, Array, Array]:
+    """Right, up and forward (3,) of the camera for a motion x (F, n, 3), NaN where nothing is known: of some directions
+    the one that shows the most of the cloth.
     """
     frames = x[np.unique(np.linspace(0, len(x) - 1, LOOKS).round().astype(int))]
     best, most = looking(YAWS[0], PITCH), 0.0
@@ -82,7 +82,7 @@ def camera(x: Array, triangles: Indices) -> Camera:
         shown = sum(float(np.nansum(np.abs(_areas(_along(frame, axes), triangles)))) for frame in frames)
         if shown > (BETTER if most else 1.0) * most:
             best, most = axes, shown
-    return framed(best, x.reshape(-1, 3))
+    return best
 
 
 def facing(x: Array) -> Camera:

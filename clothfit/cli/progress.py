@@ -26,7 +26,7 @@ RECENT = 10.0
 """Seconds over which the pace is taken."""
 
 BARS = "▁▂▃▄▅▆▇█"
-LONGEST = 40  # characters of the curve of the RMSE
+WIDEST, LONGEST = 76, 40  # characters of the panel, and of the curve of the RMSE
 
 
 class Pace:
@@ -101,16 +101,17 @@ def live() -> Iterator[Callable[[Progress], None]]:
     from rich.console import Console
     from rich.live import Live
 
-    shown = Shown()
-    with Live(console=Console(stderr=True), transient=True, refresh_per_second=8, get_renderable=shown.panel):
+    console = Console(stderr=True)
+    shown = Shown(min(console.width, WIDEST))
+    with Live(console=console, transient=True, refresh_per_second=8, get_renderable=shown.panel):
         yield shown.see
 
 
 class Shown:
     """What the panel holds."""
 
-    def __init__(self) -> None:
-        self.began = time.perf_counter()
+    def __init__(self, width: int = WIDEST) -> None:
+        self.width, self.began = width, time.perf_counter()
         self.progress: Progress | None = None
         self.known, self.rate = Pace(), 0.0
         self.errors: list[float] = []
@@ -129,7 +130,7 @@ class Shown:
         lines.highlight_regex(f"[{BARS}]+", "cyan")
         lines.highlight_regex(r"RMSE [\d.e+-]+ \w+", "bold")
         title = f"fitting  {duration(time.perf_counter() - self.began)}"
-        return Panel(lines, title=title, title_align="left", border_style="dim", expand=False, padding=(0, 1))
+        return Panel(lines, title=title, title_align="left", border_style="dim", width=self.width, padding=(0, 1))
 
     def lines(self) -> list[str]:
         """Its lines."""
