@@ -169,6 +169,7 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
         y, prior, status = minimise(search, part.problem(), y, prior, accepted, most)
         search.prior = prior
         if not whole:
+            search.enter("gauss-newton")
             search.visit(search.parameters(y))
     if before[0] < search.best_cost:
         search.prior = None

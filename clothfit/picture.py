@@ -28,15 +28,17 @@ def check(path: str | os.PathLike[str], kinds: Sequence[str] = PLOTS) -> str:
     name = os.fspath(path)
     kind = os.path.splitext(name)[1].lower().removeprefix(".")
     if kind not in kinds:
-        ends = " or ".join([", ".join(f".{one}" for one in kinds[:-1])] * (len(kinds) > 1) + [f".{kinds[-1]}"])
+        *others, last = (f".{one}" for one in kinds)
+        ends = f"{', '.join(others)} or {last}" if others else last
         raise InvalidInput(f"{name}: a picture's name ends in {ends}")
     check_writable(path)
     library, module = ("Pillow", "PIL") if kind in GIF else ("matplotlib", "matplotlib")
     try:
         import_module(module)
     except ImportError:
-        install = "install it with: pip install 'clothfit[plot]'"
-        raise InvalidInput(f"{name}: a picture needs {library}; {install}") from None
+        raise InvalidInput(
+            f"{name}: a picture needs {library}; install it with: pip install 'clothfit[plot]'"
+        ) from None
     return kind
 
 

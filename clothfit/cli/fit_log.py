@@ -1,8 +1,8 @@
 """`clothfit estimate --log FILE`: the way of a fit as JSON lines, for other programs to follow.
 
-One object for each iteration, which is a change of the parameters that was accepted: `iteration`, `evaluations`,
-`seconds`, `cost`, `rmse`, `step`, `stage`, `window` and `frames`, `window_rmse`, all as in `search.Progress`; null
-where a number is not finite. At the end `{"summary": …}` with what --json prints. Every line is written at once.
+One object for each iteration, which is a change of the parameters that was accepted, and another where its point turns
+out to be the best over all frames: `iteration`, `evaluations`, `seconds`, `cost`, `rmse`, `step`, `stage`, `window`
+and `frames`, `window_rmse`, all as in `search.Progress`; null where a number is not finite. At the end `{"summary": …}` with what --json prints. Every line is written at once.
 
 A log that cannot be written any more is given up with a warning: the fit is worth more.
 """
@@ -60,15 +60,15 @@ class FitLog:
         self.path, self.known, self.console = path, known, console
         self.file: IO[bytes] | None = None
         self.given_up = False
-        self.last = -1  # iteration
+        self.last: tuple[int, float] | None = None  # iteration and cost
         self.skipped = 0  # iterations that the resumed fit does not count
 
     def see(self, progress: Progress) -> None:
-        """Write an iteration that is new."""
+        """Write what is new: an iteration, or that the point it led to is the best over all frames."""
         self.begin(progress)
-        if progress.iteration == self.last:
+        if (progress.iteration, progress.cost) == self.last:
             return
-        self.last = progress.iteration
+        self.last = progress.iteration, progress.cost
         told = {key: getattr(progress, key) for key in KEYS}
         self.write({**told, "iteration": self.skipped + progress.iteration})
 

@@ -128,7 +128,7 @@ class Shown:
 
         lines = Text("\n").join([Text(line, overflow="ellipsis", no_wrap=True) for line in self.lines()])
         lines.highlight_regex(f"[{BARS}]+", "cyan")
-        lines.highlight_regex(r"RMSE [\d.e+-]+ \w+", "bold")
+        lines.highlight_regex("^cost .*", "bold")
         title = f"fitting  {duration(time.perf_counter() - self.began)}"
         return Panel(lines, title=title, title_align="left", border_style="dim", width=self.width, padding=(0, 1))
 
