@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 BLUE, ORANGE, GREEN, PURPLE, RED, SKY = "#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9"
 WINDOW = "#0072b2"
+HIGH = 20.0  # points of a title above its chart: room for a legend between
 FLOOR = 1e-15  # m: what is less is rounding, and has no place on a logarithmic axis
 
 ENERGIES = (
@@ -75,7 +76,6 @@ def shown(values: Array) -> Array:
 
 def above(axes: Axes) -> None:
     """The legend between the title and the chart."""
-    axes.set_title(axes.get_title(loc="left"), loc="left", fontsize=10, color=INK, pad=20)
     axes.legend(fontsize=7.5, frameon=False, ncols=4, loc="lower left", bbox_to_anchor=(-0.01, 1.0), columnspacing=1.2,
                 handlelength=1.4, borderaxespad=0.0, handletextpad=0.5)  # fmt: skip
 
@@ -96,13 +96,13 @@ def energies(axes: Axes, energy: Energy) -> None:
 def text(axes: Axes, title: str, lines: Sequence[str]) -> None:
     """Some lines instead of a chart."""
     axes.set_axis_off()
-    axes.set_title(title, loc="left", fontsize=10, color=INK)
+    axes.set_title(title, loc="left", fontsize=10, color=INK, pad=HIGH)
     axes.text(0.0, 0.97, "\n".join(lines), transform=axes.transAxes, va="top", fontsize=9, color=INK, linespacing=1.6)
 
 
 def named(axes: Axes, title: str, x: str, y: str) -> None:
     """Title, names of the axes, and a faint grid."""
-    axes.set_title(title, loc="left", fontsize=10, color=INK)
+    axes.set_title(title, loc="left", fontsize=10, color=INK, pad=HIGH)
     axes.set_xlabel(x, fontsize=8.5, color=INK)
     axes.set_ylabel(y, fontsize=8.5, color=INK)
     axes.tick_params(labelsize=8)

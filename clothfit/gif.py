@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from clothfit.arrays import Array
-from clothfit.stage import CLOTHS, GREEN, Patches, Stage, good_frames, painted, pins, sightings, stage, wind
+from clothfit.stage import CLOTHS, GREEN, Colour, Patches, Stage, good_frames, painted, pins, sightings, stage, wind
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -41,6 +41,7 @@ PAUSE = 0.6
 COLOURS = 96
 SHAPE = (0.45, 1.0)  # height by width, at least and at most
 GROUND, INK, QUIET = (243, 245, 248), (70, 74, 82), (150, 154, 162)
+NAMES = (("target", GREEN), ("fitted", CLOTHS[0]))
 PIN, SEEN = (194, 47, 47), (22, 150, 72)  # fixed vertices, and those of a target that is seen in part
 
 
@@ -89,7 +90,7 @@ def animation(scene: Scene, times: Array, x: Array, over: Array | None = None, w
 
 
 def palette(pictures: list[Image]) -> Image:
-    """An image whose palette suits all pictures: that of some of them side by side."""
+    """An image whose palette suits all pictures: that of some of them side by side, and the colours of small marks."""
     from PIL import Image
 
     some = [pictures[i] for i in np.unique(np.linspace(0, len(pictures) - 1, 6).round().astype(int))]
@@ -97,7 +98,11 @@ def palette(pictures: list[Image]) -> Image:
     sheet = Image.new("RGB", (width, height * len(some)))
     for row, one in enumerate(some):
         sheet.paste(one, (0, row * height))
-    return sheet.quantize(COLOURS, method=Image.Quantize.MEDIANCUT)
+    marks = [part for colour in (PIN, SEEN, *(ink(colour) for _, colour in NAMES)) for part in colour]
+    found = sheet.quantize(COLOURS, method=Image.Quantize.MEDIANCUT).getpalette() or []
+    made = Image.new("P", (1, 1))
+    made.putpalette(found[: 3 * COLOURS] + marks)
+    return made
 
 
 def picture(
@@ -149,9 +154,8 @@ def write(
     slowed = "" if speed == 1.0 else f", {1 / speed:.3g} times slower"
     draw.text((0.025 * width, 0.022 * width), f"{times[frame]:.2f} s{slowed}", font=font, fill=INK)
     if target:
-        for right, name, colour in ((0.975, "target", GREEN), (0.865, "fitted", CLOTHS[0])):
-            ink = tuple(round(200 * part) for part in colour)
-            draw.text((right * width, 0.022 * width), name, font=font, fill=ink, anchor="ra")
+        for right, (name, colour) in zip((0.975, 0.865), NAMES, strict=True):
+            draw.text((right * width, 0.022 * width), name, font=font, fill=ink(colour), anchor="ra")
     way = (times[frame] - times[0]) / max(times[-1] - times[0], 1e-300)
     draw.rectangle((0, height - 5, width, height), fill=(226, 229, 234))
     draw.rectangle((0, height - 5, float(way) * width, height), fill=QUIET)
@@ -160,6 +164,11 @@ def write(
         arrow(draw, np.array([0.075 * width, height - 0.085 * width]), 0.05 * width * blows[0] * (1.0, -1.0))
         place = (0.14 * width, height - 0.085 * width)
         draw.text(place, f"wind {blows[1]:.3g} m/s", font=font, fill=QUIET, anchor="lm")
+
+
+def ink(colour: Colour) -> tuple[int, ...]:
+    """A colour in which words can be read."""
+    return tuple(round(200 * part) for part in colour)
 
 
 def arrow(draw: ImageDraw, middle: Array, half: Array) -> None:

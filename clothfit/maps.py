@@ -81,7 +81,7 @@ def draw(axes: Axes, shown: Map) -> None:
              facecolor=GROUND)  # fmt: skip
     axes.spines[:].set_visible(False)
     title = f"{shown.kind.title}: deviation from the truth" if shown.relative else f"{shown.kind.title}, fitted"
-    axes.set_title(title, loc="left", fontsize=10, color=INK)
+    axes.set_title(title, loc="left", fontsize=10, color=INK, pad=5)
     hidden = int((~shown.known).sum())
     if hidden:
         axes.set_xlabel(f"grey: {hidden} that the motion cannot show", fontsize=8, color=QUIET)
@@ -163,7 +163,7 @@ def springs(axes: Axes, seen: Camera, flat: Array, shown: Map, norm: Normalize) 
 
 def colours(shown: Map) -> str:
     """The name of the colour map: one with a middle for deviations."""
-    return "RdBu_r" if shown.relative else "viridis"
+    return "coolwarm" if shown.relative else "viridis"
 
 
 def single_values(scene: Scene, truth: Scene | None = None) -> Sequence[str]:

@@ -2,6 +2,8 @@
 
 import json
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -120,3 +122,12 @@ def test_a_log_that_cannot_be_written_is_said_before_the_fit(path, capsys):
 def test_a_log_is_a_file_of_its_own(path, capsys, name):
     assert run(["estimate", path, "--log", name]) == 3
     assert "must be a file of its own, not an input or an output" in capsys.readouterr().err
+
+
+def test_the_page_tells_all_keys():
+    page = (Path(__file__).resolve().parents[1] / "docs" / "progress.md").read_text("utf-8")
+    rows = re.findall(r"^\| (`.*?) \|", page, re.MULTILINE)
+    told = [key for row in rows for key in re.findall(r"`(\w+)`", row)]
+    assert set(KEYS) | {"summary"} == set(told)
+    shown = [json.loads(line) for line in re.findall(r'^{"iteration.*', page, re.MULTILINE)]
+    assert all(tuple(line) == KEYS for line in shown)

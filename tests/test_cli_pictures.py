@@ -1,6 +1,8 @@
 """--plot and --gif of the commands."""
 
+import re
 import sys
+from pathlib import Path
 
 import pytest
 from scenes import names, trial, write_scene
@@ -90,3 +92,12 @@ def test_several_fits_have_no_pictures_and_no_log(path, capsys, option, several)
     assert run(["estimate", path, *several, option]) == 2
     assert "is for one scene fitted from one start on this machine" in capsys.readouterr().err
     assert names() == ["scene.json"]
+
+
+def test_the_python_of_the_page_draws(path, tmp_path):
+    write_scene(tmp_path, trial("nG", 12, springStiffness=[20.0] * 33), "fitted.json")
+    page = (Path(__file__).resolve().parents[1] / "docs" / "pictures.md").read_text("utf-8")
+    (block,) = re.findall(r"^```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    exec(compile(block, "docs/pictures.md", "exec"), {})
+    assert signed("error.png")
+    assert signed("error.gif")

@@ -1,8 +1,9 @@
 """`clothfit estimate --log FILE`: the way of a fit as JSON lines, for other programs to follow.
 
 One object for each iteration, which is a change of the parameters that was accepted, and another where its point turns
-out to be the best over all frames: `iteration`, `evaluations`, `seconds`, `cost`, `rmse`, `step`, `stage`, `window`
-and `frames`, `window_rmse`, all as in `search.Progress`; null where a number is not finite. At the end `{"summary": …}` with what --json prints. Every line is written at once.
+out to be the best over all frames: `iteration`, `evaluations`, `seconds`, `cost`, `rmse`, `step`, `stage`, `window` and
+`frames`, `window_rmse`, all as in `search.Progress`; null where a number is not finite. At the end `{"summary": …}`
+with what --json prints. Every line is written at once.
 
 A log that cannot be written any more is given up with a warning: the fit is worth more.
 """
