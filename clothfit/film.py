@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clothfit.arrays import Array
-from clothfit.stage import GREEN, Patches, Stage, painted, pins, sightings, wind
+from clothfit.stage import GREEN, Patches, Stage, bare, painted, pins, sightings, wind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,6 +52,8 @@ def still(axes: Axes, on: Stage, frame: int, x: Array, over: Array | None) -> No
     for layer in layers:
         if len(layer.corners):
             draw_patches(axes, layer, dots)
+    alone, colours = bare(on, frame, x)
+    axes.scatter(alone[:, 0], alone[:, 1], s=(2.0 * DOT) ** 2, c=colours, linewidths=0, zorder=2)
     if over is not None:
         dots_at = sightings(on, frame, over)
         axes.plot(dots_at[:, 0], dots_at[:, 1], "o", color=GREEN, markersize=DOT, markeredgewidth=0, zorder=3)

@@ -14,8 +14,21 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from clothfit.arrays import Array
-from clothfit.stage import CLOTHS, GREEN, Colour, Patches, Stage, good_frames, painted, pins, sightings, stage, wind
+from clothfit.arrays import Array, Indices
+from clothfit.stage import (
+    CLOTHS,
+    GREEN,
+    Colour,
+    Patches,
+    Stage,
+    bare,
+    good_frames,
+    painted,
+    pins,
+    sightings,
+    stage,
+    wind,
+)
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -119,6 +132,8 @@ def picture(
             ImageDraw.Draw(top).polygon(corners, fill=colour)
         image = top if layer.opacity == 1.0 else Image.blend(image, top, layer.opacity)
     draw = ImageDraw.Draw(image)
+    for (u, v), colour in zip(*(part.tolist() for part in bare_pixels(on, frame, x[frame], fine)), strict=True):
+        draw.ellipse((u - 6, v - 6, u + 6, v + 6), fill=tuple(colour))
     marks = [(pins(on, frame, x[frame]), PIN, 5.0)]
     if over is not None:
         marks.insert(0, (sightings(on, frame, over[frame]), SEEN, 3.5))
@@ -127,6 +142,12 @@ def picture(
             draw.ellipse((u - radius, v - radius, u + radius, v + radius), fill=colour)
     write(draw, image.size, on, times, frame, over is not None, speed)
     return image.resize((width, round(width * on.camera.aspect)), Image.Resampling.BOX)
+
+
+def bare_pixels(on: Stage, frame: int, x: Array, width: int) -> tuple[Array, Indices]:
+    """Pixels (K, 2) and colours (K, 3), 0 … 255, of the vertices that no face shows."""
+    places, colours = bare(on, frame, x)
+    return pixels(on, places, width), np.round(255 * colours).astype(np.int32)
 
 
 def polygons(on: Stage, layer: Patches, width: int) -> Iterator[tuple[list[tuple[float, float]], tuple[int, ...]]]:

@@ -107,12 +107,10 @@ def middles(x: Array) -> Array:
 
 
 def good_frames(x: Array) -> int:
-    """How many frames of a motion (F, n, 3) can be shown: those before it loses itself."""
-    first = x[0][np.isfinite(x[0]).all(axis=1)]
-    size = float(np.ptp(first, axis=0).max()) if len(first) else 1.0
+    """How many frames of a simulated motion (F, n, 3) can be shown: those before it loses itself."""
     with np.errstate(invalid="ignore"):
-        step = np.nanmax(np.ptp(x, axis=1), axis=1) if len(first) else np.zeros(len(x))
-    lost = np.flatnonzero(step > FAR * size)
+        size = np.ptp(x, axis=1).max(axis=1)  # NaN where a position is not finite
+        lost = np.flatnonzero(~(size <= FAR * size[0]))
     return int(lost[0]) if len(lost) else len(x)
 
 
@@ -179,6 +177,17 @@ def pins(on: Stage, frame: int, x: Array) -> Array:
     """Where the fixed vertices are in the picture (K, 2), m."""
     fixed: Flags = np.concatenate([cloth.fixed for cloth in on.scene.cloths])
     return project(on.camera, x[fixed] - on.middle[frame])[:, :2]
+
+
+def bare(on: Stage, frame: int, x: Array) -> tuple[Array, Array]:
+    """Where vertices are that no face shows (K, 2), m, some of very many, and their colours (K, 3)."""
+    counts = on.scene.vertex_counts
+    faceless = [len(cloth.triangles) == 0 for cloth in on.scene.cloths]
+    shown = np.flatnonzero(np.repeat(faceless, counts))
+    shown = shown[:: max(1, len(shown) // MOST_VERTICES)]
+    own = np.repeat(np.arange(len(counts)), counts)[shown]
+    colours = np.array([CLOTHS[i % len(CLOTHS)] for i in range(len(counts))])[own]
+    return project(on.camera, x[shown] - on.middle[frame])[:, :2], colours
 
 
 def sightings(on: Stage, frame: int, over: Array) -> Array:

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scenes import cloth, document, sphere
 
 from clothfit.scene import load
-from clothfit.stage import BALL_RINGS, THROUGH, good_frames, painted, pins, sightings, stage, wind
+from clothfit.stage import BALL_RINGS, CLOTHS, THROUGH, bare, good_frames, painted, pins, sightings, stage, wind
 from clothfit.view import project
 
 
@@ -81,10 +81,21 @@ def test_the_camera_follows_a_cloth_that_goes_far_and_only_such_a_one():
     assert_allclose(first, last, atol=1e-12)
 
 
-@pytest.mark.parametrize(("bad", "good"), [(None, 10), (4, 4)])
-def test_a_motion_is_shown_until_it_loses_itself(bad, good):
-    scene = load(document())
-    x = still(scene, 10, (0.0, -5.0, 0.0))  # falling far is not losing itself
-    if bad is not None:
-        x[bad:, 3] = 1e9
-    assert good_frames(x) == good
+def test_vertices_that_no_face_shows_are_dots():
+    scene = load(document(cloth(), cloth(triangles=[])))
+    x = still(scene)
+    on = stage(scene, [x], 1000)
+    places, colours = bare(on, 0, x[0])
+    assert_allclose(places, project(on.camera, x[0, 12:])[:, :2])
+    assert_allclose(colours, np.tile(CLOTHS[1], (12, 1)))
+
+
+def test_falling_far_is_not_losing_itself():
+    assert good_frames(still(load(document()), 10, (0.0, -5.0, 0.0))) == 10
+
+
+@pytest.mark.parametrize("value", [1e9, np.inf, np.nan])
+def test_a_motion_is_shown_until_it_loses_itself(value):
+    x = still(load(document()), 10)
+    x[4:, 3] = value
+    assert good_frames(x) == 4
