@@ -83,7 +83,10 @@ class Pictures:
         """Draw a fit of a scene, over the first of its targets or over its own motion; nobody waits for it who has
         asked for the end.
         """
-        if not self.wanted or found.status == "interrupted":
+        if not self.wanted:
+            return
+        if found.status == "interrupted":
+            console.say("nothing is drawn, as the fit was interrupted")
             return
         over = over_target(found, scene, targets[0] if targets else None)
         if self.plot is not None:

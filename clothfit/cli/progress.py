@@ -126,7 +126,7 @@ class Shown:
         from rich.panel import Panel
         from rich.text import Text
 
-        lines = Text("\n").join([Text(line, overflow="ellipsis", no_wrap=True) for line in self.lines()])
+        lines = Text("\n".join(self.lines()))
         lines.highlight_regex(f"[{BARS}]+", "cyan")
         lines.highlight_regex("^cost .*", "bold")
         title = f"fitting  {duration(time.perf_counter() - self.began)}"
