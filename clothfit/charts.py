@@ -76,7 +76,7 @@ def shown(values: Array) -> Array:
 
 def above(axes: Axes) -> None:
     """The legend between the title and the chart."""
-    axes.legend(fontsize=7.5, frameon=False, ncols=4, loc="lower left", bbox_to_anchor=(-0.01, 1.0), columnspacing=1.2,
+    axes.legend(fontsize=7.5, frameon=False, ncols=8, loc="lower left", bbox_to_anchor=(-0.01, 1.0), columnspacing=1.2,
                 handlelength=1.4, borderaxespad=0.0, handletextpad=0.5)  # fmt: skip
 
 
@@ -90,7 +90,8 @@ def energies(axes: Axes, energy: Energy) -> None:
             axes.plot(energy.times, values, color=colour, linewidth=2.0 if heavy else 1.3, label=name, zorder=3 + heavy)
     if energy.wind.any():
         axes.plot(energy.times, energy.wind, color=GREEN, linewidth=1.3, linestyle=":", label="work of the wind")
-    axes.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+    above(axes)
+    axes.set_xlim(float(energy.times[0]), float(energy.times[-1]) + 1e-9)
 
 
 def text(axes: Axes, title: str, lines: Sequence[str]) -> None:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from clothfit.search import Progress
 
 WIDTH, HEAD, LEGEND, ROW = 12.0, 0.42, 0.2, 3.0  # inches: of all, of the title, what is below it, and of a row
-CHART_SHARE, MAP_SHARE, TEXT_SHARE = 1.25, 1.1, 0.7  # of the width of a row
+CHART_SHARE, MAP_SHARE, TEXT_SHARE = 1.25, 1.1, 0.85  # of the width of a row
 
 
 IN_A_ROW = 3
@@ -105,8 +105,9 @@ def place(band: SubFigure, parts: Sequence[Part]) -> None:
     """Draw the parts of a row side by side; a row of maps alone is not stretched to the whole width."""
     shares = [part.share for part in parts]
     free = 0.0 if max(shares) >= CHART_SHARE else max(0.0, IN_A_ROW * MAP_SHARE - sum(shares))
-    right = 0.985 if len(parts) > 1 else 0.87
-    grid = band.add_gridspec(1, len(parts) + 1, width_ratios=[*shares, free + 1e-6], left=0.062, right=right,
+    widths = [*shares, free] if free else shares
+    right = 0.985 if shares[-1] >= CHART_SHARE else 0.94  # colour bars and words stand out beyond
+    grid = band.add_gridspec(1, len(widths), width_ratios=widths, left=0.062, right=right,
                              bottom=0.165, top=0.845, wspace=0.24)  # fmt: skip
     for column, part in enumerate(parts):
         part.draw(band.add_subplot(grid[0, column]))
