@@ -61,6 +61,7 @@ def find(search: Search, start: Array, others: Callable[[], list[Array]] | None,
     exact = by_momentum(search, start, momentum.TREATMENTS[:1], first)
     if one_value_each(search):
         return by_scan(search, start, tau)
+    search.enter("starts")
     guesses = [start]
     if others is not None and not is_near(search, search.visit(start)):
         known = search.journal.recall("others", lambda: np.array(others()))
@@ -91,6 +92,7 @@ def by_momentum(
     if not momentum.fits(search.objective):
         search.note("too little memory for the balance of momentum, which was left out (--memory)")
         return []
+    search.enter("momentum")
     found: list[tuple[float, Array]] = []
     for treatment in treatments:
         fit = partial(momentum.fit, search.objective, start, search.fitted, treatment)
@@ -124,6 +126,7 @@ def one_value_each(search: Search) -> bool:
 
 def by_scan(search: Search, start: Array, tau: float | None) -> str:
     """Scan the values of each cloth, and follow the best points down: one value by Brent's method."""
+    search.enter("scan")
     if not is_near(search):
         search.visit(start)
     for cloth in search.objective.cloths:
@@ -166,6 +169,7 @@ def by_brent(search: Search, p: Array, place: int, bracket: Array) -> None:
 
 def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, windows: bool = True) -> str:
     """Gauss–Newton from p (P,), in windows of more and more frames where p is far from the target."""
+    search.enter("gauss-newton")
     cost = search.visit(p)
     before, status = (search.best_cost, search.best), "stalled"
     y: Array | None = None
@@ -173,6 +177,7 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
     for objective, least, iterations in stages(search, is_near(search, cost), windows):
         whole = objective is search.objective
         part = Trajectory(search, objective)
+        search.enter("gauss-newton", objective)
         y = part.y(p) if y is None else y
         prior = part.prior(part.y(centre), tau) if prior is None else prior
         if not np.isfinite(part.cost(y)):
@@ -180,6 +185,7 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
         search.prior = prior
         if part.operations() > LARGEST or not part.fits():
             if matrix_free.fits(part):
+                search.enter("matrix-free", objective)
                 y, status = matrix_free.minimise(part, y, prior, whole)
                 continue
             search.prior = None
@@ -191,6 +197,7 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
         y, prior, status = minimise(search, part.problem(least), y, prior, accepted, iterations)
         search.prior = prior
         if not whole:
+            search.enter("gauss-newton")
             search.visit(search.parameters(y))
     if before[0] < search.best_cost:
         search.prior = None

@@ -28,6 +28,7 @@ def minimise(search: Search, method: str) -> str:
     """Run a minimiser until it or the search ends it; returns the status. Raises Stop."""
     from scipy import optimize
 
+    search.enter(method)
     minimizer: Any = optimize.minimize  # its stubs know methods by literal names only
     takes = METHODS[method]
     arguments: dict[str, Any] = {"method": method, "options": options(method, search.budget)}

@@ -8,13 +8,12 @@ has a marker of its own as well.
 
 from __future__ import annotations
 
-import io
 import os
 from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
-from clothfit.errors import InvalidInput
-from clothfit.output import check_writable, write_atomically
+from clothfit.picture import save
 from clothfit.precision import Row, WorkPrecision
 from clothfit.words import counted, metres
 
@@ -22,12 +21,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FORMATS = ("png", "svg", "pdf")
-SIZE, DOTS = (9.2, 5.2), 150  # inches, dots per inch of a .png
+SIZE = (9.2, 5.2)  # inches
 INK, QUIET, GOAL = "#222222", "#767676", "#a01c1c"
 STYLES = {"explicit": ("#e69f00", "^"), "symplectic": ("#0072b2", "o")}
 NEWTON_STYLES = (("#009e73", "s"), ("#cc79a7", "D"), ("#d55e00", "v"), ("#56b4e9", "P"))
-FACES = ["DejaVu Sans"]  # comes with matplotlib, so that a picture does not depend on the machine's fonts
 
 
 class Line(NamedTuple):
@@ -40,32 +37,12 @@ class Line(NamedTuple):
     main: bool  # at the scene's own tolerance, or with none
 
 
-def check(path: str | os.PathLike[str]) -> str:
-    """The format that a path's extension names, when a picture can be made and written there. Raises InvalidInput."""
-    kind = os.path.splitext(os.fspath(path))[1].lower().removeprefix(".")
-    if kind not in FORMATS:
-        raise InvalidInput(f"{os.fspath(path)}: a picture's name ends in .png, .svg or .pdf")
-    check_writable(path)
-    try:
-        import matplotlib  # noqa: F401 (to know, before long work, whether it is there)
-    except ImportError:
-        raise InvalidInput("pictures need matplotlib: pip install matplotlib, or clothfit with its extra: "
-                           "pip install '.[plot]'") from None
-    return kind
-
-
 def save_diagram(found: WorkPrecision, path: str | os.PathLike[str], error: float | None = None) -> None:
     """Write the diagram to a .png, .svg or .pdf, whole or not at all, with a line at the `error`, m, that is asked for.
 
     Raises InvalidInput when it cannot be made or written.
     """
-    kind = check(path)
-    from matplotlib import rc_context
-
-    buffer = io.BytesIO()
-    with rc_context({"font.family": FACES, "svg.hashsalt": "clothfit", "svg.fonttype": "path"}):
-        draw(found, error).savefig(buffer, format=kind, dpi=DOTS, metadata={"Date": None} if kind == "svg" else None)
-    write_atomically(path, buffer.getvalue())
+    save(path, partial(draw, found, error))
 
 
 def draw(found: WorkPrecision, error: float | None = None) -> Figure:

@@ -101,6 +101,7 @@ class Residuals:
         except Diverged:
             return np.full(self.count, FAR * self.worst)
         self.part.remember(p, sum(cost.value for _, cost, _ in told))
+        self.part.search.tell()
         parts = [run.comparison.residual_of(states.states) for run, _, states in told]
         below = [w * self.prior.deviation(y, g) for w, g in zip(self.weights, self.prior.groups, strict=True)]
         r = np.concatenate([*parts, *below])

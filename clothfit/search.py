@@ -64,6 +64,12 @@ class Progress:
     cost: float  # best so far, m²
     rmse: float  # best so far, m; of what is compared
     seconds: float
+    iteration: int = 0  # changes of the parameters that were accepted so far
+    step: float = np.nan  # the largest relative change of a parameter by the last of them
+    stage: str = ""  # what is being done: a method, or what prepares it
+    window: int = 0  # frames that are compared at this stage …
+    frames: int = 0  # … of so many
+    window_rmse: float = np.nan  # of the last accepted point, m, where that is of fewer than all frames
 
 
 class Search:
@@ -99,6 +105,9 @@ class Search:
         self.notes: list[str] = []  # what the user should know
         self.history: list[float] = []  # best cost after each evaluation
         self.scale = self.coordinates.weight[self.fitted]
+        self.stage, self.window, self.window_rmse = "start", objective.frames, np.nan
+        self.iterations, self.step = 0, np.nan
+        self._at = self.best  # the last accepted point, in a window or not
         self.unit = 0.0
         self.worst = 0.0
         self._shaken, self._plateau = np.nan, False  # the cost at which the plateau was looked for, and what was found
@@ -173,6 +182,7 @@ class Search:
     def settle(self, p: Array, cost: float) -> None:
         """Make parameters (P,) of that cost the best point. Raises Stop when the error is small enough."""
         self.best, self.best_cost = p, cost
+        self.advance(p)
         self.tell()
         if self._near():
             raise Stop("converged")
@@ -191,6 +201,19 @@ class Search:
         self.unit, self.worst = float(standing[1]), float(standing[2])
         self.best_gradient, self.history = standing[3 + count : 3 + 2 * count], standing[3 + 2 * count :].tolist()
         self.settle(standing[3 : 3 + count], float(standing[0]))
+
+    def enter(self, stage: str, objective: Objective | None = None) -> None:
+        """Say what is done from now on, and on which objective: the search's own, or one of fewer frames."""
+        self.stage, self.window = stage, (objective or self.objective).frames
+
+    def advance(self, p: Array, window_rmse: float = np.nan) -> None:
+        """Count a change to parameters (P,) that was accepted, with the error, m, of a window where it was there."""
+        self.window_rmse = window_rmse
+        if not np.array_equal(p, self._at):
+            size = np.maximum(np.abs(self._at), self.coordinates.change(self._at))[self.fitted]
+            change = np.abs(p - self._at)[self.fitted]
+            self.step = float((change[size > 0] / size[size > 0]).max(initial=0.0))
+            self.iterations, self._at = self.iterations + 1, p
 
     def note(self, text: str) -> None:
         """Tell the user something, once."""
@@ -216,6 +239,7 @@ class Search:
         self.worst = max(self.worst, cost)
         if cost < self.best_cost:
             self.best, self.best_cost, self.best_gradient = p, cost, gradient
+            self.advance(p)
 
     def _bowl(self, y: Array) -> tuple[float, Array]:
         away = y - self.y
@@ -226,7 +250,8 @@ class Search:
         """Report how far the search is, where there is a result."""
         if self.report and np.isfinite(self.best_cost) and not self.journal.repeating:
             rmse = self.objective.rmse(self.best_cost)
-            self.report(Progress(self.evaluations, self.budget, self.best_cost, rmse, self.seconds))
+            at = (self.iterations, self.step, self.stage, self.window, self.objective.frames, self.window_rmse)
+            self.report(Progress(self.evaluations, self.budget, self.best_cost, rmse, self.seconds, *at))
 
     def _check_end(self) -> None:
         if self._near():

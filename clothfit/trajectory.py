@@ -61,6 +61,7 @@ class Trajectory:
 
     def passed(self, state: gauss_newton.State, model: gauss_newton.Model) -> None:
         """Tell of an iteration on fewer frames."""
+        self.search.advance(self.search.parameters(model.y), self.objective.rmse(model.cost))
         self.search.tell()
 
     def problem(self, least: float = 0.0) -> gauss_newton.Problem:

@@ -231,8 +231,8 @@ COMMANDS: dict[str, Case] = {
     "start: … is not within the bounds …": fit("--start 1e9"),
     "memory: … is not a size; give one such as 200MB, 2GiB or 1.5G": fit("--memory much"),
     "memory: … is not possible; a size above 0, such as 200MB, is": fit("--memory 0"),
-    "a picture's name ends in .png, .svg or .pdf": speed("--plot x.gif"),
-    "pictures need matplotlib: pip install matplotlib, or clothfit with its extra: pip install '.[plot]'": Case(
+    "a picture's name ends in …": speed("--plot x.gif"),
+    "a picture needs …; install it with: pip install 'clothfit[plot]'": Case(
         speed("--plot x.svg").arguments, {}, lambda patch: patch.setitem(sys.modules, "matplotlib", None)
     ),
     "standard input (-) can be only one of the inputs": Case("evaluate - -"),

@@ -129,7 +129,7 @@ def test_a_picture_is_written(path, tmp_path, capsys):
         (["--speed", "--target", "t.npz"], "--speed takes one scene; --target does not go with it"),
         (["--speed", "--max-evaluations", "3"], "--max-evaluations goes with --fit only"),
         (["fitted.json", "--error", "0.1"], "--error goes with --speed only"),
-        (["fitted.json", "--plot", "x.png"], "--plot goes with --speed only"),
+        (["--speed", "--gif", "x.gif"], "--speed takes one scene; --gif does not go with it"),
         (["--fit"], "--fit goes with --speed only"),
         ([], "missing argument 'FITTED'"),
     ],

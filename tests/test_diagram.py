@@ -121,5 +121,5 @@ def test_what_cannot_be_written_is_refused(tmp_path, name, message):
 
 def test_without_matplotlib_it_says_what_is_missing(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(InvalidInput, match="pictures need matplotlib: pip install"):
+    with pytest.raises(InvalidInput, match="a picture needs matplotlib; install it with: pip install"):
         save_diagram(FOUND, tmp_path / "speed.png")

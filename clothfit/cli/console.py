@@ -85,10 +85,14 @@ class Console:
         if self.quiet:
             yield None
         elif self.animated:
-            with _live() as show:
+            from clothfit.cli.progress import live
+
+            with live() as show:
                 yield show
         else:
-            yield _plain(self)
+            from clothfit.cli.progress import plain
+
+            yield plain(self.say)
 
 
 def _first_compilation(console: Console, message: str) -> object:
@@ -108,35 +112,3 @@ def _first_compilation(console: Console, message: str) -> object:
             pass
 
     return FirstCompilation()
-
-
-def _line(progress: Progress) -> str:
-    return f"cost {progress.cost:.3e}  RMSE {metres(progress.rmse)}  evaluation {progress.evaluations}"
-
-
-def _plain(console: Console) -> Callable[[Progress], None]:
-    last = [time.perf_counter()]
-
-    def show(progress: Progress) -> None:
-        now = time.perf_counter()
-        if now - last[0] >= PLAIN_INTERVAL:
-            last[0] = now
-            console.say(f"{progress.seconds:6.1f} s  {_line(progress)}")
-
-    return show
-
-
-@contextmanager
-def _live() -> Iterator[Callable[[Progress], None]]:
-    from rich.console import Console as RichConsole
-    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
-    from rich.progress import Progress as Bar
-
-    columns = (TextColumn("fitting"), BarColumn(), TimeElapsedColumn(), TextColumn("{task.fields[line]}"))
-    with Bar(*columns, console=RichConsole(stderr=True), transient=True) as bar:
-        task = bar.add_task("fit", total=None, line="")
-
-        def show(progress: Progress) -> None:
-            bar.update(task, total=progress.budget, completed=progress.evaluations, line=_line(progress))
-
-        yield show

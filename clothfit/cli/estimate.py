@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.cli import goals, shared, trust
+from clothfit.cli import goals, pictures, shared, trust
 from clothfit.cli.console import Console
 from clothfit.cli.files import Files
+from clothfit.cli.watching import Watching
 from clothfit.errors import InvalidInput
 from clothfit.words import owned
 
@@ -82,6 +83,8 @@ SECTIONS = {  # of the help
 @click.option("--seed", type=int, default=0, metavar="S", help="Of the starts after the first.  [default: 0]")
 @click.option("--jobs", type=int, metavar="N", help="Fits at a time.  [default: one per core]")
 @click.option("--cluster", metavar="ADDRESS", help="Fit on a Dask cluster: tcp://host:port of its scheduler.")
+@click.option("--log", metavar="FILE", help="Write a line of JSON there for each iteration, and the summary.")
+@pictures.options
 def command(
     scene_paths: tuple[str, ...],
     target_paths: tuple[str, ...],
@@ -106,6 +109,8 @@ def command(
     seed: int,
     jobs: int | None,
     cluster: str | None,
+    log: str | None,
+    pictures: pictures.Pictures,
     as_json: bool,
     console: Console,
 ) -> int:
@@ -122,6 +127,7 @@ def command(
     clothfit estimate scene.json --target capture.npz -o fitted.json
     clothfit estimate scene.json --target one.npz --target two.npz@windy.json --objective velocity=0.01
     clothfit estimate scene.json --target capture.npz --holdout 0.2
+    clothfit estimate scene.json --target capture.npz --plot fit.png --gif fit.gif --log fit.jsonl
     clothfit estimate *.json --target 'captures/{stem}.npz' -o fitted/
     clothfit estimate scene.json --target capture.npz --starts 8
     clothfit estimate - < scene.json > fitted.json
@@ -144,13 +150,17 @@ def command(
     }
     files = Files(target_paths, start, path, in_place, checkpoint, resume)
     if len(scene_paths) > 1 or starts > 1 or cluster is not None:
+        refuse_to_watch({**pictures.given, "--log": log})
         from clothfit.cli import many
 
         return many.fit(scene_paths, files, options, many.Effort(starts, seed, jobs, cluster), console, as_json)
-    return fit_one(scene_paths[0], files.of(scene_paths[0]), options, console, as_json)
+    watching = Watching(pictures, log)
+    return fit_one(scene_paths[0], files.of(scene_paths[0]), options, watching, console, as_json)
 
 
-def fit_one(scene_path: str, files: Files, options: dict[str, Any], console: Console, as_json: bool) -> int:
+def fit_one(
+    scene_path: str, files: Files, options: dict[str, Any], watching: Watching, console: Console, as_json: bool
+) -> int:
     """Fit one scene in this process; returns the exit code."""
     files.check(scene_path)
     scene = shared.read_scene(scene_path, console)
@@ -160,6 +170,8 @@ def fit_one(scene_path: str, files: Files, options: dict[str, Any], console: Con
     from clothfit.fit_vector import blocks
 
     fit.check_method(options["method"])
+    watching = watching.of(scene_path)
+    watching.check((scene_path, *files.inputs, out.path, files.checkpoint), files.resume, console)
     kept = checkpoints.chosen(files.checkpoint, files.resume, out, (scene_path, *files.inputs), console)
     targets = [goals.read_target(pair, scene, console) for pair in files.pairs]
     first = goals.read_start(files.start, console)
@@ -173,15 +185,23 @@ def fit_one(scene_path: str, files: Files, options: dict[str, Any], console: Con
             targets or None,
             first,
             **options,
-            report=show,
+            report=watching.report(show),
             checkpoint=kept,
             resume=files.resume,
             foreseen=partial(tell_needs, console),
         )
     with shared.uninterrupted(), checkpoints.told_if_lost(kept):
-        code = outcomes.finish(scene, found, out, console, as_json)
+        code = outcomes.finish(scene, found, out, console, as_json, log=watching.log)
         checkpoints.closed(kept, files.checkpoint is not None, found.status, files.in_place, console)
-        return code
+    watching.draw(found, scene, targets, console)
+    return code
+
+
+def refuse_to_watch(given: dict[str, object]) -> None:
+    """Raise UsageError where a picture or a log is asked for of several fits."""
+    for name, value in given.items():
+        if value is not None:
+            raise click.UsageError(f"{name} is for one scene fitted from one start on this machine")
 
 
 def tell_needs(console: Console, needs: Needs) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.cli import evaluate_speed, shared, trust
+from clothfit.cli import evaluate_speed, pictures, shared, trust
 from clothfit.cli.console import Console, metres
 from clothfit.errors import Diverged
 from clothfit.words import owned
@@ -31,12 +31,12 @@ SPEED = ("--speed", "--error", "--plot", "--budget", "--fit", "--max-evaluations
 )
 @click.option("--speed", is_flag=True, help="Instead: how fast and how far off are integrators, steps, tolerances?")
 @click.option("--error", type=float, metavar="METRES", help="With --speed: recommend the cheapest that is as near.")
-@click.option("--plot", metavar="FILE", help="With --speed: a diagram, .png, .svg or .pdf. Needs matplotlib.")
 @click.option("--budget", type=float, metavar="SECONDS", help="With --speed: about how long to measure.  [default: 60]")
 @click.option("--fit", is_flag=True, help="With --speed: compare the methods of estimation as well.")
 @click.option(
     "--max-evaluations", type=int, metavar="N", help="With --fit: limit of cost evaluations of each.  [default: 100]"
 )
+@pictures.options
 def command(
     scene_path: str,
     fitted_path: str | None,
@@ -44,10 +44,10 @@ def command(
     steps: int | None,
     speed: bool,
     error: float | None,
-    plot: str | None,
     budget: float | None,
     fit: bool,
     max_evaluations: int | None,
+    pictures: pictures.Pictures,
     as_json: bool,
     console: Console,
 ) -> int:
@@ -58,19 +58,22 @@ def command(
     \b
     clothfit evaluate scene.json scene.fitted.json
     clothfit evaluate scene.json scene.fitted.json --target capture.npz --json
+    clothfit evaluate scene.json scene.fitted.json --plot error.png --gif error.gif
     clothfit evaluate scene.json --speed --error 0.02 --plot speed.svg
     """
     if speed:
-        refuse({"FITTED": fitted_path, "--target": target_path}, "--speed takes one scene; {} does not go with it")
+        alone: dict[str, object] = {"FITTED": fitted_path, "--target": target_path, "--gif": pictures.gif}
+        refuse(alone, "--speed takes one scene; {} does not go with it")
         refuse({"--max-evaluations": None if fit else max_evaluations}, "{} goes with --fit only")
+        plot = pictures.plot
         return evaluate_speed.command(scene_path, steps, error, plot, budget, fit, max_evaluations, as_json, console)
-    asked = {"--error": error, "--plot": plot, "--budget": budget, "--max-evaluations": max_evaluations}
+    asked = {"--error": error, "--budget": budget, "--max-evaluations": max_evaluations}
     refuse({**asked, "--fit": fit or None}, "{} goes with --speed only")
     if fitted_path is None:
         context = click.get_current_context()
         missing = next(p for p in context.command.params if p.name == "fitted_path")
         raise click.MissingParameter(ctx=context, param=missing)
-    return compare(scene_path, fitted_path, target_path, steps, as_json, console)
+    return compare(scene_path, fitted_path, target_path, steps, pictures, as_json, console)
 
 
 def refuse(given: dict[str, object], why: str) -> None:
@@ -81,12 +84,19 @@ def refuse(given: dict[str, object], why: str) -> None:
 
 
 def compare(
-    scene_path: str, fitted_path: str, target_path: str | None, steps: int | None, as_json: bool, console: Console
+    scene_path: str,
+    fitted_path: str,
+    target_path: str | None,
+    steps: int | None,
+    pictures: pictures.Pictures,
+    as_json: bool,
+    console: Console,
 ) -> int:
     """Compare a fitted scene with the true one."""
     shared.one_stream(scene_path, fitted_path, target_path)
     shared.check_numbers(steps)
     shared.check_there(scene_path, fitted_path)
+    pictures.check(scene_path, fitted_path, target_path)
     truth = shared.read_scene(scene_path, console)
     fitted = shared.read_scene(fitted_path, console)
     from clothfit.evaluation import HORIZON, evaluate
@@ -101,6 +111,7 @@ def compare(
         shared.print_json("evaluate", summary(report))
     else:
         show(report, console)
+    pictures.evaluated(truth, fitted, target, horizon, report, console)
     if report.diverged:
         raise Diverged(f"{report.diverged}; the horizon ends before that", report.horizon.frames)
     return 0

@@ -72,7 +72,7 @@ def check_values(error: float | None, budget: float | None, max_evaluations: int
 
 def check_plot(plot: str, scene_path: str) -> None:
     """Raise InvalidInput, before long work, when the diagram cannot be made or written there."""
-    from clothfit.diagram import check
+    from clothfit.picture import check
 
     if scene_path != shared.STREAM and shared.same_file(plot, scene_path):
         raise InvalidInput(f"cannot write {plot}: it is an input, which is never written over")

@@ -13,6 +13,7 @@ from clothfit.job import CODES
 from clothfit.words import counted, owned
 
 if TYPE_CHECKING:
+    from clothfit.cli.fit_log import FitLog
     from clothfit.result import Fit
     from clothfit.scene import Scene
 
@@ -24,22 +25,29 @@ def finish(
     console: Console,
     as_json: bool,
     starts: dict[str, Any] | None = None,
+    log: FitLog | None = None,
 ) -> int:
-    """Write the result and tell about it, and of its `starts`; returns the exit code."""
+    """Write the result and tell about it, and of its `starts`, also to the log; returns the exit code."""
     told = summary(scene, found, out) | (starts or {})
     for warning in found.warnings:
         console.warn(f"{scene.name}: {warning}")
     if found.status == "diverged":
-        if as_json:
-            shared.print_json("estimate", told | {"output": None}, out)
+        conclude(told | {"output": None}, out, as_json, log)
         raise Diverged(
             f"{scene.name}: no values that were tried gave a simulation that stays finite; nothing is written", 0
         )
     shared.write_scene(found.scene, out)
     describe(found, out, console)
+    conclude(told, out, as_json, log)
+    return CODES[found.status]
+
+
+def conclude(told: dict[str, Any], out: shared.Output, as_json: bool, log: FitLog | None) -> None:
+    """Hand the summary to who asked for it."""
+    if log is not None:
+        log.end(shared.told("estimate", told))
     if as_json:
         shared.print_json("estimate", told, out)
-    return CODES[found.status]
 
 
 def describe(found: Fit, out: shared.Output, console: Console) -> None:

@@ -219,9 +219,14 @@ def one_stream(*paths: str | None) -> None:
         raise InvalidInput("standard input (-) can be only one of the inputs")
 
 
+def told(command: str, summary: dict[str, Any]) -> dict[str, Any]:
+    """The object that --json prints."""
+    return {"schema_version": SCHEMA_VERSION, "command": command, **summary}
+
+
 def print_json(command: str, summary: dict[str, Any], out: Output | None = None) -> None:
     """Print a summary as JSON on standard output, or on standard error when the result itself goes there."""
-    text = json.dumps(plain({"schema_version": SCHEMA_VERSION, "command": command, **summary}), allow_nan=False)
+    text = json.dumps(plain(told(command, summary)), allow_nan=False)
     print(text, file=sys.stderr if out is not None and out.is_stream else sys.stdout, flush=True)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.cli import energy_table, shared, trust
+from clothfit.cli import energy_table, pictures, shared, trust
 from clothfit.cli.console import Console
 from clothfit.errors import Diverged, InvalidInput
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 @click.option("--energy", "with_energy", is_flag=True, help="Tell, and keep with the motion, where the energy is.")
 @click.option("--dump", "dump_path", metavar="FILE", help="Where it diverges, keep the last states there (.npz).")
 @click.option("-o", "--output", "path", metavar="MOTION", help="Motion file.  [default: <stem>.motion.npz]")
+@pictures.options
 def command(
     scene_path: str,
     steps: int | None,
@@ -31,6 +32,7 @@ def command(
     with_energy: bool,
     dump_path: str | None,
     path: str | None,
+    pictures: pictures.Pictures,
     as_json: bool,
     console: Console,
 ) -> int:
@@ -41,12 +43,14 @@ def command(
     clothfit simulate scene.json --steps 500 -o long.npz
     clothfit simulate scene.json --energy
     clothfit simulate scene.json --dump last.npz
+    clothfit simulate scene.json --plot motion.png --gif motion.gif
     """
     shared.check_numbers(steps, tolerance)
     scene = shared.read_scene(scene_path, console)
     frames = shared.frames_of(steps, scene)
     out = shared.output(path, scene_path, ".motion.npz", ())
     dump = dump_of(dump_path, scene_path, out)
+    pictures.check(scene_path, out.path, dump_path)
     import clothfit
 
     trust.warn_of_steps(scene, frames, console)
@@ -81,6 +85,7 @@ def command(
             **energy_table.summary(energy),
         }
         shared.print_json("simulate", summary, out)
+    pictures.simulated(scene, motion, energy, console)
     if error is not None:
         raise error
     return 0

@@ -1,0 +1,112 @@
+"""`clothfit estimate --log FILE`: the way of a fit as JSON lines, for other programs to follow.
+
+One object for each iteration, which is a change of the parameters that was accepted, and another where its point turns
+out to be the best over all frames: `iteration`, `evaluations`, `seconds`, `cost`, `rmse`, `step`, `stage`, `window` and
+`frames`, `window_rmse`, all as in `search.Progress`; null where a number is not finite. At the end `{"summary": …}`
+with what --json prints. Every line is written at once.
+
+A log that cannot be written any more is given up with a warning: the fit is worth more.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from typing import IO, TYPE_CHECKING, Any
+
+from clothfit.cli import shared
+from clothfit.cli.console import Console
+from clothfit.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from clothfit.search import Progress
+
+KEYS = ("iteration", "evaluations", "seconds", "cost", "rmse", "step", "stage", "window", "frames", "window_rmse")
+
+
+def log_of(path: str | None, used: tuple[str | None, ...], resume: bool, console: Console) -> FitLog | None:
+    """The log that is asked for. Raises InvalidInput where it cannot be written, or is a file that is `used`."""
+    if path is None:
+        return None
+    from clothfit.output import check_writable
+
+    for other in used:
+        if path == shared.STREAM or (other not in (None, shared.STREAM) and shared.same_file(path, str(other))):
+            raise InvalidInput(f"--log: {path}: must be a file of its own, not an input or an output")
+    check_writable(path)
+    return FitLog(path, earlier(path) if resume else [], console)
+
+
+def earlier(path: str) -> list[dict[str, Any]]:
+    """The iterations in the log of an earlier part of the same fit; lines that are none are left out."""
+    if not os.path.isfile(path):
+        return []
+    found = []
+    with open(path, encoding="utf-8", errors="replace") as file:
+        for line in file:
+            try:
+                item = json.loads(line)
+            except (ValueError, RecursionError):
+                continue
+            if isinstance(item, dict) and all(isinstance(item.get(key), int) for key in ("iteration", "evaluations")):
+                found.append(item)
+    return found
+
+
+class FitLog:
+    """An open log."""
+
+    def __init__(self, path: str, known: list[dict[str, Any]], console: Console) -> None:
+        """`known`: the iterations of the part of the fit that is resumed."""
+        self.path, self.known, self.console = path, known, console
+        self.file: IO[bytes] | None = None
+        self.given_up = False
+        self.last: tuple[int, float] | None = None  # iteration and cost
+        self.skipped = 0  # iterations that the resumed fit does not count
+
+    def see(self, progress: Progress) -> None:
+        """Write what is new: an iteration, or that the point it led to is the best over all frames."""
+        self.begin(progress)
+        if (progress.iteration, progress.cost) == self.last:
+            return
+        self.last = progress.iteration, progress.cost
+        told = {key: getattr(progress, key) for key in KEYS}
+        self.write({**told, "iteration": self.skipped + progress.iteration})
+
+    def end(self, summary: dict[str, Any]) -> None:
+        """Write the summary and close."""
+        self.begin(None)
+        self.write({"summary": summary})
+        if self.file is not None:
+            self.file.close()
+
+    def begin(self, progress: Progress | None) -> None:
+        """Open it, where that is not done, with what is known of the way before."""
+        if self.file is not None or self.given_up:
+            return
+        try:
+            self.file = open(self.path, "wb", buffering=0)  # noqa: SIM115  for as long as the fit runs
+        except OSError as error:
+            self.give_up(error)
+            return
+        before = [one for one in self.known if progress is None or one["evaluations"] < progress.evaluations]
+        if before and progress is not None:
+            self.skipped = before[-1]["iteration"] + 1 - progress.iteration
+        for item in before:
+            self.write(item)
+
+    def write(self, item: dict[str, Any]) -> None:
+        """Write a line, all of it now."""
+        if self.file is None or self.given_up:
+            return
+        rest = json.dumps(shared.plain(item), allow_nan=False).encode() + b"\n"
+        try:
+            while rest:
+                rest = rest[self.file.write(rest) or 0 :]
+        except OSError as error:
+            self.give_up(error)
+
+    def give_up(self, error: OSError) -> None:
+        """Write no more, and say why."""
+        self.given_up = True
+        self.console.warn(f"the log ends here: {self.path}: {error.strerror or error}")

@@ -1,0 +1,161 @@
+"""`--plot FILE` and `--gif FILE`: the pictures that `simulate`, `estimate` and `evaluate` draw when they are done."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial, wraps
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import click
+
+from clothfit.cli import shared
+from clothfit.cli.console import Console, metres
+from clothfit.errors import InvalidInput
+from clothfit.words import counted
+
+if TYPE_CHECKING:
+    from clothfit.arrays import Array
+    from clothfit.energy import Energy
+    from clothfit.evaluation import Evaluation
+    from clothfit.motion import Motion
+    from clothfit.overlay import Overlay
+    from clothfit.result import Fit
+    from clothfit.scene import Scene
+    from clothfit.search import Progress
+
+Goal: TypeAlias = "Motion | tuple[Motion, Scene]"
+"""A target, alone or with the scene it was recorded in."""
+
+LONGEST = 5
+"""How many times the frames that are fitted a target is shown, at most."""
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Which pictures are asked for."""
+
+    plot: str | None
+    gif: str | None
+
+    @property
+    def given(self) -> dict[str, object]:
+        """The options by their names."""
+        return {"--plot": self.plot, "--gif": self.gif}
+
+    @property
+    def files(self) -> tuple[str | None, str | None]:
+        """Where they go."""
+        return self.plot, self.gif
+
+    @property
+    def wanted(self) -> bool:
+        """Whether there are any."""
+        return self.plot is not None or self.gif is not None
+
+    def check(self, *used: str | None) -> None:
+        """Raise InvalidInput, before long work, where a picture cannot be made or written, or is a file that is `used`
+        otherwise.
+        """
+        from clothfit import picture
+
+        if self.plot is not None and self.gif is not None and shared.same_file(self.plot, self.gif):
+            raise InvalidInput(f"cannot write {self.gif}: it is an input or another output")
+        for path, kinds in ((self.plot, picture.PLOTS), (self.gif, picture.GIF)):
+            if path is not None:
+                for other in used:
+                    if other not in (None, shared.STREAM) and shared.same_file(path, str(other)):
+                        raise InvalidInput(f"cannot write {path}: it is an input or another output")
+                picture.check(path, kinds)
+
+    def simulated(self, scene: Scene, motion: Motion, energy: Energy | None, console: Console) -> None:
+        """Draw a motion, which may have diverged after its frames."""
+        if self.plot is not None:
+            from clothfit import picture, plots
+
+            picture.save(self.plot, partial(plots.simulation, scene, motion.times, motion.positions, energy))
+            console.say(f"picture → {self.plot}")
+        self.animated(scene, motion.times, motion.positions, None, console)
+
+    def estimated(
+        self, found: Fit, scene: Scene, targets: Sequence[Goal], history: Sequence[Progress], console: Console
+    ) -> None:
+        """Draw a fit of a scene, over the first of its targets or over its own motion; nobody waits for it who has
+        asked for the end.
+        """
+        if not self.wanted:
+            return
+        if found.status == "interrupted":
+            console.say("nothing is drawn, as the fit was interrupted")
+            return
+        over = over_target(found, scene, targets[0] if targets else None)
+        if self.plot is not None:
+            from clothfit import picture, plots
+
+            fitted = over.times[min(found.frames, len(over.times)) - 1]
+            told = (
+                f"{found.status}: RMSE {metres(found.rmse)} over {found.frames} frames, "
+                f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s"
+            )
+            picture.save(self.plot, partial(plots.estimation, over, told, history, float(fitted)))
+            console.say(f"picture → {self.plot}")
+        self.animated(over.scene, over.times, over.own, over.goal, console)
+
+    def evaluated(
+        self, truth: Scene, fitted: Scene, target: Motion | None, horizon: int, report: Evaluation, console: Console
+    ) -> None:
+        """Draw a fitted scene beside the true one."""
+        if not self.wanted:
+            return
+        from clothfit.overlay import overlaid
+
+        over = overlaid(truth, fitted, target, max(truth.frames, horizon))
+        if self.plot is not None:
+            from clothfit import picture, plots
+
+            told = (
+                f"RMSE {metres(report.fitted.rmse)} over the {report.fitted.frames} fitted frames, "
+                f"{metres(report.horizon.rmse)} over {report.horizon.frames}"
+            )
+            ends = (truth.delta * (truth.frames - 1), float(over.times[-1]))
+            picture.save(self.plot, partial(plots.evaluation, over, truth, told, min(ends), ends[1]))
+            console.say(f"picture → {self.plot}")
+        self.animated(fitted, over.times, over.own, over.goal, console)
+
+    def animated(self, scene: Scene, times: Array, x: Array, over: Array | None, console: Console) -> None:
+        """Draw the GIF where it is asked for."""
+        if self.gif is None:
+            return
+        from clothfit import gif
+        from clothfit.output import write_atomically
+
+        write_atomically(self.gif, gif.animation(scene, times, x, over))
+        console.say(f"animation → {self.gif}")
+
+
+def over_target(found: Fit, scene: Scene, target: Goal | None) -> Overlay:
+    """The motion of a fit over its target, which may have a scene of its own."""
+    import numpy as np
+
+    from clothfit.experiment import flagged_as
+    from clothfit.fit_vector import parameters, with_parameters
+    from clothfit.overlay import overlaid
+
+    if target is None:
+        return overlaid(scene, found.scene, None, scene.frames)
+    motion, other = target if isinstance(target, tuple) else (target, scene)
+    own = found.scene if other is scene else with_parameters(flagged_as(other, scene), parameters(found.scene))
+    frames = min(int(np.ceil(motion.times[-1] / own.delta)) + 1, LONGEST * own.frames)
+    return overlaid(own, own, motion, frames)
+
+
+def options(function: Any) -> Any:
+    """Add --plot and --gif; the function is given both as `pictures`."""
+
+    @wraps(function)
+    def drawing(plot: str | None, gif: str | None, **arguments: Any) -> Any:
+        return function(**arguments, pictures=Pictures(plot, gif))
+
+    words = "Draw it there: .png, .svg or .pdf. Needs matplotlib."
+    made = click.option("--gif", metavar="FILE", help="Draw it moving, as a GIF. Needs Pillow.")(drawing)
+    return click.option("--plot", metavar="FILE", help=words)(made)

@@ -1,0 +1,153 @@
+"""How a fit is doing, shown while it runs: a panel on a terminal, elsewhere a plain line every few seconds.
+
+Both tell the same: cost and RMSE of the best point, the stage and how many of the frames it compares, the last step
+(the largest relative change of a parameter), evaluations per second, and the time left at most: that of the evaluations
+that are still allowed, at the present pace. Most fits end long before.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from clothfit.cli.console import PLAIN_INTERVAL
+from clothfit.words import metres
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from clothfit.search import Progress
+
+RECENT = 10.0
+"""Seconds over which the pace is taken."""
+
+BARS = "▁▂▃▄▅▆▇█"
+WIDEST, LONGEST = 76, 40  # characters of the panel, and of the curve of the RMSE
+
+
+class Pace:
+    """Evaluations per second, of late."""
+
+    def __init__(self) -> None:
+        self.marks: deque[tuple[float, int]] = deque()  # seconds and evaluations
+
+    def see(self, progress: Progress) -> float:
+        """The pace at some progress, 1/s; 0 where it is not known yet."""
+        self.marks.append((progress.seconds, progress.evaluations))
+        while len(self.marks) > 2 and self.marks[1][0] < progress.seconds - RECENT:
+            self.marks.popleft()
+        (since, before), (now, count) = self.marks[0], self.marks[-1]
+        if now > since:
+            return (count - before) / (now - since)
+        return count / now if now > 0 else 0.0
+
+
+def state(progress: Progress) -> str:
+    """Cost, error and evaluations."""
+    return f"cost {progress.cost:.3e}  RMSE {metres(progress.rmse)}  evaluation {progress.evaluations}"
+
+
+def stage(progress: Progress) -> list[str]:
+    """What is being done, on how many frames, and the last step; as far as known."""
+    told = [progress.stage] if progress.stage else []
+    if progress.frames:
+        told.append(f"{progress.window} of {progress.frames} frames")
+    if math.isfinite(progress.window_rmse):
+        told.append(f"RMSE there {metres(progress.window_rmse)}")
+    if math.isfinite(progress.step):
+        told.append(f"step {100 * progress.step:.2g} %")
+    return told
+
+
+def pace(progress: Progress, rate: float) -> list[str]:
+    """Evaluations per second, and the time left."""
+    if not rate > 0:
+        return []
+    left = max(progress.budget - progress.evaluations, 0) / rate
+    return [f"{rate:.3g} evaluations/s", f"at most {duration(left)} left"]
+
+
+def duration(seconds: float) -> str:
+    """A time in the units that suit it."""
+    if seconds < 60:
+        return f"{seconds:.0f} s" if seconds >= 10 else f"{seconds:.1f} s"
+    whole = round(seconds)
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"
+
+
+def plain(say: Callable[[str], None]) -> Callable[[Progress], None]:
+    """What tells a line every few seconds."""
+    last, known = [time.perf_counter()], Pace()
+
+    def show(progress: Progress) -> None:
+        rate, now = known.see(progress), time.perf_counter()
+        if now - last[0] >= PLAIN_INTERVAL:
+            last[0] = now
+            told = [state(progress), *stage(progress), *pace(progress, rate)]
+            say(f"{progress.seconds:6.1f} s  {'  '.join(told)}")
+
+    return show
+
+
+@contextmanager
+def live() -> Iterator[Callable[[Progress], None]]:
+    """Show a panel on standard error while the block runs; nothing of it stays."""
+    from rich.console import Console
+    from rich.live import Live
+
+    console = Console(stderr=True)
+    shown = Shown(min(console.width, WIDEST))
+    with Live(console=console, transient=True, refresh_per_second=8, get_renderable=shown.panel):
+        yield shown.see
+
+
+class Shown:
+    """What the panel holds."""
+
+    def __init__(self, width: int = WIDEST) -> None:
+        self.width, self.began = width, time.perf_counter()
+        self.progress: Progress | None = None
+        self.known, self.rate = Pace(), 0.0
+        self.errors: list[float] = []
+
+    def see(self, progress: Progress) -> None:
+        """Take a progress note of."""
+        self.progress, self.rate = progress, self.known.see(progress)
+        self.errors.append(progress.rmse)
+
+    def panel(self) -> RenderableType:
+        """The panel, as it is now."""
+        from rich.panel import Panel
+        from rich.text import Text
+
+        lines = Text("\n".join(self.lines()))
+        lines.highlight_regex(f"[{BARS}]+", "cyan")
+        lines.highlight_regex("^cost .*", "bold")
+        title = f"fitting  {duration(time.perf_counter() - self.began)}"
+        return Panel(lines, title=title, title_align="left", border_style="dim", width=self.width, padding=(0, 1))
+
+    def lines(self) -> list[str]:
+        """Its lines."""
+        if self.progress is None:
+            return ["looking at target and start …"]
+        found = [f"{state(self.progress)} of at most {self.progress.budget}"]
+        told = ((stage(self.progress), ", "), (pace(self.progress, self.rate), ", "))
+        found += [between.join(parts) for parts, between in told if parts]
+        curve = sparkline(self.errors)
+        return [*found, f"{curve} {metres(self.errors[0])} → {metres(self.errors[-1])}"] if len(curve) > 1 else found
+
+
+def sparkline(values: Sequence[float], width: int = LONGEST) -> str:
+    """A small curve of values above 0, in their logarithm, of as many characters at most."""
+    logs = [math.log(max(value, 1e-15)) for value in values if value < math.inf]
+    if len(logs) > width:
+        logs = [logs[round(i * (len(logs) - 1) / (width - 1))] for i in range(width)]
+    low, high = min(logs, default=0.0), max(logs, default=0.0)
+    size = (high - low) or 1.0
+    return "".join(BARS[min(int((value - low) / size * len(BARS)), len(BARS) - 1)] for value in logs)

@@ -1,0 +1,59 @@
+"""What is kept of the way of one fit, beside its result: the log, and the pictures that are drawn of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from clothfit.cli.console import Console
+from clothfit.cli.files import filled
+from clothfit.cli.pictures import Goal, Pictures
+
+if TYPE_CHECKING:
+    from clothfit.cli.fit_log import FitLog
+    from clothfit.result import Fit
+    from clothfit.scene import Scene
+    from clothfit.search import Progress
+
+Report = Callable[["Progress"], None]
+
+
+@dataclass
+class Watching:
+    """The options, and what has been seen."""
+
+    pictures: Pictures
+    log_path: str | None
+    log: FitLog | None = None
+    history: list[Progress] = field(default_factory=list)
+
+    def of(self, scene_path: str) -> Watching:
+        """The same for a scene: {stem} and {folder} stand for its name and its folder."""
+        plot, gif, log = (path and filled(path, scene_path) for path in (*self.pictures.files, self.log_path))
+        return replace(self, pictures=Pictures(plot, gif), log_path=log)
+
+    def check(self, used: tuple[str | None, ...], resume: bool, console: Console) -> None:
+        """Raise InvalidInput, before long work, where a file cannot be made, or is one of those `used` otherwise."""
+        from clothfit.cli.fit_log import log_of
+
+        self.pictures.check(*used)
+        self.log = log_of(self.log_path, (*used, *self.pictures.files), resume, console)
+
+    def report(self, show: Report | None) -> Report | None:
+        """What is called with the progress of the fit; None where nobody looks."""
+        own = [] if show is None else [show]
+        if self.log is not None:
+            own.append(self.log.see)
+        if self.pictures.plot is not None:
+            own.append(self.history.append)
+
+        def tell(progress: Progress) -> None:
+            for one in own:
+                one(progress)
+
+        return tell if own else None
+
+    def draw(self, found: Fit, scene: Scene, targets: Sequence[Goal], console: Console) -> None:
+        """Draw the pictures of the fit that has ended."""
+        self.pictures.estimated(found, scene, targets, self.history, console)

@@ -1,0 +1,90 @@
+"""What a terminal and a file show of a fit while it runs."""
+
+import io
+import math
+
+import pytest
+from rich.console import Console
+
+from clothfit.cli.progress import BARS, LONGEST, Pace, Shown, duration, pace, plain, sparkline, stage
+from clothfit.search import Progress
+
+
+def step(evaluations, **fields):
+    told = {"iteration": 7, "step": 0.032, "stage": "gauss-newton", "window": 20, "frames": 100, "window_rmse": 1.2e-3}
+    return Progress(evaluations, 1000, 0.5 / evaluations, 2.5e-3 / evaluations, 0.25 * evaluations, **(told | fields))
+
+
+def screen(shown, width=100):
+    """What a panel looks like on a terminal."""
+    console = Console(file=io.StringIO(), record=True, force_terminal=True, width=width, color_system=None)
+    console.print(shown.panel())
+    return console.export_text()
+
+
+def test_the_panel_tells_all_there_is_to_know():
+    shown = Shown()
+    for evaluations in range(1, 41):
+        shown.see(step(evaluations))
+    text = screen(shown)
+    for fact in ("fitting", "cost 1.250e-02", "RMSE 62.5 µm", "evaluation 40 of at most 1000", "gauss-newton",
+                 "20 of 100 frames", "RMSE there 1.2 mm", "step 3.2 %", "4 evaluations/s", "at most 4 min 0 s left",
+                 "2.5 mm → 62.5 µm"):  # fmt: skip
+        assert fact in text
+    assert any(bar in text for bar in BARS)
+
+
+def test_before_the_first_evaluation_the_panel_says_so():
+    assert "looking at target and start" in screen(Shown())
+
+
+@pytest.mark.parametrize("width", [20, 76, 200])
+def test_the_panel_has_lines_of_one_length_that_fit(width):
+    shown = Shown(min(width, 76))
+    shown.see(step(1)), shown.see(step(2))
+    lengths = {len(line) for line in screen(shown, width).splitlines()}
+    assert lengths == {min(width, 76)}
+
+
+def test_a_plain_line_tells_the_same(monkeypatch):
+    clock = iter([0.0, 9.0, 18.0])
+    said = []
+    with monkeypatch.context() as patch:
+        patch.setattr("time.perf_counter", lambda: next(clock))
+        show = plain(said.append)
+        show(step(20)), show(step(40))
+    assert said[1] == (
+        "  10.0 s  cost 1.250e-02  RMSE 62.5 µm  evaluation 40  gauss-newton  20 of 100 frames  RMSE there 1.2 mm  "
+        "step 3.2 %  4 evaluations/s  at most 4 min 0 s left"
+    )
+
+
+def test_nothing_is_told_that_is_not_known():
+    assert stage(Progress(1, 10, 1.0, 1.0, 1.0)) == []
+    assert pace(Progress(1, 10, 1.0, 1.0, 0.0), 0.0) == []
+
+
+def test_the_pace_is_that_of_the_last_seconds_and_no_time_is_left_after_the_budget():
+    known = Pace()
+    assert known.see(step(1, )) == 4.0  # as far as is known
+    for second in range(1, 100):
+        rate = known.see(Progress(100 * second, 5000, 1.0, 1.0, float(second)))
+    assert rate == pytest.approx(100.0)
+    for second in range(100, 120):
+        rate = known.see(Progress(9900 + second, 5000, 1.0, 1.0, float(second)))
+    assert rate == pytest.approx(1.0)
+    assert pace(Progress(9000, 5000, 1.0, 1.0, 1.0), rate)[1] == "at most 0.0 s left"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.24, "0.2 s"), (12.4, "12 s"), (200, "3 min 20 s"), (7500, "2 h 5 min"), (59.9, "60 s")]
+)
+def test_durations_are_in_units_that_suit(seconds, text):
+    assert duration(seconds) == text
+
+
+def test_a_sparkline_falls_with_the_logarithm():
+    assert sparkline([10.0**-k for k in range(8)]) == BARS[::-1]
+    assert sparkline([1.0]) == BARS[0]
+    assert len(sparkline([1.0 / k for k in range(1, 500)])) == LONGEST
+    assert sparkline([math.inf, 1.0, 0.0]) == BARS[-1] + BARS[0]

@@ -1,0 +1,128 @@
+"""The camera and the faces it sees, against closed forms."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from clothfit.view import BETTER, direction, faces, facing, framed, looking, normals, project, shaped, thinned
+
+ROUNDING = 1e-14  # of a few products of numbers up to 1
+SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])  # upright, in the plane z = 0
+HALVES = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+
+
+def straight(points=SQUARE):
+    """A camera that looks along +z."""
+    return framed(looking(0.0, 0.0), points)
+
+
+@pytest.mark.parametrize(("yaw", "pitch"), [(0, 0), (30, 24), (-60, 80), (123, -45)])
+def test_the_axes_of_a_camera_are_orthonormal(yaw, pitch):
+    axes = np.stack(looking(yaw, pitch))
+    assert_allclose(axes @ axes.T, np.eye(3), atol=ROUNDING)
+    right, _, forward = axes
+    assert right[1] == 0.0  # the horizon is level
+    assert_allclose(np.cross((0.0, 1.0, 0.0), forward) / np.cos(np.radians(pitch)), right, atol=ROUNDING)
+
+
+def test_looking_along_z_has_x_to_the_right_and_y_up_as_the_editor_has():
+    assert_allclose(np.stack(looking(0.0, 0.0)), np.eye(3), atol=ROUNDING)
+
+
+def test_a_camera_that_looks_down_sees_what_is_far_higher_up():
+    seen = framed(looking(0.0, 30.0), np.zeros((1, 3)))
+    _, up, depth = project(seen, np.array([0.0, 0.0, 2.0]))
+    assert_allclose((up, depth), (2 * np.sin(np.radians(30)), 2 * np.cos(np.radians(30))), atol=ROUNDING)
+
+
+def test_a_parallel_projection_keeps_lengths_across_and_nothing_along():
+    seen = framed(looking(40.0, 20.0), np.zeros((1, 3)))
+    x = np.random.default_rng(1).standard_normal((20, 3))
+    flat = project(seen, x)
+    assert_allclose(np.linalg.norm(flat, axis=1), np.linalg.norm(x, axis=1), rtol=1e-14)
+    assert_allclose(project(seen, x + 3.0 * seen.forward)[:, :2], flat[:, :2], atol=1e-14)
+
+
+def test_all_of_a_motion_is_in_the_picture():
+    x = np.random.default_rng(2).standard_normal((50, 3))
+    x[7] = np.nan
+    seen = framed(looking(30.0, 24.0), x)
+    flat = project(seen, np.delete(x, 7, axis=0))[:, :2]
+    assert (flat > seen.low).all()
+    assert (flat < seen.high).all()
+
+
+@pytest.mark.parametrize(("least", "most", "aspect"), [(0.1, 0.5, 0.5), (2.0, 3.0, 2.0), (0.5, 2.0, 1.0)])
+def test_a_picture_has_a_shape_within_bounds_and_shows_no_less(least, most, aspect):
+    seen = straight()
+    wider = shaped(seen, least, most)
+    assert_allclose(wider.aspect, aspect, rtol=1e-14)
+    assert (wider.low <= seen.low).all()
+    assert (wider.high >= seen.high).all()
+
+
+def test_faces_come_farthest_first():
+    layers = np.concatenate([SQUARE + (0, 0, z) for z in (1.0, 3.0, 2.0)])
+    triangles = np.concatenate([HALVES + 4 * k for k in range(3)])
+    found = faces(straight(), layers, triangles)
+    assert_allclose(found.depth, [3, 3, 2, 2, 1, 1])
+    assert_array_equal(found.which // 2, [1, 1, 2, 2, 0, 0])
+
+
+def test_a_face_with_an_unknown_corner_is_left_out_and_so_is_one_without_area():
+    x = np.concatenate([SQUARE, [[2.0, 2.0, 0.0]]])
+    x[3] = np.nan
+    triangles = np.concatenate([HALVES, [[0, 2, 4]]]).astype(np.int32)  # the last is a line
+    assert_array_equal(faces(straight(), x, triangles).which, [0])
+
+
+def test_both_sides_of_a_face_are_told_apart():
+    near, far = (faces(straight(), SQUARE, triangles) for triangles in (HALVES, HALVES[:, ::-1]))
+    assert not near.outside.any()  # the normal is along +z, away from the camera
+    assert far.outside.all()
+    assert_allclose(near.shade, far.shade)  # the light is on the side of the camera
+
+
+def test_what_faces_the_light_is_brighter_than_what_turns_away():
+    up = SQUARE[:, [0, 2, 1]] @ np.diag([1.0, 1.0, -1.0])  # level
+    seen = framed(looking(0.0, 30.0), up)
+    tilted = up @ np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1.0]]) + np.outer(up[:, 0], (0, 2.0, 0))  # falls to the left
+    other = up - np.outer(up[:, 0], (0, 2.0, 0))  # falls to the right, away from the light
+    assert faces(seen, tilted, HALVES).shade.mean() > faces(seen, other, HALVES).shade.mean()
+
+
+def test_a_direction_is_the_first_unless_another_shows_much_more():
+    ahead = np.array([SQUARE])
+    edge = np.array([SQUARE @ np.array(looking(30.0, 0.0)).T[:, [2, 1, 0]]])
+    assert_allclose(direction(np.array([SQUARE[:, [0, 2, 1]]]), HALVES), looking(30.0, 24.0))  # level: all are alike
+    for x in (ahead, edge):
+        chosen, first = (abs(area(x[0], axes)) for axes in (direction(x, HALVES), looking(30.0, 24.0)))
+        assert chosen >= first
+    sideways = np.array([SQUARE @ np.stack(looking(-60.0, 0.0))])  # faces a camera of yaw −60
+    assert abs(area(sideways[0], direction(sideways, HALVES))) > BETTER * abs(area(sideways[0], looking(30.0, 24.0)))
+
+
+def area(x, axes):
+    """The area that a camera sees."""
+    return 0.5 * normals(project(framed(axes, x), x), HALVES)[:, 2].sum()
+
+
+@pytest.mark.parametrize("turned", [np.eye(3), np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]])])
+def test_a_map_is_seen_from_where_it_is_flat(turned):
+    x = np.stack(np.meshgrid(np.arange(5.0), np.arange(4.0), [0.0]), axis=-1).reshape(-1, 3) @ turned
+    flat = project(facing(x), x)
+    assert_allclose(flat[:, 2], flat[0, 2], atol=1e-13)
+    assert_allclose(np.sort(np.ptp(flat[:, :2], axis=0)), [3, 4], atol=1e-13)
+
+
+def test_a_small_mesh_stays_whole_and_a_large_one_is_thinned():
+    n = 40
+    x = np.stack(np.meshgrid(np.linspace(0, 1, n), [0.0], np.linspace(0, 1, n)), axis=-1).reshape(-1, 3)
+    quads = [(i, i + 1, i + n + 1, i + n) for j in range(n - 1) for i in range(n * j, n * j + n - 1)]
+    triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], np.int32)
+    assert thinned(x, triangles, len(triangles)) is triangles
+    few = thinned(x, triangles, 300)
+    assert 100 < len(few) <= 300
+    size = np.linalg.norm(normals(x, few), axis=1).sum() / 2
+    assert_allclose(size, 1.0, atol=0.15)  # the sheet is covered once, but for a rim of one cell of about 1/12
+    assert len(np.unique(np.sort(few, axis=1), axis=0)) == len(few)
