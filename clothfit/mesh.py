@@ -109,20 +109,22 @@ def edges(triangles: Indices) -> Indices:
     return ends
 
 
-def springs(mesh: Mesh, stiffness: float, bending: bool = True) -> Springs:
-    """Make the springs of an object of this stiffness, N/m, with or without the bending springs.
+def springs(mesh: Mesh, stiffness: float, bending: bool | float = True) -> Springs:
+    """Make the springs of an object of this stiffness, N/m; without bending springs, with the front end's, or with
+    bending springs of another share of the stiffness.
 
     Raises InvalidInput when a spring would have no length.
     """
+    share = BENDING if bending is True else float(bending)
     met = sides(mesh.triangles)
     bends = met.first != np.arange(len(met.first))
     across = np.sort(np.stack([met.opposite, met.opposite[met.first]], axis=1), axis=1)
     ends = np.where(bends[:, None], across, met.edge)
     area = np.repeat(areas(mesh), 3)
     traction = np.bincount(met.first, weights=area, minlength=len(area))
-    strength = stiffness * np.where(bends, BENDING * 2 * area, traction)
+    strength = stiffness * np.where(bends, share * 2 * area, traction)
 
-    chosen = np.full(len(bends), True) if bending else ~bends
+    chosen = np.full(len(bends), True) if share else ~bends
     ends, strength, bends = ends[chosen], strength[chosen], bends[chosen]
     e = mesh.positions[ends[:, 0]] - mesh.positions[ends[:, 1]]
     length2 = (e * e).sum(axis=1)
@@ -153,13 +155,13 @@ def object_document(
     damping: float = 0.0,
     drag: float = 0.0,
     settings: str = "nn",
-    bending: bool = True,
+    bending: bool | float = True,
 ) -> dict[str, Any]:
     """Make an object of a scene file, its fields named and in order as the front end writes them.
 
     `fixed` (n,) says which vertices do not move. Density in kg/m², stiffness in N/m; damping, drag and settings are
-    the file's `damping`, `dragCoefficient` and `optimizationSettings`. Raises InvalidInput when no object can be made
-    of the mesh or `fixed` does not fit it.
+    the file's `damping`, `dragCoefficient` and `optimizationSettings`; bending as in `springs`. Raises InvalidInput
+    when no object can be made of the mesh or `fixed` does not fit it.
     """
     held = np.asarray(fixed, dtype=np.bool_)
     if held.shape != (len(mesh.positions),):

@@ -7,7 +7,6 @@ hides is said in `README.md` beside this file. Units: m, kg, s, N/m.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 
 from clothfit.arrays import Flags
 from clothfit.mesh import Mesh, object_document, plane
+from clothfit.scene_text import text
 
 FOLDER = Path(__file__).resolve().parent
 DIVISIONS, SIZE = 10, 7.0
@@ -100,28 +100,6 @@ def vector(xyz: tuple[float, ...]) -> dict[str, float]:
     return dict(zip("xyz", xyz, strict=True))
 
 
-def text(document: dict[str, Any]) -> str:
-    """Write a scene as JSON with one field per line, each array of a cloth on its own."""
-    document = rounded(document)
-    lines = [f'"{name}": {objects(value) if name == "objects" else compact(value)}' for name, value in document.items()]
-    return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
-def objects(cloths: list[dict[str, Any]]) -> str:
-    """Write the cloths, a line per field."""
-    return "[" + ", ".join("{\n" + ",\n".join(map(field, cloth.items())) + "\n}" for cloth in cloths) + "]"
-
-
-def field(item: tuple[str, Any]) -> str:
-    """Write one field of a cloth."""
-    return f'  "{item[0]}": {compact(item[1])}'
-
-
-def compact(value: Any) -> str:
-    """Write a value on one line."""
-    return json.dumps(value, separators=(",", ":"))
-
-
 def rounded(value: Any) -> Any:
     """Round the numbers in a document to the digits that are written."""
     if isinstance(value, dict):
@@ -136,7 +114,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Write the example scenes beside this file.")
     parser.add_argument("--check", action="store_true", help="write nothing; exit with 1 if a scene is not up to date")
     check = parser.parse_args().check
-    wanted = {FOLDER / name: text(make()).encode() for name, make in SCENES.items()}
+    wanted = {FOLDER / name: text(rounded(make())).encode() for name, make in SCENES.items()}
     stale = [path for path, data in wanted.items() if not path.is_file() or path.read_bytes() != data]
     for path in stale:
         if not check:

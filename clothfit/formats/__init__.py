@@ -39,6 +39,7 @@ FORMATS = (
     Format("MDD point cache", (".mdd",), "mdd", RIGHT),
     Format("USD", (".usd", ".usda", ".usdc"), "usd", RIGHT, extra="usd", library="pxr"),
     Format("glTF", (".glb",), "glb", RIGHT, extra="gltf", library="pygltflib"),
+    Format("PLY mesh", (".ply",), "ply", RIGHT, writes=False),
     Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), extra="c3d", library="ezc3d"),
     Format("TRC markers", (".trc",), "trc", Axes("y", "right", 0.001)),
     Format("CSV markers", (".csv",), "csv", RIGHT),
