@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from clothfit import memory
 from clothfit.errors import InvalidMotion
@@ -16,12 +18,13 @@ def name_of(path: str | os.PathLike[str]) -> str:
     return os.path.basename(os.fspath(path)) or os.fspath(path)
 
 
-def content(path: str | os.PathLike[str], most: int | None = MOST_TEXT) -> bytes:
-    """All that is in a file of at most `most` bytes (None: what fits into memory). Raises InvalidMotion."""
+@contextmanager
+def refused(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn what the block raises of a file that cannot be read into an InvalidMotion."""
     try:
-        with steady(path) as file:
-            data: bytes = whole(file, most)
-            return data
+        yield
+    except InvalidMotion:
+        raise
     except FileNotFoundError:
         raise InvalidMotion(f"{name_of(path)}: there is no such file") from None
     except IsADirectoryError:
@@ -29,6 +32,13 @@ def content(path: str | os.PathLike[str], most: int | None = MOST_TEXT) -> bytes
     except (OSError, ValueError) as error:  # ValueError: no possible name
         reason = getattr(error, "strerror", None) or error
         raise InvalidMotion(f"{name_of(path)}: cannot be read: {reason}") from None
+
+
+def content(path: str | os.PathLike[str], most: int | None = MOST_TEXT) -> bytes:
+    """All that is in a file of at most `most` bytes (None: what fits into memory). Raises InvalidMotion."""
+    with refused(path), steady(path) as file:
+        data: bytes = whole(file, most)
+        return data
 
 
 def check_room(needed: int, path: str | os.PathLike[str]) -> None:
