@@ -10,7 +10,7 @@ import numpy as np
 from clothfit.arrays import Array
 from clothfit.axes import Axes, facing, to_scene
 from clothfit.errors import InvalidInput
-from clothfit.formats import FORMATS, module_of
+from clothfit.formats import foreign, module_of, suffix_of
 from clothfit.mesh import Mesh
 
 MESHES = (".obj", ".glb", ".ply", ".usd", ".usda", ".usdc")
@@ -29,13 +29,13 @@ def read_mesh(
     convention of its format, is not to be believed. Raises InvalidInput when there is no mesh in the file.
     """
     name = os.fspath(path)
-    suffix = os.path.splitext(name)[1].lower()
-    found = next((each for each in FORMATS if suffix in each.suffixes and suffix in MESHES), None)
-    if found is None:
+    suffix, found = suffix_of(name), foreign(name)
+    if found is None or suffix not in MESHES:
         raise InvalidInput(f"{name}: meshes are not read from files of that suffix; known are {', '.join(MESHES)}")
     if scale is not None and not 0 < scale < np.inf:
         raise InvalidInput(f"scale: {scale:g} m is not possible, it must be above 0 and finite")
-    animation = module_of(found).read(name)
+    module = module_of(found)
+    animation = module.read(module.frames_of(name)[0] if found.module == "obj" else name)  # one file of a sequence
     told = {"up": up, "handedness": handedness, "scale": scale}
     axes: Axes = animation.axes._replace(**{key: value for key, value in told.items() if value is not None})
     if animation.triangles is None or not len(animation.triangles):
@@ -45,7 +45,7 @@ def read_mesh(
         wrong = int(np.flatnonzero(~np.isfinite(positions).all(axis=1))[0])
         raise InvalidInput(f"{name}: vertex {wrong} has no finite place")
     triangles = np.ascontiguousarray(facing(np.asarray(animation.triangles), axes), np.int32)
-    return Mesh(positions, triangles), (f"{found.name}, read as {axes}", *animation.notes)
+    return Mesh(positions, triangles), (f"read as {axes}", *animation.notes)
 
 
 def turned(positions: Array, degrees: Sequence[float]) -> Array:

@@ -142,7 +142,7 @@ def turned(mesh: Mesh) -> Problem | None:
 
 def parts(mesh: Mesh) -> Problem | None:
     """Parts that nothing holds together."""
-    sizes, first = components(mesh.triangles, len(mesh.positions))
+    sizes, first = components(mesh.triangles[:, [0, 1, 1, 2]].reshape(-1, 2), len(mesh.positions))
     if len(sizes) < 2:
         return None
     more = ", …" if len(sizes) > SHOWN else ""
@@ -186,15 +186,16 @@ def together(positions: Array, distance: float) -> Indices:
     return found
 
 
-def components(triangles: Indices, n: int) -> tuple[Indices, Indices]:
-    """How many vertices each connected part of the triangles (T, 3) has, largest first, and its first vertex."""
+def components(pairs: Indices, n: int) -> tuple[Indices, Indices]:
+    """How many of n vertices each part has that pairs (P, 2) of them hold together, largest first, and its first
+    vertex; vertices in no pair are left out.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    pairs = triangles[:, [0, 1, 1, 2]].reshape(-1, 2)
     graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
     _, label = connected_components(graph, directed=False)
-    used = np.unique(triangles)
+    used = np.unique(pairs)
     _, first, sizes = np.unique(label[used], return_index=True, return_counts=True)
     order = np.argsort(-sizes, kind="stable")
     return sizes[order].astype(np.int32), used[first][order].astype(np.int32)

@@ -85,4 +85,4 @@ def module_of(found: Format) -> Any:
     return import_module(f"clothfit.formats.{found.module}")
 
 
-__all__ = ["FORMATS", "NATIVE", "RIGHT", "SCENE", "Format", "foreign", "format_of", "module_of"]
+__all__ = ["FORMATS", "NATIVE", "RIGHT", "SCENE", "Format", "foreign", "format_of", "module_of", "suffix_of"]

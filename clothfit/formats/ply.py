@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from clothfit import memory
 from clothfit.animation import Animation
 from clothfit.arrays import Array, Indices
 from clothfit.errors import InvalidMotion
 from clothfit.formats import RIGHT
-from clothfit.reading import whole
-from clothfit.steady import steady
+from clothfit.formats.files import check_room, content, name_of
 
 NUMBERS = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -31,6 +31,14 @@ INDICES = ("vertex_indices", "vertex_index")
 
 MOST_HEADER = 1 << 16
 """Bytes of a header."""
+
+COPIES = 12
+"""Memory that reading a file takes at most, as a multiple of its size: text becomes numbers of 8 bytes, and these
+triangles.
+"""
+
+ROW = 500
+"""Bytes that a property of a row takes, roughly, where rows are read one by one."""
 
 
 @dataclass(frozen=True)
@@ -53,19 +61,13 @@ class Element:
 
 def read(path: str | os.PathLike[str]) -> Animation:
     """Read a mesh, its vertices in the file's order, as an animation of one frame. Raises InvalidMotion."""
-    name = os.path.basename(path)
+    data = content(path)
     try:
-        with steady(path) as file:
-            data: bytes = whole(file)
         elements, order, begin = _header(data)
-        content = _body(data[begin:], elements, order)
-        return _animation(content)
-    except (OSError, ValueError, OverflowError) as error:
-        raise InvalidMotion(f"{name}: is no .ply file that can be read: {_reason(error)}") from None
-
-
-def _reason(error: Exception) -> str:
-    return str(getattr(error, "strerror", None) or error)
+        check_room(COPIES * len(data), path)
+        return _animation(_body(data[begin:], elements, order))
+    except (ValueError, OverflowError) as error:
+        raise InvalidMotion(f"{name_of(path)}: cannot be read as .ply: {error}") from None
 
 
 def _header(data: bytes) -> tuple[list[Element], str, int]:
@@ -179,6 +181,8 @@ def _uniform(cursor: _Cursor, each: Element) -> dict[str, Any] | None:
 
 def _walked(cursor: _Cursor, each: Element) -> dict[str, Any]:
     """The same, row by row."""
+    if memory.missing(ROW * each.count * len(each.properties)) is not None:
+        raise ValueError("so many lists of different lengths take more memory than is free")
     columns: dict[str, list[Any]] = {item.name: [] for item in each.properties}
     for _ in range(each.count):
         for item in each.properties:
