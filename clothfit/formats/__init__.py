@@ -38,10 +38,10 @@ FORMATS = (
     Format("PC2 point cache", (".pc2",), "pc2", RIGHT),
     Format("MDD point cache", (".mdd",), "mdd", RIGHT),
     Format("USD", (".usd", ".usda", ".usdc"), "usd", RIGHT, extra="usd", library="pxr"),
-    Format("glTF", (".glb",), "glb", RIGHT, extra="gltf", library="pygltflib"),
-    Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), extra="c3d", library="ezc3d"),
+    Format("glTF", (".glb",), "glb", RIGHT),
+    Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001)),
     Format("TRC markers", (".trc",), "trc", Axes("y", "right", 0.001)),
-    Format("CSV markers", (".csv",), "csv", RIGHT),
+    Format("CSV markers", (".csv",), "marker_table", RIGHT),
 )
 """Besides `.npz` and `.npy`, which are this program's own (`motion`), in the scene's axes.
 
