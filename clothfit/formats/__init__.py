@@ -40,11 +40,11 @@ FORMATS = (
     Format("PC2 point cache", (".pc2",), "pc2", RIGHT, times=False),
     Format("MDD point cache", (".mdd",), "mdd", RIGHT),
     Format("USD", (".usd", ".usda", ".usdc"), "usd", RIGHT, extra="usd", library="pxr"),
-    Format("glTF", (".glb",), "glb", RIGHT, extra="gltf", library="pygltflib"),
+    Format("glTF", (".glb",), "glb", RIGHT),
     Format("PLY mesh", (".ply",), "ply", RIGHT, writes=False, times=False),
     Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), markers=True, extra="c3d", library="ezc3d"),
     Format("TRC markers", (".trc",), "trc", Axes("y", "right", 0.001), markers=True),
-    Format("CSV markers", (".csv",), "csv", RIGHT, markers=True),
+    Format("CSV markers", (".csv",), "marker_table", RIGHT, markers=True),
 )
 """Besides `.npz` and `.npy`, which are this program's own (`motion`), in the scene's axes.
 
