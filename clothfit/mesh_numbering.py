@@ -60,9 +60,6 @@ def _numbering(values: Any, index: int, scene: Scene) -> Indices | None:
     n = scene.vertex_counts[index]
     whole = isinstance(values, list) and set(map(type, values)) <= {int}
     if not whole or not {*range(n)} <= {*values} <= {*range(-1, n)}:
-        raise InvalidScene(
-            f"objects[{index}].{FIELD}: is not a list that gives each of the {n} vertices (and −1 for what was left "
-            "out); take the field away, or make the scene again with `clothfit new --weld`",
-            scene.name,
-        )
+        place = f"objects[{index}].{FIELD}"
+        raise InvalidScene(f"{place}: is no list that names each of the {n} vertices; take the field away", scene.name)
     return np.array(values, np.int32)

@@ -119,18 +119,23 @@ def flagged(scene: Scene) -> list[Flagged]:
     for index, kind, values in _asked(scene):
         owner = scene if index is None else scene.cloths[index]
         mode = owner.mode(kind.name)
-        found.append(Flagged(index, kind.name, mode, len(values) if mode == "L" else _least(kind)))
+        found.append(Flagged(index, kind.name, mode, len(values) if mode == "L" else kind.components))
     return found
 
 
 def beyond_bounds(scene: Scene) -> list[str]:
-    """A sentence for each kind that a fit looks for, where the scene's values are not within its bounds."""
+    """A sentence for each kind that a fit looks for, where what it would start from is not within its bounds."""
     found = []
     for index, kind, values in _asked(scene):
-        beyond = int(((values < kind.lower) | (values > kind.upper)).sum())
-        if beyond:
-            where = f"{owned(index, kind.title)}: {beyond} of {len(values)} values"
-            found.append(f"{where} are not within {kind.lower:g} … {kind.upper:g} {kind.unit}, where a fit looks")
+        mode = (scene if index is None else scene.cloths[index]).mode(kind.name)
+        if kind.name == "rest" and mode == "G":  # a factor on the lengths
+            continue
+        starts = np.array([values.mean()]) if mode == "G" and kind.components == 1 else values
+        beyond = (starts < kind.lower) | (starts > kind.upper)
+        if beyond.any():
+            which = "the mean is" if mode == "G" else f"{beyond.sum()} of {len(values)} values are"
+            where = f"{owned(index, kind.title)}: {which} not within {kind.lower:g} … {kind.upper:g} {kind.unit}"
+            found.append(f"{where}, where a fit looks")
     return found
 
 
@@ -143,10 +148,6 @@ def _asked(scene: Scene) -> Iterator[tuple[int | None, Kind, Array]]:
     for kind in SCENE_KINDS:
         if scene.mode(kind.name) != "n":
             yield None, kind, np.ravel(getattr(scene, kind.name))
-
-
-def _least(kind: Kind) -> int:
-    return kind.components
 
 
 def unknown_fields(scene: Scene) -> list[str]:

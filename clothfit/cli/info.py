@@ -37,23 +37,33 @@ def command(scene_path: str, as_json: bool, console: Console) -> int:
     scene = shared.read_scene(scene_path, console)
     from clothfit import forecast
     from clothfit.memory import free
+    from clothfit.mesh_numbering import numberings
     from clothfit.overview import beyond_bounds, facts, flagged, unknown_fields
 
     objects, wanted = [facts(cloth) for cloth in scene.cloths], flagged(scene)
     steps, fit = forecast.steps(scene), forecast.fit_bytes(scene)
     strange = unknown_fields(scene)
+    meshes = [None if each is None else len(each) for each in numberings(scene)]
     for sentence in beyond_bounds(scene):
         console.warn(f"{scene.name}: {sentence}")
     show_scene(scene, console)
     for begin in range(0, len(objects), BESIDE):
         show_objects(range(len(objects))[begin : begin + BESIDE], objects, wanted, console)
+    for index, count in enumerate(meshes):
+        if count is not None:
+            console.say(f"objects[{index}] was welded from a mesh of {count} vertices")
     show_rest(scene, steps, fit, strange, console)
     if as_json:
         needed = {"motion": forecast.motion_bytes(scene), "fit": fit, "free": free()}
-        own = {"objects": [asdict(each) for each in objects], "flagged": [asdict(each) for each in wanted]}
+        own = {"objects": objects_summary(objects, meshes), "flagged": [asdict(each) for each in wanted]}
         others = {"stability": [asdict(each) for each in steps], "memory": needed, "unknown_fields": strange}
         shared.print_json("info", {**whole(scene), **own, **others, "warnings": scene.warnings})
     return 0
+
+
+def objects_summary(objects: Sequence[Facts], meshes: Sequence[int | None]) -> list[dict[str, Any]]:
+    """What --json prints of each object."""
+    return [{**asdict(own), "mesh_vertices": count} for own, count in zip(objects, meshes, strict=True)]
 
 
 def whole(scene: Scene) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NoReturn
 
 import click
 
@@ -84,10 +85,11 @@ class Asked:
         """Two corners of each box, m. Raises InvalidInput."""
         found = []
         for text in self.fix_box:
-            values = numbers("--fix-box", text.replace(":", ","), 6, "0,0,0:1,1,1") if text.count(":") == 1 else ()
-            if not values:
-                raise _no("--fix-box", text, "0,0,0:1,1,1")
-            found.append((values[:3], values[3:]))
+            corners = text.split(":")
+            if len(corners) != 2:
+                refuse_text("--fix-box", text, "0,0,0:1,1,1")
+            first, second = (numbers("--fix-box", corner, 3, "0,0,0:1,1,1") for corner in corners)
+            found.append((first, second))
         return found
 
     @property
@@ -98,7 +100,7 @@ class Asked:
             first, dash, last = item.strip().partition("-")
             ends = (first, last if dash else first)
             if not all(end.isascii() and end.isdigit() and len(end) < 19 for end in ends):
-                raise _no("--fix-vertices", self.fix_vertices or "", "0,11,20-30")
+                refuse_text("--fix-vertices", self.fix_vertices or "", "0,11,20-30")
             found.append((int(ends[0]), int(ends[1])))
         return found
 
@@ -135,12 +137,13 @@ def numbers(option: str, text: str, count: int, example: str) -> tuple[float, ..
     except ValueError:
         values = ()
     if len(values) != count or not all(abs(value) < float("inf") for value in values):
-        raise _no(option, text, example)
+        refuse_text(option, text, example)
     return values
 
 
-def _no(option: str, text: str, example: str) -> InvalidInput:
-    return InvalidInput(f"{option}: {text!r} is not understood; give it as in {example}")
+def refuse_text(option: str, text: str, example: str) -> NoReturn:
+    """Raise InvalidInput for a text that is none of its option."""
+    raise InvalidInput(f"{option}: {text!r} is not understood; give it as in {example}")
 
 
 def _lettered(text: str) -> bool:

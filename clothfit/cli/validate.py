@@ -55,10 +55,12 @@ def command(scene_paths: tuple[str, ...], as_json: bool, console: Console) -> in
 
 def judge(path: str) -> Verdict:
     """Look at a file."""
+    from clothfit.mesh_numbering import numberings
     from clothfit.scene import load
 
     try:
         scene = load(sys.stdin.buffer if path == shared.STREAM else path)
+        numberings(scene)
     except InvalidScene as error:
         return Verdict(path, error, ())
     return Verdict(path, None, scene.warnings)

@@ -62,9 +62,9 @@ class Element:
 def read(path: str | os.PathLike[str]) -> Animation:
     """Read a mesh, its vertices in the file's order, as an animation of one frame. Raises InvalidMotion."""
     data = content(path)
+    check_room(COPIES * len(data), path)
     try:
         elements, order, begin = _header(data)
-        check_room(COPIES * len(data), path)
         return _animation(_body(data[begin:], elements, order))
     except (ValueError, OverflowError) as error:
         raise InvalidMotion(f"{name_of(path)}: cannot be read as .ply: {error}") from None
@@ -150,7 +150,7 @@ def _numbers(data: bytes) -> Array:
         warnings.simplefilter("error", DeprecationWarning)  # NumPy's way to say that a word is no number
         try:
             return np.fromstring(data, sep=" ")
-        except DeprecationWarning:
+        except (DeprecationWarning, ValueError):  # the second from NumPy 2.3 on
             raise ValueError("a word in it is no number") from None
 
 
