@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from clothfit.arrays import Indices
+from clothfit.arrays import Array, Indices
 from clothfit.errors import InvalidScene
 from clothfit.scene import Scene
 
@@ -52,6 +52,20 @@ def points(scene: Scene) -> int:
     """How many vertices the meshes have of which the scene was made. Raises InvalidScene as `numberings`."""
     counts = zip(numberings(scene), scene.vertex_counts, strict=True)
     return sum(count if numbering is None else len(numbering) for numbering, count in counts)
+
+
+def unwelded(scene: Scene, positions: Array) -> Array:
+    """Positions (frames, vertices, 3) of the scene as those (frames, points, 3) of its meshes, for tools that have
+    these; what was left out, being in no triangle, goes with its object's first vertex. Raises InvalidScene as
+    `numberings`.
+    """
+    chosen, begin = [], 0
+    for numbering, count in zip(numberings(scene), scene.vertex_counts, strict=True):
+        own = np.arange(count, dtype=np.int32) if numbering is None else numbering
+        chosen.append(begin + np.maximum(own, 0))
+        begin += count
+    found: Array = positions[:, np.concatenate(chosen)]
+    return found
 
 
 def _numbering(values: Any, index: int, scene: Scene) -> Indices | None:

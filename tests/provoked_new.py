@@ -44,7 +44,6 @@ COMMANDS: dict[str, Case] = {
     "fix side: the mesh is flat along …, so its … is all of it; name another": plane("--fix-side top"),
     "fix side: a reach of … m is not possible, 0 or more is": plane("--fix-side left=-1"),
     "fix vertices: … is not possible, the mesh has vertices 0 to …": plane("--fix-vertices 144"),
-    "weld: a distance of … m is not possible, 0 or more is": ply(TRIANGLE, "--weld=-1"),
     "weld: within … of most vertices are too many others; give a smaller one": patched(
         ply(TRIANGLE, "--weld 9"), "clothfit.mesh_problems.MOST_PAIRS", 1
     ),

@@ -12,6 +12,7 @@ from provoked import OTHER, SMALL, SPRINGS
 import clothfit
 from clothfit import energy, fit_methods, mesh, precision, verify
 from clothfit.mesh import Mesh
+from clothfit.mesh_problems import together
 from clothfit.scene import load
 
 SCENE = load(SMALL)
@@ -76,6 +77,7 @@ PYTHON: dict[str, Callable[[], object]] = {
     "fixed: … values for … vertices; one each is needed": lambda: mesh.object_document(
         PLANE, [True], density=0.1, stiffness=50.0
     ),
+    "weld: a distance of … m is not possible, 0 or more is": lambda: together(CORNERS, -1.0),
     "derivative check: only … of … steps stand above rounding, … are needed; try another direction, or a point where "
     "the cost curves more": lambda: checked(0.0),
     "derivative check: direction of shape … given, p has …": lambda: checked(0.0, np.ones(2)),

@@ -9,7 +9,7 @@ import click
 
 from clothfit.cli import shared, trust
 from clothfit.cli.console import Console
-from clothfit.cli.new_options import PLANE, Asked, numbers
+from clothfit.cli.new_options import PLANE, Asked, numbers, understood
 from clothfit.errors import InvalidInput
 from clothfit.words import counted
 
@@ -32,7 +32,7 @@ class Cloth(NamedTuple):
 
 
 @shared.command("new")
-@click.argument("mesh_path", metavar="plane|MESH")
+@click.argument("given", metavar="plane|MESH", required=False)
 @click.option("--size", metavar="W[xH]", help="Of the plane, m.  [default: 1]")
 @click.option("--divisions", type=click.IntRange(0), metavar="N", help="Of the plane: N + 2 vertices along its longer "
               "side.  [default: 10]")
@@ -66,7 +66,7 @@ class Cloth(NamedTuple):
 @click.option("--tolerance", type=float, default=1e-5, metavar="T", help="Of the linear solver.  [default: 1e-5]")
 @click.option("--title", metavar="TEXT", help="[default: the file's name]")
 @click.option("-o", "--output", "path", metavar="SCENE", help="Scene file.  [default: <stem>.json]")
-def command(mesh_path: str, path: str | None, as_json: bool, console: Console, **options: Any) -> int:
+def command(given: str | None, path: str | None, as_json: bool, console: Console, **options: Any) -> int:
     """Make a scene of one cloth: a plane, or a mesh from a file (.obj, .glb, .ply, .usd), as the front end builds it.
 
     \b
@@ -76,7 +76,7 @@ def command(mesh_path: str, path: str | None, as_json: bool, console: Console, *
 
     May be repeated: --fix-box, --fix-side, --sphere, --fit. Places are in the scene's axes: y up, z forward.
     """  # fmt: skip
-    asked = Asked(**options)
+    mesh_path, asked = understood(given, Asked(**options))
     is_plane = mesh_path == PLANE
     asked.check(is_plane)
     out = output(mesh_path, path, is_plane)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NoReturn
 
 import click
@@ -115,7 +115,7 @@ class Asked:
         """Of welding, m; None for what counts as one place. Raises InvalidInput."""
         if self.weld in (None, ""):
             return None
-        return numbers("--weld", str(self.weld), 1, "--weld 0.001; a file's name goes before it")[0]
+        return numbers("--weld", str(self.weld), 1, "0.001")[0]
 
     @property
     def letters(self) -> str:
@@ -128,6 +128,26 @@ class Asked:
         """What else to fit: modes by names."""
         split = [text.partition("=") for text in self.fit if not _lettered(text)]
         return {name: mode.upper() if equals else "G" for name, equals, mode in split}
+
+
+def understood(path: str | None, asked: Asked) -> tuple[str, Asked]:
+    """What to make a scene of, and the options: what stands behind --weld is a distance only where it is a number.
+
+    Raises MissingParameter.
+    """
+    if path is None and asked.weld and not _number(asked.weld):
+        return asked.weld, replace(asked, weld="")
+    if path is None:
+        raise click.MissingParameter(param_hint="'plane|MESH'", param_type="argument", ctx=click.get_current_context())
+    return path, asked
+
+
+def _number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def numbers(option: str, text: str, count: int, example: str) -> tuple[float, ...]:

@@ -150,7 +150,7 @@ def _numbers(data: bytes) -> Array:
         warnings.simplefilter("error", DeprecationWarning)  # NumPy's way to say that a word is no number
         try:
             return np.fromstring(data, sep=" ")
-        except (DeprecationWarning, ValueError):  # the second from NumPy 2.3 on
+        except (DeprecationWarning, ValueError):  # which, depends on the version of NumPy
             raise ValueError("a word in it is no number") from None
 
 
