@@ -10,7 +10,7 @@ import numpy as np
 from clothfit.arrays import Array
 from clothfit.axes import Axes, facing, to_scene
 from clothfit.errors import InvalidInput
-from clothfit.formats import foreign, module_of, suffix_of
+from clothfit.formats import foreign, module_of, obj, suffix_of
 from clothfit.mesh import Mesh
 
 MESHES = (".obj", ".glb", ".ply", ".usd", ".usda", ".usdc")
@@ -34,8 +34,7 @@ def read_mesh(
         raise InvalidInput(f"{name}: meshes are not read from files of that suffix; known are {', '.join(MESHES)}")
     if scale is not None and not 0 < scale < np.inf:
         raise InvalidInput(f"scale: {scale:g} m is not possible, it must be above 0 and finite")
-    module = module_of(found)
-    animation = module.read(module.frames_of(name)[0] if found.module == "obj" else name)  # one file of a sequence
+    animation = module_of(found).read(sources(name)[0])
     told = {"up": up, "handedness": handedness, "scale": scale}
     axes: Axes = animation.axes._replace(**{key: value for key, value in told.items() if value is not None})
     if animation.triangles is None or not len(animation.triangles):
@@ -46,6 +45,11 @@ def read_mesh(
         raise InvalidInput(f"{name}: vertex {wrong} has no finite place")
     triangles = np.ascontiguousarray(facing(np.asarray(animation.triangles), axes), np.int32)
     return Mesh(positions, triangles), (f"read as {axes}", *animation.notes)
+
+
+def sources(path: str) -> list[str]:
+    """The files that a name stands for: of a sequence `name_*.obj` all, and of these the first is the mesh."""
+    return obj.frames_of(path) if obj.ANY in path and suffix_of(path) == ".obj" else [path]
 
 
 def turned(positions: Array, degrees: Sequence[float]) -> Array:

@@ -115,7 +115,7 @@ def repeated(mesh: Mesh) -> Problem | None:
 
 def crowded(mesh: Mesh) -> Problem | None:
     """Edges that more than two triangles share."""
-    met = edges(mesh.triangles)
+    met = edges(_distinct(mesh.triangles))
     wrong = np.flatnonzero(met.count > 2)
     sentence = "more than two triangles share {}{}; at most 2 can: cut the mesh there"
     return _problem("non-manifold", met.ends[wrong, 0], ("edge", "edges"), sentence, fatal=True, of="at vertices ")
@@ -133,7 +133,7 @@ def shrunk(mesh: Mesh) -> Problem | None:
 
 def turned(mesh: Mesh) -> Problem | None:
     """Edges whose two triangles face opposite ways: they walk it in the same direction."""
-    met = edges(mesh.triangles)
+    met = edges(_distinct(mesh.triangles))
     along = np.bincount(met.of, met.along, len(met.ends))
     wrong = np.flatnonzero((met.count == 2) & (along != 1))
     sentence = "at {} two triangles face opposite ways{}; that changes how the cloth looks, not how it moves"
@@ -231,6 +231,12 @@ def _collapsed(triangles: Indices) -> Flags:
     a, b, c = triangles.T
     wrong: Flags = (a == b) | (b == c) | (a == c)
     return wrong
+
+
+def _distinct(triangles: Indices) -> Indices:
+    """Those that are told of nowhere else."""
+    kept = triangles[~_collapsed(triangles)]
+    return kept[first_of_each(np.sort(kept, axis=1))]
 
 
 def _thin(mesh: Mesh) -> Flags:

@@ -100,7 +100,10 @@ def output(mesh_path: str, path: str | None, is_plane: bool) -> shared.Output:
         return shared.output(path or f"{PLANE}.json", shared.STREAM, "", (), text=True)
     if mesh_path == shared.STREAM:
         raise InvalidInput("a mesh is not read from standard input; name a file")
-    return shared.output(path or default_name(mesh_path), mesh_path, "", (), text=True)
+    shared.check_there(*([] if "*" in mesh_path else [mesh_path]))
+    from clothfit.mesh_file import sources
+
+    return shared.output(path or default_name(mesh_path), mesh_path, "", tuple(sources(mesh_path)), text=True)
 
 
 def default_name(mesh_path: str) -> str:

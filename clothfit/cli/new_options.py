@@ -53,7 +53,7 @@ class Asked:
     def check(self, is_plane: bool) -> None:
         """Raise UsageError where options do not go together, InvalidInput where a text is none of its option."""
         for field, name in (OF_MESHES if is_plane else OF_PLANES).items():
-            if getattr(self, field) not in (None, False):
+            if getattr(self, field) is not None and getattr(self, field) is not False:
                 raise click.UsageError(f"{name} is for {'meshes from files' if is_plane else 'planes'}; leave it out")
         for field, name, other, other_name in PAIRS:
             if getattr(self, field) is not None and getattr(self, other):
