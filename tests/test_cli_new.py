@@ -1,6 +1,8 @@
 """`clothfit new`: what each option does to the scene, what is told, what is refused."""
 
 import json
+import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,7 @@ import trimesh
 from scenes import environment, started
 
 from clothfit import load, mesh, read_mesh
-from clothfit.cli import run
+from clothfit.cli import group, run
 from clothfit.mesh import Mesh
 from clothfit.mesh_numbering import numberings
 
@@ -235,8 +237,8 @@ def test_options_that_do_not_go_together_are_wrong_usage(options, capsys):
     ("option", "value"),
     [("--size", "2x"), ("--size", "1x2x3"), ("--size", "big"), ("--size", "0"), ("--rotate", "1,2"),
      ("--move", "1;2;3"), ("--move", "1,2,nan"), ("--fix-box", "0,0,0"), ("--fix-box", "0,0:0,0,0,0"),
-     ("--fix-vertices", "1-"), ("--fix-vertices", ""), ("--fix-vertices", "a"), ("--fix-vertices", "144"), ("--fix-side", "left=far"),
-     ("--fix-side", "top"), ("--sphere", "0,0,0"), ("--sphere", "0,0,0,0"), ("--wind", "5"), ("--fit", "xx"),
+     ("--fix-vertices", "1-"), ("--fix-vertices", ""), ("--fix-vertices", "a"), ("--fix-vertices", "144"),
+     ("--fix-side", "left=far"), ("--fix-side", "top"), ("--sphere", "0,0,0"), ("--sphere", "0,0,0,0"), ("--wind", "5"), ("--fit", "xx"),
      ("--fit", "mass"), ("--fit", "wind=L"), ("--fit", "n"), ("--frames", "1"), ("--delta", "0"), ("--density", "0"),
      ("--divisions", "-1"), ("--integrator", "magic"), ("--tolerance", "2"), ("--stiffness", "nan")],
 )  # fmt: skip
@@ -249,3 +251,32 @@ def test_a_value_that_cannot_be_is_one_line_and_no_file(option, value, capsys, f
 def test_steps_that_will_not_stay_stable_are_told(capsys):
     assert run(["new", "plane", "--integrator", "explicit"]) == 0
     assert "will not stay stable" in capsys.readouterr().err
+
+
+PAGE = (Path(__file__).resolve().parents[1] / "docs" / "new.md").read_text("utf-8")
+
+
+def test_the_page_of_the_command_names_every_option():
+    common = {"--json", "--quiet", "--verbose", "--version"}
+    options = {name for option in group.get_command(None, "new").params for name in option.opts if name[:2] == "--"}
+    assert {name for name in options - common if f"`{name}" not in PAGE} == set()
+
+
+def test_what_the_page_shows_runs():
+    lines = [line for line in PAGE.splitlines() if line.startswith("clothfit new plane")]
+    assert len(lines) == 2
+    for line in lines:
+        assert run([*shlex.split(line, comments=True)[1:], "-q"]) == 0
+    (program,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    exec(program, {})
+    assert load("flag.json").cloths[0].fixed.sum() == 12
+
+
+def test_the_page_names_every_problem():
+    import clothfit.mesh_problems as found
+
+    source = Path(found.__file__).read_text("utf-8")
+    kinds = set(re.findall(r'Problem\("([\w-]+)"|_problem\("([\w-]+)"', source))
+    assert {a or b for a, b in kinds} == {"unused", "collapsed", "flat", "massless", "repeated", "non-manifold",
+                                          "no-length", "orientation", "parts", "seam"}  # fmt: skip
+    assert all(f"`{a or b}`" in PAGE for a, b in kinds)
