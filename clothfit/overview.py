@@ -12,6 +12,7 @@ import numpy as np
 from clothfit import structure
 from clothfit.arrays import Array, Flags, Indices
 from clothfit.kinds import CLOTH_KINDS, SCENE_KINDS, Kind
+from clothfit.mesh import keys
 from clothfit.mesh_numbering import FIELD
 from clothfit.mesh_problems import across, components, edges
 from clothfit.scene import Cloth, Scene
@@ -63,7 +64,7 @@ class Facts:
 
 def facts(cloth: Cloth) -> Facts:
     """What there is to say of an object."""
-    edge, bend = spring_kinds(cloth.springs, cloth.triangles, len(cloth.mass))
+    edge, bend = spring_kinds(cloth.springs, cloth.triangles)
     sizes, _ = components(cloth.springs, len(cloth.mass))
     return Facts(
         vertices=len(cloth.mass),
@@ -94,23 +95,18 @@ def spread(values: Array) -> Spread:
         return Spread(float(values.min()), float(np.median(values)), float(values.max()), float(values.sum()))
 
 
-def spring_kinds(springs: Indices, triangles: Indices, n: int) -> tuple[Flags, Flags]:
-    """Which springs (S, 2) lie along an edge of the triangles (T, 3) of n vertices, and which of the others join the
-    vertices opposite one: (S,) each. Of two springs between the same vertices the second is taken for the other kind
-    where there is such a one.
+def spring_kinds(springs: Indices, triangles: Indices) -> tuple[Flags, Flags]:
+    """Which springs (S, 2) lie along an edge of the triangles (T, 3), and which of the others join the vertices
+    opposite one: (S,) each. Of two springs between the same vertices the second is taken for the other kind where
+    there is such a one.
     """
     met = edges(triangles)
-    key, edge, bend = (_keys(pairs, n) for pairs in (springs, met.ends, across(met)))
+    key, edge, bend = (keys(pairs) for pairs in (springs, met.ends, across(met)))
     is_edge, is_bend = np.isin(key, edge), np.isin(key, bend)
     _, first = np.unique(key, return_index=True)
     again = ~np.isin(np.arange(len(key)), first)
     bends = is_bend & (~is_edge | again)
     return is_edge & ~bends, bends
-
-
-def _keys(pairs: Indices, n: int) -> Any:
-    low, high = np.sort(pairs, axis=1).astype(np.int64).T
-    return low * n + high
 
 
 def flagged(scene: Scene) -> list[Flagged]:

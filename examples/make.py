@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from clothfit import scene_text
 from clothfit.arrays import Flags
 from clothfit.mesh import Mesh, object_document, plane
-from clothfit.scene_text import text
 
 FOLDER = Path(__file__).resolve().parent
 DIVISIONS, SIZE = 10, 7.0
@@ -100,6 +100,11 @@ def vector(xyz: tuple[float, ...]) -> dict[str, float]:
     return dict(zip("xyz", xyz, strict=True))
 
 
+def text(document: dict[str, Any]) -> str:
+    """Write a scene as JSON."""
+    return scene_text.text(rounded(document))
+
+
 def rounded(value: Any) -> Any:
     """Round the numbers in a document to the digits that are written."""
     if isinstance(value, dict):
@@ -114,7 +119,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Write the example scenes beside this file.")
     parser.add_argument("--check", action="store_true", help="write nothing; exit with 1 if a scene is not up to date")
     check = parser.parse_args().check
-    wanted = {FOLDER / name: text(rounded(make())).encode() for name, make in SCENES.items()}
+    wanted = {FOLDER / name: text(make()).encode() for name, make in SCENES.items()}
     stale = [path for path, data in wanted.items() if not path.is_file() or path.read_bytes() != data]
     for path in stale:
         if not check:

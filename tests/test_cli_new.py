@@ -238,9 +238,10 @@ def test_options_that_do_not_go_together_are_wrong_usage(options, capsys):
     [("--size", "2x"), ("--size", "1x2x3"), ("--size", "big"), ("--size", "0"), ("--rotate", "1,2"),
      ("--move", "1;2;3"), ("--move", "1,2,nan"), ("--fix-box", "0,0,0"), ("--fix-box", "0,0:0,0,0,0"),
      ("--fix-vertices", "1-"), ("--fix-vertices", ""), ("--fix-vertices", "a"), ("--fix-vertices", "144"),
-     ("--fix-side", "left=far"), ("--fix-side", "top"), ("--sphere", "0,0,0"), ("--sphere", "0,0,0,0"), ("--wind", "5"), ("--fit", "xx"),
-     ("--fit", "mass"), ("--fit", "wind=L"), ("--fit", "n"), ("--frames", "1"), ("--delta", "0"), ("--density", "0"),
-     ("--divisions", "-1"), ("--integrator", "magic"), ("--tolerance", "2"), ("--stiffness", "nan")],
+     ("--fix-side", "left=far"), ("--fix-side", "top"), ("--sphere", "0,0,0"), ("--sphere", "0,0,0,0"),
+     ("--wind", "5"), ("--fit", "xx"), ("--fit", "mass"), ("--fit", "wind=L"), ("--fit", "n"), ("--frames", "1"),
+     ("--delta", "0"), ("--density", "0"), ("--divisions", "-1"), ("--integrator", "magic"), ("--tolerance", "2"),
+     ("--stiffness", "nan")],
 )  # fmt: skip
 def test_a_value_that_cannot_be_is_one_line_and_no_file(option, value, capsys, folder):
     assert run(["new", "plane", f"{option}={value}"]) == 3

@@ -39,7 +39,7 @@ def test_the_facts_of_the_examples_are_numpys(path):
 @pytest.mark.parametrize("sheet", [mesh.plane(10, 7.0), mesh.plane(3, 2.0, 1.0), mesh.plane(0, 1.0)])
 def test_springs_are_told_apart_as_they_were_made(sheet):
     made = mesh.springs(sheet, 1.0)
-    edge, bends = spring_kinds(made.ends, sheet.triangles, len(sheet.positions))
+    edge, bends = spring_kinds(made.ends, sheet.triangles)
     np.testing.assert_array_equal(bends, made.bends)
     np.testing.assert_array_equal(edge, ~made.bends)
 
@@ -47,13 +47,13 @@ def test_springs_are_told_apart_as_they_were_made(sheet):
 def test_of_a_tetrahedron_every_pair_is_an_edge_and_opposite_one():
     faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]], np.int32)
     made = mesh.springs(mesh.Mesh(np.random.default_rng(0).normal(size=(4, 3)), faces), 1.0)
-    edge, bends = spring_kinds(made.ends, faces, 4)
+    edge, bends = spring_kinds(made.ends, faces)
     assert (edge.sum(), bends.sum()) == (6, 6)
 
 
 def test_springs_of_neither_kind_are_neither():
     sheet = mesh.plane(2, 1.0)
-    edge, bends = spring_kinds(np.array([[0, 15], [0, 1]], np.int32), sheet.triangles, 16)
+    edge, bends = spring_kinds(np.array([[0, 15], [0, 1]], np.int32), sheet.triangles)
     assert (edge.tolist(), bends.tolist()) == ([False, True], [False, False])
 
 
