@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import io
 import os
-from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from typing import IO, Any
 
@@ -29,8 +28,8 @@ from clothfit.likeness import Likeness, likeness
 from clothfit.markers import Matches, initial, matched
 from clothfit.motion import Motion, check_motion
 from clothfit.motion import load_motion as load_native
+from clothfit.native import described
 from clothfit.scene import Scene
-from clothfit.steady import steady
 from clothfit.words import counted
 
 RATE = 30.0
@@ -160,35 +159,21 @@ def _native(path: str | os.PathLike[str] | io.BytesIO, scene: Scene | None, read
     """A motion of this program, which has the scene's axes unless something else is said."""
     if reading.markers is not None:
         raise InvalidInput(f"--map: {name} has no markers but the vertices themselves; leave it out")
-    counts, timed = _described(path)
+    counts, timed, triangles = described(path)
     own: Any = scene or Points(counts, name)
     motion = load_native(path, own, name)
     rate = f"{_rate(motion.times)} by its own times" if timed else _per_step(scene)
     if reading.fps is not None:
         motion = replace(motion, times=np.arange(len(motion.times)) / reading.fps)
         rate, timed = f"{reading.fps:g} frames a second as given", True
+    _check_count(motion.positions.shape[1], own, name)
     axes = reading.axes(SCENE)
     if axes != SCENE:
         motion = replace(motion, positions=to_scene(motion.positions, axes))
     motion = _cut(motion, reading, name)
-    account = Account(name, "this program's", axes, len(motion.times), motion.positions.shape[1], _length(motion), rate,
+    account = Account(name, "npz", axes, len(motion.times), motion.positions.shape[1], _length(motion), rate,
                       start=_start(motion, scene, axes))  # fmt: skip
-    return Loaded(motion, account, timed=timed)
-
-
-def _described(path: str | os.PathLike[str] | io.BytesIO) -> tuple[tuple[int, ...], bool]:
-    """The points of each object, and whether there are times, as a file of this program says before it is checked."""
-    try:
-        with nullcontext(path) if isinstance(path, io.BytesIO) else steady(path) as file:
-            if not file.seekable():
-                return (0,), True
-            stored = npz.stored(file, ("positions", "times", "vertex_counts"), "positions")
-            total = stored["positions"].shape[1]
-            counts = stored["vertex_counts"].read().reshape(-1).tolist() if "vertex_counts" in stored else []
-            file.seek(0)
-            return tuple(counts) if sum(counts) == total else (total,), "times" in stored
-    except (*npz.FAULTS, KeyError, IndexError, TypeError):  # whoever reads it says why
-        return (0,), True
+    return Loaded(motion, account, None if triangles is None else facing(triangles, axes), timed=timed)
 
 
 def _times(read: Animation, scene: Scene | None, reading: Reading) -> tuple[Array, str, bool]:
@@ -229,6 +214,8 @@ def _spread(positions: Array, observed: Flags, matches: Matches, total: int) -> 
 
 
 def _check_count(points: int, scene: Scene | Points, name: str) -> None:
+    if points == 0:
+        raise InvalidMotion(f"{name}: has no points")
     if points != sum(scene.vertex_counts):
         raise InvalidMotion(
             f"{name}: has {points} vertices, {scene.name} has {sum(scene.vertex_counts)}; a motion needs all vertices "

@@ -85,12 +85,17 @@ def animation(
     return Animation(positions, axes, motion.times, faces, motion.observed, names)
 
 
-def archive(motion: Motion, timed: bool) -> Data:
-    """What writes a motion as `.npz`; without times where none are known, which means one frame per time step."""
+def archive(motion: Motion, timed: bool, triangles: Indices | None = None) -> Data:
+    """What writes a motion as `.npz`, with faces where there are some.
+
+    Without times where none are known (`timed`), which means one frame per time step.
+    """
+    faces = {} if triangles is None else {"triangles": triangles}
+    if timed:
+        return own.archive(motion, faces)
     arrays: dict[str, Any] = {"positions": motion.positions, "vertex_counts": np.array(motion.vertex_counts, np.int64)}
-    parts = {"observed": motion.observed, "weights": motion.weights}
-    arrays |= {name: part for name, part in parts.items() if part is not None}
-    return own.archive(motion) if timed else npz.archive(arrays)
+    parts = {"observed": motion.observed, "weights": motion.weights, **faces}
+    return npz.archive(arrays | {name: part for name, part in parts.items() if part is not None})
 
 
 def files(path: str | os.PathLike[str], found: Format, made: Animation) -> dict[str, Data]:

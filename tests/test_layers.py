@@ -67,6 +67,7 @@ ORDER = [
     "adjoint",
     "sensitivity",
     "motion",
+    "native",
     "likeness",
     "markers",
     "foreign",

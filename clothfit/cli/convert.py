@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @shared.command("convert")
 @click.argument("in_paths", metavar="IN", nargs=-1, required=True)
 @click.argument("out_path", metavar="OUT")
-@click.option("--scene", "scene_path", metavar="SCENE", help="Whose motion it is: checks it, and gives times and faces.")
+@click.option("--scene", "scene_path", metavar="SCENE", help="Whose motion it is: checks it, gives times and faces.")
 @click.option("--mesh", "mesh_path", metavar="FILE", help="Whose faces to write: of any format that has some.")
 @motions.reads
 @partial(motions.axes, prefix="to-", what="OUT")
@@ -129,24 +129,25 @@ def written(
     console: Console,
 ) -> dict[str, Any]:
     """Write the motion; what --json says of that."""
+    from clothfit.axes import SCENE
     from clothfit.formats import foreign
     from clothfit.motion_files import archive, sources
 
+    count = 0 if faces is None else len(faces)
     if foreign(out.path) is None:
         known = loaded.timed or scene is not None
-        out.write(archive(loaded.motion, known))
+        out.write(archive(loaded.motion, known, faces))
         untimed = "" if known else "; without times, as IN has none (--fps)"
         console.say(f"{out.name}: y up, left-handed, metres{untimed}")
-        return {"written": {"axes": None, "faces": 0, "largest_rounding": 0.0}}
+        return {"written": {**SCENE._asdict(), "faces": count, "largest_rounding": 0.0}}
     if faces is None:
         console.say(f"{out.name}: gets points only, no faces; --scene or --mesh has some")
     read_from = [file for path in inputs if path is not None for file in sources(path)]
-    axes = motions.write_foreign(loaded.motion, out, convention, console, read_from, faces, loaded.names)
+    axes = motions.write_foreign(loaded.motion, out, convention, console, read_from, faces, loaded.names, loaded.timed)
     rounding = largest_rounding(loaded, out.path, axes)
     if rounding:
         console.say(f"{out.name}: its positions are rounded by {metres(rounding)} at most")
-    told = {**axes._asdict(), "faces": 0 if faces is None else len(faces), "largest_rounding": rounding}
-    return {"written": told}
+    return {"written": {**axes._asdict(), "faces": count, "largest_rounding": rounding}}
 
 
 def largest_rounding(loaded: Loaded, path: str, axes: Axes) -> float | None:

@@ -145,6 +145,7 @@ def write_foreign(
     inputs: Iterable[str] = (),
     triangles: Indices | None = None,
     names: tuple[str, ...] | None = None,
+    timed: bool = True,
 ) -> Axes:
     """Write a motion as another program has it, never over `inputs`; says and returns which axes it got."""
     from clothfit import motion_files
@@ -164,7 +165,7 @@ def write_foreign(
     with shared.uninterrupted():
         for path, data in files.items():
             shared.Output(path).put(data)
-    console.say(f"{out.name}: {found.name}, {meant}{'' if found.times else without_times(motion)}")
+    console.say(f"{out.name}: {found.name}, {meant}{without_times(motion) if timed and not found.times else ''}")
     if found.times and motion.times[0] != 0:
         start = f"begins at {motion.times[0]:g} s; other programs' files are taken to begin where the scene does"
         console.warn(f"{out.name}: {start}")
