@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from clothfit.capture import degrade
+    from clothfit.convention import Convention, Reading
     from clothfit.energy import Energy, energies
     from clothfit.errors import ClothfitError, Diverged, InvalidInput, InvalidMotion, InvalidScene
     from clothfit.evaluation import Evaluation, evaluate
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
     from clothfit.fit_vector import parameters, with_parameters
     from clothfit.many import estimate_many
     from clothfit.mesh_file import read_mesh
-    from clothfit.motion import Motion, as_motion, load_motion, save_motion, simulate
+    from clothfit.motion import Motion, as_motion, simulate
+    from clothfit.motion_files import load_motion, save_motion
     from clothfit.objective import Objective, cost_and_gradient
     from clothfit.precision import WorkPrecision, work_precision
     from clothfit.result import Fit
@@ -32,6 +34,8 @@ if TYPE_CHECKING:
 
 _HOME = {
     "degrade": "capture",
+    "Convention": "convention",
+    "Reading": "convention",
     "Energy": "energy",
     "energies": "energy",
     "ClothfitError": "errors",
@@ -48,8 +52,8 @@ _HOME = {
     "new_scene": "scene_making",
     "Motion": "motion",
     "as_motion": "motion",
-    "load_motion": "motion",
-    "save_motion": "motion",
+    "load_motion": "motion_files",
+    "save_motion": "motion_files",
     "simulate": "motion",
     "Objective": "objective",
     "cost_and_gradient": "objective",
@@ -71,6 +75,7 @@ _MODULES = ("mesh", "mesh_problems", "verify", "weld")
 __all__ = [
     "Cloth",
     "ClothfitError",
+    "Convention",
     "Diverged",
     "Energy",
     "Evaluation",
@@ -80,6 +85,7 @@ __all__ = [
     "InvalidScene",
     "Motion",
     "Objective",
+    "Reading",
     "Scene",
     "SceneCheck",
     "WorkPrecision",

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.arrays import Array
+from clothfit.arrays import Array, Indices
 
 UPS, HANDS = ("y", "z"), ("left", "right")
 
@@ -50,7 +50,7 @@ def from_scene(points: Array, axes: Axes) -> Array:
     return turned
 
 
-def facing(triangles: Array, axes: Axes) -> Array:
+def facing(triangles: Indices, axes: Axes) -> Indices:
     """Triangles (T, 3) between a file's axes and the scene's, either way: a mirror image turns their order round, so
     that the same side stays the front.
     """

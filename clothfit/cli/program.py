@@ -26,7 +26,9 @@ from clothfit.interrupts import REQUESTS, SAME_REQUEST
 
 _last_request = -SAME_REQUEST
 
-COMMANDS = ("new", "info", "validate", "simulate", "target", "estimate", "evaluate", "check", "warmup")
+COMMANDS = (
+    "new", "info", "validate", "simulate", "target", "estimate", "evaluate", "check", "convert", "warmup",
+)  # fmt: skip
 
 
 class LazyGroup(click.Group):

@@ -65,8 +65,8 @@ def read_frames(paths: Sequence[str], path: str | os.PathLike[str]) -> Animation
         later = _Text(each)
         points = later.points()
         if points.shape != positions.shape[1:]:
-            counts = f"has {len(points)} vertices, {name_of(paths[0])} has {positions.shape[1]}"
-            raise InvalidMotion(f"{name_of(each)}: {counts}; all frames of a sequence need the same")
+            first_has = f"{name_of(paths[0])} has {positions.shape[1]}"
+            raise InvalidMotion(f"{name_of(each)}: has {len(points)} vertices, {first_has}, as all frames need")
         if later.faces() not in (0, first.faces()):
             raise InvalidMotion(f"{name_of(each)}: has other faces than {name_of(paths[0])}; is it of another mesh?")
         positions[frame] = points
@@ -78,19 +78,24 @@ def frames_of(path: str | os.PathLike[str]) -> list[str]:
     text = os.fspath(path)
     if ANY not in text:
         return [text]
-    found = numbered(text)
+    found: dict[int, str] = {}
+    for number, each in sorted(numbered(text)):
+        if number in found:
+            twice = f"{name_of(found[number])} and {name_of(each)}"
+            raise InvalidMotion(f"{name_of(text)}: {twice} are both frame {number}; take one away")
+        found[number] = each
     if not found:
         raise InvalidMotion(f"{name_of(text)}: there is no file of that name with a number in place of {ANY}")
-    numbers = sorted(found)
+    numbers = list(found)
     steps = set(np.diff(numbers).tolist())
     if len(steps) > 1:
         after = next(a for a, b in pairwise(numbers) if b - a > min(steps))
         raise InvalidMotion(f"{name_of(text)}: a frame is missing after number {after}")
-    return [found[number] for number in numbers]
+    return list(found.values())
 
 
-def numbered(path: str) -> dict[int, str]:
-    """The files whose names have a number in place of the *, by it; others of that beginning and end are not meant.
+def numbered(path: str) -> list[tuple[int, str]]:
+    """The files whose names have a number in place of the *, with it; others of that beginning and end are not meant.
 
     Raises InvalidMotion where that cannot be told.
     """
@@ -102,25 +107,22 @@ def numbered(path: str) -> dict[int, str]:
         there = os.listdir(folder or ".")
     except (OSError, ValueError) as error:
         raise InvalidMotion(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    found: dict[int, str] = {}
-    for each in there:
-        if (match := pattern.fullmatch(each)) is None:
-            continue
-        number = int(match[1])
-        if number in found:
-            twice = " and ".join(sorted([os.path.basename(found[number]), each]))
-            raise InvalidMotion(f"{name_of(path)}: {twice} are both frame {number}; take one away")
-        found[number] = os.path.join(folder, each)
-    return found
+    found = ((pattern.fullmatch(each), each) for each in there)
+    return [(int(match[1]), os.path.join(folder, each)) for match, each in found if match]
+
+
+def check_name(path: str, frames: int) -> None:
+    """Raise InvalidInput where several frames are to be written to one file."""
+    if ANY not in path and frames != 1:
+        root, suffix = os.path.splitext(path)
+        raise InvalidInput(f"{path}: holds one frame, there are {frames}; write {root}_{ANY}{suffix}")
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
     """The files of a sequence, numbered from 0, or of one frame. Raises InvalidInput where several need a * in `path`.
     """
     text, frames = os.fspath(path), animation.positions
-    if ANY not in text and len(frames) != 1:
-        root, suffix = os.path.splitext(text)
-        raise InvalidInput(f"{text}: holds one frame, there are {len(frames)}; write {root}_{ANY}{suffix}")
+    check_name(text, len(frames))
     faces = _faces(animation.triangles)
     names = (numbered_name(text, frame) for frame in range(len(frames)))
     return {name: partial(_write, points=points, faces=faces) for name, points in zip(names, frames, strict=True)}
@@ -164,7 +166,7 @@ class _Text:
         if not count:
             raise InvalidMotion(f"{self.name}: has no vertices (lines v x y z); is it an OBJ file?")
         if len(numbers) != 3 * count or not np.isfinite(numbers).all():
-            raise self._wrong_vertex()
+            raise InvalidMotion(f"{self.name}: line {self._wrong()}: a vertex needs three finite numbers")
         return numbers.reshape(count, 3)
 
     def faces(self) -> int:
@@ -181,8 +183,8 @@ class _Text:
             corners = [_corner(word, before) for word in words]
             valid = all(0 <= corner < len(starts) for corner in corners)
             if not valid or len(corners) < 3 or len(face[1]) > LONGEST:
-                why = f"a face needs three corners or more, each a number of one of the {len(starts)} vertices"
-                raise InvalidMotion(f"{self.name}: line {self._line(face.start())}: {why}")
+                place = f"{self.name}: line {self._line(face.start())}"
+                raise InvalidMotion(f"{place}: a face needs three corners or more, each one of {len(starts)} vertices")
             for b, c in pairwise(corners[1:]):
                 flat.extend((corners[0], b, c))
         return np.array(flat, np.int32).reshape(-1, 3)
@@ -193,8 +195,8 @@ class _Text:
     def _line(self, at: int) -> int:
         return self.lines.count(b"\n", 0, at) + 1
 
-    def _wrong_vertex(self) -> InvalidMotion:
-        """What to say of the first vertex that is none."""
+    def _wrong(self) -> int:
+        """The line of the first vertex that is none."""
         for begin in BEGIN.finditer(self.data):
             match = VERTEX.match(self.data, begin.start())
             try:
@@ -203,7 +205,7 @@ class _Text:
                 good = False
             if not good:
                 break
-        return InvalidMotion(f"{self.name}: line {self._line(begin.start())}: a vertex needs three finite numbers")
+        return self._line(begin.start())
 
 
 def _corner(word: bytes, before: int) -> int:
