@@ -26,6 +26,7 @@ from clothfit.formats import Format, foreign, module_of
 from clothfit.formats.files import name_of
 from clothfit.likeness import Likeness, likeness
 from clothfit.markers import Matches, initial, matched
+from clothfit.mesh_numbering import mesh_counts, picks
 from clothfit.motion import Motion, check_motion
 from clothfit.motion import load_motion as load_native
 from clothfit.native import described
@@ -145,6 +146,9 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
         positions, observed = _spread(positions, observed, matches, sum(scene.vertex_counts))
     elif reading.markers is not None:
         raise InvalidInput(f"--map: {name} has no markers but the vertices themselves; leave it out")
+    elif scene is not None and points != sum(scene.vertex_counts) and points == sum(mesh_counts(scene)):
+        positions, observed = positions[:, picks(scene)], observed[:, picks(scene)]
+        notes.append(f"its vertices are those of the mesh before it was welded to {positions.shape[1]}")
     own: Any = scene or Points((points,), name)
     _check_count(positions.shape[1], own, name)
     arrays = {"positions": positions, "times": times, "observed": observed}

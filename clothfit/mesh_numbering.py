@@ -11,8 +11,9 @@ import json
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from clothfit.arrays import Array, Indices
+from clothfit.arrays import Indices
 from clothfit.errors import InvalidScene
 from clothfit.scene import Scene
 
@@ -34,7 +35,7 @@ def picks(scene: Scene) -> Indices | None:
     that it was; None where nothing was renumbered. Raises InvalidScene as `numberings`.
 
     Positions (frames, points, 3) of the meshes become those of the scene by `positions[:, picks(scene)]`, if there are
-    `points(scene)` of them.
+    `sum(mesh_counts(scene))` of them.
     """
     found = numberings(scene)
     if all(numbering is None for numbering in found):
@@ -48,24 +49,23 @@ def picks(scene: Scene) -> Indices | None:
     return np.concatenate(chosen).astype(np.int32)
 
 
-def points(scene: Scene) -> int:
-    """How many vertices the meshes have of which the scene was made. Raises InvalidScene as `numberings`."""
+def mesh_counts(scene: Scene) -> tuple[int, ...]:
+    """How many vertices each object's mesh has. Raises InvalidScene as `numberings`."""
     counts = zip(numberings(scene), scene.vertex_counts, strict=True)
-    return sum(count if numbering is None else len(numbering) for numbering, count in counts)
+    return tuple(count if numbering is None else len(numbering) for numbering, count in counts)
 
 
-def unwelded(scene: Scene, positions: Array) -> Array:
-    """Positions (frames, vertices, 3) of the scene as those (frames, points, 3) of its meshes, for tools that have
-    these; what was left out, being in no triangle, goes with its object's first vertex. Raises InvalidScene as
-    `numberings`.
+def unwelded(scene: Scene, positions: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Positions (frames, vertices, 3) of the scene, or other values of its vertices, as those (frames, points, 3) of
+    its meshes, for tools that have these; what was left out, being in no triangle, goes with its object's first vertex.
+    Raises InvalidScene as `numberings`.
     """
     chosen, begin = [], 0
     for numbering, count in zip(numberings(scene), scene.vertex_counts, strict=True):
         own = np.arange(count, dtype=np.int32) if numbering is None else numbering
         chosen.append(begin + np.maximum(own, 0))
         begin += count
-    found: Array = positions[:, np.concatenate(chosen)]
-    return found
+    return positions[:, np.concatenate(chosen)]
 
 
 def _numbering(values: Any, index: int, scene: Scene) -> Indices | None:

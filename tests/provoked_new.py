@@ -55,6 +55,7 @@ COMMANDS: dict[str, Case] = {
     "no cloth can be made of this mesh: …": ply(TRIANGLE.replace(b"3 0 1 2", b"3 0 1 1")),
     "is no list that names each of the … vertices; take the field away": numbered([0, 1]),
     "… of … scenes are not valid: …": Case("validate scene.json bad.json", {"bad.json": b"{}"}),
+    "cannot write …: … can only be read": Case("simulate scene.json -o moved.ply"),
     "cannot be read as .ply: …": ply(TRIANGLE.replace(b"float y", b"float x")),
     "it has no header": ply(b"solid"),
     "its header has a line that is not understood: …": ply(HEADER + b"property complex w\nend_header\n" + CORNERS),

@@ -9,7 +9,7 @@ from scenes import changed, trial
 
 from clothfit import InvalidScene, load, mesh
 from clothfit.mesh import Mesh
-from clothfit.mesh_numbering import FIELD, numberings, picks, points, unwelded
+from clothfit.mesh_numbering import FIELD, mesh_counts, numberings, picks, unwelded
 from clothfit.mesh_problems import problems
 from clothfit.scene_making import new_scene
 from clothfit.weld import weld
@@ -93,7 +93,7 @@ def welded():
 
 def test_positions_of_the_mesh_become_those_of_the_scene_and_back(welded):
     stray, found, scene = welded
-    assert points(scene) == len(stray.positions)
+    assert mesh_counts(scene) == (len(stray.positions),)
     np.testing.assert_array_equal(stray.positions[picks(scene)], scene.cloths[0].positions)
     moving = np.random.default_rng(2).normal(size=(4, len(found.mesh.positions), 3))
     again = unwelded(scene, moving)
@@ -108,7 +108,7 @@ def test_several_objects_are_counted_one_after_another(welded):
     plain = trial("nG", 5)["objects"][0]
     both = load({**document, "objects": [plain, *document["objects"], plain]})
     n, m = len(plain["vertPos"]), len(found.vertices)
-    assert points(both) == n + m + n
+    assert mesh_counts(both) == (n, m, n)
     own = np.unique(found.vertices, return_index=True)[1][1:]
     expected = np.concatenate([np.arange(n), n + own, n + m + np.arange(n)])
     np.testing.assert_array_equal(picks(both), expected)
@@ -118,7 +118,7 @@ def test_a_scene_without_the_field_has_its_own_numbers():
     scene = load(trial("nG", 5))
     assert numberings(scene) == [None]
     assert picks(scene) is None
-    assert points(scene) == 16
+    assert mesh_counts(scene) == (16,)
 
 
 WRONG = [[0, 1], "all", [*range(15), 16], [*range(16), -2], [*range(15), 15.0], 5, [True] * 16]
