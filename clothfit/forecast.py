@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf
+
+import numpy as np
 
 from clothfit import storage
 from clothfit.fit_vector import fitted_cloths
 from clothfit.rollout import state_bytes
 from clothfit.scene import INTEGRATORS, Scene
-from clothfit.stability_limit import limit
+from clothfit.stability_limit import frequency, limit
 from clothfit.system import IMPLICIT, build
 
 
@@ -22,29 +24,40 @@ class Steps:
     stable: bool  # whether the scene's delta is within it
 
 
-def steps(scene: Scene) -> list[Steps]:
-    """The limit of each integrator: that of the object which bears least."""
-    found = []
-    for method, name in enumerate(INTEGRATORS):
-        least = inf
-        for index in range(len(scene.cloths)):
-            least = min(least, limit(build(replace(scene, method=method), index)).step if method != IMPLICIT else inf)
-        found.append(Steps(name, least, scene.delta <= least))
-    return found
+@dataclass(frozen=True)
+class Forecast:
+    """What a scene will ask for."""
+
+    steps: tuple[Steps, ...]  # of each integrator: the limit of the object which bears least
+    motion: int  # bytes that the positions of all frames take, in memory and in a file
+    fit: int | None  # bytes that a fit takes in all, as `fit_bytes` counts them; None where nothing is flagged
+
+
+def forecast(scene: Scene) -> Forecast:
+    """Look ahead."""
+    least, state = dict.fromkeys(range(len(INTEGRATORS)), inf), []
+    for index in range(len(scene.cloths)):
+        system = build(scene, index)
+        state.append(state_bytes(system))
+        with np.errstate(all="ignore"):  # of values at the ends of the range of doubles
+            omega = frequency(system)
+        for method in set(least) - {IMPLICIT}:
+            least[method] = min(least[method], limit(system._replace(method=method), omega).step)
+    steps = tuple(Steps(name, least[i], scene.delta <= least[i]) for i, name in enumerate(INTEGRATORS))
+    return Forecast(steps, motion_bytes(scene), fit_bytes(scene, state))
 
 
 def motion_bytes(scene: Scene) -> int:
-    """What the positions of all frames take, in memory and in a file."""
+    """What the positions of all frames take."""
     return scene.frames * sum(scene.vertex_counts) * 24
 
 
-def fit_bytes(scene: Scene) -> int | None:
-    """What a fit takes in all, with every state kept, to a target of all vertices after every step; None where nothing
-    is flagged. With less it takes longer (`clothfit.memory`).
+def fit_bytes(scene: Scene, state: list[int]) -> int | None:
+    """What a fit takes in all, with every state kept, of `state` bytes of each object, to a target of all vertices
+    after every step; None where nothing is flagged. With less it takes longer (`clothfit.memory`).
     """
     cloths = fitted_cloths(scene)
     if not cloths:
         return None
     work = sum(storage.WORK * scene.vertex_counts[index] for index in cloths)
-    held = motion_bytes(scene) + work
-    return held + max((scene.frames - 1) * state_bytes(build(scene, index)) for index in cloths)
+    return motion_bytes(scene) + work + (scene.frames - 1) * max(state[index] for index in cloths)

@@ -13,6 +13,9 @@ from clothfit.errors import InvalidInput
 from clothfit.formats import foreign, module_of, obj, suffix_of
 from clothfit.mesh import Mesh
 
+FAR = 1e9
+"""m from the origin, where a position is no longer known to a micrometre."""
+
 MESHES = (".obj", ".glb", ".ply", ".usd", ".usda", ".usdc")
 """Suffixes of files that hold triangles."""
 
@@ -40,9 +43,10 @@ def read_mesh(
     if animation.triangles is None or not len(animation.triangles):
         raise InvalidInput(f"{name}: has no faces; a cloth is made of triangles")
     positions = to_scene(np.asarray(animation.positions[0], float), axes)
-    if not np.isfinite(positions).all():
-        wrong = int(np.flatnonzero(~np.isfinite(positions).all(axis=1))[0])
-        raise InvalidInput(f"{name}: vertex {wrong} has no finite place")
+    near = (np.abs(positions) <= FAR).all(axis=1)  # False for what is no number
+    if not near.all():
+        wrong = int(near.argmin())
+        raise InvalidInput(f"{name}: vertex {wrong} has no place within {FAR:g} m of the origin; is the unit right?")
     triangles = np.ascontiguousarray(facing(np.asarray(animation.triangles), axes), np.int32)
     return Mesh(positions, triangles), (f"read as {axes}", *animation.notes)
 

@@ -78,6 +78,11 @@ def problems(mesh: Mesh, distance: float | None = None) -> list[Problem]:
     return sorted((problem for problem in found if problem is not None), key=lambda problem: not problem.fatal)
 
 
+def empty(mesh: Mesh) -> Problem | None:
+    """No triangle at all."""
+    return None if len(mesh.triangles) else Problem("empty", 0, (), "there is no triangle", True, False)
+
+
 def unused(mesh: Mesh) -> Problem | None:
     """Vertices in no triangle."""
     away = np.flatnonzero(np.bincount(mesh.triangles.reshape(-1), minlength=len(mesh.positions)) == 0)
@@ -127,7 +132,7 @@ def shrunk(mesh: Mesh) -> Problem | None:
     pairs = np.concatenate([met.ends, across(met)])
     away = mesh.positions[pairs[:, 0]] - mesh.positions[pairs[:, 1]]
     wrong = pairs[((away * away).sum(axis=1) == 0) & (pairs[:, 0] != pairs[:, 1])]
-    sentence = "{} have no length, its ends being at the same place{}"
+    sentence = "{} have no length{}: two vertices that need one are at the same place"
     return _problem("no-length", wrong[:, 0], ("spring would", "springs would"), sentence, "joins them", of="vertices ")
 
 
@@ -160,7 +165,7 @@ def seams(mesh: Mesh, distance: float) -> Problem | None:
 
 
 LOOKS: tuple[Callable[[Mesh], Problem | None], ...] = (
-    unused, collapsed, massless, repeated, crowded, shrunk, flat, turned, parts,
+    empty, unused, collapsed, massless, repeated, crowded, shrunk, flat, turned, parts,
 )  # fmt: skip
 
 

@@ -51,7 +51,7 @@ COMMANDS: dict[str, Case] = {
     "a mesh is not read from standard input; name a file": Case("new -"),
     "meshes are not read from files of that suffix; known are …": Case("new good.npz"),
     "has no faces; a cloth is made of triangles": ply(HEADER + b"end_header\n" + CORNERS),
-    "vertex … has no finite place": ply(TRIANGLE.replace(b"0 1 0", b"0 nan 0")),
+    "vertex … has no place within … m of the origin; is the unit right?": ply(TRIANGLE.replace(b"0 1 0", b"0 nan 0")),
     "no cloth can be made of this mesh: …": ply(TRIANGLE.replace(b"3 0 1 2", b"3 0 1 1")),
     "is no list that names each of the … vertices; take the field away": numbered([0, 1]),
     "… of … scenes are not valid: …": Case("validate scene.json bad.json", {"bad.json": b"{}"}),

@@ -279,5 +279,5 @@ def test_the_page_names_every_problem():
     source = Path(found.__file__).read_text("utf-8")
     kinds = set(re.findall(r'Problem\("([\w-]+)"|_problem\("([\w-]+)"', source))
     assert {a or b for a, b in kinds} == {"unused", "collapsed", "flat", "massless", "repeated", "non-manifold",
-                                          "no-length", "orientation", "parts", "seam"}  # fmt: skip
+                                          "no-length", "orientation", "parts", "seam", "empty"}  # fmt: skip
     assert all(f"`{a or b}`" in PAGE for a, b in kinds)

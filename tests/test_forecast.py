@@ -9,7 +9,7 @@ import pytest
 from scenes import cloth, document, trial
 
 from clothfit import Diverged, Objective, load, simulate
-from clothfit.forecast import fit_bytes, motion_bytes, steps
+from clothfit.forecast import forecast
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
@@ -18,17 +18,17 @@ EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 def test_the_memory_of_a_fit_is_what_the_fit_foresees(name):
     scene = load(EXAMPLES / f"{name}.json")
     motion = simulate(scene)
-    assert motion_bytes(scene) == motion.positions.nbytes
-    assert fit_bytes(scene) == pytest.approx(Objective(scene, motion).needs.foreseen, rel=0.05)  # small arrays
+    assert forecast(scene).motion == motion.positions.nbytes
+    assert forecast(scene).fit == pytest.approx(Objective(scene, motion).needs.foreseen, rel=0.05)  # small arrays
 
 
 def test_nothing_to_fit_takes_nothing():
-    assert fit_bytes(load(trial("nn", 5))) is None
+    assert forecast(load(trial("nn", 5))).fit is None
 
 
 def moved(scene, method, ratio):
     """How far a scene goes in 300 steps of the limit times a ratio."""
-    limit = steps(scene)[method].limit
+    limit = forecast(scene).steps[method].limit
     made = replace(scene, method=method, delta=ratio * limit)
     return float(np.abs(simulate(made, 301).positions).max())
 
@@ -43,7 +43,7 @@ def test_steps_below_the_limit_stay_and_those_above_do_not():
 
 def test_implicit_steps_have_no_limit_and_the_worst_object_decides():
     stiff = cloth(3, 3, springStiffness=[1e4] * 16)
-    both, one = (steps(load(document(*objects))) for objects in ((cloth(3, 3), stiff), (stiff,)))
+    both, one = (forecast(load(document(*objects))).steps for objects in ((cloth(3, 3), stiff), (stiff,)))
     assert [each.integrator for each in both] == ["explicit", "symplectic", "implicit"]
     assert [each.limit for each in both] == [each.limit for each in one]
     assert both[2].limit == inf

@@ -7,6 +7,7 @@ import trimesh
 from clothfit import InvalidInput, mesh
 from clothfit.mesh import Mesh
 from clothfit.mesh_problems import across, components, edges, problems, together
+from clothfit.weld import weld
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 
@@ -57,6 +58,12 @@ def test_each_problem_is_found_counted_and_named(kind):
     problem = found(case)[kind]
     assert (problem.count, problem.first, problem.fatal, problem.weldable) == (count, first, fatal, weldable)
     assert ("--weld" in problem.sentence) == weldable
+
+
+def test_a_mesh_that_collapses_when_it_is_welded_is_none():
+    point = weld(made([(1, 1, 1)] * 3, (0, 1, 2))).mesh
+    (problem,) = problems(point)
+    assert (problem.kind, problem.fatal) == ("empty", True)
 
 
 def builds(case):

@@ -65,7 +65,7 @@ COMMANDS = [
     "estimate -q all.json --target fps.npz --max-evaluations 3 --objective velocity --objective spectrum -o x.json",
     "check -q all.json",
     "info -q all.json",
-    "new plane -q --integrator symplectic -o x.json",
+    "new plane -q --integrator symplectic",
     "validate -q all.json",
     "evaluate -q all.json x.json --steps 7",
     "evaluate -q two.json two.fitted.json --target two.motion.npz --steps 7",

@@ -13,7 +13,7 @@ from clothfit.cli.console import Console
 from clothfit.words import counted, owned
 
 if TYPE_CHECKING:
-    from clothfit.forecast import Steps
+    from clothfit.forecast import Forecast
     from clothfit.overview import Facts, Flagged, Spread
     from clothfit.scene import Scene
 
@@ -35,14 +35,13 @@ def command(scene_path: str, as_json: bool, console: Console) -> int:
     clothfit info scene.json --json
     """
     scene = shared.read_scene(scene_path, console)
-    from clothfit import forecast
+    from clothfit.forecast import forecast
     from clothfit.memory import free
     from clothfit.mesh_numbering import numberings
     from clothfit.overview import beyond_bounds, facts, flagged, unknown_fields
 
     objects, wanted = [facts(cloth) for cloth in scene.cloths], flagged(scene)
-    steps, fit = forecast.steps(scene), forecast.fit_bytes(scene)
-    strange = unknown_fields(scene)
+    ahead, strange = forecast(scene), unknown_fields(scene)
     meshes = [None if each is None else len(each) for each in numberings(scene)]
     for sentence in beyond_bounds(scene):
         console.warn(f"{scene.name}: {sentence}")
@@ -52,11 +51,11 @@ def command(scene_path: str, as_json: bool, console: Console) -> int:
     for index, count in enumerate(meshes):
         if count is not None:
             console.say(f"objects[{index}] was welded from a mesh of {count} vertices")
-    show_rest(scene, steps, fit, strange, console)
+    show_rest(scene, ahead, [each.name for each in wanted if each.object is None], strange, console)
     if as_json:
-        needed = {"motion": forecast.motion_bytes(scene), "fit": fit, "free": free()}
+        needed = {"motion": ahead.motion, "fit": ahead.fit, "free": free()}
         own = {"objects": objects_summary(objects, meshes), "flagged": [asdict(each) for each in wanted]}
-        others = {"stability": [asdict(each) for each in steps], "memory": needed, "unknown_fields": strange}
+        others = {"stability": [asdict(each) for each in ahead.steps], "memory": needed, "unknown_fields": strange}
         shared.print_json("info", {**whole(scene), **own, **others, "warnings": scene.warnings})
     return 0
 
@@ -129,22 +128,21 @@ def column(own: Facts, wanted: Sequence[Flagged]) -> dict[str, str]:
     }
 
 
-def show_rest(scene: Scene, steps: Sequence[Steps], fit: int | None, strange: Sequence[str], console: Console) -> None:
-    """Stability, memory and what nobody knows."""
-    from clothfit.forecast import motion_bytes
+def show_rest(
+    scene: Scene, ahead: Forecast, wanted: Sequence[str], strange: Sequence[str], console: Console
+) -> None:
+    """Stability, what to fit of the scene as a whole, memory and what nobody knows."""
     from clothfit.memory import free, human
-    from clothfit.overview import flagged
 
     rows = [("integrator", "longest stable step", f"with {scene.delta:.4g} s")]
-    for each in steps:
+    for each in ahead.steps:
         longest = "any" if each.limit == float("inf") else f"{each.limit:.3g} s" if each.limit else "none"
         rows.append((each.integrator, longest, "stable" if each.stable else "not stable"))
     console.table(rows)
-    shared_kinds = [owned(None, each.name) for each in flagged(scene) if each.object is None]
-    if shared_kinds:
-        console.say(f"to fit: {', '.join(shared_kinds)}")
-    needed = "" if fit is None else f", a fit about {human(fit)}"
-    console.say(f"memory: the motion takes {human(motion_bytes(scene))}{needed}; {human(free())} are free")
+    if wanted:
+        console.say(f"to fit: {', '.join(owned(None, name) for name in wanted)}")
+    needed = "" if ahead.fit is None else f", a fit about {human(ahead.fit)}"
+    console.say(f"memory: the motion takes {human(ahead.motion)}{needed}; {human(free())} are free")
     if strange:
         console.say(f"fields that are kept and not used: {', '.join(strange)}")
 
