@@ -40,7 +40,8 @@ def read(path: str | os.PathLike[str]) -> Animation:
     name = name_of(path)
     found = Parameters(content(path), name)
     notes: list[str] = []
-    positions = _positions(found, path)
+    with np.errstate(all="ignore"):  # whatever is not a number is a gap
+        positions = _positions(found, path)
     names = _labels(found, positions.shape[1])
     others = {label(each) for kind in OTHERS for each in found.texts("POINT", kind)}
     kept = [i for i, each in enumerate(names) if each not in others]

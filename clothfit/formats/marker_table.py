@@ -64,7 +64,7 @@ def _wide(table: Table, time: int | None, frame: int | None) -> Animation:
         values.extend(table.number(cells[i], line) for i in order)
         rows += 1
     numbers = np.frombuffer(values, np.float64).reshape(rows, len(order)).copy()
-    positions = numbers[:, len(leading) :].reshape(rows, -1, 3)
+    positions = numbers[:, len(leading) :].reshape(rows, len(columns), 3)
     times, frames = (None if i is None else numbers[:, leading.index(i)] for i in (time, frame))
     return animation_of(table, times, frames, positions, list(columns), unit)
 

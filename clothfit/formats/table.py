@@ -19,6 +19,9 @@ from clothfit.formats.files import check_room
 from clothfit.formats.markers import UNITS, number, seen_by
 from clothfit.words import shown
 
+LEAP = 10_000
+"""Frames that may be missing at a place: more is a slip of the pen, and would fill the memory with gaps."""
+
 COMMENT = re.compile(r"#\s*(unit|up|handedness|rate)s?\s*[:=]\s*(\S+)\s*", re.IGNORECASE)
 
 
@@ -96,8 +99,10 @@ def animation_of(
 
 def _in_place(table: Table, frames: Array, positions: Array) -> Array:
     """Rows at the places that their numbers of frames say; frames that are not there are gaps."""
-    if not (np.isfinite(frames).all() and (np.diff(frames) > 0).all() and (frames == np.round(frames)).all()):
-        raise InvalidMotion(f"{table.name}: the numbers of its frames must be whole and increasing")
+    steps = np.diff(frames)
+    if not (np.isfinite(frames).all() and (frames == np.round(frames)).all() and ((steps > 0) & (steps < LEAP)).all()):
+        told = f"the numbers of its frames must be whole and increasing, by less than {LEAP}"
+        raise InvalidMotion(f"{table.name}: {told}")
     if not len(frames):
         return positions
     count = frames[-1] - frames[0] + 1
