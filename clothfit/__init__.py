@@ -15,13 +15,15 @@ if TYPE_CHECKING:
     from typing import Any
 
     from clothfit.capture import degrade
+    from clothfit.convention import Convention, Reading
     from clothfit.energy import Energy, energies
     from clothfit.errors import ClothfitError, Diverged, InvalidInput, InvalidMotion, InvalidScene
     from clothfit.evaluation import Evaluation, evaluate
     from clothfit.fit import estimate
     from clothfit.fit_vector import parameters, with_parameters
     from clothfit.many import estimate_many
-    from clothfit.motion import Motion, as_motion, load_motion, save_motion, simulate
+    from clothfit.motion import Motion, as_motion, simulate
+    from clothfit.motion_files import load_motion, save_motion
     from clothfit.objective import Objective, cost_and_gradient
     from clothfit.precision import WorkPrecision, work_precision
     from clothfit.result import Fit
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 
 _HOME = {
     "degrade": "capture",
+    "Convention": "convention",
+    "Reading": "convention",
     "Energy": "energy",
     "energies": "energy",
     "ClothfitError": "errors",
@@ -44,8 +48,8 @@ _HOME = {
     "estimate_many": "many",
     "Motion": "motion",
     "as_motion": "motion",
-    "load_motion": "motion",
-    "save_motion": "motion",
+    "load_motion": "motion_files",
+    "save_motion": "motion_files",
     "simulate": "motion",
     "Objective": "objective",
     "cost_and_gradient": "objective",
@@ -66,6 +70,7 @@ _MODULES = ("mesh", "verify")  # for users as well, by their own names: clothfit
 __all__ = [
     "Cloth",
     "ClothfitError",
+    "Convention",
     "Diverged",
     "Energy",
     "Evaluation",
@@ -75,6 +80,7 @@ __all__ = [
     "InvalidScene",
     "Motion",
     "Objective",
+    "Reading",
     "Scene",
     "SceneCheck",
     "WorkPrecision",

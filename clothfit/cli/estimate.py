@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.cli import goals, shared, trust
+from clothfit.cli import goals, motions, shared, trust
 from clothfit.cli.console import Console
 from clothfit.cli.files import Files
 from clothfit.errors import InvalidInput
 from clothfit.words import owned
 
 if TYPE_CHECKING:
+    from clothfit.convention import Reading
     from clothfit.storage import Needs
 
 
@@ -30,6 +31,7 @@ MOST_STARTS = 10_000
     multiple=True,
     help="What to match, and the scene it was recorded in; may be repeated.  [default: the scene's own motion]",
 )
+@motions.reads
 @click.option(
     "--objective",
     "objectives",
@@ -76,6 +78,7 @@ MOST_STARTS = 10_000
 def command(
     scene_paths: tuple[str, ...],
     target_paths: tuple[str, ...],
+    reading: Reading,
     objectives: tuple[str, ...],
     loss: str,
     loss_scale: float | None,
@@ -112,6 +115,7 @@ def command(
     clothfit estimate scene.json
     clothfit estimate scene.json --target capture.npz -o fitted.json
     clothfit estimate scene.json --target one.npz --target two.npz@windy.json --objective velocity=0.01
+    clothfit estimate scene.json --target 'frames/cloth_*.obj' --fps 30
     clothfit estimate scene.json --target capture.npz --holdout 0.2
     clothfit estimate *.json --target 'captures/{stem}.npz' -o fitted/
     clothfit estimate scene.json --target capture.npz --starts 8
@@ -133,7 +137,7 @@ def command(
         "intervals": not no_intervals,
         "memory": memory,
     }
-    files = Files(target_paths, start, path, in_place, checkpoint, resume)
+    files = Files(target_paths, start, path, in_place, checkpoint, resume, reading)
     if len(scene_paths) > 1 or starts > 1 or cluster is not None:
         from clothfit.cli import many
 
@@ -152,7 +156,8 @@ def fit_one(scene_path: str, files: Files, options: dict[str, Any], console: Con
 
     fit.check_method(options["method"])
     kept = checkpoints.chosen(files.checkpoint, files.resume, out, (scene_path, *files.inputs), console)
-    targets = [goals.read_target(pair, scene, console) for pair in files.pairs]
+    told: list[dict[str, Any]] = []
+    targets = [goals.read_target(pair, scene, files.reading, console, told) for pair in files.pairs]
     first = goals.read_start(files.start, console)
     flagged = ", ".join(f"{owned(b.cloth, b.name)} ({b.mode})" for b in blocks(scene))
     console.detail(f"fitting {flagged or 'nothing'} over {scene.frames} frames")
@@ -170,7 +175,7 @@ def fit_one(scene_path: str, files: Files, options: dict[str, Any], console: Con
             foreseen=partial(tell_needs, console),
         )
     with shared.uninterrupted(), checkpoints.told_if_lost(kept):
-        code = outcomes.finish(scene, found, out, console, as_json)
+        code = outcomes.finish(scene, found, out, console, as_json, motions.told_of(told))
         checkpoints.closed(kept, files.checkpoint is not None, found.status, files.in_place, console)
         return code
 

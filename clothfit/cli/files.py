@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from clothfit.cli import goals, shared
+from clothfit.convention import Reading
 from clothfit.errors import InvalidInput
 
 
@@ -24,6 +25,7 @@ class Files:
     in_place: bool
     checkpoint: str | None
     resume: bool
+    reading: Reading = Reading()  # noqa: RUF009  what the targets' files do not say; it cannot be changed
 
     def of(self, scene_path: str) -> Files:
         """The same for one scene: without stems."""

@@ -23,10 +23,10 @@ def finish(
     out: shared.Output,
     console: Console,
     as_json: bool,
-    starts: dict[str, Any] | None = None,
+    more: dict[str, Any] | None = None,
 ) -> int:
-    """Write the result and tell about it, and of its `starts`; returns the exit code."""
-    told = summary(scene, found, out) | (starts or {})
+    """Write the result and tell about it, with `more` for --json; returns the exit code."""
+    told = summary(scene, found, out) | (more or {})
     for warning in found.warnings:
         console.warn(f"{scene.name}: {warning}")
     if found.status == "diverged":
