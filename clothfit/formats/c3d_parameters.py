@@ -33,29 +33,27 @@ class Parameters:
         if len(data) < 2 or data[1] != KEY:
             raise InvalidMotion(f"{name}: it is not a C3D file, whose second byte is 0x50")
         start = (data[0] - 1) * BLOCK
-        if start < 0 or start + 4 > len(data):
-            raise self.damaged()
+        self.insist(0 <= start <= len(data) - 4)
         self.processor = data[start + 3]
         if self.processor not in (INTEL, DEC, MIPS):
             raise InvalidMotion(f"{name}: {self.processor} is not a type of processor that C3D knows (84, 85, 86)")
         self.order = ">" if self.processor == MIPS else "<"
         self._found = self._read(start + 4)
 
-    def damaged(self) -> InvalidMotion:
-        """What to raise where the file cannot be as it says."""
-        return InvalidMotion(f"{self._name}: it is cut off or damaged; export it again")
+    def insist(self, right: bool) -> None:
+        """Raise InvalidMotion where the file cannot be as it says."""
+        if not right:
+            raise InvalidMotion(f"{self._name}: it is cut off or damaged; export it again")
 
     def word(self, number: int) -> int:
         """A 16-bit word of the header, counted from 1."""
-        if len(self.data) < 2 * number:
-            raise self.damaged()
+        self.insist(2 * number <= len(self.data))
         found: int = struct.unpack_from(f"{self.order}H", self.data, 2 * (number - 1))[0]
         return found
 
     def real(self, number: int) -> float:
         """A float of the header that begins at a word."""
-        if len(self.data) < 2 * number + 2:
-            raise self.damaged()
+        self.insist(2 * number + 2 <= len(self.data))
         return float(self.reals(2 * (number - 1), 1)[0])
 
     def reals(self, start: int, count: int) -> NDArray[np.float32]:
@@ -84,8 +82,7 @@ class Parameters:
         while place + 2 <= len(data) and data[place]:
             length, number = abs(struct.unpack_from("b", data, place)[0]), struct.unpack_from("b", data, place + 1)[0]
             after = place + 2 + length
-            if after + 3 > len(data):
-                raise self.damaged()
+            self.insist(after + 3 <= len(data))
             name = data[place + 2 : after].decode("latin-1").upper()
             distance: int = struct.unpack_from(f"{self.order}H", data, after)[0]
             if number < 0:
@@ -103,15 +100,11 @@ class Parameters:
         kind, count = struct.unpack_from("b", data, place)[0], data[place + 1] if place + 1 < len(data) else 0
         sizes = list(data[place + 2 : place + 2 + count])
         start, items = place + 2 + count, int(np.prod(sizes, dtype=object))
-        if start + items * abs(kind) > len(data):
-            raise self.damaged()
+        self.insist(kind in (TEXT, BYTE, INTEGER, REAL) and start + items * abs(kind) <= len(data))
         if kind == TEXT:
             width = sizes[0] if sizes else 1
             texts = [data[start + i : start + i + width] for i in range(0, items, max(width, 1))]
             return [text.decode("utf-8", "replace").strip(" \0") for text in texts]
         if kind == REAL:
             return self.reals(start, items)
-        dtype = {BYTE: "u1", INTEGER: f"{self.order}u2"}.get(kind)
-        if dtype is None:
-            raise self.damaged()
-        return np.frombuffer(data, dtype, items, start)
+        return np.frombuffer(data, "u1" if kind == BYTE else f"{self.order}u2", items, start)

@@ -22,8 +22,9 @@ def gapless(path: str | os.PathLike[str], animation: Animation) -> Array:
     """The positions, for formats that have a place for each. Raises InvalidMotion where some are not known."""
     seen = np.isfinite(animation.positions).all() and (animation.observed is None or animation.observed.all())
     if not seen or not animation.positions.size:
-        told = "some positions are not known, which this format cannot tell; write .npz, .c3d, .trc or .csv"
-        raise InvalidMotion(f"{name_of(path)}: {told}")
+        raise InvalidMotion(
+            f"{name_of(path)}: some positions are not known, which this format cannot tell; write .npz, .c3d, .trc or .csv"
+        )
     return animation.positions
 
 
@@ -53,8 +54,9 @@ def rated(path: str | os.PathLike[str], animation: Animation) -> float:
     """Frames per second, for formats that have one number for it. Raises InvalidMotion where there is none."""
     rate = rate_of(animation)
     if rate is None:
-        told = "its frames are not at equal distances in time, which this format needs; choose a rate with --fps"
-        raise InvalidMotion(f"{name_of(path)}: {told}")
+        raise InvalidMotion(
+            f"{name_of(path)}: frames that are not at equal distances in time cannot be written; use .trc or .csv"
+        )
     return rate
 
 

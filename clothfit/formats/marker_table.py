@@ -78,8 +78,9 @@ def _columns(table: Table, others: tuple[int | None, ...]) -> tuple[dict[str, di
         if i in others or not each:
             continue
         if match is None or match[2].lower() in columns.get(match[1], {}):
-            told = f"column {i + 1}, {shown(each)}, is not time, frame or a coordinate of its own such as hem_x"
-            raise InvalidMotion(f"{table.name}: {told}")
+            raise InvalidMotion(
+                f"{table.name}: column {i + 1}, {shown(each)}, is not time, frame or a coordinate of its own such as hem_x"
+            )
         columns.setdefault(match[1], {})[match[2].lower()] = i
         if (match[3] or "").lower() in UNITS:
             unit = unit or match[3].lower()

@@ -80,13 +80,14 @@ def seen_by(
     positions: Array, axes: Axes, times: Array | None, names: Sequence[str], notes: Sequence[str], name: str
 ) -> Animation:
     """An animation of markers from positions (frames, markers, 3), NaN in any coordinate of a gap. Raises
-    InvalidMotion where nothing is left, or the times do not increase.
+    InvalidMotion where there are none, or the times do not increase.
     """
+    if not positions.size:
+        raise InvalidMotion(f"{name}: there are no markers in it")
     if times is not None and not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
-        raise InvalidMotion(f"{name}: times must be finite and increasing")
+        where = f"{name}: times"
+        raise InvalidMotion(f"{where}: must be finite and increasing")
     observed: Flags = np.asarray(np.isfinite(positions).all(axis=2))
-    if not observed.any():
-        raise InvalidMotion(f"{name}: it shows no marker in any frame")
     positions[~observed] = np.nan
     gaps = not observed.all()
     return Animation(positions, axes, times, None, observed if gaps else None, tuple(map(label, names)), tuple(notes))

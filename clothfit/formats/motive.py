@@ -46,15 +46,13 @@ def parsed(text: str, name: str) -> Animation:
             rows += 1
     except csv.Error as error:
         raise InvalidMotion(f"{name}: it is not a table of cells ({error})") from None
-    if not triples:
-        raise InvalidMotion(f"{name}: there are no positions of markers in it; export them with Motive")
     table = np.frombuffer(values, np.float64).reshape(rows, 1 + 3 * len(triples)).copy()
     told = dict(zip(facts[::2], facts[1::2], strict=False))
     unit, notes = told.get("Length Units", "").lower(), []
     if unit not in UNITS:
         unit = "m"
         notes.append("it does not tell its unit, so it is m")
-    positions, axes = table[:, 1:].reshape(rows, -1, 3), Axes("y", "right", UNITS[unit])
+    positions, axes = table[:, 1:].reshape(rows, len(triples), 3), Axes("y", "right", UNITS[unit])
     return seen_by(positions, axes, table[:, 0], list(triples), notes, name)
 
 

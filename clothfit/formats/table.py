@@ -92,7 +92,8 @@ def animation_of(
     if times is None and "rate" in table.told:
         rate = number(table.told["rate"], f"{table.name}: rate")
         if not rate > 0:
-            raise InvalidMotion(f"{table.name}: rate: {rate:g} is not possible, it must be above 0 and finite")
+            where = f"{table.name}: rate"
+            raise InvalidMotion(f"{where}: {rate:g} is not possible, it must be above 0 and finite")
         times = np.arange(len(positions)) / rate
     return seen_by(positions, _axes(table, unit, notes), times, names, notes, table.name)
 
@@ -101,8 +102,7 @@ def _in_place(table: Table, frames: Array, positions: Array) -> Array:
     """Rows at the places that their numbers of frames say; frames that are not there are gaps."""
     steps = np.diff(frames)
     if not (np.isfinite(frames).all() and (frames == np.round(frames)).all() and ((steps > 0) & (steps < LEAP)).all()):
-        told = f"the numbers of its frames must be whole and increasing, by less than {LEAP}"
-        raise InvalidMotion(f"{table.name}: {told}")
+        raise InvalidMotion(f"{table.name}: the numbers of frames must be whole and increasing, by less than {LEAP}")
     if not len(frames):
         return positions
     count = frames[-1] - frames[0] + 1
@@ -124,5 +124,6 @@ def _axes(table: Table, unit: str | None, notes: list[str]) -> Axes:
         notes.append(f"what it does not tell is taken for {missing}")
     for key, (_, known) in choices.items():
         if told.get(key, known[0]) not in known:
-            raise InvalidMotion(f"{table.name}: {key}: {shown(told[key])} is not one of {', '.join(known)}")
+            where = f"{table.name}: {key}"
+            raise InvalidMotion(f"{where}: {shown(told[key])} is not one of {', '.join(known)}")
     return Axes(told.get("up", "y"), told.get("handedness", "right"), UNITS[told.get("unit", "m")])

@@ -33,7 +33,7 @@ def read(path: str | os.PathLike[str]) -> Animation:
     name, lines = name_of(path), io.StringIO(text_of(path))
     head = [next(lines, "").rstrip("\r\n").split("\t") for _ in range(5)]
     if not head[0][0].strip().startswith(TYPE) or len(head[3]) < 3:
-        raise InvalidMotion(f"{name}: it is not a TRC file, which begins with {TYPE} and names its markers in line 4")
+        raise InvalidMotion(f"{name}: it is not a TRC file, which begins with {TYPE} and has the names in line 4")
     facts = {key.strip().lower(): value.strip() for key, value in zip(head[1], head[2], strict=False)}
     names = [each.strip() for each in head[3][2:] if each.strip()]
     width = 2 + 3 * len(names)
@@ -52,12 +52,11 @@ def read(path: str | os.PathLike[str]) -> Animation:
         frames += 1
     table = np.frombuffer(values, np.float64).reshape(frames, width - 1)
     promised = number(facts.get("numframes", ""), f"{name}: line 3")
-    if not names or frames < max(promised, 1):  # NaN, where it is not told, is never more
-        told = f"{promised:.0f} frames are promised, {frames} are there"
-        raise InvalidMotion(f"{name}: it ends early: {told}")
+    if frames < promised:  # never, where it is not told, which is NaN
+        raise InvalidMotion(f"{name}: it ends early: {promised:.0f} frames are promised, {frames} are there")
     notes: list[str] = []
     axes = Axes("y", "right", _scale(facts.get("units", ""), notes))
-    return seen_by(table[:, 1:].reshape(frames, -1, 3).copy(), axes, table[:, 0].copy(), names, notes, name)
+    return seen_by(table[:, 1:].reshape(frames, len(names), 3).copy(), axes, table[:, 0].copy(), names, notes, name)
 
 
 def _scale(unit: str, notes: list[str]) -> float:

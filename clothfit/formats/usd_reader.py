@@ -41,8 +41,9 @@ def parsed(path: str, name: str) -> Animation:
     every = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
     shapes = [prim for prim in every if prim.IsA(UsdGeom.Mesh)] or [prim for prim in every if prim.IsA(UsdGeom.Points)]
     if not shapes:
-        told = "there is no mesh in it" + (", only names of other files; flatten it first" if notes else "")
-        raise InvalidMotion(f"{name}: {told}")
+        if notes:
+            raise InvalidMotion(f"{name}: there is no mesh in it, only the names of other files; flatten it first")
+        raise InvalidMotion(f"{name}: there is no mesh in it")
     moving = [prim for prim in shapes if UsdGeom.PointBased(prim).GetPointsAttr().GetNumTimeSamples() > 1]
     if moving and len(moving) < len(shapes):
         notes.append(f"{len(shapes) - len(moving)} of its meshes do not change their shape and are left out")
@@ -118,8 +119,8 @@ def _positions(shapes: Sequence[Any], codes: Sequence[Any], name: str) -> tuple[
         counts, first = [len(each) for each in points], [len(each) for each in (frames or [points])[0]]
         if counts != first:
             other = next(prim for prim, a, b in zip(shapes, counts, first, strict=True) if a != b)
-            where = named(str(other.GetPath()))
-            raise InvalidMotion(f"{name}: {where}: its number of points changes over time; it must stay the same")
+            where = f"{name}: {named(str(other.GetPath()))}"
+            raise InvalidMotion(f"{where}: its number of points changes over time; it must stay the same")
         if not frames:
             check_room(len(codes) * sum(counts) * 3 * 8 * 2, name)
             mirrored = [bool(np.linalg.det(matrix[:3, :3]) < 0) for matrix in matrices]
@@ -134,7 +135,8 @@ def _points(prim: Any, code: Any, name: str) -> Array:
     value = UsdGeom.PointBased(prim).GetPointsAttr().Get(code)
     points = np.array(value if value is not None else [], np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
-        raise InvalidMotion(f"{name}: {named(str(prim.GetPath()))}: it has no points")
+        where = f"{name}: {named(str(prim.GetPath()))}"
+        raise InvalidMotion(f"{where}: it has no points")
     return points
 
 
@@ -189,8 +191,8 @@ def _units(stage: Any, moves: bool, name: str, notes: list[str]) -> tuple[Axes, 
     up, scale = str(UsdGeom.GetStageUpAxis(stage)), UsdGeom.GetStageMetersPerUnit(stage)
     rate = stage.GetTimeCodesPerSecond()
     if up not in UPS or not 0 < scale < np.inf or not 0 < rate < np.inf:
-        found = f"upAxis {shown(up)}, metersPerUnit {scale:g}, timeCodesPerSecond {rate:g}"
-        raise InvalidMotion(f"{name}: {found}: up is Y or Z, and the others are above 0")
+        told = f"upAxis {shown(up)}, metersPerUnit {scale:g}, timeCodesPerSecond {rate:g}"
+        raise InvalidMotion(f"{name}: {told} cannot be; up is Y or Z, and the others are above 0")
     if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
         notes.append(f"it does not tell its unit, so it is {scale:g} m, as USD says")
     if not stage.HasAuthoredMetadata("upAxis"):
