@@ -23,7 +23,7 @@ def gapless(path: str | os.PathLike[str], animation: Animation) -> Array:
     seen = np.isfinite(animation.positions).all() and (animation.observed is None or animation.observed.all())
     if not seen or not animation.positions.size:
         raise InvalidMotion(
-            f"{name_of(path)}: some positions are not known, which this format cannot tell; write .npz, .c3d, .trc or .csv"
+            f"{name_of(path)}: some positions are not known, for which it has no place; write .npz, .c3d, .trc or .csv"
         )
     return animation.positions
 

@@ -69,9 +69,8 @@ class Document:
     def _check_extensions(self) -> None:
         for each in self.items(self.root, "extensionsRequired"):
             if not str(each).startswith(HARMLESS):
-                raise InvalidMotion(
-                    f"{self.name}: it needs the extension {named(str(each))}; export without it, and without compression"
-                )
+                what = named(str(each))
+                raise InvalidMotion(f"{self.name}: it needs the extension {what}; export without it, uncompressed")
 
     def insist(self, right: bool, value: Any, what: str, place: str) -> None:
         """Raise InvalidMotion unless a value, which stands at a place, is what it must be."""

@@ -79,7 +79,7 @@ def _columns(table: Table, others: tuple[int | None, ...]) -> tuple[dict[str, di
             continue
         if match is None or match[2].lower() in columns.get(match[1], {}):
             raise InvalidMotion(
-                f"{table.name}: column {i + 1}, {shown(each)}, is not time, frame or a coordinate of its own such as hem_x"
+                f"{table.name}: column {i + 1}, {shown(each)}, is not time, frame or a coordinate such as hem_x"
             )
         columns.setdefault(match[1], {})[match[2].lower()] = i
         if (match[3] or "").lower() in UNITS:

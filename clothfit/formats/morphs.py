@@ -37,7 +37,7 @@ def reduced(positions: Array, tolerance: float) -> Morphs:
     """
     frames, count = positions.shape[:2]
     base = positions[0].astype(np.float32)
-    shift = (positions - base).reshape(frames, -1)
+    shift = (positions - positions[0]).reshape(frames, -1)
     vectors = np.linalg.eigh(shift @ shift.T)[1][:, ::-1]  # the largest first
     targets = vectors.T @ shift
     largest = np.abs(vectors).max(axis=0)
