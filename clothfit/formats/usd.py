@@ -27,6 +27,12 @@ from clothfit.output import Data
 
 READER = "clothfit.formats.usd_reader"
 
+ALONE = {"PXR_WORK_THREAD_LIMIT": "1", "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
+"""Environment of the process: threads, and what each reserves, would count against its memory."""
+
+PATIENCE, SPEED = 60.0, 1e6
+"""Seconds that reading may take at least, and bytes per second beyond; it takes a hundredth of that."""
+
 CODES = 24.0
 """Time codes per second where frames are not at an even rate; a code may be any number."""
 
@@ -43,13 +49,22 @@ def read(path: str | os.PathLike[str]) -> Animation:
         arrays = os.path.join(folder, "arrays.npz")
         command = [sys.executable, "-P", "-m", READER, copy, arrays, name]
         around = {**os.environ, "PYTHONPATH": os.pathsep.join(each for each in sys.path if each), "TMPDIR": folder}
-        done = subprocess.run(command, env=around, stdin=subprocess.DEVNULL, capture_output=True, check=False)
-        if done.returncode == 3 and done.stdout:
-            raise InvalidMotion(json.loads(done.stdout))
-        if done.returncode:
+        code, told = _run(command, {**around, **ALONE}, PATIENCE + len(data) / SPEED)
+        if code == 3 and told:
+            raise InvalidMotion(json.loads(told))
+        if code:
             raise InvalidMotion(f"{name}: the USD library cannot read it; it is damaged, or of another format")
         with np.load(arrays, allow_pickle=False) as loaded:
             return _animation({key: loaded[key] for key in loaded.files})
+
+
+def _run(command: list[str], around: dict[str, str], seconds: float) -> tuple[int, bytes]:
+    """How a process ends, and its standard output; -1 where it had to be ended."""
+    try:
+        done = subprocess.run(command, env=around, stdin=subprocess.DEVNULL, capture_output=True, timeout=seconds)
+    except subprocess.TimeoutExpired:
+        return -1, b""
+    return done.returncode, done.stdout
 
 
 def _animation(arrays: dict[str, Any]) -> Animation:

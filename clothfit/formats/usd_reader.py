@@ -9,15 +9,16 @@ cut from it first, so that no other file, here or on a network, is opened.
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit import memory
 from clothfit.animation import Animation
 from clothfit.arrays import Array, Indices
 from clothfit.axes import Axes
@@ -29,6 +30,9 @@ CUT = ("clips", "clipSets")
 """What a prim says of other files beside its references: where values of attributes are."""
 
 UPS = {"Y": "y", "Z": "z"}
+
+ROOM, RATIO = 1 << 29, 100
+"""Bytes that reading may take: so many, and so many for each of the file, whose arrays are packed."""
 
 
 def parsed(path: str, name: str) -> Animation:
@@ -202,13 +206,22 @@ def _units(stage: Any, moves: bool, name: str, notes: list[str]) -> tuple[Axes, 
     return Axes(UPS[up], "right", float(scale)), float(rate)
 
 
-def main(path: str, arrays: str, name: str) -> int:
-    """Read a file into an `.npz` of arrays; 3 where that cannot be, with the reason on standard output."""
-    with suppress(ImportError, OSError, ValueError):
+def limit_memory(path: str) -> None:
+    """Let this process have no more than a file of that size could need: a damaged one may ask for all there is, and
+    to fill that takes half a minute.
+    """
+    with suppress(ImportError, OSError, ValueError, IndexError):
         import resource  # not on Windows
 
-        most = memory.free() + memory.physical() // 4  # beside what is only reserved
-        resource.setrlimit(resource.RLIMIT_AS, (most, resource.getrlimit(resource.RLIMIT_AS)[1]))
+        pages = int(Path("/proc/self/statm").read_text().split()[0])  # what it has now
+        most = pages * os.sysconf("SC_PAGE_SIZE") + ROOM + RATIO * os.path.getsize(path)
+        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+        resource.setrlimit(resource.RLIMIT_AS, (most if hard < 0 else min(most, hard), hard))
+
+
+def main(path: str, arrays: str, name: str) -> int:
+    """Read a file into an `.npz` of arrays; 3 where that cannot be, with the reason on standard output."""
+    limit_memory(path)
     try:
         found = parsed(path, name)
     except InvalidMotion as error:
