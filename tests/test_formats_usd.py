@@ -222,7 +222,7 @@ def test_damaged_files_end_the_reading_only(tmp_path, suffix):
     assert ends.count(0) < 35  # so that damage was done
 
 
-@pytest.mark.parametrize("data", [b"", b"PXR-USDC" + bytes(80), b"#usda 1.0\n("])
+@pytest.mark.parametrize("data", [b"", b"PXR-USDC\0\0", b"#usda 1.0\n("])
 def test_garbage_is_refused_in_one_sentence(tmp_path, data, capfd):
     (tmp_path / "a.usd").write_bytes(data)
     with pytest.raises(InvalidMotion, match=r"a\.usd: the USD library cannot read it"):

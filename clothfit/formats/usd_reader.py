@@ -221,6 +221,8 @@ def limit_memory(path: str) -> None:
 
 def main(path: str, arrays: str, name: str) -> int:
     """Read a file into an `.npz` of arrays; 3 where that cannot be, with the reason on standard output."""
+    from pxr import Usd, UsdGeom  # noqa: F401  which take some hundred MB of addresses before anything is read
+
     limit_memory(path)
     try:
         found = parsed(path, name)
