@@ -32,7 +32,7 @@ CUT = ("clips", "clipSets")
 UPS = {"Y": "y", "Z": "z"}
 
 ROOM, RATIO = 1 << 29, 100
-"""Bytes that reading may take: so many, and so many for each of the file, whose arrays are packed."""
+"""Bytes that opening a file may take: so many, and so many for each of the file, whose arrays are packed."""
 
 
 def parsed(path: str, name: str) -> Animation:
@@ -126,7 +126,9 @@ def _positions(shapes: Sequence[Any], codes: Sequence[Any], name: str) -> tuple[
             where = f"{name}: {named(str(other.GetPath()))}"
             raise InvalidMotion(f"{where}: its number of points changes over time; it must stay the same")
         if not frames:
-            check_room(len(codes) * sum(counts) * 3 * 8 * 2, name)
+            needed = len(codes) * sum(counts) * 3 * 8 * 3
+            check_room(needed, name)
+            limit_memory(ROOM + needed, only_if_limited=True)  # many samples may be one in the file
             mirrored = [bool(np.linalg.det(matrix[:3, :3]) < 0) for matrix in matrices]
         # row vectors: the translation is the last row
         frames.append([p @ m[:3, :3] + m[3, :3] for p, m in zip(points, matrices, strict=True)])
@@ -206,24 +208,26 @@ def _units(stage: Any, moves: bool, name: str, notes: list[str]) -> tuple[Axes, 
     return Axes(UPS[up], "right", float(scale)), float(rate)
 
 
-def limit_memory(path: str) -> None:
-    """Let this process have no more than a file of that size could need: a damaged one may ask for all there is, and
+def limit_memory(room: int, only_if_limited: bool = False) -> None:
+    """Let this process have no more than so many bytes beside what it has: a damaged file may ask for all there is, and
     to fill that takes half a minute.
     """
     with suppress(ImportError, OSError, ValueError, IndexError):
         import resource  # not on Windows
 
-        pages = int(Path("/proc/self/statm").read_text().split()[0])  # what it has now
-        most = pages * os.sysconf("SC_PAGE_SIZE") + ROOM + RATIO * os.path.getsize(path)
-        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
-        resource.setrlimit(resource.RLIMIT_AS, (most if hard < 0 else min(most, hard), hard))
+        soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+        if only_if_limited and soft == resource.RLIM_INFINITY:
+            return
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        most = pages * os.sysconf("SC_PAGE_SIZE") + room
+        resource.setrlimit(resource.RLIMIT_AS, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
 
 
 def main(path: str, arrays: str, name: str) -> int:
     """Read a file into an `.npz` of arrays; 3 where that cannot be, with the reason on standard output."""
     from pxr import Usd, UsdGeom  # noqa: F401  which take some hundred MB of addresses before anything is read
 
-    limit_memory(path)
+    limit_memory(ROOM + RATIO * os.path.getsize(path))
     try:
         found = parsed(path, name)
     except InvalidMotion as error:
