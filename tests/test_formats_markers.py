@@ -182,7 +182,7 @@ def test_names_in_an_older_encoding(read):
     assert read(WIDE.replace("hem", "Ärmel").encode("latin-1")).names == ("Ärmel", "cuff")
 
 
-@pytest.mark.parametrize("head", ["# unit: mm\n# up: z\n# handedness: left\n", "#Units=mm\n#up=Z\n#handedness = left\n"])
+@pytest.mark.parametrize("head", ["# unit: mm\n# up: z\n# handedness: left\n", "#Units=mm\n#up=Z\n#handedness=left\n"])
 def test_comments_tell_axes_and_unit(read, head):
     assert read(head + WIDE).axes == Axes("z", "left", 0.001)
 
