@@ -55,20 +55,22 @@ def advice(points: Array, start: Array, axes: Axes, bar: float) -> str | None:
     if apart(to_scene(points, best), start) < bar:
         return f"{options(best, axes)} would fit"
     now = to_scene(points, axes)
-    shift = (start - now).mean(axis=0)
-    if apart(now + shift, start) < bar:
-        return "it is moved by ({:.3g}, {:.3g}, {:.3g}) m".format(*-shift)
+    shift = (now - start).mean(axis=0)
+    if apart(now - shift, start) < bar:
+        x, y, z = np.round(shift, 3) + 0.0  # no −0
+        return f"it is moved by ({x:.3g}, {y:.3g}, {z:.3g}) m"
+    for each in sorted(others, key=lambda each: differences(each, axes)):
+        if unordered(to_scene(points, each), start) < bar:
+            return f"{f'with {options(each, axes)} ' if each != axes else ''}its vertices would fit in another order"
+    return None
+
+
+def unordered(points: Array, others: Array) -> float:
+    """The distance, as `apart`, between two sets of points (n, 3): from each to the nearest of the other set, m."""
     from scipy.spatial import KDTree
 
-    return next(
-        (
-            f"{changes}its vertices would fit in another order"
-            for each in sorted(others, key=lambda each: differences(each, axes))
-            if float(np.sqrt(np.mean(KDTree(start).query(to_scene(points, each))[0] ** 2))) < bar
-            for changes in [f"with {options(each, axes)} " if each != axes else ""]
-        ),
-        None,
-    )
+    pairs = ((points, others), (others, points))
+    return max(float(np.sqrt(np.mean(KDTree(b).query(a)[0] ** 2))) for a, b in pairs)
 
 
 def options(axes: Axes, other: Axes) -> str:

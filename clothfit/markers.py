@@ -109,9 +109,11 @@ def check_apart(pairs: Sequence[tuple[int, int]], names: Sequence[str], scene: S
     for marker, vertex in pairs:
         if vertex in markers:
             cloth, own = owner(vertex, scene)
-            both = f"markers {shown(names[markers[vertex]])} and {shown(names[marker])} both belong to"
-            where = f"objects[{cloth}] vertex {own}"
-            raise InvalidMotion(f"{name}: {both} {where}; say with --map which vertex each is, or leave one out there")
+            both = f"markers {shown(names[markers[vertex]])} and {shown(names[marker])}"
+            raise InvalidMotion(
+                f"{name}: {both} both belong to objects[{cloth}] vertex {own}; say with --map which vertex each is, or "
+                "leave one out there"
+            )
         markers[vertex] = marker
 
 
@@ -139,8 +141,8 @@ def told(path: str | os.PathLike[str], names: Sequence[str], scene: Scene) -> li
             raise InvalidMotion(f"{name}: line {line}: the marker {shown(marker)} stands there twice")
         cloth, vertex = (int(word) if word.isdecimal() and len(word) < 19 else -1 for word in numbers)
         if not 0 <= cloth < len(scene.cloths) or not 0 <= vertex < scene.vertex_counts[cloth]:
-            why = f"objects[{numbers[0][:20]}] vertex {numbers[1][:20]} does not exist in {scene.name}"
-            raise InvalidMotion(f"{name}: line {line}: {why}")
+            what = f"objects[{numbers[0][:20]}] vertex {numbers[1][:20]}"
+            raise InvalidMotion(f"{name}: line {line}: there is no {what} in {scene.name}")
         pairs[index[marker]] = int(starts[cloth]) + vertex
     if not pairs:
         raise InvalidMotion(f"{name}: tells of no marker")

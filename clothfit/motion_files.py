@@ -121,16 +121,16 @@ def check_place(path: str | os.PathLike[str], frames: int | None = None) -> None
         return
     text = os.fspath(path)
     module_of(found)
-    if not found.writes:
-        raise InvalidInput(f"cannot write {text}: {found.name} can only be read")
     if found.module != "obj" or frames is None:
         return
     obj.check_name(text, frames)
     meant = {obj.numbered_name(text, frame) for frame in range(frames)}
-    for _, there in obj.numbered(text) if obj.ANY in text else []:
+    for _, there in sorted(obj.numbered(text)) if obj.ANY in text else []:
         if there not in meant:
-            told = f"{there} is there, which would be read as a frame of it"
-            raise InvalidInput(f"cannot write {text}: {told}; take that away, or choose another name")
+            raise InvalidInput(
+                f"cannot write {text}: {there} is there, which would be read as a frame of it; take that away, or "
+                "choose another name"
+            )
 
 
 def sources(path: str) -> list[str]:

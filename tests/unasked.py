@@ -55,6 +55,7 @@ PYTHON: dict[str, Callable[[], object]] = {
     "parameters: shape … given, … has (…,)": lambda: clothfit.with_parameters(SCENE, [1.0, 2.0]),
     "objects: … for … objects; one each is needed": lambda: SCENE.with_values([], []),
     "… items for … objects are given": lambda: SCENE.with_values([1], [1], drag=[]),
+    "… is not possible, … are": lambda: clothfit.Reading(up="x"),
     "there is no kind …; there are …": lambda: SCENE.with_values([1], [1], colour=[1]),
     "an array of … of shape … is not …": lambda: SCENE.with_values([np.ones(2)], [np.ones(SPRINGS)]),
     "the text holds half a surrogate pair; save it as UTF-8": lambda: clothfit.load(io.StringIO('{"a": "\ud800"}')),

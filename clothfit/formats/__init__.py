@@ -26,7 +26,6 @@ class Format(NamedTuple):
     suffixes: tuple[str, ...]  # in lower case
     module: str  # in this package
     axes: Axes  # where the file does not tell
-    writes: bool = True  # whether it can be written
     times: bool = True  # whether it tells when its frames are
     markers: bool = False  # whether it holds markers, which need not be all vertices and may have gaps
     extra: str | None = None  # the optional extra of this package that installs what it needs

@@ -44,5 +44,5 @@ def content(path: str | os.PathLike[str], most: int | None = MOST_TEXT) -> bytes
 def check_room(needed: int, path: str | os.PathLike[str]) -> None:
     """Raise InvalidMotion where what is in a file takes more bytes than are free."""
     if (free := memory.missing(needed)) is not None:
-        told = f"takes {human(needed)} of memory, {human(free)} are free"
-        raise InvalidMotion(f"{name_of(path)}: {told}; keep fewer frames")
+        name = name_of(path)
+        raise InvalidMotion(f"{name}: takes {human(needed)} of memory, {human(free)} are free; keep fewer frames")

@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from clothfit.animation import Animation
+from clothfit.errors import InvalidMotion
 from clothfit.formats import RIGHT
 from clothfit.formats.point_cache import opened, put
 from clothfit.output import Data
@@ -27,14 +28,14 @@ def read(path: str | os.PathLike[str]) -> Animation:
     with opened(path) as cache:
         data = cache.file.read(HEADER.size)
         if len(data) < HEADER.size:
-            raise cache.wrong("ends within its header; is it complete?")
+            raise InvalidMotion(f"{cache.name}: ends within its header; is it complete?")
         frames, points = HEADER.unpack(data)
         cache.check(frames, points, HEADER.size, 4)
         times = cache.numbers(frames, FLOATS)
         if frames > 1 and not times.any():  # some programs leave them
             return Animation(cache.positions(frames, points, FLOATS), RIGHT)
         if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
-            raise cache.wrong("its times are not finite and increasing")
+            raise InvalidMotion(f"{cache.name}: its times are not finite and increasing")
         return Animation(cache.positions(frames, points, FLOATS), RIGHT, times)
 
 

@@ -65,8 +65,8 @@ def read_frames(paths: Sequence[str], path: str | os.PathLike[str]) -> Animation
         later = _Text(each)
         points = later.points()
         if points.shape != positions.shape[1:]:
-            counts = f"has {len(points)} vertices, {name_of(paths[0])} has {positions.shape[1]}"
-            raise InvalidMotion(f"{name_of(each)}: {counts}; all frames of a sequence need the same")
+            first_has = f"{name_of(paths[0])} has {positions.shape[1]}"
+            raise InvalidMotion(f"{name_of(each)}: has {len(points)} vertices, {first_has}, as all frames need")
         if later.faces() not in (0, first.faces()):
             raise InvalidMotion(f"{name_of(each)}: has other faces than {name_of(paths[0])}; is it of another mesh?")
         positions[frame] = points
@@ -166,7 +166,7 @@ class _Text:
         if not count:
             raise InvalidMotion(f"{self.name}: has no vertices (lines v x y z); is it an OBJ file?")
         if len(numbers) != 3 * count or not np.isfinite(numbers).all():
-            raise self._wrong_vertex()
+            raise InvalidMotion(f"{self.name}: line {self._wrong()}: a vertex needs three finite numbers")
         return numbers.reshape(count, 3)
 
     def faces(self) -> int:
@@ -183,8 +183,8 @@ class _Text:
             corners = [_corner(word, before) for word in words]
             valid = all(0 <= corner < len(starts) for corner in corners)
             if not valid or len(corners) < 3 or len(face[1]) > LONGEST:
-                why = f"a face needs three corners or more, each a number of one of the {len(starts)} vertices"
-                raise InvalidMotion(f"{self.name}: line {self._line(face.start())}: {why}")
+                place = f"{self.name}: line {self._line(face.start())}"
+                raise InvalidMotion(f"{place}: a face needs three corners or more, each one of {len(starts)} vertices")
             for b, c in pairwise(corners[1:]):
                 flat.extend((corners[0], b, c))
         return np.array(flat, np.int32).reshape(-1, 3)
@@ -195,8 +195,8 @@ class _Text:
     def _line(self, at: int) -> int:
         return self.lines.count(b"\n", 0, at) + 1
 
-    def _wrong_vertex(self) -> InvalidMotion:
-        """What to say of the first vertex that is none."""
+    def _wrong(self) -> int:
+        """The line of the first vertex that is none."""
         for begin in BEGIN.finditer(self.data):
             match = VERTEX.match(self.data, begin.start())
             try:
@@ -205,7 +205,7 @@ class _Text:
                 good = False
             if not good:
                 break
-        return InvalidMotion(f"{self.name}: line {self._line(begin.start())}: a vertex needs three finite numbers")
+        return self._line(begin.start())
 
 
 def _corner(word: bytes, before: int) -> int:

@@ -14,6 +14,7 @@ import struct
 from functools import partial
 
 from clothfit.animation import Animation
+from clothfit.errors import InvalidMotion
 from clothfit.formats import RIGHT
 from clothfit.formats.point_cache import opened, put
 from clothfit.output import Data
@@ -28,12 +29,12 @@ def read(path: str | os.PathLike[str]) -> Animation:
     with opened(path) as cache:
         data = cache.file.read(HEADER.size)
         if not data.startswith(MAGIC):
-            raise cache.wrong("does not begin as a PC2 point cache does (POINTCACHE2)")
+            raise InvalidMotion(f"{cache.name}: does not begin as a PC2 point cache does (POINTCACHE2)")
         if len(data) < HEADER.size:
-            raise cache.wrong("ends within its header; is it complete?")
+            raise InvalidMotion(f"{cache.name}: ends within its header; is it complete?")
         _, version, points, _, spacing, samples = HEADER.unpack(data)
         if version != 1:
-            raise cache.wrong(f"is of version {version} of PC2, 1 can be read")
+            raise InvalidMotion(f"{cache.name}: is of version {version} of PC2, 1 can be read")
         cache.check(samples, points, HEADER.size, 0)
         positions = cache.positions(samples, points, FLOATS)
     if math.isfinite(spacing) and spacing > 0 and spacing != 1:

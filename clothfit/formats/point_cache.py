@@ -24,24 +24,21 @@ class Cache:
     """An open point cache."""
 
     def __init__(self, file: IO[bytes], path: str | os.PathLike[str]) -> None:
-        self.file, self.path = file, path
+        self.file, self.path, self.name = file, path, name_of(path)
         self.size = file.seek(0, os.SEEK_END)  # bytes
         file.seek(0)
-
-    def wrong(self, why: str) -> InvalidMotion:
-        """The error with that reason."""
-        return InvalidMotion(f"{name_of(self.path)}: {why}")
 
     def check(self, frames: int, points: int, start: int, each: int) -> None:
         """Raise InvalidMotion unless the file has so many bytes as it says: `start` before its frames, `each` in a
         frame besides the positions.
         """
         if frames < 1 or points < 1:
-            raise self.wrong(f"its header tells of {frames} frames of {points} points; at least one of each is needed")
+            count = f"{frames} frames of {points} points"
+            raise InvalidMotion(f"{self.name}: its header tells of {count}, at least one of each is needed")
         needed = start + frames * (12 * points + each)
         if self.size != needed:
-            told = f"{frames} frames of {points} points take {needed} bytes, it has {self.size}"
-            raise self.wrong(f"{told}; is it complete?")
+            size = f"take {needed} bytes, it has {self.size}"
+            raise InvalidMotion(f"{self.name}: {frames} frames of {points} points {size}; is it complete?")
         check_room(24 * frames * points, self.path)
 
     def numbers(self, count: int, dtype: str) -> Array:
@@ -55,7 +52,7 @@ class Cache:
             room.reshape(-1)[:] = np.fromfile(self.file, dtype, 3 * points)
             if not np.isfinite(room).all():
                 point = int(np.argmin(np.isfinite(room).all(axis=1)))
-                raise self.wrong(f"frame {frame}, point {point}: its position is not finite")
+                raise InvalidMotion(f"{self.name}: frame {frame}, point {point}: its position is not finite")
         return positions
 
 
@@ -63,8 +60,6 @@ class Cache:
 def opened(path: str | os.PathLike[str]) -> Iterator[Cache]:
     """A cache to read in the block. Raises InvalidMotion on whatever goes wrong with the file."""
     with refused(path), steady(path) as file:
-        if not file.seekable():
-            raise InvalidMotion(f"{name_of(path)}: is no regular file, which a point cache must be")
         yield Cache(file, path)
 
 
