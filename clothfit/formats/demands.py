@@ -1,4 +1,4 @@
-"""What formats demand of an animation that not every one has: a position for each point, times, an even rate."""
+"""What formats demand of an animation that not every one has: times, an even rate; and its gaps as NaN."""
 
 from __future__ import annotations
 
@@ -16,16 +16,6 @@ RATE = 30.0
 
 EVEN = 1e-3
 """How far a frame may be from its place, as a share of the time between two, to count as at an even rate."""
-
-
-def gapless(path: str | os.PathLike[str], animation: Animation) -> Array:
-    """The positions, for formats that have a place for each. Raises InvalidMotion where some are not known."""
-    seen = np.isfinite(animation.positions).all() and (animation.observed is None or animation.observed.all())
-    if not seen or not animation.positions.size:
-        raise InvalidMotion(
-            f"{name_of(path)}: some positions are not known, for which it has no place; write .npz, .c3d, .trc or .csv"
-        )
-    return animation.positions
 
 
 def seen(animation: Animation) -> Array:

@@ -21,7 +21,7 @@ from clothfit.animation import Animation
 from clothfit.arrays import Array
 from clothfit.axes import Axes
 from clothfit.errors import InvalidMotion
-from clothfit.formats.demands import gapless, rate_of, times_of
+from clothfit.formats.demands import rate_of, times_of
 from clothfit.formats.files import content, name_of
 from clothfit.output import Data
 
@@ -74,8 +74,8 @@ def _animation(arrays: dict[str, Any]) -> Animation:
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
-    """The file, text where its suffix is .usda. Raises InvalidMotion where positions are missing."""
-    positions = gapless(path, animation)
+    """The file, text where its suffix is .usda. Every position must be known."""
+    positions = animation.positions
     suffix = os.path.splitext(os.fspath(path))[1].lower()
 
     def write(file: IO[bytes]) -> None:
