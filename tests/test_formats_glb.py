@@ -206,9 +206,11 @@ def test_a_motion_of_few_shapes_takes_few_targets():
     assert np.abs(morphs.weights).max() <= 1
 
 
+# Frames of more and more different sizes, or coordinates; of frames there are fewer than coordinates, or more.
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-5])
-def test_the_largest_error_is_below_the_tolerance_and_one_target_less_is_not_enough(tolerance):
-    positions = np.random.default_rng(0).normal(size=(20, 9, 3)) * np.geomspace(1, 1e-6, 20)[:, None, None]
+@pytest.mark.parametrize("shape", [(20, 9, 3), (60, 9, 3)])
+def test_the_largest_error_is_below_the_tolerance_and_one_target_less_is_not_enough(shape, tolerance):
+    positions = np.random.default_rng(0).normal(size=shape) * np.geomspace(1, 1e-6, shape[0])[:, None, None]
     morphs = reduced(positions, tolerance)
     assert morphs.error <= tolerance
     fewer = np.einsum("fk,knc->fnc", morphs.weights[:, :-1].astype(float), morphs.targets[:-1].astype(float))

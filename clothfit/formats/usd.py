@@ -48,7 +48,7 @@ def read(path: str | os.PathLike[str]) -> Animation:
             file.write(data)
         arrays = os.path.join(folder, "arrays.npz")
         command = [sys.executable, "-P", "-m", READER, copy, arrays, name]
-        around = {**os.environ, "PYTHONPATH": os.pathsep.join(each for each in sys.path if each), "TMPDIR": folder}
+        around = {**os.environ, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)), "TMPDIR": folder}
         code, told = _run(command, {**around, **ALONE}, PATIENCE + len(data) / SPEED)
         if code == 3 and told:
             raise InvalidMotion(json.loads(told))
