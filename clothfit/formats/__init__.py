@@ -42,7 +42,7 @@ FORMATS = (
     Format("USD", (".usd", ".usda", ".usdc"), "usd", RIGHT, extra="usd", library="pxr"),
     Format("glTF", (".glb",), "glb", RIGHT),
     Format("PLY mesh", (".ply",), "ply", RIGHT, writes=False, times=False),
-    Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), markers=True, extra="c3d", library="ezc3d"),
+    Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), markers=True),
     Format("TRC markers", (".trc",), "trc", Axes("y", "right", 0.001), markers=True),
     Format("CSV markers", (".csv",), "marker_table", RIGHT, markers=True),
 )

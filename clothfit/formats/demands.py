@@ -1,4 +1,4 @@
-"""What formats demand of an animation that not every one has: a position for each point, times, an even rate."""
+"""What formats demand of an animation that not every one has: times, an even rate; and its gaps as NaN."""
 
 from __future__ import annotations
 
@@ -16,15 +16,6 @@ RATE = 30.0
 
 EVEN = 1e-3
 """How far a frame may be from its place, as a share of the time between two, to count as at an even rate."""
-
-
-def gapless(path: str | os.PathLike[str], animation: Animation) -> Array:
-    """The positions, for formats that have a place for each. Raises InvalidMotion where some are not known."""
-    seen = np.isfinite(animation.positions).all() and (animation.observed is None or animation.observed.all())
-    if not seen or not animation.positions.size:
-        told = "some positions are not known, which this format cannot tell; write .npz, .c3d, .trc or .csv"
-        raise InvalidMotion(f"{name_of(path)}: {told}")
-    return animation.positions
 
 
 def seen(animation: Animation) -> Array:
@@ -53,8 +44,9 @@ def rated(path: str | os.PathLike[str], animation: Animation) -> float:
     """Frames per second, for formats that have one number for it. Raises InvalidMotion where there is none."""
     rate = rate_of(animation)
     if rate is None:
-        told = "its frames are not at equal distances in time, which this format needs; choose a rate with --fps"
-        raise InvalidMotion(f"{name_of(path)}: {told}")
+        raise InvalidMotion(
+            f"{name_of(path)}: frames that are not at equal distances in time cannot be written; use .trc or .csv"
+        )
     return rate
 
 

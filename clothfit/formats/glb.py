@@ -21,7 +21,7 @@ from clothfit.animation import Animation
 from clothfit.arrays import Array
 from clothfit.errors import InvalidMotion
 from clothfit.formats import RIGHT
-from clothfit.formats.demands import gapless, times_of
+from clothfit.formats.demands import times_of
 from clothfit.formats.files import check_room, name_of
 from clothfit.formats.gltf import BIN_CHUNK, JSON_CHUNK, MAGIC, Document
 from clothfit.formats.gltf_meshes import meshes_at
@@ -63,8 +63,9 @@ def read(path: str | os.PathLike[str]) -> Animation:
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
-    """The file, with the reduced motion. Raises InvalidMotion where positions are missing or it would be too long."""
-    positions = gapless(path, animation)
+    """The file, with the reduced motion. Every position must be known. Raises InvalidMotion where it would be too
+    long."""
+    positions = animation.positions
     check_room(4 * positions.nbytes, path)
     size = float(np.linalg.norm(np.ptp(positions.reshape(-1, 3), axis=0)))
     morphs = reduced(positions, TOLERANCE * min(size, 1 / animation.axes.scale))

@@ -34,7 +34,9 @@ class Document:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path, self.name = path, name_of(path)
-        text, self._binary = self._chunks(content(path))
+        data = content(path)
+        self._size = len(data)
+        text, self._binary = self._chunks(data)
         try:
             self._json = json.loads(text)
         except (ValueError, RecursionError) as error:
@@ -42,7 +44,7 @@ class Document:
             raise InvalidMotion(f"{self.name}: its JSON cannot be read ({reason[:100]})") from None
         self._buffers: dict[int, bytes] = {}
         self._taken = 0  # bytes of all arrays together: many parts may name the same numbers
-        self.root: dict[str, Any] = self.require(self._json, dict, "a JSON object", "")
+        self.root: dict[str, Any] = self.typed(self._json, dict, "an object", "its JSON")
         self._check_extensions()
 
     def _chunks(self, data: bytes) -> tuple[bytes, bytes]:
@@ -67,79 +69,81 @@ class Document:
     def _check_extensions(self) -> None:
         for each in self.items(self.root, "extensionsRequired"):
             if not str(each).startswith(HARMLESS):
-                told = f"it needs the extension {named(str(each))}; export without it, and without compression"
-                raise InvalidMotion(f"{self.name}: {told}")
+                what = named(str(each))
+                raise InvalidMotion(f"{self.name}: it needs the extension {what}; export without it, uncompressed")
 
-    def require(self, value: Any, kind: type, what: str, place: str) -> Any:
-        """A value of the document, when it is of a type; true and false are no numbers."""
-        if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-            where = f"{self.name}: {place}" if place else self.name
+    def insist(self, right: bool, value: Any, what: str, place: str) -> None:
+        """Raise InvalidMotion unless a value, which stands at a place, is what it must be."""
+        if not right:
+            where = f"{self.name}: {place}"
             raise InvalidMotion(f"{where}: {shown(value)} is not {what}")
+
+    def typed(self, value: Any, kind: type, what: str, place: str) -> Any:
+        """A value of the document, when it is of a type; true and false are no numbers."""
+        self.insist(isinstance(value, kind) and not isinstance(value, bool), value, what, place)
         return value
 
     def items(self, owner: dict[str, Any], key: str) -> list[Any]:
         """The list under a key; empty when it is missing."""
-        found: list[Any] = self.require(owner.get(key, []), list, "a list", key)
+        found: list[Any] = self.typed(owner.get(key, []), list, "a list", key)
         return found
 
     def item(self, kind: str, index: Any) -> dict[str, Any]:
         """A part such as `nodes[2]`."""
-        there = self.items(self.root, kind)
-        if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(there):
-            raise InvalidMotion(f"{self.name}: {kind}[{shown(index)}] does not exist")
-        found: dict[str, Any] = self.require(there[index], dict, "an object", f"{kind}[{index}]")
+        return self.member(self.root, kind, index, kind)
+
+    def member(self, owner: dict[str, Any], key: str, index: Any, place: str) -> dict[str, Any]:
+        """An object in the list under a key."""
+        there = self.items(owner, key)
+        if type(index) is not int or not 0 <= index < len(there):
+            raise InvalidMotion(f"{self.name}: {place}[{shown(index)}] does not exist")
+        found: dict[str, Any] = self.typed(there[index], dict, "an object", f"{place}[{index}]")
         return found
 
     def whole(self, owner: dict[str, Any], key: str, default: int | None = 0) -> int:
         """A count or an offset."""
-        value: int = self.require(owner.get(key, default), int, "a whole number", key)
-        if not 0 <= value < 2**40:
-            raise InvalidMotion(f"{self.name}: {key}: {shown(value)} is not a count of what is in a file")
+        value: int = self.typed(owner.get(key, default), int, "a whole number", key)
+        self.insist(0 <= value < 2**40, value, "a count of what can be in a file", key)
         return value
 
     def numbers(self, owner: dict[str, Any], key: str, default: list[float]) -> Array:
         """A list of as many finite numbers as the default has."""
         found = owner.get(key, default)
         right = isinstance(found, list) and all(type(each) in (int, float) and abs(each) < 1e30 for each in found)
-        if not right or len(found) != len(default):
-            raise InvalidMotion(f"{self.name}: {key}: {shown(found)} is not a list of {len(default)} numbers")
+        self.insist(right and len(found) == len(default), found, f"a list of {len(default)} numbers", key)
         return np.array(found, np.float64)
 
     def accessor(self, index: Any, kind: str) -> Array:
         """The numbers (count, width) of an accessor of a type such as VEC3."""
         described, place = self.item("accessors", index), f"accessors[{shown(index)}]"
-        if described.get("type") != kind:
-            raise InvalidMotion(f"{self.name}: {place}: its type is {shown(described.get('type'))}, not {kind}")
+        self.insist(described.get("type") == kind, described.get("type"), f"the type {kind}", place)
         count, width = self.whole(described, "count", None), WIDTHS[kind]
-        if count > len(self._binary) + len(self._json) and "bufferView" not in described:
-            raise InvalidMotion(f"{self.name}: {place}: {count} items are promised, which cannot be in the file")
+        self.insist("bufferView" in described or count <= self._size, count, "a count of what can be in a file", place)
         self._taken += 4 * 8 * count * width  # with what is computed from them
         check_room(self._taken, self.path)
         values = np.zeros((count, width))
         if "bufferView" in described:
             values[:] = self._stored(described, described, count, width, place)
         if "sparse" in described:
-            sparse = self.require(described["sparse"], dict, "an object", f"{place}.sparse")
+            sparse = self.typed(described["sparse"], dict, "an object", f"{place}.sparse")
             self._replace(values, sparse, described, place)
         return values
 
     def _replace(self, values: Array, sparse: dict[str, Any], owner: dict[str, Any], place: str) -> None:
         """Put the items of a sparse accessor that differ into `values`."""
         count = self.whole(sparse, "count", None)
-        where = self.require(sparse.get("indices"), dict, "an object", f"{place}.sparse.indices")
-        what = self.require(sparse.get("values"), dict, "an object", f"{place}.sparse.values")
-        if count > len(values):
-            raise InvalidMotion(f"{self.name}: {place}: {count} items are promised, which cannot be in the file")
+        where = self.typed(sparse.get("indices"), dict, "an object", f"{place}.sparse.indices")
+        what = self.typed(sparse.get("values"), dict, "an object", f"{place}.sparse.values")
+        self.insist(count <= len(values), count, "a count of what can be in a file", f"{place}.sparse")
         indices = self._stored(where, {"componentType": where.get("componentType")}, count, 1, place)[:, 0]
-        if not (indices < len(values)).all():
-            raise InvalidMotion(f"{self.name}: {place}: its sparse items lie beyond its end")
+        self.insist(bool((indices < len(values)).all()), "indices", "within the accessor", f"{place}.sparse")
         values[indices.astype(np.int64)] = self._stored(what, owner, count, values.shape[1], place)
 
     def _stored(self, where: dict[str, Any], form: dict[str, Any], count: int, width: int, place: str) -> Array:
         """Numbers of a buffer view; integers that stand for fractions become those."""
-        dtype = np.dtype(COMPONENTS.get(self.whole(form, "componentType"), "V1"))
-        if dtype.kind == "V":
-            raise InvalidMotion(f"{self.name}: {place}: componentType is not one of glTF's")
+        component = self.whole(form, "componentType")
+        self.insist(component in COMPONENTS, component, "a type of component that glTF has", place)
+        dtype = np.dtype(COMPONENTS[component])
         view = self.item("bufferViews", where.get("bufferView"))
         buffer = self._buffer(view.get("buffer"))
         begin, length = self.whole(view, "byteOffset"), self.whole(view, "byteLength")
@@ -147,7 +151,8 @@ class Document:
         stride = self.whole(view, "byteStride", size)
         last = offset + stride * (count - 1) + size if count else 0
         if begin + length > len(buffer) or last > length or stride < size:
-            raise InvalidMotion(f"{self.name}: {place}: its numbers reach beyond what is there")
+            at = f"{self.name}: {place}"
+            raise InvalidMotion(f"{at}: its numbers reach beyond what is there")
         if not count:
             return np.zeros((0, width))
         values = np.ndarray((count, width), dtype, buffer, begin + offset, (stride, dtype.itemsize)).astype(np.float64)

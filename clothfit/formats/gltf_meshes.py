@@ -30,7 +30,7 @@ def meshes_at(doc: Document, nodes: list[Placed], tracks: Tracks, times: Array) 
         mirrored = np.linalg.det(matrix[0, :3, :3]) < 0
         shared: dict[tuple[Any, ...], tuple[int, int]] = {}
         for primitive in doc.items(doc.item("meshes", doc.item("nodes", node.node)["mesh"]), "primitives"):
-            doc.require(primitive, dict, "an object", "primitives")
+            doc.typed(primitive, dict, "an object", "primitives")
             key = _sources(doc, primitive)
             if key not in shared:
                 shape = _shape(doc, node.node, key, tracks, times)
@@ -71,8 +71,8 @@ def _sources(doc: Document, primitive: dict[str, Any]) -> tuple[Any, ...]:
     """The accessors of the positions of a primitive and of its targets; None where a target has none."""
     owners = [primitive.get("attributes", {}), *doc.items(primitive, "targets")]
     for owner in owners:
-        doc.require(owner, dict, "an object", "attributes")
-    return tuple(doc.require(owner.get("POSITION", -1), int, "an index", "POSITION") for owner in owners)
+        doc.typed(owner, dict, "an object", "attributes")
+    return tuple(doc.typed(owner.get("POSITION", -1), int, "an index", "POSITION") for owner in owners)
 
 
 def _shape(doc: Document, node: int, sources: tuple[int, ...], tracks: Tracks, times: Array) -> Array:
@@ -86,15 +86,14 @@ def _shape(doc: Document, node: int, sources: tuple[int, ...], tracks: Tracks, t
         owner = described if "weights" in described else doc.item("meshes", described["mesh"])
         weights = doc.numbers(owner, "weights", [0.0] * count)[None]
     if weights.shape[1] != count:
-        raise InvalidMotion(f"{doc.name}: nodes[{node}]: {weights.shape[1]} weights do not go with {count} targets")
+        raise InvalidMotion(f"{doc.name}: {weights.shape[1]} weights do not go with the {count} targets of a mesh")
     check_room((count + 2 * len(weights)) * base.nbytes, doc.path)
     targets = np.zeros((count, base.size))
     for k, source in enumerate(sources[1:]):
         if source >= 0:
             target = doc.accessor(source, "VEC3")
             if target.shape != base.shape:
-                told = f"a target has {len(target)} vertices, the mesh {len(base)}"
-                raise InvalidMotion(f"{doc.name}: nodes[{node}]: {told}")
+                raise InvalidMotion(f"{doc.name}: a target has {len(target)} vertices, its mesh {len(base)}")
             targets[k] = target.reshape(-1)
     return base + (weights @ targets).reshape(len(weights), *base.shape)
 

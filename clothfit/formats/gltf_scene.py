@@ -13,7 +13,6 @@ import numpy as np
 from clothfit.errors import InvalidMotion
 from clothfit.formats.gltf import Document
 from clothfit.formats.tracks import Track
-from clothfit.words import shown
 
 WIDTHS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3", "weights": "SCALAR"}
 KINDS = ("LINEAR", "STEP", "CUBICSPLINE")
@@ -41,7 +40,7 @@ def placed(doc: Document) -> Iterator[Placed]:
         index, above = waiting.pop()
         node = doc.item("nodes", index)
         if index in met or len(above) > LEVELS:
-            raise InvalidMotion(f"{doc.name}: nodes[{index}]: the nodes must be a tree of at most {LEVELS} levels")
+            raise InvalidMotion(f"{doc.name}: its nodes are not a tree of at most {LEVELS} levels")
         met.add(index)
         waiting += [(each, (*above, index)) for each in reversed(doc.items(node, "children"))]
         if "mesh" in node:
@@ -77,32 +76,28 @@ def animated(doc: Document, nodes: list[Placed]) -> tuple[Tracks, tuple[str, ...
 
 def _animation(doc: Document, index: int) -> Tracks:
     animation = doc.item("animations", index)
-    samplers = doc.items(animation, "samplers")
     tracks: Tracks = {}
     for channel in doc.items(animation, "channels"):
         place = f"animations[{index}].channels"
-        target = doc.require(doc.require(channel, dict, "an object", place).get("target"), dict, "an object", place)
+        target = doc.typed(doc.typed(channel, dict, "an object", place).get("target"), dict, "an object", place)
         node, what = target.get("node"), target.get("path")
         if node is None or what not in WIDTHS:  # extensions animate other things
             continue
         doc.item("nodes", node)
-        number = channel.get("sampler")
-        if not isinstance(number, int) or not 0 <= number < len(samplers):
-            raise InvalidMotion(f"{doc.name}: {place}: samplers[{shown(number)}] does not exist")
-        sampler = doc.require(samplers[number], dict, "an object", place)
-        tracks[node, what] = _track(doc, sampler, what, f"animations[{index}].samplers[{number}]")
+        sampler = doc.member(animation, "samplers", channel.get("sampler"), f"animations[{index}].samplers")
+        tracks[node, what] = _track(doc, sampler, what, f"animations[{index}].samplers")
     return tracks
 
 
 def _track(doc: Document, sampler: dict[str, Any], what: str, place: str) -> Track:
     times = doc.accessor(sampler.get("input"), "SCALAR")[:, 0]
     if not (len(times) and np.isfinite(times).all() and (np.diff(times) > 0).all()):
-        raise InvalidMotion(f"{doc.name}: {place}: times must be finite and increasing")
+        where = f"{doc.name}: {place}: times"
+        raise InvalidMotion(f"{where}: must be finite and increasing")
     values = doc.accessor(sampler.get("output"), WIDTHS[what])
     kind = sampler.get("interpolation", "LINEAR")
-    if kind not in KINDS:
-        raise InvalidMotion(f"{doc.name}: {place}: {shown(kind)} is not one of {', '.join(KINDS)}")
+    doc.insist(kind in KINDS, kind, "a kind of interpolation that glTF has", place)
     items = len(times) * (3 if kind == "CUBICSPLINE" else 1)
     if not len(values) or len(values) % items or (what != "weights" and len(values) != items):
-        raise InvalidMotion(f"{doc.name}: {place}: {len(values)} values do not go with {len(times)} times")
+        raise InvalidMotion(f"{doc.name}: {len(values)} values of an animation do not go with {len(times)} times")
     return Track(times, values.reshape((len(times), 3, -1) if kind == "CUBICSPLINE" else (len(times), -1)), kind)

@@ -2,9 +2,9 @@
 
 The displacements D (frames, 3 n) are projected on the K leading eigenvectors U of their Gram matrix D Dᵀ, the left
 singular vectors of D (Eckart and Young, Psychometrika 1, 1936): w = U_K, d = U_Kᵀ D, the best that K shapes can do in
-the mean square. K is the smallest by which no vertex of any frame is further away than a tolerance, with all numbers
-rounded as they are stored, to float32. The Gram matrix loses half of the digits, but only in the choice of the space:
-with K = frames the projection is exact.
+the mean square. Of more frames than coordinates it is V of Dᵀ D: w = D V_K, d = V_Kᵀ. K is the smallest by which no
+vertex of any frame is further away than a tolerance, with all numbers rounded as they are stored, to float32. The Gram
+matrix loses half of the digits, but only in the choice of the space: with all vectors the projection is exact.
 """
 
 from __future__ import annotations
@@ -37,17 +37,21 @@ def reduced(positions: Array, tolerance: float) -> Morphs:
     """
     frames, count = positions.shape[:2]
     base = positions[0].astype(np.float32)
-    shift = (positions - base).reshape(frames, -1)
-    vectors = np.linalg.eigh(shift @ shift.T)[1][:, ::-1]  # the largest first
-    targets = vectors.T @ shift
-    largest = np.abs(vectors).max(axis=0)
-    shapes = (targets * largest[:, None]).astype(np.float32)
-    weights = (vectors / largest).astype(np.float32)
+    shift = (positions - positions[0]).reshape(frames, -1)
+    if frames <= 3 * count:
+        amounts = np.linalg.eigh(shift @ shift.T)[1][:, ::-1]  # the largest first
+        vectors = amounts.T @ shift
+    else:
+        vectors = np.linalg.eigh(shift.T @ shift)[1][:, ::-1].T
+        amounts = shift @ vectors.T
+    largest = np.maximum(np.abs(amounts).max(axis=0), np.finfo(np.float32).tiny)
+    shapes = (vectors * largest[:, None]).astype(np.float32)
+    weights = (amounts / largest).astype(np.float32)
 
     def off(k: int) -> float:
         return _error(positions, Morphs(base, shapes[:k].reshape(k, count, 3), weights[:, :k], 0.0))
 
-    few, many = 0, frames  # `few` do not suffice, `many` must
+    few, many = 0, len(shapes)  # `few` do not suffice, `many` must
     while many - few > 1:
         middle = (few + many) // 2
         few, many = (few, middle) if off(middle) <= tolerance else (middle, many)

@@ -42,7 +42,8 @@ class Track(NamedTuple):
         a, out = self.values[index, 1], span * self.values[index, 2]
         b, into = self.values[after, 1], span * self.values[after, 0]
         rise, bend = u * u * (3 - 2 * u), u * (u - 1)
-        return (1 - rise) * a + rise * b + bend * (u - 1) * out + bend * u * into
+        curve: Array = (1 - rise) * a + rise * b + bend * (u - 1) * out + bend * u * into
+        return curve
 
 
 def _arc(a: Array, b: Array, u: Array) -> Array:
