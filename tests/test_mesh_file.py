@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
+import clothfit
 from clothfit import InvalidInput, mesh
 from clothfit.mesh_file import read_mesh, turned
 
@@ -52,6 +53,15 @@ def test_the_vertices_keep_the_files_order_in_every_format(folder):
         np.testing.assert_allclose(found.positions, solid.vertices * [-1, 1, 1], atol=1e-7)
         np.testing.assert_array_equal(np.sort(found.triangles), np.sort(solid.faces))
         assert mesh.areas(found).sum() == pytest.approx(solid.area, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["m.usda", "m.usd", "m.glb"])
+def test_of_an_animated_file_the_first_frame_is_taken(folder, name):
+    scene = clothfit.new_scene(mesh.plane(2, 1.0), frames=4)
+    clothfit.save_motion(clothfit.simulate(scene), name, scene)
+    found, _ = read_mesh(name)
+    np.testing.assert_allclose(found.positions, scene.cloths[0].positions, atol=2e-5)  # .glb: to 1e-5 m
+    np.testing.assert_array_equal(np.sort(found.triangles), np.sort(scene.cloths[0].triangles))
 
 
 def test_of_a_sequence_the_first_file_alone_is_read(folder):
