@@ -22,6 +22,7 @@ import numpy.typing as npt
 from clothfit.arrays import Array, Flags, Indices
 from clothfit.errors import InvalidInput
 
+AIR = 1.2  # kg/m³, density of air
 BENDING = 0.25  # a bending spring's share of the object's stiffness
 
 
@@ -153,6 +154,20 @@ def masses(mesh: Mesh, density: float) -> Array:
     if not mass.all():
         raise InvalidInput(f"vertex {mass.argmin()} has no mass, being in no triangle that has an area; remove it")
     return mass
+
+
+def air_drag(mesh: Mesh, speed: float) -> float:
+    """The `dragCoefficient`, kg/(m^6 s), with which faces of the mesh feel air of a speed, m/s, as in the world.
+
+    Air that meets a face of area A pushes it with ½ ϱ c A v², the format with drag · A · (2 A)² · v, so that they are
+    equal for one area and one speed: drag = ϱ c v / (8 A²), with ϱ = 1.2 kg/m³, c = 1 and the median area.
+    Raises InvalidInput where that is no number.
+    """
+    area = float(np.median(areas(mesh))) if len(mesh.triangles) else 0.0
+    drag = AIR * speed / (8 * area * area) if area * area > 0 else np.inf
+    if not 0 <= drag < np.inf:
+        raise InvalidInput(f"drag: faces of {area:g} m² in air of {speed:g} m/s have no coefficient; give a number")
+    return drag
 
 
 def object_document(

@@ -72,6 +72,12 @@ def test_the_options_of_springs():
     assert len(made("plane", "--no-bending").cloths[0].springs) == len(mesh.edges(mesh.plane(10, 1.0).triangles))
 
 
+def test_the_drag_of_air_goes_with_the_wind():
+    (still,), (windy,) = (made("plane", "--drag", "air", *wind).cloths for wind in ((), ("--wind", "0,3,4")))
+    assert windy.drag == pytest.approx(5 * still.drag, rel=1e-14)
+    assert still.drag == pytest.approx(1.2 / (8 * (1 / 242) ** 2), rel=1e-9)  # faces of 1/242 m²
+
+
 def test_the_options_of_a_scene():
     scene = made(
         "plane", "--sphere", "0,-1,0,0.5", "--sphere", "1,-1,0,0.25", "--wind", "-1,0,2", "--integrator", "symplectic",
@@ -241,7 +247,7 @@ def test_options_that_do_not_go_together_are_wrong_usage(options, capsys):
      ("--fix-side", "left=far"), ("--fix-side", "top"), ("--sphere", "0,0,0"), ("--sphere", "0,0,0,0"),
      ("--wind", "5"), ("--fit", "xx"), ("--fit", "mass"), ("--fit", "wind=L"), ("--fit", "n"), ("--frames", "1"),
      ("--delta", "0"), ("--density", "0"), ("--divisions", "-1"), ("--integrator", "magic"), ("--tolerance", "2"),
-     ("--stiffness", "nan")],
+     ("--stiffness", "nan"), ("--drag", "wind"), ("--drag", "-1")],
 )  # fmt: skip
 def test_a_value_that_cannot_be_is_one_line_and_no_file(option, value, capsys, folder):
     assert run(["new", "plane", f"{option}={value}"]) == 3

@@ -49,7 +49,8 @@ class Cloth(NamedTuple):
 @click.option("--bending", type=float, metavar="SHARE", help="Of the stiffness, that bending has.  [default: 0.25]")
 @click.option("--no-bending", is_flag=True, help="Springs along edges only.")
 @click.option("--damping", type=float, default=0.1, metavar="A", help="[default: 0.1]")
-@click.option("--drag", type=float, default=0.1, metavar="C", help="Of the air.  [default: 0.1]")
+@click.option("--drag", default="0.1", metavar="C|air", help="Of the faces; air: such that they feel the wind as in "
+              "the world.  [default: 0.1]")
 @click.option("--fix-box", multiple=True, metavar="X,Y,Z:X,Y,Z", help="Hold the vertices between two corners.")
 @click.option("--fix-vertices", metavar="0,11,20-30", help="Hold vertices, by their numbers in the mesh.")
 @click.option("--fix-side", multiple=True, metavar="SIDE[=METRES]", help="Hold what is that near to the top, bottom, "
@@ -72,7 +73,7 @@ def command(given: str | None, path: str | None, as_json: bool, console: Console
     \b
     clothfit new plane --size 7 --fix-side front
     clothfit new shirt.obj --weld --fix-vertices 0,11,20-30 --fit GG
-    clothfit new flag.glb --up z --scale 0.01 --fix-side left --wind 8,0,2 -o flag.json
+    clothfit new flag.glb --up z --scale 0.01 --fix-side left --wind 8,0,2 --drag air -o flag.json
 
     May be repeated: --fix-box, --fix-side, --sphere, --fit. Places are in the scene's axes: y up, z forward.
     """  # fmt: skip
@@ -190,9 +191,9 @@ def made(cloth: Cloth, fixed: Flags, asked: Asked, title: str) -> Scene:
 
     return new_scene(
         cloth.mesh, fixed, density=asked.density, stiffness=asked.stiffness, bending=asked.bends, damping=asked.damping,
-        drag=asked.drag, fit=asked.letters, fits=asked.kinds,
+        drag=asked.drag_of(cloth.mesh), fit=asked.letters, fits=asked.kinds,
         spheres=[numbers("--sphere", text, 4, "0,-1,0,0.5") for text in asked.sphere],
-        wind=numbers("--wind", asked.wind or "0,0,0", 3, "5,0,1"), integrator=asked.integrator, delta=asked.step,
+        wind=asked.blows, integrator=asked.integrator, delta=asked.step,
         frames=asked.frames, tolerance=asked.tolerance, title=title, numbering=cloth.numbering,
     )  # fmt: skip
 
@@ -211,6 +212,7 @@ def tell(scene: Scene, cloth: Cloth, out: shared.Output, console: Console) -> No
     named = ", ".join(map(str, fixed[:SHOWN])) + (", …" if len(fixed) > SHOWN else "")
     held = f"{counted(len(fixed), 'vertex', 'vertices')} ({named})" if fixed else "none, so it falls"
     console.say(f"fixed: {held}")
+    console.detail(f"drag {own.drag:.4g}, damping {own.damping:.4g}")
     console.say(
         f"{scene.title}: {len(own.mass)} vertices, {len(own.triangles)} triangles, {len(own.springs)} springs, "
         f"{own.mass.sum():.4g} kg, {scene.frames} frames of {scene.delta:.4g} s → {out.name}"

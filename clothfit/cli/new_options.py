@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NoReturn
+from math import hypot
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
 from clothfit.errors import InvalidInput
 
+if TYPE_CHECKING:
+    from clothfit.mesh import Mesh
+
 PLANE = "plane"
 """Stands for a mesh that needs no file."""
+
+AIR, CALM = "air", 1.0
+"""Stands for the drag of real air; at so many m/s where there is no wind."""
 
 OF_PLANES = {"size": "--size", "divisions": "--divisions", "upright": "--upright"}
 OF_MESHES = {"scale": "--scale", "up": "--up", "handedness": "--handedness", "weld": "--weld"}
@@ -36,7 +43,7 @@ class Asked:
     bending: float | None
     no_bending: bool
     damping: float
-    drag: float
+    drag: str
     fix_box: tuple[str, ...]
     fix_vertices: str | None
     fix_side: tuple[str, ...]
@@ -67,6 +74,19 @@ class Asked:
         if self.fps is not None:
             return 1.0 / self.fps
         return 0.02 if self.delta is None else self.delta
+
+    @property
+    def blows(self) -> tuple[float, ...]:
+        """The wind, m/s. Raises InvalidInput."""
+        return numbers("--wind", self.wind or "0,0,0", 3, "5,0,1")
+
+    def drag_of(self, mesh: Mesh) -> float:
+        """The air drag of a mesh. Raises InvalidInput."""
+        if self.drag != AIR:
+            return numbers("--drag", self.drag, 1, f"0.1 or {AIR}")[0]
+        from clothfit.mesh import air_drag
+
+        return air_drag(mesh, hypot(*self.blows) or CALM)
 
     @property
     def extent(self) -> tuple[float, float]:
