@@ -14,8 +14,8 @@ from clothfit.arrays import Array, Flags, Indices
 from clothfit.kinds import CLOTH_KINDS, SCENE_KINDS, Kind
 from clothfit.mesh import keys
 from clothfit.mesh_numbering import FIELD
-from clothfit.mesh_problems import across, components, edges
 from clothfit.scene import Cloth, Scene
+from clothfit.topology import across, components, edges
 from clothfit.words import named, owned, place
 
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from clothfit.arrays import Indices
 from clothfit.mesh import Mesh
-from clothfit.mesh_problems import first_of_each, tiny, together
+from clothfit.mesh_problems import tiny
+from clothfit.topology import first_of_each, together
 
 
 class Welded(NamedTuple):

@@ -45,7 +45,7 @@ COMMANDS: dict[str, Case] = {
     "fix side: a reach of … m is not possible, 0 or more is": plane("--fix-side left=-1"),
     "fix vertices: … is not possible, the mesh has vertices 0 to …": plane("--fix-vertices 144"),
     "weld: within … of most vertices are too many others; give a smaller one": patched(
-        ply(TRIANGLE, "--weld 9"), "clothfit.mesh_problems.MOST_PAIRS", 1
+        ply(TRIANGLE, "--weld 9"), "clothfit.topology.MOST_PAIRS", 1
     ),
     "scale: … m is not possible, it must be above 0 and finite": ply(TRIANGLE, "--scale 0"),
     "a mesh is not read from standard input; name a file": Case("new -"),

@@ -41,6 +41,7 @@ ORDER = [
     "scene",
     "mesh",
     "mesh_file",
+    "topology",
     "mesh_problems",
     "weld",
     "mesh_numbering",

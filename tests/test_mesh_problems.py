@@ -6,7 +6,7 @@ import trimesh
 
 from clothfit import InvalidInput, mesh
 from clothfit.mesh import Mesh
-from clothfit.mesh_problems import across, components, edges, problems, together
+from clothfit.mesh_problems import problems
 from clothfit.weld import weld
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
@@ -92,35 +92,7 @@ def test_only_the_first_few_are_named():
     assert "10 vertices are in no triangle (49, 50, 51, 52, 53, …)" in found(alone)["unused"].sentence
 
 
-def test_the_sizes_of_parts_are_those_of_trimesh():
-    solids = [trimesh.creation.icosphere(n).apply_translation([4 * n, 0, 0]) for n in (0, 2, 1)]
-    joined = trimesh.util.concatenate(solids)
-    sizes, first = components(joined.edges.astype(np.int32), len(joined.vertices))
-    assert sizes.tolist() == sorted((len(solid.vertices) for solid in solids), reverse=True)
-    assert len(sizes) == joined.body_count
-    assert sorted(first.tolist()) == [0, 12, 174]  # behind 12 and 162 vertices
-
-
 def test_a_torn_cube_is_12_parts_and_28_vertices_too_many():
     kinds = found(split(trimesh.creation.box()))
     assert (kinds["parts"].count, kinds["seam"].count) == (12, 28)
     assert not any(problem.fatal for problem in kinds.values())
-
-
-def test_places_are_one_from_each_to_the_next():
-    row = np.array([[0.0, 0, 0], [5, 0, 0], [1, 0, 0], [2, 0, 0], [5.5, 0, 0]])
-    assert together(row, 1.0).tolist() == [0, 1, 0, 0, 1]
-    assert together(row, 0.9).tolist() == [0, 1, 2, 3, 1]
-    assert together(row[[0, 0, 1]], 0.0).tolist() == [0, 0, 2]
-
-
-def test_a_distance_that_joins_everything_is_refused_before_it_takes_memory():
-    with pytest.raises(InvalidInput, match="too many others"):
-        together(np.random.default_rng(0).random((20_000, 3)), 10.0)
-
-
-def test_pairs_across_are_those_of_the_bending_springs():
-    sheet = mesh.plane(6, 2.0, 1.0)
-    made = mesh.springs(sheet, 1.0)
-    pairs = across(edges(sheet.triangles))
-    assert sorted(map(tuple, pairs.tolist())) == sorted(map(tuple, made.ends[made.bends].tolist()))

@@ -12,8 +12,8 @@ from provoked import OTHER, SMALL, SPRINGS
 import clothfit
 from clothfit import energy, fit_methods, mesh, precision, verify
 from clothfit.mesh import Mesh
-from clothfit.mesh_problems import together
 from clothfit.scene import load
+from clothfit.topology import together
 
 SCENE = load(SMALL)
 ONES = np.ones(3)

@@ -48,7 +48,7 @@ class Cloth(NamedTuple):
 @click.option("--stiffness", type=float, default=50.0, metavar="E", help="N/m.  [default: 50]")
 @click.option("--bending", type=float, metavar="SHARE", help="Of the stiffness, that bending has.  [default: 0.25]")
 @click.option("--no-bending", is_flag=True, help="Springs along edges only.")
-@click.option("--damping", type=float, default=0.1, metavar="A", help="[default: 0.1]")
+@click.option("--damping", type=float, default=0.1, metavar="A", help="Of vertices and springs.  [default: 0.1]")
 @click.option("--drag", default="0.1", metavar="C|air", help="Of the faces; air: such that they feel the wind as in "
               "the world.  [default: 0.1]")
 @click.option("--fix-box", multiple=True, metavar="X,Y,Z:X,Y,Z", help="Hold the vertices between two corners.")
@@ -65,7 +65,7 @@ class Cloth(NamedTuple):
 @click.option("--fps", type=float, metavar="F", help="Time steps per second, instead.")
 @click.option("--frames", type=int, default=100, metavar="N", help="That a fit compares.  [default: 100]")
 @click.option("--tolerance", type=float, default=1e-5, metavar="T", help="Of the linear solver.  [default: 1e-5]")
-@click.option("--title", metavar="TEXT", help="[default: the file's name]")
+@click.option("--title", metavar="TEXT", help="Name of the scene.  [default: the file's]")
 @click.option("-o", "--output", "path", metavar="SCENE", help="Scene file.  [default: <stem>.json]")
 def command(given: str | None, path: str | None, as_json: bool, console: Console, **options: Any) -> int:
     """Make a scene of one cloth: a plane, or a mesh from a file (.obj, .glb, .ply, .usd), as the front end builds it.
