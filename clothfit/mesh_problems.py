@@ -31,6 +31,7 @@ numbers of single precision tell no shorter distances.
 THIN = 1e-12
 """Of the square of its longest side: a triangle of less area has none that rounding would not change."""
 
+
 @dataclass(frozen=True)
 class Problem:
     """One kind of thing that is wrong."""
