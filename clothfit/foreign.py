@@ -229,7 +229,8 @@ def _cut(motion: Motion, reading: Reading, name: str) -> Motion:
         return motion
     kept = reading.chosen()
     if not len(motion.times[kept]):
-        raise InvalidMotion(f"{name}: has {len(motion.times)} frames, none of which is in --frames {reading.frames}")
+        frames = counted(len(motion.times), "frame", "frames")
+        raise InvalidMotion(f"{name}: has {frames}, none of which is in --frames {reading.frames}")
     arrays = {key: getattr(motion, key) for key in ("positions", "times", "observed", "weights")}
     return replace(motion, **{key: array[kept] for key, array in arrays.items() if array is not None})
 

@@ -69,7 +69,7 @@ COMMANDS: dict[str, Case] = {
     "has no points": converted("empty.npz a.pc2", **{"empty.npz": {"positions": np.zeros((2, 0, 3))}}),
     "has … vertices, … has …; a motion needs all vertices of all objects, in their order: export it from the mesh that "
     "the scene was made of": fitted("a.obj", **{"a.obj": CORNER}),
-    "has … frames, none of which is in --frames …": fitted("good.npz", "--frames 9:"),
+    "has …, none of which is in --frames …": fitted("good.npz", "--frames 9:"),
     "frames: … is not A:B, such as 0:100, 50: or :-1 (B is left out)": fitted("good.npz", "--frames 9"),
     "… has no place for gaps, and … not seen; write one of …": converted("gaps.npz a.pc2", **{"gaps.npz": GAPS}),
     ".npz has the scene's axes and metres; leave --scale, --up, --handedness out": Case(
