@@ -75,7 +75,6 @@ COMMANDS: dict[str, Case] = {
     ".npz has the scene's axes and metres; leave --scale, --up, --handedness out": Case(
         "simulate scene.json -o a.npz --up z"
     ),
-    "… files are given to read, one is needed; put a name with * in quotes": converted("a.obj b.obj c.pc2"),
     "--mesh: … has no faces": converted("good.npz a.pc2 --mesh a.obj", **{"a.obj": CORNER}),
     "--mesh: … has … vertices, the motion has …": converted("good.npz a.pc2 --mesh a.obj", **{"a.obj": TRIANGLE}),
     "cannot write …: it is an input, which is never written over; name another": converted(

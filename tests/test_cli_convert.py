@@ -16,6 +16,7 @@ from clothfit.cli import run
 from clothfit.cli.console import Console
 from clothfit.cli.files import Files
 from clothfit.cli.plan import planned
+from clothfit.cli.sequences import gathered
 from clothfit.convention import Reading
 from clothfit.formats import obj
 from clothfit.many import packed_goals
@@ -79,13 +80,16 @@ def test_the_summary_tells_of_both_files(say, folder):
     np.testing.assert_array_equal(back, np.stack([x, -z, y], -1).astype(np.float32))
 
 
-def test_what_the_shell_makes_of_a_sequence_is_a_sequence(say):
+def test_what_the_shell_makes_of_a_sequence_is_a_sequence(say, folder):
     np.savez("a.npz", positions=points())
     say("convert a.npz 'b2_*.obj'")
-    names = " ".join(f"b2_{i:04d}.obj" for i in (2, 0, 1, 3))
-    assert summary(say, f"convert {names} c.pc2")["frames"] == 4
-    code, _, err = say("convert b2_0000.obj b2_0002.obj c.pc2")
-    assert (code, "2 files are given to read" in err) == (2, True)
+    names = [f"b2_{i:04d}.obj" for i in range(4)]
+    assert summary(say, f"convert {' '.join(names)} c.pc2")["frames"] == 4
+    whole = [*names, "x", str(folder / "b2_0000.obj")]
+    assert gathered(["--target", *whole]) == ["--target", "b2_*.obj", *whole[4:]]
+    assert gathered(names[:3]) == names[:3]  # not all of them
+    assert gathered([*names, "z.obj"]) == [*names, "z.obj"]
+    assert gathered([]) == []
 
 
 def test_a_file_without_times_gives_an_npz_without(say, folder):

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import re
-from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -23,14 +20,14 @@ if TYPE_CHECKING:
 
 
 @shared.command("convert")
-@click.argument("in_paths", metavar="IN", nargs=-1, required=True)
+@click.argument("in_path", metavar="IN")
 @click.argument("out_path", metavar="OUT")
 @click.option("--scene", "scene_path", metavar="SCENE", help="Whose motion it is: checks it, gives times and faces.")
 @click.option("--mesh", "mesh_path", metavar="FILE", help="Whose faces to write: of any format that has some.")
 @motions.reads
 @partial(motions.axes, prefix="to-", what="OUT")
 def command(
-    in_paths: tuple[str, ...],
+    in_path: str,
     out_path: str,
     scene_path: str | None,
     mesh_path: str | None,
@@ -53,7 +50,6 @@ def command(
     clothfit convert shirt.pc2 shirt.usd --mesh shirt.obj --fps 24 --to-scale 0.01 --to-up z
     """
     convention = Convention(to_scale, to_up, to_handedness)
-    in_path = source(in_paths)
     shared.one_stream(in_path, scene_path)
     scene = None if scene_path is None else shared.read_scene(scene_path, console)
     out = place(in_path, out_path, (scene_path, mesh_path))
@@ -68,22 +64,6 @@ def command(
         summary |= {"seconds": account["duration"], "reading": [account], **told, "output": out.path}
         shared.print_json("convert", summary, out)
     return 0
-
-
-def source(paths: tuple[str, ...]) -> str:
-    """The file to read; of a sequence that the shell has spelt out, its name with a *. Raises UsageError."""
-    if len(paths) == 1:
-        return paths[0]
-    from clothfit.formats.obj import ANY, frames_of
-
-    folder, name = os.path.split(paths[0])
-    if name.lower().endswith(".obj"):
-        for number in re.finditer("[0-9]+", name):
-            pattern = os.path.join(folder, f"{name[: number.start()]}{ANY}{name[number.end() :]}")
-            with suppress(InvalidInput):
-                if sorted(frames_of(pattern)) == sorted(paths):
-                    return pattern
-    raise click.UsageError(f"{len(paths)} files are given to read, one is needed; put a name with * in quotes")
 
 
 def place(in_path: str, out_path: str, others: tuple[str | None, ...]) -> shared.Output:
