@@ -138,7 +138,7 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
     if read.observed is not None:
         observed &= read.observed
     matches = None
-    if scene is not None and (read.names is not None or (found.markers and points != sum(scene.vertex_counts))):
+    if scene is not None and _are_markers(read, found, scene, reading):
         names = read.names or tuple(str(i) for i in range(points))
         matches = matched(positions, observed, names, scene, reading.markers, name)
         notes += [matches.note] if matches.note else []
@@ -153,6 +153,14 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
                       reading.markers is not None, _start(motion, scene, axes))  # fmt: skip
     triangles = None if read.triangles is None else facing(read.triangles, axes)
     return Loaded(motion, account, triangles, read.names if scene is None else None, timed)
+
+
+def _are_markers(read: Animation, found: Format, scene: Scene, reading: Reading) -> bool:
+    """Whether the points are markers of some vertices, not the vertices themselves, v0, v1, …, as they are written."""
+    total = sum(scene.vertex_counts)
+    if reading.markers is None and read.names == tuple(f"v{i}" for i in range(total)):
+        return False
+    return read.names is not None or (found.markers and read.positions.shape[1] != total)
 
 
 def _native(path: str | os.PathLike[str] | io.BytesIO, scene: Scene | None, reading: Reading, name: str) -> Loaded:

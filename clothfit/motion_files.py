@@ -23,7 +23,6 @@ from clothfit.formats import FORMATS, Format, foreign, module_of, obj
 from clothfit.motion import Motion
 from clothfit.output import Data, write_atomically
 from clothfit.scene import Scene
-from clothfit.words import counted
 
 
 def load_motion(
@@ -74,15 +73,20 @@ def animation(
 
     Raises InvalidInput where the format cannot hold what was not seen.
     """
-    if motion.observed is not None and not found.markers:
-        kept = ", ".join([".npz", *(each.suffixes[0] for each in FORMATS if each.markers)])
-        unseen = counted(int((~motion.observed).sum()), "position was", "positions were")
-        raise InvalidInput(f"{found.name} has no place for gaps, and {unseen} not seen; write one of {kept}")
+    if motion.observed is not None:
+        check_gaps(found)
     positions = from_scene(motion.positions, axes) if axes != SCENE else motion.positions
     if motion.observed is not None:
         positions = np.where(motion.observed[:, :, None], positions, np.nan)
     faces = None if triangles is None else np.ascontiguousarray(facing(triangles, axes), np.int32)
     return Animation(positions, axes, motion.times, faces, motion.observed, names)
+
+
+def check_gaps(found: Format) -> None:
+    """Raise InvalidInput where a format has a position for every point at every time, and cannot leave one out."""
+    if not found.markers:
+        others = ", ".join([".npz", *(each.suffixes[0] for each in FORMATS if each.markers)])
+        raise InvalidInput(f"{found.name} has no place for positions that were not seen; write one of {others}")
 
 
 def archive(motion: Motion, timed: bool, triangles: Indices | None = None) -> Data:

@@ -62,6 +62,9 @@ def mapped(text: str) -> Case:
 
 COMMANDS: dict[str, Case] = {
     "motions are not kept in files of that suffix; known are …": converted("good.npz a.txt"),
+    "--scale, --up, --handedness, --fps, --frames and --map are about the motion of --target; add that": Case(
+        "estimate scene.json --up z"
+    ),
     "… needs …; install it with: pip install 'clothfit[…]'": patched(
         Case("simulate scene.json -o a.usd"), "clothfit.formats.import_module", raising(ImportError())
     ),
@@ -71,7 +74,9 @@ COMMANDS: dict[str, Case] = {
     "the scene was made of": fitted("a.obj", **{"a.obj": CORNER}),
     "has …, none of which is in --frames …": fitted("good.npz", "--frames 9:"),
     "frames: … is not A:B, such as 0:100, 50: or :-1 (B is left out)": fitted("good.npz", "--frames 9"),
-    "… has no place for gaps, and … not seen; write one of …": converted("gaps.npz a.pc2", **{"gaps.npz": GAPS}),
+    "… has no place for positions that were not seen; write one of …": converted(
+        "gaps.npz a.pc2", **{"gaps.npz": GAPS}
+    ),
     ".npz has the scene's axes and metres; leave --scale, --up, --handedness out": Case(
         "simulate scene.json -o a.npz --up z"
     ),

@@ -113,6 +113,13 @@ def test_as_many_points_as_vertices_without_names_are_the_vertices(monkeypatch):
         foreign.load("a.csv", SCENE, Reading(markers="map.csv"))
 
 
+def test_points_with_the_names_of_the_vertices_are_the_vertices(monkeypatch):
+    markers(monkeypatch, [START[::-1]], names=tuple(f"v{i}" for i in range(len(START))))
+    found = foreign.load("a.c3d", SCENE, Reading())
+    assert found.account.matches is None
+    np.testing.assert_array_equal(found.motion.positions[0], START[::-1])
+
+
 def test_without_a_scene_markers_stay_markers(monkeypatch):
     markers(monkeypatch, moved())
     found = foreign.load("a.trc", None, Reading())

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from clothfit.scene import Scene
 
 
+LEAST = 1e-12
+"""m: a rounding that is worth a word."""
+
+
 @shared.command("convert")
 @click.argument("in_path", metavar="IN")
 @click.argument("out_path", metavar="OUT")
@@ -53,11 +57,11 @@ def command(
     shared.one_stream(in_path, scene_path)
     scene = None if scene_path is None else shared.read_scene(scene_path, console)
     out = place(in_path, out_path, (scene_path, mesh_path))
-    motions.check(out, convention)
+    motions.check(out, convention, (in_path, scene_path, mesh_path))
     mesh = None if mesh_path is None else mesh_faces(mesh_path)
     loaded = motions.load(in_path, scene, reading, console)
     faces = chosen_faces(mesh, loaded, scene, mesh_path)
-    told = written(loaded, out, scene, faces, convention, (in_path, mesh_path), console)
+    told = written(loaded, out, scene, faces, convention, console)
     if as_json:
         account = loaded.account.summary()
         summary = {name: account[name] for name in ("frames", "points")}
@@ -105,27 +109,26 @@ def written(
     scene: Scene | None,
     faces: Indices | None,
     convention: Convention,
-    inputs: tuple[str | None, ...],
     console: Console,
 ) -> dict[str, Any]:
     """Write the motion; what --json says of that."""
     from clothfit.axes import SCENE
     from clothfit.formats import foreign
-    from clothfit.motion_files import archive, sources
+    from clothfit.motion_files import archive
 
     count = 0 if faces is None else len(faces)
-    if foreign(out.path) is None:
+    found = foreign(out.path)
+    if found is None:
         known = loaded.timed or scene is not None
         out.write(archive(loaded.motion, known, faces))
         untimed = "" if known else "; without times, as IN has none (--fps)"
         console.say(f"{out.name}: y up, left-handed, metres{untimed}")
         return {"written": {**SCENE._asdict(), "faces": count, "largest_rounding": 0.0}}
-    if faces is None:
+    if faces is None and found.faces:
         console.say(f"{out.name}: gets points only, no faces; --scene or --mesh has some")
-    read_from = [file for path in inputs if path is not None for file in sources(path)]
-    axes = motions.write_foreign(loaded.motion, out, convention, console, read_from, faces, loaded.names, loaded.timed)
+    axes = motions.write_foreign(loaded.motion, out, convention, console, faces, loaded.names, loaded.timed)
     rounding = largest_rounding(loaded, out.path, axes)
-    if rounding:
+    if rounding is not None and rounding > LEAST:
         console.say(f"{out.name}: its positions are rounded by {metres(rounding)} at most")
     return {"written": {**axes._asdict(), "faces": count, "largest_rounding": rounding}}
 

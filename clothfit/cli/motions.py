@@ -51,7 +51,13 @@ def reads(function: Callable[..., int]) -> Callable[..., int]:
         markers: str | None,
         **rest: Any,
     ) -> int:
-        return function(**rest, reading=Reading(scale, up, handedness, read_fps, frames, markers))
+        said = Reading(scale, up, handedness, read_fps, frames, markers)
+        if not said.plain and not any(rest.get(name) for name in ("target_path", "target_paths", "in_path")):
+            raise click.UsageError(
+                "--scale, --up, --handedness, --fps, --frames and --map are about the motion of --target; add that",
+                click.get_current_context(),
+            )
+        return function(**rest, reading=said)
 
     by_default = "[default: by its times, else one per time step]"
     made: Callable[..., int] = reading
@@ -105,16 +111,39 @@ def told_of(told: list[dict[str, Any]]) -> dict[str, Any]:
     return {"reading": told} if told else {}
 
 
-def check(out: shared.Output, convention: Convention, frames: int | None = None) -> None:
-    """Check, before long work, that a motion of so many frames (None: not known yet) can be written. Raises
-    InvalidInput.
+def check(
+    out: shared.Output,
+    convention: Convention,
+    inputs: Iterable[str | None],
+    frames: int | None = None,
+    gaps: bool = False,
+) -> None:
+    """Check, before long work, that a motion of so many frames (None: not known yet) can be written, with or without
+    `gaps`, and not over any of the `inputs`. Raises InvalidInput.
     """
     from clothfit.formats import foreign
-    from clothfit.motion_files import check_place
+    from clothfit.motion_files import check_gaps, check_place, sources
 
-    if foreign(out.path) is None and convention != Convention():
-        raise InvalidInput(f"{out.name}: .npz has the scene's axes and metres; leave --scale, --up, --handedness out")
+    found = foreign(out.path)
+    if found is None:
+        if convention != Convention():
+            told = "has the scene's axes and metres; leave --scale, --up, --handedness out"
+            raise InvalidInput(f"{out.name}: .npz {told}")
+        return
     check_place(out.path, frames)
+    if gaps:
+        check_gaps(found)
+    read = [file for path in inputs if path not in (None, shared.STREAM) for file in sources(str(path))]
+    for path in there(out.path):
+        if any(shared.same_file(path, each) for each in read):
+            raise InvalidInput(f"cannot write {path}: it is an input, which is never written over; name another")
+
+
+def there(path: str) -> list[str]:
+    """The files that a motion of that name may be written over."""
+    from clothfit.formats.obj import ANY, numbered
+
+    return [each for _, each in numbered(path)] if ANY in path else [path]
 
 
 def write(
@@ -142,12 +171,11 @@ def write_foreign(
     out: shared.Output,
     convention: Convention,
     console: Console,
-    inputs: Iterable[str] = (),
     triangles: Indices | None = None,
     names: tuple[str, ...] | None = None,
     timed: bool = True,
 ) -> Axes:
-    """Write a motion as another program has it, never over `inputs`; says and returns which axes it got."""
+    """Write a motion as another program has it; says and returns which axes it got."""
     from clothfit import motion_files
     from clothfit.formats import foreign
 
@@ -157,11 +185,6 @@ def write_foreign(
     meant = convention.axes(found.axes)
     made = motion_files.animation(motion, found, meant, triangles, names)
     files = motion_files.files(out.path, found, made)
-    for path in files:
-        if any(shared.same_file(path, each) for each in inputs):
-            raise InvalidInput(
-                f"cannot write {path}: it is an input, which is never written over; name another"
-            )
     with shared.uninterrupted():
         for path, data in files.items():
             shared.Output(path).put(data)

@@ -28,6 +28,7 @@ class Format(NamedTuple):
     axes: Axes  # where the file does not tell
     times: bool = True  # whether it tells when its frames are
     markers: bool = False  # whether it holds markers, which need not be all vertices and may have gaps
+    faces: bool = True  # whether it has a place for them
     extra: str | None = None  # the optional extra of this package that installs what it needs
     library: str | None = None  # which library that is
 
@@ -36,13 +37,13 @@ RIGHT = Axes("y", "right", 1.0)
 
 FORMATS = (
     Format("OBJ sequence", (".obj",), "obj", RIGHT, times=False),
-    Format("PC2 point cache", (".pc2",), "pc2", RIGHT, times=False),
-    Format("MDD point cache", (".mdd",), "mdd", RIGHT),
+    Format("PC2 point cache", (".pc2",), "pc2", RIGHT, times=False, faces=False),
+    Format("MDD point cache", (".mdd",), "mdd", RIGHT, faces=False),
     Format("USD", (".usd", ".usda", ".usdc"), "usd", RIGHT, extra="usd", library="pxr"),
-    Format("glTF", (".glb",), "glb", RIGHT, extra="gltf", library="pygltflib"),
-    Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), markers=True, extra="c3d", library="ezc3d"),
-    Format("TRC markers", (".trc",), "trc", Axes("y", "right", 0.001), markers=True),
-    Format("CSV markers", (".csv",), "csv", RIGHT, markers=True),
+    Format("glTF", (".glb",), "glb", RIGHT),
+    Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), markers=True, faces=False),
+    Format("TRC markers", (".trc",), "trc", Axes("y", "right", 0.001), markers=True, faces=False),
+    Format("CSV markers", (".csv",), "marker_table", RIGHT, markers=True, faces=False),
 )
 """Besides `.npz` and `.npy`, which are this program's own (`motion`), in the scene's axes.
 
