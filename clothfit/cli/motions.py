@@ -127,8 +127,9 @@ def check(
     found = foreign(out.path)
     if found is None:
         if convention != Convention():
-            told = "has the scene's axes and metres; leave --scale, --up, --handedness out"
-            raise InvalidInput(f"{out.name}: .npz {told}")
+            raise InvalidInput(
+                f"{out.name}: .npz has the scene's axes and metres; leave --scale, --up, --handedness out"
+            )
         return
     check_place(out.path, frames)
     if gaps:

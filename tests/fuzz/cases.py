@@ -61,8 +61,9 @@ FITS = {
 
 
 SUFFIXES = {"scene": ".json", "motion": ".npz", "checkpoint": ".checkpoint"}
-FOREIGN = (".obj", ".pc2", ".mdd")
-"""Suffixes of motions of other programs; there is a good file of each."""
+TEXTS = (".obj", ".trc", ".csv")
+FOREIGN = (*TEXTS, ".pc2", ".mdd", ".glb", ".c3d")
+"""Suffixes of motions of other programs; there is a good file of each. USD, in a process of its own, is slow."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,7 @@ def case(chance: Random) -> Case:
 def foreign_bytes(chance: Random, suffix: str) -> bytes:
     """A damaged motion of another program; of a text, often one with another word in it."""
     data = Path(f"good{suffix}").read_bytes()
-    return with_token(chance, data) if suffix == ".obj" and chance.random() < 0.6 else damaged(chance, data)
+    return with_token(chance, data) if suffix in TEXTS and chance.random() < 0.6 else damaged(chance, data)
 
 
 def checkpoint_bytes(chance: Random) -> bytes:
