@@ -1,8 +1,10 @@
 """GLB files: made by hand and read, written and read by others, damaged."""
 
 import base64
+import functools
 import itertools
 import json
+import operator
 import random
 import re
 
@@ -285,10 +287,33 @@ def test_trimesh_writes_a_mesh_that_is_read(read):
     np.testing.assert_array_equal(found.triangles, box.faces)
 
 
+VALUES = [0, 1, -1, 7, 2**31, 10**30, 1.5, 1e308, True, None, "a", "VEC3", [], {}, [0] * 3, [1] * 16, 5121]
+
+
+def places(value, path=()):
+    """The paths of all values in a document."""
+    members = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    return [inner for key, item in members for inner in [(*path, key), *places(item, (*path, key))]]
+
+
+def other(text, chance):
+    """A document in which a value is another one, or gone."""
+    document = json.loads(text)
+    *above, last = chance.choice(places(document))
+    owner = functools.reduce(operator.getitem, above, document)
+    if chance.randrange(3):
+        owner[last] = chance.choice(VALUES)
+    else:
+        del owner[last]
+    return json.dumps(document).encode()
+
+
 def damaged(data, chance):
-    """A file that is cut off, or has other bytes, or another number in its document."""
+    """A file that is cut off, or has other bytes, or something else in its document."""
     size = int.from_bytes(data[12:16], "little")
-    kind = chance.randrange(3)
+    kind = chance.randrange(4)
+    if kind == 3:
+        return made.container(other(data[20 : 20 + size], chance), data[28 + size :])
     if kind == 0:
         return data[: chance.randrange(len(data))]
     changed = bytearray(data[20 : 20 + size])
@@ -305,15 +330,17 @@ def damaged(data, chance):
 @pytest.mark.parametrize("seed", range(2))
 def test_damaged_files_are_refused_or_read_and_nothing_else(read, seed):
     chance = random.Random(seed)
-    good = written(wave(6, count=8))
+    nodes = [{"children": [1]}, {"mesh": 0, "scale": [1, 2, 3]}]
+    turning = made.moved("rotation", [0, 1], np.ones((2, 4)), nodes=nodes)
+    goods = written(wave(6, count=8)), turning
     refused = 0
-    for _ in range(150):
+    for i in range(200):
         try:
-            found = read(damaged(good, chance))
+            found = read(damaged(goods[i % 2], chance))
             assert np.isfinite(found.positions).all()
         except InvalidMotion:
             refused += 1
-    assert refused > 75  # so that damage was done
+    assert refused > 100  # so that damage was done
 
 
 # A file of some hundred bytes that promises the memory of a building.
@@ -328,8 +355,8 @@ def test_counts_are_held_against_the_file(read, count, viewless):
 
 
 def test_one_array_named_many_times_is_held_against_the_memory(read, monkeypatch):
-    monkeypatch.setattr("clothfit.memory.missing", lambda needed: 10**6 if needed > 10**6 else None)
-    document, numbers = made.parts([{"mesh": 0}] * 3000)
-    document["scenes"] = [{"nodes": list(range(3000))}]
+    monkeypatch.setattr("clothfit.memory.missing", lambda needed: 10**5 if needed > 10**5 else None)
+    document, numbers = made.parts([{"mesh": 0}] * 800)
+    document["scenes"] = [{"nodes": list(range(800))}]
     with pytest.raises(InvalidMotion, match="keep fewer frames"):
         read(made.whole(document, numbers))

@@ -264,6 +264,9 @@ def test_names_cannot_act_on_a_terminal_nor_break_the_table(read, suffix):
 # Damage
 
 LINES = [
+    ("time,hem_x,hem_y,hem_z\n0,1,2,1_0\n", "line 2: \"1_0\" is not a number"),
+    ("# unit: ell\ntime,hem_x,hem_y,hem_z\n0,1,2,3\n", "unit: \"ell\" is not one of m, cm, mm, in, ft"),
+    ("a" * 200_000 + ",b\n", "it is not a table of cells"),
     ("time,hem_x,hem_y,hem_z\n0,1,2,x\n", "line 2: \"x\" is not a number"),
     ("# rate: 5\n\ntime,hem_x,hem_y,hem_z\n0,1,2,3\n1,1,inf,3\n", "line 5: \"inf\" is not a number"),
     ("time,hem_x,hem_y,hem_z\n0,1,2,3,4\n", "line 2: it has 5 cells, 4 are named"),
@@ -272,7 +275,7 @@ LINES = [
 
 
 @pytest.mark.parametrize(("text", "told"), LINES)
-def test_the_line_is_told(read, text, told):
+def test_the_place_is_told(read, text, told):
     with pytest.raises(InvalidMotion, match=re.escape(f"a.csv: {told}")):
         read(text)
 
