@@ -25,10 +25,10 @@ UNEVEN = 1e-3
 """Of a time step: differences between steps that are no rounding."""
 
 
-def axes(function: shared.F, prefix: str = "", what: str = "the motion file") -> shared.F:
-    """Add the options that say how a file's coordinates are meant."""
+def axes(function: shared.F, prefix: str = "", what: str = "the motion file", whose: str = "the format's") -> shared.F:
+    """Add the options that say how a file's coordinates are meant, else as `whose` are."""
     up, hands = (click.Choice(CHOICES[name]) for name in ("up", "handedness"))
-    own = "[default: as the file or its format has it]"
+    own = f"[default: {whose}]"
     for option in (
         click.option(f"--{prefix}handedness", type=hands, help=f"Of {what}'s axes.  {own}"),
         click.option(f"--{prefix}up", type=up, help=f"Axis of {what} that points up.  {own}"),
@@ -67,7 +67,7 @@ def reads(function: Callable[..., int]) -> Callable[..., int]:
         click.option("--fps", "read_fps", type=float, metavar="F", help=f"Of the motion file.  {by_default}"),
     ):
         made = option(made)
-    return axes(made)
+    return axes(made, whose="the file's, else the format's")
 
 
 def writes(function: Callable[..., int]) -> Callable[..., int]:
