@@ -186,6 +186,8 @@ def write_foreign(
     meant = convention.axes(found.axes)
     made = motion_files.animation(motion, found, meant, triangles, names)
     files = motion_files.files(out.path, found, made)
+    if motion.weights is not None:
+        console.warn(f"{out.name}: has no place for weights; .npz has")
     with shared.uninterrupted():
         for path, data in files.items():
             shared.Output(path).put(data)
