@@ -84,23 +84,22 @@ def read(
     path: str, scene: Scene, reading: Reading, console: Console, told: list[dict[str, Any]] | None = None
 ) -> Motion:
     """Load a motion of the scene from a path or standard input; what was assumed is said, and added to `told`."""
-    from clothfit import motion_files
     from clothfit.formats import foreign
 
-    if reading.plain and foreign(path) is None:
-        return motion_files.load_motion(sys.stdin.buffer if path == shared.STREAM else path, scene)
-    loaded = load(path, scene, reading, console)
-    if told is not None:
+    assumed = foreign(path) is not None or not reading.plain
+    loaded = load(path, scene, reading, console, assumed)
+    if assumed and told is not None:
         told.append(loaded.account.summary())
     return loaded.motion
 
 
-def load(path: str, scene: Scene | None, reading: Reading, console: Console) -> Loaded:
-    """Load a motion from a path or standard input, and say what was assumed."""
+def load(path: str, scene: Scene | None, reading: Reading, console: Console, assumed: bool = True) -> Loaded:
+    """Load a motion from a path or standard input, and say what was assumed, where anything was."""
     from clothfit import foreign
 
     loaded = foreign.load(sys.stdin.buffer if path == shared.STREAM else path, scene, reading)
-    console.say(str(loaded.account))
+    if assumed:
+        console.say(str(loaded.account))
     for doubt in loaded.account.doubts:
         console.warn(doubt)
     return loaded
