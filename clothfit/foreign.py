@@ -23,13 +23,14 @@ from clothfit.axes import SCENE, Axes, facing, to_scene
 from clothfit.convention import Reading
 from clothfit.errors import InvalidInput, InvalidMotion
 from clothfit.formats import Format, foreign, module_of
-from clothfit.formats.files import name_of
+from clothfit.formats.files import name_of, refused
 from clothfit.likeness import Likeness, likeness
 from clothfit.markers import Matches, initial, matched
 from clothfit.motion import Motion, check_motion
 from clothfit.motion import load_motion as load_native
 from clothfit.native import described
 from clothfit.scene import Scene
+from clothfit.steady import steady
 from clothfit.words import counted
 
 RATE = 30.0
@@ -120,6 +121,9 @@ def load(
         return _native(io.BytesIO(npz.content(path_or_file)), scene, reading, name or "motion")
     name = name_of(path_or_file) if name is None else name
     found = foreign(path_or_file)
+    if found is None and scene is None and os.path.exists(path_or_file) and not os.path.isfile(path_or_file):
+        with refused(path_or_file), steady(path_or_file) as file:  # a pipe, which cannot be looked into first
+            return _native(io.BytesIO(npz.content(file)), scene, reading, name)
     if found is None:
         return _native(path_or_file, scene, reading, name)
     return _foreign(module_of(found).read(path_or_file), found, scene, reading, name)

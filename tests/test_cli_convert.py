@@ -1,9 +1,11 @@
 """`clothfit convert`, and motions of other programs in the other commands."""
 
 import json
+import os
 import shlex
 import struct
 import sys
+import threading
 from io import BytesIO
 from types import SimpleNamespace
 
@@ -121,6 +123,16 @@ def test_standard_input_is_an_npz(say, monkeypatch):
     assert summary(say, "convert - b.pc2 --up z")["points"] == 4
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes")
+def test_a_pipe_is_an_npz(say, folder):
+    np.savez("a.npz", positions=points())
+    os.mkfifo("pipe")
+    writer = threading.Thread(target=(folder / "pipe").write_bytes, args=((folder / "a.npz").read_bytes(),))
+    writer.start()
+    assert summary(say, "convert pipe b.pc2")["points"] == 4
+    writer.join()
+
+
 def test_inputs_are_never_written_over(say, folder):
     np.savez("a.npz", positions=points())
     say("convert a.npz 'b_*.obj'")
@@ -195,6 +207,27 @@ def test_a_place_that_cannot_be_is_found_before_the_work(say, monkeypatch):
     for name in ("a.obj", "nowhere/a_*.obj", "a_*_*.obj"):
         code, _, err = say(f"simulate scene.json -o '{name}'")
         assert (code, err.count("\n")) == (3, 1)
+
+
+def test_a_map_is_an_input(say):
+    for line in ("convert a.trc map.csv --map map.csv", "estimate scene.json --target a.trc --map map.csv -o map.csv"):
+        with open("map.csv", "w") as file:
+            file.write("marker,object,vertex\n")
+        code, _, err = say(line)
+        assert (code, "map.csv: it is an input, which is never written over" in err) == (3, True)
+
+
+def test_weights_that_are_lost_are_told(say):
+    np.savez("a.npz", positions=points(), weights=np.ones(4))
+    assert "warning: b.pc2: has no place for weights; .npz has" in say("convert a.npz b.pc2")[2]
+
+
+def test_an_npz_in_other_axes_is_doubted_too(say):
+    say("target scene.json -o a.npz")
+    arrays = dict(np.load("a.npz"))
+    np.savez("b.npz", **{**arrays, "positions": arrays["positions"] * [-1, 1, 1]})
+    assert "--handedness right would fit" in say("evaluate scene.json scene.json --target b.npz")[2]
+    assert "warning" not in say("evaluate scene.json scene.json --target b.npz --handedness right")[2]
 
 
 def test_a_doubt_is_a_warning(say):

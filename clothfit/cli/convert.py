@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -56,8 +57,9 @@ def command(
     convention = Convention(to_scale, to_up, to_handedness)
     shared.one_stream(in_path, scene_path)
     scene = None if scene_path is None else shared.read_scene(scene_path, console)
-    out = place(in_path, out_path, (scene_path, mesh_path))
-    motions.check(out, convention, (in_path, scene_path, mesh_path))
+    others = (scene_path, mesh_path, None if reading.markers is None else os.fspath(reading.markers))
+    out = place(in_path, out_path, others)
+    motions.check(out, convention, (in_path, *others))
     mesh = None if mesh_path is None else mesh_faces(mesh_path)
     loaded = motions.load(in_path, scene, reading, console)
     faces = chosen_faces(mesh, loaded, scene, mesh_path)

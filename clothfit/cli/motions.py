@@ -25,10 +25,10 @@ UNEVEN = 1e-3
 """Of a time step: differences between steps that are no rounding."""
 
 
-def axes(function: shared.F, prefix: str = "", what: str = "the motion file") -> shared.F:
-    """Add the options that say how a file's coordinates are meant."""
+def axes(function: shared.F, prefix: str = "", what: str = "the motion file", whose: str = "the format's") -> shared.F:
+    """Add the options that say how a file's coordinates are meant, else as `whose` are."""
     up, hands = (click.Choice(CHOICES[name]) for name in ("up", "handedness"))
-    own = "[default: as the file or its format has it]"
+    own = f"[default: {whose}]"
     for option in (
         click.option(f"--{prefix}handedness", type=hands, help=f"Of {what}'s axes.  {own}"),
         click.option(f"--{prefix}up", type=up, help=f"Axis of {what} that points up.  {own}"),
@@ -67,7 +67,7 @@ def reads(function: Callable[..., int]) -> Callable[..., int]:
         click.option("--fps", "read_fps", type=float, metavar="F", help=f"Of the motion file.  {by_default}"),
     ):
         made = option(made)
-    return axes(made)
+    return axes(made, whose="the file's, else the format's")
 
 
 def writes(function: Callable[..., int]) -> Callable[..., int]:
@@ -84,23 +84,22 @@ def read(
     path: str, scene: Scene, reading: Reading, console: Console, told: list[dict[str, Any]] | None = None
 ) -> Motion:
     """Load a motion of the scene from a path or standard input; what was assumed is said, and added to `told`."""
-    from clothfit import motion_files
     from clothfit.formats import foreign
 
-    if reading.plain and foreign(path) is None:
-        return motion_files.load_motion(sys.stdin.buffer if path == shared.STREAM else path, scene)
-    loaded = load(path, scene, reading, console)
-    if told is not None:
+    assumed = foreign(path) is not None or not reading.plain
+    loaded = load(path, scene, reading, console, assumed)
+    if assumed and told is not None:
         told.append(loaded.account.summary())
     return loaded.motion
 
 
-def load(path: str, scene: Scene | None, reading: Reading, console: Console) -> Loaded:
-    """Load a motion from a path or standard input, and say what was assumed."""
+def load(path: str, scene: Scene | None, reading: Reading, console: Console, assumed: bool = True) -> Loaded:
+    """Load a motion from a path or standard input, and say what was assumed, where anything was."""
     from clothfit import foreign
 
     loaded = foreign.load(sys.stdin.buffer if path == shared.STREAM else path, scene, reading)
-    console.say(str(loaded.account))
+    if assumed:
+        console.say(str(loaded.account))
     for doubt in loaded.account.doubts:
         console.warn(doubt)
     return loaded
@@ -186,6 +185,8 @@ def write_foreign(
     meant = convention.axes(found.axes)
     made = motion_files.animation(motion, found, meant, triangles, names)
     files = motion_files.files(out.path, found, made)
+    if motion.weights is not None:
+        console.warn(f"{out.name}: has no place for weights; .npz has")
     with shared.uninterrupted():
         for path, data in files.items():
             shared.Output(path).put(data)
