@@ -23,7 +23,7 @@ from clothfit.axes import SCENE, Axes, facing, to_scene
 from clothfit.convention import Reading
 from clothfit.errors import InvalidInput, InvalidMotion
 from clothfit.formats import Format, foreign, module_of
-from clothfit.formats.files import name_of
+from clothfit.formats.files import name_of, refused
 from clothfit.likeness import Likeness, likeness
 from clothfit.markers import Matches, initial, matched
 from clothfit.mesh_numbering import mesh_counts, picks
@@ -31,6 +31,7 @@ from clothfit.motion import Motion, check_motion
 from clothfit.motion import load_motion as load_native
 from clothfit.native import described
 from clothfit.scene import Scene
+from clothfit.steady import steady
 from clothfit.words import counted
 
 RATE = 30.0
@@ -121,6 +122,9 @@ def load(
         return _native(io.BytesIO(npz.content(path_or_file)), scene, reading, name or "motion")
     name = name_of(path_or_file) if name is None else name
     found = foreign(path_or_file)
+    if found is None and scene is None and os.path.exists(path_or_file) and not os.path.isfile(path_or_file):
+        with refused(path_or_file), steady(path_or_file) as file:  # a pipe, which cannot be looked into first
+            return _native(io.BytesIO(npz.content(file)), scene, reading, name)
     if found is None:
         return _native(path_or_file, scene, reading, name)
     return _foreign(module_of(found).read(path_or_file), found, scene, reading, name)
@@ -139,7 +143,7 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
     if read.observed is not None:
         observed &= read.observed
     matches = None
-    if scene is not None and (read.names is not None or (found.markers and points != sum(scene.vertex_counts))):
+    if scene is not None and _are_markers(read, found, scene, reading):
         names = read.names or tuple(str(i) for i in range(points))
         matches = matched(positions, observed, names, scene, reading.markers, name)
         notes += [matches.note] if matches.note else []
@@ -157,6 +161,14 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
                       reading.markers is not None, _start(motion, scene, axes))  # fmt: skip
     triangles = None if read.triangles is None else facing(read.triangles, axes)
     return Loaded(motion, account, triangles, read.names if scene is None else None, timed)
+
+
+def _are_markers(read: Animation, found: Format, scene: Scene, reading: Reading) -> bool:
+    """Whether the points are markers of some vertices, not the vertices themselves, v0, v1, …, as they are written."""
+    total = sum(scene.vertex_counts)
+    if reading.markers is None and read.names == tuple(f"v{i}" for i in range(total)):
+        return False
+    return read.names is not None or (found.markers and read.positions.shape[1] != total)
 
 
 def _native(path: str | os.PathLike[str] | io.BytesIO, scene: Scene | None, reading: Reading, name: str) -> Loaded:
@@ -233,7 +245,8 @@ def _cut(motion: Motion, reading: Reading, name: str) -> Motion:
         return motion
     kept = reading.chosen()
     if not len(motion.times[kept]):
-        raise InvalidMotion(f"{name}: has {len(motion.times)} frames, none of which is in --frames {reading.frames}")
+        frames = counted(len(motion.times), "frame", "frames")
+        raise InvalidMotion(f"{name}: has {frames}, none of which is in --frames {reading.frames}")
     arrays = {key: getattr(motion, key) for key in ("positions", "times", "observed", "weights")}
     return replace(motion, **{key: array[kept] for key, array in arrays.items() if array is not None})
 

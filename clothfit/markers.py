@@ -121,7 +121,8 @@ def told(path: str | os.PathLike[str], names: Sequence[str], scene: Scene) -> li
     """The pairs of marker and vertex, of all the scene's, that a file tells. Raises InvalidMotion."""
     name = name_of(path)
     try:
-        rows = list(csv.reader(io.StringIO(content(path, MOST).decode("utf-8-sig"), newline="")))
+        text = content(path, MOST).decode("utf-8-sig")
+        rows = list(csv.reader(io.StringIO(text, newline=None)))  # line ends of any kind
     except (UnicodeDecodeError, csv.Error) as error:
         raise InvalidMotion(f"{name}: is not a text with commas: {error}") from None
     header = [word.strip().lower() for word in rows[0]] if rows else []

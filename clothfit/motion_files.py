@@ -25,7 +25,6 @@ from clothfit.mesh_numbering import mesh_counts, picks, unwelded
 from clothfit.motion import Motion
 from clothfit.output import Data, write_atomically
 from clothfit.scene import Scene
-from clothfit.words import counted
 
 
 def load_motion(
@@ -60,7 +59,7 @@ def save_motion(
         own.save_motion(motion, path_or_file)
         return
     check_place(path_or_file, len(motion.times))
-    whole, faces = (motion, None) if scene is None else for_tools(motion, scene)
+    whole, faces = (motion, None) if scene is None else for_tools(motion, scene, found)
     made = animation(whole, found, convention.axes(found.axes), faces)
     for path, data in files(path_or_file, found, made).items():
         write_atomically(path, data)
@@ -77,15 +76,20 @@ def animation(
 
     Raises InvalidInput where the format cannot hold what was not seen.
     """
-    if motion.observed is not None and not found.markers:
-        kept = ", ".join([".npz", *(each.suffixes[0] for each in FORMATS if each.markers)])
-        unseen = counted(int((~motion.observed).sum()), "position was", "positions were")
-        raise InvalidInput(f"{found.name} has no place for gaps, and {unseen} not seen; write one of {kept}")
+    if motion.observed is not None:
+        check_gaps(found)
     positions = from_scene(motion.positions, axes) if axes != SCENE else motion.positions
     if motion.observed is not None:
         positions = np.where(motion.observed[:, :, None], positions, np.nan)
     faces = None if triangles is None else np.ascontiguousarray(facing(triangles, axes), np.int32)
     return Animation(positions, axes, motion.times, faces, motion.observed, names)
+
+
+def check_gaps(found: Format) -> None:
+    """Raise InvalidInput where a format has a position for every point at every time, and cannot leave one out."""
+    if not found.markers:
+        others = ", ".join([".npz", *(each.suffixes[0] for each in FORMATS if each.markers)])
+        raise InvalidInput(f"{found.name} has no place for positions that were not seen; write one of {others}")
 
 
 def archive(motion: Motion, timed: bool, triangles: Indices | None = None) -> Data:
@@ -113,12 +117,12 @@ def triangles_of(scene: Scene) -> Indices:
     return np.concatenate([cloth.triangles + start for cloth, start in zip(scene.cloths, starts, strict=False)])
 
 
-def for_tools(motion: Motion, scene: Scene) -> tuple[Motion, Indices]:
+def for_tools(motion: Motion, scene: Scene, found: Format) -> tuple[Motion, Indices]:
     """A motion of a scene, and its faces (T, 3), by the vertices of the meshes that the scene was made of, which other
-    programs know; they differ where welding gave them other numbers. Raises InvalidScene.
+    programs know; they differ where welding gave them other numbers. Markers keep the scene's. Raises InvalidScene.
     """
     faces, chosen = triangles_of(scene), picks(scene)
-    if chosen is None:
+    if chosen is None or found.markers:
         return motion, faces
     arrays = {name: getattr(motion, name) for name in ("positions", "observed", "weights")}
     made: dict[str, Any] = {name: unwelded(scene, array) for name, array in arrays.items() if array is not None}

@@ -34,8 +34,10 @@ def described(path_or_file: str | os.PathLike[str] | io.BytesIO) -> Described:
             found = _told(path_or_file)
             path_or_file.seek(0)
             return found
+        if not os.path.isfile(path_or_file):  # a pipe gives what is in it once
+            return NOTHING
         with steady(path_or_file) as file:
-            return _told(file) if file.seekable() else NOTHING  # a pipe gives what is in it once
+            return _told(file)
     except (*npz.FAULTS, KeyError, IndexError, TypeError):
         return NOTHING
 

@@ -7,6 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from clothfit.animation import Animation
+from clothfit.axes import Axes
+from clothfit.formats import RIGHT
+
 INTEL, DEC, MIPS = 84, 85, 86
 
 
@@ -74,6 +78,26 @@ def c3d(
     header += processor.words([3, 1]) + processor.reals([rate])
     data = processor.reals(rows) if scale < 0 else processor.words(np.round(rows).astype(np.int16).view(np.uint16))
     return header.ljust(512, b"\0") + section.ljust(512, b"\0") + data
+
+
+def motion(axes: Axes = RIGHT, frames: int = 7, points: int = 5, names: Any = None, gaps: bool = True) -> Animation:
+    """Positions that are not round in any base, some of them gaps."""
+    positions = np.random.default_rng(0).normal(size=(frames, points, 3))
+    if gaps:
+        positions[2, 3] = positions[-1, 0] = np.nan
+    return Animation(positions, axes, np.arange(frames) / 90, None, None, names)
+
+
+TWO = np.array([[[1, 2, 3], [4, 5, 6]], [[1.5, 2, 3], [np.nan, np.nan, np.nan]]])
+"""Positions of two markers in two frames, with a gap."""
+
+
+def check(found: Animation) -> None:
+    """Whether it is what the files below say."""
+    np.testing.assert_array_equal(found.positions, TWO)
+    np.testing.assert_allclose(found.times, [0, 0.01], rtol=2e-16)
+    np.testing.assert_array_equal(found.observed, [[True, True], [True, False]])
+    assert found.names == ("hem", "cuff")
 
 
 TRC = (

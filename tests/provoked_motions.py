@@ -62,6 +62,9 @@ def mapped(text: str) -> Case:
 
 COMMANDS: dict[str, Case] = {
     "motions are not kept in files of that suffix; known are …": converted("good.npz a.txt"),
+    "--scale, --up, --handedness, --fps, --frames and --map are about the motion of --target; add that": Case(
+        "estimate scene.json --up z"
+    ),
     "… needs …; install it with: pip install 'clothfit[…]'": patched(
         Case("simulate scene.json -o a.usd"), "clothfit.formats.import_module", raising(ImportError())
     ),
@@ -69,13 +72,14 @@ COMMANDS: dict[str, Case] = {
     "has no points": converted("empty.npz a.pc2", **{"empty.npz": {"positions": np.zeros((2, 0, 3))}}),
     "has … vertices, … has …; a motion needs all vertices of all objects, in their order: export it from the mesh that "
     "the scene was made of": fitted("a.obj", **{"a.obj": CORNER}),
-    "has … frames, none of which is in --frames …": fitted("good.npz", "--frames 9:"),
+    "has …, none of which is in --frames …": fitted("good.npz", "--frames 9:"),
     "frames: … is not A:B, such as 0:100, 50: or :-1 (B is left out)": fitted("good.npz", "--frames 9"),
-    "… has no place for gaps, and … not seen; write one of …": converted("gaps.npz a.pc2", **{"gaps.npz": GAPS}),
+    "… has no place for positions that were not seen; write one of …": converted(
+        "gaps.npz a.pc2", **{"gaps.npz": GAPS}
+    ),
     ".npz has the scene's axes and metres; leave --scale, --up, --handedness out": Case(
         "simulate scene.json -o a.npz --up z"
     ),
-    "… files are given to read, one is needed; put a name with * in quotes": converted("a.obj b.obj c.pc2"),
     "--mesh: … has no faces": converted("good.npz a.pc2 --mesh a.obj", **{"a.obj": CORNER}),
     "--mesh: … has … vertices, the motion has …": converted("good.npz a.pc2 --mesh a.obj", **{"a.obj": TRIANGLE}),
     "cannot write …: it is an input, which is never written over; name another": converted(

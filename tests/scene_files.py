@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from clothfit.animation import Animation
+from clothfit.formats import RIGHT
+
 COMPONENTS = {"int8": 5120, "uint8": 5121, "int16": 5122, "uint16": 5123, "uint32": 5125, "float32": 5126}
 KINDS = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 
@@ -74,3 +77,13 @@ def moved(what: str, times: Any, values: Any, kind: str = "LINEAR", nodes: Any =
     sampler = {"input": numbers.add(times), "output": numbers.add(values), "interpolation": kind}
     channel = {"sampler": 0, "target": {"node": 0, "path": what}}
     return whole(document, numbers, animations=[{"samplers": [sampler], "channels": [channel]}])
+
+
+def wave(frames: int = 40, rank: int = 3, count: int = 30) -> Animation:
+    """Smooth shapes that move by as many independent functions of time, metres."""
+    shapes = np.random.default_rng(0).normal(size=(rank, count, 3))
+    times = np.arange(frames) / 50
+    weights = np.stack([np.sin(3 * (k + 1) * times) for k in range(rank)], axis=1)
+    base = np.random.default_rng(1).normal(size=(count, 3))
+    triangles = np.array([[i, i + 1, i + 2] for i in range(count - 2)], np.int32)
+    return Animation(base + np.einsum("fk,knc->fnc", weights, shapes), RIGHT, times, triangles)

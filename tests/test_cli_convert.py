@@ -1,9 +1,11 @@
 """`clothfit convert`, and motions of other programs in the other commands."""
 
 import json
+import os
 import shlex
 import struct
 import sys
+import threading
 from io import BytesIO
 from types import SimpleNamespace
 
@@ -16,6 +18,7 @@ from clothfit.cli import run
 from clothfit.cli.console import Console
 from clothfit.cli.files import Files
 from clothfit.cli.plan import planned
+from clothfit.cli.sequences import gathered
 from clothfit.convention import Reading
 from clothfit.formats import obj
 from clothfit.many import packed_goals
@@ -79,13 +82,16 @@ def test_the_summary_tells_of_both_files(say, folder):
     np.testing.assert_array_equal(back, np.stack([x, -z, y], -1).astype(np.float32))
 
 
-def test_what_the_shell_makes_of_a_sequence_is_a_sequence(say):
+def test_what_the_shell_makes_of_a_sequence_is_a_sequence(say, folder):
     np.savez("a.npz", positions=points())
     say("convert a.npz 'b2_*.obj'")
-    names = " ".join(f"b2_{i:04d}.obj" for i in (2, 0, 1, 3))
-    assert summary(say, f"convert {names} c.pc2")["frames"] == 4
-    code, _, err = say("convert b2_0000.obj b2_0002.obj c.pc2")
-    assert (code, "2 files are given to read" in err) == (2, True)
+    names = [f"b2_{i:04d}.obj" for i in range(4)]
+    assert summary(say, f"convert {' '.join(names)} c.pc2")["frames"] == 4
+    whole = [*names, "x", str(folder / "b2_0000.obj")]
+    assert gathered(["--target", *whole]) == ["--target", "b2_*.obj", *whole[4:]]
+    assert gathered(names[:3]) == names[:3]  # not all of them
+    assert gathered([*names, "z.obj"]) == [*names, "z.obj"]
+    assert gathered([]) == []
 
 
 def test_a_file_without_times_gives_an_npz_without(say, folder):
@@ -115,6 +121,16 @@ def test_standard_input_is_an_npz(say, monkeypatch):
     np.savez(file, positions=points())
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=BytesIO(file.getvalue())))
     assert summary(say, "convert - b.pc2 --up z")["points"] == 4
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes")
+def test_a_pipe_is_an_npz(say, folder):
+    np.savez("a.npz", positions=points())
+    os.mkfifo("pipe")
+    writer = threading.Thread(target=(folder / "pipe").write_bytes, args=((folder / "a.npz").read_bytes(),))
+    writer.start()
+    assert summary(say, "convert pipe b.pc2")["points"] == 4
+    writer.join()
 
 
 def test_inputs_are_never_written_over(say, folder):
@@ -191,6 +207,27 @@ def test_a_place_that_cannot_be_is_found_before_the_work(say, monkeypatch):
     for name in ("a.obj", "nowhere/a_*.obj", "a_*_*.obj"):
         code, _, err = say(f"simulate scene.json -o '{name}'")
         assert (code, err.count("\n")) == (3, 1)
+
+
+def test_a_map_is_an_input(say):
+    for line in ("convert a.trc map.csv --map map.csv", "estimate scene.json --target a.trc --map map.csv -o map.csv"):
+        with open("map.csv", "w") as file:
+            file.write("marker,object,vertex\n")
+        code, _, err = say(line)
+        assert (code, "map.csv: it is an input, which is never written over" in err) == (3, True)
+
+
+def test_weights_that_are_lost_are_told(say):
+    np.savez("a.npz", positions=points(), weights=np.ones(4))
+    assert "warning: b.pc2: has no place for weights; .npz has" in say("convert a.npz b.pc2")[2]
+
+
+def test_an_npz_in_other_axes_is_doubted_too(say):
+    say("target scene.json -o a.npz")
+    arrays = dict(np.load("a.npz"))
+    np.savez("b.npz", **{**arrays, "positions": arrays["positions"] * [-1, 1, 1]})
+    assert "--handedness right would fit" in say("evaluate scene.json scene.json --target b.npz")[2]
+    assert "warning" not in say("evaluate scene.json scene.json --target b.npz --handedness right")[2]
 
 
 def test_a_doubt_is_a_warning(say):

@@ -97,6 +97,14 @@ def test_a_map_says_which_vertices_they_are(monkeypatch, tmp_path):
     np.testing.assert_allclose(found.motion.positions[:, [1, 20]], moved()[:, :2])
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_a_map_has_line_ends_of_any_kind(monkeypatch, tmp_path, end):
+    markers(monkeypatch, moved())
+    (tmp_path / "map.csv").write_bytes(f"marker,object,vertex{end}far,0,1{end}".encode())
+    found = foreign.load("a.trc", SCENE, Reading(markers=tmp_path / "map.csv"))
+    assert [match[:3] for match in found.account.matches.each] == [("far", 0, 1)]
+
+
 def test_markers_without_names_are_counted(monkeypatch, tmp_path):
     markers(monkeypatch, moved(), names=None)
     assert [m.marker for m in foreign.load("a.csv", SCENE, Reading()).account.matches.each] == ["0", "1", "2"]
@@ -111,6 +119,13 @@ def test_as_many_points_as_vertices_without_names_are_the_vertices(monkeypatch):
     np.testing.assert_array_equal(found.motion.positions[0], START[::-1])
     with pytest.raises(InvalidInput, match="has no markers but the vertices themselves"):
         foreign.load("a.csv", SCENE, Reading(markers="map.csv"))
+
+
+def test_points_with_the_names_of_the_vertices_are_the_vertices(monkeypatch):
+    markers(monkeypatch, [START[::-1]], names=tuple(f"v{i}" for i in range(len(START))))
+    found = foreign.load("a.c3d", SCENE, Reading())
+    assert found.account.matches is None
+    np.testing.assert_array_equal(found.motion.positions[0], START[::-1])
 
 
 def test_without_a_scene_markers_stay_markers(monkeypatch):

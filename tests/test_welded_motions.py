@@ -8,7 +8,7 @@ import trimesh
 
 from clothfit import InvalidMotion, load, load_motion, mesh, save_motion, simulate
 from clothfit.cli import run
-from clothfit.formats import pc2
+from clothfit.formats import foreign, module_of, pc2
 from clothfit.mesh_file import read_mesh
 from clothfit.mesh_numbering import numberings
 from clothfit.motion_files import for_tools
@@ -45,14 +45,12 @@ def test_what_is_written_has_the_meshs_vertices_and_is_read_by_them(scene, name)
 
 
 def read_points(name):
-    from clothfit.formats import foreign, module_of
-
     return module_of(foreign(name)).read(name).positions.shape[1]
 
 
 def test_each_vertex_of_the_mesh_goes_with_the_one_it_became(scene):
     motion = simulate(scene)
-    whole, faces = for_tools(motion, scene)
+    whole, faces = for_tools(motion, scene, foreign("m.pc2"))
     (numbering,) = numberings(scene)
     np.testing.assert_array_equal(whole.positions[:, :54], motion.positions[:, numbering[:54]])
     np.testing.assert_array_equal(numbering[faces], scene.cloths[0].triangles)
@@ -78,6 +76,13 @@ def test_to_npz_and_back_to_the_mesh(scene):
     assert read_points("m.pc2") == 55
     assert run(["convert", "m.pc2", "again.npz", "--scene", "sheet.json", "-q"]) == 0
     np.testing.assert_allclose(load_motion("again.npz", scene).positions, motion.positions, rtol=0, atol=FLOAT32)
+
+
+def test_markers_keep_the_numbers_of_the_scene(scene):
+    motion = simulate(scene)
+    save_motion(motion, "m.trc", scene)
+    assert read_points("m.trc") == 16
+    np.testing.assert_allclose(load_motion("m.trc", scene).positions, motion.positions, rtol=0, atol=FLOAT32)
 
 
 def test_another_count_is_refused(scene):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -23,15 +21,19 @@ if TYPE_CHECKING:
     from clothfit.scene import Scene
 
 
+LEAST = 1e-12
+"""m: a rounding that is worth a word."""
+
+
 @shared.command("convert")
-@click.argument("in_paths", metavar="IN", nargs=-1, required=True)
+@click.argument("in_path", metavar="IN")
 @click.argument("out_path", metavar="OUT")
 @click.option("--scene", "scene_path", metavar="SCENE", help="Whose motion it is: checks it, gives times and faces.")
 @click.option("--mesh", "mesh_path", metavar="FILE", help="Whose faces to write: of any format that has some.")
 @motions.reads
 @partial(motions.axes, prefix="to-", what="OUT")
 def command(
-    in_paths: tuple[str, ...],
+    in_path: str,
     out_path: str,
     scene_path: str | None,
     mesh_path: str | None,
@@ -54,39 +56,23 @@ def command(
     clothfit convert shirt.pc2 shirt.usd --mesh shirt.obj --fps 24 --to-scale 0.01 --to-up z
     """
     convention = Convention(to_scale, to_up, to_handedness)
-    in_path = source(in_paths)
     shared.one_stream(in_path, scene_path)
     scene = None if scene_path is None else shared.read_scene(scene_path, console)
-    out = place(in_path, out_path, (scene_path, mesh_path))
-    motions.check(out, convention)
+    others = (scene_path, mesh_path, None if reading.markers is None else os.fspath(reading.markers))
+    out = place(in_path, out_path, others)
+    motions.check(out, convention, (in_path, *others))
     mesh = None if mesh_path is None else mesh_faces(mesh_path)
     loaded = motions.load(in_path, scene, reading, console)
     if scene is not None:
         loaded = of_scene(loaded, scene, out)
     faces = chosen_faces(mesh, loaded, mesh_path)
-    told = written(loaded, out, scene, faces, convention, (in_path, mesh_path), console)
+    told = written(loaded, out, scene, faces, convention, console)
     if as_json:
         account = loaded.account.summary()
         summary = {name: account[name] for name in ("frames", "points")}
         summary |= {"seconds": account["duration"], "reading": [account], **told, "output": out.path}
         shared.print_json("convert", summary, out)
     return 0
-
-
-def source(paths: tuple[str, ...]) -> str:
-    """The file to read; of a sequence that the shell has spelt out, its name with a *. Raises UsageError."""
-    if len(paths) == 1:
-        return paths[0]
-    from clothfit.formats.obj import ANY, frames_of
-
-    folder, name = os.path.split(paths[0])
-    if name.lower().endswith(".obj"):
-        for number in re.finditer("[0-9]+", name):
-            pattern = os.path.join(folder, f"{name[: number.start()]}{ANY}{name[number.end() :]}")
-            with suppress(InvalidInput):
-                if sorted(frames_of(pattern)) == sorted(paths):
-                    return pattern
-    raise click.UsageError(f"{len(paths)} files are given to read, one is needed; put a name with * in quotes")
 
 
 def place(in_path: str, out_path: str, others: tuple[str | None, ...]) -> shared.Output:
@@ -113,9 +99,10 @@ def of_scene(loaded: Loaded, scene: Scene, out: shared.Output) -> Loaded:
     from clothfit.formats import foreign
     from clothfit.motion_files import for_tools, triangles_of
 
-    if foreign(out.path) is None:
+    found = foreign(out.path)
+    if found is None:
         return replace(loaded, triangles=triangles_of(scene))
-    motion, faces = for_tools(loaded.motion, scene)
+    motion, faces = for_tools(loaded.motion, scene, found)
     return replace(loaded, motion=motion, triangles=faces)
 
 
@@ -135,27 +122,26 @@ def written(
     scene: Scene | None,
     faces: Indices | None,
     convention: Convention,
-    inputs: tuple[str | None, ...],
     console: Console,
 ) -> dict[str, Any]:
     """Write the motion; what --json says of that."""
     from clothfit.axes import SCENE
     from clothfit.formats import foreign
-    from clothfit.motion_files import archive, sources
+    from clothfit.motion_files import archive
 
     count = 0 if faces is None else len(faces)
-    if foreign(out.path) is None:
+    found = foreign(out.path)
+    if found is None:
         known = loaded.timed or scene is not None
         out.write(archive(loaded.motion, known, faces))
         untimed = "" if known else "; without times, as IN has none (--fps)"
         console.say(f"{out.name}: y up, left-handed, metres{untimed}")
         return {"written": {**SCENE._asdict(), "faces": count, "largest_rounding": 0.0}}
-    if faces is None:
+    if faces is None and found.faces:
         console.say(f"{out.name}: gets points only, no faces; --scene or --mesh has some")
-    read_from = [file for path in inputs if path is not None for file in sources(path)]
-    axes = motions.write_foreign(loaded.motion, out, convention, console, read_from, faces, loaded.names, loaded.timed)
+    axes = motions.write_foreign(loaded.motion, out, convention, console, faces, loaded.names, loaded.timed)
     rounding = largest_rounding(loaded, out.path, axes)
-    if rounding:
+    if rounding is not None and rounding > LEAST:
         console.say(f"{out.name}: its positions are rounded by {metres(rounding)} at most")
     return {"written": {**axes._asdict(), "faces": count, "largest_rounding": rounding}}
 

@@ -25,10 +25,10 @@ UNEVEN = 1e-3
 """Of a time step: differences between steps that are no rounding."""
 
 
-def axes(function: shared.F, prefix: str = "", what: str = "the motion file") -> shared.F:
-    """Add the options that say how a file's coordinates are meant."""
+def axes(function: shared.F, prefix: str = "", what: str = "the motion file", whose: str = "the format's") -> shared.F:
+    """Add the options that say how a file's coordinates are meant, else as `whose` are."""
     up, hands = (click.Choice(CHOICES[name]) for name in ("up", "handedness"))
-    own = "[default: as the file or its format has it]"
+    own = f"[default: {whose}]"
     for option in (
         click.option(f"--{prefix}handedness", type=hands, help=f"Of {what}'s axes.  {own}"),
         click.option(f"--{prefix}up", type=up, help=f"Axis of {what} that points up.  {own}"),
@@ -51,7 +51,13 @@ def reads(function: Callable[..., int]) -> Callable[..., int]:
         markers: str | None,
         **rest: Any,
     ) -> int:
-        return function(**rest, reading=Reading(scale, up, handedness, read_fps, frames, markers))
+        said = Reading(scale, up, handedness, read_fps, frames, markers)
+        if not said.plain and not any(rest.get(name) for name in ("target_path", "target_paths", "in_path")):
+            raise click.UsageError(
+                "--scale, --up, --handedness, --fps, --frames and --map are about the motion of --target; add that",
+                click.get_current_context(),
+            )
+        return function(**rest, reading=said)
 
     by_default = "[default: by its times, else one per time step]"
     made: Callable[..., int] = reading
@@ -61,7 +67,7 @@ def reads(function: Callable[..., int]) -> Callable[..., int]:
         click.option("--fps", "read_fps", type=float, metavar="F", help=f"Of the motion file.  {by_default}"),
     ):
         made = option(made)
-    return axes(made)
+    return axes(made, whose="the file's, else the format's")
 
 
 def writes(function: Callable[..., int]) -> Callable[..., int]:
@@ -78,23 +84,22 @@ def read(
     path: str, scene: Scene, reading: Reading, console: Console, told: list[dict[str, Any]] | None = None
 ) -> Motion:
     """Load a motion of the scene from a path or standard input; what was assumed is said, and added to `told`."""
-    from clothfit import motion_files
     from clothfit.formats import foreign
 
-    if reading.plain and foreign(path) is None:
-        return motion_files.load_motion(sys.stdin.buffer if path == shared.STREAM else path, scene)
-    loaded = load(path, scene, reading, console)
-    if told is not None:
+    assumed = foreign(path) is not None or not reading.plain
+    loaded = load(path, scene, reading, console, assumed)
+    if assumed and told is not None:
         told.append(loaded.account.summary())
     return loaded.motion
 
 
-def load(path: str, scene: Scene | None, reading: Reading, console: Console) -> Loaded:
-    """Load a motion from a path or standard input, and say what was assumed."""
+def load(path: str, scene: Scene | None, reading: Reading, console: Console, assumed: bool = True) -> Loaded:
+    """Load a motion from a path or standard input, and say what was assumed, where anything was."""
     from clothfit import foreign
 
     loaded = foreign.load(sys.stdin.buffer if path == shared.STREAM else path, scene, reading)
-    console.say(str(loaded.account))
+    if assumed:
+        console.say(str(loaded.account))
     for doubt in loaded.account.doubts:
         console.warn(doubt)
     return loaded
@@ -105,16 +110,40 @@ def told_of(told: list[dict[str, Any]]) -> dict[str, Any]:
     return {"reading": told} if told else {}
 
 
-def check(out: shared.Output, convention: Convention, frames: int | None = None) -> None:
-    """Check, before long work, that a motion of so many frames (None: not known yet) can be written. Raises
-    InvalidInput.
+def check(
+    out: shared.Output,
+    convention: Convention,
+    inputs: Iterable[str | None],
+    frames: int | None = None,
+    gaps: bool = False,
+) -> None:
+    """Check, before long work, that a motion of so many frames (None: not known yet) can be written, with or without
+    `gaps`, and not over any of the `inputs`. Raises InvalidInput.
     """
     from clothfit.formats import foreign
-    from clothfit.motion_files import check_place
+    from clothfit.motion_files import check_gaps, check_place, sources
 
-    if foreign(out.path) is None and convention != Convention():
-        raise InvalidInput(f"{out.name}: .npz has the scene's axes and metres; leave --scale, --up, --handedness out")
+    found = foreign(out.path)
+    if found is None:
+        if convention != Convention():
+            raise InvalidInput(
+                f"{out.name}: .npz has the scene's axes and metres; leave --scale, --up, --handedness out"
+            )
+        return
     check_place(out.path, frames)
+    if gaps:
+        check_gaps(found)
+    read = [file for path in inputs if path not in (None, shared.STREAM) for file in sources(str(path))]
+    for path in there(out.path):
+        if any(shared.same_file(path, each) for each in read):
+            raise InvalidInput(f"cannot write {path}: it is an input, which is never written over; name another")
+
+
+def there(path: str) -> list[str]:
+    """The files that a motion of that name may be written over."""
+    from clothfit.formats.obj import ANY, numbered
+
+    return [each for _, each in numbered(path)] if ANY in path else [path]
 
 
 def write(
@@ -129,12 +158,13 @@ def write(
     from clothfit.formats import foreign
     from clothfit.motion_files import for_tools
 
-    if foreign(out.path) is None:
+    found = foreign(out.path)
+    if found is None:
         out.write(shared.motion_data(motion, extra))
         return
     if extra:
         console.warn(f"{out.name}: holds positions only; what --energy tells is kept in .npz")
-    whole, faces = for_tools(motion, scene)
+    whole, faces = for_tools(motion, scene, found)
     write_foreign(whole, out, convention, console, triangles=faces)
 
 
@@ -143,12 +173,11 @@ def write_foreign(
     out: shared.Output,
     convention: Convention,
     console: Console,
-    inputs: Iterable[str] = (),
     triangles: Indices | None = None,
     names: tuple[str, ...] | None = None,
     timed: bool = True,
 ) -> Axes:
-    """Write a motion as another program has it, never over `inputs`; says and returns which axes it got."""
+    """Write a motion as another program has it; says and returns which axes it got."""
     from clothfit import motion_files
     from clothfit.formats import foreign
 
@@ -158,11 +187,8 @@ def write_foreign(
     meant = convention.axes(found.axes)
     made = motion_files.animation(motion, found, meant, triangles, names)
     files = motion_files.files(out.path, found, made)
-    for path in files:
-        if any(shared.same_file(path, each) for each in inputs):
-            raise InvalidInput(
-                f"cannot write {path}: it is an input, which is never written over; name another"
-            )
+    if motion.weights is not None:
+        console.warn(f"{out.name}: has no place for weights; .npz has")
     with shared.uninterrupted():
         for path, data in files.items():
             shared.Output(path).put(data)

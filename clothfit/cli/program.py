@@ -20,6 +20,7 @@ from typing import NoReturn
 import click
 
 from clothfit import __version__, interrupts
+from clothfit.cli.sequences import gathered
 from clothfit.cli.shared import loudness
 from clothfit.errors import ClothfitError
 from clothfit.interrupts import REQUESTS, SAME_REQUEST
@@ -87,7 +88,7 @@ def run(arguments: list[str]) -> int:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # of NumPy, on numbers that leave the finite ones
-            code = group.main(arguments or ["--help"], prog_name="clothfit", standalone_mode=False)
+            code = group.main(gathered(arguments) or ["--help"], prog_name="clothfit", standalone_mode=False)
         return int(code or 0)
     except click.UsageError as error:
         return _refuse(error)

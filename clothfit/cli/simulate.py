@@ -50,7 +50,7 @@ def command(
     scene = shared.read_scene(scene_path, console)
     frames = shared.frames_of(steps, scene)
     out = shared.output(path, scene_path, ".motion.npz", ())
-    motions.check(out, convention, frames)
+    motions.check(out, convention, (scene_path,), frames)
     dump = dump_of(dump_path, scene_path, out)
     import clothfit
 

@@ -58,7 +58,7 @@ def command(
     scene = shared.read_scene(scene_path, console)
     frames = shared.frames_of(steps, scene)
     out = shared.output(path, scene_path, ".target.npz", ())
-    motions.check(out, convention)
+    motions.check(out, convention, (scene_path,), gaps=observed < 1)
     from clothfit.capture import degrade
     from clothfit.fit import record_target
 

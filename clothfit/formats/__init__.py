@@ -29,6 +29,7 @@ class Format(NamedTuple):
     writes: bool = True  # whether it can be written
     times: bool = True  # whether it tells when its frames are
     markers: bool = False  # whether it holds markers, which need not be all vertices and may have gaps
+    faces: bool = True  # whether it has a place for them
     extra: str | None = None  # the optional extra of this package that installs what it needs
     library: str | None = None  # which library that is
 
@@ -37,14 +38,14 @@ RIGHT = Axes("y", "right", 1.0)
 
 FORMATS = (
     Format("OBJ sequence", (".obj",), "obj", RIGHT, times=False),
-    Format("PC2 point cache", (".pc2",), "pc2", RIGHT, times=False),
-    Format("MDD point cache", (".mdd",), "mdd", RIGHT),
+    Format("PC2 point cache", (".pc2",), "pc2", RIGHT, times=False, faces=False),
+    Format("MDD point cache", (".mdd",), "mdd", RIGHT, faces=False),
     Format("USD", (".usd", ".usda", ".usdc"), "usd", RIGHT, extra="usd", library="pxr"),
     Format("glTF", (".glb",), "glb", RIGHT),
     Format("PLY mesh", (".ply",), "ply", RIGHT, writes=False, times=False),
-    Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), markers=True),
-    Format("TRC markers", (".trc",), "trc", Axes("y", "right", 0.001), markers=True),
-    Format("CSV markers", (".csv",), "marker_table", RIGHT, markers=True),
+    Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), markers=True, faces=False),
+    Format("TRC markers", (".trc",), "trc", Axes("y", "right", 0.001), markers=True, faces=False),
+    Format("CSV markers", (".csv",), "marker_table", RIGHT, markers=True, faces=False),
 )
 """Besides `.npz` and `.npy`, which are this program's own (`motion`), in the scene's axes.
 

@@ -12,6 +12,9 @@ from clothfit.memory import human
 from clothfit.reading import MOST_TEXT, whole
 from clothfit.steady import steady
 
+COPIES = 2
+"""Of all positions, that are in memory while they are turned into the scene's axes."""
+
 
 def name_of(path: str | os.PathLike[str]) -> str:
     """What to call a file in messages."""

@@ -24,7 +24,7 @@ def meshes_at(doc: Document, nodes: list[Placed], tracks: Tracks, times: Array) 
     """Positions (frames, n, 3) and triangles of all meshes."""
     parts: list[Array] = []
     faces: list[Indices] = [np.zeros((0, 3), np.int32)]
-    start, primitives = 0, 0
+    start = 0
     for node in nodes:
         matrix = _matrix(doc, node, tracks, times)
         mirrored = np.linalg.det(matrix[0, :3, :3]) < 0
@@ -40,7 +40,6 @@ def meshes_at(doc: Document, nodes: list[Placed], tracks: Tracks, times: Array) 
                 start += shape.shape[1]
             triangles = shared[key][0] + _triangles(doc, primitive, shared[key][1])
             faces.append(triangles[:, ::-1] if mirrored else triangles)
-            primitives += 1
     if not start:
         raise InvalidMotion(f"{doc.name}: there is no mesh in it")
     whole = np.empty((len(times), start, 3))

@@ -81,7 +81,7 @@ def _animation(doc: Document, index: int) -> Tracks:
         place = f"animations[{index}].channels"
         target = doc.typed(doc.typed(channel, dict, "an object", place).get("target"), dict, "an object", place)
         node, what = target.get("node"), target.get("path")
-        if node is None or what not in WIDTHS:  # extensions animate other things
+        if node is None or not isinstance(what, str) or what not in WIDTHS:  # extensions animate other things
             continue
         doc.item("nodes", node)
         sampler = doc.member(animation, "samplers", channel.get("sampler"), f"animations[{index}].samplers")

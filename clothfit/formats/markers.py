@@ -67,7 +67,7 @@ def number(cell: str, place: str) -> float:
     """A cell of a table, NaN where it is empty. Raises InvalidMotion, naming the place."""
     try:
         value = float(cell)
-        if math.isfinite(value):
+        if math.isfinite(value) and "_" not in cell:  # which Python allows within numbers
             return value
     except ValueError:
         pass

@@ -23,7 +23,7 @@ from clothfit.animation import Animation
 from clothfit.arrays import Array, Indices
 from clothfit.errors import InvalidInput, InvalidMotion
 from clothfit.formats import RIGHT
-from clothfit.formats.files import check_room, content, name_of
+from clothfit.formats.files import COPIES, check_room, content, name_of
 from clothfit.output import Data
 
 ANY = "*"
@@ -37,7 +37,7 @@ VERTEX = re.compile(rb"^[ \t]*+v[ \t]++(\S++)[ \t]++(\S++)[ \t]++(\S++)", re.MUL
 BEGIN = re.compile(rb"^[ \t]*+v(?=[ \t\n]|\Z)", re.MULTILINE)
 FACE = re.compile(rb"^[ \t]*+f(?=[ \t\n]|\Z)([^\n]*+)", re.MULTILINE)
 
-COPIES = 10
+BULK = 10
 """Memory that reading a file takes at most, as a multiple of its size: the text, thrice, and three numbers in 8 bytes
 of `v 0 0 0` or a triangle in 2 of `f 1 1 1 1 1 …`.
 """
@@ -58,7 +58,7 @@ def read_frames(paths: Sequence[str], path: str | os.PathLike[str]) -> Animation
     """The files of a sequence, in their order; `path` is what to call it. Raises InvalidMotion."""
     first = _Text(paths[0])
     points, triangles = first.points(), first.triangles()
-    check_room(len(paths) * points.nbytes, path)
+    check_room(COPIES * len(paths) * points.nbytes, path)
     positions = np.empty((len(paths), *points.shape))
     positions[0] = points
     for frame, each in enumerate(paths[1:], 1):
@@ -151,7 +151,7 @@ class _Text:
     def __init__(self, path: str) -> None:
         self.name = name_of(path)
         data = content(path)
-        check_room(COPIES * len(data), path)
+        check_room(BULK * len(data), path)
         data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         self.lines = data  # as an editor counts them
         self.data = data.replace(b"\\\n", b"  ")  # with continued lines in one

@@ -19,6 +19,9 @@ from clothfit.formats.files import check_room
 from clothfit.formats.markers import UNITS, number, seen_by
 from clothfit.words import shown
 
+SHORT = ("m", "cm", "mm", "in", "ft")
+"""Units, as messages name them."""
+
 LEAP = 10_000
 """Frames that may be missing at a place: more is a slip of the pen, and would fill the memory with gaps."""
 
@@ -55,7 +58,10 @@ def table_of(text: str, name: str) -> Table:
         if line.strip() and not line.startswith("#"):
             break
     separator = next((each for each in "\t;" if each in line), ",")
-    header = [each.strip() for each in next(csv.reader([line], delimiter=separator), [])]
+    try:
+        header = [each.strip() for each in next(csv.reader([line], delimiter=separator), [])]
+    except csv.Error as error:
+        raise InvalidMotion(f"{name}: it is not a table of cells ({error})") from None
     while header and not header[-1]:
         header.pop()
     return Table(name, header, _rows(stream, separator, before, len(header), name), separator != ",", told)
@@ -118,12 +124,12 @@ def _axes(table: Table, unit: str | None, notes: list[str]) -> Axes:
     told = dict(table.told)
     if unit is not None:
         told.setdefault("unit", unit)
-    choices = {"unit": ("m", tuple(UNITS)), "up": ("y", UPS), "handedness": ("right", HANDS)}
+    choices = {"unit": ("m", SHORT), "up": ("y", UPS), "handedness": ("right", HANDS)}
     missing = ", ".join(f"{key} {default}" for key, (default, _) in choices.items() if key not in told)
     if missing:
         notes.append(f"what it does not tell is taken for {missing}")
-    for key, (_, known) in choices.items():
-        if told.get(key, known[0]) not in known:
+    for key, (default, known) in choices.items():
+        if told.get(key, default) not in (*known, *(UNITS if key == "unit" else ())):
             where = f"{table.name}: {key}"
             raise InvalidMotion(f"{where}: {shown(told[key])} is not one of {', '.join(known)}")
     return Axes(told.get("up", "y"), told.get("handedness", "right"), UNITS[told.get("unit", "m")])
