@@ -15,21 +15,27 @@ if TYPE_CHECKING:
     from typing import Any
 
     from clothfit.capture import degrade
+    from clothfit.convention import Convention, Reading
     from clothfit.energy import Energy, energies
     from clothfit.errors import ClothfitError, Diverged, InvalidInput, InvalidMotion, InvalidScene
     from clothfit.evaluation import Evaluation, evaluate
     from clothfit.fit import estimate
     from clothfit.fit_vector import parameters, with_parameters
     from clothfit.many import estimate_many
-    from clothfit.motion import Motion, as_motion, load_motion, save_motion, simulate
+    from clothfit.mesh_file import read_mesh
+    from clothfit.motion import Motion, as_motion, simulate
+    from clothfit.motion_files import load_motion, save_motion
     from clothfit.objective import Objective, cost_and_gradient
     from clothfit.precision import WorkPrecision, work_precision
     from clothfit.result import Fit
     from clothfit.scene import Cloth, Scene, load, save
     from clothfit.scene_check import SceneCheck, check_scene
+    from clothfit.scene_making import new_scene
 
 _HOME = {
     "degrade": "capture",
+    "Convention": "convention",
+    "Reading": "convention",
     "Energy": "energy",
     "energies": "energy",
     "ClothfitError": "errors",
@@ -42,10 +48,12 @@ _HOME = {
     "Fit": "result",
     "estimate": "fit",
     "estimate_many": "many",
+    "read_mesh": "mesh_file",
+    "new_scene": "scene_making",
     "Motion": "motion",
     "as_motion": "motion",
-    "load_motion": "motion",
-    "save_motion": "motion",
+    "load_motion": "motion_files",
+    "save_motion": "motion_files",
     "simulate": "motion",
     "Objective": "objective",
     "cost_and_gradient": "objective",
@@ -61,11 +69,13 @@ _HOME = {
     "save": "scene",
 }
 
-_MODULES = ("mesh", "verify")  # for users as well, by their own names: clothfit.verify.check(…)
+# for users as well, by their own names: clothfit.verify.check(…)
+_MODULES = ("mesh", "mesh_problems", "verify", "weld")
 
 __all__ = [
     "Cloth",
     "ClothfitError",
+    "Convention",
     "Diverged",
     "Energy",
     "Evaluation",
@@ -75,6 +85,7 @@ __all__ = [
     "InvalidScene",
     "Motion",
     "Objective",
+    "Reading",
     "Scene",
     "SceneCheck",
     "WorkPrecision",
@@ -88,7 +99,9 @@ __all__ = [
     "evaluate",
     "load",
     "load_motion",
+    "new_scene",
     "parameters",
+    "read_mesh",
     "save",
     "save_motion",
     "simulate",

@@ -23,3 +23,4 @@ class Animation:
     observed: Flags | None = None  # (frames, points); None: everything was seen
     names: tuple[str, ...] | None = None  # (points,), of markers
     notes: tuple[str, ...] = ()  # sentences: what was assumed that the file does not say
+    spacing: float = 1.0  # frames of the file's own counting between two of these, where it has no times

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.arrays import Array
+from clothfit.arrays import Array, Indices
 
 UPS, HANDS = ("y", "z"), ("left", "right")
 
@@ -32,23 +32,25 @@ SCENE = Axes("y", "left", 1.0)
 
 def to_scene(points: Array, axes: Axes) -> Array:
     """Points (…, 3) of a file in the scene's axes, m."""
-    x, y, z = np.moveaxis(points, -1, 0)
-    turned = (x, z, -y) if axes.up == "z" else (x, y, z)
-    return axes.scale * np.stack(_mirrored(turned, axes), axis=-1)
+    turned = np.empty(points.shape)  # filled in place: points of a motion take much memory
+    turned[..., 0] = -points[..., 0] if axes.handedness == "right" else points[..., 0]
+    turned[..., 1] = points[..., 2 if axes.up == "z" else 1]
+    turned[..., 2] = -points[..., 1] if axes.up == "z" else points[..., 2]
+    turned *= axes.scale
+    return turned
 
 
 def from_scene(points: Array, axes: Axes) -> Array:
     """Points (…, 3) of the scene, m, in a file's axes: the inverse of `to_scene`."""
-    x, y, z = _mirrored(tuple(np.moveaxis(points, -1, 0)), axes)
-    return np.stack((x, -z, y) if axes.up == "z" else (x, y, z), axis=-1) / axes.scale
+    turned = np.empty(points.shape)
+    turned[..., 0] = -points[..., 0] if axes.handedness == "right" else points[..., 0]
+    turned[..., 1] = -points[..., 2] if axes.up == "z" else points[..., 1]
+    turned[..., 2] = points[..., 1 if axes.up == "z" else 2]
+    turned /= axes.scale
+    return turned
 
 
-def _mirrored(point: tuple[Array, ...], axes: Axes) -> tuple[Array, ...]:
-    x, y, z = point
-    return (-x if axes.handedness == "right" else x, y, z)
-
-
-def facing(triangles: Array, axes: Axes) -> Array:
+def facing(triangles: Indices, axes: Axes) -> Indices:
     """Triangles (T, 3) between a file's axes and the scene's, either way: a mirror image turns their order round, so
     that the same side stays the front.
     """

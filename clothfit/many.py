@@ -16,11 +16,12 @@ import numpy as np
 
 from clothfit.batch import Batch, Pool
 from clothfit.errors import InvalidInput
-from clothfit.job import INTERRUPTED, File, Goal, Job, Outcome, read
+from clothfit.job import INTERRUPTED, File, Goal, Job, Outcome, loaded, read
 from clothfit.memory import budget
 
 if TYPE_CHECKING:
     from clothfit.arrays import Array
+    from clothfit.motion import Motion
     from clothfit.result import Fit
     from clothfit.scene import Scene
 
@@ -158,7 +159,7 @@ def estimate_many(
     each = limited(options, pool)
 
     def make(index: int, number: int) -> Job:
-        return Job(packed(scenes[index]), packed_goals(goals[index]), first, number, seed, each)
+        return Job(packed(scenes[index]), packed_goals(goals[index], scenes[index]), first, number, seed, each)
 
     makers = [partial(make, index) for index in range(len(scenes))]
     return fit_all(makers, starts, pool, done)
@@ -173,13 +174,29 @@ def packed(scene: Path | Scene) -> File:
     return File(dumps(scene), scene.name)
 
 
-def packed_goals(targets: Any) -> tuple[Goal, ...]:
-    """Targets as they travel. Raises InvalidInput when one cannot be read."""
+def packed_goals(targets: Any, main: Path | Scene) -> tuple[Goal, ...]:
+    """Targets of a scene as they travel. Raises InvalidInput when one cannot be read."""
     listed = [] if targets is None else targets if isinstance(targets, list) else [targets]
-    return tuple(packed_goal(*item) if isinstance(item, tuple) else packed_goal(item) for item in listed)
+    return tuple(packed_goal(main, *item) if isinstance(item, tuple) else packed_goal(main, item) for item in listed)
 
 
-def packed_goal(motion: Any, scene: Path | Scene | None = None) -> Goal:
-    """A target, and the scene it was recorded in, as they travel. Raises InvalidInput when one cannot be read."""
-    recorded = read(motion) if isinstance(motion, (str, os.PathLike)) else motion
+def packed_goal(main: Path | Scene, motion: Any, scene: Path | Scene | None = None) -> Goal:
+    """A target, and the scene it was recorded in where that is not the `main` one, as they travel.
+
+    Raises InvalidInput when one cannot be read.
+    """
+    recorded = motion
+    if isinstance(motion, (str, os.PathLike)):
+        recorded = packed_motion(motion, main if scene is None else scene)
     return recorded, None if scene is None else packed(scene)
+
+
+def packed_motion(path: Path, scene: Path | Scene) -> File | Motion:
+    """A motion as it travels: another program's may be many files, and is read here. Raises InvalidInput."""
+    from clothfit.formats import foreign
+
+    if foreign(path) is None:
+        return read(path)
+    from clothfit.motion_files import load_motion
+
+    return load_motion(path, loaded(packed(scene)))

@@ -131,7 +131,7 @@ def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]
         put(archive(motion), path_or_file)
 
 
-def archive(motion: Motion, extra: Mapping[str, Array] | None = None) -> Data:
+def archive(motion: Motion, extra: Mapping[str, NDArray[Any]] | None = None) -> Data:
     """What writes a motion as `.npz` to a file, without a copy of its arrays, and with others beside them, by name."""
     arrays: dict[str, NDArray[Any]] = {
         "positions": motion.positions,

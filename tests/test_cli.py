@@ -23,8 +23,8 @@ def test_the_group_lists_the_commands_in_the_order_of_a_working_day(capsys):
     code, out, err = said(capsys, "--help")
     assert (code, err) == (0, "")
     shown = [line.split()[0] for line in out.split("Commands:")[1].splitlines() if line.strip()]
-    day = ["simulate", "target", "estimate", "evaluate", "check", "export", "completion", "warmup"]
-    assert shown == list(COMMANDS) == day
+    day = "new info validate simulate target estimate evaluate check convert export completion warmup"
+    assert shown == list(COMMANDS) == day.split()
 
 
 @pytest.mark.parametrize("command", [[], *[[name] for name in COMMANDS]])
@@ -44,8 +44,8 @@ def test_the_common_options_are_everywhere(capsys, command):
     for option in ("--json", "-q, --quiet", "-v, --verbose", "--version", "-h, --help"):
         assert option in out
     bare = command in ("completion", "export", "warmup")
-    example = f"clothfit {command}" if bare else f"clothfit {command} scene.json"
-    assert f"\n  {example}" in out  # an example to copy
+    first = "" if bare else {"new": " plane", "convert": " scene.motion.npz"}.get(command, " scene.json")
+    assert f"\n  clothfit {command}{first}" in out  # an example to copy
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -12,7 +12,7 @@ import jsonschema
 import numpy as np
 import pytest
 from fuzz.__main__ import Report, generated
-from fuzz.cases import CODES, COMMANDS, Case, case, checkpoint_bytes, judged, tried, workplace
+from fuzz.cases import CODES, COMMANDS, FOREIGN, Case, case, checkpoint_bytes, foreign_bytes, judged, tried, workplace
 from fuzz.mutations import motion, motion_bytes, scene, scene_bytes
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -160,6 +160,13 @@ def test_mutated_scenes(chance):
 @given(chances)
 def test_mutated_motions(chance):
     assert_faultless(Case("motion", COMMANDS["motion"][0], motion_bytes(chance)))
+
+
+@settings(many, max_examples=40)
+@given(chances)
+def test_mutated_motions_of_other_programs(chance):
+    suffix = chance.choice(FOREIGN)
+    assert_faultless(Case("foreign", chance.choice(COMMANDS["foreign"]), foreign_bytes(chance, suffix), suffix))
 
 
 @settings(many, max_examples=20)

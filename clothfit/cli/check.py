@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.cli import shared
+from clothfit.cli import motions, shared
 from clothfit.cli.console import Console
 from clothfit.errors import ClothfitError, InvalidInput
 from clothfit.words import counted, owned
 
 if TYPE_CHECKING:
+    from clothfit.convention import Reading
     from clothfit.ladder import Finding
     from clothfit.scene import Scene
     from clothfit.scene_check import SceneCheck
@@ -22,12 +23,14 @@ if TYPE_CHECKING:
 @click.argument("scene_path", metavar="SCENE")
 @click.option("--steps", type=int, metavar="N", help="Time steps.  [default: the scene's, fewer for large cloths]")
 @click.option("--target", "target_path", metavar="MOTION", help="Compare with it.  [default: that of other values]")
+@motions.reads
 @click.option("--seed", type=click.IntRange(0), default=0, metavar="S", help="Of the random directions.  [default: 0]")
 @click.option("--memory", metavar="SIZE", help="To hold at most, such as 200MB.  [default: half of what is free]")
 def command(
     scene_path: str,
     steps: int | None,
     target_path: str | None,
+    reading: Reading,
     seed: int,
     memory: str | None,
     as_json: bool,
@@ -45,7 +48,8 @@ def command(
     shared.check_numbers(steps)
     shared.one_stream(scene_path, target_path)
     scene = shared.read_scene(scene_path, console)
-    target = None if target_path is None else shared.read_motion(target_path, scene)
+    told: list[dict[str, Any]] = []
+    target = None if target_path is None else motions.read(target_path, scene, reading, console, told)
     from clothfit.scene_check import check_scene
 
     console.announce_compilation()
@@ -54,7 +58,7 @@ def command(
     seconds = time.perf_counter() - began
     show(found, scene, steps is not None, target_path, console)
     if as_json:
-        shared.print_json("check", {**summary(found, target_path), "seconds": seconds})
+        shared.print_json("check", {**summary(found, target_path), **motions.told_of(told), "seconds": seconds})
     return judge(found, console)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.cli import goals, pictures, shared, trust
+from clothfit.cli import goals, motions, pictures, shared, trust
 from clothfit.cli.console import Console
 from clothfit.cli.files import Files
 from clothfit.cli.watching import Watching
@@ -15,6 +15,7 @@ from clothfit.errors import InvalidInput
 from clothfit.words import owned
 
 if TYPE_CHECKING:
+    from clothfit.convention import Reading
     from clothfit.storage import Needs
 
 
@@ -40,6 +41,7 @@ SECTIONS = {  # of the help
     multiple=True,
     help="What to match, and the scene it was recorded in; may be repeated.  [default: the scene's own motion]",
 )
+@motions.reads
 @click.option(
     "--objective",
     "objectives",
@@ -88,6 +90,7 @@ SECTIONS = {  # of the help
 def command(
     scene_paths: tuple[str, ...],
     target_paths: tuple[str, ...],
+    reading: Reading,
     objectives: tuple[str, ...],
     loss: str,
     loss_scale: float | None,
@@ -126,6 +129,7 @@ def command(
     clothfit estimate scene.json
     clothfit estimate scene.json --target capture.npz -o fitted.json
     clothfit estimate scene.json --target one.npz --target two.npz@windy.json --objective velocity=0.01
+    clothfit estimate scene.json --target 'frames/cloth_*.obj' --fps 30
     clothfit estimate scene.json --target capture.npz --holdout 0.2
     clothfit estimate scene.json --target capture.npz --plot fit.png --gif fit.gif --log fit.jsonl
     clothfit estimate *.json --target 'captures/{stem}.npz' -o fitted/
@@ -148,7 +152,7 @@ def command(
         "intervals": not no_intervals,
         "memory": memory,
     }
-    files = Files(target_paths, start, path, in_place, checkpoint, resume)
+    files = Files(target_paths, start, path, in_place, checkpoint, resume, reading)
     if len(scene_paths) > 1 or starts > 1 or cluster is not None:
         refuse_to_watch({**pictures.given, "--log": log})
         from clothfit.cli import many
@@ -173,7 +177,8 @@ def fit_one(
     watching = watching.of(scene_path)
     watching.check((scene_path, *files.inputs, out.path, files.checkpoint), files.resume, console)
     kept = checkpoints.chosen(files.checkpoint, files.resume, out, (scene_path, *files.inputs), console)
-    targets = [goals.read_target(pair, scene, console) for pair in files.pairs]
+    told: list[dict[str, Any]] = []
+    targets = [goals.read_target(pair, scene, files.reading, console, told) for pair in files.pairs]
     first = goals.read_start(files.start, console)
     flagged = ", ".join(f"{owned(b.cloth, b.name)} ({b.mode})" for b in blocks(scene))
     console.detail(f"fitting {flagged or 'nothing'} over {scene.frames} frames")
@@ -191,7 +196,7 @@ def fit_one(
             foreseen=partial(tell_needs, console),
         )
     with shared.uninterrupted(), checkpoints.told_if_lost(kept):
-        code = outcomes.finish(scene, found, out, console, as_json, log=watching.log)
+        code = outcomes.finish(scene, found, out, console, as_json, motions.told_of(told), watching.log)
         checkpoints.closed(kept, files.checkpoint is not None, found.status, files.in_place, console)
     watching.draw(found, scene, targets, console)
     return code

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.cli import evaluate_speed, pictures, shared, trust
+from clothfit.cli import evaluate_speed, motions, pictures, shared, trust
 from clothfit.cli.console import Console, metres
 from clothfit.errors import Diverged
 from clothfit.words import owned
 
 if TYPE_CHECKING:
+    from clothfit.convention import Reading
     from clothfit.evaluation import Evaluation
 
 
@@ -23,6 +24,7 @@ SPEED = ("--speed", "--error", "--plot", "--budget", "--fit", "--max-evaluations
 @click.argument("scene_path", metavar="SCENE")
 @click.argument("fitted_path", metavar="FITTED", required=False)
 @click.option("--target", "target_path", metavar="MOTION", help="Compare with this motion instead of SCENE's own.")
+@motions.reads
 @click.option(
     "--steps",
     type=int,
@@ -41,6 +43,7 @@ def command(
     scene_path: str,
     fitted_path: str | None,
     target_path: str | None,
+    reading: Reading,
     steps: int | None,
     speed: bool,
     error: float | None,
@@ -73,7 +76,7 @@ def command(
         context = click.get_current_context()
         missing = next(p for p in context.command.params if p.name == "fitted_path")
         raise click.MissingParameter(ctx=context, param=missing)
-    return compare(scene_path, fitted_path, target_path, steps, pictures, as_json, console)
+    return compare(scene_path, fitted_path, target_path, reading, steps, pictures, as_json, console)
 
 
 def refuse(given: dict[str, object], why: str) -> None:
@@ -87,6 +90,7 @@ def compare(
     scene_path: str,
     fitted_path: str,
     target_path: str | None,
+    reading: Reading,
     steps: int | None,
     pictures: pictures.Pictures,
     as_json: bool,
@@ -102,13 +106,14 @@ def compare(
     from clothfit.evaluation import HORIZON, evaluate
 
     horizon = HORIZON if steps is None else shared.frames_of(steps, truth)
-    target = shared.read_motion(target_path, truth) if target_path is not None else None
+    told: list[dict[str, Any]] = []
+    target = motions.read(target_path, truth, reading, console, told) if target_path is not None else None
     for each in (truth, fitted) if target is None else (fitted,):
         trust.warn_of_steps(each, max(truth.frames, horizon), console)
     console.announce_compilation()
     report = evaluate(truth, fitted, horizon=horizon, target=target)
     if as_json:
-        shared.print_json("evaluate", summary(report))
+        shared.print_json("evaluate", summary(report) | motions.told_of(told))
     else:
         show(report, console)
     pictures.evaluated(truth, fitted, target, horizon, report, console)

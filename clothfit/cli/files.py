@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from clothfit.cli import goals, shared
+from clothfit.convention import Reading
 from clothfit.errors import InvalidInput
 
 
@@ -24,6 +25,7 @@ class Files:
     in_place: bool
     checkpoint: str | None
     resume: bool
+    reading: Reading = Reading()  # noqa: RUF009  what the targets' files do not say; it cannot be changed
 
     def of(self, scene_path: str) -> Files:
         """The same for one scene: without stems."""
@@ -33,6 +35,7 @@ class Files:
             start=self.start and filled(self.start, scene_path),
             path=self.path and filled(self.path, scene_path),
             checkpoint=self.checkpoint and filled(self.checkpoint, scene_path),
+            reading=replace(self.reading, markers=self.markers and filled(self.markers, scene_path)),
         )
 
     @property
@@ -41,10 +44,15 @@ class Files:
         return [goals.motion_and_scene(path) for path in self.targets]
 
     @property
+    def markers(self) -> str | None:
+        """The file that says which vertices markers are."""
+        return None if self.reading.markers is None else os.fspath(self.reading.markers)
+
+    @property
     def inputs(self) -> tuple[str | None, ...]:
         """What is read besides the scene."""
         start = None if self.start is None or goals.is_number(self.start) else self.start
-        return (*(path for pair in self.pairs for path in pair), start)
+        return (*(path for pair in self.pairs for path in pair), start, self.markers)
 
     def check(self, scene_path: str) -> None:
         """Raise InvalidInput where the options do not go together."""

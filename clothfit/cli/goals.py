@@ -2,35 +2,37 @@
 
 from __future__ import annotations
 
+import glob
 import os
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from clothfit.cli import shared
+from clothfit.cli import motions, shared
 from clothfit.cli.console import Console
 from clothfit.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from clothfit.convention import Reading
     from clothfit.motion import Motion
     from clothfit.scene import Scene
 
 
 def motion_and_scene(path: str) -> tuple[str, str | None]:
     """The paths in a --target: of a motion, or of a motion and a scene, split at the last @."""
-    if os.path.exists(path) or "@" not in path:
+    if "@" not in path or os.path.exists(path) or (glob.has_magic(path) and glob.glob(path)):
         return path, None
     motion, _, scene = path.rpartition("@")
     return motion, scene
 
 
 def read_target(
-    paths: tuple[str, str | None], scene: Scene, console: Console
+    paths: tuple[str, str | None], scene: Scene, reading: Reading, console: Console, told: list[dict[str, Any]]
 ) -> Motion | tuple[Motion, Scene]:
-    """What a --target names."""
+    """What a --target names; of other programs' files, what was assumed is added to `told`."""
     motion, own = paths
     if own is None:
-        return shared.read_motion(motion, scene)
+        return motions.read(motion, scene, reading, console, told)
     other = shared.read_scene(own, console)
-    return shared.read_motion(motion, other), other
+    return motions.read(motion, other, reading, console, told), other
 
 
 def weights(objectives: tuple[str, ...]) -> dict[str, float]:

@@ -158,7 +158,7 @@ def finish_one(item: Item, result: Result, console: Console, as_json: bool) -> i
         console.warn(f"{found.scene.name}: {warning}")
     trust.warn_of_steps(found.scene, found.frames, console)
     (own,) = summaries([item], [result], {})
-    starts: dict[str, Any] = {key: own[key] for key in ("start", "starts") if key in own}
-    outcomes.finish(found.scene, found, out, console, as_json, starts)
+    more: dict[str, Any] = {key: own[key] for key in ("start", "starts", "reading") if key in own}
+    outcomes.finish(found.scene, found, out, console, as_json, more)
     Writer([item], console).close(item, result)
     return result.exit_code

@@ -24,11 +24,11 @@ def finish(
     out: shared.Output,
     console: Console,
     as_json: bool,
-    starts: dict[str, Any] | None = None,
+    more: dict[str, Any] | None = None,
     log: FitLog | None = None,
 ) -> int:
-    """Write the result and tell about it, and of its `starts`, also to the log; returns the exit code."""
-    told = summary(scene, found, out) | (starts or {})
+    """Write the result and tell about it, with `more` for --json, also to the log; returns the exit code."""
+    told = summary(scene, found, out) | (more or {})
     for warning in found.warnings:
         console.warn(f"{scene.name}: {warning}")
     if found.status == "diverged":

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from clothfit.checkpoint import Checkpoint
-from clothfit.cli import checkpoints, goals, shared
+from clothfit.cli import checkpoints, goals, motions, shared
 from clothfit.cli.console import Console
 from clothfit.cli.files import Files, default_name
 from clothfit.errors import ClothfitError, InvalidInput
-from clothfit.job import File, Goal, Job, read
+from clothfit.job import File, Goal, Job, loaded, read
+
+if TYPE_CHECKING:
+    from clothfit.motion import Motion
 
 
 @dataclass
@@ -27,6 +31,9 @@ class Item:
     kept: list[Checkpoint | None]  # for each start
     refusal: ClothfitError | None = None
     stream: bytes | None = None  # standard input, where it is one of the files
+    told: list[dict[str, Any]] = field(default_factory=list)  # what was assumed of other programs' motions
+    motions: dict[tuple[str, str | None], Motion] = field(default_factory=dict)  # other programs', for the next start
+    console: Console = field(default_factory=Console)
 
     def job(self, number: int, seed: int, options: dict[str, object]) -> Job:
         """The fit from a start. Raises InvalidInput when a file cannot be read."""
@@ -35,12 +42,26 @@ class Item:
         kept, start = self.kept[number], self.files.start
         first = None if start is None else float(start) if goals.is_number(start) else self.file(start)
         resume = self.files.resume and kept is not None and os.path.isfile(kept.path)
-        return Job(self.file(self.path), self.goals(), first, number, seed, options, kept, resume)
+        aims = self.goals()
+        if number + 1 == len(self.kept):  # the last start: the motions of many scenes need not stay in memory
+            self.motions.clear()
+        return Job(self.file(self.path), aims, first, number, seed, options, kept, resume)
 
     def goals(self) -> tuple[Goal, ...]:
         """The targets, each with its scene."""
         pairs = self.files.pairs
-        return tuple((self.file(motion), None if own is None else self.file(own)) for motion, own in pairs)
+        return tuple((self.motion(motion, own), None if own is None else self.file(own)) for motion, own in pairs)
+
+    def motion(self, path: str, own: str | None) -> File | Motion:
+        """The content of a motion's file; where only this process can read it, the motion."""
+        from clothfit.formats import foreign
+
+        if foreign(path) is None and self.files.reading.plain:
+            return self.file(path)
+        if (path, own) not in self.motions:
+            scene = loaded(self.file(self.path if own is None else own))
+            self.motions[path, own] = motions.read(path, scene, self.files.reading, self.console, self.told)
+        return self.motions[path, own]
 
     def file(self, path: str) -> File:
         """The content of a file, or of standard input."""
@@ -79,7 +100,7 @@ def item(path: str, files: Files, starts: int, local: bool, console: Console, on
         if local:
             first = checkpoints.chosen(files.checkpoint, files.resume, out, (path, *files.inputs), console)
             kept = [first and beside(first, number) for number in range(starts)]
-        return Item(path, files, out, kept)
+        return Item(path, files, out, kept, console=console)
     except ClothfitError as error:
         if only:
             raise

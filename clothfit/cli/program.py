@@ -21,6 +21,7 @@ import click
 
 from clothfit import __version__, interrupts
 from clothfit.cli.help import ExamplesFirst
+from clothfit.cli.sequences import gathered
 from clothfit.cli.shared import loudness
 from clothfit.cli.usage import slip
 from clothfit.errors import ClothfitError
@@ -28,7 +29,10 @@ from clothfit.interrupts import REQUESTS, SAME_REQUEST
 
 _last_request = -SAME_REQUEST
 
-COMMANDS = ("simulate", "target", "estimate", "evaluate", "check", "export", "completion", "warmup")
+COMMANDS = (
+    "new", "info", "validate", "simulate", "target", "estimate", "evaluate", "check", "convert", "export", "completion",
+    "warmup",
+)  # fmt: skip
 
 
 class LazyGroup(click.Group, ExamplesFirst):
@@ -87,7 +91,7 @@ def run(arguments: list[str]) -> int:
     try:
         with warnings.catch_warnings(), interrupts.heard():
             warnings.simplefilter("ignore", RuntimeWarning)  # of NumPy, on numbers that leave the finite ones
-            code = group.main(arguments or ["--help"], prog_name="clothfit", standalone_mode=False)
+            code = group.main(gathered(arguments) or ["--help"], prog_name="clothfit", standalone_mode=False)
         return int(code or 0)
     except click.UsageError as error:
         return _refuse(error)

@@ -174,13 +174,6 @@ def read_scene(path: str, console: Console) -> Scene:
     return scene
 
 
-def read_motion(path: str, scene: Scene) -> Motion:
-    """Load a motion of the scene from a path or standard input."""
-    import clothfit
-
-    return clothfit.load_motion(sys.stdin.buffer if path == STREAM else path, scene)
-
-
 def motion_data(motion: Motion, extra: Mapping[str, Array] | None = None) -> Data:
     """What writes a motion to its file, with other arrays beside it."""
     from clothfit.motion import archive

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.cli import energy_table, pictures, shared, trust
+from clothfit.cli import energy_table, motions, pictures, shared, trust
 from clothfit.cli.console import Console
 from clothfit.errors import Diverged, InvalidInput
 
 if TYPE_CHECKING:
+    from clothfit.convention import Convention
     from clothfit.energy import Energy
     from clothfit.motion import Motion
     from clothfit.scene import Scene
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
 @click.option("--tolerance", type=float, metavar="T", help="Of the linear solver.  [default: the scene's]")
 @click.option("--energy", "with_energy", is_flag=True, help="Tell, and keep with the motion, where the energy is.")
 @click.option("--dump", "dump_path", metavar="FILE", help="Where it diverges, keep the last states there (.npz).")
-@click.option("-o", "--output", "path", metavar="MOTION", help="Motion file.  [default: <stem>.motion.npz]")
+@click.option("-o", "--output", "path", metavar="MOTION", help="Of any format.  [default: <stem>.motion.npz]")
+@motions.writes
 @pictures.options
 def command(
     scene_path: str,
@@ -32,6 +34,7 @@ def command(
     with_energy: bool,
     dump_path: str | None,
     path: str | None,
+    convention: Convention,
     pictures: pictures.Pictures,
     as_json: bool,
     console: Console,
@@ -41,6 +44,7 @@ def command(
     \b
     clothfit simulate scene.json
     clothfit simulate scene.json --steps 500 -o long.npz
+    clothfit simulate scene.json -o 'frames/cloth_*.obj'
     clothfit simulate scene.json --energy
     clothfit simulate scene.json --dump last.npz
     clothfit simulate scene.json --plot motion.png --gif motion.gif
@@ -49,6 +53,7 @@ def command(
     scene = shared.read_scene(scene_path, console)
     frames = shared.frames_of(steps, scene)
     out = shared.output(path, scene_path, ".motion.npz", ())
+    motions.check(out, convention, (scene_path,), frames)
     dump = dump_of(dump_path, scene_path, out)
     pictures.check(scene_path, out.path, dump_path)
     import clothfit
@@ -65,7 +70,7 @@ def command(
     seconds = time.perf_counter() - began
     console.detail("simulated")
     energy = energy_of(scene, motion, with_energy)
-    out.write(shared.motion_data(motion, energy_table.arrays(energy)))
+    motions.write(motion, out, scene, convention, console, energy_table.arrays(energy))
     if error is None:
         tell(scene, motion, seconds, out, console)
     else:

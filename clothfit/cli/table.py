@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from clothfit.cli import outcomes
+from clothfit.cli import motions, outcomes
 from clothfit.cli.console import metres
 from clothfit.cli.plan import Item
 from clothfit.errors import ClothfitError
@@ -57,6 +57,7 @@ def summaries(
             "exit_code": error.exit_code if error else result.exit_code,
             "error": str(error or outcome.error or "") or None,
         }
+        own |= motions.told_of(item.told)
         if len(result.outcomes) > 1:
             own |= {"start": result.best + 1, "starts": [start_summary(one) for one in result.outcomes]}
         found.append(own)

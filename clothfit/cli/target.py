@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
-from clothfit.cli import shared, trust
+from clothfit.cli import motions, shared, trust
 from clothfit.cli.console import Console, metres
 from clothfit.limits import check_capture
+
+if TYPE_CHECKING:
+    from clothfit.convention import Convention
 
 
 @shared.command("target")
@@ -22,7 +27,8 @@ from clothfit.limits import check_capture
 @click.option("--fps", type=float, metavar="F", help="Frames per second, between steps as well.  [default: all steps]")
 @click.option("--seed", type=click.IntRange(0), default=0, metavar="S", help="Of the random numbers.  [default: 0]")
 @click.option("--tolerance", type=float, metavar="T", help="Of the linear solver.  [default: as tight as a fit's]")
-@click.option("-o", "--output", "path", metavar="MOTION", help="Motion file.  [default: <stem>.target.npz]")
+@click.option("-o", "--output", "path", metavar="MOTION", help="Of any format.  [default: <stem>.target.npz]")
+@motions.writes
 def command(
     scene_path: str,
     steps: int | None,
@@ -33,6 +39,7 @@ def command(
     seed: int,
     tolerance: float | None,
     path: str | None,
+    convention: Convention,
     as_json: bool,
     console: Console,
 ) -> int:
@@ -51,6 +58,7 @@ def command(
     scene = shared.read_scene(scene_path, console)
     frames = shared.frames_of(steps, scene)
     out = shared.output(path, scene_path, ".target.npz", ())
+    motions.check(out, convention, (scene_path,), gaps=observed < 1)
     from clothfit.capture import degrade
     from clothfit.fit import record_target
 
@@ -59,7 +67,7 @@ def command(
     recorded = record_target(scene, frames, tolerance)
     trust.warn_of_stretch(scene, recorded, console)
     motion = degrade(recorded, noise, observed, every, seed, fps)
-    out.write(shared.motion_data(motion))
+    motions.write(motion, out, scene, convention, console)
     seen = 1.0 if motion.observed is None else float(motion.observed.mean())
     spoiled = f"noise {metres(noise)}" if noise else "no noise"
     console.say(f"{scene.name}: {len(motion.times)} frames, {seen:.0%} seen, {spoiled} → {out.name}")

@@ -27,6 +27,9 @@ class Format(NamedTuple):
     module: str  # in this package
     axes: Axes  # where the file does not tell
     writes: bool = True  # whether it can be written
+    times: bool = True  # whether it tells when its frames are
+    markers: bool = False  # whether it holds markers, which need not be all vertices and may have gaps
+    faces: bool = True  # whether it has a place for them
     extra: str | None = None  # the optional extra of this package that installs what it needs
     library: str | None = None  # which library that is
 
@@ -34,14 +37,15 @@ class Format(NamedTuple):
 RIGHT = Axes("y", "right", 1.0)
 
 FORMATS = (
-    Format("OBJ sequence", (".obj",), "obj", RIGHT),
-    Format("PC2 point cache", (".pc2",), "pc2", RIGHT),
-    Format("MDD point cache", (".mdd",), "mdd", RIGHT),
+    Format("OBJ sequence", (".obj",), "obj", RIGHT, times=False),
+    Format("PC2 point cache", (".pc2",), "pc2", RIGHT, times=False, faces=False),
+    Format("MDD point cache", (".mdd",), "mdd", RIGHT, faces=False),
     Format("USD", (".usd", ".usda", ".usdc"), "usd", RIGHT, extra="usd", library="pxr"),
-    Format("glTF", (".glb",), "glb", RIGHT, extra="gltf", library="pygltflib"),
-    Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), extra="c3d", library="ezc3d"),
-    Format("TRC markers", (".trc",), "trc", Axes("y", "right", 0.001)),
-    Format("CSV markers", (".csv",), "csv", RIGHT),
+    Format("glTF", (".glb",), "glb", RIGHT),
+    Format("PLY mesh", (".ply",), "ply", RIGHT, writes=False, times=False),
+    Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), markers=True, faces=False),
+    Format("TRC markers", (".trc",), "trc", Axes("y", "right", 0.001), markers=True, faces=False),
+    Format("CSV markers", (".csv",), "marker_table", RIGHT, markers=True, faces=False),
 )
 """Besides `.npz` and `.npy`, which are this program's own (`motion`), in the scene's axes.
 
@@ -53,14 +57,22 @@ NATIVE = (".npz", ".npy")
 
 def format_of(path: str | os.PathLike[str]) -> Format | None:
     """The format of a file by its suffix; None for this program's own. Raises InvalidInput for any other suffix."""
-    suffix = os.path.splitext(os.fspath(path))[1].lower()
-    if suffix in NATIVE:
-        return None
-    for each in FORMATS:
-        if suffix in each.suffixes:
-            return each
-    known = ", ".join([NATIVE[0], *(suffix for each in FORMATS for suffix in each.suffixes)])
-    raise InvalidInput(f"{os.fspath(path)}: motions are not kept in files of that suffix; known are {known}")
+    found = foreign(path)
+    if found is None and suffix_of(path) not in NATIVE:
+        known = ", ".join([NATIVE[0], *(suffix for each in FORMATS for suffix in each.suffixes)])
+        raise InvalidInput(f"{os.fspath(path)}: motions are not kept in files of that suffix; known are {known}")
+    return found
+
+
+def foreign(path: object) -> Format | None:
+    """The format of another program's file by its suffix; None for all else, in which this program's may be."""
+    suffix = suffix_of(path) if isinstance(path, (str, os.PathLike)) else ""
+    return next((each for each in FORMATS if suffix in each.suffixes), None)
+
+
+def suffix_of(path: str | os.PathLike[str]) -> str:
+    """The suffix of a file's name, in lower case."""
+    return os.path.splitext(os.fsdecode(path))[1].lower()
 
 
 def module_of(found: Format) -> Any:
@@ -74,4 +86,4 @@ def module_of(found: Format) -> Any:
     return import_module(f"clothfit.formats.{found.module}")
 
 
-__all__ = ["FORMATS", "NATIVE", "RIGHT", "SCENE", "Format", "format_of", "module_of"]
+__all__ = ["FORMATS", "NATIVE", "RIGHT", "SCENE", "Format", "foreign", "format_of", "module_of", "suffix_of"]

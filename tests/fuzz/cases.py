@@ -20,7 +20,7 @@ import numpy as np
 
 from clothfit.checkpoint import FORMAT, checksum
 from clothfit.cli.program import run
-from fuzz.mutations import KINDS, damaged, motion, scene
+from fuzz.mutations import KINDS, damaged, motion, scene, with_token
 
 CODES = (0, 3, 4, 5)
 """The exit codes that a file can lead to: done, invalid, diverged, not converged."""
@@ -40,6 +40,11 @@ COMMANDS = {
     "motion": [
         ("evaluate", "good.json", "good.json", "--steps", "3", "--target", "{file}"),
     ],
+    "foreign": [
+        ("evaluate", "good.json", "good.json", "--steps", "3", "--target", "{file}", "-q"),
+        ("convert", "{file}", "out.mdd", "-q"),
+        ("convert", "{file}", "out.npz", "--scene", "good.json", "--frames", ":1", "-q"),
+    ],
     "checkpoint": [
         ("estimate", "good.json", "--target", "good.npz", "--resume", "--checkpoint", "{file}", *FIT),
     ],
@@ -55,6 +60,12 @@ FITS = {
 """Commands that take longer, tried more rarely."""
 
 
+SUFFIXES = {"scene": ".json", "motion": ".npz", "checkpoint": ".checkpoint"}
+TEXTS = (".obj", ".trc", ".csv")
+FOREIGN = (*TEXTS, ".pc2", ".mdd", ".glb", ".c3d")
+"""Suffixes of motions of other programs; there is a good file of each. USD, in a process of its own, is slow."""
+
+
 @dataclass(frozen=True)
 class Case:
     """A command with the name of its hostile file, and that file's content."""
@@ -62,6 +73,7 @@ class Case:
     kind: str
     arguments: tuple[str, ...]
     data: bytes
+    suffix: str = ""  # where the kind does not say it
 
 
 @dataclass(frozen=True)
@@ -82,6 +94,9 @@ def workplace(folder: str, warm: bool = True) -> Iterator[None]:
     try:
         Path("good.json").write_text(json.dumps(scene()))
         np.savez("good.npz", **motion())  # type: ignore[arg-type]
+        np.savez("whole.npz", positions=motion()["positions"][:1])
+        for suffix in FOREIGN:
+            judged(("convert", "whole.npz", f"good{suffix}", "--fps", "50", "--scene", "good.json"))
         arguments = ("estimate", "good.json", "--target", "good.npz", "--checkpoint", "good.checkpoint", *FIT)
         if warm:  # compiling is not what is timed
             judged(("warmup",))
@@ -93,10 +108,19 @@ def workplace(folder: str, warm: bool = True) -> Iterator[None]:
 
 def case(chance: Random) -> Case:
     """A case by chance; in a workplace."""
-    kind = chance.choices(["scene", "motion", "checkpoint"], [60, 38, 2])[0]
+    kind = chance.choices(["scene", "motion", "foreign", "checkpoint"], [55, 33, 10, 2])[0]
+    if kind == "foreign":
+        suffix = chance.choice(FOREIGN)
+        return Case(kind, chance.choice(COMMANDS[kind]), foreign_bytes(chance, suffix), suffix)
     data = checkpoint_bytes(chance) if kind == "checkpoint" else KINDS[kind](chance)
     commands = FITS[kind] if kind in FITS and chance.random() < 0.05 else COMMANDS[kind]
     return Case(kind, chance.choice(commands), data)
+
+
+def foreign_bytes(chance: Random, suffix: str) -> bytes:
+    """A damaged motion of another program; of a text, often one with another word in it."""
+    data = Path(f"good{suffix}").read_bytes()
+    return with_token(chance, data) if suffix in TEXTS and chance.random() < 0.6 else damaged(chance, data)
 
 
 def checkpoint_bytes(chance: Random) -> bytes:
@@ -116,7 +140,7 @@ def checkpoint_bytes(chance: Random) -> bytes:
 
 def tried(one: Case, slow: float = SLOW) -> Verdict:
     """Do a case; in a workplace. More than `slow` seconds are a fault."""
-    name = f"case.{'json' if one.kind == 'scene' else 'npz' if one.kind == 'motion' else 'checkpoint'}"
+    name = f"case{one.suffix or SUFFIXES[one.kind]}"
     Path(name).write_bytes(one.data)
     return judged(tuple(argument.replace("{file}", name) for argument in one.arguments), slow)
 

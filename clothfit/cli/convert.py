@@ -1,0 +1,160 @@
+"""`clothfit convert`: a motion from one format to another."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from clothfit.cli import motions, shared
+from clothfit.cli.console import Console, metres
+from clothfit.convention import Convention, Reading
+from clothfit.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from clothfit.arrays import Indices
+    from clothfit.axes import Axes
+    from clothfit.foreign import Loaded
+    from clothfit.scene import Scene
+
+
+LEAST = 1e-12
+"""m: a rounding that is worth a word."""
+
+
+@shared.command("convert")
+@click.argument("in_path", metavar="IN")
+@click.argument("out_path", metavar="OUT")
+@click.option("--scene", "scene_path", metavar="SCENE", help="Whose motion it is: checks it, gives times and faces.")
+@click.option("--mesh", "mesh_path", metavar="FILE", help="Whose faces to write: of any format that has some.")
+@motions.reads
+@partial(motions.axes, prefix="to-", what="OUT")
+def command(
+    in_path: str,
+    out_path: str,
+    scene_path: str | None,
+    mesh_path: str | None,
+    reading: Reading,
+    to_scale: float | None,
+    to_up: str | None,
+    to_handedness: str | None,
+    as_json: bool,
+    console: Console,
+) -> int:
+    """Convert a motion from the format of IN to that of OUT, by their suffixes.
+
+    A sequence of OBJ files is written as one name, with * in place of the frames' numbers. --scale, --up,
+    --handedness, --fps, --frames and --map are about IN.
+
+    \b
+    clothfit convert scene.motion.npz 'frames/cloth_*.obj' --scene scene.json
+    clothfit convert 'frames/cloth_*.obj' capture.npz --scene scene.json --fps 30
+    clothfit convert shirt.pc2 shirt.mdd --fps 24 --frames 0:100
+    clothfit convert shirt.pc2 shirt.usd --mesh shirt.obj --fps 24 --to-scale 0.01 --to-up z
+    """
+    convention = Convention(to_scale, to_up, to_handedness)
+    shared.one_stream(in_path, scene_path)
+    scene = None if scene_path is None else shared.read_scene(scene_path, console)
+    others = (scene_path, mesh_path, None if reading.markers is None else os.fspath(reading.markers))
+    out = place(in_path, out_path, others)
+    motions.check(out, convention, (in_path, *others))
+    mesh = None if mesh_path is None else mesh_faces(mesh_path)
+    loaded = motions.load(in_path, scene, reading, console)
+    if scene is not None:
+        loaded = of_scene(loaded, scene, out)
+    faces = chosen_faces(mesh, loaded, mesh_path)
+    told = written(loaded, out, scene, faces, convention, console)
+    if as_json:
+        account = loaded.account.summary()
+        summary = {name: account[name] for name in ("frames", "points")}
+        summary |= {"seconds": account["duration"], "reading": [account], **told, "output": out.path}
+        shared.print_json("convert", summary, out)
+    return 0
+
+
+def place(in_path: str, out_path: str, others: tuple[str | None, ...]) -> shared.Output:
+    """Where the motion goes, checked. Raises InvalidInput."""
+    from clothfit.formats import format_of
+
+    if out_path != shared.STREAM:
+        format_of(out_path)
+    return shared.output(out_path, in_path, "", others)
+
+
+def mesh_faces(path: str) -> tuple[int, Indices]:
+    """The number of points, and the faces in the scene's axes, of a mesh. Raises InvalidInput where it has none."""
+    from clothfit import foreign
+
+    mesh = foreign.load(path, None, Reading(frames=":1"))
+    if mesh.triangles is None:
+        raise InvalidInput(f"--mesh: {path} has no faces")
+    return mesh.account.points, mesh.triangles
+
+
+def of_scene(loaded: Loaded, scene: Scene, out: shared.Output) -> Loaded:
+    """The same with the scene's faces; for another program by the vertices of the mesh that it knows."""
+    from clothfit.formats import foreign
+    from clothfit.motion_files import for_tools, triangles_of
+
+    found = foreign(out.path)
+    if found is None:
+        return replace(loaded, triangles=triangles_of(scene))
+    motion, faces = for_tools(loaded.motion, scene, found)
+    return replace(loaded, motion=motion, triangles=faces)
+
+
+def chosen_faces(mesh: tuple[int, Indices] | None, loaded: Loaded, mesh_path: str | None) -> Indices | None:
+    """The faces to write: those of the mesh, else of the scene or the file. Raises InvalidInput."""
+    points = loaded.motion.positions.shape[1]
+    if mesh is not None and mesh[0] != points:
+        raise InvalidInput(f"--mesh: {mesh_path} has {mesh[0]} vertices, the motion has {points}")
+    if mesh is not None:
+        return mesh[1]
+    return loaded.triangles
+
+
+def written(
+    loaded: Loaded,
+    out: shared.Output,
+    scene: Scene | None,
+    faces: Indices | None,
+    convention: Convention,
+    console: Console,
+) -> dict[str, Any]:
+    """Write the motion; what --json says of that."""
+    from clothfit.axes import SCENE
+    from clothfit.formats import foreign
+    from clothfit.motion_files import archive
+
+    count = 0 if faces is None else len(faces)
+    found = foreign(out.path)
+    if found is None:
+        known = loaded.timed or scene is not None
+        out.write(archive(loaded.motion, known, faces))
+        untimed = "" if known else "; without times, as IN has none (--fps)"
+        console.say(f"{out.name}: y up, left-handed, metres{untimed}")
+        return {"written": {**SCENE._asdict(), "faces": count, "largest_rounding": 0.0}}
+    if faces is None and found.faces:
+        console.say(f"{out.name}: gets points only, no faces; --scene or --mesh has some")
+    axes = motions.write_foreign(loaded.motion, out, convention, console, faces, loaded.names, loaded.timed)
+    rounding = largest_rounding(loaded, out.path, axes)
+    if rounding is not None and rounding > LEAST:
+        console.say(f"{out.name}: its positions are rounded by {metres(rounding)} at most")
+    return {"written": {**axes._asdict(), "faces": count, "largest_rounding": rounding}}
+
+
+def largest_rounding(loaded: Loaded, path: str, axes: Axes) -> float | None:
+    """How far any position, m, is from what was to be written, when the file is read; None where that is not told."""
+    import numpy as np
+
+    from clothfit import foreign
+
+    back = foreign.load(path, None, Reading(axes.scale, axes.up, axes.handedness)).motion.positions
+    meant = loaded.motion.positions
+    if back.shape != meant.shape:
+        return None
+    seen = slice(None) if loaded.motion.observed is None else loaded.motion.observed
+    return float(np.abs(back[seen] - meant[seen]).max(initial=0.0))

@@ -1,0 +1,209 @@
+"""What commands have in common that read or write motions of other programs: options, what is told, what is written."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from functools import wraps
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from clothfit.cli import shared
+from clothfit.cli.console import Console
+from clothfit.convention import CHOICES, Convention, Reading
+from clothfit.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from clothfit.arrays import Array, Indices
+    from clothfit.axes import Axes
+    from clothfit.foreign import Loaded
+    from clothfit.motion import Motion
+    from clothfit.scene import Scene
+
+UNEVEN = 1e-3
+"""Of a time step: differences between steps that are no rounding."""
+
+
+def axes(function: shared.F, prefix: str = "", what: str = "the motion file", whose: str = "the format's") -> shared.F:
+    """Add the options that say how a file's coordinates are meant, else as `whose` are."""
+    up, hands = (click.Choice(CHOICES[name]) for name in ("up", "handedness"))
+    own = f"[default: {whose}]"
+    for option in (
+        click.option(f"--{prefix}handedness", type=hands, help=f"Of {what}'s axes.  {own}"),
+        click.option(f"--{prefix}up", type=up, help=f"Axis of {what} that points up.  {own}"),
+        click.option(f"--{prefix}scale", type=float, metavar="M", help=f"Metres per unit of {what}.  {own}"),
+    ):
+        function = option(function)
+    return function
+
+
+def reads(function: Callable[..., int]) -> Callable[..., int]:
+    """Add the options that say what a motion file does not; they come as one argument, `reading`."""
+
+    @wraps(function)
+    def reading(
+        scale: float | None,
+        up: str | None,
+        handedness: str | None,
+        read_fps: float | None,
+        frames: str | None,
+        markers: str | None,
+        **rest: Any,
+    ) -> int:
+        said = Reading(scale, up, handedness, read_fps, frames, markers)
+        if not said.plain and not any(rest.get(name) for name in ("target_path", "target_paths", "in_path")):
+            raise click.UsageError(
+                "--scale, --up, --handedness, --fps, --frames and --map are about the motion of --target; add that",
+                click.get_current_context(),
+            )
+        return function(**rest, reading=said)
+
+    by_default = "[default: by its times, else one per time step]"
+    made: Callable[..., int] = reading
+    for option in (
+        click.option("--map", "markers", metavar="FILE", help="CSV: marker, object, vertex.  [default: the nearest]"),
+        click.option("--frames", metavar="A:B", help="Of the motion file, as of a Python list.  [default: all]"),
+        click.option("--fps", "read_fps", type=float, metavar="F", help=f"Of the motion file.  {by_default}"),
+    ):
+        made = option(made)
+    return axes(made, whose="the file's, else the format's")
+
+
+def writes(function: Callable[..., int]) -> Callable[..., int]:
+    """Add the options that say how a motion file is written; they come as one argument, `convention`."""
+
+    @wraps(function)
+    def convention(scale: float | None, up: str | None, handedness: str | None, **rest: Any) -> int:
+        return function(**rest, convention=Convention(scale, up, handedness))
+
+    return axes(convention)
+
+
+def read(
+    path: str, scene: Scene, reading: Reading, console: Console, told: list[dict[str, Any]] | None = None
+) -> Motion:
+    """Load a motion of the scene from a path or standard input; what was assumed is said, and added to `told`."""
+    from clothfit.formats import foreign
+
+    assumed = foreign(path) is not None or not reading.plain
+    loaded = load(path, scene, reading, console, assumed)
+    if assumed and told is not None:
+        told.append(loaded.account.summary())
+    return loaded.motion
+
+
+def load(path: str, scene: Scene | None, reading: Reading, console: Console, assumed: bool = True) -> Loaded:
+    """Load a motion from a path or standard input, and say what was assumed, where anything was."""
+    from clothfit import foreign
+
+    loaded = foreign.load(sys.stdin.buffer if path == shared.STREAM else path, scene, reading)
+    if assumed:
+        console.say(str(loaded.account))
+    for doubt in loaded.account.doubts:
+        console.warn(doubt)
+    return loaded
+
+
+def told_of(told: list[dict[str, Any]]) -> dict[str, Any]:
+    """What --json says of the files of other programs that were read."""
+    return {"reading": told} if told else {}
+
+
+def check(
+    out: shared.Output,
+    convention: Convention,
+    inputs: Iterable[str | None],
+    frames: int | None = None,
+    gaps: bool = False,
+) -> None:
+    """Check, before long work, that a motion of so many frames (None: not known yet) can be written, with or without
+    `gaps`, and not over any of the `inputs`. Raises InvalidInput.
+    """
+    from clothfit.formats import foreign
+    from clothfit.motion_files import check_gaps, check_place, sources
+
+    found = foreign(out.path)
+    if found is None:
+        if convention != Convention():
+            raise InvalidInput(
+                f"{out.name}: .npz has the scene's axes and metres; leave --scale, --up, --handedness out"
+            )
+        return
+    check_place(out.path, frames)
+    if gaps:
+        check_gaps(found)
+    read = [file for path in inputs if path not in (None, shared.STREAM) for file in sources(str(path))]
+    for path in there(out.path):
+        if any(shared.same_file(path, each) for each in read):
+            raise InvalidInput(f"cannot write {path}: it is an input, which is never written over; name another")
+
+
+def there(path: str) -> list[str]:
+    """The files that a motion of that name may be written over."""
+    from clothfit.formats.obj import ANY, numbered
+
+    return [each for _, each in numbered(path)] if ANY in path else [path]
+
+
+def write(
+    motion: Motion,
+    out: shared.Output,
+    scene: Scene,
+    convention: Convention,
+    console: Console,
+    extra: Mapping[str, Array] | None = None,
+) -> None:
+    """Write a motion of the scene to its file or files, with other arrays beside it where they can hold any."""
+    from clothfit.formats import foreign
+    from clothfit.motion_files import for_tools
+
+    found = foreign(out.path)
+    if found is None:
+        out.write(shared.motion_data(motion, extra))
+        return
+    if extra:
+        console.warn(f"{out.name}: holds positions only; what --energy tells is kept in .npz")
+    whole, faces = for_tools(motion, scene, found)
+    write_foreign(whole, out, convention, console, triangles=faces)
+
+
+def write_foreign(
+    motion: Motion,
+    out: shared.Output,
+    convention: Convention,
+    console: Console,
+    triangles: Indices | None = None,
+    names: tuple[str, ...] | None = None,
+    timed: bool = True,
+) -> Axes:
+    """Write a motion as another program has it; says and returns which axes it got."""
+    from clothfit import motion_files
+    from clothfit.formats import foreign
+
+    found = foreign(out.path)
+    assert found is not None
+    motion_files.check_place(out.path, len(motion.times))
+    meant = convention.axes(found.axes)
+    made = motion_files.animation(motion, found, meant, triangles, names)
+    files = motion_files.files(out.path, found, made)
+    if motion.weights is not None:
+        console.warn(f"{out.name}: has no place for weights; .npz has")
+    with shared.uninterrupted():
+        for path, data in files.items():
+            shared.Output(path).put(data)
+    console.say(f"{out.name}: {found.name}, {meant}{without_times(motion) if timed and not found.times else ''}")
+    if found.times and motion.times[0] != 0:
+        start = f"begins at {motion.times[0]:g} s; other programs' files are taken to begin where the scene does"
+        console.warn(f"{out.name}: {start}")
+    return meant
+
+
+def without_times(motion: Motion) -> str:
+    """What to say where a format has no times."""
+    steps = motion.times[1:] - motion.times[:-1]
+    if not len(steps):
+        return ""
+    if steps.max() - steps.min() > UNEVEN * steps.max():
+        return "; it has no times, and those of the frames are uneven: they are lost"
+    return f"; it has no times: there are {len(steps) / (motion.times[-1] - motion.times[0]):.6g} frames a second"

@@ -1,0 +1,189 @@
+"""Markers in C3D files, as motion-capture systems write them.
+
+Each frame has four numbers for each point, either integers or float32: its position, and a residual, below 0 where it
+was not seen; and then analog samples, which are passed over. The file tells its rate, its unit (millimetres where it
+does not), the labels of the points, and which axis is up on the screen (z where it does not); it is right-handed.
+Points that are listed as angles, forces and the like are no positions, and are left out. Files are written with
+float32.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothfit.animation import Animation
+from clothfit.arrays import Array
+from clothfit.axes import Axes
+from clothfit.errors import InvalidMotion
+from clothfit.formats.c3d_parameters import BLOCK, INTEGER, INTEL, KEY, REAL, TEXT, Parameters
+from clothfit.formats.demands import rated, seen
+from clothfit.formats.files import check_room, content, name_of
+from clothfit.formats.markers import UNITS, label, labels_of, seen_by, unit_of
+from clothfit.output import Data
+from clothfit.words import shown
+
+MOST = 65535
+"""Largest 16-bit number: points, and frames but for those that the group TRIAL tells."""
+
+OTHERS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
+"""Parameters of the group POINT that list labels of what is not a position."""
+
+UPS = {"Y": "y", "Z": "z"}
+
+
+def read(path: str | os.PathLike[str]) -> Animation:
+    """The markers of a file; those that were not seen are NaN. Raises InvalidMotion."""
+    name = name_of(path)
+    found = Parameters(content(path), name)
+    notes: list[str] = []
+    with np.errstate(all="ignore"):  # whatever is not a number is a gap
+        positions = _positions(found, path)
+    names = _labels(found, positions.shape[1])
+    others = {label(each) for kind in OTHERS for each in found.texts("POINT", kind)}
+    kept = [i for i, each in enumerate(names) if each not in others]
+    if len(kept) < len(names):
+        notes.append(f"{len(names) - len(kept)} of its points are angles, forces or the like and are left out")
+    rate = next(iter(found.values("POINT", "RATE")), found.real(11))
+    times = np.arange(len(positions)) / rate if 0 < rate < np.inf else None
+    axes = Axes(_up(found, notes), "right", _scale(found, notes))
+    return seen_by(positions[:, kept], axes, times, [names[i] for i in kept], notes, name)
+
+
+def _positions(found: Parameters, path: str | os.PathLike[str]) -> Array:
+    """Positions (frames, points, 3), NaN where a point was not seen."""
+    points = int(next(iter(found.values("POINT", "USED")), found.word(2)))
+    scale = next(iter(found.values("POINT", "SCALE")), found.real(7))
+    width = 4 if scale < 0 else 2  # bytes of a number
+    row = 4 * points + found.word(3)
+    start = (found.word(9) - 1) * BLOCK
+    there = max(len(found.data) - start, 0) // (width * row) if row and start > 0 else 0
+    frames = _frames(found, there)
+    if not points or frames < 1 or start <= 0:
+        raise InvalidMotion(f"{name_of(path)}: there are no markers in it")
+    if frames > there:
+        raise InvalidMotion(f"{name_of(path)}: it ends early: {frames} frames are promised, {there} are there")
+    check_room(frames * row * 8 * 4, path)
+    if width == 4:
+        table: NDArray[np.float64] = found.reals(start, frames * row).astype(np.float64)
+    else:
+        table = np.frombuffer(found.data, f"{found.order}i2", frames * row, start).astype(np.float64)
+    table = table.reshape(frames, row)[:, : 4 * points].reshape(frames, points, 4)
+    return np.where(table[..., 3:] < 0, np.nan, table[..., :3] * (1.0 if width == 4 else scale))
+
+
+def _frames(found: Parameters, there: int) -> int:
+    """How many frames are promised. Beyond 65535 the group TRIAL tells, or nobody: then as many as there are."""
+    limits = [found.values("TRIAL", f"ACTUAL_{end}_FIELD") for end in ("START", "END")]
+    if all(len(each) == 2 for each in limits):
+        first, last = (int(low) + 65536 * int(high) for low, high in limits)
+        return last - first + 1
+    count = found.word(5) - found.word(4) + 1
+    return there if found.word(5) == MOST and there > count else count
+
+
+def _labels(found: Parameters, count: int) -> list[str]:
+    """One for each point; more than 255 are in LABELS2, LABELS3 and so on."""
+    names: list[str] = []
+    for more in ("", *map(str, range(2, 2 + count // 255))):
+        names += [label(each) for each in found.texts("POINT", f"LABELS{more}")]
+    return [names[i] if i < len(names) and names[i] else f"marker {i + 1}" for i in range(count)]
+
+
+def _scale(found: Parameters, notes: list[str]) -> float:
+    """m per unit."""
+    told = next(iter(found.texts("POINT", "UNITS")), "")
+    if told.lower() in UNITS:
+        return UNITS[told.lower()]
+    notes.append(f"its unit is {shown(told)}, taken for mm" if told else "it does not tell its unit, so it is mm")
+    return UNITS["mm"]
+
+
+def _up(found: Parameters, notes: list[str]) -> str:
+    told = next(iter(found.texts("POINT", "Y_SCREEN")), "").upper().removeprefix("+")
+    if told in UPS:
+        return UPS[told]
+    notes.append("it does not tell which axis is up, so it is z")
+    return "z"
+
+
+def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
+    """The file: float32 as on Intel's processors. Raises InvalidMotion where frames are not at an even rate, or there
+    are more points than the format can number.
+    """
+    unit, factor = unit_of(animation.axes)
+    positions = seen(animation) * factor
+    rate = rated(path, animation)
+    frames, points = positions.shape[:2]
+    table = np.zeros((frames, points, 4), "<f4")
+    known = np.isfinite(positions).all(axis=2)
+    table[known, :3] = positions[known]
+    table[~known, 3] = -1
+    data_start = 2 + len(_parameters(animation, rate, unit, 0)) // BLOCK  # first only to know how long they are
+    parameters = _parameters(animation, rate, unit, data_start)
+    if points > MOST or len(parameters) > 255 * BLOCK:
+        raise InvalidMotion(f"{name_of(path)}: {points} points are more than C3D can name; write another format")
+    last = min(frames, MOST)
+    header = struct.pack("<BBHHHHHfHHf", 2, KEY, points, 0, 1, last, 0, -1.0, data_start, 0, rate)
+    return {os.fspath(path): header.ljust(BLOCK, b"\0") + parameters + _padded(table.tobytes())}
+
+
+def _parameters(animation: Animation, rate: float, unit: str, data_start: int) -> bytes:
+    """The section of parameters, of whole blocks."""
+    frames, points = animation.positions.shape[:2]
+    records = [
+        _group(1, "POINT"),
+        _integers(1, "USED", points),
+        _reals(1, "SCALE", -1.0),
+        _reals(1, "RATE", rate),
+        _integers(1, "DATA_START", data_start),
+        _integers(1, "FRAMES", min(frames, MOST)),
+        _strings(1, "UNITS", [unit], plain=True),
+        _strings(1, "X_SCREEN", ["+X"], plain=True),
+        _strings(1, "Y_SCREEN", [f"+{animation.axes.up.upper()}"], plain=True),
+    ]
+    names = labels_of(animation)
+    for part, first in enumerate(range(0, max(points, 1), 255)):
+        more = "" if part == 0 else str(part + 1)
+        records.append(_strings(1, f"LABELS{more}", names[first : first + 255]))
+        records.append(_strings(1, f"DESCRIPTIONS{more}", [""] * len(names[first : first + 255])))
+    records += [_group(2, "ANALOG"), _integers(2, "USED", 0), _reals(2, "RATE", rate), _reals(2, "GEN_SCALE", 1.0)]
+    records += [_group(3, "TRIAL"), _integers(3, "ACTUAL_START_FIELD", 1, 0)]
+    records += [_integers(3, "ACTUAL_END_FIELD", frames % 65536, frames // 65536)]
+    body = b"".join(records) + b"\0\0"
+    blocks = -(-(len(body) + 4) // BLOCK)
+    return _padded(bytes([1, KEY, min(blocks, 255), INTEL]) + body)
+
+
+def _group(number: int, name: str) -> bytes:
+    return struct.pack("bb", len(name), -number) + name.encode() + struct.pack("<HB", 3, 0)
+
+
+def _record(number: int, name: str, kind: int, sizes: list[int], data: bytes) -> bytes:
+    """A parameter: the distance to the next counts from its own place."""
+    rest = struct.pack("bB", kind, len(sizes)) + bytes(sizes) + data + b"\0"
+    return struct.pack("bb", len(name), number) + name.encode() + struct.pack("<H", len(rest) + 2) + rest
+
+
+def _integers(number: int, name: str, *values: int) -> bytes:
+    sizes = [len(values)] if len(values) > 1 else []
+    return _record(number, name, INTEGER, sizes, struct.pack(f"<{len(values)}H", *values))
+
+
+def _reals(number: int, name: str, value: float) -> bytes:
+    return _record(number, name, REAL, [], struct.pack("<f", value))
+
+
+def _strings(number: int, name: str, texts: list[str], plain: bool = False) -> bytes:
+    """Strings of one width, filled with spaces; `plain`: the only one, which is no list."""
+    coded = [text.encode()[:127] for text in texts]
+    width = max(1, *map(len, coded)) if coded else 1
+    sizes = [width] if plain else [width, len(coded)]
+    return _record(number, name, TEXT, sizes, b"".join(each.ljust(width) for each in coded))
+
+
+def _padded(data: bytes) -> bytes:
+    return data + bytes(-len(data) % BLOCK)

@@ -1,0 +1,56 @@
+"""What formats demand of an animation that not every one has: times, an even rate; and its gaps as NaN."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from clothfit.animation import Animation
+from clothfit.arrays import Array
+from clothfit.errors import InvalidMotion
+from clothfit.formats.files import name_of
+
+RATE = 30.0
+"""Frames per second, where nobody tells and a format must."""
+
+EVEN = 1e-3
+"""How far a frame may be from its place, as a share of the time between two, to count as at an even rate."""
+
+
+def seen(animation: Animation) -> Array:
+    """The positions, NaN where they were not seen."""
+    if animation.observed is None:
+        return animation.positions
+    return np.where(animation.observed[..., None], animation.positions, np.nan)
+
+
+def times_of(animation: Animation) -> Array:
+    """Times of the frames, s; at RATE where they are not known."""
+    return np.arange(len(animation.positions)) / RATE if animation.times is None else animation.times
+
+
+def rate_of(animation: Animation) -> float | None:
+    """Frames per second; None where they are not at an even rate."""
+    times = times_of(animation)
+    if len(times) < 2:
+        return RATE
+    step = float(times[-1] - times[0]) / (len(times) - 1)
+    away = np.abs(times - times[0] - step * np.arange(len(times)))
+    return rounded(1 / step) if away.max() <= EVEN * step else None
+
+
+def rated(path: str | os.PathLike[str], animation: Animation) -> float:
+    """Frames per second, for formats that have one number for it. Raises InvalidMotion where there is none."""
+    rate = rate_of(animation)
+    if rate is None:
+        raise InvalidMotion(
+            f"{name_of(path)}: frames that are not at equal distances in time cannot be written; use .trc or .csv"
+        )
+    return rate
+
+
+def rounded(rate: float) -> float:
+    """A rate without the rounding of the times that it was found from: 50, not 49.99999999999999."""
+    plain = float(f"{rate:.9g}")
+    return plain if abs(plain - rate) <= 1e-12 * rate else rate

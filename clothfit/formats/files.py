@@ -1,0 +1,51 @@
+"""Foreign files: their bytes, with every failure told as one sentence that names the file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from clothfit import memory
+from clothfit.errors import InvalidMotion
+from clothfit.memory import human
+from clothfit.reading import MOST_TEXT, whole
+from clothfit.steady import steady
+
+COPIES = 2
+"""Of all positions, that are in memory while they are turned into the scene's axes."""
+
+
+def name_of(path: str | os.PathLike[str]) -> str:
+    """What to call a file in messages."""
+    return os.path.basename(os.fspath(path)) or os.fspath(path)
+
+
+@contextmanager
+def refused(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn what the block raises of a file that cannot be read into an InvalidMotion."""
+    try:
+        yield
+    except InvalidMotion:
+        raise
+    except FileNotFoundError:
+        raise InvalidMotion(f"{name_of(path)}: there is no such file") from None
+    except IsADirectoryError:
+        raise InvalidMotion(f"{name_of(path)}: is a folder, a file with a motion is needed") from None
+    except (OSError, ValueError) as error:  # ValueError: no possible name
+        reason = getattr(error, "strerror", None) or error
+        raise InvalidMotion(f"{name_of(path)}: cannot be read: {reason}") from None
+
+
+def content(path: str | os.PathLike[str], most: int | None = MOST_TEXT) -> bytes:
+    """All that is in a file of at most `most` bytes (None: what fits into memory). Raises InvalidMotion."""
+    with refused(path), steady(path) as file:
+        data: bytes = whole(file, most)
+        return data
+
+
+def check_room(needed: int, path: str | os.PathLike[str]) -> None:
+    """Raise InvalidMotion where what is in a file takes more bytes than are free."""
+    if (free := memory.missing(needed)) is not None:
+        name = name_of(path)
+        raise InvalidMotion(f"{name}: takes {human(needed)} of memory, {human(free)} are free; keep fewer frames")

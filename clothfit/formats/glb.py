@@ -1,0 +1,153 @@
+"""Motions in GLB files (binary glTF 2.0): the first frame, and morph targets that are added to it by animated weights.
+
+glTF is y up, right-handed and in metres; numbers are float32. A target for each frame would be large and slow, so the
+motion is written on the fewest targets (`morphs`) that keep every vertex within `TOLERANCE`, in the file's unit, or
+within that share of the cloth's size where that is less. What was kept and the largest error stand in the `extras` of
+the mesh. Reading: the frames are the keys of the animation; of several meshes those whose weights are animated are the
+cloth. Skeletons are not followed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothfit.animation import Animation
+from clothfit.arrays import Array
+from clothfit.errors import InvalidMotion
+from clothfit.formats import RIGHT
+from clothfit.formats.demands import times_of
+from clothfit.formats.files import check_room, name_of
+from clothfit.formats.gltf import BIN_CHUNK, JSON_CHUNK, MAGIC, Document
+from clothfit.formats.gltf_meshes import meshes_at
+from clothfit.formats.gltf_scene import animated, placed
+from clothfit.formats.morphs import Morphs, reduced
+from clothfit.memory import human
+from clothfit.output import Data
+
+TOLERANCE = 1e-5
+"""Largest error of a position in m, and as a share of the diagonal of the box around the motion."""
+
+MOST = 2**32 - 1
+"""Bytes of a GLB file: its length is told by 32 bits."""
+
+VERTICES, CORNERS = 34962, 34963  # what a buffer view is for
+FLOAT, UINT = 5126, 5125  # types of components
+POINTS, TRIANGLES = 0, 4  # kinds of primitives
+
+
+def read(path: str | os.PathLike[str]) -> Animation:
+    """The meshes of a file, one frame when nothing moves. Raises InvalidMotion."""
+    doc = Document(path)
+    nodes = list(placed(doc))
+    tracks, notes = animated(doc, nodes)
+    moving = [node for node in nodes if (node.node, "weights") in tracks]
+    if moving and len(moving) < len(nodes):
+        notes = (*notes, f"{len(nodes) - len(moving)} of its meshes have no animated shape and are left out")
+    used = {each for node in moving or nodes for each in (*node.above, node.node)}
+    tracks = {key: track for key, track in tracks.items() if key[0] in used}
+    if any(track.kind != "LINEAR" for track in tracks.values()):
+        notes = (*notes, "between the keys of its animation the motion is not straight; the keys are the frames")
+    times = np.unique(np.concatenate([np.zeros(0), *(track.times for track in tracks.values())]))
+    with np.errstate(all="ignore"):  # numbers beyond all sizes are told below
+        positions, triangles = meshes_at(doc, moving or nodes, tracks, times if len(times) else np.zeros(1))
+    if not np.isfinite(positions).all():
+        raise InvalidMotion(f"{doc.name}: some of its positions are not finite numbers")
+    faces = triangles if len(triangles) else None
+    return Animation(positions, RIGHT, times if len(times) else None, faces, notes=notes)
+
+
+def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
+    """The file, with the reduced motion. Every position must be known. Raises InvalidMotion where it would be too
+    long."""
+    positions = animation.positions
+    check_room(4 * positions.nbytes, path)
+    size = float(np.linalg.norm(np.ptp(positions.reshape(-1, 3), axis=0)))
+    morphs = reduced(positions, TOLERANCE * min(size, 1 / animation.axes.scale))
+    parts = _Parts()
+    document = _document(parts, morphs, animation)
+    numbers = b"".join(parts.pieces)
+    document["buffers"] = [{"byteLength": len(numbers)}]
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    length = 12 + 8 + len(text) + 8 + len(numbers)
+    if length > MOST:
+        raise InvalidMotion(f"{name_of(path)}: {human(length)} are more than a GLB file can have; keep fewer frames")
+    header = struct.pack("<4sII", MAGIC, 2, length)
+    chunks = struct.pack("<I4s", len(text), JSON_CHUNK), text, struct.pack("<I4s", len(numbers), BIN_CHUNK), numbers
+    return {os.fspath(path): b"".join([header, *chunks])}
+
+
+class _Parts:
+    """Numbers on their way into the second chunk, with the views and accessors that describe them."""
+
+    def __init__(self) -> None:
+        self.pieces: list[bytes] = []
+        self.views: list[dict[str, Any]] = []
+        self.accessors: list[dict[str, Any]] = []
+        self._length = 0  # a multiple of 4, as all numbers have 4 bytes
+
+    def add(self, values: NDArray[Any], kind: str, bounds: bool = False, **view: int) -> int:
+        """Append an array; the index of its accessor."""
+        data = values.tobytes()
+        self.views.append({"buffer": 0, "byteOffset": self._length, "byteLength": len(data), **view})
+        self.pieces.append(data)
+        self._length += len(data)
+        described: dict[str, Any] = {
+            "bufferView": len(self.views) - 1,
+            "componentType": FLOAT if values.dtype == np.float32 else UINT,
+            "count": values.size if kind == "SCALAR" else len(values),
+            "type": kind,
+        }
+        if bounds:
+            table = values.reshape(described["count"], -1)
+            described |= {"min": table.min(axis=0).tolist(), "max": table.max(axis=0).tolist()}
+        self.accessors.append(described)
+        return len(self.accessors) - 1
+
+
+def _document(parts: _Parts, morphs: Morphs, animation: Animation) -> dict[str, Any]:
+    """The JSON document, but for the length of the buffer."""
+    primitive: dict[str, Any] = {
+        "attributes": {"POSITION": parts.add(morphs.base, "VEC3", True, target=VERTICES)},
+        "mode": POINTS if animation.triangles is None else TRIANGLES,
+    }
+    if animation.triangles is not None:
+        primitive["indices"] = parts.add(animation.triangles.astype(np.uint32), "SCALAR", target=CORNERS)
+    mesh: dict[str, Any] = {"name": "cloth", "primitives": [primitive]}
+    document: dict[str, Any] = {
+        "asset": {"version": "2.0", "generator": "clothfit", "extras": {"axes": str(animation.axes)}},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"name": "cloth", "mesh": 0}],
+        "meshes": [mesh],
+        "accessors": parts.accessors,
+        "bufferViews": parts.views,
+    }
+    if len(animation.positions) > 1:
+        count = len(morphs.targets)
+        primitive["targets"] = [{"POSITION": parts.add(each, "VEC3", True, target=VERTICES)} for each in morphs.targets]
+        mesh["weights"] = [0.0] * count
+        mesh["extras"] = {
+            "targetNames": [f"shape {k}" for k in range(count)],
+            "targets": count,
+            "largestError": morphs.error,
+        }
+        document["animations"] = [_channel(parts, morphs.weights, times_of(animation))]
+    return document
+
+
+def _channel(parts: _Parts, weights: NDArray[Any], times: Array) -> dict[str, Any]:
+    """The animation: straight lines between the weights at the times, which glTF wants from 0 on."""
+    shifted = (times - min(times[0], 0.0)).astype(np.float32)
+    sampler = {"input": parts.add(shifted, "SCALAR", True), "output": parts.add(weights, "SCALAR")}
+    return {
+        "name": "motion",
+        "samplers": [{**sampler, "interpolation": "LINEAR"}],
+        "channels": [{"sampler": 0, "target": {"node": 0, "path": "weights"}}],
+    }

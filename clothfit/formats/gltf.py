@@ -1,0 +1,180 @@
+"""What a GLB file is made of: a JSON document, and beside it the numbers, which its accessors describe.
+
+glTF 2.0 specification, Khronos Group 2021, chapters 3.6 and 4.4; GLB is 12 bytes of header and two chunks. Whatever the
+document says of counts, offsets and indices is held against what is there before an array is made of it.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import os
+import struct
+from typing import Any
+
+import numpy as np
+
+from clothfit.arrays import Array
+from clothfit.errors import InvalidMotion
+from clothfit.formats.files import check_room, content, name_of
+from clothfit.words import named, shown
+
+MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", b"JSON", b"BIN\0"
+
+COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
+
+HARMLESS = ("KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_punctual")
+"""Beginnings of the names of extensions that a file may require: they do not change where its vertices are."""
+
+
+class Document:
+    """A GLB file, of which the parts are asked for by kind and index. Everything in it raises InvalidMotion."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path, self.name = path, name_of(path)
+        data = content(path)
+        self._size = len(data)
+        text, self._binary = self._chunks(data)
+        try:
+            self._json = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            reason = str(error) or "it is nested too deeply"
+            raise InvalidMotion(f"{self.name}: its JSON cannot be read ({reason[:100]})") from None
+        self._buffers: dict[int, bytes] = {}
+        self._taken = 0  # bytes of all arrays together: many parts may name the same numbers
+        self.root: dict[str, Any] = self.typed(self._json, dict, "an object", "its JSON")
+        self._check_extensions()
+
+    def _chunks(self, data: bytes) -> tuple[bytes, bytes]:
+        """The two chunks; the second may be missing."""
+        if data[:4] != MAGIC or len(data) < 20:
+            raise InvalidMotion(f"{self.name}: it is not a GLB file, which begins with glTF; export as .glb")
+        version, length = struct.unpack_from("<II", data, 4)
+        if version != 2:
+            raise InvalidMotion(f"{self.name}: it is of glTF version {version}; export version 2")
+        found: dict[bytes, bytes] = {}
+        place, end = 12, length
+        while place + 8 <= end:
+            size, kind = struct.unpack_from("<I4s", data, place) if place + 8 <= len(data) else (0, b"")
+            if place + 8 + size > len(data):
+                break
+            found.setdefault(kind, data[place + 8 : place + 8 + size])
+            place += 8 + size
+        if length > len(data) or place < end or JSON_CHUNK not in found:
+            raise InvalidMotion(f"{self.name}: it is cut off or damaged; export it again")
+        return found[JSON_CHUNK], found.get(BIN_CHUNK, b"")
+
+    def _check_extensions(self) -> None:
+        for each in self.items(self.root, "extensionsRequired"):
+            if not str(each).startswith(HARMLESS):
+                what = named(str(each))
+                raise InvalidMotion(f"{self.name}: it needs the extension {what}; export without it, uncompressed")
+
+    def insist(self, right: bool, value: Any, what: str, place: str) -> None:
+        """Raise InvalidMotion unless a value, which stands at a place, is what it must be."""
+        if not right:
+            where = f"{self.name}: {place}"
+            raise InvalidMotion(f"{where}: {shown(value)} is not {what}")
+
+    def typed(self, value: Any, kind: type, what: str, place: str) -> Any:
+        """A value of the document, when it is of a type; true and false are no numbers."""
+        self.insist(isinstance(value, kind) and not isinstance(value, bool), value, what, place)
+        return value
+
+    def items(self, owner: dict[str, Any], key: str) -> list[Any]:
+        """The list under a key; empty when it is missing."""
+        found: list[Any] = self.typed(owner.get(key, []), list, "a list", key)
+        return found
+
+    def item(self, kind: str, index: Any) -> dict[str, Any]:
+        """A part such as `nodes[2]`."""
+        return self.member(self.root, kind, index, kind)
+
+    def member(self, owner: dict[str, Any], key: str, index: Any, place: str) -> dict[str, Any]:
+        """An object in the list under a key."""
+        there = self.items(owner, key)
+        if type(index) is not int or not 0 <= index < len(there):
+            raise InvalidMotion(f"{self.name}: {place}[{shown(index)}] does not exist")
+        found: dict[str, Any] = self.typed(there[index], dict, "an object", f"{place}[{index}]")
+        return found
+
+    def whole(self, owner: dict[str, Any], key: str, default: int | None = 0) -> int:
+        """A count or an offset."""
+        value: int = self.typed(owner.get(key, default), int, "a whole number", key)
+        self.insist(0 <= value < 2**40, value, "a count of what can be in a file", key)
+        return value
+
+    def numbers(self, owner: dict[str, Any], key: str, default: list[float]) -> Array:
+        """A list of as many finite numbers as the default has."""
+        found = owner.get(key, default)
+        right = isinstance(found, list) and all(type(each) in (int, float) and abs(each) < 1e30 for each in found)
+        self.insist(right and len(found) == len(default), found, f"a list of {len(default)} numbers", key)
+        return np.array(found, np.float64)
+
+    def accessor(self, index: Any, kind: str) -> Array:
+        """The numbers (count, width) of an accessor of a type such as VEC3."""
+        described, place = self.item("accessors", index), f"accessors[{shown(index)}]"
+        self.insist(described.get("type") == kind, described.get("type"), f"the type {kind}", place)
+        count, width = self.whole(described, "count", None), WIDTHS[kind]
+        self.insist("bufferView" in described or count <= self._size, count, "a count of what can be in a file", place)
+        self._taken += 4 * 8 * count * width  # with what is computed from them
+        check_room(self._taken, self.path)
+        values = np.zeros((count, width))
+        if "bufferView" in described:
+            values[:] = self._stored(described, described, count, width, place)
+        if "sparse" in described:
+            sparse = self.typed(described["sparse"], dict, "an object", f"{place}.sparse")
+            self._replace(values, sparse, described, place)
+        return values
+
+    def _replace(self, values: Array, sparse: dict[str, Any], owner: dict[str, Any], place: str) -> None:
+        """Put the items of a sparse accessor that differ into `values`."""
+        count = self.whole(sparse, "count", None)
+        where = self.typed(sparse.get("indices"), dict, "an object", f"{place}.sparse.indices")
+        what = self.typed(sparse.get("values"), dict, "an object", f"{place}.sparse.values")
+        self.insist(count <= len(values), count, "a count of what can be in a file", f"{place}.sparse")
+        indices = self._stored(where, {"componentType": where.get("componentType")}, count, 1, place)[:, 0]
+        self.insist(bool((indices < len(values)).all()), "indices", "within the accessor", f"{place}.sparse")
+        values[indices.astype(np.int64)] = self._stored(what, owner, count, values.shape[1], place)
+
+    def _stored(self, where: dict[str, Any], form: dict[str, Any], count: int, width: int, place: str) -> Array:
+        """Numbers of a buffer view; integers that stand for fractions become those."""
+        component = self.whole(form, "componentType")
+        self.insist(component in COMPONENTS, component, "a type of component that glTF has", place)
+        dtype = np.dtype(COMPONENTS[component])
+        view = self.item("bufferViews", where.get("bufferView"))
+        buffer = self._buffer(view.get("buffer"))
+        begin, length = self.whole(view, "byteOffset"), self.whole(view, "byteLength")
+        size, offset = dtype.itemsize * width, self.whole(where, "byteOffset")
+        stride = self.whole(view, "byteStride", size)
+        last = offset + stride * (count - 1) + size if count else 0
+        if begin + length > len(buffer) or last > length or stride < size:
+            at = f"{self.name}: {place}"
+            raise InvalidMotion(f"{at}: its numbers reach beyond what is there")
+        if not count:
+            return np.zeros((0, width))
+        values = np.ndarray((count, width), dtype, buffer, begin + offset, (stride, dtype.itemsize)).astype(np.float64)
+        if form.get("normalized") and dtype.kind in "iu":
+            return np.maximum(values / np.iinfo(dtype).max, -1.0)
+        return values
+
+    def _buffer(self, index: Any) -> bytes:
+        """The bytes of a buffer: the second chunk, or what is in the document itself. Other files are not opened."""
+        described = self.item("buffers", index)
+        if index not in self._buffers:
+            uri = described.get("uri")
+            if uri is None and index == 0:
+                self._buffers[index] = self._binary
+            elif isinstance(uri, str) and uri.startswith("data:") and ";base64," in uri[:100]:
+                self._buffers[index] = self._decoded(uri.partition(",")[2])
+            else:
+                raise InvalidMotion(f"{self.name}: its numbers are in another file; export all into one .glb")
+        return self._buffers[index]
+
+    def _decoded(self, text: str) -> bytes:
+        try:
+            return base64.b64decode(text)
+        except (ValueError, binascii.Error):
+            raise InvalidMotion(f"{self.name}: it is cut off or damaged; export it again") from None

@@ -1,0 +1,115 @@
+"""The meshes of a glTF scene at some times: morph targets by their weights, on nodes that may move, as triangles.
+
+Vertices are in the order of the nodes, their meshes and primitives; those of primitives that share their vertices come
+once. A node that mirrors turns its triangles round, so that their front stays outside.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from clothfit.arrays import Array, Indices
+from clothfit.errors import InvalidMotion
+from clothfit.formats.files import check_room
+from clothfit.formats.gltf import Document
+from clothfit.formats.gltf_scene import Placed, Tracks
+from clothfit.formats.tracks import transform
+
+AT_REST = {"translation": [0.0] * 3, "rotation": [0.0, 0.0, 0.0, 1.0], "scale": [1.0] * 3}
+
+
+def meshes_at(doc: Document, nodes: list[Placed], tracks: Tracks, times: Array) -> tuple[Array, Indices]:
+    """Positions (frames, n, 3) and triangles of all meshes."""
+    parts: list[Array] = []
+    faces: list[Indices] = [np.zeros((0, 3), np.int32)]
+    start = 0
+    for node in nodes:
+        matrix = _matrix(doc, node, tracks, times)
+        mirrored = np.linalg.det(matrix[0, :3, :3]) < 0
+        shared: dict[tuple[Any, ...], tuple[int, int]] = {}
+        for primitive in doc.items(doc.item("meshes", doc.item("nodes", node.node)["mesh"]), "primitives"):
+            doc.typed(primitive, dict, "an object", "primitives")
+            key = _sources(doc, primitive)
+            if key not in shared:
+                shape = _shape(doc, node.node, key, tracks, times)
+                check_room((start + shape.shape[1]) * len(times) * 3 * 8 * 2, doc.path)
+                parts.append(shape @ np.swapaxes(matrix[:, :3, :3], 1, 2) + matrix[:, None, :3, 3])
+                shared[key] = start, shape.shape[1]
+                start += shape.shape[1]
+            triangles = shared[key][0] + _triangles(doc, primitive, shared[key][1])
+            faces.append(triangles[:, ::-1] if mirrored else triangles)
+    if not start:
+        raise InvalidMotion(f"{doc.name}: there is no mesh in it")
+    whole = np.empty((len(times), start, 3))
+    for first, part in zip(np.cumsum([0, *(part.shape[1] for part in parts)]), parts, strict=False):
+        whole[:, first : first + part.shape[1]] = part
+    return whole, np.concatenate(faces)
+
+
+def _matrix(doc: Document, node: Placed, tracks: Tracks, times: Array) -> Array:
+    """Where a node is at the times: (frames or 1, 4, 4)."""
+    product = np.eye(4)[None]
+    for index in (*node.above, node.node):
+        described = doc.item("nodes", index)
+        if "matrix" in described:
+            product = product @ doc.numbers(described, "matrix", [0.0] * 16).reshape(4, 4).T
+            continue
+        steps = [
+            tracks[index, what].at(times, what == "rotation")
+            if (index, what) in tracks
+            else doc.numbers(described, what, default)[None]
+            for what, default in AT_REST.items()
+        ]
+        product = product @ transform(*steps)
+    return product
+
+
+def _sources(doc: Document, primitive: dict[str, Any]) -> tuple[Any, ...]:
+    """The accessors of the positions of a primitive and of its targets; None where a target has none."""
+    owners = [primitive.get("attributes", {}), *doc.items(primitive, "targets")]
+    for owner in owners:
+        doc.typed(owner, dict, "an object", "attributes")
+    return tuple(doc.typed(owner.get("POSITION", -1), int, "an index", "POSITION") for owner in owners)
+
+
+def _shape(doc: Document, node: int, sources: tuple[int, ...], tracks: Tracks, times: Array) -> Array:
+    """Positions (frames, n, 3) in the axes of the node."""
+    base = doc.accessor(sources[0], "VEC3")
+    described = doc.item("nodes", node)
+    count = len(sources) - 1
+    if (node, "weights") in tracks:
+        weights = tracks[node, "weights"].at(times)
+    else:
+        owner = described if "weights" in described else doc.item("meshes", described["mesh"])
+        weights = doc.numbers(owner, "weights", [0.0] * count)[None]
+    if weights.shape[1] != count:
+        raise InvalidMotion(f"{doc.name}: {weights.shape[1]} weights do not go with the {count} targets of a mesh")
+    check_room((count + 2 * len(weights)) * base.nbytes, doc.path)
+    targets = np.zeros((count, base.size))
+    for k, source in enumerate(sources[1:]):
+        if source >= 0:
+            target = doc.accessor(source, "VEC3")
+            if target.shape != base.shape:
+                raise InvalidMotion(f"{doc.name}: a target has {len(target)} vertices, its mesh {len(base)}")
+            targets[k] = target.reshape(-1)
+    return base + (weights @ targets).reshape(len(weights), *base.shape)
+
+
+def _triangles(doc: Document, primitive: dict[str, Any], count: int) -> Indices:
+    """Triangles (T, 3) of a primitive of `count` vertices; points and lines have none."""
+    if "indices" in primitive:
+        corners = doc.accessor(primitive["indices"], "SCALAR")[:, 0].astype(np.int64)
+    else:
+        corners = np.arange(count)
+    if len(corners) and not 0 <= corners.min() <= corners.max() < count:
+        raise InvalidMotion(f"{doc.name}: a triangle names a vertex beyond the {count} of its mesh")
+    i = np.arange(max(len(corners) - 2, 0))
+    orders = {
+        4: np.arange(len(corners) // 3 * 3).reshape(-1, 3),  # one after the other
+        5: np.stack([i, i + 1 + i % 2, i + 2 - i % 2], axis=1),  # a strip
+        6: np.stack([i + 1, i + 2, 0 * i], axis=1),  # a fan
+    }
+    mode = doc.whole(primitive, "mode", 4)
+    return corners[orders[mode]].astype(np.int32) if mode in orders else np.zeros((0, 3), np.int32)

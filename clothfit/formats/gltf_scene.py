@@ -1,0 +1,103 @@
+"""What is in a glTF scene: the nodes that have meshes, and the tracks of its animation.
+
+Nodes hang from one another as a tree. An animation's channels say which track drives which part of which node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from clothfit.errors import InvalidMotion
+from clothfit.formats.gltf import Document
+from clothfit.formats.tracks import Track
+
+WIDTHS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3", "weights": "SCALAR"}
+KINDS = ("LINEAR", "STEP", "CUBICSPLINE")
+
+LEVELS = 100
+"""Of nodes below one another, at most."""
+
+Tracks: TypeAlias = dict[tuple[int, str], Track]
+"""By node and what of it is animated, one of WIDTHS."""
+
+
+class Placed(NamedTuple):
+    """A node with a mesh."""
+
+    node: int
+    above: tuple[int, ...]  # the nodes it hangs from, the nearest last
+
+
+def placed(doc: Document) -> Iterator[Placed]:
+    """The nodes of the scene that have meshes, from the top."""
+    waiting: list[tuple[Any, tuple[int, ...]]] = [(each, ()) for each in reversed(_tops(doc))]
+    met: set[int] = set()
+    found = False
+    while waiting:
+        index, above = waiting.pop()
+        node = doc.item("nodes", index)
+        if index in met or len(above) > LEVELS:
+            raise InvalidMotion(f"{doc.name}: its nodes are not a tree of at most {LEVELS} levels")
+        met.add(index)
+        waiting += [(each, (*above, index)) for each in reversed(doc.items(node, "children"))]
+        if "mesh" in node:
+            found = True
+            yield Placed(index, above)
+    if not found:
+        raise InvalidMotion(f"{doc.name}: there is no mesh in it")
+
+
+def _tops(doc: Document) -> list[Any]:
+    """The nodes of the scene that hang from no other; without a scene, of all."""
+    if doc.items(doc.root, "scenes"):
+        return doc.items(doc.item("scenes", doc.root.get("scene", 0)), "nodes")
+    every = range(len(doc.items(doc.root, "nodes")))
+    below = {each for index in every for each in doc.items(doc.item("nodes", index), "children") if type(each) is int}
+    return [index for index in every if index not in below]
+
+
+def animated(doc: Document, nodes: list[Placed]) -> tuple[Tracks, tuple[str, ...]]:
+    """What is animated, by the first animation that changes shapes, else by the first, and what is to be told."""
+    count = len(doc.items(doc.root, "animations"))
+    skinned = any("skin" in doc.item("nodes", node.node) for node in nodes)
+    if not count:
+        return {}, ("its skeleton is left out, which does not move",) if skinned else ()
+    if skinned:
+        raise InvalidMotion(f"{doc.name}: a skeleton moves its mesh; bake the motion into shape keys or a point cache")
+    shapes = {node.node for node in nodes}
+    each = [_animation(doc, index) for index in range(count)]
+    changing = [i for i in range(count) if any(n in shapes and what == "weights" for n, what in each[i])]
+    chosen = (changing or [0])[0]
+    return each[chosen], (f"of its {count} animations number {chosen + 1} is read",) if count > 1 else ()
+
+
+def _animation(doc: Document, index: int) -> Tracks:
+    animation = doc.item("animations", index)
+    tracks: Tracks = {}
+    for channel in doc.items(animation, "channels"):
+        place = f"animations[{index}].channels"
+        target = doc.typed(doc.typed(channel, dict, "an object", place).get("target"), dict, "an object", place)
+        node, what = target.get("node"), target.get("path")
+        if node is None or not isinstance(what, str) or what not in WIDTHS:  # extensions animate other things
+            continue
+        doc.item("nodes", node)
+        sampler = doc.member(animation, "samplers", channel.get("sampler"), f"animations[{index}].samplers")
+        tracks[node, what] = _track(doc, sampler, what, f"animations[{index}].samplers")
+    return tracks
+
+
+def _track(doc: Document, sampler: dict[str, Any], what: str, place: str) -> Track:
+    times = doc.accessor(sampler.get("input"), "SCALAR")[:, 0]
+    if not (len(times) and np.isfinite(times).all() and (np.diff(times) > 0).all()):
+        where = f"{doc.name}: {place}: times"
+        raise InvalidMotion(f"{where}: must be finite and increasing")
+    values = doc.accessor(sampler.get("output"), WIDTHS[what])
+    kind = sampler.get("interpolation", "LINEAR")
+    doc.insist(kind in KINDS, kind, "a kind of interpolation that glTF has", place)
+    items = len(times) * (3 if kind == "CUBICSPLINE" else 1)
+    if not len(values) or len(values) % items or (what != "weights" and len(values) != items):
+        raise InvalidMotion(f"{doc.name}: {len(values)} values of an animation do not go with {len(times)} times")
+    return Track(times, values.reshape((len(times), 3, -1) if kind == "CUBICSPLINE" else (len(times), -1)), kind)

@@ -1,0 +1,129 @@
+"""Markers in CSV files: tables with a line of names, wide or long, and those that Motive exports.
+
+    wide    time,hem_x,hem_y,hem_z,…      a line for each frame
+    long    time,marker,x,y,z             a line for each marker and frame, in any order
+
+`frame` may stand for `time`; with both, the time counts. Names of coordinates end in x, y, z, after `_`, `.`, `:`, `-`,
+a space or nothing, and may have the unit in brackets. Cells stand between commas, semicolons or tabs, whichever the
+line of names has; where those are not commas, a comma in a number is the decimal one. Lines that begin with # are
+comments; `# unit: mm`, `# up: z`, `# handedness: left` and `# rate: 100` tell what is else metres, y, right, and not
+known. An empty cell, or NaN, is a gap. Numbers are written in full.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import re
+from array import array
+
+import numpy as np
+
+from clothfit.animation import Animation
+from clothfit.errors import InvalidMotion
+from clothfit.formats import RIGHT, motive
+from clothfit.formats.demands import seen, times_of
+from clothfit.formats.files import check_room, name_of
+from clothfit.formats.markers import UNITS, labels_of, text_of, unit_of
+from clothfit.formats.table import Table, animation_of, table_of
+from clothfit.output import Data
+from clothfit.words import shown
+
+TIMES = ("time", "t", "times", "seconds", "time_s", "timestamp")
+FRAMES = ("frame", "frames", "frame#", "frame number", "frame_number")
+MARKERS = ("marker", "name", "label", "point", "id")
+
+COORDINATE = re.compile(r"(.*?)[\s_.:\-]?([xyzXYZ])\s*(?:[(\[]\s*([A-Za-z]+)\s*[)\]])?")
+"""The name of a column: marker, axis, and the unit in brackets."""
+
+
+def read(path: str | os.PathLike[str]) -> Animation:
+    """The markers of a file; those that were not seen are NaN. Raises InvalidMotion, with the line."""
+    name, text = name_of(path), text_of(path)
+    if text.startswith(motive.BEGIN):
+        return motive.parsed(text, name)
+    table = table_of(text, name)
+    marker, coordinates = table.column(MARKERS), [table.column((axis,)) for axis in "xyz"]
+    time, frame = table.column(TIMES), table.column(FRAMES)
+    if marker is None or None in coordinates:
+        return _wide(table, time, frame)
+    key = frame if time is None else time
+    if key is None:
+        raise InvalidMotion(f"{name}: a table with a line for each marker needs a column time or frame")
+    return _long(table, key, time is not None, marker, [i for i in coordinates if i is not None])
+
+
+def _wide(table: Table, time: int | None, frame: int | None) -> Animation:
+    """A table with a line for each frame."""
+    columns, unit = _columns(table, (time, frame))
+    leading = [i for i in (time, frame) if i is not None]
+    order = leading + [axes[axis] for axes in columns.values() for axis in "xyz"]
+    values, rows = array("d"), 0
+    for line, cells in table.rows:
+        values.extend(table.number(cells[i], line) for i in order)
+        rows += 1
+    numbers = np.frombuffer(values, np.float64).reshape(rows, len(order)).copy()
+    positions = numbers[:, len(leading) :].reshape(rows, len(columns), 3)
+    times, frames = (None if i is None else numbers[:, leading.index(i)] for i in (time, frame))
+    return animation_of(table, times, frames, positions, list(columns), unit)
+
+
+def _columns(table: Table, others: tuple[int | None, ...]) -> tuple[dict[str, dict[str, int]], str | None]:
+    """The columns of each marker by its axes, and the unit that the first of them names."""
+    columns: dict[str, dict[str, int]] = {}
+    unit = None
+    for i, each in enumerate(table.header):
+        match = COORDINATE.fullmatch(each)
+        if i in others or not each:
+            continue
+        if match is None or match[2].lower() in columns.get(match[1], {}):
+            raise InvalidMotion(
+                f"{table.name}: column {i + 1}, {shown(each)}, is not time, frame or a coordinate such as hem_x"
+            )
+        columns.setdefault(match[1], {})[match[2].lower()] = i
+        if (match[3] or "").lower() in UNITS:
+            unit = unit or match[3].lower()
+    if not columns:
+        raise InvalidMotion(f"{table.name}: its first line names no markers, as in time,hem_x,hem_y,hem_z")
+    for marker, axes in columns.items():
+        if len(axes) < 3:
+            raise InvalidMotion(f"{table.name}: the marker {shown(marker)} needs columns for x, y and z")
+    return columns, unit
+
+
+def _long(table: Table, key: int, timed: bool, marker: int, coordinates: list[int]) -> Animation:
+    """A table with a line for each marker and frame."""
+    keys, which, values, names = array("d"), array("q"), array("d"), dict[str, int]()
+    lines = array("q")
+    for line, cells in table.rows:
+        keys.append(table.number(cells[key], line))
+        which.append(names.setdefault(cells[marker].strip(), len(names)))
+        values.extend(table.number(cells[i], line) for i in coordinates)
+        lines.append(line)
+    frames, row = np.unique(np.frombuffer(keys, np.float64), return_inverse=True)
+    check_room(len(frames) * len(names) * 3 * 8 * 2, table.name)
+    places = row * len(names) + np.frombuffer(which, np.int64)
+    order = np.argsort(places, kind="stable")
+    again = np.flatnonzero(np.diff(places[order]) == 0)
+    if len(again):
+        line, label = lines[int(order[again[0] + 1])], list(names)[which[int(order[again[0] + 1])]]
+        raise InvalidMotion(f"{table.name}: line {line}: {shown(label)} is there twice in one frame; keep one")
+    positions = np.full((len(frames), len(names), 3), np.nan)
+    positions.reshape(-1, 3)[places] = np.frombuffer(values, np.float64).reshape(-1, 3)
+    return animation_of(table, frames if timed else None, None if timed else frames, positions, list(names))
+
+
+def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
+    """The file, a wide table; what is not metres, y up and right-handed stands in comments before it."""
+    unit, factor = unit_of(animation.axes)
+    positions, times = factor * seen(animation), times_of(animation)
+    text = io.StringIO()
+    told = {"unit": unit, "up": animation.axes.up, "handedness": animation.axes.handedness}
+    usual = {"unit": "m", "up": RIGHT.up, "handedness": RIGHT.handedness}
+    text.writelines(f"# {key}: {value}\n" for key, value in told.items() if value != usual[key])
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["time", *(f"{each}_{axis}" for each in labels_of(animation) for axis in "xyz")])
+    for time, row in zip(times.tolist(), positions.reshape(len(positions), -1).tolist(), strict=True):
+        writer.writerow([repr(time), *("" if each != each else repr(each) for each in row)])
+    return {os.fspath(path): text.getvalue().encode()}

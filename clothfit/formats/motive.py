@@ -1,0 +1,68 @@
+"""Markers in the CSV files that OptiTrack's Motive exports.
+
+The first line has facts, name and value in turn, among them the unit and the rate. Before the table stand lines that
+say of each column what it is of (`Marker`, `Rigid Body`, …), its name, its identity, and whether it is a position or a
+rotation; then Frame, Time (Seconds), X, Y, Z, …. y is up and it is right-handed. Markers are read, bodies are not.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from array import array
+
+import numpy as np
+
+from clothfit.animation import Animation
+from clothfit.axes import Axes
+from clothfit.errors import InvalidMotion
+from clothfit.formats.markers import UNITS, number, seen_by
+
+BEGIN = "Format Version"
+
+OURS = ("marker", "unlabeled marker")
+"""Kinds of columns that are read."""
+
+
+def parsed(text: str, name: str) -> Animation:
+    """The markers of a text. Raises InvalidMotion, with the line."""
+    reader = csv.reader(io.StringIO(text))
+    try:
+        facts = next(reader)
+        above: list[list[str]] = []
+        for cells in reader:
+            if cells and cells[0].strip().lower() == "frame":
+                break
+            if any(cells):
+                above.append([each.strip() for each in cells])
+        triples = _triples(above)
+        values, rows = array("d"), 0
+        for cells in reader:
+            if not any(cells):
+                continue
+            place = f"{name}: line {reader.line_num}"
+            wanted = [1, *(first + axis for first in triples.values() for axis in range(3))]
+            values.extend(number(cells[i] if i < len(cells) else "", place) for i in wanted)
+            rows += 1
+    except csv.Error as error:
+        raise InvalidMotion(f"{name}: it is not a table of cells ({error})") from None
+    table = np.frombuffer(values, np.float64).reshape(rows, 1 + 3 * len(triples)).copy()
+    told = dict(zip(facts[::2], facts[1::2], strict=False))
+    unit, notes = told.get("Length Units", "").lower(), []
+    if unit not in UNITS:
+        unit = "m"
+        notes.append("it does not tell its unit, so it is m")
+    positions, axes = table[:, 1:].reshape(rows, len(triples), 3), Axes("y", "right", UNITS[unit])
+    return seen_by(positions, axes, table[:, 0], list(triples), notes, name)
+
+
+def _triples(above: list[list[str]]) -> dict[str, int]:
+    """The first column of each marker's position, by its name, from the lines above the table."""
+    if len(above) < 3:
+        return {}
+    kinds, names, what = above[0], above[1], above[-1]
+    found: dict[str, int] = {}
+    for i in range(2, min(map(len, (kinds, names, what)))):
+        if kinds[i].lower() in OURS and what[i].lower() == "position":
+            found.setdefault(names[i], i)
+    return found

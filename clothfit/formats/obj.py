@@ -1,0 +1,217 @@
+"""OBJ files, and sequences of them: a file for each frame, `name_0000.obj`, `name_0001.obj`, …, as `name_*.obj`.
+
+Of a file the lines `v x y z` and `f a b c …` are read, the corners as `v`, `v/vt`, `v//vn` or `v/vt/vn`, counted from 1
+or backwards from the last vertex before the line; whatever else stands in it is passed over. Vertices keep the order of
+the file, through all its objects and groups; polygons become fans of triangles. OBJ knows neither axes nor unit nor
+time: y up, right-handed and metres are what most programs write. Numbers are written in full, so that float64 comes
+back as it was.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from array import array
+from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
+from itertools import chain, pairwise
+from typing import IO
+
+import numpy as np
+
+from clothfit.animation import Animation
+from clothfit.arrays import Array, Indices
+from clothfit.errors import InvalidInput, InvalidMotion
+from clothfit.formats import RIGHT
+from clothfit.formats.files import COPIES, check_room, content, name_of
+from clothfit.output import Data
+
+ANY = "*"
+"""Stands for the frames' numbers in the name of a sequence."""
+
+DIGITS = 4
+"""Of the frames' numbers, at least."""
+
+# Possessive quantifiers: no line, however long, is searched more than once.
+VERTEX = re.compile(rb"^[ \t]*+v[ \t]++(\S++)[ \t]++(\S++)[ \t]++(\S++)", re.MULTILINE)
+BEGIN = re.compile(rb"^[ \t]*+v(?=[ \t\n]|\Z)", re.MULTILINE)
+FACE = re.compile(rb"^[ \t]*+f(?=[ \t\n]|\Z)([^\n]*+)", re.MULTILINE)
+
+BULK = 10
+"""Memory that reading a file takes at most, as a multiple of its size: the text, thrice, and three numbers in 8 bytes
+of `v 0 0 0` or a triangle in 2 of `f 1 1 1 1 1 …`.
+"""
+
+LONGEST = 1_000_000
+"""Bytes of a line with a face."""
+
+
+def read(path: str | os.PathLike[str]) -> Animation:
+    """A file, as an animation of one frame, or a sequence, whose frames have the faces of the first.
+
+    Raises InvalidMotion.
+    """
+    return read_frames(frames_of(path), path)
+
+
+def read_frames(paths: Sequence[str], path: str | os.PathLike[str]) -> Animation:
+    """The files of a sequence, in their order; `path` is what to call it. Raises InvalidMotion."""
+    first = _Text(paths[0])
+    points, triangles = first.points(), first.triangles()
+    check_room(COPIES * len(paths) * points.nbytes, path)
+    positions = np.empty((len(paths), *points.shape))
+    positions[0] = points
+    for frame, each in enumerate(paths[1:], 1):
+        later = _Text(each)
+        points = later.points()
+        if points.shape != positions.shape[1:]:
+            first_has = f"{name_of(paths[0])} has {positions.shape[1]}"
+            raise InvalidMotion(f"{name_of(each)}: has {len(points)} vertices, {first_has}, as all frames need")
+        if later.faces() not in (0, first.faces()):
+            raise InvalidMotion(f"{name_of(each)}: has other faces than {name_of(paths[0])}; is it of another mesh?")
+        positions[frame] = points
+    return Animation(positions, RIGHT, triangles=triangles if len(triangles) else None)
+
+
+def frames_of(path: str | os.PathLike[str]) -> list[str]:
+    """The files of a sequence in the order of their numbers, or the one file. Raises InvalidMotion."""
+    text = os.fspath(path)
+    if ANY not in text:
+        return [text]
+    found: dict[int, str] = {}
+    for number, each in sorted(numbered(text)):
+        if number in found:
+            twice = f"{name_of(found[number])} and {name_of(each)}"
+            raise InvalidMotion(f"{name_of(text)}: {twice} are both frame {number}; take one away")
+        found[number] = each
+    if not found:
+        raise InvalidMotion(f"{name_of(text)}: there is no file of that name with a number in place of {ANY}")
+    numbers = list(found)
+    steps = set(np.diff(numbers).tolist())
+    if len(steps) > 1:
+        after = next(a for a, b in pairwise(numbers) if b - a > min(steps))
+        raise InvalidMotion(f"{name_of(text)}: a frame is missing after number {after}")
+    return list(found.values())
+
+
+def numbered(path: str) -> list[tuple[int, str]]:
+    """The files whose names have a number in place of the *, with it; others of that beginning and end are not meant.
+
+    Raises InvalidMotion where that cannot be told.
+    """
+    folder, name = os.path.split(path)
+    if ANY in folder or name.count(ANY) != 1:
+        raise InvalidMotion(f"{path}: a sequence has one {ANY}, in the name of its files, in place of their numbers")
+    pattern = re.compile(re.escape(name).replace(re.escape(ANY), "([0-9]{1,18})"))
+    try:
+        there = os.listdir(folder or ".")
+    except (OSError, ValueError) as error:
+        raise InvalidMotion(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    found = ((pattern.fullmatch(each), each) for each in there)
+    return [(int(match[1]), os.path.join(folder, each)) for match, each in found if match]
+
+
+def check_name(path: str, frames: int) -> None:
+    """Raise InvalidInput where several frames are to be written to one file."""
+    if ANY not in path and frames != 1:
+        root, suffix = os.path.splitext(path)
+        raise InvalidInput(f"{path}: holds one frame, there are {frames}; write {root}_{ANY}{suffix}")
+
+
+def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
+    """The files of a sequence, numbered from 0, or of one frame. Raises InvalidInput where several need a * in `path`.
+    """
+    text, frames = os.fspath(path), animation.positions
+    check_name(text, len(frames))
+    faces = _faces(animation.triangles)
+    names = (numbered_name(text, frame) for frame in range(len(frames)))
+    return {name: partial(_write, points=points, faces=faces) for name, points in zip(names, frames, strict=True)}
+
+
+def numbered_name(path: str, frame: int) -> str:
+    """The name of a frame's file."""
+    return path.replace(ANY, f"{frame:0{DIGITS}d}")
+
+
+def _write(file: IO[bytes], points: Array, faces: bytes) -> None:
+    for first in range(0, len(points), 10_000):  # the text of a large mesh need not be in memory
+        rows = points[first : first + 10_000].tolist()
+        file.write("".join([f"v {x!r} {y!r} {z!r}\n" for x, y, z in rows]).encode())
+    file.write(faces)
+
+
+def _faces(triangles: Indices | None) -> bytes:
+    rows = [] if triangles is None else (triangles + 1).tolist()
+    return "".join([f"f {a} {b} {c}\n" for a, b, c in rows]).encode()
+
+
+class _Text:
+    """The text of one file. Bytes stand where they stood, so that they lead to the number of their line."""
+
+    def __init__(self, path: str) -> None:
+        self.name = name_of(path)
+        data = content(path)
+        check_room(BULK * len(data), path)
+        data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+        self.lines = data  # as an editor counts them
+        self.data = data.replace(b"\\\n", b"  ")  # with continued lines in one
+
+    def points(self) -> Array:
+        """Positions (n, 3) of its vertices. Raises InvalidMotion."""
+        try:
+            numbers = np.fromiter(map(float, chain.from_iterable(self._words())), np.float64)
+        except ValueError:
+            numbers = np.full(1, np.nan)
+        count = len(BEGIN.findall(self.data))
+        if not count:
+            raise InvalidMotion(f"{self.name}: has no vertices (lines v x y z); is it an OBJ file?")
+        if len(numbers) != 3 * count or not np.isfinite(numbers).all():
+            raise InvalidMotion(f"{self.name}: line {self._wrong()}: a vertex needs three finite numbers")
+        return numbers.reshape(count, 3)
+
+    def faces(self) -> int:
+        """Number of lines with faces, roughly: of those as programs write them."""
+        return self.data.count(b"\nf ")
+
+    def triangles(self) -> Indices:
+        """Triangles (T, 3) of its faces, vertices from 0. Raises InvalidMotion."""
+        starts = np.array([match.start() for match in BEGIN.finditer(self.data)])
+        flat = array("i")
+        for face in FACE.finditer(self.data):
+            words = face[1][:LONGEST].split(b"#", 1)[0].split()
+            before = int(np.searchsorted(starts, face.start())) if b"-" in face[1] else 0
+            corners = [_corner(word, before) for word in words]
+            valid = all(0 <= corner < len(starts) for corner in corners)
+            if not valid or len(corners) < 3 or len(face[1]) > LONGEST:
+                place = f"{self.name}: line {self._line(face.start())}"
+                raise InvalidMotion(f"{place}: a face needs three corners or more, each one of {len(starts)} vertices")
+            for b, c in pairwise(corners[1:]):
+                flat.extend((corners[0], b, c))
+        return np.array(flat, np.int32).reshape(-1, 3)
+
+    def _words(self) -> Iterator[Iterable[bytes]]:
+        return (match.groups() for match in VERTEX.finditer(self.data))
+
+    def _line(self, at: int) -> int:
+        return self.lines.count(b"\n", 0, at) + 1
+
+    def _wrong(self) -> int:
+        """The line of the first vertex that is none."""
+        for begin in BEGIN.finditer(self.data):
+            match = VERTEX.match(self.data, begin.start())
+            try:
+                good = match is not None and all(np.isfinite(float(word)) for word in match.groups())
+            except ValueError:
+                good = False
+            if not good:
+                break
+        return self._line(begin.start())
+
+
+def _corner(word: bytes, before: int) -> int:
+    """The vertex, from 0, that a corner names; −1 where it names none. `before`: vertices in front of its line."""
+    try:
+        number = int(word.split(b"/", 1)[0])
+    except ValueError:
+        return -1
+    return number - 1 if number > 0 else before + number if number < 0 else -1

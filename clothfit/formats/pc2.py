@@ -1,0 +1,49 @@
+"""PC2 point caches: the vertices of a mesh at some frames. A file is little-endian.
+
+    char[12] "POINTCACHE2\\0"   int32 version, 1   int32 points   float32 first frame   float32 frames per sample
+    int32 samples               float32 positions (samples, points, 3)
+
+Times are counted in frames of an unknown rate, so there are none here. Numbers are rounded to float32.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import struct
+from functools import partial
+
+from clothfit.animation import Animation
+from clothfit.errors import InvalidMotion
+from clothfit.formats import RIGHT
+from clothfit.formats.point_cache import opened, put
+from clothfit.output import Data
+
+MAGIC = b"POINTCACHE2\0"
+HEADER = struct.Struct("<12siiffi")
+FLOATS = "<f4"
+
+
+def read(path: str | os.PathLike[str]) -> Animation:
+    """A point cache. Raises InvalidMotion."""
+    with opened(path) as cache:
+        data = cache.file.read(HEADER.size)
+        if not data.startswith(MAGIC):
+            raise InvalidMotion(f"{cache.name}: does not begin as a PC2 point cache does (POINTCACHE2)")
+        if len(data) < HEADER.size:
+            raise InvalidMotion(f"{cache.name}: ends within its header; is it complete?")
+        _, version, points, _, spacing, samples = HEADER.unpack(data)
+        if version != 1:
+            raise InvalidMotion(f"{cache.name}: is of version {version} of PC2, 1 can be read")
+        cache.check(samples, points, HEADER.size, 0)
+        positions = cache.positions(samples, points, FLOATS)
+    if math.isfinite(spacing) and spacing > 0 and spacing != 1:
+        return Animation(positions, RIGHT, notes=(f"its samples are {spacing:g} frames apart",), spacing=spacing)
+    return Animation(positions, RIGHT)
+
+
+def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
+    """The file of a point cache that begins at frame 0, one sample per frame."""
+    samples, points, _ = animation.positions.shape
+    header = HEADER.pack(MAGIC, 1, points, 0.0, 1.0, samples)
+    return {os.fspath(path): partial(put, header=header, positions=animation.positions, dtype=FLOATS)}

@@ -1,0 +1,87 @@
+"""Markers in TRC files, text as Motion Analysis and OpenSim have it.
+
+Cells stand between tabs: a line with the file's type, one with the names of its facts (rate, unit, counts), one with
+the facts, one with the markers' names, one with X1 Y1 Z1 …, mostly an empty one, and then a line for each frame: its
+number, its time in s, and the coordinates, which are empty where a marker was not seen. y is up and it is right-handed,
+as OpenSim has it; the unit is in the facts. Numbers are written in full.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from array import array
+
+import numpy as np
+
+from clothfit.animation import Animation
+from clothfit.axes import Axes
+from clothfit.errors import InvalidMotion
+from clothfit.formats.demands import rate_of, seen, times_of
+from clothfit.formats.files import name_of
+from clothfit.formats.markers import UNITS, labels_of, number, seen_by, text_of, unit_of
+from clothfit.output import Data
+from clothfit.words import shown
+
+TYPE = "PathFileType"
+FACTS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame",
+         "OrigNumFrames")  # fmt: skip
+
+
+def read(path: str | os.PathLike[str]) -> Animation:
+    """The markers of a file; those that were not seen are NaN. Raises InvalidMotion, with the line."""
+    name, lines = name_of(path), io.StringIO(text_of(path))
+    head = [next(lines, "").rstrip("\r\n").split("\t") for _ in range(5)]
+    if not head[0][0].strip().startswith(TYPE) or len(head[3]) < 3:
+        raise InvalidMotion(f"{name}: it is not a TRC file, which begins with {TYPE} and has the names in line 4")
+    facts = {key.strip().lower(): value.strip() for key, value in zip(head[1], head[2], strict=False)}
+    names = [each.strip() for each in head[3][2:] if each.strip()]
+    width = 2 + 3 * len(names)
+    values, frames = array("d"), 0
+    for count, line in enumerate(lines, 6):
+        if not line.strip():
+            continue
+        cells = line.rstrip("\r\n").split("\t")
+        while len(cells) > width and not cells[-1].strip():
+            cells.pop()
+        if len(cells) > width:
+            raise InvalidMotion(f"{name}: line {count}: it has {len(cells)} cells, {width} are named")
+        place = f"{name}: line {count}"
+        row = [number(cell, place) for cell in cells[1:]]
+        values.extend(row + [np.nan] * (width - 1 - len(row)))
+        frames += 1
+    table = np.frombuffer(values, np.float64).reshape(frames, width - 1)
+    promised = number(facts.get("numframes", ""), f"{name}: line 3")
+    if frames < promised:  # never, where it is not told, which is NaN
+        raise InvalidMotion(f"{name}: it ends early: {promised:.0f} frames are promised, {frames} are there")
+    notes: list[str] = []
+    axes = Axes("y", "right", _scale(facts.get("units", ""), notes))
+    return seen_by(table[:, 1:].reshape(frames, len(names), 3).copy(), axes, table[:, 0].copy(), names, notes, name)
+
+
+def _scale(unit: str, notes: list[str]) -> float:
+    """m per unit."""
+    if unit.lower() in UNITS:
+        return UNITS[unit.lower()]
+    notes.append(f"its unit is {shown(unit)}, taken for mm" if unit else "it does not tell its unit, so it is mm")
+    return UNITS["mm"]
+
+
+def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
+    """The file; of frames that are not at an even rate the mean rate is told, and each has its time."""
+    unit, factor = unit_of(animation.axes)
+    positions, times, names = factor * seen(animation), times_of(animation), labels_of(animation)
+    frames = len(positions)
+    rate = rate_of(animation) or (frames - 1) / float(times[-1] - times[0])
+    facts = (repr(rate), repr(rate), frames, len(names), unit, repr(rate), 1, frames)
+    lines = [
+        f"{TYPE}\t4\t(X/Y/Z)\t{name_of(path)}",
+        "\t".join(FACTS),
+        "\t".join(map(str, facts)),
+        "\t".join(["Frame#", "Time", *(cell for each in names for cell in (each, "", ""))]),
+        "\t".join(["", "", *(f"{axis}{i}" for i in range(1, len(names) + 1) for axis in "XYZ")]),
+        "",
+    ]
+    for frame, (time, row) in enumerate(zip(times.tolist(), positions.reshape(frames, -1).tolist(), strict=True), 1):
+        lines.append("\t".join([str(frame), repr(time), *("" if each != each else repr(each) for each in row)]))
+    return {os.fspath(path): ("\n".join(lines) + "\n").encode()}

@@ -1,0 +1,122 @@
+"""Motions in USD files (.usd, .usda, .usdc): a mesh whose points have samples over time.
+
+The file tells its up axis, its unit (metersPerUnit) and how many time codes make a second; it is right-handed. Points
+are float32, as USD has them. Of several meshes those with animated points are read, one after the other by their paths;
+transforms are applied, polygons become fans of triangles. References to other files are not followed. Files are read
+by another process (`usd_reader`, which says why), from a copy that nobody changes.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from typing import IO, Any
+
+import numpy as np
+
+from clothfit.animation import Animation
+from clothfit.arrays import Array
+from clothfit.axes import Axes
+from clothfit.errors import InvalidMotion
+from clothfit.formats.demands import rate_of, times_of
+from clothfit.formats.files import content, name_of
+from clothfit.output import Data
+
+READER = "clothfit.formats.usd_reader"
+
+ALONE = {"PXR_WORK_THREAD_LIMIT": "1", "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
+"""Environment of the process: threads, and what each reserves, would count against its memory."""
+
+PATIENCE, SPEED = 60.0, 1e6
+"""Seconds that reading may take at least, and bytes per second beyond; it takes a hundredth of that."""
+
+CODES = 24.0
+"""Time codes per second where frames are not at an even rate; a code may be any number."""
+
+PATH = "/cloth"
+
+
+def read(path: str | os.PathLike[str]) -> Animation:
+    """The animated mesh of a file, one frame when nothing moves. Raises InvalidMotion."""
+    name, data = name_of(path), content(path)
+    with tempfile.TemporaryDirectory(prefix="clothfit-") as folder:  # where the library's crash reports go as well
+        copy = os.path.join(folder, "motion" + os.path.splitext(os.fspath(path))[1].lower())
+        with open(copy, "wb") as file:
+            file.write(data)
+        arrays = os.path.join(folder, "arrays.npz")
+        command = [sys.executable, "-P", "-m", READER, copy, arrays, name]
+        around = {**os.environ, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)), "TMPDIR": folder}
+        code, told = _run(command, {**around, **ALONE}, PATIENCE + len(data) / SPEED)
+        if code == 3 and told:
+            raise InvalidMotion(json.loads(told))
+        if code:
+            raise InvalidMotion(f"{name}: the USD library cannot read it; it is damaged, or of another format")
+        with np.load(arrays, allow_pickle=False) as loaded:
+            return _animation({key: loaded[key] for key in loaded.files})
+
+
+def _run(command: list[str], around: dict[str, str], seconds: float) -> tuple[int, bytes]:
+    """How a process ends, and its standard output; -1 where it had to be ended."""
+    try:
+        done = subprocess.run(command, env=around, stdin=subprocess.DEVNULL, capture_output=True, timeout=seconds)
+    except subprocess.TimeoutExpired:
+        return -1, b""
+    return done.returncode, done.stdout
+
+
+def _animation(arrays: dict[str, Any]) -> Animation:
+    up, handedness, scale, *notes = json.loads(str(arrays["told"]))
+    axes = Axes(up, handedness, scale)
+    return Animation(arrays["positions"], axes, arrays.get("times"), arrays.get("triangles"), notes=tuple(notes))
+
+
+def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
+    """The file, text where its suffix is .usda. Every position must be known."""
+    positions = animation.positions
+    suffix = os.path.splitext(os.fspath(path))[1].lower()
+
+    def write(file: IO[bytes]) -> None:
+        with tempfile.TemporaryDirectory(prefix="clothfit-") as folder:
+            made = os.path.join(folder, "motion" + suffix)
+            stage = _stage(positions, animation)  # a layer lives no longer than its stage
+            stage.GetRootLayer().Export(made)
+            with open(made, "rb") as whole:
+                file.write(whole.read())
+
+    return {os.fspath(path): write}
+
+
+def _stage(positions: Array, animation: Animation) -> Any:
+    """A stage with one mesh, or points where there are no faces."""
+    from pxr import Usd, UsdGeom, Vt
+
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageUpAxis(stage, animation.axes.up.upper())
+    UsdGeom.SetStageMetersPerUnit(stage, animation.axes.scale)
+    times, rate = times_of(animation), rate_of(animation)
+    codes = times * (CODES if rate is None else rate)
+    codes = np.where(np.abs(codes - np.round(codes)) < 1e-6, np.round(codes), codes)  # times are rounded
+    stage.SetTimeCodesPerSecond(CODES if rate is None else rate)
+    stage.SetFramesPerSecond(CODES if rate is None else rate)
+    if animation.triangles is None:
+        shape = UsdGeom.Points.Define(stage, PATH)
+    else:
+        shape = UsdGeom.Mesh.Define(stage, PATH)
+        shape.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(animation.triangles), 3, np.int32)))
+        shape.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(animation.triangles.astype(np.int32).reshape(-1)))
+        shape.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+        shape.CreateDoubleSidedAttr(True)
+    stage.SetDefaultPrim(shape.GetPrim())
+    points, extent = shape.CreatePointsAttr(), shape.CreateExtentAttr()
+    moves = len(positions) > 1
+    for frame, code in zip(positions.astype(np.float32), codes, strict=True):
+        when = Usd.TimeCode(float(code)) if moves else Usd.TimeCode.Default()
+        points.Set(Vt.Vec3fArray.FromNumpy(frame), when)
+        extent.Set(Vt.Vec3fArray.FromNumpy(np.stack([frame.min(axis=0), frame.max(axis=0)])), when)
+    if moves:
+        stage.SetStartTimeCode(float(codes[0]))
+        stage.SetEndTimeCode(float(codes[-1]))
+    return stage

@@ -1,0 +1,246 @@
+"""What is in a USD file, read by a process of its own: `python -m clothfit.formats.usd_reader FILE ARRAYS NAME`.
+
+Pixar's library is written for files that one trusts: damaged ones can abort the process they are read in, or take all
+memory. So the process that works for the user does not read them; this one writes the arrays that it finds to a file,
+or tells on standard output, as JSON, why there are none. Of the file only its own layer is read: what it refers to is
+cut from it first, so that no other file, here or on a network, is opened.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothfit.animation import Animation
+from clothfit.arrays import Array, Indices
+from clothfit.axes import Axes
+from clothfit.errors import InvalidMotion
+from clothfit.formats.files import check_room
+from clothfit.words import named, shown
+
+CUT = ("clips", "clipSets")
+"""What a prim says of other files beside its references: where values of attributes are."""
+
+UPS = {"Y": "y", "Z": "z"}
+
+ROOM, RATIO = 1 << 29, 100
+"""Bytes that opening a file may take: so many, and so many for each of the file, whose arrays are packed."""
+
+
+def parsed(path: str, name: str) -> Animation:
+    """The meshes of a file, or its points where it has none. Raises InvalidMotion, and what the library raises."""
+    from pxr import Sdf, Usd, UsdGeom
+
+    layer = Sdf.Layer.OpenAsAnonymous(path)
+    notes = _alone(layer)
+    stage = Usd.Stage.Open(layer, Usd.Stage.LoadNone)
+    every = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
+    shapes = [prim for prim in every if prim.IsA(UsdGeom.Mesh)] or [prim for prim in every if prim.IsA(UsdGeom.Points)]
+    if not shapes:
+        if notes:
+            raise InvalidMotion(f"{name}: there is no mesh in it, only the names of other files; flatten it first")
+        raise InvalidMotion(f"{name}: there is no mesh in it")
+    moving = [prim for prim in shapes if UsdGeom.PointBased(prim).GetPointsAttr().GetNumTimeSamples() > 1]
+    if moving and len(moving) < len(shapes):
+        notes.append(f"{len(shapes) - len(moving)} of its meshes do not change their shape and are left out")
+    chosen = moving or shapes
+    codes = _codes(chosen, name) if moving else _codes_of_places(chosen)
+    positions, mirrored = _positions(chosen, codes, name)
+    triangles = _all_triangles(chosen, codes, mirrored, name, notes)
+    axes, rate = _units(stage, len(codes) > 1, name, notes)
+    times = np.array([code.GetValue() / rate for code in codes]) if len(codes) > 1 else None
+    if not np.isfinite(positions).all() or not (times is None or np.isfinite(times).all()):
+        raise InvalidMotion(f"{name}: some of its positions are not finite numbers")
+    return Animation(positions, axes, times, triangles if len(triangles) else None, notes=tuple(notes))
+
+
+def _alone(layer: Any) -> list[str]:
+    """Cut from a layer all that names other files; what is to be told of it."""
+    others = list(layer.GetCompositionAssetDependencies())
+    for each in others:
+        layer.UpdateCompositionAssetDependency(each, "")
+    paths: list[Any] = []
+    layer.Traverse(layer.pseudoRoot.path, paths.append)
+    clips = 0
+    for path in paths:
+        spec = layer.GetObjectAtPath(path)
+        for key in CUT:
+            if spec is not None and spec.HasInfo(key):
+                spec.ClearInfo(key)
+                clips += 1
+    return ["it refers to other files, which are not read"] if others or clips else []
+
+
+def _codes(shapes: Sequence[Any], name: str) -> list[Any]:
+    """The time codes at which shapes have samples. Raises InvalidMotion where they differ."""
+    from pxr import Usd, UsdGeom
+
+    each = [UsdGeom.PointBased(prim).GetPointsAttr().GetTimeSamples() for prim in shapes]
+    for prim, codes in zip(shapes, each, strict=True):
+        if codes != each[0]:
+            both = f"{named(str(shapes[0].GetPath()))} and {named(str(prim.GetPath()))}"
+            raise InvalidMotion(f"{name}: {both} have samples at different times; export one of them alone")
+    return [Usd.TimeCode(code) for code in each[0]]
+
+
+def _codes_of_places(shapes: Sequence[Any]) -> list[Any]:
+    """The time codes at which what places shapes has samples; the first there is where nothing moves."""
+    from pxr import Usd, UsdGeom
+
+    found: set[float] = set()
+    above = {prim.GetPath(): prim for shape in shapes for prim in _upward(shape) if UsdGeom.Xformable(prim)}
+    for prim in above.values():
+        found.update(UsdGeom.Xformable(prim).GetTimeSamples())
+    return [Usd.TimeCode(code) for code in sorted(found)] or [Usd.TimeCode.EarliestTime()]
+
+
+def _upward(prim: Any) -> list[Any]:
+    chain = []
+    while prim:
+        chain.append(prim)
+        prim = prim.GetParent()
+    return chain
+
+
+def _positions(shapes: Sequence[Any], codes: Sequence[Any], name: str) -> tuple[Array, list[bool]]:
+    """Positions (frames, n, 3) of all shapes in the axes of the stage, and which shapes are mirrored there."""
+    from pxr import UsdGeom
+
+    frames: list[list[NDArray[Any]]] = []
+    mirrored: list[bool] = []
+    for code in codes:
+        cache = UsdGeom.XformCache(code)
+        points = [_points(prim, code, name) for prim in shapes]
+        matrices = [np.array(cache.GetLocalToWorldTransform(prim)) for prim in shapes]
+        counts, first = [len(each) for each in points], [len(each) for each in (frames or [points])[0]]
+        if counts != first:
+            other = next(prim for prim, a, b in zip(shapes, counts, first, strict=True) if a != b)
+            where = f"{name}: {named(str(other.GetPath()))}"
+            raise InvalidMotion(f"{where}: its number of points changes over time; it must stay the same")
+        if not frames:
+            needed = len(codes) * sum(counts) * 3 * 8 * 3
+            check_room(needed, name)
+            limit_memory(ROOM + needed, only_if_limited=True)  # many samples may be one in the file
+            mirrored = [bool(np.linalg.det(matrix[:3, :3]) < 0) for matrix in matrices]
+        # row vectors: the translation is the last row
+        frames.append([p @ m[:3, :3] + m[3, :3] for p, m in zip(points, matrices, strict=True)])
+    return np.stack([np.concatenate(each) for each in frames]), mirrored
+
+
+def _points(prim: Any, code: Any, name: str) -> Array:
+    from pxr import UsdGeom
+
+    value = UsdGeom.PointBased(prim).GetPointsAttr().Get(code)
+    points = np.array(value if value is not None else [], np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        where = f"{name}: {named(str(prim.GetPath()))}"
+        raise InvalidMotion(f"{where}: it has no points")
+    return points
+
+
+def _all_triangles(
+    shapes: Sequence[Any], codes: Sequence[Any], mirrored: Sequence[bool], name: str, notes: list[str]
+) -> Indices:
+    """Triangles of all shapes, their front where right-handed corners have it."""
+    from pxr import UsdGeom
+
+    faces: list[Indices] = [np.zeros((0, 3), np.int32)]
+    start = 0
+    for prim, mirror in zip(shapes, mirrored, strict=True):
+        count = len(_points(prim, codes[0], name))
+        if mesh := UsdGeom.Mesh(prim):
+            left = mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
+            triangles = start + _triangles(mesh, codes, count, name)
+            faces.append(triangles[:, ::-1] if left != mirror else triangles)
+            if left:
+                notes.append(f"the faces of {named(str(prim.GetPath()))} are left-handed and are turned round")
+        start += count
+    return np.concatenate(faces)
+
+
+def _triangles(mesh: Any, codes: Sequence[Any], count: int, name: str) -> Indices:
+    """Triangles (T, 3) of a mesh of `count` points; polygons become fans."""
+    place = f"{name}: {named(str(mesh.GetPath()))}"
+    attributes = mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr()
+    sizes, corners = (_whole(each, codes[0]) for each in attributes)
+    for attribute, first in zip(attributes, (sizes, corners), strict=True):
+        for code in attribute.GetTimeSamples()[1:]:
+            if not np.array_equal(_whole(attribute, code), first):
+                raise InvalidMotion(f"{place}: its faces change over time; they must stay the same")
+    if (sizes < 0).any() or sizes.sum() != len(corners):
+        raise InvalidMotion(f"{place}: its faces need {sizes.sum()} corners and have {len(corners)}")
+    if len(corners) and not 0 <= corners.min() <= corners.max() < count:
+        raise InvalidMotion(f"{place}: a triangle names a vertex beyond the {count} of its mesh")
+    many = np.maximum(sizes - 2, 0)
+    begin = np.repeat(np.cumsum(sizes) - sizes, many)
+    step = np.arange(many.sum()) - np.repeat(np.cumsum(many) - many, many)
+    return np.stack([corners[begin], corners[begin + step + 1], corners[begin + step + 2]], axis=1).astype(np.int32)
+
+
+def _whole(attribute: Any, code: Any) -> NDArray[np.int64]:
+    value = attribute.Get(code)
+    return np.zeros(0, np.int64) if value is None else np.array(value, np.int64)
+
+
+def _units(stage: Any, moves: bool, name: str, notes: list[str]) -> tuple[Axes, float]:
+    """Axes and time codes per second. Raises InvalidMotion where they make no sense."""
+    from pxr import UsdGeom
+
+    up, scale = str(UsdGeom.GetStageUpAxis(stage)), UsdGeom.GetStageMetersPerUnit(stage)
+    rate = stage.GetTimeCodesPerSecond()
+    if up not in UPS or not 0 < scale < np.inf or not 0 < rate < np.inf:
+        told = f"upAxis {shown(up)}, metersPerUnit {scale:g}, timeCodesPerSecond {rate:g}"
+        raise InvalidMotion(f"{name}: {told} cannot be; up is Y or Z, and the others are above 0")
+    if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
+        notes.append(f"it does not tell its unit, so it is {scale:g} m, as USD says")
+    if not stage.HasAuthoredMetadata("upAxis"):
+        notes.append(f"it does not tell which axis is up, so it is {UPS[up]}, as USD says")
+    if moves and not any(stage.HasAuthoredMetadata(key) for key in ("timeCodesPerSecond", "framesPerSecond")):
+        notes.append(f"it does not tell its rate, so it is {rate:g} frames per second, as USD says")
+    return Axes(UPS[up], "right", float(scale)), float(rate)
+
+
+def limit_memory(room: int, only_if_limited: bool = False) -> None:
+    """Let this process have no more than so many bytes beside what it has: a damaged file may ask for all there is, and
+    to fill that takes half a minute.
+    """
+    with suppress(ImportError, OSError, ValueError, IndexError):
+        import resource  # not on Windows
+
+        soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+        if only_if_limited and soft == resource.RLIM_INFINITY:
+            return
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        most = pages * os.sysconf("SC_PAGE_SIZE") + room
+        resource.setrlimit(resource.RLIMIT_AS, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+
+
+def main(path: str, arrays: str, name: str) -> int:
+    """Read a file into an `.npz` of arrays; 3 where that cannot be, with the reason on standard output."""
+    from pxr import Usd, UsdGeom  # noqa: F401  which take some hundred MB of addresses before anything is read
+
+    limit_memory(ROOM + RATIO * os.path.getsize(path))
+    try:
+        found = parsed(path, name)
+    except InvalidMotion as error:
+        print(json.dumps(str(error)))
+        return 3
+    told: dict[str, Any] = {"positions": found.positions}
+    if found.times is not None:
+        told["times"] = found.times
+    if found.triangles is not None:
+        told["triangles"] = found.triangles
+    np.savez(arrays, told=json.dumps([*found.axes, *found.notes]), **told)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -1,0 +1,119 @@
+"""Point caches, PC2 and MDD: their bytes by hand, round trips to float32, headers that lie."""
+
+import io
+import struct
+
+import numpy as np
+import pytest
+
+from clothfit.animation import Animation
+from clothfit.axes import Axes
+from clothfit.errors import InvalidMotion
+from clothfit.formats import mdd, pc2
+
+RIGHT = Axes("y", "right", 1.0)
+FORMATS = {"pc2": pc2, "mdd": mdd}
+POINTS = np.arange(12.0).reshape(2, 2, 3)  # whole numbers, exact in float32
+TIMES = np.array([0.0, 0.25])
+PC2 = struct.pack("<12siiffi12f", b"POINTCACHE2\0", 1, 2, 0, 1, 2, *POINTS.ravel())
+MDD = struct.pack(">ii2f12f", 2, 2, *TIMES, *POINTS.ravel())
+BYTES = {"pc2": PC2, "mdd": MDD}
+EACH = pytest.mark.parametrize("suffix", FORMATS)
+
+
+def encoded(suffix, animation):
+    ((name, data),) = FORMATS[suffix].encoded(f"a.{suffix}", animation).items()
+    assert name == f"a.{suffix}"
+    file = io.BytesIO()
+    data(file)
+    return file.getvalue()
+
+
+def read(folder, suffix, data):
+    path = folder / f"a.{suffix}"
+    path.write_bytes(data)
+    return FORMATS[suffix].read(path)
+
+
+@EACH
+def test_the_bytes_are_those_of_the_format(suffix):
+    assert encoded(suffix, Animation(POINTS, RIGHT, TIMES)) == BYTES[suffix]
+
+
+@EACH
+def test_the_format_is_read(tmp_path, suffix):
+    found = read(tmp_path, suffix, BYTES[suffix])
+    np.testing.assert_array_equal(found.positions, POINTS)
+    assert (found.axes, found.triangles, found.notes, found.spacing) == (RIGHT, None, (), 1)
+    assert (None if found.times is None else found.times.tolist()) == {"pc2": None, "mdd": [0, 0.25]}[suffix]
+
+
+@EACH
+def test_a_round_trip_costs_the_rounding_to_float32(tmp_path, suffix):
+    points = np.random.default_rng(0).normal(size=(5, 7, 3))
+    found = read(tmp_path, suffix, encoded(suffix, Animation(points, RIGHT, 0.02 * np.arange(5))))
+    np.testing.assert_array_equal(found.positions, points.astype(np.float32))
+
+
+def test_samples_that_are_no_frame_apart_are_told(tmp_path):
+    found = read(tmp_path, "pc2", PC2.replace(struct.pack("<f", 1.0), struct.pack("<f", 0.5), 1))
+    assert (found.spacing, found.notes) == (0.5, ("its samples are 0.5 frames apart",))
+
+
+def test_times_that_are_all_0_are_none(tmp_path):
+    assert read(tmp_path, "mdd", MDD.replace(struct.pack(">f", 0.25), struct.pack(">f", 0))).times is None
+    assert encoded("mdd", Animation(POINTS, RIGHT)) == MDD.replace(struct.pack(">f", 0.25), struct.pack(">f", 0))
+
+
+@EACH
+def test_a_file_that_ends_early_is_refused(tmp_path, suffix):
+    for size in range(len(BYTES[suffix])):
+        with pytest.raises(InvalidMotion, match=f"a.{suffix}: "):
+            read(tmp_path, suffix, BYTES[suffix][:size])
+
+
+@EACH
+@pytest.mark.parametrize("numbers", [(0, 2), (2, 0), (-1, 2), (2, -1), (2, 3), (2**31 - 1, 2**31 - 1), (-(2**31), -1)])
+def test_a_header_that_lies_is_refused_before_memory_is_taken(tmp_path, suffix, numbers):
+    frames, points = numbers
+    lying = {"pc2": PC2[:16] + struct.pack("<iffi", points, 0, 1, frames) + PC2[32:],
+             "mdd": struct.pack(">ii", frames, points) + MDD[8:]}  # fmt: skip
+    with pytest.raises(InvalidMotion, match=r"frames of .* points"):
+        read(tmp_path, suffix, lying[suffix])
+
+
+@EACH
+def test_what_is_longer_than_it_says_is_refused(tmp_path, suffix):
+    with pytest.raises(InvalidMotion, match="2 frames of 2 points take"):
+        read(tmp_path, suffix, BYTES[suffix] + b"\0")
+
+
+@EACH
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+def test_a_position_that_is_not_finite_is_refused(tmp_path, suffix, number):
+    points = POINTS.copy()
+    points[1, 0, 2] = number
+    with pytest.raises(InvalidMotion, match="frame 1, point 0: its position is not finite"):
+        read(tmp_path, suffix, encoded(suffix, Animation(points, RIGHT)))
+
+
+@pytest.mark.parametrize("times", [(0.25, 0), (1, 1), (np.nan, 1), (0, np.inf)])
+def test_times_that_do_not_increase_are_refused(tmp_path, times):
+    with pytest.raises(InvalidMotion, match="its times are not finite and increasing"):
+        read(tmp_path, "mdd", MDD[:8] + struct.pack(">2f", *times) + MDD[16:])
+
+
+def test_other_versions_and_other_files_are_refused(tmp_path):
+    with pytest.raises(InvalidMotion, match="is of version 2 of PC2, 1 can be read"):
+        read(tmp_path, "pc2", PC2[:12] + struct.pack("<i", 2) + PC2[16:])
+    with pytest.raises(InvalidMotion, match="does not begin as a PC2 point cache does"):
+        read(tmp_path, "pc2", MDD)
+
+
+@EACH
+def test_a_folder_and_nothing_are_refused(tmp_path, suffix):
+    (tmp_path / f"b.{suffix}").mkdir()
+    with pytest.raises(InvalidMotion, match="is a folder"):
+        FORMATS[suffix].read(tmp_path / f"b.{suffix}")
+    with pytest.raises(InvalidMotion, match="there is no such file"):
+        FORMATS[suffix].read(tmp_path / f"c.{suffix}")
