@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from clothfit.fit import estimate
     from clothfit.fit_vector import parameters, with_parameters
     from clothfit.many import estimate_many
+    from clothfit.mesh_file import read_mesh
     from clothfit.motion import Motion, as_motion, simulate
     from clothfit.motion_files import load_motion, save_motion
     from clothfit.objective import Objective, cost_and_gradient
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from clothfit.result import Fit
     from clothfit.scene import Cloth, Scene, load, save
     from clothfit.scene_check import SceneCheck, check_scene
+    from clothfit.scene_making import new_scene
 
 _HOME = {
     "degrade": "capture",
@@ -46,6 +48,8 @@ _HOME = {
     "Fit": "result",
     "estimate": "fit",
     "estimate_many": "many",
+    "read_mesh": "mesh_file",
+    "new_scene": "scene_making",
     "Motion": "motion",
     "as_motion": "motion",
     "load_motion": "motion_files",
@@ -65,7 +69,8 @@ _HOME = {
     "save": "scene",
 }
 
-_MODULES = ("mesh", "verify")  # for users as well, by their own names: clothfit.verify.check(…)
+# for users as well, by their own names: clothfit.verify.check(…)
+_MODULES = ("mesh", "mesh_problems", "verify", "weld")
 
 __all__ = [
     "Cloth",
@@ -94,7 +99,9 @@ __all__ = [
     "evaluate",
     "load",
     "load_motion",
+    "new_scene",
     "parameters",
+    "read_mesh",
     "save",
     "save_motion",
     "simulate",

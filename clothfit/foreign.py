@@ -26,6 +26,7 @@ from clothfit.formats import Format, foreign, module_of
 from clothfit.formats.files import name_of, refused
 from clothfit.likeness import Likeness, likeness
 from clothfit.markers import Matches, initial, matched
+from clothfit.mesh_numbering import mesh_counts, picks
 from clothfit.motion import Motion, check_motion
 from clothfit.motion import load_motion as load_native
 from clothfit.native import described
@@ -150,6 +151,9 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
         matches = matched(positions, observed, names, scene, reading.markers, name)
         notes += [matches.note] if matches.note else []
         positions, observed = _spread(positions, observed, matches, sum(scene.vertex_counts))
+    elif scene is not None and points != sum(scene.vertex_counts) and points == sum(mesh_counts(scene)):
+        positions, observed = positions[:, picks(scene)], observed[:, picks(scene)]
+        notes.append(f"its vertices are those of the mesh before it was welded to {positions.shape[1]}")
     own: Any = scene or Points((points,), name)
     _check_count(positions.shape[1], own, name)
     arrays = {"positions": positions, "times": times, "observed": observed}
@@ -162,12 +166,12 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
 
 def _are_markers(read: Animation, found: Format, scene: Scene, reading: Reading) -> bool:
     """Whether the points are markers of some vertices, not the vertices themselves, v0, v1, …, as they are written."""
-    total = sum(scene.vertex_counts)
     if reading.markers is not None:
         return True
-    if read.names == tuple(f"v{i}" for i in range(total)):
-        return False
-    return read.names is not None or (found.markers and read.positions.shape[1] != total)
+    totals = (sum(scene.vertex_counts), sum(mesh_counts(scene)))
+    if read.names is not None:
+        return all(read.names != tuple(f"v{i}" for i in range(total)) for total in totals)
+    return found.markers and read.positions.shape[1] not in totals
 
 
 def _native(path: str | os.PathLike[str] | io.BytesIO, scene: Scene | None, reading: Reading, name: str) -> Loaded:

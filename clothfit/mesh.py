@@ -22,6 +22,7 @@ import numpy.typing as npt
 from clothfit.arrays import Array, Flags, Indices
 from clothfit.errors import InvalidInput
 
+AIR = 1.2  # kg/m³, density of air
 BENDING = 0.25  # a bending spring's share of the object's stiffness
 
 
@@ -95,11 +96,20 @@ def sides(triangles: Indices) -> Sides:
     """
     edge = np.sort(triangles[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
     opposite = triangles[:, [2, 1, 0]].reshape(-1)
-    _, found, group, meetings = np.unique(edge, axis=0, return_index=True, return_inverse=True, return_counts=True)
+    _, found, group, meetings = np.unique(keys(edge), return_index=True, return_inverse=True, return_counts=True)
     if len(meetings) and meetings.max() > 2:
         a, b = edge[found[meetings.argmax()]]
         raise InvalidInput(f"{meetings.max()} triangles share the edge between vertices {a} and {b}; at most 2 can")
-    return Sides(edge, opposite, found[group.reshape(-1)].astype(np.int32))  # NumPy 2.0 kept the shape of the input
+    return Sides(edge, opposite, found[group].astype(np.int32))
+
+
+def keys(pairs: Indices) -> npt.NDArray[np.int64]:
+    """A number for each pair (P, 2) of vertices, whichever is first, in the order of the smaller and then the larger:
+    numbers are sorted much faster than rows.
+    """
+    low, high = np.sort(pairs, axis=1).astype(np.int64).T
+    found: npt.NDArray[np.int64] = (low << 32) + high
+    return found
 
 
 def edges(triangles: Indices) -> Indices:
@@ -109,20 +119,22 @@ def edges(triangles: Indices) -> Indices:
     return ends
 
 
-def springs(mesh: Mesh, stiffness: float, bending: bool = True) -> Springs:
-    """Make the springs of an object of this stiffness, N/m, with or without the bending springs.
+def springs(mesh: Mesh, stiffness: float, bending: bool | float = True) -> Springs:
+    """Make the springs of an object of this stiffness, N/m; without bending springs, with the front end's, or with
+    bending springs of another share of the stiffness.
 
     Raises InvalidInput when a spring would have no length.
     """
+    share = BENDING if bending is True else float(bending)
     met = sides(mesh.triangles)
     bends = met.first != np.arange(len(met.first))
     across = np.sort(np.stack([met.opposite, met.opposite[met.first]], axis=1), axis=1)
     ends = np.where(bends[:, None], across, met.edge)
     area = np.repeat(areas(mesh), 3)
     traction = np.bincount(met.first, weights=area, minlength=len(area))
-    strength = stiffness * np.where(bends, BENDING * 2 * area, traction)
+    strength = stiffness * np.where(bends, share * 2 * area, traction)
 
-    chosen = np.full(len(bends), True) if bending else ~bends
+    chosen = np.full(len(bends), True) if share else ~bends
     ends, strength, bends = ends[chosen], strength[chosen], bends[chosen]
     e = mesh.positions[ends[:, 0]] - mesh.positions[ends[:, 1]]
     length2 = (e * e).sum(axis=1)
@@ -144,6 +156,20 @@ def masses(mesh: Mesh, density: float) -> Array:
     return mass
 
 
+def air_drag(mesh: Mesh, speed: float) -> float:
+    """The `dragCoefficient`, kg/(m^6 s), with which faces of the mesh feel air of a speed, m/s, as in the world.
+
+    Air that meets a face of area A pushes it with ½ ϱ c A v², the format with drag · A · (2 A)² · v, so that they are
+    equal for one area and one speed: drag = ϱ c v / (8 A²), with ϱ = 1.2 kg/m³, c = 1 and the median area.
+    Raises InvalidInput where that is no number.
+    """
+    area = float(np.median(areas(mesh))) if len(mesh.triangles) else 0.0
+    drag = AIR * speed / (8 * area * area) if area * area > 0 else np.inf
+    if not 0 <= drag < np.inf:
+        raise InvalidInput(f"drag: faces of {area:g} m² in air of {speed:g} m/s have no coefficient; give a number")
+    return drag
+
+
 def object_document(
     mesh: Mesh,
     fixed: npt.ArrayLike,
@@ -153,13 +179,13 @@ def object_document(
     damping: float = 0.0,
     drag: float = 0.0,
     settings: str = "nn",
-    bending: bool = True,
+    bending: bool | float = True,
 ) -> dict[str, Any]:
     """Make an object of a scene file, its fields named and in order as the front end writes them.
 
     `fixed` (n,) says which vertices do not move. Density in kg/m², stiffness in N/m; damping, drag and settings are
-    the file's `damping`, `dragCoefficient` and `optimizationSettings`. Raises InvalidInput when no object can be made
-    of the mesh or `fixed` does not fit it.
+    the file's `damping`, `dragCoefficient` and `optimizationSettings`; bending as in `springs`. Raises InvalidInput
+    when no object can be made of the mesh or `fixed` does not fit it.
     """
     held = np.asarray(fixed, dtype=np.bool_)
     if held.shape != (len(mesh.positions),):

@@ -7,6 +7,7 @@ appears whole or not at all. Files of an earlier, longer sequence would be read 
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import IO, Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from clothfit.convention import Convention, Reading
 from clothfit.errors import InvalidInput
 from clothfit.foreign import load
 from clothfit.formats import FORMATS, Format, foreign, module_of, obj
+from clothfit.mesh_numbering import mesh_counts, picks, unwelded
 from clothfit.motion import Motion
 from clothfit.output import Data, write_atomically
 from clothfit.scene import Scene
@@ -57,7 +59,8 @@ def save_motion(
         own.save_motion(motion, path_or_file)
         return
     check_place(path_or_file, len(motion.times))
-    made = animation(motion, found, convention.axes(found.axes), None if scene is None else triangles_of(scene))
+    whole, faces = (motion, None) if scene is None else for_tools(motion, scene)
+    made = animation(whole, found, convention.axes(found.axes), faces)
     for path, data in files(path_or_file, found, made).items():
         write_atomically(path, data)
 
@@ -114,6 +117,18 @@ def triangles_of(scene: Scene) -> Indices:
     return np.concatenate([cloth.triangles + start for cloth, start in zip(scene.cloths, starts, strict=False)])
 
 
+def for_tools(motion: Motion, scene: Scene) -> tuple[Motion, Indices]:
+    """A motion of a scene, and its faces (T, 3), by the vertices of the meshes that the scene was made of, which other
+    programs know; they differ where welding gave them other numbers. Raises InvalidScene.
+    """
+    faces, chosen = triangles_of(scene), picks(scene)
+    if chosen is None:
+        return motion, faces
+    arrays = {name: getattr(motion, name) for name in ("positions", "observed", "weights")}
+    made: dict[str, Any] = {name: unwelded(scene, array) for name, array in arrays.items() if array is not None}
+    return replace(motion, vertex_counts=mesh_counts(scene), **made), chosen[faces]
+
+
 def check_place(path: str | os.PathLike[str], frames: int | None = None) -> None:
     """Check, before long work, that a motion of so many frames (None: not known yet) can be written there.
 
@@ -125,6 +140,8 @@ def check_place(path: str | os.PathLike[str], frames: int | None = None) -> None
         return
     text = os.fspath(path)
     module_of(found)
+    if not found.writes:
+        raise InvalidInput(f"cannot write {text}: {found.name} can only be read")
     if found.module != "obj" or frames is None:
         return
     obj.check_name(text, frames)

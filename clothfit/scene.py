@@ -25,6 +25,7 @@ from clothfit.source import Readable, Source, constant_problem, name_of, parse, 
 from clothfit.splice import Optional, splice
 
 SPHERE = 1  # colliders[].type
+INTEGRATORS = ("explicit", "symplectic", "implicit")  # names of the values of integrationMethod
 LETTERS: dict[str | bool, str] = {"n": "n", "g": "G", "l": "L", False: "n", True: "G"}
 
 

@@ -5,11 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from clothfit.scene import Scene
+from clothfit.scene import INTEGRATORS, Scene
 from clothfit.system import IMPLICIT
-
-INTEGRATORS = ("explicit", "symplectic", "implicit")
-"""Names of the values of the scene's `integrationMethod`."""
 
 SHORT = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16, 1 / 32)
 """Steps of the explicit integrators to try, relative to the scene's delta: cheap ones, stable only when short."""

@@ -61,12 +61,15 @@ class Limit(NamedTuple):
     growth: float  # factor per step of the scene's delta on the fastest growing oscillation; at most 1 where stable
 
 
-def limit(system: System) -> Limit:
-    """The limit of a cloth, with its own method; nothing limits implicit steps."""
+def limit(system: System, omega: float | None = None) -> Limit:
+    """The limit of a cloth, with its own method; nothing limits implicit steps. `omega`: its `frequency`, where that is
+    known already.
+    """
     if system.method == IMPLICIT:
         return Limit(0.0, inf, 1.0)
     with np.errstate(all="ignore"):  # of values at the ends of the range of doubles
-        omega, alpha, air = frequency(system), system.vertex.damping, drag(system)
+        omega = frequency(system) if omega is None else omega
+        alpha, air = system.vertex.damping, drag(system)
     damping = alpha + system.springs.damping * omega * omega
     modes = [(omega, damping, damping + air), (0.0, alpha, alpha + air)]  # the second: what no spring holds
     step = min(longest_step(system.method, *mode) for mode in modes)

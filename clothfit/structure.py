@@ -52,6 +52,12 @@ def defaults(kind: str) -> dict[str, Any]:
     return {name: field["default"] for name, field in schema["properties"].items() if "default" in field}
 
 
+def fields(kind: str) -> set[str]:
+    """Names of the fields that the "scene", an "object" or a "collider" may have."""
+    schema = _schema() if kind == "scene" else _schema()["$defs"][kind]
+    return set(schema["properties"])
+
+
 def schema_path() -> Path:
     """Find the published schema: inside an installed package, beside the package in a checkout."""
     package = Path(__file__).resolve().parent

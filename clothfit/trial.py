@@ -16,8 +16,8 @@ import numpy as np
 
 from clothfit.arrays import Array
 from clothfit.rollout import Rollout, rollout
-from clothfit.scene import Scene
-from clothfit.setting import INTEGRATORS, Setting
+from clothfit.scene import INTEGRATORS, Scene
+from clothfit.setting import Setting
 from clothfit.system import build
 
 RUNS = 5

@@ -7,7 +7,6 @@ hides is said in `README.md` beside this file. Units: m, kg, s, N/m.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from clothfit import scene_text
 from clothfit.arrays import Flags
 from clothfit.mesh import Mesh, object_document, plane
 
@@ -101,25 +101,8 @@ def vector(xyz: tuple[float, ...]) -> dict[str, float]:
 
 
 def text(document: dict[str, Any]) -> str:
-    """Write a scene as JSON with one field per line, each array of a cloth on its own."""
-    document = rounded(document)
-    lines = [f'"{name}": {objects(value) if name == "objects" else compact(value)}' for name, value in document.items()]
-    return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
-def objects(cloths: list[dict[str, Any]]) -> str:
-    """Write the cloths, a line per field."""
-    return "[" + ", ".join("{\n" + ",\n".join(map(field, cloth.items())) + "\n}" for cloth in cloths) + "]"
-
-
-def field(item: tuple[str, Any]) -> str:
-    """Write one field of a cloth."""
-    return f'  "{item[0]}": {compact(item[1])}'
-
-
-def compact(value: Any) -> str:
-    """Write a value on one line."""
-    return json.dumps(value, separators=(",", ":"))
+    """Write a scene as JSON."""
+    return scene_text.text(rounded(document))
 
 
 def rounded(value: Any) -> Any:

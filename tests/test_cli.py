@@ -23,7 +23,8 @@ def test_the_group_lists_the_commands_in_the_order_of_a_working_day(capsys):
     code, out, err = said(capsys, "--help")
     assert (code, err) == (0, "")
     shown = [line.split()[0] for line in out.split("Commands:")[1].splitlines() if line.strip()]
-    assert shown == list(COMMANDS) == ["simulate", "target", "estimate", "evaluate", "check", "convert", "warmup"]
+    day = "new info validate simulate target estimate evaluate check convert warmup"
+    assert shown == list(COMMANDS) == day.split()
 
 
 @pytest.mark.parametrize("command", [[], *[[name] for name in COMMANDS]])
@@ -42,7 +43,7 @@ def test_the_common_options_are_everywhere(capsys, command):
     _, out, _ = said(capsys, command, "--help")
     for option in ("--json", "-q, --quiet", "-v, --verbose", "--version", "-h, --help"):
         assert option in out
-    first = {"warmup": "", "convert": " scene.motion.npz"}.get(command, " scene.json")
+    first = {"warmup": "", "new": " plane", "convert": " scene.motion.npz"}.get(command, " scene.json")
     assert f"\n  clothfit {command}{first}" in out  # an example to copy
 
 

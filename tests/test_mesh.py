@@ -162,6 +162,15 @@ def test_springs_do_not_depend_on_place_turn_or_scale():
     np.testing.assert_allclose(mesh.springs(moved, 1.0).stiffness, mesh.springs(sheet, 1.0).stiffness, rtol=1e-9)
 
 
+def test_air_pushes_a_face_as_in_the_world():
+    # ½ · 1.2 kg/m³ · 2 m² · (5 m/s)² = 30 N, all corners together: drag · A · (2 A)² · v
+    one = Mesh(np.array([[0.0, 0, 0], [2, 0, 0], [0, 2, 0]]), triangles((0, 1, 2)))
+    made = mesh.object_document(one, [False] * 3, density=1.0, stiffness=1.0, drag=mesh.air_drag(one, 5.0))
+    scene = clothfit.load(document(made, windVel={"x": 0.0, "y": 0.0, "z": 5.0}, integrationMethod=0, delta=0.5))
+    moved = clothfit.simulate(scene, 3).positions[2, :, 2]  # the second step moves by h · h f/m, h = 0.5 s
+    np.testing.assert_allclose(moved, 0.25 * 30.0 / 2.0, rtol=1e-12)  # of 2 kg
+
+
 def test_a_mesh_without_triangles_has_no_springs():
     made = mesh.springs(Mesh(np.zeros((0, 3)), triangles()), 1.0)
     assert made.ends.shape == (0, 2)

@@ -64,6 +64,9 @@ COMMANDS = [
     "estimate -q all.json --target fps.npz --target some.npz --max-evaluations 3 --loss huber -o x.json",
     "estimate -q all.json --target fps.npz --max-evaluations 3 --objective velocity --objective spectrum -o x.json",
     "check -q all.json",
+    "info -q all.json",
+    "new plane -q --integrator symplectic",
+    "validate -q all.json",
     "evaluate -q all.json x.json --steps 7",
     "evaluate -q two.json two.fitted.json --target two.motion.npz --steps 7",
 ]  # fmt: skip

@@ -13,6 +13,7 @@ import clothfit
 from clothfit import energy, fit_methods, mesh, precision, verify
 from clothfit.mesh import Mesh
 from clothfit.scene import load
+from clothfit.topology import together
 
 SCENE = load(SMALL)
 ONES = np.ones(3)
@@ -77,6 +78,10 @@ PYTHON: dict[str, Callable[[], object]] = {
     "fixed: … values for … vertices; one each is needed": lambda: mesh.object_document(
         PLANE, [True], density=0.1, stiffness=50.0
     ),
+    "drag: faces of … m² in air of … m/s have no coefficient; give a number": lambda: mesh.air_drag(
+        Mesh(CORNERS, triangles((0, 1, 1))), 1.0
+    ),
+    "weld: a distance of … m is not possible, 0 or more is": lambda: together(CORNERS, -1.0),
     "derivative check: only … of … steps stand above rounding, … are needed; try another direction, or a point where "
     "the cost curves more": lambda: checked(0.0),
     "derivative check: direction of shape … given, p has …": lambda: checked(0.0, np.ones(2)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -62,7 +63,9 @@ def command(
     motions.check(out, convention, (in_path, *others))
     mesh = None if mesh_path is None else mesh_faces(mesh_path)
     loaded = motions.load(in_path, scene, reading, console)
-    faces = chosen_faces(mesh, loaded, scene, mesh_path)
+    if scene is not None:
+        loaded = of_scene(loaded, scene, out)
+    faces = chosen_faces(mesh, loaded, mesh_path)
     told = written(loaded, out, scene, faces, convention, console)
     if as_json:
         account = loaded.account.summary()
@@ -91,18 +94,25 @@ def mesh_faces(path: str) -> tuple[int, Indices]:
     return mesh.account.points, mesh.triangles
 
 
-def chosen_faces(
-    mesh: tuple[int, Indices] | None, loaded: Loaded, scene: Scene | None, mesh_path: str | None
-) -> Indices | None:
-    """The faces to write: those of the mesh, else of the scene, else of the file. Raises InvalidInput."""
-    from clothfit.motion_files import triangles_of
+def of_scene(loaded: Loaded, scene: Scene, out: shared.Output) -> Loaded:
+    """The same with the scene's faces; for another program by the vertices of the mesh that it knows."""
+    from clothfit.formats import foreign
+    from clothfit.motion_files import for_tools, triangles_of
 
+    if foreign(out.path) is None:
+        return replace(loaded, triangles=triangles_of(scene))
+    motion, faces = for_tools(loaded.motion, scene)
+    return replace(loaded, motion=motion, triangles=faces)
+
+
+def chosen_faces(mesh: tuple[int, Indices] | None, loaded: Loaded, mesh_path: str | None) -> Indices | None:
+    """The faces to write: those of the mesh, else of the scene or the file. Raises InvalidInput."""
     points = loaded.motion.positions.shape[1]
     if mesh is not None and mesh[0] != points:
         raise InvalidInput(f"--mesh: {mesh_path} has {mesh[0]} vertices, the motion has {points}")
     if mesh is not None:
         return mesh[1]
-    return loaded.triangles if scene is None else triangles_of(scene)
+    return loaded.triangles
 
 
 def written(

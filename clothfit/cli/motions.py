@@ -156,14 +156,15 @@ def write(
 ) -> None:
     """Write a motion of the scene to its file or files, with other arrays beside it where they can hold any."""
     from clothfit.formats import foreign
-    from clothfit.motion_files import triangles_of
+    from clothfit.motion_files import for_tools
 
     if foreign(out.path) is None:
         out.write(shared.motion_data(motion, extra))
         return
     if extra:
         console.warn(f"{out.name}: holds positions only; what --energy tells is kept in .npz")
-    write_foreign(motion, out, convention, console, triangles=triangles_of(scene))
+    whole, faces = for_tools(motion, scene)
+    write_foreign(whole, out, convention, console, triangles=faces)
 
 
 def write_foreign(

@@ -27,7 +27,9 @@ from clothfit.interrupts import REQUESTS, SAME_REQUEST
 
 _last_request = -SAME_REQUEST
 
-COMMANDS = ("simulate", "target", "estimate", "evaluate", "check", "convert", "warmup")
+COMMANDS = (
+    "new", "info", "validate", "simulate", "target", "estimate", "evaluate", "check", "convert", "warmup",
+)  # fmt: skip
 
 
 class LazyGroup(click.Group):

@@ -26,6 +26,7 @@ class Format(NamedTuple):
     suffixes: tuple[str, ...]  # in lower case
     module: str  # in this package
     axes: Axes  # where the file does not tell
+    writes: bool = True  # whether it can be written
     times: bool = True  # whether it tells when its frames are
     markers: bool = False  # whether it holds markers, which need not be all vertices and may have gaps
     faces: bool = True  # whether it has a place for them
@@ -41,6 +42,7 @@ FORMATS = (
     Format("MDD point cache", (".mdd",), "mdd", RIGHT, faces=False),
     Format("USD", (".usd", ".usda", ".usdc"), "usd", RIGHT, extra="usd", library="pxr"),
     Format("glTF", (".glb",), "glb", RIGHT),
+    Format("PLY mesh", (".ply",), "ply", RIGHT, writes=False, times=False),
     Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), markers=True, faces=False),
     Format("TRC markers", (".trc",), "trc", Axes("y", "right", 0.001), markers=True, faces=False),
     Format("CSV markers", (".csv",), "marker_table", RIGHT, markers=True, faces=False),
@@ -84,4 +86,4 @@ def module_of(found: Format) -> Any:
     return import_module(f"clothfit.formats.{found.module}")
 
 
-__all__ = ["FORMATS", "NATIVE", "RIGHT", "SCENE", "Format", "foreign", "format_of", "module_of"]
+__all__ = ["FORMATS", "NATIVE", "RIGHT", "SCENE", "Format", "foreign", "format_of", "module_of", "suffix_of"]

@@ -1,0 +1,161 @@
+"""`clothfit info`: what is in a scene?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from clothfit.cli import shared
+from clothfit.cli.console import Console
+from clothfit.words import counted, owned
+
+if TYPE_CHECKING:
+    from clothfit.forecast import Forecast
+    from clothfit.overview import Facts, Flagged, Spread
+    from clothfit.scene import Scene
+
+BESIDE = 4
+"""Objects in one table."""
+
+SHOWN = 5
+"""Parts and spheres that are told one by one."""
+
+
+@shared.command("info")
+@click.argument("scene_path", metavar="SCENE")
+def command(scene_path: str, as_json: bool, console: Console) -> int:
+    """Tell what is in SCENE: counts, masses, stiffnesses, what is to be fitted, which steps are stable, how much
+    memory it takes.
+
+    \b
+    clothfit info scene.json
+    clothfit info scene.json --json
+    """
+    scene = shared.read_scene(scene_path, console)
+    from clothfit.forecast import forecast
+    from clothfit.memory import free
+    from clothfit.mesh_numbering import numberings
+    from clothfit.overview import beyond_bounds, facts, flagged, unknown_fields
+
+    objects, wanted = [facts(cloth) for cloth in scene.cloths], flagged(scene)
+    ahead, strange = forecast(scene), unknown_fields(scene)
+    meshes = [None if each is None else len(each) for each in numberings(scene)]
+    for sentence in beyond_bounds(scene):
+        console.warn(f"{scene.name}: {sentence}")
+    show_scene(scene, console)
+    for begin in range(0, len(objects), BESIDE):
+        show_objects(range(len(objects))[begin : begin + BESIDE], objects, wanted, console)
+    for index, count in enumerate(meshes):
+        if count is not None:
+            console.say(f"objects[{index}] was welded from a mesh of {count} vertices")
+    show_rest(scene, ahead, [each.name for each in wanted if each.object is None], strange, console)
+    if as_json:
+        needed = {"motion": ahead.motion, "fit": ahead.fit, "free": free()}
+        own = {"objects": objects_summary(objects, meshes), "flagged": [asdict(each) for each in wanted]}
+        others = {"stability": [asdict(each) for each in ahead.steps], "memory": needed, "unknown_fields": strange}
+        shared.print_json("info", {**whole(scene), **own, **others, "warnings": scene.warnings})
+    return 0
+
+
+def objects_summary(objects: Sequence[Facts], meshes: Sequence[int | None]) -> list[dict[str, Any]]:
+    """What --json prints of each object."""
+    return [{**asdict(own), "mesh_vertices": count} for own, count in zip(objects, meshes, strict=True)]
+
+
+def whole(scene: Scene) -> dict[str, Any]:
+    """What --json prints of the scene as a whole."""
+    from clothfit.scene import INTEGRATORS
+
+    return {
+        "scene": scene.name,
+        "title": scene.title,
+        "integrator": INTEGRATORS[scene.method],
+        "delta": scene.delta,
+        "frames": scene.frames,
+        "duration": scene.delta * (scene.frames - 1),
+        "tolerance": scene.tolerance,
+        "newton_iterations": scene.newton_iterations,
+        "wind": scene.wind.tolist(),
+        "gravity": scene.gravity.tolist(),
+        "spheres": [{"centre": each.centre.tolist(), "radius": each.radius} for each in scene.spheres],
+    }
+
+
+def show_scene(scene: Scene, console: Console) -> None:
+    """What belongs to no object."""
+    own = whole(scene)
+    iterations = counted(scene.newton_iterations, "Newton iteration", "Newton iterations")
+    solver = f", {iterations}, tolerance {scene.tolerance:g}" if own["integrator"] == "implicit" else ""
+    console.say(f"{scene.name}: {scene.title!r}: {own['integrator']} steps of {scene.delta:.4g} s{solver}")
+    console.say(f"{scene.frames} frames to compare, {own['duration']:.4g} s")
+    console.say(f"wind {vector(own['wind'])} m/s, gravity {vector(own['gravity'])} m/s²")
+    for each in own["spheres"][:SHOWN]:
+        console.say(f"sphere of {each['radius']:.4g} m at {vector(each['centre'])} m")
+    if len(own["spheres"]) > SHOWN:
+        console.say(f"and {len(own['spheres']) - SHOWN} more spheres")
+
+
+def show_objects(chosen: range, objects: Sequence[Facts], wanted: Sequence[Flagged], console: Console) -> None:
+    """A table with a column for each object."""
+    columns = [column(objects[index], [each for each in wanted if each.object == index]) for index in chosen]
+    rows = [["", *(f"objects[{index}]" for index in chosen)]]
+    rows += [[name, *(each[name] for each in columns)] for name in columns[0]]
+    console.table(rows)
+
+
+def column(own: Facts, wanted: Sequence[Flagged]) -> dict[str, str]:
+    """An object's cells by the names of their rows."""
+    others = own.springs - own.along_edges - own.bending
+    parts = ", ".join(map(str, own.parts[:SHOWN])) + (", …" if len(own.parts) > SHOWN else "")
+    extent = " × ".join(f"{high - low:.4g}" for low, high in zip(own.low, own.high, strict=True))
+    return {
+        "vertices": f"{own.vertices}, {own.fixed} fixed",
+        "triangles": str(own.triangles),
+        "springs": f"{own.springs}: {own.along_edges} along edges, {own.bending} bending, {others} others",
+        "parts": f"{len(own.parts)} ({parts} vertices)" + (f", {own.loose} without springs" if own.loose else ""),
+        "size": f"{extent} m",
+        "lowest corner": f"{vector(own.low)} m",
+        "mass": f"{own.mass.total:.4g} kg: {told(own.mass, 'kg')}",
+        "stiffness": told(own.stiffness, "N/m"),
+        "rest length": told(own.rest, "m") + (" (not those at the start)" if own.strained else ""),
+        "velocity": "at the start" if own.moving else "none at the start",
+        "damping": f"{own.damping:.4g}",
+        "drag": f"{own.drag:.4g}",
+        "to fit": ", ".join(f"{each.name} ({each.mode}, {each.count})" for each in wanted) or "nothing",
+    }
+
+
+def show_rest(
+    scene: Scene, ahead: Forecast, wanted: Sequence[str], strange: Sequence[str], console: Console
+) -> None:
+    """Stability, what to fit of the scene as a whole, memory and what nobody knows."""
+    from clothfit.memory import free, human
+
+    rows = [("integrator", "longest stable step", f"with {scene.delta:.4g} s")]
+    for each in ahead.steps:
+        longest = "any" if each.limit == float("inf") else f"{each.limit:.3g} s" if each.limit else "none"
+        rows.append((each.integrator, longest, "stable" if each.stable else "not stable"))
+    console.table(rows)
+    if wanted:
+        console.say(f"to fit: {', '.join(owned(None, name) for name in wanted)}")
+    needed = "" if ahead.fit is None else f", a fit about {human(ahead.fit)}"
+    console.say(f"memory: the motion takes {human(ahead.motion)}{needed}; {human(free())} are free")
+    if strange:
+        console.say(f"fields that are kept and not used: {', '.join(strange)}")
+
+
+def told(values: Spread, unit: str) -> str:
+    """How values spread, for people."""
+    if values.least is None or values.median is None or values.most is None:
+        return "none"
+    if values.least == values.most:
+        return f"{values.least:.4g} {unit} each"
+    return f"{values.least:.4g} … {values.most:.4g} {unit}, half below {values.median:.4g}"
+
+
+def vector(values: Sequence[float]) -> str:
+    """Three components, for people."""
+    return f"({', '.join(f'{value:.4g}' for value in values)})"

@@ -1,0 +1,224 @@
+"""Meshes in .ply: text or binary of either byte order, polygons of any number of corners, which become fans.
+
+A header names elements, how many there are of each and which properties each of them has, in the order in which the
+body gives them: numbers, or lists that begin with their length. What is known here are `vertex` with x, y, z and `face`
+with `vertex_indices` (or `vertex_index`); the rest is passed over. G. Turk, The PLY polygon file format, 1994.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from clothfit import memory
+from clothfit.animation import Animation
+from clothfit.arrays import Array, Indices
+from clothfit.errors import InvalidMotion
+from clothfit.formats import RIGHT
+from clothfit.formats.files import check_room, content, name_of
+
+NUMBERS = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
+    "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
+    "double": "f8", "float64": "f8",
+}  # fmt: skip
+ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+INDICES = ("vertex_indices", "vertex_index")
+
+MOST_HEADER = 1 << 16
+"""Bytes of a header."""
+
+COPIES = 12
+"""Memory that reading a file takes at most, as a multiple of its size: text becomes numbers of 8 bytes, and these
+triangles.
+"""
+
+ROW = 500
+"""Bytes that a property of a row takes, roughly, where rows are read one by one."""
+
+
+@dataclass(frozen=True)
+class Property:
+    """A property of an element."""
+
+    name: str
+    number: str  # of a value, as in NumPy
+    count: str | None  # of the length, where it is a list
+
+
+@dataclass(frozen=True)
+class Element:
+    """What the header says of a kind of element."""
+
+    name: str
+    count: int
+    properties: tuple[Property, ...]
+
+
+def read(path: str | os.PathLike[str]) -> Animation:
+    """Read a mesh, its vertices in the file's order, as an animation of one frame. Raises InvalidMotion."""
+    data = content(path)
+    check_room(COPIES * len(data), path)
+    try:
+        elements, order, begin = _header(data)
+        return _animation(_body(data[begin:], elements, order))
+    except (ValueError, OverflowError) as error:
+        raise InvalidMotion(f"{name_of(path)}: cannot be read as .ply: {error}") from None
+
+
+def _header(data: bytes) -> tuple[list[Element], str, int]:
+    """The elements, the byte order and where the body begins."""
+    end = data.find(b"end_header", 0, MOST_HEADER)
+    begin = data.find(b"\n", max(end, 0)) + 1
+    lines = [line.split() for line in data[: max(end, 0)].decode("ascii", "replace").splitlines()]
+    if not lines or lines[0] != ["ply"] or not begin:
+        raise ValueError("it has no header")
+    order, elements = None, []
+    for words in lines[1:]:
+        match words:
+            case [] | ["comment" | "obj_info", *_]:
+                pass
+            case ["format", kind, _] if kind in ORDERS:
+                order = ORDERS[kind]
+            case ["element", name, count] if count.isdigit() and len(count) < 19:
+                elements.append(Element(name, int(count), ()))
+            case ["property", number, name] if elements and number in NUMBERS:
+                _add(elements, Property(name, NUMBERS[number], None))
+            case ["property", "list", count, number, name] if elements and {count, number} <= NUMBERS.keys():
+                _add(elements, Property(name, NUMBERS[number], NUMBERS[count]))
+            case _:
+                raise ValueError(f"its header has a line that is not understood: {' '.join(words)[:40]!r}")
+    if order is None:
+        raise ValueError("its header does not tell the format")
+    return elements, order, begin
+
+
+def _add(elements: list[Element], item: Property) -> None:
+    elements[-1] = replace(elements[-1], properties=(*elements[-1].properties, item))
+
+
+def _body(data: bytes, elements: list[Element], order: str) -> dict[tuple[str, str], Any]:
+    """The columns by names of element and property; of a list (lengths, values)."""
+    least = sum(each.count * sum(_least(item, order) for item in each.properties) for each in elements)
+    if least > len(data) + 1:  # text may end without a space
+        raise ValueError(f"it has {len(data)} bytes where its header asks for {least} or more")
+    cursor = _Cursor(data, order)
+    found: dict[tuple[str, str], Any] = {}
+    for each in elements:
+        if each.count and each.properties:
+            columns = _uniform(cursor, each)
+            columns = _walked(cursor, each) if columns is None else columns
+            found.update({(each.name, name): column for name, column in columns.items()})
+    return found
+
+
+def _least(item: Property, order: str) -> int:
+    """Bytes of a property, at least: in text a digit and a space."""
+    return np.dtype(item.count or item.number).itemsize if order else 2
+
+
+class _Cursor:
+    """Takes numbers from the body, one after another."""
+
+    def __init__(self, data: bytes, order: str) -> None:
+        self.order, self.at = order, 0
+        self.data = data if order else _numbers(data).tobytes()
+
+    def type(self, number: str) -> np.dtype[Any]:
+        """How a number is kept here."""
+        return np.dtype(self.order + number if self.order else "f8")
+
+    def has(self, kind: np.dtype[Any], count: int) -> bool:
+        """Whether so many are left."""
+        return 0 <= count * kind.itemsize <= len(self.data) - self.at
+
+    def take(self, kind: np.dtype[Any], count: int) -> Any:
+        """The next so many. Raises ValueError."""
+        if not self.has(kind, count):
+            raise ValueError("it ends early")
+        values = np.frombuffer(self.data, kind, count, self.at)
+        self.at += count * kind.itemsize
+        return values
+
+
+def _numbers(data: bytes) -> Array:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # NumPy's way to say that a word is no number
+        try:
+            return np.fromstring(data, sep=" ")
+        except (DeprecationWarning, ValueError):  # which, depends on the version of NumPy
+            raise ValueError("a word in it is no number") from None
+
+
+def _uniform(cursor: _Cursor, each: Element) -> dict[str, Any] | None:
+    """The columns where all lists of a property are as long as its first; None where they are not."""
+    begin, fields = cursor.at, []
+    for item in each.properties:
+        length = 1
+        if item.count is not None:
+            length = int(cursor.take(cursor.type(item.count), 1)[0])
+            fields.append((f"{item.name} count", cursor.type(item.count)))
+        cursor.take(cursor.type(item.number), length)
+        fields.append((item.name, cursor.type(item.number), (length,)))  # type: ignore[arg-type]  # a shape may follow
+    cursor.at, row = begin, np.dtype(fields)
+    if not cursor.has(row, each.count):
+        return None
+    rows, found = cursor.take(row, each.count), {}
+    for item in each.properties:
+        found[item.name] = values = rows[item.name].reshape(-1)
+        if item.count is not None:
+            lengths = rows[f"{item.name} count"]
+            if (lengths != lengths[0]).any():
+                cursor.at = begin
+                return None
+            found[item.name] = (lengths.astype(np.int64), values)
+    return found
+
+
+def _walked(cursor: _Cursor, each: Element) -> dict[str, Any]:
+    """The same, row by row."""
+    if memory.missing(ROW * each.count * len(each.properties)) is not None:
+        raise ValueError("so many lists of different lengths take more memory than is free")
+    columns: dict[str, list[Any]] = {item.name: [] for item in each.properties}
+    for _ in range(each.count):
+        for item in each.properties:
+            length = 1 if item.count is None else int(cursor.take(cursor.type(item.count), 1)[0])
+            columns[item.name].append(cursor.take(cursor.type(item.number), length))
+    found: dict[str, Any] = {}
+    for item in each.properties:
+        lengths, values = [len(row) for row in columns[item.name]], np.concatenate(columns[item.name])
+        found[item.name] = values if item.count is None else (np.array(lengths, np.int64), values)
+    return found
+
+
+def _animation(content: dict[tuple[str, str], Any]) -> Animation:
+    missing = [axis for axis in "xyz" if ("vertex", axis) not in content]
+    if missing:
+        raise ValueError(f"it has no vertices with {missing[0]}")
+    positions = np.stack([np.asarray(content["vertex", axis], np.float64) for axis in "xyz"], axis=-1)
+    faces = next((content["face", name] for name in INDICES if ("face", name) in content), None)
+    if faces is None:
+        return Animation(positions[None], RIGHT)
+    if not isinstance(faces, tuple):
+        raise ValueError("its faces are no lists of vertices")
+    lengths, corners = faces
+    triangles = _fans(lengths, corners, len(positions))
+    return Animation(positions[None], RIGHT, triangles=triangles)
+
+
+def _fans(lengths: Indices, corners: Any, n: int) -> Indices:
+    """Triangles (T, 3) of polygons, given by their lengths and all their corners: from the first corner of each."""
+    whole = np.asarray(corners)
+    wrong = np.flatnonzero(~((whole >= 0) & (whole < n) & (whole == np.floor(whole))))
+    if len(wrong):
+        raise ValueError(f"a face names vertex {whole[wrong[0]]:g}; there are {n}")
+    starts = np.cumsum(lengths) - lengths
+    count = np.maximum(lengths - 2, 0)
+    first = np.repeat(starts, count)
+    step = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    found: Indices = whole.astype(np.int32)[np.stack([first, first + step + 1, first + step + 2], axis=-1)]
+    return found

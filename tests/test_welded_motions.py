@@ -1,0 +1,89 @@
+"""Motions of a mesh that was welded: read by the mesh's numbers, and written with them again."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from clothfit import InvalidMotion, load, load_motion, mesh, save_motion, simulate
+from clothfit.cli import run
+from clothfit.formats import pc2
+from clothfit.mesh_file import read_mesh
+from clothfit.mesh_numbering import numberings
+from clothfit.motion_files import for_tools
+
+FLOAT32 = 1e-6  # m, of positions of a few metres in single precision
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    """A scene of a sheet whose triangles share no vertices, with one stray vertex; `sheet.obj` is the mesh."""
+    monkeypatch.chdir(tmp_path)
+    sheet = mesh.plane(2, 1.0)
+    points = np.vstack([sheet.positions[sheet.triangles.reshape(-1)], [[5.0, 5, 5]]]) * [-1, 1, 1]
+    rows = [f"v {x!r} {y!r} {z!r}" for x, y, z in points.tolist()]
+    rows += ["f {} {} {}".format(*face) for face in (1 + np.arange(54).reshape(-1, 3))[:, ::-1].tolist()]
+    (tmp_path / "sheet.obj").write_text("\n".join(rows))
+    assert run(["new", "sheet.obj", "--weld", "--fix-side", "left", "--frames", "6", "-q"]) == 0
+    return load("sheet.json")
+
+
+def test_the_scene_has_16_vertices_of_the_meshs_55(scene):
+    assert scene.vertex_counts == (16,)
+    assert len(numberings(scene)[0]) == 55
+
+
+@pytest.mark.parametrize("name", ["m.pc2", "m.mdd", "m_*.obj", "m.glb"])
+def test_what_is_written_has_the_meshs_vertices_and_is_read_by_them(scene, name):
+    motion = simulate(scene)
+    save_motion(motion, name, scene)
+    assert read_points(name) == 55
+    again = load_motion(name, scene)
+    np.testing.assert_allclose(again.positions, motion.positions, rtol=0, atol=20 * FLOAT32)  # .glb: to 1e-5 m
+    assert again.vertex_counts == (16,)
+
+
+def read_points(name):
+    from clothfit.formats import foreign, module_of
+
+    return module_of(foreign(name)).read(name).positions.shape[1]
+
+
+def test_each_vertex_of_the_mesh_goes_with_the_one_it_became(scene):
+    motion = simulate(scene)
+    whole, faces = for_tools(motion, scene)
+    (numbering,) = numberings(scene)
+    np.testing.assert_array_equal(whole.positions[:, :54], motion.positions[:, numbering[:54]])
+    np.testing.assert_array_equal(numbering[faces], scene.cloths[0].triangles)
+    np.testing.assert_allclose(whole.positions[0, :54], read_mesh("sheet.obj")[0].positions[:54], rtol=0, atol=1e-15)
+    solid = trimesh.Trimesh(whole.positions[0], faces, process=False)
+    assert solid.area == pytest.approx(1.0, rel=1e-12)  # m²
+
+
+def test_a_fit_to_a_motion_of_the_mesh(scene, capsys):
+    assert run(["target", "sheet.json", "-o", "t.pc2", "-q"]) == 0
+    assert pc2.read("t.pc2").positions.shape == (6, 55, 3)
+    assert run(["estimate", "sheet.json", "--target", "t.pc2", "--start", "20", "--json"]) == 0
+    err = capsys.readouterr().err
+    assert "its vertices are those of the mesh before it was welded to 16" in err
+    fitted = load("sheet.fitted.json")
+    np.testing.assert_array_equal(numberings(fitted)[0], numberings(scene)[0])
+
+
+def test_to_npz_and_back_to_the_mesh(scene):
+    motion = simulate(scene)
+    save_motion(motion, "m.npz")
+    assert run(["convert", "m.npz", "m.pc2", "--scene", "sheet.json", "--mesh", "sheet.obj", "-q"]) == 0
+    assert read_points("m.pc2") == 55
+    assert run(["convert", "m.pc2", "again.npz", "--scene", "sheet.json", "-q"]) == 0
+    np.testing.assert_allclose(load_motion("again.npz", scene).positions, motion.positions, rtol=0, atol=FLOAT32)
+
+
+def test_another_count_is_refused(scene):
+    motion = simulate(scene)
+    save_motion(motion, "m.pc2")  # without the scene: 16 vertices, which fit as well
+    assert load_motion("m.pc2", scene).vertex_counts == (16,)
+    save_motion(replace(motion, positions=motion.positions[:, :9], vertex_counts=(9,)), "few.pc2")
+    with pytest.raises(InvalidMotion, match=r"has 9 vertices, sheet\.json has 16"):
+        load_motion("few.pc2", scene)
