@@ -78,6 +78,7 @@ class Account:
             "frames": self.frames,
             "points": self.points,
             "duration": self.seconds,
+            "fps": (self.frames - 1) / self.seconds if self.seconds > 0 else None,
             "rate": self.rate,
             "notes": list(self.notes),
             "start_distance": start.distance,
@@ -118,6 +119,8 @@ def load(
 
     Raises InvalidMotion, and InvalidInput where the library is not there that reads it.
     """
+    if reading.markers is not None and scene is None:
+        raise InvalidInput("--map: tells of the vertices of a scene; add --scene")
     if not isinstance(path_or_file, (str, os.PathLike)):
         return _native(io.BytesIO(npz.content(path_or_file)), scene, reading, name or "motion")
     name = name_of(path_or_file) if name is None else name
@@ -148,8 +151,6 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
         matches = matched(positions, observed, names, scene, reading.markers, name)
         notes += [matches.note] if matches.note else []
         positions, observed = _spread(positions, observed, matches, sum(scene.vertex_counts))
-    elif reading.markers is not None:
-        raise InvalidInput(f"--map: {name} has no markers but the vertices themselves; leave it out")
     elif scene is not None and points != sum(scene.vertex_counts) and points == sum(mesh_counts(scene)):
         positions, observed = positions[:, picks(scene)], observed[:, picks(scene)]
         notes.append(f"its vertices are those of the mesh before it was welded to {positions.shape[1]}")
@@ -165,16 +166,18 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
 
 def _are_markers(read: Animation, found: Format, scene: Scene, reading: Reading) -> bool:
     """Whether the points are markers of some vertices, not the vertices themselves, v0, v1, …, as they are written."""
-    total = sum(scene.vertex_counts)
-    if reading.markers is None and read.names == tuple(f"v{i}" for i in range(total)):
-        return False
-    return read.names is not None or (found.markers and read.positions.shape[1] != total)
+    if reading.markers is not None:
+        return True
+    totals = (sum(scene.vertex_counts), sum(mesh_counts(scene)))
+    if read.names is not None:
+        return all(read.names != tuple(f"v{i}" for i in range(total)) for total in totals)
+    return found.markers and read.positions.shape[1] not in totals
 
 
 def _native(path: str | os.PathLike[str] | io.BytesIO, scene: Scene | None, reading: Reading, name: str) -> Loaded:
     """A motion of this program, which has the scene's axes unless something else is said."""
     if reading.markers is not None:
-        raise InvalidInput(f"--map: {name} has no markers but the vertices themselves; leave it out")
+        raise InvalidInput(f"--map: {name} has all vertices, in their order; leave it out")
     counts, timed, triangles = described(path)
     own: Any = scene or Points(counts, name)
     motion = load_native(path, own, name)

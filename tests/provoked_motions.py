@@ -107,7 +107,8 @@ COMMANDS: dict[str, Case] = {
     "… frames of … points …; is it complete?": cache(PC2[:-1]),
     "frame …, point …: its position is not finite": cache(PC2[:-4] + struct.pack("<f", np.nan)),
     "its times are not finite and increasing": cache(MDD[:12] + struct.pack(">f", -1) + MDD[16:], "a.mdd"),
-    "--map: … has no markers but the vertices themselves; leave it out": fitted("good.npz", "--map map.csv"),
+    "--map: … has all vertices, in their order; leave it out": fitted("good.npz", "--map map.csv"),
+    "--map: tells of the vertices of a scene; add --scene": converted("good.npz a.pc2 --map map.csv"),
     "no marker is seen in any frame": captured(seen=False),
     "… both belong to objects[…] vertex …; say with --map which vertex each is, or leave one out there": mapped(
         "marker,object,vertex\na,0,3\nb,0,3\n"

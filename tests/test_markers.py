@@ -117,8 +117,17 @@ def test_as_many_points_as_vertices_without_names_are_the_vertices(monkeypatch):
     found = foreign.load("a.csv", SCENE, Reading())
     assert found.account.matches is None
     np.testing.assert_array_equal(found.motion.positions[0], START[::-1])
-    with pytest.raises(InvalidInput, match="has no markers but the vertices themselves"):
-        foreign.load("a.csv", SCENE, Reading(markers="map.csv"))
+
+
+def test_a_map_also_tells_of_the_points_of_another_mesh(monkeypatch, tmp_path):
+    """As of a mesh with seams that the scene has welded."""
+    markers(monkeypatch, [START[[4, 4, 3]]], names=None)
+    path = written(tmp_path, "marker,object,vertex\n0,0,4\n2,0,3\n")
+    found = foreign.load("a.pc2", SCENE, Reading(markers=path))
+    assert np.flatnonzero(found.motion.observed[0]).tolist() == [3, 4]
+    np.testing.assert_array_equal(found.motion.positions[0, 3:5], START[3:5])
+    with pytest.raises(InvalidInput, match="tells of the vertices of a scene"):
+        foreign.load("a.pc2", None, Reading(markers=path))
 
 
 def test_points_with_the_names_of_the_vertices_are_the_vertices(monkeypatch):
