@@ -74,16 +74,15 @@ def test_faces_come_back_as_the_scene_has_them(there, suffix):
 
 
 # Positions are rounded to 1e-7 of a motion of a metre; what is fitted to it moves by a few times that.
-@pytest.mark.parametrize("suffix", ["c3d", "usdc"])
-def test_a_fit_to_it_is_the_fit_to_the_motion(there, capsys, suffix):
-    clothfit.save_motion(MOTION, f"a.{suffix}", SCENE)
-    assert run(shlex.split(f"estimate scene.json --target a.{suffix} --start 2 -o b.json --json")) == 0
+def test_a_fit_to_it_is_the_fit_to_the_motion(there, capsys):
+    clothfit.save_motion(MOTION, "a.c3d", SCENE)
+    assert run(shlex.split("estimate scene.json --target a.c3d --start 2 -o b.json --json")) == 0
     fit = clothfit.estimate(SCENE, MOTION, start=2.0)
     assert json.loads(capsys.readouterr().out)["rmse"] == pytest.approx(fit.rmse, rel=1e-3)
     np.testing.assert_allclose(clothfit.parameters(clothfit.load("b.json")), clothfit.parameters(fit.scene), rtol=1e-4)
 
 
-@pytest.mark.parametrize("suffix", [suffix for each in FORMATS for suffix in each.suffixes])
+@pytest.mark.parametrize("suffix", [each.suffixes[0] for each in FORMATS])
 def test_garbage_costs_one_message(there, capfd, suffix):
     (there / f"a{suffix}").write_bytes(b"\xff\0glTF" * 99)
     assert run(["convert", f"a{suffix}", "b.npz"]) == 3
