@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from clothfit.motion import Motion, as_motion, load_motion, save_motion, simulate
     from clothfit.objective import Objective, cost_and_gradient
     from clothfit.precision import WorkPrecision, work_precision
+    from clothfit.report import report_page
     from clothfit.result import Fit
     from clothfit.scene import Cloth, Scene, load, save
     from clothfit.scene_check import SceneCheck, check_scene
@@ -51,6 +52,7 @@ _HOME = {
     "cost_and_gradient": "objective",
     "WorkPrecision": "precision",
     "work_precision": "precision",
+    "report_page": "report",
     "parameters": "fit_vector",
     "with_parameters": "fit_vector",
     "Cloth": "scene",
@@ -89,6 +91,7 @@ __all__ = [
     "load",
     "load_motion",
     "parameters",
+    "report_page",
     "save",
     "save_motion",
     "simulate",

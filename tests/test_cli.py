@@ -23,7 +23,7 @@ def test_the_group_lists_the_commands_in_the_order_of_a_working_day(capsys):
     code, out, err = said(capsys, "--help")
     assert (code, err) == (0, "")
     shown = [line.split()[0] for line in out.split("Commands:")[1].splitlines() if line.strip()]
-    assert shown == list(COMMANDS) == ["simulate", "target", "estimate", "evaluate", "check", "warmup"]
+    assert shown == list(COMMANDS) == ["simulate", "target", "estimate", "evaluate", "report", "check", "warmup"]
 
 
 @pytest.mark.parametrize("command", [[], *[[name] for name in COMMANDS]])

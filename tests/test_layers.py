@@ -117,6 +117,7 @@ ORDER = [
     "evaluation",
     "fit_methods",
     "diagram",
+    "report",
     "",
     "starts",
     "job",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.cli import goals, shared, trust
+from clothfit.cli import estimate_report, goals, shared, trust
 from clothfit.cli.console import Console
 from clothfit.cli.files import Files
 from clothfit.errors import InvalidInput
@@ -68,6 +68,7 @@ MOST_STARTS = 10_000
 @click.option("--no-intervals", is_flag=True, help="Do not look at what the motion determines, nor how well.")
 @click.option("--memory", metavar="SIZE", help="To hold at most, such as 200MB.  [default: half of what is free]")
 @click.option("-o", "--output", "path", metavar="SCENE", help="Fitted scene.  [default: <stem>.fitted<suffix>]")
+@click.option("--report", "report_path", metavar="FILE", help="A page that shows the fit, as clothfit report makes it.")
 @click.option("--in-place", is_flag=True, help="Write the fitted values into SCENE itself.")
 @click.option("--starts", type=int, default=1, metavar="K", help="Fit from K starts, keep the best.  [default: 1]")
 @click.option("--seed", type=int, default=0, metavar="S", help="Of the starts after the first.  [default: 0]")
@@ -92,6 +93,7 @@ def command(
     no_intervals: bool,
     memory: str | None,
     path: str | None,
+    report_path: str | None,
     in_place: bool,
     starts: int,
     seed: int,
@@ -134,18 +136,29 @@ def command(
         "memory": memory,
     }
     files = Files(target_paths, start, path, in_place, checkpoint, resume)
-    if len(scene_paths) > 1 or starts > 1 or cluster is not None:
+    single = len(scene_paths) == 1 and starts == 1 and cluster is None
+    page = estimate_report.chosen(report_path, scene_paths, single, files)
+    if not single:
         from clothfit.cli import many
 
         return many.fit(scene_paths, files, options, many.Effort(starts, seed, jobs, cluster), console, as_json)
-    return fit_one(scene_paths[0], files.of(scene_paths[0]), options, console, as_json)
+    return fit_one(scene_paths[0], files.of(scene_paths[0]), options, console, as_json, page)
 
 
-def fit_one(scene_path: str, files: Files, options: dict[str, Any], console: Console, as_json: bool) -> int:
+def fit_one(
+    scene_path: str,
+    files: Files,
+    options: dict[str, Any],
+    console: Console,
+    as_json: bool,
+    page: estimate_report.Page | None = None,
+) -> int:
     """Fit one scene in this process; returns the exit code."""
     files.check(scene_path)
     scene = shared.read_scene(scene_path, console)
     out = files.output(scene_path)
+    if page:
+        page.output(scene_path, files, out)
     from clothfit import fit
     from clothfit.cli import checkpoints, outcomes
     from clothfit.fit_vector import blocks
@@ -164,7 +177,7 @@ def fit_one(scene_path: str, files: Files, options: dict[str, Any], console: Con
             targets or None,
             first,
             **options,
-            report=show,
+            report=page.listening(show) if page else show,
             checkpoint=kept,
             resume=files.resume,
             foreseen=partial(tell_needs, console),
@@ -172,7 +185,9 @@ def fit_one(scene_path: str, files: Files, options: dict[str, Any], console: Con
     with shared.uninterrupted(), checkpoints.told_if_lost(kept):
         code = outcomes.finish(scene, found, out, console, as_json)
         checkpoints.closed(kept, files.checkpoint is not None, found.status, files.in_place, console)
-        return code
+    if page:
+        page.write(scene_path, scene, found, files, out, targets, console)
+    return code
 
 
 def tell_needs(console: Console, needs: Needs) -> None:

@@ -26,7 +26,7 @@ from clothfit.interrupts import REQUESTS, SAME_REQUEST
 
 _last_request = -SAME_REQUEST
 
-COMMANDS = ("simulate", "target", "estimate", "evaluate", "check", "warmup")
+COMMANDS = ("simulate", "target", "estimate", "evaluate", "report", "check", "warmup")
 
 
 class LazyGroup(click.Group):

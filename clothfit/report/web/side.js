@@ -1,0 +1,56 @@
+// The column of charts and numbers beside the motion.
+
+import { costChart, errorChart, key } from "clothfit/charts";
+import { make } from "clothfit/drawing";
+import { parameterCard } from "clothfit/parameters";
+import { length } from "clothfit/words";
+
+const card = (title, ...parts) => make("section", { class: "card" }, make("h2", {}, title), ...parts);
+
+/** Fill the column; `jump(time)` moves the player. Gives what moves the cursors to a time and tells the error there. */
+export function fillSide(side, content, mesh, blocks, jump) {
+  side.append(summary(content));
+  const error = errorChart(content.curve, jump);
+  side.append(card("Error per frame", error.element, key(["line", "root mean square"], ["quiet", "largest"]),
+                   make("p", { class: "quiet" }, "Press or drag in the chart to go to a frame.")));
+  if (content.history.length > 1) side.append(card("Cost per evaluation", costChart(content.history)));
+  side.append(...blocks.map((block) => parameterCard(block, mesh)));
+  side.append(repeat(content));
+  return error.move;
+}
+
+/** The largest figures, in the page's head. */
+export function headline(element, content) {
+  const known = content.curve.rmse.filter((value) => value !== null);
+  const inside = content.curve.times.filter((time) => time <= content.curve.fitted_until * (1 + 1e-9)).length;
+  const rms = (values) => Math.sqrt(values.reduce((sum, value) => sum + (value ?? 0) ** 2, 0) / Math.max(values.filter((v) => v !== null).length, 1));
+  const figures = [["RMSE, fitted frames", length(rms(content.curve.rmse.slice(0, inside)))]];
+  if (known.length > inside) figures.push(["RMSE, all frames", length(rms(content.curve.rmse))]);
+  element.append(...figures.map(([name, value]) => make("div", {}, make("b", {}, value), make("span", {}, name))));
+}
+
+function summary(content) {
+  const rows = content.facts.flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]);
+  const parts = [make("dl", { class: "facts" }, ...rows)];
+  if (content.deviations.length && content.names.target === null) parts.push(deviations(content.deviations));
+  const notes = [["loud", content.notes], ["calm", content.remarks]].flatMap(([kind, texts]) =>
+    texts.map((text) => make("li", { class: kind }, text)));
+  parts.push(make("ul", { class: "notes" }, ...notes));
+  return card("Summary", ...parts);
+}
+
+function deviations(rows) {
+  const heads = ["off the truth", "count", "median", "largest"].map((name) => make("th", { scope: "col" }, name));
+  const body = rows.map((row) => make("tr", {}, ...row.map((cell) => make("td", {}, cell))));
+  const table = make("table", {}, make("thead", {}, make("tr", {}, ...heads)), make("tbody", {}, ...body));
+  return make("div", { class: "wide" }, table);
+}
+
+function repeat(content) {
+  const digests = content.inputs.map(([name, digest]) => make("div", {}, `${name} `, make("code", {}, digest)));
+  return card(
+    "To repeat it",
+    make("div", { class: "commands" }, ...content.commands.map((text) => make("pre", { tabindex: "0" }, text))),
+    make("div", { class: "digests" }, make("div", {}, `clothfit ${content.version}`, digests.length ? "; SHA-256 of what was read:" : ""), ...digests),
+  );
+}
