@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -56,9 +57,9 @@ class Page:
         if not fitted.is_stream:
             commands.append(report.evaluation(scene_path, fitted.path, motion))
         target = targets[0] if targets else None
-        inputs = report.digests(scene, found.scene, {motion: target})
-        named = [inputs[0], (f"{fitted.name} (fitted)", inputs[1][1]), *inputs[2:]]
-        show, size = report.write(scene, found.scene, target, None, log, commands, named, out)
+        result = replace(found.scene, name=os.path.basename(fitted.name))
+        inputs = report.digests(scene, result, {motion: target})
+        show, size = report.write(scene, result, target, None, log, commands, inputs, out)
         report.tell(show, size, out, console)
 
 

@@ -21,9 +21,11 @@ def command_line(context: click.Context, **others: str | None) -> str:
             continue
         given = [str(each) for each in (value if isinstance(value, tuple) else (value,))]
         if isinstance(parameter, click.Option):
-            option = max(parameter.opts, key=len)
+            option = parameter.opts[0]
             options += [option] if value is True else [part for each in given for part in (option, each)]
         else:
             arguments += given
-    begin = ["--"] if any(each.startswith("-") and each != "-" for each in arguments) else []
-    return shlex.join(["clothfit", context.info_name or "", *options, *begin, *arguments])
+    words = [*arguments, *options]
+    if any(each.startswith("-") and each != "-" for each in arguments):
+        words = [*options, "--", *arguments]
+    return shlex.join(["clothfit", context.info_name or "", *words])

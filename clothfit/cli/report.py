@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import shlex
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -11,17 +14,13 @@ import click
 from clothfit.cli import shared, trust
 from clothfit.cli.console import Console, metres
 from clothfit.cli.repeat import command_line
-from clothfit.errors import InvalidInput
 from clothfit.words import counted
 
 if TYPE_CHECKING:
     from clothfit.motion import Motion
     from clothfit.report.log import Log
-    from clothfit.report.shown import Shown
+    from clothfit.report.showing import Shown
     from clothfit.scene import Scene
-
-MANY = 1000
-"""Bytes in a kilobyte, as file managers count."""
 
 
 @shared.command("report")
@@ -87,7 +86,7 @@ def write(
 ) -> tuple[Shown, int]:
     """Make the page and write it; tells what it shows, and its size, bytes."""
     from clothfit.report import made
-    from clothfit.report.shown import shown
+    from clothfit.report.showing import shown
 
     show = shown(truth, fitted, target, frames)
     page = made(truth, fitted, target, show, log, commands, inputs)
@@ -121,23 +120,18 @@ def summary(show: Shown, size: int, out: shared.Output) -> dict[str, Any]:
 
 def evaluation(scene_path: str, fitted_path: str, target_path: str | None) -> str:
     """The command that gives the same figures as a table."""
-    import shlex
-
     target = [] if target_path is None else ["--target", target_path]
     return shlex.join(["clothfit", "evaluate", scene_path, fitted_path, *target])
 
 
 def digests(truth: Scene, fitted: Scene, files: Mapping[str | None, object]) -> list[tuple[str, str]]:
-    """Names and SHA-256 of what was read; what came through standard input is gone, but scenes are known."""
+    """Names and SHA-256 of what was read; without the files, but for scenes, that came through a pipe and are gone."""
     from clothfit.scene import dumps
     from clothfit.source import name_of
 
     found = [(scene.name, hashlib.sha256(dumps(scene)).hexdigest()) for scene in (truth, fitted)]
     for path in files:
-        if path not in (None, shared.STREAM):
-            try:
-                with open(str(path), "rb") as file:
-                    found.append((name_of(path), hashlib.file_digest(file, "sha256").hexdigest()))
-            except OSError as error:  # it was there a moment ago
-                raise InvalidInput(f"{path}: cannot be read again: {error.strerror or error}") from None
+        if path not in (None, shared.STREAM) and os.path.isfile(str(path)):
+            with suppress(OSError), open(str(path), "rb") as file:
+                found.append((name_of(path), hashlib.file_digest(file, "sha256").hexdigest()))
     return found

@@ -1,7 +1,7 @@
 """A page that shows a fitted scene: the motion beside its target in 3-D, charts, parameters.
 
-The path: two scenes and perhaps a motion → `shown` (what is compared, frame by frame) → `content` (all that the page
-tells, arrays packed by `packing`, the fit's way from `log`) → `page` (the HTML file, from the parts in `web/`).
+The path: two scenes and perhaps a motion → `showing` (what is compared, frame by frame) → `contents` (all that the page
+tells, arrays packed by `packing`, the fit's way from `log`) → `assembly` (the HTML file, from the parts in `web/`).
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from clothfit.motion import Motion
-from clothfit.report.content import content
+from clothfit.report.assembly import page
+from clothfit.report.contents import content
 from clothfit.report.log import Log
-from clothfit.report.page import page
-from clothfit.report.shown import Shown, shown
+from clothfit.report.showing import Shown, shown
 from clothfit.scene import Scene
 
 

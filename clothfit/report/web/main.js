@@ -6,11 +6,13 @@ import { make } from "clothfit/drawing";
 import { list, listen } from "clothfit/keys";
 import { Player, SPEEDS } from "clothfit/player";
 import { MODES, Shading } from "clothfit/shading";
-import { fillSide, headline } from "clothfit/side";
-import { Stage } from "clothfit/stage";
+import { fillSide } from "clothfit/side";
+import { LEVELS, Stage } from "clothfit/stage";
 import { unpacked, unpackedErrors, unpackedFlags, unpackedPositions } from "clothfit/unpack";
 import { viewOf } from "clothfit/view";
 import { length, short } from "clothfit/words";
+
+const SLOW = 45, PATIENCE = 700;  // ms between frames, and for how long, before a picture that plays becomes coarser
 
 const at = (id) => document.getElementById(id);
 const trouble = (text) => { at("trouble").textContent = text; at("trouble").hidden = false; };
@@ -42,7 +44,7 @@ function build(content, mesh, parts, canvas) {
   const view = viewOf([parts.fitted, parts.target], fitted, content.surroundings.spheres, edges);
   const fixed = [];
   mesh.fixed.forEach((flag, i) => { if (flag) fixed.push(mesh.start[3 * i], mesh.start[3 * i + 1], mesh.start[3 * i + 2]); });
-  const shading = new Shading(fitted, { ...mesh, errors: parts.errors }, 2 * view.radius);
+  const shading = new Shading(fitted, { ...mesh, errors: parts.errors, observed: parts.observed }, 2 * view.radius);
   try {
     return { fitted, target, shading, stage: new Stage(canvas, fitted, target, { ...content.surroundings, fixed }, view) };
   } catch (error) {
@@ -131,12 +133,16 @@ function actions(player, stage, switches, choose) {
   ];
 }
 
-/** Let time pass: move, and draw where something has changed. */
+/** Let time pass: move, and draw where something has changed; more coarsely while a slow machine plays. */
 function run(player, stage) {
-  let before = performance.now();
+  let before = performance.now(), level = 0, slow = 0;
   const tick = (now) => {
-    player.pass(Math.min((now - before) / 1000, 0.25));
+    const passed = now - before;
     before = now;
+    player.pass(Math.min(passed / 1000, 0.25));
+    slow = player.playing && passed > SLOW ? slow + Math.min(passed, 250) : 0;
+    if (slow > PATIENCE && level + 1 < LEVELS.length) [level, slow] = [level + 1, 0];
+    stage?.refine(player.playing ? level : 0);
     if (stage?.stale) stage.render();
     requestAnimationFrame(tick);
   };
@@ -160,7 +166,7 @@ async function main() {
   const picture = build(content, mesh, { fitted: fittedMotion, target: targetMotion, observed, errors }, at("canvas"));
   const { fitted, target, shading, stage } = picture;
   at("subtitle").textContent = `${content.names.fitted} beside ${content.names.target ?? `the motion of ${content.names.scene}`}`;
-  headline(at("headline"), content);
+  at("headline").append(...content.figures.map(([name, value]) => make("div", {}, make("b", {}, value), make("span", {}, name))));
   let moveCursor = () => ({});
   const show = (frame, share) => {
     fitted.move(frame, share);

@@ -14,7 +14,7 @@ export function parameterCard(block, mesh) {
   if (block.mode === "G" || block.values.length < 4) {
     parts.push(valueTable(block));
   } else {
-    const scale = scaleOf(block.values, block.unit);
+    const scale = scaleOf(block.values.map((value, i) => (block.shown[i] ? value : NaN)), block.unit);
     const drawn = block.object === null ? null : map(block, mesh, scale);
     if (drawn) parts.push(drawn);
     parts.push(sortedChart(block, scale));

@@ -4,7 +4,7 @@
 
 import { BufferAttribute, DynamicDrawUsage } from "three";
 import { table } from "clothfit/colours";
-import { length, lengthUnit, short } from "clothfit/words";
+import { lengthUnit, short } from "clothfit/words";
 
 export const MODES = [
   ["plain", "Plain"], ["error", "Error"], ["mass", "Mass"], ["stiffness", "Stiffness"], ["strain", "Strain"],
@@ -12,10 +12,11 @@ export const MODES = [
 
 const INVISIBLE = 1e-4;  // of the picture's size: an error below it nobody sees, so no colour makes much of it
 const WIDE = 30;  // values that differ by more than this factor have a scale of logarithms
+const UNKNOWN = 0.18;  // a grey, in linear light
 const TABLES = { rising: table("rising"), both: table("both") };
 
 export class Shading {
-  /** `data`: springs, rest, mass, stiffness, errors {grades, most}; `size` of the picture, m. */
+  /** `data`: springs, rest, mass, stiffness, errors {grades, most}, observed or null; `size` of the picture, m. */
   constructor(cloth, data, size) {
     Object.assign(this, { cloth, data, mode: "plain" });
     this.count = cloth.motion.vertices;
@@ -46,9 +47,12 @@ export class Shading {
   }
 
   paintErrors(frame) {
-    const { grades, most } = this.data.errors;
+    const { errors: { grades, most }, observed } = this.data;
     const first = frame * this.count;
     this.fill("rising", (i) => (most * (grades[first + i] / 255) ** 2) / this.most);
+    for (let i = 0; observed && i < this.count; i++) {
+      if (!observed[first + i]) this.attribute.array.fill(UNKNOWN, 3 * i, 3 * i + 3);
+    }
   }
 
   paintStrain() {
@@ -111,7 +115,7 @@ export class Shading {
     switch (this.mode) {
       case "error": {
         const [size, unit] = lengthUnit(this.most);
-        return { title: `distance to the target, ${unit}`, scale: "rising",
+        return { title: `distance to the target, ${unit}${this.data.observed ? " (grey: not observed)" : ""}`, scale: "rising",
                  labels: ["0", short(this.most / size / 2, 2), `${short(this.most / size, 2)} +`] };
       }
       case "strain":
@@ -125,9 +129,6 @@ export class Shading {
         return null;
     }
   }
-
-  /** What is known of a frame in words, for those who do not see colours. */
-  get largestShown() { return length(this.most); }
 }
 
 /** Where values lie between the smallest and the largest, 0 … 1; by logarithms where they differ much. */

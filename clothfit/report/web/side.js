@@ -3,7 +3,6 @@
 import { costChart, errorChart, key } from "clothfit/charts";
 import { make } from "clothfit/drawing";
 import { parameterCard } from "clothfit/parameters";
-import { length } from "clothfit/words";
 
 const card = (title, ...parts) => make("section", { class: "card" }, make("h2", {}, title), ...parts);
 
@@ -17,16 +16,6 @@ export function fillSide(side, content, mesh, blocks, jump) {
   side.append(...blocks.map((block) => parameterCard(block, mesh)));
   side.append(repeat(content));
   return error.move;
-}
-
-/** The largest figures, in the page's head. */
-export function headline(element, content) {
-  const known = content.curve.rmse.filter((value) => value !== null);
-  const inside = content.curve.times.filter((time) => time <= content.curve.fitted_until * (1 + 1e-9)).length;
-  const rms = (values) => Math.sqrt(values.reduce((sum, value) => sum + (value ?? 0) ** 2, 0) / Math.max(values.filter((v) => v !== null).length, 1));
-  const figures = [["RMSE, fitted frames", length(rms(content.curve.rmse.slice(0, inside)))]];
-  if (known.length > inside) figures.push(["RMSE, all frames", length(rms(content.curve.rmse))]);
-  element.append(...figures.map(([name, value]) => make("div", {}, make("b", {}, value), make("span", {}, name))));
 }
 
 function summary(content) {

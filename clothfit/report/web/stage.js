@@ -16,9 +16,12 @@ const SKINS = {
           sphere: "#596173" },
 };
 
+/** Pixels along each side as a part of all, whether there are shadows and the target's edges: for slow machines. */
+export const LEVELS = [[1, true, true], [0.75, true, true], [0.6, false, true], [0.5, false, false]];
+
 export class Stage {
   constructor(canvas, fitted, target, around, view) {
-    Object.assign(this, { canvas, fitted, target, view, stale: true });
+    Object.assign(this, { canvas, fitted, target, view, stale: true, level: 0, ratio: 1 });
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "high-performance" });
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = PCFShadowMap;
@@ -187,7 +190,7 @@ export class Stage {
   resize() {
     const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
     if (!width || !height) return;
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2));
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2) * this.ratio);
     this.renderer.setSize(width, height, false);
     const before = this.camera.aspect;
     this.camera.aspect = width / height;
@@ -201,6 +204,18 @@ export class Stage {
   fit() {
     const { points, radius, azimuth, height } = this.view;
     this.orbit.fit(points, radius, azimuth, height);
+  }
+
+  /** Draw finely, or as coarsely as level 1, 2, … of `LEVELS` says. */
+  refine(level) {
+    if (level === this.level) return;
+    this.level = level;
+    const [ratio, shadows, edges] = LEVELS[level];
+    this.renderer.shadowMap.autoUpdate = shadows;
+    this.shadow.visible = shadows;
+    this.hem.visible = edges || this.target.triangles.length === 0;
+    this.ratio = ratio;
+    this.resize();
   }
 
   render() {

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from clothfit import __version__
 from clothfit.arrays import Array, Flags
 from clothfit.block import Block
-from clothfit.evaluation import Deviation
+from clothfit.evaluation import Deviation, Distance, Evaluation
 from clothfit.fit_vector import blocks, identifiable, parameters
 from clothfit.report.log import Log, intervals, number
 from clothfit.report.packing import box, packed, packed_errors, packed_flags, packed_positions
-from clothfit.report.shown import Shown
+from clothfit.report.showing import Shown
 from clothfit.scene import Scene
 from clothfit.words import counted, metres, owned
 
@@ -41,6 +41,7 @@ def content(truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | No
         "version": __version__,
         "title": truth.title.strip() or truth.name,
         "names": {"scene": truth.name, "fitted": fitted.name, "target": target},
+        "figures": [[f"RMSE, {name}", metres(part.rmse)] for name, part in distances(show.evaluation).items()],
         "facts": facts(truth, show, log, target),
         "deviations": [deviation(each) for each in show.evaluation.parameters],
         "notes": [*show.notes, *log.warnings],
@@ -105,7 +106,7 @@ def surroundings(scene: Scene) -> dict[str, Any]:
 def facts(truth: Scene, show: Shown, log: Log, target: str | None) -> list[list[str]]:
     """The summary: names and values."""
     rows = [["compared with", "the scene's own motion (a trial)" if target is None else target]]
-    for name, part in (("fitted frames", show.evaluation.fitted), ("all frames", show.evaluation.horizon)):
+    for name, part in distances(show.evaluation).items():
         told = f"RMSE {metres(part.rmse)}, at most {metres(part.max_error)}, {counted(part.frames, 'frame', 'frames')}"
         rows.append([name, told])
     rows += ended(log.summary)
@@ -117,6 +118,14 @@ def facts(truth: Scene, show: Shown, log: Log, target: str | None) -> list[list[
     return rows
 
 
+def distances(found: Evaluation) -> dict[str, Distance]:
+    """The distances of the two motions, by the frames they are over; each once."""
+    parts = {"fitted frames": found.fitted, "all frames": found.horizon}
+    if found.fitted.frames == found.horizon.frames:
+        del parts["all frames"]
+    return parts
+
+
 def ended(summary: Mapping[str, Any]) -> list[list[str]]:
     """How the fit ended, as far as that is known."""
     rows = []
@@ -125,6 +134,10 @@ def ended(summary: Mapping[str, Any]) -> list[list[str]]:
     evaluations, seconds, sigma = (number(summary.get(key)) for key in ("evaluations", "seconds", "sigma"))
     if evaluations is not None and seconds is not None:
         rows.append(["took", f"{counted(round(evaluations), 'evaluation', 'evaluations')} in {seconds:.3g} s"])
+    holdout = summary.get("holdout")
+    kept_out = number(holdout.get("rmse")) if isinstance(holdout, Mapping) else None
+    if kept_out is not None and kept_out >= 0:
+        rows.append(["kept out of the fit", f"RMSE {metres(kept_out)}"])
     if sigma is not None and sigma > 0:
         rows.append(["noise", f"{metres(sigma)} per coordinate, where the model is right"])
     return rows

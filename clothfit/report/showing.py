@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from clothfit.arrays import Array, Flags
-from clothfit.errors import InvalidInput
 from clothfit.evaluation import HORIZON, Evaluation, check_same_objects, deviations, distance, finite_part
 from clothfit.fit_vector import fitted_cloths
 from clothfit.motion import Motion, check_counts, checked_motion
@@ -101,8 +100,6 @@ def pictured(
     step, fraction = frame_places(goal, truth.delta)
     places = step + fraction
     count = int(np.searchsorted(places, len(own.positions) - 1, side="right"))
-    if count == 0:
-        raise InvalidInput(f"{goal.name}: its first frame is after the end of the fitted motion; show more steps")
     fitted = interpolated(own.positions, step[:count], fraction[:count])
     wanted = np.where(seen(goal)[:count, :, None], goal.positions[:count], np.nan)
     if diverged:
