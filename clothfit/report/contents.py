@@ -107,8 +107,7 @@ def facts(truth: Scene, show: Shown, log: Log, target: str | None) -> list[list[
     """The summary: names and values."""
     rows = [["compared with", "the scene's own motion (a trial)" if target is None else target]]
     for name, part in distances(show.evaluation).items():
-        told = f"RMSE {metres(part.rmse)}, at most {metres(part.max_error)}, {counted(part.frames, 'frame', 'frames')}"
-        rows.append([name, told])
+        rows.append([f"{name}, {part.frames}", f"RMSE {metres(part.rmse)}, at most {metres(part.max_error)}"])
     rows += ended(log.summary)
     size = f"{sum(truth.vertex_counts)} vertices, {sum(len(c.stiffness) for c in truth.cloths)} springs"
     rows.append(["cloth", f"{counted(len(truth.cloths), 'object', 'objects')}, {size}"])

@@ -2,7 +2,7 @@
 
 const STOPS = {
   // from quiet to loud: for errors, masses, stiffnesses
-  rising: ["#3b2f80", "#3f6fb0", "#2fa5a0", "#7cc96b", "#f2d94e", "#fbf6c4"],
+  rising: ["#4a53c4", "#3d8bcf", "#2db3a5", "#8bd069", "#f5d84a", "#fdf4c4"],
   // from pressed to pulled, the middle is rest
   both: ["#2457a7", "#6fa3dc", "#e9e7e2", "#e79a63", "#b3361e"],
 };

@@ -41,7 +41,7 @@ function build(content, mesh, parts, canvas) {
   const edges = edgesOf(mesh.triangles, mesh.springs, parts.fitted.vertices);
   const fitted = new Cloth(parts.fitted, mesh.triangles, edges);
   const target = new Cloth(parts.target, mesh.triangles, edges, parts.observed);
-  const view = viewOf([parts.fitted, parts.target], fitted, content.surroundings.spheres, edges);
+  const view = viewOf([parts.fitted, parts.target], fitted, content.surroundings, edges);
   const fixed = [];
   mesh.fixed.forEach((flag, i) => { if (flag) fixed.push(mesh.start[3 * i], mesh.start[3 * i + 1], mesh.start[3 * i + 2]); });
   const shading = new Shading(fitted, { ...mesh, errors: parts.errors, observed: parts.observed }, 2 * view.radius);

@@ -70,8 +70,9 @@ function drawFaces(pen, block, mesh, place, first, scale, tint) {
   for (let t = 0; t < mesh.triangles.length; t += 3) {
     const corners = Array.from(mesh.triangles.subarray(t, t + 3));
     if (corners[0] < first || corners[0] >= last) continue;
-    const mean = corners.reduce((sum, i) => sum + scale.share(block.values[i - first]), 0) / 3;
-    pen.fillStyle = pen.strokeStyle = css("rising", mean);
+    const known = corners.filter((i) => block.shown[i - first]);
+    const sum = known.reduce((sum, i) => sum + scale.share(block.values[i - first]), 0);
+    pen.fillStyle = pen.strokeStyle = known.length ? css("rising", sum / known.length) : "#8885";
     pen.beginPath();
     corners.forEach((i) => pen.lineTo(...place(i - first)));
     pen.closePath();

@@ -10,9 +10,9 @@ import { Orbit } from "clothfit/orbit";
 
 const CLOTH = "#7089e0", TARGET = "#17c964", FIXED = "#f5a524", WIND = "#38bdf8";
 const SKINS = {
-  light: { grid: "#64748b", gridShare: 0.5, shadow: 0.2, sky: "#ffffff", ground: "#b9bccb", ambient: 1.75, key: 1.9,
+  light: { grid: "#64748b", gridShare: 0.5, shadow: 0.2, sky: "#ffffff", ground: "#b9bccb", ambient: 1.4, key: 1.75,
            sphere: "#c9ced8" },
-  dark: { grid: "#94a3b8", gridShare: 0.38, shadow: 0.45, sky: "#e6ebff", ground: "#5a6180", ambient: 1.9, key: 1.9,
+  dark: { grid: "#94a3b8", gridShare: 0.38, shadow: 0.45, sky: "#e6ebff", ground: "#5a6180", ambient: 1.5, key: 1.75,
           sphere: "#596173" },
 };
 
@@ -32,7 +32,7 @@ export class Stage {
     this.dress();
     this.floor();
     for (const sphere of around.spheres) this.sphere(sphere);
-    if (Math.hypot(...around.wind) > 0) this.wind(around.wind);
+    if (view.arrow) this.wind(view.arrow);
     this.pins(around.fixed);
     new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
     this.resize();
@@ -45,7 +45,8 @@ export class Stage {
     this.rim = new DirectionalLight("#cfdcff", 0.7);
     this.key.position.set(-0.45, 1, 0.6).normalize().multiplyScalar(3 * radius).add(centre);
     this.rim.position.set(0.7, 0.35, -0.8).multiplyScalar(3 * radius).add(centre);
-    for (const each of [this.key, this.rim]) each.target.position.copy(centre);
+    this.lamp = new DirectionalLight("#ffffff", 0.75);  // goes with the camera, so that no side is black
+    for (const each of [this.key, this.rim, this.lamp]) each.target.position.copy(centre);
     this.key.castShadow = true;
     this.key.shadow.mapSize.set(1024, 1024);
     this.key.shadow.radius = 5;
@@ -53,7 +54,7 @@ export class Stage {
     Object.assign(this.key.shadow.camera, {
       left: -1.3 * radius, right: 1.3 * radius, top: 1.3 * radius, bottom: -1.3 * radius, near: radius, far: 7 * radius,
     });
-    this.scene.add(this.hemisphere, this.key, this.rim, this.key.target, this.rim.target);
+    this.scene.add(this.hemisphere, this.key, this.rim, this.lamp, this.key.target, this.rim.target, this.lamp.target);
   }
 
   /** The cloths: the fitted one solid, its other side a little darker; the target over it, with its edges. */
@@ -62,7 +63,7 @@ export class Stage {
     solid.onBeforeCompile = (shader) => {
       shader.fragmentShader = shader.fragmentShader.replace(
         "#include <color_fragment>",
-        "#include <color_fragment>\n\tif (!gl_FrontFacing) diffuseColor.rgb *= 0.78;",
+        "#include <color_fragment>\n\tif (!gl_FrontFacing) diffuseColor.rgb *= 0.84;",
       );
     };
     this.cloth = new Mesh(this.fitted.faces, solid);
@@ -134,18 +135,16 @@ export class Stage {
     this.scene.add(ball);
   }
 
-  /** An arrow that blows towards the picture's middle. */
-  wind([x, y, z]) {
-    const { centre, radius } = this.view;
-    const way = new Vector3(-x, y, z).normalize();
-    const size = 0.55 * radius;
+  /** An arrow towards the cloth. */
+  wind({ middle, way, size }) {
     const material = new MeshBasicMaterial({ color: WIND, transparent: true, opacity: 0.9 });
     const shaft = new Mesh(new CylinderGeometry(0.018 * size, 0.018 * size, 0.8 * size, 20), material);
     const head = new Mesh(new ConeGeometry(0.06 * size, 0.2 * size, 28), material);
-    head.position.y = 0.5 * size;
+    shaft.position.y = -0.1 * size;
+    head.position.y = 0.4 * size;
     const arrow = new Group().add(shaft, head);
     arrow.quaternion.copy(new Quaternion().setFromUnitVectors(new Vector3(0, 1, 0), way));
-    arrow.position.copy(centre).addScaledVector(way, -0.95 * radius).add(new Vector3(0, 0.25 * radius, 0));
+    arrow.position.copy(middle);
     this.scene.add(arrow);
   }
 
@@ -219,6 +218,7 @@ export class Stage {
   }
 
   render() {
+    this.lamp.position.copy(this.camera.position);
     this.renderer.render(this.scene, this.camera);
     this.stale = false;
   }

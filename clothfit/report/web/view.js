@@ -5,15 +5,16 @@ import { Vector3 } from "three";
 const SIDES = 24, HEIGHT = 0.32, LOOKS = 4;
 
 /** Points to look at, their middle and radius, the ground's height and cells, a pin's size, the angles of the best view. */
-export function viewOf(motions, cloth, spheres, edges) {
+export function viewOf(motions, cloth, { spheres, wind }, edges) {
   const points = motions.flatMap(pointsOf);
   const size = radiusOf(points, middleOf(points));
+  const arrow = arrowOf(wind, points, size);
   for (const sphere of spheres) if (sphere.radius < 3 * size) points.push(...ballPoints(sphere));
   const centre = middleOf(points), radius = radiusOf(points, centre) || 1;
   let lowest = Infinity;
   for (let i = 1; i < points.length; i += 3) lowest = Math.min(lowest, points[i]);
   return {
-    points, centre, radius, low: lowest - 0.01 * radius, cell: round(radius / 5),
+    points, arrow, centre, radius, low: lowest - 0.01 * radius, cell: round(radius / 5),
     pin: Math.min(0.22 * edgeLength(cloth, edges), 0.02 * radius) || 0.01 * radius, ...bestSide(cloth),
   };
 }
@@ -30,6 +31,19 @@ function pointsOf({ grid, low, step, frames, vertices }) {
     }
   }
   return found;
+}
+
+/** Where an arrow for the wind stands: before the cloth, towards its middle; its ends go to the points. */
+function arrowOf(wind, points, radius) {
+  if (Math.hypot(...wind) === 0) return null;
+  const way = new Vector3(-wind[0], wind[1], wind[2]).normalize(), middle = middleOf(points), size = 0.42 * radius;
+  let first = Infinity;
+  for (let i = 0; i < points.length; i += 3) {
+    first = Math.min(first, new Vector3(points[i], points[i + 1], points[i + 2]).sub(middle).dot(way));
+  }
+  middle.addScaledVector(way, first - 0.62 * size);
+  for (const end of [-0.5, 0.5]) points.push(...middle.clone().addScaledVector(way, end * size).toArray());
+  return { middle, way, size };
 }
 
 function ballPoints({ centre, radius }) {
