@@ -3,7 +3,8 @@
 The parts stand in `web/`: the page with places for the others, `{{name}}`, its style, and modules of JavaScript that
 import one another by name. Each goes into an import map as a `data:` address, as modules cannot be loaded from
 `file://`. What the page tells is a JSON document in a `script` element that no browser runs. A policy in the
-page's head lets nothing load and no other script run, whatever a name or a title says.
+page's head lets nothing load and no script of a name or a title run, whatever they say: names and titles are escaped,
+and this is the second lock. (It allows `data:` beside the nonce, as not every browser passes that on to imports.)
 """
 
 from __future__ import annotations

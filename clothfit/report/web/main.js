@@ -154,8 +154,7 @@ async function main() {
   const content = JSON.parse(at("content").textContent);
   at("content").remove();  // its text is not needed twice
   if (typeof DecompressionStream === "undefined") {
-    trouble("This browser is too old for this page: it cannot unpack the motion. One of 2023 or later can.");
-    return;
+    throw new Error("the browser is too old to unpack the motion; one of 2023 or later can");
   }
   const { motion } = content;
   const [mesh, fittedMotion, targetMotion, observed, errors, blocks] = await Promise.all([
@@ -206,6 +205,7 @@ async function main() {
 }
 
 main().catch((error) => {
+  document.documentElement.dataset.ready = "no";
   trouble(`This page could not be shown: ${error.message}`);
   throw error;
 });

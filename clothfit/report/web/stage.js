@@ -2,7 +2,7 @@
 
 import {
   Color, ConeGeometry, CylinderGeometry, DirectionalLight, DoubleSide, Group, HemisphereLight, InstancedMesh,
-  LineBasicMaterial, LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshStandardMaterial, PCFShadowMap,
+  LineBasicMaterial, LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial, MeshStandardMaterial, PCFShadowMap,
   PerspectiveCamera, PlaneGeometry, Points, PointsMaterial, Quaternion, Scene, ShaderMaterial, ShadowMaterial,
   SphereGeometry, Vector3, WebGLRenderer,
 } from "three";
@@ -59,7 +59,7 @@ export class Stage {
 
   /** The cloths: the fitted one solid, its other side a little darker; the target over it, with its edges. */
   dress() {
-    const solid = new MeshStandardMaterial({ color: CLOTH, roughness: 0.82, metalness: 0, side: DoubleSide });
+    const solid = new MeshLambertMaterial({ color: CLOTH, side: DoubleSide });
     solid.onBeforeCompile = (shader) => {
       shader.fragmentShader = shader.fragmentShader.replace(
         "#include <color_fragment>",
@@ -70,8 +70,8 @@ export class Stage {
     this.cloth.castShadow = true;
     this.threads = new LineSegments(this.fitted.lines, lines("#0f172a", 0.3));
     this.threads.visible = this.fitted.triangles.length === 0;
-    const veil = new MeshStandardMaterial({
-      color: TARGET, emissive: TARGET, emissiveIntensity: 0.12, roughness: 0.9, side: DoubleSide, transparent: true,
+    const veil = new MeshLambertMaterial({
+      color: TARGET, emissive: TARGET, emissiveIntensity: 0.12, side: DoubleSide, transparent: true,
       opacity: 0.3, depthWrite: false, polygonOffset: true, polygonOffsetFactor: -1, polygonOffsetUnits: -1,
     });
     this.veil = new Mesh(this.target.faces, veil);
