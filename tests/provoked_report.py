@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from provoked import Case
+from provoked import HARD, Case
 
 COMMANDS: dict[str, Case] = {
     "the log cannot be read: …": Case("report scene.json scene.json --log missing.jsonl"),
@@ -15,4 +15,5 @@ COMMANDS: dict[str, Case] = {
     "--report shows the first --target, which must be of SCENE itself, without @": Case(
         "estimate scene.json --target good.npz@scene.json --report page.html"
     ),
+    "…; the frames before are shown": Case("report scene.json scene.json --steps 300", {"scene.json": HARD}),
 }

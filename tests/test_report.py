@@ -346,6 +346,17 @@ def test_json_tells_the_figures(paths, capsys):
 
 
 @needs_compilation
+def test_a_motion_that_diverges_ends_with_code_4_and_a_page(paths, capsys):
+    write_scene(paths, even("nG", 5, integrationMethod=0, springStiffness=[5e3] * 33), "wild.json")
+    assert run(["report", "scene.json", "wild.json"]) == 4
+    told = capsys.readouterr().err.splitlines()
+    assert "→ wild.report.html" in told[-2]
+    assert told[-1].startswith("error: wild.json: the simulation diverged at step")
+    assert len([line for line in told if "diverged at step" in line]) == 1
+    assert "diverged" in content_of((paths / "wild.report.html").read_bytes())["notes"][0]
+
+
+@needs_compilation
 def test_a_fit_makes_its_page(paths, capsys):
     arguments = ["estimate", "scene.json", "--target", "target.npz", "--start", "9", "--report", "{stem}.html"]
     assert run([*arguments, "--method", "l-bfgs-b", "-o", "my fit.json"]) == 0

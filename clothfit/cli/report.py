@@ -14,6 +14,7 @@ import click
 from clothfit.cli import shared, trust
 from clothfit.cli.console import Console, metres
 from clothfit.cli.repeat import command_line
+from clothfit.errors import Diverged
 from clothfit.words import counted
 
 if TYPE_CHECKING:
@@ -68,9 +69,11 @@ def command(
     commands = [evaluation(scene_path, fitted_path, target_path), command_line(click.get_current_context())]
     inputs = digests(truth, fitted, {target_path: target, log_path: log})
     show, size = write(truth, fitted, target, frames, log, commands, inputs, out)
-    tell(show, size, out, console)
+    tell(show, size, out, console, show.evaluation.diverged)
     if as_json:
         shared.print_json("report", summary(show, size, out), out)
+    if show.evaluation.diverged:
+        raise Diverged(f"{show.evaluation.diverged}; the frames before are shown", len(show.times))
     return 0
 
 
@@ -94,10 +97,11 @@ def write(
     return show, len(page)
 
 
-def tell(show: Shown, size: int, out: shared.Output, console: Console) -> None:
-    """Tell what was written."""
+def tell(show: Shown, size: int, out: shared.Output, console: Console, said: str | None = None) -> None:
+    """Tell what was written, and what is to be known of it; not what will be `said` as the command's error."""
     for note in show.notes:
-        console.warn(note)
+        if said is None or not note.startswith(said):
+            console.warn(note)
     frames = counted(len(show.times), "frame", "frames")
     console.say(f"{frames}, RMSE {metres(show.evaluation.fitted.rmse)}, {size / 1e6:.2g} MB → {out.name}")
 
