@@ -60,9 +60,11 @@ export function errorChart(curve, jump) {
     label: "Error of each frame: root mean square and largest distance to the target",
   });
   const edge = Math.min(box.across(until), box.x1);
-  box.back.prepend(svg("rect", { x: box.x0, y: box.y1, width: Math.max(edge - box.x0, 0), height: box.y0 - box.y1, class: "window" }));
+  const [width, height] = [Math.max(edge - box.x0, 0), box.y0 - box.y1];
+  box.back.prepend(svg("rect", { x: box.x0, y: box.y1, width, height, class: "window" }));
   box.back.append(svg("text", { x: box.x0, y: box.y1 - 6, class: "mark" }, "fitted frames"));
-  if (edge < box.x1 - 90) box.back.append(svg("text", { x: Math.max(edge, box.x0 + 75) + 5, y: box.y1 - 6, class: "mark" }, "horizon"));
+  const after = Math.max(edge, box.x0 + 75) + 5;
+  if (edge < box.x1 - 90) box.back.append(svg("text", { x: after, y: box.y1 - 6, class: "mark" }, "horizon"));
   if (edge < box.x1 - 1) box.back.append(svg("line", { x1: edge, x2: edge, y1: box.y1, y2: box.y0, class: "edge" }));
   const points = (values) => values.map((value, i) =>
     value === null || (y.log && value <= 0) ? null : [box.across(times[i]), box.up(Math.max(value, y.low))]);

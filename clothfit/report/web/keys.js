@@ -7,7 +7,8 @@ export function listen(actions) {
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const own = event.target.closest?.("select, summary, button, input[type=radio]");
-    if (own && (event.key === " " || event.key === "Enter" || (own.matches("select, input") && event.key.startsWith("Arrow")))) return;
+    if (own && (event.key === " " || event.key === "Enter")) return;
+    if (own?.matches("select, input") && event.key.startsWith("Arrow")) return;
     if (own?.matches("select") && event.key.length === 1) return;
     const name = event.shiftKey && event.key.startsWith("Arrow") ? `Shift ${event.key}` : event.key;
     const action = actions.find((each) => each.keys.includes(name.length === 1 ? name.toLowerCase() : name));

@@ -122,8 +122,10 @@ function actions(player, stage, switches, choose) {
     act(["]", "."], null, null, () => player.faster(1)),
     act(["+", "="], "+ −", "nearer, farther", () => stage?.orbit.zoom(0.87)),
     act(["-", "_"], null, null, () => stage?.orbit.zoom(1.15)),
-    act(["Shift ArrowLeft", "Shift ArrowRight"], "Shift ← → ↑ ↓", "turn the view", (key) => stage?.orbit.turn(key.endsWith("Left") ? -0.12 : 0.12, 0)),
-    act(["Shift ArrowUp", "Shift ArrowDown"], null, null, (key) => stage?.orbit.turn(0, key.endsWith("Up") ? 0.1 : -0.1)),
+    act(["Shift ArrowLeft"], "Shift ← → ↑ ↓", "turn the view", () => stage?.orbit.turn(-0.12, 0)),
+    act(["Shift ArrowRight"], null, null, () => stage?.orbit.turn(0.12, 0)),
+    act(["Shift ArrowUp"], null, null, () => stage?.orbit.turn(0, 0.1)),
+    act(["Shift ArrowDown"], null, null, () => stage?.orbit.turn(0, -0.1)),
     act(["f"], "F", "fit the view", () => stage?.fit()),
     act(["c"], "C T M", "fitted cloth, target, mesh", switches.fitted),
     act(["t"], null, null, switches.target),
@@ -180,7 +182,8 @@ async function main() {
     at("clock").replaceChildren(make("b", {}, `${motion.times[frame].toFixed(2)} s`), `  ${frame} / ${motion.times.length - 1}`);
     const { rmse, largest } = moveCursor(player.time);
     const phase = motion.times[frame] <= content.curve.fitted_until * (1 + 1e-9) ? "fitted frames" : "horizon";
-    const error = rmse === null || rmse === undefined ? ["target not observed"] : ["RMSE ", make("b", {}, length(rmse)), ` · largest ${length(largest)}`];
+    const seen = typeof rmse === "number";
+    const error = seen ? ["RMSE ", make("b", {}, length(rmse)), ` · largest ${length(largest)}`] : ["target not observed"];
     at("readout").replaceChildren(`${phase} · `, ...error);
   };
   const player = new Player(motion.times, show, tell);

@@ -7,6 +7,7 @@ import { scaleOf } from "clothfit/shading";
 import { short, ticks } from "clothfit/words";
 
 const WIDTH = 400, BARS = 28, MOST_POINTS = 400;
+const MOST_SPRINGS = 6000;  // that a map draws as lines
 
 /** A card for a block of parameters; `mesh` are the arrays of the whole scene. */
 export function parameterCard(block, mesh) {
@@ -15,7 +16,7 @@ export function parameterCard(block, mesh) {
     parts.push(valueTable(block));
   } else {
     const scale = scaleOf(block.values.map((value, i) => (block.shown[i] ? value : NaN)), block.unit);
-    const drawn = block.object === null ? null : map(block, mesh, scale);
+    const drawn = block.object === null ? null : mapCard(block, mesh, scale);
     if (drawn) parts.push(drawn);
     parts.push(sortedChart(block, scale));
     const entries = [["line", "fitted, sorted"], ["given", block.trial ? "truth" : "the scene's value"]];
@@ -23,7 +24,10 @@ export function parameterCard(block, mesh) {
     parts.push(key(...entries), histogram(block, scale));
   }
   const lost = block.shown.reduce((sum, flag) => sum + (flag ? 0 : 1), 0);
-  if (lost && block.mode !== "G") parts.push(make("p", { class: "quiet" }, `${lost} of ${block.values.length} are not shown by any motion and keep their start; they are left out of the charts.`));
+  if (lost && block.mode !== "G") {
+    const text = `${lost} of ${block.values.length} are not shown by any motion and keep their start; they are left out.`;
+    parts.push(make("p", { class: "quiet" }, text));
+  }
   return make("section", { class: "card" }, ...parts);
 }
 
@@ -45,8 +49,29 @@ function valueTable(block) {
   return make("table", { class: "values" }, make("thead", {}, make("tr", {}, ...heads)), make("tbody", {}, ...rows));
 }
 
+/** The map of a block; of so many springs that no line could be seen, of the mean of those at each vertex. */
+function mapCard(block, mesh, scale) {
+  if (block.of !== "spring" || block.values.length <= MOST_SPRINGS) return map(block, mesh, scale);
+  const means = meansOfSprings(block, mesh);
+  return map(means, mesh, scaleOf(means.values, block.unit), "mean of the springs at a vertex");
+}
+
+/** The same block with a value for each vertex. */
+function meansOfSprings(block, mesh) {
+  const first = mesh.firsts[block.object], start = mesh.springFirsts[block.object];
+  const values = new Float32Array(mesh.vertex_counts[block.object]), count = new Uint32Array(values.length);
+  for (let s = 0; s < block.values.length; s++) {
+    if (!block.shown[s]) continue;
+    for (const vertex of mesh.springs.subarray(2 * (start + s), 2 * (start + s) + 2)) {
+      values[vertex - first] += block.values[s];
+      count[vertex - first]++;
+    }
+  }
+  return { ...block, of: "vertex", values: values.map((sum, i) => sum / count[i]), shown: count };
+}
+
 /** The object as it lies at the start, along the two directions in which it is widest, coloured by its values. */
-function map(block, mesh, scale) {
+function map(block, mesh, scale, note = "") {
   const first = mesh.firsts[block.object], count = mesh.vertex_counts[block.object];
   const points = flattened(mesh.start.subarray(3 * first, 3 * (first + count)));
   const canvas = make("canvas", { class: "map", role: "img", "aria-label": `${block.title} on the cloth as it lies at the start` });
@@ -62,7 +87,8 @@ function map(block, mesh, scale) {
   else return null;
   const bar = make("span", { class: "bar", style: `background: ${gradient("rising")}` });
   const labels = make("span", { class: "labels" }, ...scale.labels.map((text) => make("span", {}, text)));
-  return make("figure", {}, canvas, make("figcaption", { class: "scale" }, bar, labels, make("span", { class: "unit" }, block.unit)));
+  const unit = make("span", { class: "unit" }, block.unit), remark = note ? [make("span", {}, note)] : [];
+  return make("figure", {}, canvas, make("figcaption", { class: "scale" }, bar, labels, unit, ...remark));
 }
 
 function drawFaces(pen, block, mesh, place, first, scale, tint) {
@@ -80,7 +106,7 @@ function drawFaces(pen, block, mesh, place, first, scale, tint) {
     pen.stroke();
   }
   const radius = Math.min(9, 120 / Math.sqrt(block.values.length));
-  for (let i = 0; i < block.values.length; i++) {
+  for (let i = 0; i < block.values.length && radius > 3; i++) {
     pen.fillStyle = block.shown[i] ? tint(i) : "#8888";
     pen.beginPath();
     pen.arc(...place(i), radius, 0, 2 * Math.PI);
@@ -121,7 +147,8 @@ function sortedChart(block, scale) {
   const order = Array.from(block.values.keys()).filter((i) => block.shown[i]).sort((a, b) => block.values[a] - block.values[b]);
   const every = Math.ceil(order.length / MOST_POINTS) || 1;
   const chosen = order.filter((_, i) => i % every === 0);
-  const bounds = [block.values, block.given, block.low, block.high].flatMap((values) => chosen.map((i) => values[i]).filter(Number.isFinite));
+  const bounds = [block.values, block.given, block.low, block.high]
+    .flatMap((values) => chosen.map((i) => values[i]).filter(Number.isFinite));
   const all = scaleOf(Float32Array.from(bounds));
   const [left, right, top, bottom] = [50, WIDTH - 10, 8, 128];
   const across = (k) => left + ((k + 0.5) / chosen.length) * (right - left);
@@ -142,7 +169,7 @@ function sortedChart(block, scale) {
   picture.append(...chosen.map((i, k) => svg("circle", { cx: across(k), cy: up(block.given[i]), r: 1.5, class: "given" })));
   picture.append(svg("path", { d: path(chosen.map((i, k) => [across(k), up(block.values[i])])), class: "line" }),
                  svg("text", { x: (left + right) / 2, y: 141, class: "name middle" }, "in order of size"),
-                 svg("text", { x: 0, y: 0, class: "name middle", transform: `translate(10 ${(top + bottom) / 2}) rotate(-90)` }, block.unit));
+                 svg("text", { class: "name middle", transform: `translate(10 ${(top + bottom) / 2}) rotate(-90)` }, block.unit));
   return picture;
 }
 
@@ -159,13 +186,16 @@ function histogram(block, scale) {
   const most = Math.max(...counts, ...given, 1);
   const [left, right, top, bottom] = [50, WIDTH - 10, 6, 84], width = (right - left) / BARS;
   const high = (count) => bottom - (count / most) * (bottom - top);
-  const picture = svg("svg", { viewBox: `0 0 ${WIDTH} 118`, class: "chart", role: "img", "aria-label": `${block.title}: how many values lie where` });
+  const picture = svg("svg", { viewBox: `0 0 ${WIDTH} 118`, class: "chart", role: "img",
+                               "aria-label": `${block.title}: how many values lie where` });
   counts.forEach((count, k) => picture.append(svg("rect", {
     x: left + k * width + 0.5, y: high(count), width: width - 1, height: bottom - high(count), class: "column",
     fill: css("rising", both.share === scale.share ? k / BARS : scale.share(valueAt(both, (k + 0.5) / BARS))),
   })));
-  const steps = Array.from(given).flatMap((count, k) =>
-    count ? [[left + k * width, bottom], [left + k * width, high(count)], [left + (k + 1) * width, high(count)], [left + (k + 1) * width, bottom]] : [null]);
+  const steps = Array.from(given).flatMap((count, k) => {
+    const [x0, x1, y] = [left + k * width, left + (k + 1) * width, high(count)];
+    return count ? [[x0, bottom], [x0, y], [x1, y], [x1, bottom]] : [null];
+  });
   picture.append(svg("path", { d: path(steps), class: "line given" }),
                  svg("line", { x1: left, x2: right, y1: bottom, y2: bottom, class: "axis" }));
   both.labels.forEach((text, k) => picture.append(svg("text", {

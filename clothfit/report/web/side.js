@@ -37,9 +37,10 @@ function deviations(rows) {
 
 function repeat(content) {
   const digests = content.inputs.map(([name, digest]) => make("div", {}, `${name} `, make("code", {}, digest)));
+  const version = `clothfit ${content.version}${digests.length ? "; SHA-256 of what was read:" : ""}`;
   return card(
     "To repeat it",
     make("div", { class: "commands" }, ...content.commands.map((text) => make("pre", { tabindex: "0" }, text))),
-    make("div", { class: "digests" }, make("div", {}, `clothfit ${content.version}`, digests.length ? "; SHA-256 of what was read:" : ""), ...digests),
+    make("div", { class: "digests" }, make("div", {}, version), ...digests),
   );
 }

@@ -97,7 +97,11 @@ export class Stage {
         middle: { value: centre.clone() }, reach: { value: 3.2 * radius },
       },
       vertexShader: `varying vec3 place;
-        void main() { vec4 p = modelMatrix * vec4(position, 1.0); place = p.xyz; gl_Position = projectionMatrix * viewMatrix * p; }`,
+        void main() {
+          vec4 p = modelMatrix * vec4(position, 1.0);
+          place = p.xyz;
+          gl_Position = projectionMatrix * viewMatrix * p;
+        }`,
       fragmentShader: `uniform vec3 tint; uniform float cell; uniform float share; uniform vec3 middle; uniform float reach;
         varying vec3 place;
         float line(float size, float width) {
