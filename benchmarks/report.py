@@ -42,7 +42,8 @@ DRAWN = """() => new Promise((done) => {
   let count = 0;
   stage.render = () => { count++; draw(); };
   player.play();
-  setTimeout(() => { stage.render = draw; player.pause(); done(count / 4); }, 4000);
+  setTimeout(() => { count = 0; }, 3000);  // so long it may take to find what the machine can do
+  setTimeout(() => { stage.render = draw; player.pause(); done(count / 4); }, 7000);
 })"""
 
 

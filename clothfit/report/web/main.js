@@ -143,7 +143,7 @@ function run(player, stage) {
     before = now;
     player.pass(Math.min(passed / 1000, 0.25));
     slow = player.playing && passed > SLOW ? slow + Math.min(passed, 250) : 0;
-    if (slow > PATIENCE && level + 1 < LEVELS.length) [level, slow] = [level + 1, 0];
+    if (slow > PATIENCE) [level, slow] = [Math.min(level + (passed > 3 * SLOW ? 3 : 1), LEVELS.length - 1), 0];
     stage?.refine(player.playing ? level : 0);
     if (stage?.stale) stage.render();
     requestAnimationFrame(tick);
