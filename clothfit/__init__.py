@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from clothfit.motion_files import load_motion, save_motion
     from clothfit.objective import Objective, cost_and_gradient
     from clothfit.precision import WorkPrecision, work_precision
+    from clothfit.report import report_page
     from clothfit.result import Fit
     from clothfit.scene import Cloth, Scene, load, save
     from clothfit.scene_check import SceneCheck, check_scene
@@ -59,6 +60,7 @@ _HOME = {
     "cost_and_gradient": "objective",
     "WorkPrecision": "precision",
     "work_precision": "precision",
+    "report_page": "report",
     "parameters": "fit_vector",
     "with_parameters": "fit_vector",
     "Cloth": "scene",
@@ -102,6 +104,7 @@ __all__ = [
     "new_scene",
     "parameters",
     "read_mesh",
+    "report_page",
     "save",
     "save_motion",
     "simulate",

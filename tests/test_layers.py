@@ -146,6 +146,7 @@ ORDER = [
     "charts",
     "plots",
     "",
+    "report",
     "starts",
     "job",
     "worker",

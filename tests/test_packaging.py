@@ -77,6 +77,13 @@ def test_a_wheel_holds_every_module_the_schema_and_the_marker(names):
     assert modules | {"clothfit/py.typed", "clothfit/schemas/scene.schema.json"} <= set(names)
 
 
+def test_a_wheel_holds_the_parts_of_a_report(names):
+    web = PACKAGE / "report" / "web"
+    parts = {f"clothfit/report/web/{path.relative_to(web).as_posix()}" for path in web.rglob("*") if path.is_file()}
+    assert len(parts) > 15
+    assert parts <= set(names)
+
+
 def test_a_wheel_holds_nothing_else(names):
     assert {name.split("/")[0] for name in names} == {"clothfit", f"clothfit-{clothfit.__version__}.dist-info"}
     assert [name for name in names if "test" in name.lower() or "__pycache__" in name] == []

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.cli import goals, motions, pictures, shared, trust
+from clothfit.cli import estimate_report, goals, motions, pictures, shared, trust
 from clothfit.cli.console import Console
 from clothfit.cli.files import Files
 from clothfit.cli.watching import Watching
@@ -24,9 +24,10 @@ MOST_STARTS = 10_000
 
 SECTIONS = {  # of the help
     "What to fit to": ("--target", "--objective", "--loss", "--loss-scale"),
+    "The file of the target": ("--fps", "--frames", "--scale", "--up", "--handedness", "--map"),
     "How to fit": ("--start", "--method", "--prior", "--max-evaluations", "--rmse", "--tolerance"),
     "How far to trust it": ("--holdout", "--holdout-of", "--no-intervals"),
-    "What is written": ("--output", "--in-place"),
+    "What is written": ("--output", "--in-place", "--report", "--plot", "--gif", "--log"),
     "Long and large fits": ("--checkpoint", "--resume", "--memory"),
     "Many fits": ("--starts", "--seed", "--jobs", "--cluster"),
 }
@@ -80,6 +81,7 @@ SECTIONS = {  # of the help
 @click.option("--no-intervals", is_flag=True, help="Do not look at what the motion determines, nor how well.")
 @click.option("--memory", metavar="SIZE", help="To hold at most, such as 200MB.  [default: half of what is free]")
 @click.option("-o", "--output", "path", metavar="SCENE", help="Fitted scene.  [default: <stem>.fitted<suffix>]")
+@click.option("--report", "report_path", metavar="FILE", help="A page that shows the fit, as clothfit report makes it.")
 @click.option("--in-place", is_flag=True, help="Write the fitted values into SCENE itself.")
 @click.option("--starts", type=int, default=1, metavar="K", help="Fit from K starts, keep the best.  [default: 1]")
 @click.option("--seed", type=int, default=0, metavar="S", help="Of the starts after the first.  [default: 0]")
@@ -107,6 +109,7 @@ def command(
     no_intervals: bool,
     memory: str | None,
     path: str | None,
+    report_path: str | None,
     in_place: bool,
     starts: int,
     seed: int,
@@ -153,29 +156,40 @@ def command(
         "memory": memory,
     }
     files = Files(target_paths, start, path, in_place, checkpoint, resume, reading)
-    if len(scene_paths) > 1 or starts > 1 or cluster is not None:
+    single = len(scene_paths) == 1 and starts == 1 and cluster is None
+    page = estimate_report.chosen(report_path, scene_paths, single, files)
+    if not single:
         refuse_to_watch({**pictures.given, "--log": log})
         from clothfit.cli import many
 
         return many.fit(scene_paths, files, options, many.Effort(starts, seed, jobs, cluster), console, as_json)
     watching = Watching(pictures, log)
-    return fit_one(scene_paths[0], files.of(scene_paths[0]), options, watching, console, as_json)
+    return fit_one(scene_paths[0], files.of(scene_paths[0]), options, watching, page, console, as_json)
 
 
 def fit_one(
-    scene_path: str, files: Files, options: dict[str, Any], watching: Watching, console: Console, as_json: bool
+    scene_path: str,
+    files: Files,
+    options: dict[str, Any],
+    watching: Watching,
+    page: estimate_report.Page | None,
+    console: Console,
+    as_json: bool,
 ) -> int:
     """Fit one scene in this process; returns the exit code."""
     files.check(scene_path)
     scene = shared.read_scene(scene_path, console)
     out = files.output(scene_path)
+    if page:
+        page.output(scene_path, files, out)
     from clothfit import fit
     from clothfit.cli import checkpoints, outcomes
     from clothfit.fit_vector import blocks
 
     fit.check_method(options["method"])
     watching = watching.of(scene_path)
-    watching.check((scene_path, *files.inputs, out.path, files.checkpoint), files.resume, console)
+    others = (scene_path, *files.inputs, out.path, files.checkpoint, page.path if page else None)
+    watching.check(others, files.resume, console)
     kept = checkpoints.chosen(files.checkpoint, files.resume, out, (scene_path, *files.inputs), console)
     told: list[dict[str, Any]] = []
     targets = [goals.read_target(pair, scene, files.reading, console, told) for pair in files.pairs]
@@ -190,7 +204,7 @@ def fit_one(
             targets or None,
             first,
             **options,
-            report=watching.report(show),
+            report=page.listening(watching.report(show)) if page else watching.report(show),
             checkpoint=kept,
             resume=files.resume,
             foreseen=partial(tell_needs, console),
@@ -199,6 +213,8 @@ def fit_one(
         code = outcomes.finish(scene, found, out, console, as_json, motions.told_of(told), watching.log)
         checkpoints.closed(kept, files.checkpoint is not None, found.status, files.in_place, console)
     watching.draw(found, scene, targets, console)
+    if page:
+        page.write(scene_path, scene, found, files, out, targets, console)
     return code
 
 

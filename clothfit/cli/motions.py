@@ -105,6 +105,19 @@ def load(path: str, scene: Scene | None, reading: Reading, console: Console, ass
     return loaded
 
 
+def arguments(reading: Reading) -> list[str]:
+    """The options of a command that say the same."""
+    said = {
+        "--scale": reading.scale,
+        "--up": reading.up,
+        "--handedness": reading.handedness,
+        "--fps": reading.fps,
+        "--frames": reading.frames,
+        "--map": reading.markers,
+    }
+    return [word for name, value in said.items() if value is not None for word in (name, str(value))]
+
+
 def told_of(told: list[dict[str, Any]]) -> dict[str, Any]:
     """What --json says of the files of other programs that were read."""
     return {"reading": told} if told else {}

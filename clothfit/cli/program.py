@@ -30,8 +30,8 @@ from clothfit.interrupts import REQUESTS, SAME_REQUEST
 _last_request = -SAME_REQUEST
 
 COMMANDS = (
-    "new", "info", "validate", "simulate", "target", "estimate", "evaluate", "check", "convert", "export", "completion",
-    "warmup",
+    "new", "info", "validate", "simulate", "target", "estimate", "evaluate", "report", "check", "convert", "export",
+    "completion", "warmup",
 )  # fmt: skip
 
 

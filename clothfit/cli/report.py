@@ -1,0 +1,145 @@
+"""`clothfit report`: a page that shows a fitted scene."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shlex
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from clothfit.cli import motions, shared, trust
+from clothfit.cli.console import Console, metres
+from clothfit.cli.repeat import command_line
+from clothfit.errors import Diverged
+from clothfit.words import counted
+
+if TYPE_CHECKING:
+    from clothfit.convention import Reading
+    from clothfit.motion import Motion
+    from clothfit.report.log import Log
+    from clothfit.report.showing import Shown
+    from clothfit.scene import Scene
+
+
+@shared.command("report")
+@click.argument("scene_path", metavar="SCENE")
+@click.argument("fitted_path", metavar="FITTED")
+@click.option("--target", "target_path", metavar="MOTION", help="Compare with this motion instead of SCENE's own.")
+@motions.reads
+@click.option(
+    "--steps", type=int, metavar="N", help="Steps to show.  [default: 499, fewer of large scenes; the fitted at least]"
+)
+@click.option("--log", "log_path", metavar="FILE", help="Of the fit, by estimate --log: its cost and intervals.")
+@click.option("-o", "--output", "path", metavar="FILE", help="The page.  [default: <stem of FITTED>.report.html]")
+def command(
+    scene_path: str,
+    fitted_path: str,
+    target_path: str | None,
+    reading: Reading,
+    steps: int | None,
+    log_path: str | None,
+    path: str | None,
+    as_json: bool,
+    console: Console,
+) -> int:
+    """Show FITTED beside SCENE, or beside a target motion, as a page that plays both in 3-D, with charts.
+
+    The page is one HTML file that needs no network: open it in a browser.
+
+    \b
+    clothfit report scene.json scene.fitted.json
+    clothfit report scene.json scene.fitted.json --target capture.npz -o page.html
+    clothfit report scene.json scene.fitted.json --log fit.jsonl
+    """
+    shared.one_stream(scene_path, fitted_path, target_path)
+    shared.check_numbers(steps)
+    shared.check_there(scene_path, fitted_path)
+    out = shared.output(path, fitted_path, ".report.html", (scene_path, target_path, log_path), text=True)
+    truth = shared.read_scene(scene_path, console)
+    fitted = shared.read_scene(fitted_path, console)
+    told: list[dict[str, Any]] = []
+    target = motions.read(target_path, truth, reading, console, told) if target_path is not None else None
+    from clothfit.report.log import read_log
+
+    log = read_log(log_path) if log_path is not None else None
+    for each in (truth, fitted) if target is None else (fitted,):
+        trust.warn_of_steps(each, truth.frames, console)
+    console.announce_compilation()
+    frames = None if steps is None else shared.frames_of(steps, truth)
+    commands = [evaluation(scene_path, fitted_path, target_path, reading), command_line(click.get_current_context())]
+    inputs = digests(truth, fitted, {target_path: target, log_path: log})
+    show, size = write(truth, fitted, target, frames, log, commands, inputs, out)
+    tell(show, size, out, console, show.evaluation.diverged)
+    if as_json:
+        shared.print_json("report", summary(show, size, out) | motions.told_of(told), out)
+    if show.evaluation.diverged:
+        raise Diverged(f"{show.evaluation.diverged}; the frames before are shown", len(show.times))
+    return 0
+
+
+def write(
+    truth: Scene,
+    fitted: Scene,
+    target: Motion | None,
+    frames: int | None,
+    log: Log | None,
+    commands: Sequence[str],
+    inputs: Sequence[tuple[str, str]],
+    out: shared.Output,
+) -> tuple[Shown, int]:
+    """Make the page and write it; tells what it shows, and its size, bytes."""
+    from clothfit.report import made
+    from clothfit.report.showing import shown
+
+    show = shown(truth, fitted, target, frames)
+    page = made(truth, fitted, target, show, log, commands, inputs)
+    out.write(page)
+    return show, len(page)
+
+
+def tell(show: Shown, size: int, out: shared.Output, console: Console, said: str | None = None) -> None:
+    """Tell what was written, and what is to be known of it; not what will be `said` as the command's error."""
+    for note in show.notes:
+        if said is None or not note.startswith(said):
+            console.warn(note)
+    frames = counted(len(show.times), "frame", "frames")
+    console.say(f"{frames}, RMSE {metres(show.evaluation.fitted.rmse)}, {size / 1e6:.2g} MB → {out.name}")
+
+
+def summary(show: Shown, size: int, out: shared.Output) -> dict[str, Any]:
+    """What --json prints."""
+    near, far = show.evaluation.fitted, show.evaluation.horizon
+    return {
+        "frames": near.frames,
+        "rmse": near.rmse,
+        "max_error": near.max_error,
+        "horizon": {"frames": far.frames, "rmse": far.rmse, "max_error": far.max_error},
+        "shown": len(show.times),
+        "diverged": show.evaluation.diverged,
+        "notes": show.notes,
+        "bytes": size,
+        "output": out.path,
+    }
+
+
+def evaluation(scene_path: str, fitted_path: str, target_path: str | None, reading: Reading) -> str:
+    """The command that gives the same figures as a table."""
+    target = [] if target_path is None else ["--target", target_path, *motions.arguments(reading)]
+    return shlex.join(["clothfit", "evaluate", scene_path, fitted_path, *target])
+
+
+def digests(truth: Scene, fitted: Scene, files: Mapping[str | None, object]) -> list[tuple[str, str]]:
+    """Names and SHA-256 of what was read; without the files, but for scenes, that came through a pipe and are gone."""
+    from clothfit.scene import dumps
+    from clothfit.source import name_of
+
+    found = [(scene.name, hashlib.sha256(dumps(scene)).hexdigest()) for scene in (truth, fitted)]
+    for path in files:
+        if path not in (None, shared.STREAM) and os.path.isfile(str(path)):
+            with suppress(OSError), open(str(path), "rb") as file:
+                found.append((name_of(path), hashlib.file_digest(file, "sha256").hexdigest()))
+    return found

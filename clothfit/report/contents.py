@@ -1,0 +1,184 @@
+"""What a page is told: everything that it shows, as one JSON document with packed arrays.
+
+Lengths in m, times in s, masses in kg, stiffnesses in N/m; the page chooses other units where they suit. Vertices,
+springs and triangles of all objects are counted through, in file order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothfit import __version__
+from clothfit.arrays import Array, Flags
+from clothfit.block import Block
+from clothfit.evaluation import Deviation, Distance, Evaluation
+from clothfit.fit_vector import blocks, identifiable, parameters
+from clothfit.report.log import Log, intervals, number
+from clothfit.report.packing import box, packed, packed_errors, packed_flags, packed_positions
+from clothfit.report.showing import Shown
+from clothfit.scene import Scene
+from clothfit.words import counted, metres, owned
+
+STATUS = {
+    "converged": "converged",
+    "stalled": "stalled before its tolerance",
+    "limit": "ended at the limit of evaluations",
+    "interrupted": "interrupted; the best so far",
+}
+"""How a fit ended, in words; others are not believed."""
+
+NO_LOG = "the fit's cost and its 95 % intervals are here where its log is given (estimate --log, report --log)"
+
+
+def content(truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | None) -> dict[str, Any]:
+    """All that the page shows of a fitted scene; `target` is the name of the motion it was fitted to, or None."""
+    low, step = box(show.fitted, show.target)
+    return {
+        "version": __version__,
+        "title": truth.title.strip() or truth.name,
+        "names": {"scene": truth.name, "fitted": fitted.name, "target": target},
+        "figures": [[f"RMSE, {name}", metres(part.rmse)] for name, part in distances(show.evaluation).items()],
+        "facts": facts(truth, show, log, target),
+        "deviations": [deviation(each) for each in show.evaluation.parameters],
+        "notes": [*show.notes, *log.warnings],
+        "remarks": [bound(step), *([] if log.points or log.summary else [NO_LOG])],
+        "mesh": mesh(fitted),
+        "surroundings": surroundings(fitted),
+        "motion": motion(show, low, step),
+        "curve": curve(show),
+        "history": [list(point) for point in log.points],
+        "blocks": [block(each, truth, fitted, log, target is None) for each in blocks(truth)],
+    }
+
+
+def motion(show: Shown, low: Array, step: Array) -> dict[str, Any]:
+    """Both motions, where the target was observed, and how far they are apart."""
+    observed = ~np.isnan(show.target[:, :, 0])
+    return {
+        "times": show.times.tolist(),
+        "fitted": packed_positions(show.fitted, low, step),
+        "target": packed_positions(show.target, low, step),
+        "observed": None if observed.all() else packed_flags(observed),
+        "error": packed_errors(show.error),
+    }
+
+
+def curve(show: Shown) -> dict[str, Any]:
+    """The error of each frame, None where nothing was observed."""
+    both = {"rmse": show.rmse, "largest": show.largest}
+    listed = {key: [None if np.isnan(x) else float(f"{x:.6g}") for x in values] for key, values in both.items()}
+    return {"times": show.curve_times.tolist(), "fitted_until": show.fitted_until, **listed}
+
+
+def mesh(scene: Scene) -> dict[str, Any]:
+    """What the motion moves, with the fitted values."""
+    starts = np.cumsum([0, *scene.vertex_counts])[:-1]
+    cloths = list(zip(scene.cloths, starts, strict=True))
+
+    def whole(parts: list[NDArray[Any]]) -> dict[str, Any]:
+        return packed(np.concatenate(parts))
+
+    return {
+        "vertex_counts": list(scene.vertex_counts),
+        "spring_counts": [len(cloth.stiffness) for cloth in scene.cloths],
+        "start": whole([cloth.positions for cloth in scene.cloths]),
+        "triangles": whole([cloth.triangles.reshape(-1, 3) + first for cloth, first in cloths]),
+        "springs": whole([cloth.springs.reshape(-1, 2) + first for cloth, first in cloths]),
+        "rest": whole([cloth.rest for cloth in scene.cloths]),
+        "fixed": whole([cloth.fixed for cloth in scene.cloths]),
+        "mass": whole([cloth.mass for cloth in scene.cloths]),
+        "stiffness": whole([cloth.stiffness for cloth in scene.cloths]),
+    }
+
+
+def surroundings(scene: Scene) -> dict[str, Any]:
+    """Wind and spheres."""
+    return {
+        "wind": scene.wind.tolist(),
+        "spheres": [{"centre": sphere.centre.tolist(), "radius": sphere.radius} for sphere in scene.spheres],
+    }
+
+
+def facts(truth: Scene, show: Shown, log: Log, target: str | None) -> list[list[str]]:
+    """The summary: names and values."""
+    rows = [["compared with", "the scene's own motion (a trial)" if target is None else target]]
+    for name, part in distances(show.evaluation).items():
+        rows.append([f"{name}, {part.frames}", f"RMSE {metres(part.rmse)}, at most {metres(part.max_error)}"])
+    rows += ended(log.summary)
+    size = f"{sum(truth.vertex_counts)} vertices, {sum(len(c.stiffness) for c in truth.cloths)} springs"
+    rows.append(["cloth", f"{counted(len(truth.cloths), 'object', 'objects')}, {size}"])
+    rows.append(["time step", f"{1e3 * truth.delta:.4g} ms"])
+    if truth.wind.any():
+        rows.append(["wind", f"{float(np.linalg.norm(truth.wind)):.3g} m/s"])
+    return rows
+
+
+def distances(found: Evaluation) -> dict[str, Distance]:
+    """The distances of the two motions, by the frames they are over; each once."""
+    parts = {"fitted frames": found.fitted, "all frames": found.horizon}
+    if found.fitted.frames == found.horizon.frames:
+        del parts["all frames"]
+    return parts
+
+
+def ended(summary: Mapping[str, Any]) -> list[list[str]]:
+    """How the fit ended, as far as that is known."""
+    rows = []
+    if summary.get("status") in list(STATUS):
+        rows.append(["fit", STATUS[summary["status"]]])
+    evaluations, seconds, sigma = (number(summary.get(key)) for key in ("evaluations", "seconds", "sigma"))
+    if evaluations is not None and seconds is not None:
+        rows.append(["took", f"{counted(round(evaluations), 'evaluation', 'evaluations')} in {seconds:.3g} s"])
+    holdout = summary.get("holdout")
+    kept_out = number(holdout.get("rmse")) if isinstance(holdout, Mapping) else None
+    if kept_out is not None and kept_out >= 0:
+        rows.append(["kept out of the fit", f"RMSE {metres(kept_out)}"])
+    if sigma is not None and sigma > 0:
+        rows.append(["noise", f"{metres(sigma)} per coordinate, where the model is right"])
+    return rows
+
+
+def deviation(found: Deviation) -> list[str]:
+    """A row of the table of deviations."""
+    both = (found.median_relative_deviation, found.max_relative_deviation)
+    told = ["not identifiable" if value is None else f"{100 * value:.2g} %" for value in both]
+    return [f"{owned(found.object, found.name)} ({found.mode})", str(found.count), *told]
+
+
+def bound(step: Array) -> str:
+    """What the picture's positions are good to."""
+    return f"positions in this page are rounded to {metres(float(step.max()) / 2)} or less; errors are not"
+
+
+def block(found: Block, truth: Scene, fitted: Scene, log: Log, trial: bool) -> dict[str, Any]:
+    """What became of a block of parameters: values of the fit and of the scene, and intervals, one per element; those
+    of vectors by their length.
+    """
+    values, given = (parameters(scene, flags=truth)[found.part] for scene in (fitted, truth))
+    shown: Flags = identifiable(truth)[found.part]
+    ends = intervals(log.summary, found.cloth, found.name, found.mode, found.count)
+    rows = [[np.nan, np.nan] if each is None else each for each in ends or [None] * found.count]
+    components, low_high = found.kind.components, np.array(rows, np.float64).reshape(-1, 2)
+    if components > 1:  # arrows: their lengths have no intervals of their own
+        values, given = (np.linalg.norm(each.reshape(-1, components), axis=1) for each in (values, given))
+        shown = np.asarray(shown.reshape(-1, components).any(axis=1))
+        low_high = np.full((len(values), 2), np.nan)
+    return {
+        "title": found.kind.title.capitalize(),
+        "owner": "scene" if found.cloth is None else f"objects[{found.cloth}]",
+        "object": found.cloth,
+        "mode": found.mode,
+        "of": found.kind.of,
+        "unit": found.kind.unit if found.name != "rest" or found.mode == "L" else "",
+        "log": found.kind.log,
+        "trial": trial,
+        "values": packed(values),
+        "given": packed(given),
+        "low": packed(low_high[:, 0]),
+        "high": packed(low_high[:, 1]),
+        "shown": packed(shown),
+    }

@@ -1,0 +1,137 @@
+"""How a fit went: its cost after each evaluation, and its summary with the intervals.
+
+A log is a file of `clothfit estimate --log`: one JSON object a line, of which `evaluations`, `cost`, `rmse` and
+`seconds` are read; the last has under `summary` what `clothfit estimate --json` prints. It may come from anybody and
+may end early: what cannot be read is left out and told.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from clothfit.errors import InvalidInput
+from clothfit.reading import whole
+from clothfit.source import name_of
+from clothfit.steady import steady
+from clothfit.words import counted
+
+MOST_BYTES = 200_000_000
+"""Of a log."""
+
+MOST_POINTS = 2000
+"""Of the curve of the cost; of more, every k-th."""
+
+
+class Point(NamedTuple):
+    """How far a fit was."""
+
+    evaluations: int
+    cost: float  # best so far, m² of positions
+    rmse: float  # best so far, m
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Log:
+    """What is known of a fit."""
+
+    points: list[Point] = field(default_factory=list)  # in order
+    summary: Mapping[str, Any] = field(default_factory=dict)  # as `clothfit estimate --json`, not checked
+    warnings: list[str] = field(default_factory=list)
+
+
+def read_log(path: str | os.PathLike[str]) -> Log:
+    """Read a log. Raises InvalidInput when it cannot be read or no line of it is one of a fit."""
+    name = name_of(path)
+    try:
+        with steady(path) as file:
+            text = whole(file, MOST_BYTES).decode("utf-8-sig", errors="replace")
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f"{name}: the log cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    points, summary, lost = [], None, 0
+    for line in text.splitlines():
+        told = parsed(line)
+        if told is None:
+            lost += bool(line.strip())
+            continue
+        point = point_of(told)
+        points += [] if point is None else [point]
+        if isinstance(told.get("summary"), dict):
+            summary = told["summary"]
+    if not points and summary is None:
+        raise InvalidInput(f"{name}: no line of it tells how a fit went; give a file that estimate --log has written")
+    warnings = [f"{name}: {counted(lost, 'line', 'lines')} that cannot be read left out"] if lost else []
+    if summary is None:
+        warnings.append(f"{name}: ends early, without the fit's summary; there are no intervals")
+    return Log(thinned(points), summary or {}, warnings)
+
+
+def parsed(line: str) -> dict[str, Any] | None:
+    """The JSON object of a line; None where there is none."""
+    try:
+        found = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def point_of(told: Mapping[str, Any]) -> Point | None:
+    """The point that a line tells; None where it does not."""
+    values = [number(told.get(key)) for key in Point._fields]
+    if any(value is None or value < 0 for value in values):
+        return None
+    evaluations, *rest = values
+    return Point(int(evaluations or 0), *(float(value or 0.0) for value in rest))
+
+
+def number(value: object) -> float | None:
+    """A value as a finite number; None where it is none."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    try:
+        found = float(value)
+    except OverflowError:
+        return None
+    return found if math.isfinite(found) else None
+
+
+def thinned(points: list[Point]) -> list[Point]:
+    """As many of the points, in order, as a curve needs, the last one included."""
+    every = -(-len(points) // MOST_POINTS) or 1
+    return [*points[:-1:every], *points[-1:]]
+
+
+def recorder(log: list[Point], show: Callable[[Any], None] | None) -> Callable[[Any], None]:
+    """What notes the progress of a fit (`search.Progress`) and passes it on to `show`."""
+
+    def report(progress: Any) -> None:
+        log.append(Point(progress.evaluations, progress.cost, progress.rmse, progress.seconds))
+        if show:
+            show(progress)
+
+    return report
+
+
+def intervals(summary: Mapping[str, Any], place: int | None, name: str, mode: str, count: int) -> list[Any] | None:
+    """The 95 % intervals of a block of parameters, [low, high] or None each; None where a summary has none that fit."""
+    blocks = summary.get("parameters")
+    for block in blocks if isinstance(blocks, list) else []:
+        if not isinstance(block, dict) or [block.get(key) for key in ("object", "name", "mode")] != [place, name, mode]:
+            continue
+        ends = block.get("interval")
+        if isinstance(ends, list) and len(ends) == count:
+            return [pair(each) for each in ends]
+    return None
+
+
+def pair(ends: object) -> list[float] | None:
+    """Two finite numbers in order; None where they are not."""
+    if not isinstance(ends, (list, tuple)) or len(ends) != 2:
+        return None
+    low, high = number(ends[0]), number(ends[1])
+    return None if low is None or high is None or low > high else [low, high]

@@ -1,0 +1,148 @@
+"""The two motions that a page shows, at the same times, and the distance between them.
+
+Without a target motion both scenes are simulated, over the fitted frames and beyond. With one, its frames are the
+times, and the fitted motion is taken there, between two steps on the straight line.
+
+F frames, V vertices of all objects.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clothfit.arrays import Array, Flags
+from clothfit.evaluation import HORIZON, Evaluation, check_same_objects, deviations, distance, finite_part
+from clothfit.fit_vector import fitted_cloths
+from clothfit.motion import Motion, check_counts, checked_motion
+from clothfit.rollout import check_memory
+from clothfit.scene import Scene
+from clothfit.target import frame_places, interpolated
+
+MOST_POSITIONS = 3_200_000
+"""Of both motions together: a page with them takes about 15 MB."""
+
+FAR = 20.0
+"""Sizes of the scene at its start that a motion which diverges is followed away."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What a page shows."""
+
+    times: Array  # (F,), s
+    fitted: Array  # (F, V, 3), m
+    target: Array  # (F, V, 3), m; NaN where not observed
+    error: Array  # (F, V), m; NaN where not observed
+    curve_times: Array  # (C,), s, of all frames that were compared; those shown are every k-th of them
+    rmse: Array  # (C,), m, over the objects that are fitted; NaN where nothing was observed
+    largest: Array  # (C,), m
+    fitted_until: float  # s, the end of the fitted frames
+    evaluation: Evaluation
+    notes: list[str]  # what is not as a reader may think
+
+
+def shown(
+    truth: Scene, fitted: Scene, target: Motion | None = None, frames: int | None = None, most: int = MOST_POSITIONS
+) -> Shown:
+    """Simulate what is to be shown; `frames` (default: as `evaluate`, fewer of large scenes) counts the initial state.
+
+    Of more than `most` positions every k-th frame is shown. Raises InvalidInput when scenes and target do not fit,
+    Diverged when a motion has no second frame.
+    """
+    check_same_objects(truth, fitted)
+    length = default_length(truth, most) if frames is None else max(frames, truth.frames)
+    notes = []
+    if frames is None and length < max(truth.frames, HORIZON) and target is None:
+        notes.append(f"the horizon ends after {length} frames, as more would make this page large (--steps)")
+    goal, own, faults = motions(truth, fitted, target, length)
+    notes += [f"{fault}; the frames before are shown" for fault in faults]
+    compared = fitted_cloths(truth) or list(range(len(truth.cloths)))
+    evaluation = Evaluation(
+        distance(own, goal, truth.delta, compared, truth.frames),
+        distance(own, goal, truth.delta, compared, length),
+        deviations(truth, fitted),
+        faults[0] if faults else None,
+    )
+    return pictured(truth, own, goal, evaluation, notes, bool(faults), most)
+
+
+def default_length(scene: Scene, most: int) -> int:
+    """Frames to simulate: as `evaluate` does, but no more than fit into a page, where the fitted ones do."""
+    room = most // (2 * sum(scene.vertex_counts))
+    return max(scene.frames, min(HORIZON, room))
+
+
+def motions(
+    truth: Scene, fitted: Scene, target: Motion | None, length: int
+) -> tuple[Motion, Motion, list[str]]:
+    """The target, the fitted motion, at its steps, and what happened where one diverged."""
+    every = range(len(truth.cloths))
+    faults: list[str | None] = []
+    if target is None:
+        check_memory(length, sum(truth.vertex_counts), 1)
+        goal, fault = finite_part(truth, every, length, 2)
+        faults.append(fault)
+    else:
+        check_counts(target, truth)
+        goal = checked_motion(target, truth)
+    step, fraction = frame_places(goal, truth.delta)
+    reach = int(step[-1]) + (fraction[-1] > 0) + 1
+    own, fault = finite_part(fitted, every, max(min(length, reach), 2), 2)
+    return goal, own, [text for text in (*faults, fault) if text]
+
+
+def pictured(
+    truth: Scene, own: Motion, goal: Motion, evaluation: Evaluation, notes: list[str], diverged: bool, most: int
+) -> Shown:
+    """Both motions at the times of the target, as far as both reach, thinned where they are too many."""
+    step, fraction = frame_places(goal, truth.delta)
+    places = step + fraction
+    count = int(np.searchsorted(places, len(own.positions) - 1, side="right"))
+    fitted = interpolated(own.positions, step[:count], fraction[:count])
+    wanted = np.where(seen(goal)[:count, :, None], goal.positions[:count], np.nan)
+    if diverged:
+        count = near_enough(fitted, wanted)
+        fitted, wanted = fitted[:count], wanted[:count]
+    error = np.sqrt(((fitted - wanted) ** 2).sum(axis=2))
+    times = goal.times[:count]
+    every = -(-2 * fitted.shape[0] * fitted.shape[1] // most)
+    if every > 1:
+        notes = [*notes, f"one frame in {every} is shown, as all would make this page large; the charts know all"]
+    part = compared_vertices(truth)
+    return Shown(
+        times[::every], fitted[::every], wanted[::every], error[::every], times, *curves(error[:, part]),
+        float(truth.delta * (truth.frames - 1)), evaluation, notes,
+    )  # fmt: skip
+
+
+def seen(motion: Motion) -> Flags:
+    """Which positions (frames, V) of a motion were observed."""
+    return np.concatenate([motion.seen(cloth) for cloth in range(len(motion.vertex_counts))], axis=1)
+
+
+def compared_vertices(scene: Scene) -> Flags:
+    """Which vertices (V,) belong to objects that are fitted; all, where none is."""
+    chosen = fitted_cloths(scene) or range(len(scene.cloths))
+    return np.repeat([cloth in chosen for cloth in range(len(scene.cloths))], scene.vertex_counts)
+
+
+def near_enough(*both: Array) -> int:
+    """How many frames, 2 at least, of motions (F, V, 3) to show of which one diverges: until it leaves the picture."""
+    start = np.concatenate([motion[0] for motion in both])
+    centre = np.nanmean(start, axis=0)
+    size = max(float(np.nanmax(np.abs(start - centre))), 1e-3)
+    away = np.max([np.nanmax(np.abs(motion - centre), axis=(1, 2), initial=0.0) for motion in both], axis=0)
+    gone = np.flatnonzero(away > FAR * size)
+    return max(int(gone[0]), 2) if len(gone) else len(away)
+
+
+def curves(error: Array) -> tuple[Array, Array]:
+    """Root mean square and largest error (F,) of each frame from errors (F, n); NaN where nothing was observed."""
+    known = ~np.isnan(error)
+    squares = np.where(known, error, 0.0) ** 2
+    count = known.sum(axis=1)
+    with np.errstate(invalid="ignore"):
+        rmse = np.sqrt(squares.sum(axis=1) / count)
+    return rmse, np.where(count > 0, np.sqrt(squares.max(axis=1, initial=0.0)), np.nan)

@@ -1,0 +1,214 @@
+// Bring the page to life: unpack what it holds, build the picture and the charts, and let time pass.
+
+import { Cloth, edgesOf } from "clothfit/cloth";
+import { gradient } from "clothfit/colours";
+import { make } from "clothfit/drawing";
+import { list, listen } from "clothfit/keys";
+import { Player, SPEEDS } from "clothfit/player";
+import { MODES, Shading } from "clothfit/shading";
+import { fillSide } from "clothfit/side";
+import { LEVELS, Stage } from "clothfit/stage";
+import { unpacked, unpackedErrors, unpackedFlags, unpackedPositions } from "clothfit/unpack";
+import { viewOf } from "clothfit/view";
+import { length, short } from "clothfit/words";
+
+const SLOW = 45, PATIENCE = 700;  // ms between frames, and for how long, before a picture that plays becomes coarser
+
+const at = (id) => document.getElementById(id);
+const trouble = (text) => { at("trouble").textContent = text; at("trouble").hidden = false; };
+
+async function unpackedAll(record) {
+  const entries = Object.entries(record).map(async ([name, value]) =>
+    [name, value && typeof value === "object" && "data" in value ? await unpacked(value) : value]);
+  return Object.fromEntries(await Promise.all(entries));
+}
+
+const sums = (counts) => counts.reduce((found, count) => [...found, found[found.length - 1] + count], [0]);
+
+function theme() {
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const root = document.documentElement;
+  let chosen = null;
+  const apply = () => { root.dataset.theme = chosen ?? (dark.matches ? "dark" : "light"); theme.changed?.(root.dataset.theme); };
+  dark.addEventListener("change", apply);
+  theme.toggle = () => { chosen = root.dataset.theme === "dark" ? "light" : "dark"; apply(); };
+  at("theme").addEventListener("click", theme.toggle);
+  apply();
+}
+
+/** The picture with the cloths in it; null where the browser cannot draw. */
+function build(content, mesh, parts, canvas) {
+  const edges = edgesOf(mesh.triangles, mesh.springs, parts.fitted.vertices);
+  const fitted = new Cloth(parts.fitted, mesh.triangles, edges);
+  const target = new Cloth(parts.target, mesh.triangles, edges, parts.observed);
+  const view = viewOf([parts.fitted, parts.target], fitted, content.surroundings, edges);
+  const fixed = [];
+  mesh.fixed.forEach((flag, i) => { if (flag) fixed.push(mesh.start[3 * i], mesh.start[3 * i + 1], mesh.start[3 * i + 2]); });
+  const shading = new Shading(fitted, { ...mesh, errors: parts.errors, observed: parts.observed }, 2 * view.radius);
+  try {
+    return { fitted, target, shading, stage: new Stage(canvas, fitted, target, { ...content.surroundings, fixed }, view) };
+  } catch (error) {
+    trouble("This browser cannot draw in 3-D here (WebGL is off); charts and numbers are shown.");
+    return { fitted, target, shading, stage: null };
+  }
+}
+
+function showLegend(legend) {
+  const box = at("legend");
+  box.hidden = legend === null;
+  if (!legend) return;
+  box.replaceChildren(
+    make("span", {}, legend.title), make("span", { class: "bar", style: `background: ${gradient(legend.scale)}` }),
+    make("span", { class: "labels" }, ...legend.labels.map((text) => make("span", {}, text))),
+  );
+}
+
+function chooseMode(mode, { shading, stage }, player) {
+  at("modes").querySelector(`[value=${mode}]`).checked = true;
+  stage?.paint(shading.choose(mode));
+  showLegend(shading.legend);
+  player.goTo(player.time);
+}
+
+function buildModes(chosen) {
+  for (const [value, name] of MODES) {
+    const input = make("input", { type: "radio", name: "mode", value });
+    input.addEventListener("change", () => chosen(value));
+    at("modes").append(make("label", {}, input, make("span", {}, name)));
+  }
+}
+
+function toggles({ stage }) {
+  const parts = { fitted: ["cloth"], target: ["goal"], mesh: ["threads"] };
+  const switches = {};
+  for (const [name, [part]] of Object.entries(parts)) {
+    const button = at(`show-${name}`);
+    switches[name] = () => {
+      if (!stage) return;
+      stage[part].visible = !stage[part].visible;
+      button.setAttribute("aria-pressed", stage[part].visible);
+      stage.stale = true;
+    };
+    if (stage) button.setAttribute("aria-pressed", stage[part].visible);
+    button.addEventListener("click", switches[name]);
+  }
+  return switches;
+}
+
+function controls(player) {
+  const scrub = at("scrub"), speed = at("speed"), play = at("play");
+  scrub.max = player.times.length - 1;
+  scrub.addEventListener("input", () => { player.pause(); player.goToFrame(Number(scrub.value)); });
+  play.addEventListener("click", () => player.toggle());
+  for (const each of SPEEDS) speed.append(make("option", { value: each }, `${each}×`));
+  speed.addEventListener("change", () => { player.speed = Number(speed.value); });
+  player.changed = () => {
+    play.classList.toggle("playing", player.playing);
+    play.setAttribute("aria-label", player.playing ? "Pause (space)" : "Play (space)");
+    speed.value = player.speed;
+  };
+  player.changed();
+}
+
+function actions(player, stage, switches, choose) {
+  const act = (keys, shown, does, act) => ({ keys, shown, does, act });
+  return [
+    act([" ", "k"], "space", "play or pause", () => player.toggle()),
+    act(["ArrowLeft", "ArrowRight"], "← →", "a frame back, on", (key) => player.step(key === "ArrowLeft" ? -1 : 1)),
+    act(["PageUp", "PageDown"], "page up, down", "ten frames", (key) => player.step(key === "PageUp" ? -10 : 10)),
+    act(["Home"], "home", "first frame", () => { player.pause(); player.goToFrame(0); }),
+    act(["End"], "end", "last frame", () => { player.pause(); player.goToFrame(Infinity); }),
+    act(["[", ","], "[ ]", "slower, faster", () => player.faster(-1)),
+    act(["]", "."], null, null, () => player.faster(1)),
+    act(["+", "="], "+ −", "nearer, farther", () => stage?.orbit.zoom(0.87)),
+    act(["-", "_"], null, null, () => stage?.orbit.zoom(1.15)),
+    act(["Shift ArrowLeft"], "Shift ← → ↑ ↓", "turn the view", () => stage?.orbit.turn(-0.12, 0)),
+    act(["Shift ArrowRight"], null, null, () => stage?.orbit.turn(0.12, 0)),
+    act(["Shift ArrowUp"], null, null, () => stage?.orbit.turn(0, 0.1)),
+    act(["Shift ArrowDown"], null, null, () => stage?.orbit.turn(0, -0.1)),
+    act(["f"], "F", "fit the view", () => stage?.fit()),
+    act(["c"], "C T M", "fitted cloth, target, mesh", switches.fitted),
+    act(["t"], null, null, switches.target),
+    act(["m"], null, null, switches.mesh),
+    act(MODES.map((_, i) => String(i + 1)), `1 … ${MODES.length}`, "colours", (key) => choose(MODES[Number(key) - 1][0])),
+    act(["d"], "D", "dark or light", () => theme.toggle()),
+  ];
+}
+
+/** Let time pass: move, and draw where something has changed; more coarsely while a slow machine plays. */
+function run(player, stage) {
+  let before = performance.now(), level = 0, slow = 0;
+  const tick = (now) => {
+    const passed = now - before;
+    before = now;
+    player.pass(Math.min(passed / 1000, 0.25));
+    slow = player.playing && passed > SLOW ? slow + Math.min(passed, 250) : 0;
+    if (slow > PATIENCE) [level, slow] = [Math.min(level + (passed > 3 * SLOW ? 3 : 1), LEVELS.length - 1), 0];
+    stage?.refine(player.playing ? level : 0);
+    if (stage?.stale) stage.render();
+    requestAnimationFrame(tick);
+  };
+  requestAnimationFrame(tick);
+}
+
+async function main() {
+  theme();
+  const content = JSON.parse(at("content").textContent);
+  at("content").remove();  // its text is not needed twice
+  if (typeof DecompressionStream === "undefined") {
+    throw new Error("the browser is too old to unpack the motion; one of 2023 or later can");
+  }
+  const { motion } = content;
+  const [mesh, fittedMotion, targetMotion, observed, errors, blocks] = await Promise.all([
+    unpackedAll(content.mesh), unpackedPositions(motion.fitted), unpackedPositions(motion.target),
+    unpackedFlags(motion.observed), unpackedErrors(motion.error), Promise.all(content.blocks.map(unpackedAll)),
+  ]);
+  Object.assign(mesh, { firsts: sums(mesh.vertex_counts), springFirsts: sums(mesh.spring_counts) });
+  const picture = build(content, mesh, { fitted: fittedMotion, target: targetMotion, observed, errors }, at("canvas"));
+  const { fitted, target, shading, stage } = picture;
+  at("subtitle").textContent = `${content.names.fitted} beside ${content.names.target ?? `the motion of ${content.names.scene}`}`;
+  at("headline").append(...content.figures.map(([name, value]) => make("div", {}, make("b", {}, value), make("span", {}, name))));
+  let moveCursor = () => ({});
+  const show = (frame, share) => {
+    fitted.move(frame, share);
+    target.move(frame, share);
+    shading.paint(frame);
+    moveCursor(player.time);
+    if (stage) stage.stale = true;
+  };
+  const tell = (frame) => {
+    at("scrub").value = frame;
+    at("scrub").setAttribute("aria-valuetext", `frame ${frame}, ${short(motion.times[frame])} seconds`);
+    at("clock").replaceChildren(make("b", {}, `${motion.times[frame].toFixed(2)} s`), `  ${frame} / ${motion.times.length - 1}`);
+    const { rmse, largest } = moveCursor(player.time);
+    const phase = motion.times[frame] <= content.curve.fitted_until * (1 + 1e-9) ? "fitted frames" : "horizon";
+    const seen = typeof rmse === "number";
+    const error = seen ? ["RMSE ", make("b", {}, length(rmse)), ` · largest ${length(largest)}`] : ["target not observed"];
+    at("readout").replaceChildren(`${phase} · `, ...error);
+  };
+  const player = new Player(motion.times, show, tell);
+  moveCursor = fillSide(at("side"), content, mesh, blocks, (time) => { player.pause(); player.goTo(time); });
+  const choose = (mode) => chooseMode(mode, picture, player);
+  buildModes(choose);
+  controls(player);
+  const keys = actions(player, stage, toggles(picture), choose);
+  listen(keys);
+  list(at("keys"), keys);
+  at("fit").addEventListener("click", () => stage?.fit());
+  if (stage) {
+    theme.changed = (name) => stage.skin(name);
+    stage.skin(document.documentElement.dataset.theme);
+  }
+  choose("plain");
+  player.goTo(motion.times[0]);
+  run(player, stage);
+  if (!matchMedia("(prefers-reduced-motion: reduce)").matches) player.play();
+  window.clothfit = { player, stage, ...picture };  // for those who look behind the page
+  document.documentElement.dataset.ready = "yes";
+}
+
+main().catch((error) => {
+  document.documentElement.dataset.ready = "no";
+  trouble(`This page could not be shown: ${error.message}`);
+  throw error;
+});

@@ -1,0 +1,233 @@
+// The picture: light, ground, spheres, wind, fixed vertices, the two cloths, and a camera that sees all of it.
+
+import {
+  Color, ConeGeometry, CylinderGeometry, DirectionalLight, DoubleSide, Group, HemisphereLight, InstancedMesh,
+  LineBasicMaterial, LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial, MeshStandardMaterial, PCFShadowMap,
+  PerspectiveCamera, PlaneGeometry, Points, PointsMaterial, Quaternion, Scene, ShaderMaterial, ShadowMaterial,
+  SphereGeometry, Vector3, WebGLRenderer,
+} from "three";
+import { Orbit } from "clothfit/orbit";
+
+const CLOTH = "#7089e0", TARGET = "#17c964", FIXED = "#f5a524", WIND = "#38bdf8";
+const SKINS = {
+  light: { grid: "#64748b", gridShare: 0.5, shadow: 0.2, sky: "#ffffff", ground: "#b9bccb", ambient: 1.4, key: 1.75,
+           sphere: "#c9ced8" },
+  dark: { grid: "#94a3b8", gridShare: 0.38, shadow: 0.45, sky: "#e6ebff", ground: "#5a6180", ambient: 1.5, key: 1.75,
+          sphere: "#596173" },
+};
+
+/** Pixels along each side as a part of all, whether there are shadows and the target's edges: for slow machines. */
+export const LEVELS = [[1, true, true], [0.75, true, true], [0.6, false, true], [0.5, false, false]];
+
+export class Stage {
+  constructor(canvas, fitted, target, around, view) {
+    Object.assign(this, { canvas, fitted, target, view, stale: true, level: 0, ratio: 1 });
+    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "high-performance" });
+    this.renderer.shadowMap.enabled = true;
+    this.renderer.shadowMap.type = PCFShadowMap;
+    this.scene = new Scene();
+    this.camera = new PerspectiveCamera(32, 1, 0.01, 100);
+    this.orbit = new Orbit(this.camera, canvas, () => { this.stale = true; });
+    this.light();
+    this.dress();
+    this.floor();
+    for (const sphere of around.spheres) this.sphere(sphere);
+    if (view.arrow) this.wind(view.arrow);
+    this.pins(around.fixed);
+    new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
+    this.resize();
+  }
+
+  light() {
+    const { centre, radius } = this.view;
+    this.hemisphere = new HemisphereLight();
+    this.key = new DirectionalLight("#fff6ea");
+    this.rim = new DirectionalLight("#cfdcff", 0.7);
+    this.key.position.set(-0.45, 1, 0.6).normalize().multiplyScalar(3 * radius).add(centre);
+    this.rim.position.set(0.7, 0.35, -0.8).multiplyScalar(3 * radius).add(centre);
+    this.lamp = new DirectionalLight("#ffffff", 0.75);  // goes with the camera, so that no side is black
+    for (const each of [this.key, this.rim, this.lamp]) each.target.position.copy(centre);
+    this.key.castShadow = true;
+    this.key.shadow.mapSize.set(1024, 1024);
+    this.key.shadow.radius = 5;
+    this.key.shadow.bias = -0.002;
+    Object.assign(this.key.shadow.camera, {
+      left: -1.3 * radius, right: 1.3 * radius, top: 1.3 * radius, bottom: -1.3 * radius, near: radius, far: 7 * radius,
+    });
+    this.scene.add(this.hemisphere, this.key, this.rim, this.lamp, this.key.target, this.rim.target, this.lamp.target);
+  }
+
+  /** The cloths: the fitted one solid, its other side a little darker; the target over it, with its edges. */
+  dress() {
+    const solid = new MeshLambertMaterial({ color: CLOTH, side: DoubleSide });
+    solid.onBeforeCompile = (shader) => {
+      shader.fragmentShader = shader.fragmentShader.replace(
+        "#include <color_fragment>",
+        "#include <color_fragment>\n\tif (!gl_FrontFacing) diffuseColor.rgb *= 0.84;",
+      );
+    };
+    this.cloth = new Mesh(this.fitted.faces, solid);
+    this.cloth.castShadow = true;
+    this.threads = new LineSegments(this.fitted.lines, lines("#0f172a", 0.3));
+    this.threads.visible = this.fitted.triangles.length === 0;
+    const veil = new MeshLambertMaterial({
+      color: TARGET, emissive: TARGET, emissiveIntensity: 0.12, side: DoubleSide, transparent: true,
+      opacity: 0.3, depthWrite: false, polygonOffset: true, polygonOffsetFactor: -1, polygonOffsetUnits: -1,
+    });
+    this.veil = new Mesh(this.target.faces, veil);
+    this.hem = new LineSegments(this.target.lines, lines(TARGET, 0.55));
+    const size = Math.max(4, 9 - Math.log2(this.fitted.motion.vertices) / 2);
+    this.seen = new Points(this.target.dots, new PointsMaterial({ color: TARGET, size, sizeAttenuation: false }));
+    this.seen.visible = this.target.observed !== null || this.fitted.triangles.length === 0;
+    this.goal = new Group().add(this.veil, this.hem, this.seen);
+    for (const each of [this.cloth, this.threads, ...this.goal.children]) {
+      each.frustumCulled = false;  // what moves has no box that stays right
+    }
+    this.scene.add(this.cloth, this.threads, this.goal);
+    [this.veil, this.hem, this.seen].forEach((each, order) => { each.renderOrder = 1 + order; });
+  }
+
+  floor() {
+    const { centre, radius, low, cell } = this.view;
+    const size = 12 * radius;
+    this.grid = new ShaderMaterial({
+      transparent: true, depthWrite: false, side: DoubleSide,
+      uniforms: {
+        tint: { value: new Color() }, cell: { value: cell }, share: { value: 0.4 },
+        middle: { value: centre.clone() }, reach: { value: 3.2 * radius },
+      },
+      vertexShader: `varying vec3 place;
+        void main() {
+          vec4 p = modelMatrix * vec4(position, 1.0);
+          place = p.xyz;
+          gl_Position = projectionMatrix * viewMatrix * p;
+        }`,
+      fragmentShader: `uniform vec3 tint; uniform float cell; uniform float share; uniform vec3 middle; uniform float reach;
+        varying vec3 place;
+        float line(float size, float width) {
+          vec2 at = place.xz / size;
+          vec2 fine = fwidth(at);
+          vec2 near = abs(fract(at - 0.5) - 0.5) / max(fine, vec2(1e-6));
+          return (1.0 - min(min(near.x, near.y) / width, 1.0)) * (1.0 - smoothstep(0.25, 0.6, max(fine.x, fine.y)));
+        }
+        void main() {
+          float away = 1.0 - smoothstep(0.25, 1.0, distance(place.xz, middle.xz) / reach);
+          float ink = max(0.45 * line(cell, 1.2), line(5.0 * cell, 1.4));
+          gl_FragColor = vec4(tint, ink * away * share);
+          #include <colorspace_fragment>
+        }`,
+    });
+    const sheet = new PlaneGeometry(size, size).rotateX(-Math.PI / 2);
+    const ground = new Mesh(sheet, this.grid);
+    this.shadow = new Mesh(sheet, new ShadowMaterial({ depthWrite: false }));
+    this.shadow.receiveShadow = true;
+    ground.position.set(centre.x, low, centre.z);
+    this.shadow.position.set(centre.x, low - 1e-4 * radius, centre.z);
+    ground.renderOrder = -1;
+    this.shadow.renderOrder = -2;
+    this.scene.add(this.shadow, ground);
+  }
+
+  sphere({ centre, radius }) {
+    const material = new MeshStandardMaterial({
+      roughness: 0.65, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2,
+    });
+    const ball = new Mesh(new SphereGeometry(0.995 * radius, 96, 64), material);
+    ball.position.set(-centre[0], centre[1], centre[2]);
+    ball.receiveShadow = ball.castShadow = true;
+    this.balls = [...(this.balls ?? []), ball];
+    this.scene.add(ball);
+  }
+
+  /** An arrow towards the cloth. */
+  wind({ middle, way, size }) {
+    const material = new MeshBasicMaterial({ color: WIND, transparent: true, opacity: 0.9 });
+    const shaft = new Mesh(new CylinderGeometry(0.018 * size, 0.018 * size, 0.8 * size, 20), material);
+    const head = new Mesh(new ConeGeometry(0.06 * size, 0.2 * size, 28), material);
+    shaft.position.y = -0.1 * size;
+    head.position.y = 0.4 * size;
+    const arrow = new Group().add(shaft, head);
+    arrow.quaternion.copy(new Quaternion().setFromUnitVectors(new Vector3(0, 1, 0), way));
+    arrow.position.copy(middle);
+    this.scene.add(arrow);
+  }
+
+  /** Balls at the fixed vertices, flat list of places. */
+  pins(places) {
+    const count = places.length / 3;
+    if (count === 0) return;
+    const ball = new SphereGeometry(this.view.pin, 16, 12);
+    const pins = new InstancedMesh(ball, new MeshStandardMaterial({ color: FIXED, roughness: 0.4 }), count);
+    for (let i = 0; i < count; i++) {
+      pins.setMatrixAt(i, new Matrix4().makeTranslation(-places[3 * i], places[3 * i + 1], places[3 * i + 2]));
+    }
+    this.scene.add(pins);
+  }
+
+  /** Colours for a dark or a light page. */
+  skin(name) {
+    const skin = SKINS[name];
+    this.grid.uniforms.tint.value.set(skin.grid);
+    this.grid.uniforms.share.value = skin.gridShare;
+    this.shadow.material.opacity = skin.shadow;
+    this.hemisphere.color.set(skin.sky);
+    this.hemisphere.groundColor.set(skin.ground);
+    this.hemisphere.intensity = skin.ambient;
+    this.key.intensity = skin.key;
+    for (const ball of this.balls ?? []) ball.material.color.set(skin.sphere);
+    this.stale = true;
+  }
+
+  /** With colours per vertex the target steps back, so that they can be read. */
+  paint(attribute) {
+    const material = this.cloth.material;
+    if (attribute) this.fitted.faces.setAttribute("color", attribute);
+    material.vertexColors = attribute !== null;
+    material.color.set(attribute ? "#ffffff" : CLOTH);
+    material.needsUpdate = true;
+    this.veil.visible = attribute === null;
+    this.hem.material.opacity = attribute ? 0.3 : 0.55;
+    this.stale = true;
+  }
+
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
+    if (!width || !height) return;
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2) * this.ratio);
+    this.renderer.setSize(width, height, false);
+    const before = this.camera.aspect;
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    if (!this.fittedOnce || Math.abs(before - this.camera.aspect) > 0.2) this.fit();
+    this.fittedOnce = true;
+    this.stale = true;
+  }
+
+  /** Look at everything from where the cloth is seen best. */
+  fit() {
+    const { points, radius, azimuth, height } = this.view;
+    this.orbit.fit(points, radius, azimuth, height);
+  }
+
+  /** Draw finely, or as coarsely as level 1, 2, … of `LEVELS` says. */
+  refine(level) {
+    if (level === this.level) return;
+    this.level = level;
+    const [ratio, shadows, edges] = LEVELS[level];
+    this.renderer.shadowMap.autoUpdate = shadows;
+    this.shadow.visible = shadows;
+    this.hem.visible = edges || this.target.triangles.length === 0;
+    this.ratio = ratio;
+    this.resize();
+  }
+
+  render() {
+    this.lamp.position.copy(this.camera.position);
+    this.renderer.render(this.scene, this.camera);
+    this.stale = false;
+  }
+}
+
+function lines(color, opacity) {
+  return new LineBasicMaterial({ color, opacity, transparent: true, depthWrite: false });
+}

@@ -1,0 +1,42 @@
+// Numbers as people read them.
+
+const LENGTHS = [[1, "m"], [1e-3, "mm"], [1e-6, "µm"], [1e-9, "nm"]];
+
+/** A number with few digits, no exponent where that is readable. */
+export function short(value, digits = 3) {
+  if (!Number.isFinite(value)) return "–";
+  const size = Math.abs(value);
+  if (size !== 0 && (size < 1e-3 || size >= 1e5)) return value.toExponential(digits - 1).replace(/\.?0*e\+?/, "e");
+  return String(Number(value.toPrecision(digits))).replace("-", "−");
+}
+
+/** The unit that suits a length, as [metres, name]. */
+export function lengthUnit(metres) {
+  return LENGTHS.find(([size]) => metres >= size) ?? LENGTHS[LENGTHS.length - 1];
+}
+
+/** A length in the unit that suits it. */
+export function length(metres) {
+  if (!Number.isFinite(metres)) return "–";
+  const [size, name] = lengthUnit(metres);
+  return `${short(metres / size)} ${name}`;
+}
+
+/** Round values that divide low … high into about `count` parts. */
+export function ticks(low, high, count = 5) {
+  const rough = (high - low) / count || 1;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= rough);
+  const found = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) found.push(k * step);
+  return found;
+}
+
+/** Powers of ten within low … high, no more than about six. */
+export function decades(low, high) {
+  const first = Math.ceil(Math.log10(low) - 1e-9), last = Math.floor(Math.log10(high) + 1e-9);
+  const every = Math.max(1, Math.ceil((last - first + 1) / 6));
+  const found = [];
+  for (let k = first; k <= last; k += every) found.push(10 ** k);
+  return found;
+}
