@@ -20,6 +20,7 @@ import numpy as np
 
 from clothfit import descent, matrix_free, momentum
 from clothfit.arrays import Array
+from clothfit.gauss_newton import PATIENT, Patience
 from clothfit.kinds import LETTERED
 from clothfit.objective import Objective
 from clothfit.prior import Prior
@@ -37,9 +38,17 @@ FIRST_WINDOW, GROWTH = 10, 2
 ITERATIONS, MOST = 8, 200
 """Of Gauss–Newton in each window, and where all frames are fitted."""
 
-ROUGH, LOOSE = 1e-3, 1e-5
-"""A window is left where a step would save less than this fraction of its cost. Linear systems are solved to `LOOSE`
-on the way: what that leaves open is far below what the motion is off. The last stage takes the fit's own tolerance.
+ROUGH, FINER, LOOSE = 1e-3, 1e-4, 1e-5
+"""A window is left where a step would save less than the first fraction of its cost, all frames less than the second.
+Linear systems are solved to `LOOSE` on the way: what that leaves open is far below what the motion is off.
+"""
+
+SHORT = Patience(4, 1e-2, 1e-3)
+"""Patience on the way."""
+
+FAR = 0.05
+"""Error relative to how far the target moves, above which the model cannot reproduce it: the fit ends there. Nearer, a
+last stage with the fit's own tolerance goes to the very minimum.
 """
 
 
@@ -49,6 +58,7 @@ class Stage(NamedTuple):
     objective: Objective
     least: float  # relative saving that ends it
     iterations: int
+    patience: Patience
 
 
 def find(search: Search, start: Array, others: Callable[[], list[Array]] | None, tau: float | None) -> str:
@@ -174,7 +184,7 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
     before, status = (search.best_cost, search.best), "stalled"
     y: Array | None = None
     prior: Prior | None = None
-    for objective, least, iterations in stages(search, is_near(search, cost), windows):
+    for objective, least, iterations, patience in stages(search, is_near(search, cost), windows):
         whole = objective is search.objective
         part = Trajectory(search, objective)
         search.enter("gauss-newton", objective)
@@ -194,11 +204,13 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
                 status = descent.minimise(search, "l-bfgs-b")
             continue
         accepted = part.accepted if whole else part.passed
-        y, prior, status = minimise(search, part.problem(least), y, prior, accepted, iterations)
+        y, prior, status = minimise(search, part.problem(least, patience), y, prior, accepted, iterations)
         search.prior = prior
         if not whole:
             search.enter("gauss-newton")
-            search.visit(search.parameters(y))
+            reached = search.visit(search.parameters(y))
+            if objective.steps == search.objective.steps and reached > FAR**2 * search.objective.still:
+                break
     if before[0] < search.best_cost:
         search.prior = None
         search.settle(before[1], before[0])
@@ -208,15 +220,15 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
 def stages(search: Search, near: bool, windows: bool) -> list[Stage]:
     """What is fitted one after the other, of all frames last."""
     objective, whole = search.objective, search.objective.steps + 1
-    last = Stage(objective, 0.0, MOST)
+    last = Stage(objective, 0.0, MOST, PATIENT)
     if near:
         return [last]
     windows = windows and "spectrum" not in objective.weights  # that of a part is another spectrum
     lengths = window_lengths(first_window(objective), whole) if windows else [whole]
     tolerance = loosened(search)
-    found = [Stage(objective.until(frames, tolerance), ROUGH, ITERATIONS) for frames in lengths[:-1]]
+    found = [Stage(objective.until(frames, tolerance), ROUGH, ITERATIONS, SHORT) for frames in lengths[:-1]]
     if tolerance > objective.tolerance:
-        found.append(Stage(objective.until(whole, tolerance), ROUGH, MOST))
+        found.append(Stage(objective.until(whole, tolerance), FINER, MOST, SHORT))
     return [*found, last]
 
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,14 +36,23 @@ ENOUGH, POOR, GOOD = 1e-4, 0.25, 0.75
 FIRST_RADIUS = 1.0
 """Of the trust region, in root mean square of the coordinates: a factor e."""
 
-PATIENCE, SLOW = 25, 2e-3
-"""It stalls where so many iterations lower the cost by less than this fraction."""
 
 LEARNING = 12
 """Iterations in which the prior's width follows the data; it is kept after that, so that the rest converges."""
 
 SMALLEST = 1e-10
 """Steps below this, in root mean square, lead nowhere."""
+
+
+class Patience(NamedTuple):
+    """When slow progress ends a fit."""
+
+    iterations: int = 25
+    slow: float = 2e-3  # it stalls where so many iterations lower the cost by less than this fraction
+    flat: float = 0.0  # … and has converged where they lower it by less than this
+
+
+PATIENT = Patience()
 
 
 @dataclass(frozen=True)
@@ -76,6 +86,7 @@ class Problem:
     upper: Array
     residuals: int
     least: float = 0.0  # relative reduction of the cost below which no more is asked for
+    patience: Patience = PATIENT
 
 
 def minimise(
@@ -95,10 +106,11 @@ def minimise(
     model = problem.model(state.y)
     mark, small = state.mark, False
     for iteration in range(state.iteration, iterations):
-        if not model.cost > (1.0 - SLOW) * mark[1]:
+        patience = problem.patience
+        if not model.cost > (1.0 - patience.slow) * mark[1]:
             mark = (float(iteration), model.cost)
-        elif iteration - mark[0] >= PATIENCE:
-            return model, prior, "stalled"
+        elif iteration - mark[0] >= patience.iterations:
+            return model, prior, "converged" if model.cost > (1.0 - patience.flat) * mark[1] else "stalled"
         learned, sigma2 = prior.learned(model.H, model.g, model.y, model.cost, problem.residuals)
         if iteration < LEARNING:
             prior = prior.between(learned)

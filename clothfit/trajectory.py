@@ -64,11 +64,13 @@ class Trajectory:
         self.search.advance(self.search.parameters(model.y), self.objective.rmse(model.cost))
         self.search.tell()
 
-    def problem(self, least: float = 0.0) -> gauss_newton.Problem:
-        """What Gauss–Newton minimises, until a step would save less than this fraction of the cost."""
+    def problem(
+        self, least: float = 0.0, patience: gauss_newton.Patience = gauss_newton.PATIENT
+    ) -> gauss_newton.Problem:
+        """What Gauss–Newton minimises, until a step would save less than the fraction `least` of the cost."""
         ends = self.search.coordinates
         lower, upper = ends.lower[self.fitted], ends.upper[self.fitted]
-        return gauss_newton.Problem(self.model, self.cost, lower, upper, self.residuals(), least)
+        return gauss_newton.Problem(self.model, self.cost, lower, upper, self.residuals(), least, patience)
 
     def cost(self, y: Array) -> float:
         """The cost at y; infinite where the simulation diverges. Raises Stop as a visit of the search does."""
