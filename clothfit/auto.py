@@ -23,10 +23,11 @@ from clothfit.arrays import Array
 from clothfit.gauss_newton import PATIENT, Patience
 from clothfit.kinds import LETTERED
 from clothfit.objective import Objective
-from clothfit.prior import Prior
+from clothfit.prior import Prior, none
 from clothfit.resumable import minimise
 from clothfit.scan import is_large, scan, scannable
 from clothfit.search import Search
+from clothfit.shares import Shared
 from clothfit.trajectory import LARGEST, Trajectory
 
 NEAR = 2e-3
@@ -42,6 +43,9 @@ ROUGH, FINER, LOOSE = 1e-3, 1e-4, 1e-5
 """A window is left where a step would save less than the first fraction of its cost, all frames less than the second.
 Linear systems are solved to `LOOSE` on the way: what that leaves open is far below what the motion is off.
 """
+
+LARGE = 100_000
+"""Positions that are compared, from which on a look at a few frames comes before the momentum fit of all."""
 
 SHORT = Patience(4, 1e-2, 1e-3)
 """Patience on the way."""
@@ -68,7 +72,7 @@ def find(search: Search, start: Array, others: Callable[[], list[Array]] | None,
     is centred on what of the start and the others is nearest to the target at first.
     """
     first = search.objective.until(first_window(search.objective), loosened(search))
-    exact = by_momentum(search, start, momentum.TREATMENTS[:1], first)
+    exact = by_momentum(search, start, momentum.TREATMENTS[:1], first) if balanced(search, start, first) else []
     if one_value_each(search):
         return by_scan(search, start, tau)
     search.enter("starts")
@@ -115,6 +119,18 @@ def by_momentum(
         if is_near(search):
             break
     return [p for _, p in sorted(found, key=lambda pair: -pair[0])]
+
+
+def balanced(search: Search, start: Array, early: Objective) -> bool:
+    """Whether the momentum fit of a large cloth is worth its time: where its balances cannot even be fulfilled over the
+    few frames of `early`, they cannot over all.
+    """
+    if search.objective.observations < LARGE:
+        return True
+    search.enter("momentum", early)
+    fit = partial(momentum.fit, early, start, search.fitted, momentum.TREATMENTS[0])
+    p = search.journal.recall("early momentum", fit)
+    return early_cost(search, p, early) <= FAR**2 * early.still
 
 
 def early_cost(search: Search, p: Array, early: Objective) -> float:
@@ -181,6 +197,11 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
     """Gauss–Newton from p (P,), in windows of more and more frames where p is far from the target."""
     search.enter("gauss-newton")
     cost = search.visit(p)
+    if not is_near(search, cost) and too_many(search):
+        p, status = by_factors(search, p, windows)
+        if search.best_cost > FAR**2 * search.objective.still:
+            return status
+        windows = False
     before, status = (search.best_cost, search.best), "stalled"
     y: Array | None = None
     prior: Prior | None = None
@@ -215,6 +236,34 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
         search.prior = None
         search.settle(before[1], before[0])
     return "stalled" if status == "converged" and search.on_plateau() else status
+
+
+def too_many(search: Search) -> bool:
+    """Whether so many values are fitted one by one that there is no dense model of a fit."""
+    whole = Trajectory(search, search.objective)
+    return (whole.operations() > LARGEST or not whole.fits()) and any(b.mode == "L" for b in search.objective.blocks)
+
+
+def by_factors(search: Search, p: Array, windows: bool) -> tuple[Array, str]:
+    """Go from p (P,) by one factor for all values of a kind, and where that stays far from the target some steps by the
+    values themselves; the best point, and how it ended.
+    """
+    y, status = Trajectory(search, search.objective).y(p), "stalled"
+    for objective, least, iterations, patience in stages(search, False, windows)[:-1]:
+        part = Shared(search, objective, y)
+        z = np.zeros(part.size)
+        if not np.isfinite(part.cost(z)):
+            break
+        search.enter("factors", objective)
+        z, _, status = minimise(search, part.problem(least, patience), z, none(part.size), part.passed, iterations)
+        y = part.all(z)
+        search.visit(search.parameters(y))
+    if search.best_cost > FAR**2 * search.objective.still:
+        loose = search.objective.until(search.objective.steps + 1, loosened(search))
+        search.enter("l-bfgs-b", loose)
+        y, status = descent.short(search, loose, search.y)
+        search.visit(search.parameters(y))
+    return search.best, status
 
 
 def stages(search: Search, near: bool, windows: bool) -> list[Stage]:

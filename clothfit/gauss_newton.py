@@ -49,7 +49,7 @@ class Patience(NamedTuple):
 
     iterations: int = 25
     slow: float = 2e-3  # it stalls where so many iterations lower the cost by less than this fraction
-    flat: float = 0.0  # … and has converged where they lower it by less than this
+    flat: float = 0.0  # … and has converged where they lower it by less than this, or no step of more can be found
 
 
 PATIENT = Patience()
@@ -126,7 +126,7 @@ def minimise(
         total = partial(penalised, problem, prior, sigma2)
         step, radius, good = descend(total, value, Quadratic(model.y, H, g, lower, upper, whole), radius)
         if not good:
-            return model, prior, "stalled"
+            return model, prior, "converged" if saving <= patience.flat * model.cost else "stalled"
         model = problem.model(model.y + step)
         if accepted:
             accepted(State(model.y, radius, prior.tau, iteration + 1, mark), model)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit import gauss_newton, normal
-from clothfit.arrays import Array, Indices
+from clothfit.arrays import Array, Flags, Indices
 from clothfit.columns import columns
 from clothfit.objective import Objective
 from clothfit.passing import Passing
@@ -53,28 +53,40 @@ class Trajectory:
         """Coordinates (Q,) of parameters (P,)."""
         return self.search.coordinates.y(p)[self.fitted]
 
+    def parameters(self, y: Array) -> Array:
+        """Parameters (P,) at coordinates y (Q,)."""
+        return self.search.parameters(y)
+
+    def columns(self, p: Array) -> tuple[Indices, Array]:
+        """Which coordinate moves each parameter (P,), −1 for none, and how much at p (P,)."""
+        return np.where(self.fitted, np.cumsum(self.fitted) - 1, -1), self.search.coordinates.slope(p)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Ends (Q,) of the coordinates."""
+        ends = self.search.coordinates
+        return ends.lower[self.fitted], ends.upper[self.fitted]
+
     def accepted(self, state: gauss_newton.State, model: gauss_newton.Model) -> None:
         """Make the point of a model the best one of the search. Raises Stop when the error is small enough."""
         if self.search.prior:
             self.search.prior = replace(self.search.prior, tau=state.tau)
-        self.search.settle(self.search.parameters(model.y), model.cost)
+        self.search.settle(self.parameters(model.y), model.cost)
 
     def passed(self, state: gauss_newton.State, model: gauss_newton.Model) -> None:
         """Tell of an iteration on fewer frames."""
-        self.search.advance(self.search.parameters(model.y), self.objective.rmse(model.cost))
+        self.search.advance(self.parameters(model.y), self.objective.rmse(model.cost))
         self.search.tell()
 
     def problem(
         self, least: float = 0.0, patience: gauss_newton.Patience = gauss_newton.PATIENT
     ) -> gauss_newton.Problem:
         """What Gauss–Newton minimises, until a step would save less than the fraction `least` of the cost."""
-        ends = self.search.coordinates
-        lower, upper = ends.lower[self.fitted], ends.upper[self.fitted]
-        return gauss_newton.Problem(self.model, self.cost, lower, upper, self.residuals(), least, patience)
+        return gauss_newton.Problem(self.model, self.cost, *self.bounds, self.residuals(), least, patience)
 
     def cost(self, y: Array) -> float:
         """The cost at y; infinite where the simulation diverges. Raises Stop as a visit of the search does."""
-        p = self.search.parameters(y)
+        p = self.parameters(y)
         cost = self.search.measure(p, self.objective)
         self.remember(p, cost)
         return cost
@@ -94,35 +106,35 @@ class Trajectory:
     def model(self, y: Array) -> gauss_newton.Model:
         """The cost near y: its residuals, linear in the coordinates. Raises Diverged."""
         self.search.spend()
-        p = self.search.parameters(y)
-        factor = self.search.coordinates.slope(p)
+        p = self.parameters(y)
+        column, factor = self.columns(p)
         H, g, cost = np.zeros((self.size, self.size)), np.zeros(self.size), 0.0
         for run in self.objective.runs:
-            own = self.columns_of(run)
+            acting = np.where(self.acts(run), column, -1)
+            own, place = np.unique(acting[acting >= 0], return_inverse=True)
             if not len(own):
                 cost += self.objective.cost_of_run(run, p)
                 continue
-            column = np.full(len(p), -1, np.int32)
-            column[own] = np.arange(len(own))
-            part, slope, value = run_model(run, self.objective, p, column, factor)
-            place = (np.cumsum(self.fitted) - 1)[own]
-            H[np.ix_(place, place)] += part
-            g[place] += slope
+            local = np.full(len(p), -1, np.int32)
+            local[acting >= 0] = place
+            part, slope, value = run_model(run, self.objective, p, local, factor)
+            H[np.ix_(own, own)] += part
+            g[own] += slope
             cost += value
         return gauss_newton.Model(y, cost, H, g)
 
-    def columns_of(self, run: Run) -> NDArray[np.intp]:
-        """The fitted parameters that act in a run: their places in the fit vector."""
+    def acts(self, run: Run) -> Flags:
+        """Which parameters (P,) act in a run."""
         acts = np.zeros(len(self.fitted), bool)
         for block in self.objective.blocks:
             acts[block.part] = block.cloth in (run.cloth, None)
-        return np.flatnonzero(acts & self.fitted)
+        return acts
 
     def operations(self) -> float:
         """Operations of one dense model, roughly."""
         total = 0.0
         for run in self.objective.runs:
-            rows, count = 3.0 * run.system.vertex.free.sum(), float(len(self.columns_of(run)))
+            rows, count = 3.0 * run.system.vertex.free.sum(), float((self.acts(run) & self.fitted).sum())
             solve = rows * (rows if rows <= DENSE else 40.0 * np.sqrt(rows)) * count
             total += run.steps * (2.0 * solve + rows * count**2)
         return total
@@ -131,7 +143,7 @@ class Trajectory:
         """Whether the dense model fits into what the objective may hold."""
         needed = 8 * MATRICES * self.size**2
         for run in self.objective.runs:
-            wide = 3 * int(run.system.vertex.free.sum()) * len(self.columns_of(run))
+            wide = 3 * int(run.system.vertex.free.sum()) * int((self.acts(run) & self.fitted).sum())
             steps = 1 + min(normal.chunk_steps(wide), run.steps)
             needed += 8 * CHUNKS * steps * wide + (0 if run.comparison.distances is not None else matrix_bytes(run))
         return needed <= self.objective.room

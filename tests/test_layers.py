@@ -126,6 +126,7 @@ ORDER = [
     "gauss_newton",
     "resumable",
     "trajectory",
+    "shares",
     "confidence",
     "scan",
     "matrix_free",
