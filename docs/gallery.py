@@ -160,8 +160,8 @@ def save(shown: list[Image.Image], durations: list[int], path: Path) -> None:
 def write(film: Film, path: Path) -> None:
     """Run the commands of a film in this folder and write it."""
     parts = [frames(part) for part in shoot(film)]
-    shown = beside([one for one, _ in parts], [caption for _, caption in film.captions]) if film.captions else parts[0][0]
-    save(shown, parts[0][1], path)
+    films, captions = [one for one, _ in parts], [caption for _, caption in film.captions]
+    save(beside(films, captions) if captions else films[0], parts[0][1], path)
 
 
 def main() -> None:
