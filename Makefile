@@ -3,6 +3,7 @@
 # make fuzz   set up and try hostile input for a minute; more: make fuzz FUZZ='--count 100000', or with --guided
 # make lint   set up and check style and types
 # make docs   write what the documents say of the commands anew
+# make gallery  make the films of the documents anew
 # make clean  remove what these made
 #
 # Needs Python 3.11 or newer and nothing else; another one than python3: make test PYTHON=python3.12
@@ -19,7 +20,7 @@ FUZZ := --seconds 60
 DEMO := examples/corners.json
 FITTED := build/demo/corners.fitted.json
 
-.PHONY: help demo test fuzz lint docs clean
+.PHONY: help demo test fuzz lint docs gallery clean
 .DELETE_ON_ERROR:
 
 help:
@@ -45,6 +46,9 @@ lint: $(VENV)/installed-dev
 
 docs: $(VENV)/installed
 	$(BIN)/python docs/commands.py
+
+gallery: $(VENV)/installed-plot
+	$(BIN)/python docs/gallery.py
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis

@@ -22,8 +22,8 @@ pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="fits of 144 ve
 
 
 def blocks(language, page="first"):
-    """The code blocks of one language on a page."""
-    return re.findall(rf"^```{language}\n(.*?)^```", PAGES[page], re.DOTALL | re.MULTILINE)
+    """The code blocks of one language on a page, with commands that are broken into lines in one."""
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGES[page].replace(" \\\n    ", " "), re.DOTALL | re.MULTILINE)
 
 
 def commands(page):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from clothfit.evaluation import Evaluation
 
 
-SPEED = ("--speed", "--error", "--plot", "--budget", "--fit", "--max-evaluations")
+SPEED = ("--speed", "--error", "--budget", "--fit", "--max-evaluations")
 
 
 @shared.command("evaluate", {"How fast and how exact (--speed)": SPEED})
