@@ -42,6 +42,11 @@ def test_a_trc_file_made_by_hand(read):
     assert found.axes == Axes("y", "right", 0.001)
 
 
+@pytest.mark.parametrize("end", ["\r\n", "\r"])
+def test_a_trc_file_has_line_ends_of_any_kind(read, end):
+    check(read(made.TRC.replace("\n", end).encode(), "trc"))
+
+
 def test_a_file_of_motive_made_by_hand(read):
     found = read(made.MOTIVE)
     check(found)
@@ -63,6 +68,7 @@ LONG = "time,marker,x,y,z\n0.01,hem,1.5,2,3\n0,hem,1,2,3\n0,cuff,4,5,6\n"
         LONG.replace(",", ";").replace(".", ","),
         "\ufeff" + WIDE,
         WIDE.replace("\n", "\r\n"),
+        WIDE.replace("\n", "\r"),
         WIDE.replace("_", "."),
         WIDE.replace("_", ":").replace("x", "X"),
         WIDE.replace("_", "").replace("time", "Time (s)"),
