@@ -179,6 +179,7 @@ LINES = [
     ("time,hem_x,hem_y,hem_z\n0,1,2,x\n", "line 2: \"x\" is not a number"),
     ("# rate: 5\n\ntime,hem_x,hem_y,hem_z\n0,1,2,3\n1,1,inf,3\n", "line 5: \"inf\" is not a number"),
     ("time,hem_x,hem_y,hem_z\n0,1,2,3,4\n", "line 2: it has 5 cells, 4 are named"),
+    ("time,hem_x,hem_y,hem_z,hem_Y\n0,1,2,3,4\n", "column 5, \"hem_Y\", is there twice"),
     ("time,marker,x,y,z\n0,a,1,2,3\n1,a,1,2,3\n0,a,1,2,3\n", "line 4: \"a\" is there twice"),
 ]
 
