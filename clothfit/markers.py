@@ -122,7 +122,10 @@ def told(path: str | os.PathLike[str], names: Sequence[str], scene: Scene) -> li
     name = name_of(path)
     try:
         text = content(path, MOST).decode("utf-8-sig")
-        rows = list(csv.reader(io.StringIO(text, newline=None)))  # line ends of any kind
+        stream = io.StringIO(text, newline=None)  # line ends of any kind
+        separator = next((each for each in "\t;" if each in stream.readline()[:1000]), ",")
+        stream.seek(0)
+        rows = list(csv.reader(stream, delimiter=separator))
     except (UnicodeDecodeError, csv.Error) as error:
         raise InvalidMotion(f"{name}: is not a text with commas: {error}") from None
     header = [word.strip().lower() for word in rows[0]] if rows else []

@@ -24,6 +24,7 @@ from clothfit.errors import InvalidInput
 
 AIR = 1.2  # kg/m³, density of air
 BENDING = 0.25  # a bending spring's share of the object's stiffness
+MOST = 1_000_000  # vertices of a plane: a scene of many more is too long a text to be read again
 
 
 class Mesh(NamedTuple):
@@ -61,6 +62,8 @@ def plane(divisions: int, width: float, height: float | None = None, upright: bo
         raise InvalidInput(f"a plane of {divisions} divisions, {width:g} by {height:g} m: nothing can be made of that")
     cells = divisions + 1
     across, along = (max(1, round(cells * side / max(width, height))) for side in (width, height))
+    if (count := (across + 1) * (along + 1)) > MOST:
+        raise InvalidInput(f"a plane of {divisions} divisions would have {count} vertices; {MOST} are possible")
     second, first = np.meshgrid(_axis(along, height), _axis(across, width), indexing="ij")
     zero = np.zeros_like(first)
     axes = (first, second, zero) if upright else (first, zero, second)

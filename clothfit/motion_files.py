@@ -7,6 +7,8 @@ appears whole or not at all. Files of an earlier, longer sequence would be read 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import IO, Any
 
@@ -61,8 +63,7 @@ def save_motion(
     check_place(path_or_file, len(motion.times))
     whole, faces = (motion, None) if scene is None else for_tools(motion, scene, found)
     made = animation(whole, found, convention.axes(found.axes), faces)
-    for path, data in files(path_or_file, found, made).items():
-        write_atomically(path, data)
+    write_all(files(path_or_file, found, made))
 
 
 def animation(
@@ -109,6 +110,23 @@ def files(path: str | os.PathLike[str], found: Format, made: Animation) -> dict[
     """The files to write an animation to. Raises InvalidInput."""
     encoded: dict[str, Data] = module_of(found).encoded(os.fspath(path), made)
     return encoded
+
+
+def write_all(files: Mapping[str, Data]) -> None:
+    """Write each file whole or not at all. Where one cannot be written, those that were not there before are taken away
+    again, as the beginning of a sequence looks like a sequence. Raises InvalidInput.
+    """
+    made = []
+    try:
+        for path, data in files.items():
+            if not os.path.lexists(path):
+                made.append(path)
+            write_atomically(path, data)
+    except BaseException:  # an interrupt as well
+        for path in made:
+            with suppress(OSError):
+                os.unlink(path)
+        raise
 
 
 def triangles_of(scene: Scene) -> Indices:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable
 
 LONGEST = 40  # characters of a value in a message
+
+ACTING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
+"""Characters that control a terminal or turn the direction of writing; lines and tabs may be."""
 
 
 def shown(value: object) -> str:
@@ -16,6 +20,11 @@ def shown(value: object) -> str:
         return "an object"
     text = json.dumps(value)
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+
+
+def harmless(text: str) -> str:
+    """Write ? for what a terminal would act upon: names of files and titles come from others."""
+    return ACTING.sub("?", text)
 
 
 def place(path: Iterable[str | int]) -> str:

@@ -365,7 +365,7 @@ COMMANDS: dict[str, Case] = {
     "the file is there and is not writable": Case("simulate scene.json -o good.npz", {}, read_only),
     "the folder … does not exist": Case("simulate scene.json -o absent/x.npz"),
     "the folder … is not writable": Case("simulate scene.json -o x.npz", {}, read_only),
-    "cannot write …: it is an input, which is never written over; name another with -o": Case(
+    "cannot write …: it is an input, which is never written over; name another file": Case(
         "simulate scene.json -o scene.json"
     ),
     "cannot write …: it is an input, which is never written over": Case(

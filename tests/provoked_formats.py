@@ -140,6 +140,7 @@ COMMANDS: dict[str, Case] = {
     "it is not a table of cells (…)": read("csv", TABLE + b"1," + b"9" * 200_000),
     "its first line names no markers, as in time,hem_x,hem_y,hem_z": read("csv", b"time\n0\n"),
     "column …, …, is not time, frame or a coordinate such as hem_x": read("csv", b"time,a\n0,1\n"),
+    "column …, …, is there twice": read("csv", b"time,a_x,a_y,a_z,a_x\n0,1,2,3,4\n"),
     "the marker … needs columns for x, y and z": read("csv", b"time,a_x,a_y\n0,1,2\n"),
     "a table with a line for each marker needs a column time or frame": read("csv", b"marker,x,y,z\na,1,2,3\n"),
     "line …: … is there twice in one frame; keep one": read("csv", b"time,marker,x,y,z\n0,a,1,2,3\n0,a,1,2,3\n"),

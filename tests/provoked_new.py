@@ -44,6 +44,7 @@ COMMANDS: dict[str, Case] = {
     "fix side: the mesh is flat along …, so its … is all of it; name another": plane("--fix-side top"),
     "fix side: a reach of … m is not possible, 0 or more is": plane("--fix-side left=-1"),
     "fix vertices: … is not possible, the mesh has vertices 0 to …": plane("--fix-vertices 144"),
+    "a plane of … divisions would have … vertices; … are possible": plane("--divisions 100000"),
     "weld: within … of most vertices are too many others; give a smaller one": patched(
         ply(TRIANGLE, "--weld 9"), "clothfit.topology.MOST_PAIRS", 1
     ),

@@ -12,6 +12,9 @@ COMMANDS: dict[str, Case] = {
     "--report is for one fit of one scene; make the pages of several with clothfit report": Case(
         "estimate scene.json --starts 2 --report page.html"
     ),
+    "--report: - is not possible, a file of its own is needed; clothfit report writes to -": Case(
+        "estimate scene.json --report -"
+    ),
     "--report shows the first --target, which must be of SCENE itself, without @": Case(
         "estimate scene.json --target good.npz@scene.json --report page.html"
     ),

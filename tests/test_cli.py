@@ -234,6 +234,15 @@ def test_a_closed_standard_output_does_not_matter_to_a_file(small, tmp_path):
     assert (done.returncode, b"Traceback" in done.stderr) == (0, False)
 
 
+@pytest.mark.parametrize("arguments", [["--help"], ["new", "plane", "-o", "-"], ["new", "plane", "--json", "-q"]])
+def test_data_for_a_closed_standard_output_is_not_lost_in_silence(arguments, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = without(">&-", *arguments)
+    assert done.returncode == 3
+    assert done.stderr.decode().splitlines()[-1].startswith("error: standard output: ")
+    assert b"Traceback" not in done.stderr
+
+
 def test_with_standard_error_closed_standard_output_holds_data_only(small):
     assert without("2>&-", "simulate", small).stdout == b""
 

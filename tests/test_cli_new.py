@@ -243,7 +243,9 @@ def test_options_that_do_not_go_together_are_wrong_usage(options, capsys):
     ("option", "value"),
     [("--size", "2x"), ("--size", "1x2x3"), ("--size", "big"), ("--size", "0"), ("--rotate", "1,2"),
      ("--move", "1;2;3"), ("--move", "1,2,nan"), ("--fix-box", "0,0,0"), ("--fix-box", "0,0:0,0,0,0"),
-     ("--fix-vertices", "1-"), ("--fix-vertices", ""), ("--fix-vertices", "a"), ("--fix-vertices", "144"),
+     ("--fix-vertices", "1-"),
+     ("--fix-vertices", "5-2"), ("--divisions", "100000"), ("--fix-vertices", ""),
+     ("--fix-vertices", "a"), ("--fix-vertices", "144"),
      ("--fix-side", "left=far"), ("--fix-side", "top"), ("--sphere", "0,0,0"), ("--sphere", "0,0,0,0"),
      ("--wind", "5"), ("--fit", "xx"), ("--fit", "mass"), ("--fit", "wind=L"), ("--fit", "n"), ("--frames", "1"),
      ("--delta", "0"), ("--density", "0"), ("--divisions", "-1"), ("--integrator", "magic"), ("--tolerance", "2"),
@@ -253,6 +255,18 @@ def test_a_value_that_cannot_be_is_one_line_and_no_file(option, value, capsys, f
     assert run(["new", "plane", f"{option}={value}"]) == 3
     assert capsys.readouterr().err.count("\n") == 1
     assert list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [(["--size", "1x"], "--size: '1x' is not understood; give it as in 2 or 2x1.5"),
+     (["--size", "1,2"], "--size: '1,2' is not understood; give it as in 2 or 2x1.5"),
+     (["--fix-vertices", "5-2"], "--fix-vertices: '5-2' is not understood; give it as in 0,11,20-30"),
+     (["--divisions", "1000"], "a plane of 1000 divisions would have 1004004 vertices; 1000000 are possible")],
+)  # fmt: skip
+def test_messages_show_what_was_given(options, message, capsys):
+    assert run(["new", "plane", *options]) == 3
+    assert capsys.readouterr().err == f"error: {message}\n"
 
 
 def test_steps_that_will_not_stay_stable_are_told(capsys):

@@ -123,7 +123,7 @@ def test_a_plane_is_a_warning(tmp_path, capsys):
     [
         ("folder", "it is a folder"),
         ("absent/x.npz", "does not exist"),
-        ("my scene.v1.txt", "it is an input, which is never written over; name another with -o"),
+        ("my scene.v1.txt", "it is an input, which is never written over; name another file"),
         ("./folder/../my scene.v1.txt", "it is an input"),
         ("link.txt", "it is an input"),
         ("hard.txt", "it is an input"),

@@ -7,7 +7,7 @@ import sys
 import numba
 import pytest
 
-from clothfit.cli import console
+from clothfit.cli import console, run
 from clothfit.cli.console import Console, metres
 from clothfit.search import Progress
 
@@ -30,6 +30,18 @@ def on_terminal(monkeypatch):
 
 def step(evaluations):
     return Progress(evaluations, 100, 1.5e-3 / evaluations, 2.5e-6, 0.5)
+
+
+def test_names_cannot_act_on_a_terminal(capsys):
+    Console().say("shirt\x1b[2J\x9b\u202e: näch…\t1 µm\n→")
+    assert capsys.readouterr().err == "shirt?[2J??: näch…\t1 µm\n→\n"
+
+
+def test_names_in_errors_cannot_act_on_a_terminal(capsys):
+    assert run(["info", "no\x1b]0;title\x07.json"]) == 3
+    err = capsys.readouterr().err
+    assert "no?]0;title?.json" in err
+    assert "\x1b" not in err
 
 
 @pytest.mark.parametrize(

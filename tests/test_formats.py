@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ import clothfit
 from clothfit.axes import Axes
 from clothfit.cli import run
 from clothfit.convention import Convention, Reading
+from clothfit.errors import InvalidInput
 from clothfit.formats import FORMATS, glb
+from clothfit.output import write_atomically
 
 SCENE = clothfit.load(trial("nG", 12))
 MOTION = clothfit.simulate(SCENE)
@@ -91,3 +94,20 @@ def test_garbage_costs_one_message(there, capfd, suffix):
     assert err.startswith(f"error: a{suffix}: ")
     assert err.count("\n") == 1
     assert not (there / "b.npz").exists()
+
+
+# Half of a sequence looks like a whole one.
+@pytest.mark.parametrize("before", [(), ("a_0001.obj",)])
+def test_a_sequence_that_cannot_be_written_whole_leaves_nothing_new(there, before, monkeypatch):
+    for name in before:
+        Path(name).write_text("old")
+
+    def full(path, data):
+        if path.endswith("2.obj"):
+            raise InvalidInput("cannot write")
+        write_atomically(path, data)
+
+    monkeypatch.setattr(clothfit.motion_files, "write_atomically", full)
+    with pytest.raises(InvalidInput, match="cannot write"):
+        clothfit.save_motion(MOTION, "a_*.obj", SCENE)
+    assert [path.name for path in Path().glob("a_*")] == list(before)

@@ -42,6 +42,11 @@ def test_a_trc_file_made_by_hand(read):
     assert found.axes == Axes("y", "right", 0.001)
 
 
+@pytest.mark.parametrize("end", ["\r\n", "\r"])
+def test_a_trc_file_has_line_ends_of_any_kind(read, end):
+    check(read(made.TRC.replace("\n", end).encode(), "trc"))
+
+
 def test_a_file_of_motive_made_by_hand(read):
     found = read(made.MOTIVE)
     check(found)
@@ -63,6 +68,7 @@ LONG = "time,marker,x,y,z\n0.01,hem,1.5,2,3\n0,hem,1,2,3\n0,cuff,4,5,6\n"
         LONG.replace(",", ";").replace(".", ","),
         "\ufeff" + WIDE,
         WIDE.replace("\n", "\r\n"),
+        WIDE.replace("\n", "\r"),
         WIDE.replace("_", "."),
         WIDE.replace("_", ":").replace("x", "X"),
         WIDE.replace("_", "").replace("time", "Time (s)"),
@@ -173,6 +179,7 @@ LINES = [
     ("time,hem_x,hem_y,hem_z\n0,1,2,x\n", "line 2: \"x\" is not a number"),
     ("# rate: 5\n\ntime,hem_x,hem_y,hem_z\n0,1,2,3\n1,1,inf,3\n", "line 5: \"inf\" is not a number"),
     ("time,hem_x,hem_y,hem_z\n0,1,2,3,4\n", "line 2: it has 5 cells, 4 are named"),
+    ("time,hem_x,hem_y,hem_z,hem_Y\n0,1,2,3,4\n", "column 5, \"hem_Y\", is there twice"),
     ("time,marker,x,y,z\n0,a,1,2,3\n1,a,1,2,3\n0,a,1,2,3\n", "line 4: \"a\" is there twice"),
 ]
 

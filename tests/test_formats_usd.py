@@ -240,3 +240,26 @@ def test_a_library_that_falls_over_is_told_and_leaves_nothing(tmp_path, monkeypa
     with pytest.raises(InvalidMotion, match="the USD library cannot read it"):
         usd.read(tmp_path / "a.usd")
     assert sorted(each for each in tmp_path.iterdir() if each.name != "__pycache__") == before
+
+
+# A file size that no file may exceed stands for a full disk: the system refuses the same way.
+def test_a_full_disk_is_told_in_one_line_and_leaves_nothing(tmp_path):
+    code = (
+        "import resource, signal, sys\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300))\n"
+        "import numpy as np\n"
+        "from clothfit.animation import Animation\n"
+        "from clothfit.axes import Axes\n"
+        "from clothfit.formats import usd\n"
+        "from clothfit.output import write_atomically\n"
+        "((path, data),) = usd.encoded(sys.argv[1], Animation(np.ones((9, 99, 3)), Axes('y', 'right'))).items()\n"
+        "try:\n"
+        "    write_atomically(path, data)\n"
+        "except Exception as error:\n"
+        "    print(type(error).__name__, error)\n"
+    )
+    path = str(tmp_path / "a.usdc")
+    done = subprocess.run([sys.executable, "-c", code, path], capture_output=True, check=False, timeout=50, text=True)
+    assert done.stdout == f"InvalidInput cannot write {path}: the USD library cannot write it; is the disk full?\n"
+    assert list(tmp_path.iterdir()) == []

@@ -105,6 +105,14 @@ def test_a_map_has_line_ends_of_any_kind(monkeypatch, tmp_path, end):
     assert [match[:3] for match in found.account.matches.each] == [("far", 0, 1)]
 
 
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_a_map_has_separators_as_tables_have(monkeypatch, tmp_path, separator):
+    markers(monkeypatch, moved())
+    text = "vertex,marker,object\n1,far,0\n".replace(",", separator)
+    found = foreign.load("a.trc", SCENE, Reading(markers=written(tmp_path, text)))
+    assert [match[:3] for match in found.account.matches.each] == [("far", 0, 1)]
+
+
 def test_markers_without_names_are_counted(monkeypatch, tmp_path):
     markers(monkeypatch, moved(), names=None)
     assert [m.marker for m in foreign.load("a.csv", SCENE, Reading()).account.matches.each] == ["0", "1", "2"]

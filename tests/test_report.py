@@ -372,6 +372,13 @@ def test_a_fit_makes_its_page(paths, capsys):
     assert high >= 30.0 * (1 - 1e-6)
 
 
+def test_a_fits_page_does_not_go_where_the_scene_may_go(paths, capsys):
+    assert run(["estimate", "scene.json", "-o", "-", "--report", "-"]) == 3
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith("error: --report: - is not possible")
+
+
 @needs_compilation
 def test_the_page_is_not_written_over_an_input_nor_the_result(paths, capsys):
     for taken in ("scene.json", "target.npz", "fitted.json"):

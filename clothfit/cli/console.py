@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from clothfit.words import harmless
 from clothfit.words import metres as metres  # for all commands
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ class Console:
 
     def _print(self, message: str) -> None:
         try:
-            print(message, file=sys.stderr, flush=True)
+            print(harmless(message), file=sys.stderr, flush=True)
         except OSError:  # whoever read the messages has left; the work goes on
             self.quiet, self.verbose = True, False
             with suppress(OSError):

@@ -13,6 +13,7 @@ from clothfit.cli import outcomes, report, shared
 from clothfit.cli.console import Console
 from clothfit.cli.files import Files, filled
 from clothfit.cli.repeat import command_line
+from clothfit.errors import InvalidInput
 
 if TYPE_CHECKING:
     from clothfit.report.log import Point
@@ -66,10 +67,12 @@ class Page:
 def chosen(path: str | None, scenes: tuple[str, ...], single: bool, files: Files) -> Page | None:
     """The page that --report asks for; {stem} and {folder} in its name are those of the scene.
 
-    Raises a usage error where the fit is none that one page shows.
+    Raises a usage error where the fit is none that one page shows, InvalidInput where the page has no file.
     """
     if path is None:
         return None
+    if path == shared.STREAM:
+        raise InvalidInput("--report: - is not possible, a file of its own is needed; clothfit report writes to -")
     context = click.get_current_context()
     if not single:
         why = "--report is for one fit of one scene; make the pages of several with clothfit report"

@@ -203,8 +203,7 @@ def write_foreign(
     if motion.weights is not None:
         console.warn(f"{out.name}: has no place for weights; .npz has")
     with shared.uninterrupted():
-        for path, data in files.items():
-            shared.Output(path).put(data)
+        motion_files.write_all(files)
     console.say(f"{out.name}: {found.name}, {meant}{without_times(motion) if timed and not found.times else ''}")
     if found.times and motion.times[0] != 0:
         start = f"begins at {motion.times[0]:g} s; other programs' files are taken to begin where the scene does"

@@ -136,8 +136,9 @@ def mesh(path: str, asked: Asked, console: Console) -> Cloth:
     if asked.weld is not None:
         welded = weld(found, asked.distance)
         found, numbering = welded.mesh, welded.vertices if welded.renumbered else None
-        console.say(f"{name}: welded: {welded.joined} vertices joined to others, {welded.triangles} triangles and "
-                    f"{welded.unused} vertices left out")
+        console.say(f"{name}: welded: {counted(welded.joined, 'vertex', 'vertices')} joined to others, "
+                    f"{counted(welded.triangles, 'triangle', 'triangles')} and "
+                    f"{counted(welded.unused, 'vertex', 'vertices')} left out")
     left = problems(found, asked.distance)
     told = [problem for problem in left if not problem.fatal]
     for problem in told:
@@ -214,7 +215,8 @@ def tell(scene: Scene, cloth: Cloth, out: shared.Output, console: Console) -> No
     console.say(f"fixed: {held}")
     console.detail(f"drag {own.drag:.4g}, damping {own.damping:.4g}")
     console.say(
-        f"{scene.title}: {len(own.mass)} vertices, {len(own.triangles)} triangles, {len(own.springs)} springs, "
+        f"{scene.title}: {len(own.mass)} vertices, {counted(len(own.triangles), 'triangle', 'triangles')}, "
+        f"{len(own.springs)} springs, "
         f"{own.mass.sum():.4g} kg, {scene.frames} frames of {scene.delta:.4g} s → {out.name}"
     )
 

@@ -92,7 +92,9 @@ class Asked:
     def extent(self) -> tuple[float, float]:
         """Width and height of a plane, m. Raises InvalidInput."""
         sides = (self.size or "1").split("x")
-        width, *rest = numbers("--size", ",".join(sides), min(len(sides), 2), "2 or 2x1.5")
+        if len(sides) > 2 or "," in (self.size or "") or not all(_number(side) for side in sides):
+            refuse_text("--size", self.size or "", "2 or 2x1.5")
+        width, *rest = numbers("--size", ",".join(sides), len(sides), "2 or 2x1.5")
         return width, rest[0] if rest else width
 
     @property
@@ -121,6 +123,8 @@ class Asked:
             ends = (first, last if dash else first)
             if not all(end.isascii() and end.isdigit() and len(end) < 19 for end in ends):
                 refuse_text("--fix-vertices", self.fix_vertices or "", "0,11,20-30")
+            if int(ends[1]) < int(ends[0]):
+                refuse_text("--fix-vertices", item.strip(), "0,11,20-30")
             found.append((int(ends[0]), int(ends[1])))
         return found
 

@@ -26,6 +26,7 @@ from clothfit.cli.shared import loudness
 from clothfit.cli.usage import slip
 from clothfit.errors import ClothfitError
 from clothfit.interrupts import REQUESTS, SAME_REQUEST
+from clothfit.words import harmless
 
 _last_request = -SAME_REQUEST
 
@@ -72,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         interrupts.handle(_interrupt)
         code = run(list(sys.argv[1:] if arguments is None else arguments))
         sys.stdout.flush()
-    except BrokenPipeError:  # whoever read our output has left: nothing to say, and nobody to say it to
+    except OSError:  # whoever read our output has left, or `run` has said what is wrong with it
         with suppress(OSError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 3
@@ -92,6 +93,7 @@ def run(arguments: list[str]) -> int:
         with warnings.catch_warnings(), interrupts.heard():
             warnings.simplefilter("ignore", RuntimeWarning)  # of NumPy, on numbers that leave the finite ones
             code = group.main(gathered(arguments) or ["--help"], prog_name="clothfit", standalone_mode=False)
+            sys.stdout.flush()
         return int(code or 0)
     except click.UsageError as error:
         return _refuse(error)
@@ -125,7 +127,7 @@ def _refuse(error: click.UsageError) -> int:
 
 def _fail(message: str, code: int) -> int:
     with suppress(OSError):
-        print(f"error: {message}", file=sys.stderr, flush=True)
+        print(harmless(f"error: {message}"), file=sys.stderr, flush=True)
     return code
 
 
@@ -144,11 +146,12 @@ def _interrupt(number: int, frame: object) -> None:
 def _open_streams() -> None:
     """Put the null device in the place of standard streams that are closed, before a file takes their number.
 
+    Standard output gets it for reading only, so that data for it is an error and not lost.
     What standard output cannot spell (a Windows code page, ASCII) is escaped instead of ending the program.
     """
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         if getattr(sys, name) is None:
-            null = os.open(os.devnull, os.O_RDWR)
+            null = os.open(os.devnull, os.O_RDONLY if name == "stdout" else os.O_RDWR)
             if null != number:
                 os.dup2(null, number)
             setattr(sys, name, open(number, mode, encoding="utf-8"))  # noqa: SIM115 (for the life of the program)

@@ -122,7 +122,7 @@ def output(
     for other in (scene_path, *inputs):
         if other not in (None, STREAM) and not overwrite and same_file(path, str(other)):
             raise InvalidInput(
-                f"cannot write {path}: it is an input, which is never written over; name another with -o"
+                f"cannot write {path}: it is an input, which is never written over; name another file"
             )
     check_writable(path)
     return Output(path, overwrite)

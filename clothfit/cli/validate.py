@@ -63,7 +63,7 @@ def judge(path: str) -> Verdict:
         numberings(scene)
     except InvalidScene as error:
         return Verdict(path, error, ())
-    return Verdict(path, None, scene.warnings)
+    return Verdict(scene.name if path == shared.STREAM else path, None, scene.warnings)
 
 
 def tell(verdict: Verdict, alone: bool, console: Console) -> None:

@@ -77,7 +77,9 @@ def _columns(table: Table, others: tuple[int | None, ...]) -> tuple[dict[str, di
         match = COORDINATE.fullmatch(each)
         if i in others or not each:
             continue
-        if match is None or match[2].lower() in columns.get(match[1], {}):
+        if match is not None and match[2].lower() in columns.get(match[1], {}):
+            raise InvalidMotion(f"{table.name}: column {i + 1}, {shown(each)}, is there twice")
+        if match is None:
             raise InvalidMotion(
                 f"{table.name}: column {i + 1}, {shown(each)}, is not time, frame or a coordinate such as hem_x"
             )

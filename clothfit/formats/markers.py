@@ -39,9 +39,16 @@ COPIES = 12
 
 
 def text_of(path: str | os.PathLike[str]) -> str:
-    """A text file, in UTF-8, in UTF-16 where it begins so, or else as older programs write it. Raises InvalidMotion."""
+    """A text file, in UTF-8, in UTF-16 where it begins so, or else as older programs write it, with line ends
+    of any kind. Raises InvalidMotion.
+    """
     data = content(path)
     check_room(COPIES * len(data), path)
+    text = _decoded(data)
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+
+
+def _decoded(data: bytes) -> str:
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return data.decode("utf-16", "replace")
     try:

@@ -82,7 +82,10 @@ def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Dat
         with tempfile.TemporaryDirectory(prefix="clothfit-") as folder:
             made = os.path.join(folder, "motion" + suffix)
             stage = _stage(positions, animation)  # a layer lives no longer than its stage
-            stage.GetRootLayer().Export(made)
+            try:
+                stage.GetRootLayer().Export(made)
+            except RuntimeError:  # the library's own error, many lines long
+                raise OSError("the USD library cannot write it; is the disk full?") from None
             with open(made, "rb") as whole:
                 file.write(whole.read())
 
