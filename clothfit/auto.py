@@ -45,7 +45,9 @@ Linear systems are solved to `LOOSE` on the way: what that leaves open is far be
 """
 
 LARGE = 100_000
-"""Positions that are compared, from which on a look at a few frames comes before the momentum fit of all."""
+"""Positions that are compared, from which on time is saved: a look at a few frames comes before the momentum fit of
+all, looser stages before the last one, and a fit that stays far from its target ends without that.
+"""
 
 SHORT = Patience(4, 1e-2, 1e-3)
 """Patience on the way."""
@@ -125,7 +127,7 @@ def balanced(search: Search, start: Array, early: Objective) -> bool:
     """Whether the momentum fit of a large cloth is worth its time: where its balances cannot even be fulfilled over the
     few frames of `early`, they cannot over all.
     """
-    if search.objective.observations < LARGE:
+    if not is_long(search):
         return True
     search.enter("momentum", early)
     fit = partial(momentum.fit, early, start, search.fitted, momentum.TREATMENTS[0])
@@ -138,10 +140,20 @@ def early_cost(search: Search, p: Array, early: Objective) -> float:
     return float(search.journal.recall("early cost", lambda: np.array(early.cost_or_infinity(p)), p))
 
 
+def is_long(search: Search) -> bool:
+    """Whether a fit takes so long that time is to be saved."""
+    return search.objective.observations >= LARGE
+
+
 def is_near(search: Search, cost: float | None = None) -> bool:
     """Whether a cost, by default that of the best point, means that the motion is nearly the target's."""
     best = search.best_cost if cost is None else cost
     return bool(np.isfinite(best)) and best < NEAR**2 * search.objective.still
+
+
+def is_far(search: Search) -> bool:
+    """Whether the best point is so far from the target that the model cannot reproduce it."""
+    return search.best_cost > FAR**2 * search.objective.still
 
 
 def one_value_each(search: Search) -> bool:
@@ -199,7 +211,7 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
     cost = search.visit(p)
     if not is_near(search, cost) and too_many(search):
         p, status = by_factors(search, p, windows)
-        if search.best_cost > FAR**2 * search.objective.still:
+        if is_far(search):
             return status
         windows = False
     before, status = (search.best_cost, search.best), "stalled"
@@ -229,8 +241,8 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
         search.prior = prior
         if not whole:
             search.enter("gauss-newton")
-            reached = search.visit(search.parameters(y))
-            if objective.steps == search.objective.steps and reached > FAR**2 * search.objective.still:
+            search.visit(search.parameters(y))
+            if objective.steps == search.objective.steps and is_far(search):
                 break
     if before[0] < search.best_cost:
         search.prior = None
@@ -240,8 +252,8 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
 
 def too_many(search: Search) -> bool:
     """Whether so many values are fitted one by one that there is no dense model of a fit."""
-    whole = Trajectory(search, search.objective)
-    return (whole.operations() > LARGEST or not whole.fits()) and any(b.mode == "L" for b in search.objective.blocks)
+    operations = Trajectory(search, search.objective).operations()
+    return is_long(search) and operations > LARGEST and any(block.mode == "L" for block in search.objective.blocks)
 
 
 def by_factors(search: Search, p: Array, windows: bool) -> tuple[Array, str]:
@@ -258,7 +270,7 @@ def by_factors(search: Search, p: Array, windows: bool) -> tuple[Array, str]:
         z, _, status = minimise(search, part.problem(least, patience), z, none(part.size), part.passed, iterations)
         y = part.all(z)
         search.visit(search.parameters(y))
-    if search.best_cost > FAR**2 * search.objective.still:
+    if is_far(search):
         loose = search.objective.until(search.objective.steps + 1, loosened(search))
         search.enter("l-bfgs-b", loose)
         y, status = descent.short(search, loose, search.y)
@@ -275,8 +287,9 @@ def stages(search: Search, near: bool, windows: bool) -> list[Stage]:
     windows = windows and "spectrum" not in objective.weights  # that of a part is another spectrum
     lengths = window_lengths(first_window(objective), whole) if windows else [whole]
     tolerance = loosened(search)
-    found = [Stage(objective.until(frames, tolerance), ROUGH, ITERATIONS, SHORT) for frames in lengths[:-1]]
-    if tolerance > objective.tolerance:
+    patience = SHORT if is_long(search) else PATIENT
+    found = [Stage(objective.until(frames, tolerance), ROUGH, ITERATIONS, patience) for frames in lengths[:-1]]
+    if tolerance > objective.tolerance and is_long(search):
         found.append(Stage(objective.until(whole, tolerance), FINER, MOST, SHORT))
     return [*found, last]
 

@@ -35,7 +35,7 @@ EVALUATIONS = 40
 SETTLED = 1e-4
 """Relative reduction of the cost by a round that ends the fit."""
 
-LEAST, ROUGH = 1e-7, 1e-3
+LEAST, ROUGH = 1e-10, 1e-3
 """The same by a step that ends a round; and where only a part of the frames is fitted."""
 
 FAR = 1e6
