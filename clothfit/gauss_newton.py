@@ -49,7 +49,7 @@ class Patience(NamedTuple):
 
     iterations: int = 25
     slow: float = 2e-3  # it stalls where so many iterations lower the cost by less than this fraction
-    flat: float = 0.0  # … and has converged where they lower it by less than this, or no step of more can be found
+    flat: float = 0.0  # … and has converged where the last one did by less than this, or would have, had one been found
 
 
 PATIENT = Patience()
@@ -74,6 +74,7 @@ class State:
     tau: tuple[float, ...]
     iteration: int
     mark: tuple[float, float] = (0.0, np.inf)  # iteration and cost when it last became much lower
+    last: tuple[float, float] = (np.inf, np.inf)  # what the iteration's model would have saved, and its cost
 
 
 @dataclass(frozen=True)
@@ -104,13 +105,13 @@ def minimise(
         state = State(y, FIRST_RADIUS * np.sqrt(max(len(y), 1)), prior.tau, 0)
     prior, radius = replace(prior, tau=state.tau), state.radius
     model = problem.model(state.y)
-    mark, small = state.mark, False
+    mark, last = state.mark, state.last
     for iteration in range(state.iteration, iterations):
         patience = problem.patience
         if not model.cost > (1.0 - patience.slow) * mark[1]:
             mark = (float(iteration), model.cost)
         elif iteration - mark[0] >= patience.iterations:
-            return model, prior, "converged" if model.cost > (1.0 - patience.flat) * mark[1] else "stalled"
+            return model, prior, "converged" if model.cost > (1.0 - patience.flat) * last[1] else "stalled"
         learned, sigma2 = prior.learned(model.H, model.g, model.y, model.cost, problem.residuals)
         if iteration < LEARNING:
             prior = prior.between(learned)
@@ -119,9 +120,10 @@ def minimise(
         lower, upper = problem.lower - model.y, problem.upper - model.y
         whole = bounded.solve(H, g, lower, upper)
         saving = -float(2 * g @ whole + whole @ H @ whole)
-        if saving <= max(LEFT * sigma2, problem.least * model.cost) or (small and saving <= SMALL * model.cost):
+        twice = max(saving / model.cost, last[0] / last[1]) if model.cost > 0 and last[1] < np.inf else np.inf
+        if saving <= max(LEFT * sigma2, problem.least * model.cost) or twice <= SMALL:
             return model, prior, "converged"
-        small = saving <= SMALL * model.cost
+        last = saving, model.cost
         value = model.cost + prior.value(model.y, sigma2)
         total = partial(penalised, problem, prior, sigma2)
         step, radius, good = descend(total, value, Quadratic(model.y, H, g, lower, upper, whole), radius)
@@ -129,7 +131,7 @@ def minimise(
             return model, prior, "converged" if saving <= patience.flat * model.cost else "stalled"
         model = problem.model(model.y + step)
         if accepted:
-            accepted(State(model.y, radius, prior.tau, iteration + 1, mark), model)
+            accepted(State(model.y, radius, prior.tau, iteration + 1, mark, last), model)
     return model, prior, "limit"
 
 

@@ -39,15 +39,16 @@ class Descent:
             return None
         if record.text not in STATUSES:
             raise ValueError(f"there is no status {record.text!r}")
-        iteration, radius, *mark = record.values[:4].tolist()
-        rest = record.values[4:]
+        iteration, radius, *marks = record.values[:6].tolist()
+        rest = record.values[6:]
         self.search.stand(standing.values)
         tau = tuple(rest[: self.widths].tolist())
-        return State(rest[self.widths :], radius, tau, int(iteration), (mark[0], mark[1])), record.text
+        mark, last = (marks[0], marks[1]), (marks[2], marks[3])
+        return State(rest[self.widths :], radius, tau, int(iteration), mark, last), record.text
 
     def keep(self, state: State, status: str = RUNNING) -> None:
         """Keep a state; at once where the descent goes on from it."""
-        values = np.array([state.iteration, state.radius, *state.mark, *state.tau, *state.y])
+        values = np.array([state.iteration, state.radius, *state.mark, *state.last, *state.tau, *state.y])
         records = [Record(self.name, values, status), Record("standing", self.search.standing())]
         self.journal.replace(self.place, records, now=status == RUNNING)
 

@@ -1,9 +1,22 @@
 """Gauss–Newton in a trust region on problems whose minimum is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from clothfit.gauss_newton import LEFT, SMALLEST, Model, Problem, Quadratic, State, descend, minimise
+from clothfit.gauss_newton import (
+    LEFT,
+    SMALL,
+    SMALLEST,
+    Model,
+    Patience,
+    Problem,
+    Quadratic,
+    State,
+    descend,
+    minimise,
+)
 from clothfit.prior import first, none
 
 WIDE = np.full(2, 1e3)
@@ -204,4 +217,52 @@ def test_without_descent_the_radius_ends_and_nothing_moves():
 
 
 def test_the_state_is_all_that_is_kept():
-    assert State.__dataclass_fields__.keys() == {"y", "radius", "tau", "iteration", "mark"}
+    assert State.__dataclass_fields__.keys() == {"y", "radius", "tau", "iteration", "mark", "last"}
+
+
+# --- where the residuals stay large
+
+
+def misfit(left=100.0):
+    """A problem whose residuals stay large, with a slow way to its minimum: Gauss–Newton leaves out their curvature."""
+    return Synthetic(
+        lambda y: np.array([y[0] - 1.0, left + 0.45 * (y[0] - 1.0) ** 2 / left, y[1]]),
+        lambda y: np.array([[1.0, 0.0], [0.9 * (y[0] - 1.0) / left, 0.0], [0.0, 1.0]]),
+    )
+
+
+def many(made):
+    """The problem, one of very many residuals, so that their noise would let it go on."""
+    return replace(made.problem, residuals=10**9)
+
+
+def test_two_steps_that_would_save_next_to_nothing_are_the_end():
+    made = misfit()
+    found, _, status = minimise(many(made), np.array([3.0, 1.0]), none(2))
+    assert status == "converged"
+    # each step would save (1.9 d)² of 1e4, 1.9 d² are left, with d the distance to the minimum: less than half of it
+    assert 1e4 < found.cost < 1e4 * (1 + SMALL)
+    assert len(made.models) > 4  # a problem without such residuals takes two
+
+
+def test_less_is_asked_for_on_the_way():
+    made = misfit()
+    found, _, status = minimise(replace(many(made), least=0.1), np.array([3.0, 1.0]), none(2))
+    assert (status, len(made.models)) == ("converged", 1)
+    assert found.cost > 1e4 + 4
+
+
+@pytest.mark.parametrize(("flat", "status"), [(0.5, "converged"), (1e-9, "stalled")])
+def test_patience_that_ends_tells_whether_the_last_step_was_worth_it(flat, status):
+    valley = rosenbrock()
+    short = replace(valley.problem, patience=Patience(2, 0.999, flat))
+    assert minimise(short, np.array([-1.2, 1.0]), none(2))[2] == status
+
+
+def test_from_any_state_it_comes_to_the_same_end():
+    made, states = misfit(), []
+    end, *_ = minimise(many(made), np.array([3.0, 1.0]), none(2), accepted=lambda state, _: states.append(state))
+    assert len(states) > 3
+    for state in states:
+        again, *_ = minimise(many(made), state.y, none(2), state)
+        assert (again.y == end.y).all()
