@@ -7,6 +7,10 @@
    cost is smooth, later that of a windy cloth is chaotic. A momentum fit that is not exact is no such start: its
    motion may be near, but noise has thrown its values far apart.
 
+Long fits save time: linear systems are solved loosely on the way, thousands of values are first multiplied by one
+factor for each kind (`shares`), and where the motion stays far from the target, which the model then cannot reproduce,
+the fit ends when the cost hardly falls any more.
+
 Whatever is tried is a visit of the search, so the result is never worse than the best of them.
 """
 
