@@ -217,7 +217,7 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
         p, status = by_factors(search, p, windows)
         if is_far(search):
             return status
-        windows = False
+        cost, windows = search.best_cost, False
     before, status = (search.best_cost, search.best), "stalled"
     y: Array | None = None
     prior: Prior | None = None

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from clothfit.arrays import Array
-from clothfit.errors import Diverged
 from clothfit.objective import Objective
-from clothfit.search import Search
+from clothfit.search import Search, cost_and_gradient
 
 METHODS = {
     "l-bfgs-b": {"gradient": True, "bounds": True},
@@ -79,7 +78,7 @@ def short(search: Search, objective: Objective, y: Array) -> tuple[Array, str]:
     def cost(y: Array) -> tuple[float, Array]:
         p = search.parameters(y)
         search.spend()
-        answer = search.journal.recall("loose gradient", partial(known, objective, p), p)
+        answer = search.journal.recall("loose gradient", partial(cost_and_gradient, objective, p), p)
         search.advance(p, objective.rmse(float(answer[0])))
         if not np.isfinite(answer).all():
             return 1e3, np.zeros(len(y))  # the line search steps back
@@ -91,12 +90,3 @@ def short(search: Search, objective: Objective, y: Array) -> tuple[Array, str]:
         options={"maxfun": SHORT, "maxcor": MEMORY, "ftol": SETTLED, "gtol": 0.0},
     )  # fmt: skip
     return np.asarray(found.x), "converged" if found.status == 0 else "stalled"
-
-
-def known(objective: Objective, p: Array) -> Array:
-    """Cost and gradient at p (P,) in one array; infinite where the simulation diverges."""
-    try:
-        cost, gradient = objective.cost_and_gradient(p)
-    except Diverged:
-        return np.full(len(p) + 1, np.inf)
-    return np.array([cost, *gradient])

@@ -144,7 +144,7 @@ class Search:
         if self.evaluations >= self.budget:
             raise Stop("limit")
         p = self.parameters(y)
-        answer = self.journal.recall("gradient", partial(self._cost_and_gradient, p), p)
+        answer = self.journal.recall("gradient", partial(cost_and_gradient, self.objective, p), p)
         cost, gradient = float(answer[0]), answer[1:]
         usable = bool(np.isfinite(cost) and np.isfinite(gradient).all())
         if usable:
@@ -226,14 +226,6 @@ class Search:
             known = self.journal.known.best
             self.best, self.best_cost = known[1:], float(known[0])
 
-    def _cost_and_gradient(self, p: Array) -> Array:
-        """Cost and gradient in one array (1 + P,); infinite and 0 where the simulation diverges."""
-        try:
-            cost, gradient = self.objective.cost_and_gradient(p)
-        except Diverged:
-            cost, gradient = np.inf, np.zeros(len(p))
-        return np.array([cost, *gradient])
-
     def _remember(self, p: Array, cost: float, gradient: Array) -> None:
         self.unit = self.unit or max(cost, np.finfo(float).tiny)
         self.worst = max(self.worst, cost)
@@ -293,3 +285,12 @@ class Search:
         stuck = (at_lower(self.best, lower) & (slope > 0)) | (at_upper(self.best, upper) & (slope < 0))
         slope[stuck] = 0.0  # the bounds allow no descent
         return float(np.abs(slope).max(initial=0.0) / self.best_cost)
+
+
+def cost_and_gradient(objective: Objective, p: Array) -> Array:
+    """Cost and gradient at p (P,) in one array (1 + P,); infinite and 0 where the simulation diverges."""
+    try:
+        cost, gradient = objective.cost_and_gradient(p)
+    except Diverged:
+        cost, gradient = np.inf, np.zeros(len(p))
+    return np.array([cost, *gradient])

@@ -27,9 +27,8 @@ def chosen(
     Raises InvalidInput when what is asked for cannot be.
     """
     if path is not None:
-        for other in (*inputs, out.path):
-            if path == shared.STREAM or (other not in (None, shared.STREAM) and shared.same_file(path, str(other))):
-                raise InvalidInput(f"--checkpoint: {path}: must be a file of its own, not an input or the output")
+        if path == shared.STREAM or shared.is_among(path, (*inputs, out.path)):
+            raise InvalidInput(f"--checkpoint: {path}: must be a file of its own, not an input or the output")
         return Checkpoint(path)
     regular = not out.is_stream and (os.path.isfile(out.path) or not os.path.exists(out.path))
     if not regular:

@@ -30,9 +30,8 @@ def log_of(path: str | None, used: tuple[str | None, ...], resume: bool, console
         return None
     from clothfit.output import check_writable
 
-    for other in used:
-        if path == shared.STREAM or (other not in (None, shared.STREAM) and shared.same_file(path, str(other))):
-            raise InvalidInput(f"--log: {path}: must be a file of its own, not an input or an output")
+    if path == shared.STREAM or shared.is_among(path, used):
+        raise InvalidInput(f"--log: {path}: must be a file of its own, not an input or an output")
     check_writable(path)
     return FitLog(path, earlier(path) if resume else [], console)
 

@@ -63,9 +63,8 @@ class Pictures:
             raise InvalidInput(f"cannot write {self.gif}: it is an input or another output")
         for path, kinds in ((self.plot, picture.PLOTS), (self.gif, picture.GIF)):
             if path is not None:
-                for other in used:
-                    if other not in (None, shared.STREAM) and shared.same_file(path, str(other)):
-                        raise InvalidInput(f"cannot write {path}: it is an input or another output")
+                if shared.is_among(path, used):
+                    raise InvalidInput(f"cannot write {path}: it is an input or another output")
                 picture.check(path, kinds)
 
     def simulated(self, scene: Scene, motion: Motion, energy: Energy | None, console: Console) -> None:

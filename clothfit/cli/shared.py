@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import wraps
@@ -119,11 +119,8 @@ def output(
         if not text and sys.stdout.isatty():
             raise InvalidInput("a motion is not text, so it is not written to a terminal; name a file with -o")
         return Output(path)
-    for other in (scene_path, *inputs):
-        if other not in (None, STREAM) and not overwrite and same_file(path, str(other)):
-            raise InvalidInput(
-                f"cannot write {path}: it is an input, which is never written over; name another file"
-            )
+    if not overwrite and is_among(path, (scene_path, *inputs)):
+        raise InvalidInput(f"cannot write {path}: it is an input, which is never written over; name another file")
     check_writable(path)
     return Output(path, overwrite)
 
@@ -150,6 +147,11 @@ def unchanged(scene: Scene, path: str) -> bool:
         return Path(path).read_bytes() == source.encode(source.text)
     except OSError:
         return False
+
+
+def is_among(path: str, others: Iterable[str | None]) -> bool:
+    """Whether a path leads to the same file as one of others; None and standard streams are none."""
+    return any(other not in (None, STREAM) and same_file(path, str(other)) for other in others)
 
 
 def same_file(a: str, b: str) -> bool:
