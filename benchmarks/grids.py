@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from clothfit.scene import Scene
+    from clothfit.scene.scene import Scene
 
 SIZE, DENSITY = 7.0, 0.1  # m, and kg/m²: 4.9 kg in all
 STRUCTURAL, BENDING = 50.0, 12.5  # N/m, of the springs along edges, diagonal ones included, and of those across them
@@ -19,7 +19,7 @@ DAMPING, DRAG, STEP, TOLERANCE = 0.1, 0.1, 0.02, 1e-5
 def grid(side: int, frames: int) -> Scene:
     """A level cloth of side × side vertices held at one side; its stiffnesses are fitted, `frames` compared."""
     import clothfit
-    from clothfit.mesh import object_document, plane, springs
+    from clothfit.meshes.mesh import object_document, plane, springs
 
     mesh = plane(side - 2, SIZE)
     z = mesh.positions[:, 2]

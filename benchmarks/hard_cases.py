@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import clothfit
-from clothfit.fit_vector import bounds
-from clothfit.mesh import Mesh, object_document, plane
-from clothfit.objective import Objective
-from clothfit.scene import Scene
-from clothfit.system import System, build
+from clothfit.engine.system import System, build
+from clothfit.meshes.mesh import Mesh, object_document, plane
+from clothfit.objective.objective import Objective
+from clothfit.scene.fit_vector import bounds
+from clothfit.scene.scene import Scene
 
 Document = dict[str, Any]
 SIDE = 12  # vertices

@@ -32,12 +32,12 @@ from pathlib import Path
 
 import click
 
-from clothfit.capture import degrade
-from clothfit.checkpoint import decoded
-from clothfit.errors import InvalidInput
-from clothfit.fit import record_target
-from clothfit.motion import save_motion
-from clothfit.scene import load
+from clothfit.base.errors import InvalidInput
+from clothfit.fit.estimate import record_target
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import save_motion
+from clothfit.optimise.checkpoint import decoded
+from clothfit.scene.scene import load
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 LATE = 0.2  # the last part of a run

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 import clothfit
-from clothfit.mesh import Mesh, object_document, plane
+from clothfit.meshes.mesh import Mesh, object_document, plane
 
 TOLERANCE = 1e-5
 NO_LIMIT = "1e18"  # bytes: everything is kept

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 import clothfit
-from clothfit.mesh import object_document, plane
-from clothfit.motion import as_motion
+from clothfit.meshes.mesh import object_document, plane
+from clothfit.motion.motion import as_motion
 from clothfit.report import report_page
 
 ARGUMENTS = [

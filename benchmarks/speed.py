@@ -106,9 +106,9 @@ def cell(seconds: dict[str, NDArray[np.float64]], name: str, steps: int = 1) -> 
 def scenes_row(path: Path, rounds: int, clock: str) -> str:
     """One line of the table of scenes."""
     import clothfit
-    from clothfit.fit import FIT_TOLERANCE, record_target
-    from clothfit.rollout import rollout
-    from clothfit.system import build
+    from clothfit.engine.rollout import rollout
+    from clothfit.engine.system import build
+    from clothfit.fit.estimate import FIT_TOLERANCE, record_target
 
     scene = clothfit.load(path)
     steps, system = scene.frames - 1, build(scene, 0)

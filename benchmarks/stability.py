@@ -2,8 +2,8 @@
 
 Each case of `hard_cases.py` is moved by the linearised step as the format has it and by this program. A rise is the
 most that the total energy gains over a frame beyond the work of the wind, relative to the energy at the start; where
-that is 0, to the most that is ever in one place (`clothfit.energy`). Compiled beforehand, one thread, linear systems
-solved to 1e-5, as for playing. The last lines evaluate a fit's cost and gradient at the ends of its bounds.
+that is 0, to the most that is ever in one place (`clothfit.motion.energy`). Compiled beforehand, one thread, linear
+systems solved to 1e-5, as for playing. The last lines evaluate a fit's cost and gradient at the ends of its bounds.
 """
 
 from __future__ import annotations
@@ -15,14 +15,15 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from clothfit import divergence, threads
-from clothfit.arrays import Array
-from clothfit.energy import CONTACT, GRAVITY, WIND, account
-from clothfit.errors import Diverged
-from clothfit.objective import Objective
-from clothfit.remedies import NONE
-from clothfit.rollout import Rollout, rollout, velocity
-from clothfit.system import System
+from clothfit.base import threads
+from clothfit.base.arrays import Array
+from clothfit.base.errors import Diverged
+from clothfit.engine.remedies import NONE
+from clothfit.engine.rollout import Rollout, rollout, velocity
+from clothfit.engine.system import System
+from clothfit.motion import divergence
+from clothfit.motion.energy import CONTACT, GRAVITY, WIND, account
+from clothfit.objective.objective import Objective
 from hard_cases import CASES, Case, bounds_objective
 
 TOLERANCE = 1e-5

@@ -94,7 +94,7 @@ def noise() -> None:
     factors = np.exp(generator.normal(size=len(fabric.cloths[0].stiffness)))
     for scatter in SCATTER:
         scene = changed(fabric, fabric.cloths[0].stiffness * factors**scatter)
-        truth = clothfit.fit.record_target(scene)
+        truth = clothfit.fit.estimate.record_target(scene)
         guess = changed(scene, np.full(len(factors), 20.0))
         for sigma in NOISE:
             for seen in SEEN:

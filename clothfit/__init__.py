@@ -14,65 +14,70 @@ TYPE_CHECKING = False  # what `typing` calls so is true for type checkers only, 
 if TYPE_CHECKING:
     from typing import Any
 
-    from clothfit.capture import degrade
-    from clothfit.convention import Convention, Reading
-    from clothfit.energy import Energy, energies
-    from clothfit.errors import ClothfitError, Diverged, InvalidInput, InvalidMotion, InvalidScene
-    from clothfit.evaluation import Evaluation, evaluate
-    from clothfit.fit import estimate
-    from clothfit.fit_vector import parameters, with_parameters
-    from clothfit.many import estimate_many
-    from clothfit.mesh_file import read_mesh
-    from clothfit.motion import Motion, as_motion, simulate
-    from clothfit.motion_files import load_motion, save_motion
-    from clothfit.objective import Objective, cost_and_gradient
-    from clothfit.precision import WorkPrecision, work_precision
+    from clothfit.base.errors import ClothfitError, Diverged, InvalidInput, InvalidMotion, InvalidScene
+    from clothfit.evaluation.evaluate import Evaluation, evaluate
+    from clothfit.evaluation.work_precision import WorkPrecision, work_precision
+    from clothfit.fit.estimate import estimate
+    from clothfit.fit.result import Fit
+    from clothfit.formats.convention import Convention, Reading
+    from clothfit.inspection.gradient_check import SceneCheck, check_scene
+    from clothfit.many.estimate_many import estimate_many
+    from clothfit.meshes.mesh_file import read_mesh
+    from clothfit.meshes.new_scene import new_scene
+    from clothfit.motion.degrade import degrade
+    from clothfit.motion.energy import Energy, energies
+    from clothfit.motion.files import load_motion, save_motion
+    from clothfit.motion.motion import Motion, as_motion, simulate
+    from clothfit.objective.objective import Objective, cost_and_gradient
     from clothfit.report import report_page
-    from clothfit.result import Fit
-    from clothfit.scene import Cloth, Scene, load, save
-    from clothfit.scene_check import SceneCheck, check_scene
-    from clothfit.scene_making import new_scene
+    from clothfit.scene.fit_vector import parameters, with_parameters
+    from clothfit.scene.scene import Cloth, Scene, load, save
 
 _HOME = {
-    "degrade": "capture",
-    "Convention": "convention",
-    "Reading": "convention",
-    "Energy": "energy",
-    "energies": "energy",
-    "ClothfitError": "errors",
-    "Diverged": "errors",
-    "InvalidInput": "errors",
-    "InvalidMotion": "errors",
-    "InvalidScene": "errors",
-    "Evaluation": "evaluation",
-    "evaluate": "evaluation",
-    "Fit": "result",
-    "estimate": "fit",
-    "estimate_many": "many",
-    "read_mesh": "mesh_file",
-    "new_scene": "scene_making",
-    "Motion": "motion",
-    "as_motion": "motion",
-    "load_motion": "motion_files",
-    "save_motion": "motion_files",
-    "simulate": "motion",
-    "Objective": "objective",
-    "cost_and_gradient": "objective",
-    "WorkPrecision": "precision",
-    "work_precision": "precision",
+    "degrade": "motion.degrade",
+    "Convention": "formats.convention",
+    "Reading": "formats.convention",
+    "Energy": "motion.energy",
+    "energies": "motion.energy",
+    "ClothfitError": "base.errors",
+    "Diverged": "base.errors",
+    "InvalidInput": "base.errors",
+    "InvalidMotion": "base.errors",
+    "InvalidScene": "base.errors",
+    "Evaluation": "evaluation.evaluate",
+    "evaluate": "evaluation.evaluate",
+    "Fit": "fit.result",
+    "estimate": "fit.estimate",
+    "estimate_many": "many.estimate_many",
+    "read_mesh": "meshes.mesh_file",
+    "new_scene": "meshes.new_scene",
+    "Motion": "motion.motion",
+    "as_motion": "motion.motion",
+    "load_motion": "motion.files",
+    "save_motion": "motion.files",
+    "simulate": "motion.motion",
+    "Objective": "objective.objective",
+    "cost_and_gradient": "objective.objective",
+    "WorkPrecision": "evaluation.work_precision",
+    "work_precision": "evaluation.work_precision",
     "report_page": "report",
-    "parameters": "fit_vector",
-    "with_parameters": "fit_vector",
-    "Cloth": "scene",
-    "Scene": "scene",
-    "SceneCheck": "scene_check",
-    "check_scene": "scene_check",
-    "load": "scene",
-    "save": "scene",
+    "parameters": "scene.fit_vector",
+    "with_parameters": "scene.fit_vector",
+    "Cloth": "scene.scene",
+    "Scene": "scene.scene",
+    "SceneCheck": "inspection.gradient_check",
+    "check_scene": "inspection.gradient_check",
+    "load": "scene.scene",
+    "save": "scene.scene",
 }
 
 # for users as well, by their own names: clothfit.verify.check(…)
-_MODULES = ("mesh", "mesh_problems", "verify", "weld")
+_MODULES = {
+    "mesh": "meshes.mesh",
+    "mesh_problems": "meshes.problems",
+    "verify": "derivative.verify",
+    "weld": "meshes.weld",
+}
 
 __all__ = [
     "Cloth",
@@ -115,7 +120,7 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     if name in _MODULES:
-        return import_module(f"clothfit.{name}")
+        return import_module(f"clothfit.{_MODULES[name]}")
     if name not in _HOME:
         raise AttributeError(f"module 'clothfit' has no attribute {name!r}")
     value = getattr(import_module(f"clothfit.{_HOME[name]}"), name)

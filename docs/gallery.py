@@ -19,7 +19,7 @@ from PIL import Image, ImageDraw, ImageFont, ImageSequence
 
 from clothfit.cli import run
 from clothfit.cli.help import wrapped
-from clothfit.gif import GROUND, INK, palette
+from clothfit.pictures.gif import GROUND, INK, palette
 
 DOCS = Path(__file__).resolve().parent
 PAGE, FILMS = DOCS / "gallery.md", DOCS / "gallery"

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from clothfit import scene_text
-from clothfit.arrays import Flags
-from clothfit.mesh import Mesh, object_document, plane
+from clothfit.base.arrays import Flags
+from clothfit.meshes import scene_text
+from clothfit.meshes.mesh import Mesh, object_document, plane
 
 FOLDER = Path(__file__).resolve().parent
 DIVISIONS, SIZE = 10, 7.0

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from scenes import trial, write_scene
 
-from clothfit import threads
+from clothfit.base import threads
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from scenes import cloth, document, load_text
 
-from clothfit import mesh
 from clothfit.export import exported
-from clothfit.scene import Scene
+from clothfit.meshes import mesh
+from clothfit.scene.scene import Scene
 
 ROUNDING = 1e-15
 """Relative, of one division: two roundings of 1.1e-16 each, and some."""

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from clothfit.animation import Animation
-from clothfit.axes import Axes
 from clothfit.formats import RIGHT
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import Axes
 
 INTEL, DEC, MIPS = 84, 85, 86
 

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from physics import dense_matrix, stored
 
-from clothfit import mesh, sparse
-from clothfit.arrays import Array, Flags, Indices
+from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.engine.solve import sparse
+from clothfit.meshes import mesh
 
 
 def joined(side: int) -> Indices:

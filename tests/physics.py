@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scenes import cloth, document
 
-import clothfit.scene
-from clothfit import sparse
-from clothfit.arrays import Array, Elements
-from clothfit.forces import spheres, springs, vertex, wind
-from clothfit.scene import Scene
-from clothfit.system import EXPLICIT, IMPLICIT, SYMPLECTIC, System, all_elements, build, with_elements, zeros
+import clothfit.scene.scene
+from clothfit.base.arrays import Array, Elements
+from clothfit.engine.forces import spheres, springs, vertex, wind
+from clothfit.engine.solve import sparse
+from clothfit.engine.system import EXPLICIT, IMPLICIT, SYMPLECTIC, System, all_elements, build, with_elements, zeros
+from clothfit.scene.scene import Scene
 
 TIGHT = 1e-14  # tolerance of linear systems: their error is then rounding
 GRAVITY = 9.81
@@ -74,7 +74,7 @@ def ball(centre: Any, radius: float) -> dict[str, Any]:
 
 def scene(*objects: dict[str, Any], **fields: Any) -> Scene:
     """A loaded scene of the given objects; `windVel` and `colliders` among the fields."""
-    return clothfit.scene.load(document(*objects, **fields))
+    return clothfit.scene.scene.load(document(*objects, **fields))
 
 
 def system(*objects: dict[str, Any], **fields: Any) -> System:

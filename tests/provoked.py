@@ -22,10 +22,10 @@ import pytest
 from archives import DAMAGED
 from scenes import MISSING, changed, even, trial
 
-from clothfit import checkpoint
-from clothfit import fit as fitting
-from clothfit.checkpoint import FORMAT, Record, checksum, decoded, encoded
 from clothfit.cli import run
+from clothfit.fit import estimate as fitting
+from clothfit.optimise import checkpoint
+from clothfit.optimise.checkpoint import FORMAT, Record, checksum, decoded, encoded
 
 CLOTH = ("objects", 0)
 VERTICES, SPRINGS = 16, 33
@@ -95,7 +95,7 @@ def free(size: int) -> Any:
 def read_only(patch: Any) -> None:
     """The answer of a system where nothing is writable; a test that root runs could write everywhere."""
     access = os.access
-    patch.setattr("clothfit.output.os.access", lambda path, mode: mode & os.W_OK == 0 and access(path, mode))
+    patch.setattr("clothfit.base.writing.os.access", lambda path, mode: mode & os.W_OK == 0 and access(path, mode))
 
 
 def closing(patch: Any) -> None:
@@ -131,7 +131,7 @@ def growing(patch: Any) -> None:
             os.utime(self.name)
             return super().read(size)
 
-    patch.setattr("clothfit.steady.open", lambda path, mode: Saved(path), raising=False)
+    patch.setattr("clothfit.base.steady.open", lambda path, mode: Saved(path), raising=False)
 
 
 def unlikely(_: Any) -> None:
@@ -158,15 +158,15 @@ class Full(io.BytesIO):
 
 def kept_nowhere(patch: Any) -> None:
     """Compiled code that could not be written; there is nothing to compile."""
-    patch.setattr("clothfit.kernel_cache.KernelCache.failed", True)
-    patch.setattr("clothfit.warmup.SMALL", {})
+    patch.setattr("clothfit.kernels.cache.KernelCache.failed", True)
+    patch.setattr("clothfit.many.warmup.SMALL", {})
 
 
 def ruled(patch: Any) -> None:
     """A schema with a rule that has no words of its own; none of today's is such."""
     schema = {"properties": {"delta": {"multipleOf": 7}}}
-    patch.setattr("clothfit.structure.conforms", lambda *_: False)
-    patch.setattr("clothfit.structure._validator", lambda: jsonschema.Draft202012Validator(schema))
+    patch.setattr("clothfit.scene.schema.conforms", lambda *_: False)
+    patch.setattr("clothfit.scene.schema._validator", lambda: jsonschema.Draft202012Validator(schema))
 
 
 MOVE, EVALUATE, TARGET = Case("simulate scene.json"), "evaluate scene.json ", "target scene.json "
@@ -182,7 +182,9 @@ RESUMED = "estimate scene.json --target good.npz --method l-bfgs-b --start 0.01 
 GONE = even("nG", 40, integrationMethod=0, delta=1.0, damping=1e3)  # whatever its stiffness is
 STILL = np.array([[p["x"], p["y"], p["z"]] for p in GONE["objects"][0]["vertPos"]])
 
-SWITCHING = patched(Case("check scene.json"), "clothfit.ladder.first_switch", lambda a, b: "vertex 1 at sphere 0")
+SWITCHING = patched(
+    Case("check scene.json"), "clothfit.inspection.ladder.first_switch", lambda a, b: "vertex 1 at sphere 0"
+)
 
 COMMANDS: dict[str, Case] = {
     # usage
@@ -237,7 +239,7 @@ COMMANDS: dict[str, Case] = {
     ),
     "standard input (-) can be only one of the inputs": Case("evaluate - -"),
     "NUMBA_DISABLE_JIT is set, so nothing is ever compiled": patched(
-        Case("warmup"), "clothfit.kernel_cache.config.DISABLE_JIT", 1
+        Case("warmup"), "clothfit.kernels.cache.config.DISABLE_JIT", 1
     ),
     # memory
     "… frames of … vertices take …, … of memory are free; use fewer frames (--steps, --fps, optimizationIterations)":
@@ -246,12 +248,12 @@ COMMANDS: dict[str, Case] = {
         "--memory 1kB"
     ),
     "memory: too little for the balance of momentum; use another method, or allow more": patched(
-        fit("--method momentum"), "clothfit.momentum.fits", lambda objective: False
+        fit("--method momentum"), "clothfit.optimise.momentum.fits", lambda objective: False
     ),
     "takes … of memory, … are free; keep fewer frames": patched(
-        fit("--target good.npz"), "clothfit.motion.memory", free(1000)
+        fit("--target good.npz"), "clothfit.motion.motion.memory", free(1000)
     ),
-    "to read it takes about … of memory, … are free": patched(MOVE, "clothfit.source.memory", free(1000)),
+    "to read it takes about … of memory, … are free": patched(MOVE, "clothfit.scene.text.memory", free(1000)),
     "… steps of … vertices, with … velocities each, take … of memory, … are free; use fewer iterations "
     "(forwardSubSteps)": scene(("forwardSubSteps",), 2_000_000_000),
     "out of memory; try fewer frames (--steps, optimizationIterations)": patched(
@@ -265,7 +267,7 @@ COMMANDS: dict[str, Case] = {
     "it has more than the …": Case("simulate large", prepare=large),
     "it changed while it was read; try again": Case("simulate scene.json", prepare=growing),
     **{
-        reason: patched(Case("estimate scene.json --target bad.npz", {"bad.npz": data}), "clothfit.npz.ROOM", 1000)
+        reason: patched(Case("estimate scene.json --target bad.npz", {"bad.npz": data}), "clothfit.base.npz.ROOM", 1000)
         for reason, data in DAMAGED.items()
     },
     # text
@@ -415,23 +417,25 @@ COMMANDS: dict[str, Case] = {
         {"scene.json": HARD, "far.npz": {"positions": np.zeros((60, VERTICES, 3))}},
     ),
     "the gradient overflows": patched(
-        Case("check scene.json"), "clothfit.objective.Objective.add_pullback", lambda *all: all[-1].fill(np.inf)
+        Case("check scene.json"),
+        "clothfit.objective.objective.Objective.add_pullback",
+        lambda *all: all[-1].fill(np.inf),
     ),
     "no values that were tried gave a simulation that stays finite; nothing is written": Case(
         "estimate scene.json --target still.npz",
         {"scene.json": GONE, "still.npz": {"positions": np.broadcast_to(STILL, (40, VERTICES, 3))}},
     ),
     "no steps that fit into the time are short enough for a reference motion; allow more of it (--budget), or fewer "
-    "frames (--steps)": patched(speed("--budget 1e-9"), "clothfit.precision.REFERENCE_SECONDS", 0.0),
+    "frames (--steps)": patched(speed("--budget 1e-9"), "clothfit.evaluation.work_precision.REFERENCE_SECONDS", 0.0),
     "the reference motion is not known well enough to judge by; allow more time (--budget)": patched(
-        speed("--budget 1e-9"), "clothfit.precision.KNOWN", np.inf
+        speed("--budget 1e-9"), "clothfit.evaluation.work_precision.KNOWN", np.inf
     ),
     "…; the horizon ends before that": Case(
         EVALUATE + "scene.json --steps 300", {"scene.json": {**HARD, "optimizationIterations": 5}}
     ),
     # ends
     "the gradient is wrong (…): a fault of the program; please report it with the scene": patched(
-        Case("check scene.json"), "clothfit.objective.Objective.add_pullback", lambda *all: all[-1].fill(1.0)
+        Case("check scene.json"), "clothfit.objective.objective.Objective.add_pullback", lambda *all: all[-1].fill(1.0)
     ),
     "interrupted": patched(MOVE, "clothfit.simulate", raising(KeyboardInterrupt())),
     "a fault of the program: …: … (set CLOTHFIT_TRACEBACK=1 to see where)": patched(

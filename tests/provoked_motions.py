@@ -10,9 +10,9 @@ import numpy as np
 from provoked import VERTICES, Case, patched, raising
 from scenes import trial
 
-from clothfit.animation import Animation
-from clothfit.axes import SCENE
-from clothfit.scene import load
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import SCENE
+from clothfit.scene.scene import load
 
 START = load(trial("nG", 5)).cloths[0].positions
 CORNER = b"v 0 0 0\n"
@@ -52,7 +52,8 @@ def captured(options: str = "", seen: bool = True, **files: Any) -> Case:
     positions = np.where(seen, START[None, :2], np.nan)
     read = Animation(positions, SCENE, names=("a", "b"))
     case = fitted("a.trc", options, **files)
-    return patched(case, "clothfit.foreign.module_of", lambda found: SimpleNamespace(read=lambda path: read))
+    module = SimpleNamespace(read=lambda path: read)
+    return patched(case, "clothfit.motion.foreign.module_of", lambda found: module)
 
 
 def mapped(text: str) -> Case:

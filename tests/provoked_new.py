@@ -26,7 +26,7 @@ def ply(data: bytes, options: str = "") -> Case:
 
 def numbered(value: Any) -> Case:
     """A scene with that field of a mesh's numbers, to which a motion of the mesh is read."""
-    from clothfit.mesh_numbering import FIELD
+    from clothfit.scene.mesh_numbering import FIELD
 
     return Case("info scene.json", {"scene.json": changed(SMALL, ("objects", 0, FIELD), value)})
 
@@ -46,7 +46,7 @@ COMMANDS: dict[str, Case] = {
     "fix vertices: … is not possible, the mesh has vertices 0 to …": plane("--fix-vertices 144"),
     "a plane of … divisions would have … vertices; … are possible": plane("--divisions 100000"),
     "weld: within … of most vertices are too many others; give a smaller one": patched(
-        ply(TRIANGLE, "--weld 9"), "clothfit.topology.MOST_PAIRS", 1
+        ply(TRIANGLE, "--weld 9"), "clothfit.meshes.topology.MOST_PAIRS", 1
     ),
     "scale: … m is not possible, it must be above 0 and finite": ply(TRIANGLE, "--scale 0"),
     "a mesh is not read from standard input; name a file": Case("new -"),

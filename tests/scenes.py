@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
-import clothfit.scene
-from clothfit.errors import InvalidScene
+import clothfit.scene.scene
+from clothfit.base.errors import InvalidScene
 
 MISSING = object()  # as the new value of a field: take it away
 
@@ -87,9 +87,9 @@ def kind(path: tuple[str | int, ...], value: Any) -> str:
     return f"{'.'.join(map(str, path))} {shown}"
 
 
-def load_text(text: str | bytes) -> clothfit.scene.Scene:
+def load_text(text: str | bytes) -> clothfit.scene.scene.Scene:
     """Load a scene from its text."""
-    return clothfit.scene.load(io.StringIO(text) if isinstance(text, str) else io.BytesIO(text))
+    return clothfit.scene.scene.load(io.StringIO(text) if isinstance(text, str) else io.BytesIO(text))
 
 
 def problems(scene: dict[str, Any] | str | bytes) -> list[str]:
@@ -126,7 +126,7 @@ def write_scene(folder: Path, scene: dict[str, Any], name: str = "scene.json", *
 
 def environment(**changes: str) -> dict[str, str]:
     """What a command is started with: this checkout first on the path, no wishes about colour."""
-    root = str(Path(clothfit.scene.__file__).resolve().parents[1])
+    root = str(Path(clothfit.__file__).resolve().parents[1])
     kept = {key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "CLOTHFIT_TRACEBACK")}
     return {**kept, "PYTHONPATH": root, **changes}
 

@@ -15,7 +15,8 @@ from typing import Any
 
 from provoked import Case, fit, raising
 
-from clothfit import __version__, job
+from clothfit import __version__
+from clothfit.many import job
 
 
 class Ended(Future):  # type: ignore[type-arg]
@@ -124,7 +125,7 @@ def pooled(executor: Executor, *replaced: tuple[str, Any]) -> Case:
     """A fit from two starts on that process, where something of the program is replaced."""
 
     def prepare(patch: Any) -> None:
-        patch.setattr("clothfit.pool.Processes._executor", lambda pool: executor)
+        patch.setattr("clothfit.many.processes.Processes._executor", lambda pool: executor)
         for name, value in replaced:
             patch.setattr(name, value)
 
@@ -137,27 +138,29 @@ def spread(module: Any, address: str = "tcp://127.0.0.1:1", knocked: bool = True
     def prepare(patch: Any) -> None:
         patch.setitem(sys.modules, "distributed", module)
         if knocked:
-            patch.setattr("clothfit.cluster.knock", lambda address: None)
+            patch.setattr("clothfit.many.cluster.knock", lambda address: None)
 
     return Case(fit(f"--cluster {address}").arguments, prepare=prepare)
 
 
 STAGED: dict[str, Case] = {
     "out of memory; try fewer frames (optimizationIterations)": pooled(
-        Executor(), ("clothfit.job.fitted", raising(MemoryError()))
+        Executor(), ("clothfit.many.job.fitted", raising(MemoryError()))
     ),
-    "a fault of the program: …: …": pooled(Executor(), ("clothfit.job.fitted", raising(ZeroDivisionError("by 0")))),
+    "a fault of the program: …: …": pooled(
+        Executor(), ("clothfit.many.job.fitted", raising(ZeroDivisionError("by 0")))
+    ),
     "interrupted before there was a result": pooled(
-        Executor(), ("clothfit.job.fitted", raising(KeyboardInterrupt()))
+        Executor(), ("clothfit.many.job.fitted", raising(KeyboardInterrupt()))
     ),
     "this worker has clothfit …, the job comes from …; install one": pooled(
-        Executor(), ("clothfit.job.__version__", "99.0")
+        Executor(), ("clothfit.many.job.__version__", "99.0")
     ),
-    "not started": pooled(Executor(), ("clothfit.worker._stopped", True)),
+    "not started": pooled(Executor(), ("clothfit.many.worker._stopped", True)),
     "the process that fitted it died, out of memory or killed": pooled(Dying()),
     "its process died; there was no second try": pooled(Asked(1, dies=True)),
     "ended at once, by a second request; nothing is written": pooled(
-        Asked(2, dies=False), ("clothfit.batch.SAME_REQUEST", -1.0)
+        Asked(2, dies=False), ("clothfit.many.batch.SAME_REQUEST", -1.0)
     ),
     "--cluster needs the package distributed: install clothfit[cluster]": spread(None),
     "--cluster: … is no address of a scheduler; one looks like tcp://host:8786": spread(dask(), "here", knocked=False),

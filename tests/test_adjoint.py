@@ -5,10 +5,10 @@ import physics
 import pytest
 from physics import KINDS, TIGHT, gentle, product, relative
 
-from clothfit import adjoint
-from clothfit.arrays import Elements
-from clothfit.rollout import rollout
-from clothfit.system import all_elements, with_elements
+from clothfit.base.arrays import Elements
+from clothfit.derivative import adjoint
+from clothfit.engine.rollout import rollout
+from clothfit.engine.system import all_elements, with_elements
 
 STEPS = 6
 VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 2), ("implicit", 5)]

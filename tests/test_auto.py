@@ -6,15 +6,15 @@ import pytest
 from physics import scene, xyz
 from scenes import cloth, even, trial
 
-from clothfit import auto
-from clothfit.auto import FIRST_WINDOW, by_gauss_newton, by_momentum, find, first_window, is_near, window_lengths
-from clothfit.capture import degrade
-from clothfit.fit import estimate, record_target
-from clothfit.fit_vector import identifiable, parameters
-from clothfit.motion import Motion, as_motion, simulate
-from clothfit.objective import Objective
-from clothfit.scene import load
-from clothfit.search import Search, Stop
+from clothfit.fit import auto
+from clothfit.fit.auto import FIRST_WINDOW, by_gauss_newton, by_momentum, find, first_window, is_near, window_lengths
+from clothfit.fit.estimate import estimate, record_target
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import Motion, as_motion, simulate
+from clothfit.objective.objective import Objective
+from clothfit.optimise.search import Search, Stop
+from clothfit.scene.fit_vector import identifiable, parameters
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

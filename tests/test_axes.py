@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clothfit.axes import HANDS, SCENE, UPS, Axes, facing, from_scene, to_scene
+from clothfit.formats.axes import HANDS, SCENE, UPS, Axes, facing, from_scene, to_scene
 
 ALL = [Axes(up, hand, scale) for up in UPS for hand in HANDS for scale in (1.0, 0.01)]
 

@@ -5,10 +5,10 @@ import pytest
 from physics import METHODS, TIGHT, ball, scene, xyz
 from scenes import cloth
 
-from clothfit.balances import Track, balances, smoothed, summed_twice, track
-from clothfit.motion import Motion, simulate
-from clothfit.objective import Objective
-from clothfit.system import all_elements, with_elements
+from clothfit.engine.system import all_elements, with_elements
+from clothfit.motion.motion import Motion, simulate
+from clothfit.objective.objective import Objective
+from clothfit.optimise.balances import Track, balances, smoothed, summed_twice, track
 
 VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 12)]
 

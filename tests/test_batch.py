@@ -5,9 +5,9 @@ import signal
 
 import pytest
 
-from clothfit.batch import CUT_SHORT, PREPARATION, Batch
-from clothfit.errors import InvalidInput
-from clothfit.job import FAULT, NOT_STARTED, Died, File, Job, Lost, Outcome
+from clothfit.base.errors import InvalidInput
+from clothfit.many.batch import CUT_SHORT, PREPARATION, Batch
+from clothfit.many.job import FAULT, NOT_STARTED, Died, File, Job, Lost, Outcome
 
 JOB = Job(File(b"", "a"))
 DONE = Outcome(None, 0)
@@ -142,7 +142,7 @@ def test_a_request_to_end_leaves_no_second_try_to_one_that_died():
 
 
 def test_a_second_request_ends_at_once(monkeypatch):
-    monkeypatch.setattr("clothfit.batch.SAME_REQUEST", -1.0)
+    monkeypatch.setattr("clothfit.many.batch.SAME_REQUEST", -1.0)
 
     class Deaf(Plain):
         def interrupt(self):

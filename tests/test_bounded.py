@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from clothfit import bounded
+from clothfit.optimise import bounded
 
 SIZES = [1, 2, 7, 40]
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scenes import cloth, document, even
 
-from clothfit.capture import degrade
-from clothfit.errors import InvalidInput
-from clothfit.limits import check_capture
-from clothfit.motion import Motion, simulate
-from clothfit.scene import load
+from clothfit.base.errors import InvalidInput
+from clothfit.base.limits import check_capture
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import Motion, simulate
+from clothfit.scene.scene import load
 
 MOTION = simulate(load(even("nn", 21, 6, 6)))
 

@@ -9,7 +9,8 @@ from scenes import cloth
 from test_team import needs_compiler
 
 import clothfit
-from clothfit import cg, sparse, team
+from clothfit.engine.solve import cg, sparse
+from clothfit.engine.solve import two_threads as team
 
 N = 6
 FREE = np.array([True, True, False, True, True, True])

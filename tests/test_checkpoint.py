@@ -12,20 +12,20 @@ import numpy as np
 import pytest
 from scenes import environment, even, load_text, needs_full_disk, started, trial, write_scene
 
-from clothfit import checkpoint as module
-from clothfit import journal
-from clothfit.capture import degrade
-from clothfit.checkpoint import Checkpoint, Content, Record, decoded, encoded, identity
+from clothfit.base.errors import InvalidInput
 from clothfit.cli import checkpoints, run
-from clothfit.errors import InvalidInput
-from clothfit.experiment import experiments
-from clothfit.fit import estimate, record_target
-from clothfit.fit_vector import parameters
-from clothfit.journal import Journal
-from clothfit.motion import save_motion
-from clothfit.objective import Objective
-from clothfit.scene import load
-from clothfit.trajectory import Trajectory
+from clothfit.fit.estimate import estimate, record_target
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import save_motion
+from clothfit.objective.experiment import experiments
+from clothfit.objective.objective import Objective
+from clothfit.optimise import checkpoint as module
+from clothfit.optimise import journal
+from clothfit.optimise.checkpoint import Checkpoint, Content, Record, decoded, encoded, identity
+from clothfit.optimise.journal import Journal
+from clothfit.optimise.trajectory import Trajectory
+from clothfit.scene.fit_vector import parameters
+from clothfit.scene.scene import load
 
 needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

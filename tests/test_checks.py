@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scenes import MISSING, changed, cloth, document, kind, problems
 
-from clothfit import checks, scene
+from clothfit.scene import array_checks as checks
+from clothfit.scene import scene
 
 INF = float("inf")
 NAN = float("nan")

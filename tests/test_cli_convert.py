@@ -19,9 +19,9 @@ from clothfit.cli.console import Console
 from clothfit.cli.files import Files
 from clothfit.cli.plan import planned
 from clothfit.cli.sequences import gathered
-from clothfit.convention import Reading
 from clothfit.formats import obj
-from clothfit.many import packed_goals
+from clothfit.formats.convention import Reading
+from clothfit.many.estimate_many import packed_goals
 
 TRIANGLES = [[0, 1, 2], [2, 1, 3]]
 

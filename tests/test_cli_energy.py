@@ -8,9 +8,9 @@ import pytest
 from scenes import cloth, document, even, sphere, write_scene
 
 from clothfit.cli import run
-from clothfit.energy import energies
-from clothfit.motion import load_motion, simulate
-from clothfit.scene import load
+from clothfit.motion.energy import energies
+from clothfit.motion.motion import load_motion, simulate
+from clothfit.scene.scene import load
 
 NAMES = ("kinetic", "elastic", "gravity", "contact", "wind", "damping", "drag", "total", "dissipated", "numerical")
 STORED = {"kinetic", "elastic", "gravity", "contact", "total"}

@@ -15,18 +15,18 @@ import numpy as np
 import pytest
 from scenes import cloth, document, environment, even, needs_full_disk, started, tokens, trial, write_scene
 
-import clothfit.scene
+import clothfit.scene.scene
 from clothfit.cli import run
-from clothfit.fit import estimate, record_target
-from clothfit.motion import load_motion, save_motion
-from clothfit.scene import load
+from clothfit.fit.estimate import estimate, record_target
+from clothfit.motion.motion import load_motion, save_motion
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
 KEYS = {"schema_version", "command", "scene", "status", "method", "cost", "rmse", "frames", "evaluations", "seconds"}
 KEYS |= {"parameters", "output", "warnings", "rank", "sigma", "prior", "holdout", "memory"}
 PARAMETER_KEYS = {"object", "name", "mode", "count", "at_bound", "unidentifiable", "unmoved", "interval"}
-REFERENCE = Path(clothfit.scene.__file__).resolve().parents[2] / "shared" / "scenes" / "side.txt"
+REFERENCE = Path(clothfit.__file__).resolve().parents[2] / "shared" / "scenes" / "side.txt"
 DOWNHILL = ["--method", "l-bfgs-b"]  # begins at the start, and takes its time
 LONG = trial("LL", 60, 8, 8)  # takes minutes to fit to the last digit
 
@@ -473,8 +473,8 @@ def record(text, folder):
 
 
 def test_the_options_have_the_defaults_of_the_library():
-    from clothfit import fit
     from clothfit.cli.estimate import command
+    from clothfit.fit import estimate as fit
 
     defaults = {option.name: option.default for option in command.params}
     assert (defaults["max_evaluations"], defaults["rmse"]) == (fit.BUDGET, fit.RMSE_TOLERANCE)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scenes import even, started, trial, write_scene
 
-from clothfit.capture import degrade
 from clothfit.cli import run
-from clothfit.evaluation import evaluate
-from clothfit.fit import record_target
-from clothfit.motion import save_motion
-from clothfit.scene import load
+from clothfit.evaluation.evaluate import evaluate
+from clothfit.fit.estimate import record_target
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import save_motion
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

@@ -7,11 +7,11 @@ import numba
 import pytest
 from scenes import cloth, document, even, trial, write_scene
 
-from clothfit import precision
 from clothfit.cli import run
 from clothfit.cli.console import COMPILING
-from clothfit.scene import load
-from clothfit.setting import grid
+from clothfit.evaluation import work_precision as precision
+from clothfit.evaluation.setting import grid
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

@@ -12,7 +12,7 @@ from scenes import needs_full_disk, trial, write_scene
 from clothfit.cli import run
 from clothfit.cli.console import Console
 from clothfit.cli.fit_log import KEYS, FitLog, earlier
-from clothfit.search import Progress
+from clothfit.optimise.search import Progress
 
 FIT = ["--method", "gauss-newton", "--start", "0.05"]
 

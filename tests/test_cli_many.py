@@ -12,13 +12,13 @@ import numba
 import pytest
 from scenes import environment, even, trial, write_scene
 
-from clothfit.checkpoint import decoded
 from clothfit.cli import run
 from clothfit.cli.files import filled
-from clothfit.fit import record_target
-from clothfit.job import run as do
-from clothfit.motion import save_motion
-from clothfit.scene import load
+from clothfit.fit.estimate import record_target
+from clothfit.many.job import run as do
+from clothfit.motion.motion import save_motion
+from clothfit.optimise.checkpoint import decoded
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

@@ -10,10 +10,11 @@ import pytest
 import trimesh
 from scenes import environment, started
 
-from clothfit import load, mesh, read_mesh
+from clothfit import load, read_mesh
 from clothfit.cli import group, run
-from clothfit.mesh import Mesh
-from clothfit.mesh_numbering import numberings
+from clothfit.meshes import mesh
+from clothfit.meshes.mesh import Mesh
+from clothfit.scene.mesh_numbering import numberings
 
 KEYS = {"schema_version", "command", "scene", "vertices", "triangles", "springs", "mass", "fixed", "renumbered",
         "problems", "output"}  # fmt: skip
@@ -294,7 +295,7 @@ def test_what_the_page_shows_runs():
 
 
 def test_the_page_names_every_problem():
-    import clothfit.mesh_problems as found
+    import clothfit.meshes.problems as found
 
     source = Path(found.__file__).read_text("utf-8")
     kinds = set(re.findall(r'Problem\("([\w-]+)"|_problem\("([\w-]+)"', source))

@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from clothfit.cli.progress import BARS, LONGEST, Pace, Shown, duration, pace, plain, sparkline, stage
-from clothfit.search import Progress
+from clothfit.optimise.search import Progress
 
 
 def step(evaluations, **fields):

@@ -10,9 +10,9 @@ import pytest
 from scenes import MISSING, changed, cloth, document, even, kind, needs_full_disk, sphere, started, trial, write_scene
 
 from clothfit.cli import run
-from clothfit.motion import load_motion, simulate
-from clothfit.remedies import Remedies
-from clothfit.scene import load
+from clothfit.engine.remedies import Remedies
+from clothfit.motion.motion import load_motion, simulate
+from clothfit.scene.scene import load
 
 NAMED = ("schema_version", "command", "scene", "frames", "vertices", "seconds", "output", "diverged", "dump")
 KEYS = {*NAMED, *Remedies._fields}
@@ -145,7 +145,7 @@ def test_a_place_that_cannot_be_written_is_refused(path, tmp_path, capsys, place
 
 
 def test_a_read_only_folder_is_refused_before_the_work(path, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("clothfit.output.os.access", lambda *_: False)  # root may write everywhere
+    monkeypatch.setattr("clothfit.base.writing.os.access", lambda *_: False)  # root may write everywhere
     monkeypatch.setattr("clothfit.simulate", None, raising=False)  # a call of it would be a fault, code 1
     assert run(["simulate", path]) == 3
     assert f"the folder {tmp_path} is not writable" in capsys.readouterr().err

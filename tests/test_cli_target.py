@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scenes import cloth, document, started, trial, write_scene
 
-from clothfit.capture import degrade
 from clothfit.cli import run
-from clothfit.fit import record_target
-from clothfit.motion import load_motion
-from clothfit.scene import load
+from clothfit.fit.estimate import record_target
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import load_motion
+from clothfit.scene.scene import load
 
 KEYS = {"schema_version", "command", "scene", "frames", "observed", "noise", "output"}
 

@@ -13,12 +13,12 @@ import numba
 import pytest
 from scenes import environment, trial, write_scene
 
+from clothfit.base.errors import InvalidInput
 from clothfit.cli import run
-from clothfit.cluster import Cluster
-from clothfit.errors import InvalidInput
-from clothfit.job import Job, read
-from clothfit.many import estimate_many, fit_all
-from clothfit.scene import dumps
+from clothfit.many.cluster import Cluster
+from clothfit.many.estimate_many import estimate_many, fit_all
+from clothfit.many.job import Job, read
+from clothfit.scene.scene import dumps
 
 distributed = pytest.importorskip("distributed", reason="distributed is not installed; there is no cluster")
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
@@ -96,7 +96,7 @@ def test_the_command_writes_what_it_writes_without_a_cluster(cluster, paths, tmp
 
 
 def test_a_worker_with_another_version_is_named(cluster, monkeypatch):
-    monkeypatch.setattr("clothfit.cluster.__version__", "99.0")
+    monkeypatch.setattr("clothfit.many.cluster.__version__", "99.0")
     with pytest.raises(InvalidInput, match=r"the worker tcp://.* has clothfit 0\.1\.0; install 99\.0, as here"):
         Cluster(cluster.scheduler_address)
 

@@ -4,10 +4,10 @@ import numpy as np
 from physics import scene, xyz
 from scenes import cloth
 
-from clothfit.columns import columns
-from clothfit.fit_vector import blocks, elements, parameters, size
-from clothfit.sensitivity import along
-from clothfit.system import build
+from clothfit.derivative.columns import columns
+from clothfit.derivative.sensitivity import along
+from clothfit.engine.system import build
+from clothfit.scene.fit_vector import blocks, elements, parameters, size
 
 EVERY = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "G"}
 VELOCITIES = [xyz((0.1 * i, 1, -i)) for i in range(9)]

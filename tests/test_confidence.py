@@ -8,14 +8,14 @@ import pytest
 from scenes import cloth, document, even, load_text, trial
 from scipy import stats
 
-from clothfit import trajectory
-from clothfit.capture import degrade
-from clothfit.descent import METHODS
-from clothfit.fit import OWN, estimate, record_target
-from clothfit.fit_vector import LOWER, UPPER, parameters, with_parameters
-from clothfit.kinds import KIND
-from clothfit.motion import as_motion, simulate
-from clothfit.null_space import inverse_beside, null_space
+from clothfit.fit.estimate import OWN, estimate, record_target
+from clothfit.fit.null_space import inverse_beside, null_space
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import as_motion, simulate
+from clothfit.optimise import trajectory
+from clothfit.optimise.scipy_methods import METHODS
+from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
+from clothfit.scene.kinds import KIND
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import cloth, document, sphere
 
-from clothfit import structure
-from clothfit.conforms import conforms
+from clothfit.scene import schema as structure
+from clothfit.scene.conforms import conforms
 
 SCHEMA = json.loads(structure.schema_path().read_text("utf-8"))
 JUDGE = jsonschema.Draft202012Validator(SCHEMA)

@@ -9,7 +9,7 @@ import pytest
 
 from clothfit.cli import console, run
 from clothfit.cli.console import Console, metres
-from clothfit.search import Progress
+from clothfit.optimise.search import Progress
 
 
 class Terminal(io.StringIO):

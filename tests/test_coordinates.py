@@ -6,8 +6,8 @@ import numpy as np
 from physics import xyz
 from scenes import cloth, document, load_text
 
-from clothfit.coordinates import Coordinates
-from clothfit.fit_vector import bounds, parameters
+from clothfit.optimise.coordinates import Coordinates
+from clothfit.scene.fit_vector import bounds, parameters
 
 EVERY = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "G"}
 SCENE = load_text(

@@ -6,12 +6,12 @@ from physics import scene
 from scenes import cloth
 from scipy.optimize import least_squares
 
-from clothfit.cost import OBJECTIVES, Comparison, objective_weights
-from clothfit.errors import InvalidInput
-from clothfit.loss import Loss
-from clothfit.motion import Motion
-from clothfit.system import build
-from clothfit.target import target
+from clothfit.base.errors import InvalidInput
+from clothfit.engine.system import build
+from clothfit.motion.motion import Motion
+from clothfit.objective.comparison import OBJECTIVES, Comparison, objective_weights
+from clothfit.objective.loss import Loss
+from clothfit.objective.target import target
 
 RNG = np.random.default_rng(8)
 DELTA = 0.02

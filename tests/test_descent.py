@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from scenes import even
 
-from clothfit.descent import METHODS, minimise, options
-from clothfit.motion import simulate
-from clothfit.objective import Objective
-from clothfit.scene import load
-from clothfit.search import Search, Stop
+from clothfit.motion.motion import simulate
+from clothfit.objective.objective import Objective
+from clothfit.optimise.scipy_methods import METHODS, minimise, options
+from clothfit.optimise.search import Search, Stop
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

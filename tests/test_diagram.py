@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from physics import scene, thing
 
-from clothfit.diagram import draw, save_diagram
-from clothfit.errors import InvalidInput
-from clothfit.precision import table
-from clothfit.richardson import Reference
-from clothfit.setting import Setting, grid
-from clothfit.trial import Trial
+from clothfit.base.errors import InvalidInput
+from clothfit.evaluation.richardson import Reference
+from clothfit.evaluation.setting import Setting, grid
+from clothfit.evaluation.trial import Trial
+from clothfit.evaluation.work_precision import table
+from clothfit.pictures.diagram import draw, save_diagram
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed; no picture is drawn")
 

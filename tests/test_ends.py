@@ -12,7 +12,7 @@ import pytest
 from scenes import environment, names, trial, write_scene
 
 import clothfit
-from clothfit import temporary
+from clothfit.base import temporary
 from clothfit.cli import run
 
 unix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals, pipes and limits")

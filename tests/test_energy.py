@@ -6,13 +6,13 @@ import pytest
 from physics import GRAVITY, METHODS, STATES, ball, full, scene, sheet, state, thing, unbound, xyz
 from scenes import cloth
 
-import clothfit.energy
-from clothfit.capture import degrade
-from clothfit.energy import energies
-from clothfit.errors import InvalidInput, InvalidMotion
-from clothfit.forces import spheres, springs, total, vertex, wind
-from clothfit.motion import Motion, simulate
-from clothfit.system import all_elements, build, with_elements
+import clothfit.motion.energy
+from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit.engine.forces import spheres, springs, total, vertex, wind
+from clothfit.engine.system import all_elements, build, with_elements
+from clothfit.motion.degrade import degrade
+from clothfit.motion.energy import energies
+from clothfit.motion.motion import Motion, simulate
 
 STILL = {"windVel": xyz((0, 0, 0))}
 NO_WEIGHT = {"gravity": xyz((0, 0, 0))}
@@ -208,7 +208,7 @@ def test_objects_add_up_and_the_length_of_the_looks_changes_nothing(monkeypatch)
         motion = simulate(made, 20)
         whole = energies(made, motion)
         for size in (1, 30, 9 * 19):
-            monkeypatch.setattr(clothfit.energy, "AT_ONCE", size)
+            monkeypatch.setattr(clothfit.motion.energy, "AT_ONCE", size)
             parts = energies(made, motion)
             for name in ("kinetic", "damping", "drag", "total"):
                 np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))

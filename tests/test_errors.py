@@ -13,8 +13,8 @@ from provoked import GOOD, SMALL
 from staged import STAGED
 from unasked import PYTHON
 
+from clothfit.base.errors import ClothfitError
 from clothfit.cli import run
-from clothfit.errors import ClothfitError
 
 TESTS = Path(__file__).resolve().parent
 ROWS = {row.message: row for row in rows()}

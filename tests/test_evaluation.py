@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from scenes import cloth, document, even, trial
 
-from clothfit.capture import degrade
-from clothfit.errors import Diverged, InvalidInput
-from clothfit.evaluation import evaluate
-from clothfit.fit import FIT_TOLERANCE
-from clothfit.fit_vector import parameters, with_parameters
-from clothfit.motion import Motion, simulate
-from clothfit.scene import load
+from clothfit.base.errors import Diverged, InvalidInput
+from clothfit.evaluation.evaluate import evaluate
+from clothfit.fit.estimate import FIT_TOLERANCE
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import Motion, simulate
+from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

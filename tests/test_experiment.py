@@ -6,15 +6,15 @@ import pytest
 from physics import scene, xyz
 from scenes import cloth, even, trial
 
-from clothfit.errors import InvalidInput, InvalidMotion
-from clothfit.experiment import experiments
-from clothfit.fit import estimate, record_target
-from clothfit.fit_vector import blocks, parameters, with_parameters
-from clothfit.motion import Motion, simulate
-from clothfit.objective import Objective
-from clothfit.scene import load
-from clothfit.start import neutral_start
-from clothfit.verify import check
+from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit.derivative.verify import check
+from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.start import neutral_start
+from clothfit.motion.motion import Motion, simulate
+from clothfit.objective.experiment import experiments
+from clothfit.objective.objective import Objective
+from clothfit.scene.fit_vector import blocks, parameters, with_parameters
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

@@ -5,9 +5,9 @@ import physics
 import pytest
 from physics import STATES, dense_forces, full, relative, state
 
-from clothfit.arrays import NONE
-from clothfit.step import explicit, implicit, transition
-from clothfit.system import EXPLICIT, SYMPLECTIC
+from clothfit.base.arrays import NONE
+from clothfit.engine.step import explicit, implicit, transition
+from clothfit.engine.system import EXPLICIT, SYMPLECTIC
 
 FIXED = [0, 2]
 METHODS = [EXPLICIT, SYMPLECTIC]

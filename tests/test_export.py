@@ -10,10 +10,10 @@ from exports import ROUNDING, built, content, of, two
 from provoked import SMALL
 from scenes import cloth, write_scene
 
-from clothfit import mesh
 from clothfit.cli import run
 from clothfit.export import TOOLS, exported
 from clothfit.export.topology import roles
+from clothfit.meshes import mesh
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,9 @@ import pytest
 from scenes import environment, even, names, needs_full_disk, write_scene
 
 import clothfit
-from clothfit import compiled, fit
 from clothfit.cli import run
+from clothfit.fit import estimate as fit
+from clothfit.many import compiled
 
 unix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals, pipes and limits")
 NOBODY = 65534
@@ -154,8 +155,8 @@ def test_a_pipe_is_no_place_for_a_checkpoint(folder, capsys):
     ],
 )
 def test_a_device_without_end_is_left(folder, capsys, monkeypatch, command, told):
-    monkeypatch.setattr("clothfit.source.MOST_TEXT", 10**6)  # else it takes as long as half a gigabyte does
-    monkeypatch.setattr("clothfit.npz.MOST_TEXT", 10**6)
+    monkeypatch.setattr("clothfit.scene.text.MOST_TEXT", 10**6)  # else it takes as long as half a gigabyte does
+    monkeypatch.setattr("clothfit.base.npz.MOST_TEXT", 10**6)
     assert run(command.split()) == 3
     assert told in capsys.readouterr().err
     assert set(names()) - {"out"} == {"scene.json", "target.npz"}
@@ -197,7 +198,7 @@ def test_a_file_that_changes_while_it_is_read_is_refused(folder, monkeypatch, ca
     def opened(path, mode):
         return Growing(path) if path == changing else open(path, mode)
 
-    monkeypatch.setattr("clothfit.steady.open", opened, raising=False)
+    monkeypatch.setattr("clothfit.base.steady.open", opened, raising=False)
     assert run(["estimate", "scene.json", "--target", "target.npz"]) == 3
     told = capsys.readouterr().err
     assert told.startswith(f"error: {changing}: cannot be read")

@@ -6,15 +6,15 @@ import pytest
 from scenes import changed, cloth, document, even, load_text, trial
 
 import clothfit
-from clothfit import fit as module
-from clothfit.capture import degrade
-from clothfit.errors import Diverged, InvalidInput, InvalidMotion
-from clothfit.fit import METHODS, OWN, RMSE_TOLERANCE, estimate, record_target
-from clothfit.fit_vector import LOWER, UPPER, identifiable, parameters, with_parameters
-from clothfit.motion import Motion, simulate
-from clothfit.objective import Objective, cost_and_gradient
-from clothfit.scene import dumps, load
-from clothfit.start import neutral_start
+from clothfit.base.errors import Diverged, InvalidInput, InvalidMotion
+from clothfit.fit import estimate as module
+from clothfit.fit.estimate import METHODS, OWN, RMSE_TOLERANCE, estimate, record_target
+from clothfit.fit.start import neutral_start
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import Motion, simulate
+from clothfit.objective.objective import Objective, cost_and_gradient
+from clothfit.scene.fit_vector import LOWER, UPPER, identifiable, parameters, with_parameters
+from clothfit.scene.scene import dumps, load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="thousands of simulations need compilation")
 

@@ -9,12 +9,12 @@ from physics import xyz
 from scenes import cloth, document, load_text, write_scene
 
 from clothfit import cli
-from clothfit.errors import InvalidInput
-from clothfit.fit import estimate, record_target
-from clothfit.fit_vector import identifiable, parameters, with_parameters
-from clothfit.motion import simulate
-from clothfit.scene import dumps
-from clothfit.start import neutral
+from clothfit.base.errors import InvalidInput
+from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.start import neutral
+from clothfit.motion.motion import simulate
+from clothfit.scene.fit_vector import identifiable, parameters, with_parameters
+from clothfit.scene.scene import dumps
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from scenes import even, trial
 
-from clothfit import fit_methods
-from clothfit.errors import InvalidInput
-from clothfit.fit_methods import COMPARED, compare_methods, median_deviation
-from clothfit.fit_vector import parameters, with_parameters
-from clothfit.scene import load
+from clothfit.base.errors import InvalidInput
+from clothfit.evaluation import fit_methods
+from clothfit.evaluation.fit_methods import COMPARED, compare_methods, median_deviation
+from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from physics import ball, scene, thing
 
-from clothfit.errors import InvalidInput, InvalidScene
-from clothfit.fit_vector import (
+from clothfit.base.errors import InvalidInput, InvalidScene
+from clothfit.motion.motion import simulate
+from clothfit.scene.fit_vector import (
     blocks,
     elements,
     fitted_cloths,
@@ -16,7 +17,6 @@ from clothfit.fit_vector import (
     unidentifiable,
     with_parameters,
 )
-from clothfit.motion import simulate
 
 
 def chain(n, settings, **fields):

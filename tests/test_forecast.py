@@ -9,7 +9,7 @@ import pytest
 from scenes import cloth, document, trial
 
 from clothfit import Diverged, Objective, load, simulate
-from clothfit.forecast import forecast
+from clothfit.inspection.forecast import forecast
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 

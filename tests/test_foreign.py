@@ -8,11 +8,12 @@ import pytest
 from scenes import cloth, document, trial
 
 import clothfit
-from clothfit import foreign, motion_files
-from clothfit.animation import Animation
-from clothfit.axes import Axes, from_scene
-from clothfit.convention import Convention, Reading
-from clothfit.errors import InvalidInput, InvalidMotion
+from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import Axes, from_scene
+from clothfit.formats.convention import Convention, Reading
+from clothfit.motion import files as motion_files
+from clothfit.motion import foreign
 
 SCENE = clothfit.load(trial("nG", 5))
 MOTION = clothfit.simulate(SCENE)

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from scenes import environment, names
 
-from clothfit import memory
+from clothfit.base import memory
 from clothfit.cli import run
 
 SECONDS = 50
@@ -18,10 +18,11 @@ FORESEEN = [["simulate", "scene.json"], ["target", "scene.json"], ["evaluate", "
 
 @pytest.mark.parametrize("command", [*FORESEEN, ["estimate", "scene.json"], ["evaluate", "scene.json", "--speed"]])
 def test_memory_that_is_not_free_is_refused_with_the_figure_before_the_work(folder, monkeypatch, capsys, command):
-    monkeypatch.setattr("clothfit.source.memory", SimpleNamespace(free=lambda: 10**9))  # the scene can be read
-    monkeypatch.setattr("clothfit.memory.LITTLE", 0)  # so little is looked at otherwise
-    monkeypatch.setattr("clothfit.memory.available", lambda: 1000)
-    monkeypatch.setattr("clothfit.rollout.run", lambda *_: pytest.fail("it began to work"))
+    # the scene can be read
+    monkeypatch.setattr("clothfit.scene.text.memory", SimpleNamespace(free=lambda: 10**9))
+    monkeypatch.setattr("clothfit.base.memory.LITTLE", 0)  # so little is looked at otherwise
+    monkeypatch.setattr("clothfit.base.memory.available", lambda: 1000)
+    monkeypatch.setattr("clothfit.engine.rollout.run", lambda *_: pytest.fail("it began to work"))
     assert run(command) == 3
     assert ", 1 kB of memory are free; use fewer frames" in capsys.readouterr().err
     assert names() == ["scene.json"]

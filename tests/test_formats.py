@@ -9,12 +9,12 @@ import pytest
 from scenes import trial, write_scene
 
 import clothfit
-from clothfit.axes import Axes
+from clothfit.base.errors import InvalidInput
+from clothfit.base.writing import write_atomically
 from clothfit.cli import run
-from clothfit.convention import Convention, Reading
-from clothfit.errors import InvalidInput
 from clothfit.formats import FORMATS, glb
-from clothfit.output import write_atomically
+from clothfit.formats.axes import Axes
+from clothfit.formats.convention import Convention, Reading
 
 SCENE = clothfit.load(trial("nG", 12))
 MOTION = clothfit.simulate(SCENE)
@@ -107,7 +107,7 @@ def test_a_sequence_that_cannot_be_written_whole_leaves_nothing_new(there, befor
             raise InvalidInput("cannot write")
         write_atomically(path, data)
 
-    monkeypatch.setattr(clothfit.motion_files, "write_atomically", full)
+    monkeypatch.setattr(clothfit.motion.files, "write_atomically", full)
     with pytest.raises(InvalidInput, match="cannot write"):
         clothfit.save_motion(MOTION, "a_*.obj", SCENE)
     assert [path.name for path in Path().glob("a_*")] == list(before)

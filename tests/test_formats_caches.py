@@ -6,10 +6,10 @@ import struct
 import numpy as np
 import pytest
 
-from clothfit.animation import Animation
-from clothfit.axes import Axes
-from clothfit.errors import InvalidMotion
+from clothfit.base.errors import InvalidMotion
 from clothfit.formats import mdd, pc2
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import Axes
 
 RIGHT = Axes("y", "right", 1.0)
 FORMATS = {"pc2": pc2, "mdd": mdd}

@@ -15,9 +15,9 @@ import scene_files as made
 import trimesh
 from scene_files import wave
 
-from clothfit.animation import Animation
-from clothfit.errors import InvalidMotion
+from clothfit.base.errors import InvalidMotion
 from clothfit.formats import RIGHT, glb
+from clothfit.formats.animation import Animation
 
 CORNERS, FACES = made.CORNERS.astype(float), made.FACES
 HALF = np.sqrt(0.5)
@@ -300,7 +300,7 @@ def test_counts_are_held_against_the_file(read, count, viewless):
 
 
 def test_one_array_named_many_times_is_held_against_the_memory(read, monkeypatch):
-    monkeypatch.setattr("clothfit.memory.missing", lambda needed: 10**5 if needed > 10**5 else None)
+    monkeypatch.setattr("clothfit.base.memory.missing", lambda needed: 10**5 if needed > 10**5 else None)
     document, numbers = made.parts([{"mesh": 0}] * 800)
     document["scenes"] = [{"nodes": list(range(800))}]
     with pytest.raises(InvalidMotion, match="keep fewer frames"):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from marker_files import check, motion
 
-from clothfit.animation import Animation
-from clothfit.axes import Axes
-from clothfit.errors import InvalidMotion
+from clothfit.base.errors import InvalidMotion
 from clothfit.formats import RIGHT, c3d, marker_table, trc
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import Axes
 
 NAN = np.nan
 MODULES = {"c3d": c3d, "trc": trc, "csv": marker_table}
@@ -230,7 +230,7 @@ def test_garbage_is_refused(read, suffix, data):
 
 # A table of a thousand lines for each marker and frame of a square: the square of the lines in positions.
 def test_tables_that_fill_the_memory_are_refused_before_it(read, monkeypatch):
-    monkeypatch.setattr("clothfit.memory.missing", lambda needed: 10**7 if needed > 10**7 else None)
+    monkeypatch.setattr("clothfit.base.memory.missing", lambda needed: 10**7 if needed > 10**7 else None)
     with pytest.raises(InvalidMotion, match="keep fewer frames"):
         read("frame,marker,x,y,z\n" + "".join(f"{i},m{i},1,2,3\n" for i in range(1000)))
 

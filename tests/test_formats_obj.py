@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from clothfit.animation import Animation
-from clothfit.axes import Axes
-from clothfit.errors import InvalidInput, InvalidMotion
+from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.formats import obj
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import Axes
 
 RIGHT = Axes("y", "right", 1.0)
 SQUARE = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"

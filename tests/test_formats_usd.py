@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
-from clothfit.animation import Animation
-from clothfit.axes import Axes
-from clothfit.errors import InvalidMotion
+from clothfit.base.errors import InvalidMotion
+from clothfit.base.writing import write_atomically
 from clothfit.formats import RIGHT, usd, usd_reader
-from clothfit.output import write_atomically
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import Axes
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 2, 0]])
 FRAMES = np.stack([CORNERS + f for f in range(3)])
@@ -249,10 +249,10 @@ def test_a_full_disk_is_told_in_one_line_and_leaves_nothing(tmp_path):
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300))\n"
         "import numpy as np\n"
-        "from clothfit.animation import Animation\n"
-        "from clothfit.axes import Axes\n"
+        "from clothfit.formats.animation import Animation\n"
+        "from clothfit.formats.axes import Axes\n"
         "from clothfit.formats import usd\n"
-        "from clothfit.output import write_atomically\n"
+        "from clothfit.base.writing import write_atomically\n"
         "((path, data),) = usd.encoded(sys.argv[1], Animation(np.ones((9, 99, 3)), Axes('y', 'right'))).items()\n"
         "try:\n"
         "    write_atomically(path, data)\n"

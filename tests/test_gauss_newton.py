@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clothfit.gauss_newton import (
+from clothfit.optimise.gauss_newton import (
     LEFT,
     SMALL,
     SMALLEST,
@@ -17,7 +17,7 @@ from clothfit.gauss_newton import (
     descend,
     minimise,
 )
-from clothfit.prior import first, none
+from clothfit.optimise.prior import first, none
 
 WIDE = np.full(2, 1e3)
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scenes import cloth, document, sphere
 
-from clothfit import gif
-from clothfit.scene import load
+from clothfit.pictures import gif
+from clothfit.scene.scene import load
 
 Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed; no animation is drawn")
 

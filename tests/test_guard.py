@@ -5,11 +5,11 @@ import physics
 import pytest
 from physics import GRAVITY, TIGHT, ball, cloth, gentle, relative, thing, xyz
 
-from clothfit import adjoint
-from clothfit.forces import spheres, springs, total
-from clothfit.rollout import rollout, velocities, velocity
-from clothfit.step import guard, implicit
-from clothfit.system import all_elements
+from clothfit.derivative import adjoint
+from clothfit.engine.forces import spheres, springs, total
+from clothfit.engine.rollout import rollout, velocities, velocity
+from clothfit.engine.step import guard, implicit
+from clothfit.engine.system import all_elements
 
 STEPS = 60
 
@@ -118,7 +118,7 @@ def test_a_contact_that_begins_with_a_step_is_left_as_the_format_has_it():
 def test_how_a_motion_is_cut_into_runs_changes_nothing(monkeypatch):
     whole, _ = rollout(HARD["crushed"], STEPS, 1e-6)
     assert (whole.theta < 1).any()
-    monkeypatch.setattr("clothfit.rollout.STRETCH", 25)  # one step of 25 vertices at a time
+    monkeypatch.setattr("clothfit.engine.rollout.STRETCH", 25)  # one step of 25 vertices at a time
     cut, _ = rollout(HARD["crushed"], STEPS, 1e-6)
     for one, other in zip(whole[:6], cut[:6], strict=True):
         np.testing.assert_array_equal(one, other)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clothfit.guess import TERMS, advance, past
+from clothfit.engine.solve.guess import TERMS, advance, past
 
 TIMES = range(12)
 

@@ -5,13 +5,13 @@ import shlex
 import click
 import pytest
 
+from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import meant
 from clothfit.cli import COMMANDS, group, run
 from clothfit.cli.help import parts, sections, wrapped
-from clothfit.cost import objective_weights
-from clothfit.errors import InvalidInput
-from clothfit.fit import check_method
-from clothfit.loss import loss_named
-from clothfit.words import meant
+from clothfit.fit.estimate import check_method
+from clothfit.objective.comparison import objective_weights
+from clothfit.objective.loss import loss_named
 
 PAGES = [[], *[[name] for name in COMMANDS]]
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scenes import even, load_text, trial
 
-from clothfit.capture import degrade
-from clothfit.errors import InvalidInput
-from clothfit.experiment import experiments
-from clothfit.fit import estimate, record_target
-from clothfit.fit_vector import parameters
-from clothfit.holdout import seen, split
-from clothfit.motion import as_motion, simulate
+from clothfit.base.errors import InvalidInput
+from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.holdout import seen, split
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import as_motion, simulate
+from clothfit.objective.experiment import experiments
+from clothfit.scene.fit_vector import parameters
 
 needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

@@ -18,10 +18,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scenes import changed, load_text
 
-from clothfit import memory, source, structure
-from clothfit.errors import InvalidMotion, InvalidScene
-from clothfit.motion import FAR, load_motion
-from clothfit.scene import dumps
+from clothfit.base import memory
+from clothfit.base.errors import InvalidMotion, InvalidScene
+from clothfit.motion.motion import FAR, load_motion
+from clothfit.scene import schema as structure
+from clothfit.scene import text as source
+from clothfit.scene.scene import dumps
 
 TEXT = json.dumps(scene())
 chances = st.randoms(use_true_random=False)

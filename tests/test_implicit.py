@@ -5,9 +5,9 @@ import physics
 import pytest
 from physics import STATES, TIGHT, dense_forces, full, relative, state
 
-from clothfit.arrays import Elements
-from clothfit.step import implicit, transition
-from clothfit.system import clamped, with_elements
+from clothfit.base.arrays import Elements
+from clothfit.engine.step import implicit, transition
+from clothfit.engine.system import clamped, with_elements
 
 FIXED = (0, 2)
 

@@ -5,11 +5,11 @@ import physics
 import pytest
 from physics import METHODS, TIGHT, gentle, relative
 
-from clothfit.rollout import rollout, velocity
-from clothfit.stencil import stencil
-from clothfit.step import implicit, transition
-from clothfit.step.jacobian import differentiate, differentiate_globally, jacobian
-from clothfit.system import EXPLICIT, zeros
+from clothfit.derivative.stencil import stencil
+from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian
+from clothfit.engine.rollout import rollout, velocity
+from clothfit.engine.step import implicit, transition
+from clothfit.engine.system import EXPLICIT, zeros
 
 VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3)]
 STEP = 4  # of which the matrices are taken: the cloth is moving by then

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from scenes import even, trial, write_scene
 
-from clothfit import compiled, interrupts
-from clothfit.cluster import stop, work
-from clothfit.errors import InvalidInput
-from clothfit.fit import estimate, record_target
-from clothfit.job import NOT_STARTED, File, Job, failed, read, run
-from clothfit.motion import save_motion
-from clothfit.scene import dumps, load
+from clothfit.base import interrupts
+from clothfit.base.errors import InvalidInput
+from clothfit.fit.estimate import estimate, record_target
+from clothfit.many import compiled
+from clothfit.many.cluster import stop, work
+from clothfit.many.job import NOT_STARTED, File, Job, failed, read, run
+from clothfit.motion.motion import save_motion
+from clothfit.scene.scene import dumps, load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
@@ -91,7 +92,7 @@ def test_on_a_cluster_a_batch_that_was_ended_begins_nothing_more_and_others_go_o
 def test_whether_fits_are_compiled_is_known_from_the_cache(tmp_path, monkeypatch):
     compiled.warm()
     assert not compiled.cold()
-    monkeypatch.setattr("clothfit.kernel_cache.folders", lambda: (tmp_path / "none",))
+    monkeypatch.setattr("clothfit.kernels.cache.folders", lambda: (tmp_path / "none",))
     assert compiled.cold()
 
 

@@ -12,9 +12,9 @@ import pytest
 from scenes import environment, started, trial, write_scene
 
 import clothfit
-from clothfit import kernel_cache
 from clothfit.cli.console import COMPILING
-from clothfit.kernel_cache import KernelCache
+from clothfit.kernels import cache as kernel_cache
+from clothfit.kernels.cache import KernelCache
 
 compiles = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 has_owners = pytest.mark.skipif(not hasattr(os, "getuid"), reason="this system's folders have no owners")
@@ -254,7 +254,7 @@ def test_from_python_that_is_a_warning(places):
 
 
 def test_importing_writes_nothing(tmp_path):
-    call = [sys.executable, "-c", "import clothfit.fit, clothfit.evaluation"]
+    call = [sys.executable, "-c", "import clothfit.fit.estimate, clothfit.evaluation.evaluate"]
     subprocess.run(call, env=environment(NUMBA_CACHE_DIR=str(tmp_path)), check=True)
     assert list(tmp_path.iterdir()) == []
 
@@ -269,10 +269,10 @@ def test_a_command_mends_a_damaged_cache_says_that_it_compiles_and_then_says_it_
     clothfit.simulate(clothfit.load(scene))  # so that it is compiled
     kept = KernelCache.used
     shutil.copytree(kept, tmp_path / "cache" / kept.name)
-    files = [*(tmp_path / "cache" / kept.name).glob("rollout.run-*")]
+    files = [*(tmp_path / "cache" / kept.name).glob("engine.rollout.run-*")]
     for file in files:
         file.write_bytes(file.read_bytes()[:-100])
     runs = [started("simulate", scene, env=environment(NUMBA_CACHE_DIR=str(tmp_path / "cache"))) for _ in range(2)]
     assert [run.returncode for run in runs] == [0, 0]
     assert [run.stderr.decode().count(COMPILING) for run in runs] == [1, 0]
-    assert len(files) == len([*(tmp_path / "cache" / kept.name).glob("rollout.run-*")])  # written anew
+    assert len(files) == len([*(tmp_path / "cache" / kept.name).glob("engine.rollout.run-*")])  # written anew

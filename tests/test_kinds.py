@@ -8,11 +8,12 @@ import pytest
 from physics import scene, thing, xyz
 from scenes import changed, cloth, document, load_text
 
-from clothfit import structure
-from clothfit.arrays import Elements
-from clothfit.errors import InvalidScene
-from clothfit.evaluation import deviations
-from clothfit.fit_vector import (
+from clothfit.base.arrays import Elements
+from clothfit.base.errors import InvalidScene
+from clothfit.engine.system import all_elements, build, with_elements
+from clothfit.evaluation.evaluate import deviations
+from clothfit.scene import schema as structure
+from clothfit.scene.fit_vector import (
     blocks,
     bounds,
     elements,
@@ -23,9 +24,8 @@ from clothfit.fit_vector import (
     unidentifiable,
     with_parameters,
 )
-from clothfit.kinds import CLOTH_KINDS, KINDS, LETTERED, SCENE_KINDS
-from clothfit.scene import dumps
-from clothfit.system import all_elements, build, with_elements
+from clothfit.scene.kinds import CLOTH_KINDS, KINDS, LETTERED, SCENE_KINDS
+from clothfit.scene.scene import dumps
 
 EVERY = {"damping": "G", "dragCoefficient": True, "vertVel": "g", "springRestLength": "L"}
 SCHEMA = json.loads(structure.schema_path().read_text("utf-8"))

@@ -6,10 +6,10 @@ import pytest
 from physics import METHODS, TIGHT, ball, scene, sheet, xyz
 from scenes import cloth
 
-from clothfit.fit_vector import blocks, parameters, with_parameters
-from clothfit.motion import simulate
-from clothfit.objective import Objective, cost_and_gradient
-from clothfit.verify import DIFFERENCE, ORDER, PRODUCT, check
+from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, check
+from clothfit.motion.motion import simulate
+from clothfit.objective.objective import Objective, cost_and_gradient
+from clothfit.scene.fit_vector import blocks, parameters, with_parameters
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations are slow without compilation")
 

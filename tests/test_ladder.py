@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from clothfit.ladder import FAILED, LADDER, PASSED, UNCLEAR, Known, Rung, calm, difference, judged, taylor
-from clothfit.verify import DIFFERENCE, ORDER
+from clothfit.derivative.verify import DIFFERENCE, ORDER
+from clothfit.inspection.ladder import FAILED, LADDER, PASSED, UNCLEAR, Known, Rung, calm, difference, judged, taylor
 
 NOISE = 1e-14
 RIGHT = Known(2.0, 1e-13)

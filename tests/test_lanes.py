@@ -8,8 +8,8 @@ import numba
 import numpy as np
 import pytest
 
-from clothfit.lanes import compiled, plain
-from clothfit.team import config
+from clothfit.engine.solve.two_threads import config
+from clothfit.kernels.lanes import compiled, plain
 
 GUARD = 7.0
 needs_compiler = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled here")

@@ -228,9 +228,9 @@ def test_a_module_imports_only_what_stands_before_it(name):
     ("name", "source", "found"),
     [
         ("scene", "from clothfit import motion", ["motion"]),
-        ("forces.wind", "def later():\n    from clothfit.forces import total", ["forces.total"]),
-        ("errors", "import clothfit.objective", ["objective"]),
-        ("cost", "from clothfit.scene import Scene", []),
+        ("forces.wind", "def later():\n    from clothfit.engine.forces import total", ["forces.total"]),
+        ("errors", "import clothfit.objective.objective", ["objective"]),
+        ("cost", "from clothfit.scene.scene import Scene", []),
     ],
 )
 def test_an_import_from_above_is_found(name, source, found):

@@ -5,7 +5,7 @@ import pytest
 from physics import dense_matrix
 from test_cg import ALL, ENDS, FREE, N, dense_solution, matrix, right_side
 
-from clothfit import cg, linear, sparse
+from clothfit.engine.solve import cg, linear, sparse
 
 
 def solve(A, b, tolerance=1e-12):

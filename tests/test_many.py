@@ -9,13 +9,13 @@ import pytest
 from scenes import trial, write_scene
 
 import clothfit
-from clothfit.errors import InvalidInput
-from clothfit.fit import estimate, record_target
-from clothfit.job import Job, Outcome, read
-from clothfit.many import estimate_many, fit_all, result
-from clothfit.pool import Processes
-from clothfit.scene import dumps, load
-from clothfit.starts import numbered
+from clothfit.base.errors import InvalidInput
+from clothfit.fit.estimate import estimate, record_target
+from clothfit.many.estimate_many import estimate_many, fit_all, result
+from clothfit.many.job import Job, Outcome, read
+from clothfit.many.processes import Processes
+from clothfit.many.starts import numbered
+from clothfit.scene.scene import dumps, load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

@@ -5,12 +5,12 @@ import pytest
 from scenes import cloth, document
 
 import clothfit
-from clothfit import foreign
-from clothfit.animation import Animation
-from clothfit.axes import Axes
-from clothfit.convention import Reading
-from clothfit.errors import InvalidInput, InvalidMotion
-from clothfit.markers import initial
+from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import Axes
+from clothfit.formats.convention import Reading
+from clothfit.motion import foreign
+from clothfit.motion.markers import initial
 
 SCENE = clothfit.load(document(cloth(), cloth(nx=3, vertPos=[{"x": i, "y": 5.0, "z": j} for j in range(3)
                                                              for i in range(3)])))  # fmt: skip

@@ -5,9 +5,9 @@ import pytest
 from physics import scene, thing
 from scenes import cloth
 
-from clothfit import mesh
-from clothfit.material import normalised, proportions
-from clothfit.mesh import Mesh, areas
+from clothfit.fit.fabric import normalised, proportions
+from clothfit.meshes import mesh
+from clothfit.meshes.mesh import Mesh, areas
 
 RNG = np.random.default_rng(12)
 

@@ -8,17 +8,17 @@ import pytest
 from physics import TIGHT, scene, xyz
 from scenes import cloth, even
 
-from clothfit import auto
-from clothfit.capture import degrade
-from clothfit.fit import record_target
-from clothfit.fit_vector import parameters, with_parameters
-from clothfit.matrix_free import FAR, Residuals
-from clothfit.motion import simulate
-from clothfit.objective import Objective
-from clothfit.prior import none
-from clothfit.scene import load
-from clothfit.search import Search, Stop
-from clothfit.trajectory import Trajectory
+from clothfit.fit import auto
+from clothfit.fit.estimate import record_target
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import simulate
+from clothfit.objective.objective import Objective
+from clothfit.optimise.matrix_free import FAR, Residuals
+from clothfit.optimise.prior import none
+from clothfit.optimise.search import Search, Stop
+from clothfit.optimise.trajectory import Trajectory
+from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

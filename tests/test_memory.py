@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from clothfit import memory
-from clothfit.errors import InvalidInput
-from clothfit.memory import LIVE, Plan, budget, human, least, left, parse, plan
+from clothfit.base import memory
+from clothfit.base.errors import InvalidInput
+from clothfit.base.memory import LIVE, Plan, budget, human, least, left, parse, plan
 
 STATE, SNAPSHOT = 200, 500
 

@@ -9,8 +9,9 @@ import pytest
 from scenes import document
 
 import clothfit
-from clothfit import InvalidInput, mesh
-from clothfit.mesh import Mesh
+from clothfit import InvalidInput
+from clothfit.meshes import mesh
+from clothfit.meshes.mesh import Mesh
 
 EXPORT = Path(__file__).resolve().parents[2] / "shared" / "scenes" / "side.txt"
 

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from clothfit import InvalidInput, mesh
-from clothfit.mesh import Mesh
-from clothfit.mesh_problems import problems
-from clothfit.weld import weld
+from clothfit import InvalidInput
+from clothfit.meshes import mesh
+from clothfit.meshes.mesh import Mesh
+from clothfit.meshes.problems import problems
+from clothfit.meshes.weld import weld
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 

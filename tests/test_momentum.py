@@ -6,13 +6,13 @@ import pytest
 from physics import METHODS, TIGHT, ball, scene, xyz
 from scenes import cloth
 
-from clothfit import momentum
-from clothfit.capture import degrade
-from clothfit.errors import Diverged
-from clothfit.fit_vector import parameters
-from clothfit.momentum import TREATMENTS, Treatment
-from clothfit.motion import Motion, simulate
-from clothfit.objective import Objective
+from clothfit.base.errors import Diverged
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import Motion, simulate
+from clothfit.objective.objective import Objective
+from clothfit.optimise import momentum
+from clothfit.optimise.momentum import TREATMENTS, Treatment
+from clothfit.scene.fit_vector import parameters
 
 SLOW = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="dozens of simulations are slow without compilation")
 VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 12)]

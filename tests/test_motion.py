@@ -11,9 +11,9 @@ import pytest
 from physics import METHODS, ball, scene, thing, xyz
 from scenes import cloth
 
-import clothfit.scene
-from clothfit.errors import Diverged, InvalidInput, InvalidMotion
-from clothfit.motion import Motion, as_motion, check_motion, load_motion, save_motion, simulate
+import clothfit.scene.scene
+from clothfit.base.errors import Diverged, InvalidInput, InvalidMotion
+from clothfit.motion.motion import Motion, as_motion, check_motion, load_motion, save_motion, simulate
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 TWO = scene(cloth(2, 2), cloth(3, 2), optimizationIterations=4)
@@ -137,7 +137,7 @@ def test_an_implicit_simulation_that_diverges_gets_the_other_advice():
 def test_the_reference_motion():
     with np.load(SHARED / "reference" / "side.npz", allow_pickle=False) as loaded:
         expected = loaded["positions"]
-    motion = simulate(clothfit.scene.load(SHARED / "scenes" / "side.txt"), frames=len(expected), tolerance=1e-9)
+    motion = simulate(clothfit.scene.scene.load(SHARED / "scenes" / "side.txt"), frames=len(expected), tolerance=1e-9)
     distance = np.linalg.norm(motion.positions - expected, axis=2)
     # that engine keeps lengths and stiffnesses in single precision: 1e-7 m is what is left
     assert np.sqrt((distance**2).mean()) < 1e-6

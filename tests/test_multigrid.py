@@ -6,8 +6,8 @@ from matrices import dense_solution, free_but, in_order, joined, lanes_of, matri
 from physics import dense_matrix
 from test_team import needs_compiler
 
-from clothfit import cg, linear, multigrid, sparse
-from clothfit.multigrid import BOOST, LAST_SWEEPS
+from clothfit.engine.solve import cg, linear, multigrid, sparse
+from clothfit.engine.solve.multigrid import BOOST, LAST_SWEEPS
 
 SIDE = 7
 N = SIDE * SIDE

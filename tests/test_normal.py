@@ -6,13 +6,13 @@ import pytest
 from physics import TIGHT, scene, xyz
 from scenes import cloth
 
-from clothfit import normal
-from clothfit.columns import columns
-from clothfit.fit_vector import parameters, with_parameters
-from clothfit.motion import Motion, simulate
-from clothfit.objective import Objective
-from clothfit.sensitivity import sweep
-from clothfit.trajectory import free_columns
+from clothfit.derivative.columns import columns
+from clothfit.derivative.sensitivity import sweep
+from clothfit.motion.motion import Motion, simulate
+from clothfit.objective.objective import Objective
+from clothfit.optimise import normal_equations as normal
+from clothfit.optimise.trajectory import free_columns
+from clothfit.scene.fit_vector import parameters, with_parameters
 
 SLOW = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="dozens of simulations are slow without compilation")
 FRAMES, DELTA = 12, 0.02

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from archives import archive, header, npy
 
-from clothfit import memory, npz
+from clothfit.base import memory, npz
 
 NAMES = ("a", "b")
 RNG = np.random.default_rng(1)

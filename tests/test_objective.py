@@ -6,12 +6,12 @@ import pytest
 from physics import METHODS, TIGHT, ball, scene, thing, xyz
 from scenes import cloth
 
-from clothfit.errors import Diverged, InvalidInput, InvalidMotion
-from clothfit.fit_vector import blocks, parameters, with_parameters
-from clothfit.motion import as_motion, simulate
-from clothfit.objective import Objective, cost_and_gradient
-from clothfit.rollout import rollout
-from clothfit.verify import DIFFERENCE, ORDER, PRODUCT, central_difference_error, check
+from clothfit.base.errors import Diverged, InvalidInput, InvalidMotion
+from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, central_difference_error, check
+from clothfit.engine.rollout import rollout
+from clothfit.motion.motion import as_motion, simulate
+from clothfit.objective.objective import Objective, cost_and_gradient
+from clothfit.scene.fit_vector import blocks, parameters, with_parameters
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations are slow without compilation")
 

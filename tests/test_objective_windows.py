@@ -5,11 +5,11 @@ import pytest
 from physics import TIGHT
 from scenes import even, trial
 
-from clothfit.capture import degrade
-from clothfit.fit_vector import parameters
-from clothfit.motion import Motion, simulate
-from clothfit.objective import Objective
-from clothfit.scene import load
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import Motion, simulate
+from clothfit.objective.objective import Objective
+from clothfit.scene.fit_vector import parameters
+from clothfit.scene.scene import load
 
 SCENE = load(trial("nL", 12, 3, 3))
 MOTION = simulate(SCENE, tolerance=TIGHT)

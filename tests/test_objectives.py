@@ -6,18 +6,18 @@ import pytest
 from physics import rotation, scene
 from scenes import cloth, even, trial
 
-from clothfit.capture import degrade
-from clothfit.cost import OBJECTIVES, Comparison
-from clothfit.errors import InvalidMotion
-from clothfit.fit import estimate, record_target
-from clothfit.fit_vector import identifiable, parameters, with_parameters
-from clothfit.motion import Motion, simulate
-from clothfit.objective import Objective
-from clothfit.objectives.spectrum import basis
-from clothfit.scene import load
-from clothfit.system import build
-from clothfit.target import target
-from clothfit.verify import check
+from clothfit.base.errors import InvalidMotion
+from clothfit.derivative.verify import check
+from clothfit.engine.system import build
+from clothfit.fit.estimate import estimate, record_target
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import Motion, simulate
+from clothfit.objective.comparison import OBJECTIVES, Comparison
+from clothfit.objective.measures.spectrum import basis
+from clothfit.objective.objective import Objective
+from clothfit.objective.target import target
+from clothfit.scene.fit_vector import identifiable, parameters, with_parameters
+from clothfit.scene.scene import load
 
 RNG = np.random.default_rng(31)
 SYSTEM = build(scene(cloth(3, 2)), 0)

@@ -6,9 +6,9 @@ import threading
 
 import pytest
 
-from clothfit import output
-from clothfit.errors import InvalidInput
-from clothfit.output import check_writable, write_atomically
+from clothfit.base import writing as output
+from clothfit.base.errors import InvalidInput
+from clothfit.base.writing import check_writable, write_atomically
 
 
 def mode_of(path):

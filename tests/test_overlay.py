@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scenes import cloth, document, even
 
 from clothfit import evaluate, parameters, with_parameters
-from clothfit.motion import as_motion, simulate
-from clothfit.overlay import distances, overlaid
-from clothfit.scene import load
+from clothfit.motion.motion import as_motion, simulate
+from clothfit.pictures.overlay import distances, overlaid
+from clothfit.scene.scene import load
 
 
 @pytest.fixture(scope="module")

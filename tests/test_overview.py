@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from scenes import cloth, document, sphere, trial
 
-from clothfit import load, mesh
-from clothfit.overview import Flagged, beyond_bounds, facts, flagged, spread, spring_kinds, unknown_fields
-from clothfit.scene_making import new_scene
+from clothfit import load
+from clothfit.inspection.overview import Flagged, beyond_bounds, facts, flagged, spread, spring_kinds, unknown_fields
+from clothfit.meshes import mesh
+from clothfit.meshes.new_scene import new_scene
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[1] / "examples").glob("*.json"))
 

@@ -12,11 +12,14 @@ from pathlib import Path
 import pytest
 
 import clothfit
-from clothfit import structure
+from clothfit.scene import schema as structure
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "clothfit"
-WHERE = "import clothfit.structure as s; print(s.schema_path()); print(s.defaults('scene')['optimizationIterations'])"
+WHERE = (
+    "import clothfit.scene.schema as s; print(s.schema_path()); "
+    "print(s.defaults('scene')['optimizationIterations'])"
+)
 
 
 @pytest.fixture(scope="module")

@@ -9,15 +9,15 @@ import pytest
 from scenes import cloth, document, even
 
 from clothfit import energies, parameters, simulate, with_parameters
-from clothfit.errors import InvalidInput
-from clothfit.overlay import overlaid
-from clothfit.picture import DOTS, GIF, check, save
-from clothfit.scene import load
-from clothfit.search import Progress
+from clothfit.base.errors import InvalidInput
+from clothfit.optimise.search import Progress
+from clothfit.pictures.overlay import overlaid
+from clothfit.pictures.picture_file import DOTS, GIF, check, save
+from clothfit.scene.scene import load
 
 matplotlib = pytest.importorskip("matplotlib", reason="matplotlib is not installed; no picture is drawn")
 
-from clothfit import charts, maps, plots  # noqa: E402  what is there without matplotlib comes first
+from clothfit.pictures import charts, maps, plots  # noqa: E402  what is there without matplotlib comes first
 
 HISTORY = [
     Progress(1, 100, 4.0, 0.2, 0.1, 0, np.nan, "gauss-newton", 8, 8),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clothfit.prior import FIRST, NARROWEST, WIDEST, first, inverse, none, variance
+from clothfit.optimise.prior import FIRST, NARROWEST, WIDEST, first, inverse, none, variance
 
 
 def linear(size, tau, noise, rows=None, seed=0):

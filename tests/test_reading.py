@@ -3,8 +3,8 @@ import os
 
 import pytest
 
-from clothfit import memory
-from clothfit.reading import whole
+from clothfit.base import memory
+from clothfit.base.reading import whole
 
 
 class Trickle(io.RawIOBase):

@@ -10,11 +10,11 @@ import pytest
 from scenes import cloth, document, even, sphere, trial, write_scene
 
 from clothfit import report_page
-from clothfit.capture import degrade
+from clothfit.base.errors import InvalidInput
 from clothfit.cli import run
-from clothfit.errors import InvalidInput
-from clothfit.evaluation import evaluate
-from clothfit.motion import as_motion, save_motion, simulate
+from clothfit.evaluation.evaluate import evaluate
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import as_motion, save_motion, simulate
 from clothfit.report.assembly import WEB, page
 from clothfit.report.log import intervals, read_log
 from clothfit.report.packing import (
@@ -27,7 +27,7 @@ from clothfit.report.packing import (
     unpacked_positions,
 )
 from clothfit.report.showing import curves, default_length, shown
-from clothfit.scene import load
+from clothfit.scene.scene import load
 
 needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of steps need compilation")
 

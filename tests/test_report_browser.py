@@ -9,11 +9,11 @@ import pytest
 from browsers import SIZE, browser, differing, opened, pixels
 from scenes import even, sphere
 
-from clothfit.capture import degrade
-from clothfit.motion import simulate
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import simulate
 from clothfit.report import report_page
 from clothfit.report.log import Log, Point
-from clothfit.scene import load
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="the motions need compilation")
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from physics import ball, scene, thing, xyz
 
-from clothfit.errors import Diverged, InvalidInput
-from clothfit.motion import simulate
-from clothfit.richardson import Halving, converged, extent, per_frame, root_mean_square
+from clothfit.base.errors import Diverged, InvalidInput
+from clothfit.evaluation.richardson import Halving, converged, extent, per_frame, root_mean_square
+from clothfit.motion.motion import simulate
 
 STILL = {"gravity": xyz((0, 0, 0))}
 

@@ -9,8 +9,8 @@ import pytest
 from physics import GRAVITY, METHODS, TIGHT, ball, gentle, placed, rotation, state, thing, unbound, xyz
 from scenes import cloth
 
-from clothfit.rollout import FAR, finite, rollout, velocity
-from clothfit.step import implicit, transition
+from clothfit.engine.rollout import FAR, finite, rollout, velocity
+from clothfit.engine.step import implicit, transition
 
 ALL = list(METHODS)
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from physics import gentle, system, thing, xyz
 
-from clothfit import rollout
-from clothfit.runge_kutta import record
+from clothfit.engine import rollout
+from clothfit.evaluation.runge_kutta import record
 
 STILL = {"gravity": xyz((0, 0, 0))}
 

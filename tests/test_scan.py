@@ -6,11 +6,11 @@ import pytest
 from physics import TIGHT, scene, xyz
 from scenes import cloth, even
 
-from clothfit.fit_vector import LOWER, UPPER, parameters
-from clothfit.motion import simulate
-from clothfit.objective import Objective
-from clothfit.scan import POINTS, Course, brackets, coarse_first, is_minimum, scan, scannable
-from clothfit.scene import load
+from clothfit.motion.motion import simulate
+from clothfit.objective.objective import Objective
+from clothfit.optimise.scan import POINTS, Course, brackets, coarse_first, is_minimum, scan, scannable
+from clothfit.scene.fit_vector import LOWER, UPPER, parameters
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import cloth, document, load_text, problems, sphere
 
-from clothfit import scene
-from clothfit.errors import InvalidInput, InvalidScene
+from clothfit.base.errors import InvalidInput, InvalidScene
+from clothfit.scene import scene
 
 SIDE = Path(__file__).resolve().parents[2] / "shared" / "scenes" / "side.txt"
 TEXT = json.dumps(document(cloth(), cloth(2, 2), title="tést", colliders=[sphere()]), ensure_ascii=False)

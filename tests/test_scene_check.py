@@ -6,16 +6,16 @@ import pytest
 from physics import METHODS, ball, scene, sheet, thing, xyz
 from scenes import cloth, trial
 
-from clothfit import verify
-from clothfit.errors import Diverged, InvalidInput
-from clothfit.fit_vector import parameters, with_parameters
-from clothfit.motion import simulate
-from clothfit.objective import Objective
-from clothfit.rollout import rollout
-from clothfit.scene import load
-from clothfit.scene_check import check_scene, default_frames
-from clothfit.switching import Switch, contacts, first_switch
-from clothfit.system import build
+from clothfit.base.errors import Diverged, InvalidInput
+from clothfit.derivative import verify
+from clothfit.engine.rollout import rollout
+from clothfit.engine.system import build
+from clothfit.inspection.contacts import Switch, contacts, first_switch
+from clothfit.inspection.gradient_check import check_scene, default_frames
+from clothfit.motion.motion import simulate
+from clothfit.objective.objective import Objective
+from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of motions are slow without compilation")
 

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 import clothfit
-from clothfit import InvalidInput, InvalidScene, mesh
-from clothfit.conforms import conforms
-from clothfit.mesh import Mesh
-from clothfit.scene_making import new_scene
-from clothfit.scene_text import text
-from clothfit.structure import schema_path
+from clothfit import InvalidInput, InvalidScene
+from clothfit.meshes import mesh
+from clothfit.meshes.mesh import Mesh
+from clothfit.meshes.new_scene import new_scene
+from clothfit.meshes.scene_text import text
+from clothfit.scene.conforms import conforms
+from clothfit.scene.schema import schema_path
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 DIGITS = 1e-11  # the examples are written with 12 digits

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scenes import even, trial
 
-from clothfit.errors import Diverged
-from clothfit.fit_vector import LOWER, UPPER, identifiable, parameters
-from clothfit.motion import simulate
-from clothfit.objective import Objective
-from clothfit.scene import load
-from clothfit.search import HEIGHT, STALL_EVALUATIONS, Search, Stop
+from clothfit.base.errors import Diverged
+from clothfit.motion.motion import simulate
+from clothfit.objective.objective import Objective
+from clothfit.optimise.search import HEIGHT, STALL_EVALUATIONS, Search, Stop
+from clothfit.scene.fit_vector import LOWER, UPPER, identifiable, parameters
+from clothfit.scene.scene import load
 
 
 class Played(Objective):

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from physics import METHODS, TIGHT, ball, dense_matrix, scene, sheet, xyz
 
-from clothfit import sensitivity
-from clothfit.columns import columns
-from clothfit.fit_vector import parameters
-from clothfit.motion import simulate
-from clothfit.objective import Objective
-from clothfit.sensitivity import solver, sweep, tangents
-from clothfit.step import implicit
+from clothfit.derivative import sensitivity
+from clothfit.derivative.columns import columns
+from clothfit.derivative.sensitivity import solver, sweep, tangents
+from clothfit.engine.step import implicit
+from clothfit.motion.motion import simulate
+from clothfit.objective.objective import Objective
+from clothfit.scene.fit_vector import parameters
 
 VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3)]
 FITS = {

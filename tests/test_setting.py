@@ -3,7 +3,7 @@
 import pytest
 from physics import scene, thing
 
-from clothfit.setting import Setting, grid, own
+from clothfit.evaluation.setting import Setting, grid, own
 
 POINT = thing([(0, 0, 0)])
 

@@ -6,12 +6,12 @@ import pytest
 from physics import TIGHT, scene, xyz
 from scenes import cloth
 
-from clothfit.fit_vector import parameters, with_parameters
-from clothfit.motion import simulate
-from clothfit.objective import Objective
-from clothfit.search import Search
-from clothfit.shares import Shared
-from clothfit.trajectory import Trajectory
+from clothfit.motion.motion import simulate
+from clothfit.objective.objective import Objective
+from clothfit.optimise.common_factors import Shared
+from clothfit.optimise.search import Search
+from clothfit.optimise.trajectory import Trajectory
+from clothfit.scene.fit_vector import parameters, with_parameters
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="dozens of simulations are slow without compilation")
 

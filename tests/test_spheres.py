@@ -5,8 +5,8 @@ import physics
 import pytest
 from physics import STATES, ball, full, pushforward_error, relative, state, step_terms, times, transpose_error
 
-from clothfit.forces import spheres
-from clothfit.scene import Sphere
+from clothfit.engine.forces import spheres
+from clothfit.scene.scene import Sphere
 
 SYSTEM = full(colliders=[ball((1.0, -0.3, 1.0), 0.8), ball((0.5, 0.4, 1.5), 0.9)])
 SPHERES = SYSTEM.spheres

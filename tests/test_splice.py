@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clothfit.splice import object_spans, splice
+from clothfit.scene.splice import object_spans, splice
 
 TEXT = """
 { "springStiffness": [1, 2], "note": "\\"objects\\": [ { ]}",

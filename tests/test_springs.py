@@ -6,9 +6,9 @@ import pytest
 from matrices import dense_matrix
 from physics import STATES, damping, full, pushforward_error, relative, state, step_terms, times, transpose_error
 
-from clothfit.arrays import Elements
-from clothfit.forces import springs
-from clothfit.system import clamped
+from clothfit.base.arrays import Elements
+from clothfit.engine.forces import springs
+from clothfit.engine.system import clamped
 
 SYSTEM = full()
 SPRINGS = SYSTEM.springs

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from matrices import free_but, in_order, joined, lanes_of, matrix, parts, right_side, scrambled
 
-from clothfit import sparse, ssor
-from clothfit.arrays import aligned
+from clothfit.base.arrays import aligned
+from clothfit.engine.solve import sparse, ssor
 
 SIDE = 6
 N = SIDE * SIDE

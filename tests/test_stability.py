@@ -12,9 +12,9 @@ import pytest
 from physics import ball, scene, thing
 
 import clothfit
-from clothfit.energy import CONTACT, GRAVITY, account
-from clothfit.rollout import rollout
-from clothfit.system import build
+from clothfit.engine.rollout import rollout
+from clothfit.engine.system import build
+from clothfit.motion.energy import CONTACT, GRAVITY, account
 
 FOLDER = Path(__file__).resolve().parents[1] / "benchmarks"
 sys.path.insert(0, str(FOLDER))

@@ -7,9 +7,9 @@ import physics
 import pytest
 from physics import METHODS, ball, scene, thing, xyz
 
-from clothfit.rollout import rollout
-from clothfit.stability_limit import ACCURACY, drag, frequency, growth, limit, longest_step, warning
-from clothfit.system import EXPLICIT, IMPLICIT, SYMPLECTIC, clamped
+from clothfit.engine.rollout import rollout
+from clothfit.engine.stability import ACCURACY, drag, frequency, growth, limit, longest_step, warning
+from clothfit.engine.system import EXPLICIT, IMPLICIT, SYMPLECTIC, clamped
 
 K, M = 800.0, 0.5  # ω = 40 rad/s
 SPRING = {"mass": M, "stiffness": K, "fixed": [0]}

@@ -5,9 +5,20 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scenes import cloth, document, sphere
 
-from clothfit.scene import load
-from clothfit.stage import BALL_RINGS, CLOTHS, THROUGH, bare, good_frames, painted, pins, sightings, stage, wind
-from clothfit.view import project
+from clothfit.pictures.camera import project
+from clothfit.pictures.polygons import (
+    BALL_RINGS,
+    CLOTHS,
+    THROUGH,
+    bare,
+    good_frames,
+    painted,
+    pins,
+    sightings,
+    stage,
+    wind,
+)
+from clothfit.scene.scene import load
 
 
 def still(scene, frames=3, shift=(0.0, 0.0, 0.0)):

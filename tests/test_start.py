@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from scenes import changed, document, even, trial
 
-from clothfit.fit_vector import LOWER, UPPER, parameters, with_parameters
-from clothfit.material import proportions
-from clothfit.motion import Motion, simulate
-from clothfit.objective import Objective
-from clothfit.scene import load
-from clothfit.start import WINDOW, fabric, neighbours, neutral, neutral_start
+from clothfit.fit.fabric import proportions
+from clothfit.fit.start import WINDOW, fabric, neighbours, neutral, neutral_start
+from clothfit.motion.motion import Motion, simulate
+from clothfit.objective.objective import Objective
+from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scenes import cloth, document, even, trial
 
-from clothfit.fit import record_target
-from clothfit.fit_vector import bounds, identifiable, parameters
-from clothfit.scene import load
-from clothfit.starts import FACTOR, drawn, numbered
+from clothfit.fit.estimate import record_target
+from clothfit.many.starts import FACTOR, drawn, numbered
+from clothfit.scene.fit_vector import bounds, identifiable, parameters
+from clothfit.scene.scene import load
 
 
 def values(scene, number, seed=0, start=None):

@@ -6,9 +6,9 @@ import pytest
 from physics import gentle, thing
 from scenes import cloth
 
-from clothfit.stencil import colouring, stencil
-from clothfit.step import explicit
-from clothfit.system import IMPLICIT
+from clothfit.derivative.stencil import colouring, stencil
+from clothfit.engine.step import explicit
+from clothfit.engine.system import IMPLICIT
 
 
 def distances(system):

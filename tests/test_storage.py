@@ -7,16 +7,17 @@ import numpy as np
 import pytest
 from scenes import document, load_text, trial, write_scene
 
-from clothfit import auto, memory
-from clothfit import objective as objectives
+from clothfit.base import memory
+from clothfit.base.errors import Diverged, InvalidInput
 from clothfit.cli import run
-from clothfit.errors import Diverged, InvalidInput
-from clothfit.fit import estimate
-from clothfit.fit_vector import parameters, with_parameters
-from clothfit.motion import as_motion, simulate
-from clothfit.objective import Objective, cost_and_gradient
-from clothfit.rollout import state_bytes
-from clothfit.storage import snapshot_bytes
+from clothfit.engine.rollout import state_bytes
+from clothfit.fit import auto
+from clothfit.fit.estimate import estimate
+from clothfit.motion.motion import as_motion, simulate
+from clothfit.objective import objective as objectives
+from clothfit.objective.memory_needs import snapshot_bytes
+from clothfit.objective.objective import Objective, cost_and_gradient
+from clothfit.scene.fit_vector import parameters, with_parameters
 
 SLOW = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="fits are slow without compilation")
 FRAMES = 80

@@ -6,7 +6,8 @@ import jsonschema
 import pytest
 from scenes import MISSING, changed, cloth, document, kind, problems, sphere
 
-from clothfit import scene, structure
+from clothfit.scene import scene
+from clothfit.scene import schema as structure
 
 SCHEMA = json.loads(structure.schema_path().read_text("utf-8"))
 

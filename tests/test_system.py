@@ -5,8 +5,8 @@ import pytest
 from physics import ball, scene, xyz
 from scenes import cloth
 
-from clothfit.arrays import Elements
-from clothfit.system import EXPLICIT, IMPLICIT, SYMPLECTIC, all_elements, build, with_elements
+from clothfit.base.arrays import Elements
+from clothfit.engine.system import EXPLICIT, IMPLICIT, SYMPLECTIC, all_elements, build, with_elements
 
 MADE = scene(
     cloth(2, 2), cloth(3, 3, damping=0.6, dragCoefficient=0.2), windVel=xyz((1, 2, 3)), delta=0.01, forwardSubSteps=4

@@ -7,14 +7,14 @@ import pytest
 from physics import TIGHT, gentle, scene
 from scenes import cloth
 
-from clothfit.cost import OBJECTIVES, Comparison
-from clothfit.loss import Loss
-from clothfit.motion import Motion
-from clothfit.passing import Passing
-from clothfit.rollout import rollout
-from clothfit.system import build
-from clothfit.tally import Distances, Measured, tally
-from clothfit.target import target
+from clothfit.engine.rollout import rollout
+from clothfit.engine.system import build
+from clothfit.motion.motion import Motion
+from clothfit.objective.comparison import OBJECTIVES, Comparison
+from clothfit.objective.loss import Loss
+from clothfit.objective.running_cost import Distances, Measured, tally
+from clothfit.objective.running_residuals import Passing
+from clothfit.objective.target import target
 
 STEPS = 11
 SYSTEM = gentle()

@@ -5,12 +5,14 @@ import physics
 import pytest
 from physics import KINDS, TIGHT, gentle
 
-from clothfit import adjoint, interrupts, rollout, tape
-from clothfit.adjoint import whole
-from clothfit.arrays import Elements
-from clothfit.memory import Plan, least, plan
-from clothfit.rollout import state_bytes
-from clothfit.tape import Tape
+from clothfit.base import interrupts
+from clothfit.base.arrays import Elements
+from clothfit.base.memory import Plan, least, plan
+from clothfit.derivative import adjoint
+from clothfit.derivative.adjoint import whole
+from clothfit.engine import rollout, tape
+from clothfit.engine.rollout import state_bytes
+from clothfit.engine.tape import Tape
 
 STEPS = 13
 VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3)]

@@ -6,11 +6,11 @@ import pytest
 from physics import METHODS, scene
 from scenes import cloth
 
-from clothfit.errors import InvalidMotion
-from clothfit.motion import Motion
-from clothfit.rollout import rollout
-from clothfit.system import build
-from clothfit.target import frame_places, interpolation, sample, snapped, target
+from clothfit.base.errors import InvalidMotion
+from clothfit.engine.rollout import rollout
+from clothfit.engine.system import build
+from clothfit.motion.motion import Motion
+from clothfit.objective.target import frame_places, interpolation, sample, snapped, target
 
 RNG = np.random.default_rng(21)
 DELTA = 0.02

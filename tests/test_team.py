@@ -7,8 +7,8 @@ import numba
 import numpy as np
 import pytest
 
-from clothfit import team
-from clothfit.team import CLAIMED, DONE, POSTED, SERVES, STOP
+from clothfit.engine.solve import two_threads as team
+from clothfit.engine.solve.two_threads import CLAIMED, DONE, POSTED, SERVES, STOP
 
 needs_compiler = pytest.mark.skipif(bool(team.config.DISABLE_JIT), reason="interpreted, one thread runs at a time")
 

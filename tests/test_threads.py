@@ -8,7 +8,7 @@ import pytest
 from scenes import environment
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from clothfit import threads
+from clothfit.base import threads
 
 
 def used():
@@ -34,7 +34,7 @@ def test_an_exception_passes_and_the_threads_come_back():
 
 
 FRESH = """
-from clothfit import threads
+from clothfit.base import threads
 from threadpoolctl import threadpool_info
 with threads.single():
     import scipy.linalg

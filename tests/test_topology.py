@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from clothfit import InvalidInput, mesh
-from clothfit.topology import across, components, edges, first_of_each, together
+from clothfit import InvalidInput
+from clothfit.meshes import mesh
+from clothfit.meshes.topology import across, components, edges, first_of_each, together
 
 
 def test_the_sizes_of_parts_are_those_of_trimesh():

@@ -6,17 +6,17 @@ import pytest
 from physics import METHODS, TIGHT, scene, xyz
 from scenes import cloth, even, trial
 
-from clothfit import sensitivity
-from clothfit.capture import degrade
-from clothfit.errors import Diverged
-from clothfit.fit_vector import parameters, with_parameters
-from clothfit.gauss_newton import State
-from clothfit.motion import simulate
-from clothfit.objective import Objective
-from clothfit.prior import FIRST
-from clothfit.scene import load
-from clothfit.search import Search
-from clothfit.trajectory import Trajectory, free_columns, residual_count
+from clothfit.base.errors import Diverged
+from clothfit.derivative import sensitivity
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import simulate
+from clothfit.objective.objective import Objective
+from clothfit.optimise.gauss_newton import State
+from clothfit.optimise.prior import FIRST
+from clothfit.optimise.search import Search
+from clothfit.optimise.trajectory import Trajectory, free_columns, residual_count
+from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="dozens of simulations are slow without compilation")
 
@@ -99,7 +99,7 @@ def test_h_is_that_of_the_residuals_slopes(kind, objective, method):
 def test_a_sweep_for_each_of_a_few_and_one_for_many_are_the_same(monkeypatch):
     part = trajectory("LL")
     model = part.model(at(part))
-    for module in (sensitivity, __import__("clothfit.trajectory", fromlist=["FEW"])):
+    for module in (sensitivity, __import__("clothfit.optimise.trajectory", fromlist=["FEW"])):
         monkeypatch.setattr(module, "FEW", 10**6)
     other = part.model(at(part))
     assert not np.array_equal(other.H, model.H)

@@ -8,11 +8,11 @@ import pytest
 from physics import scene, thing
 from scenes import cloth, document
 
-import clothfit.scene
-from clothfit import trial
-from clothfit.richardson import converged
-from clothfit.setting import Setting
-from clothfit.trial import RUNS, Trial, expected, judge, repeat, sampled, undisturbed
+import clothfit.scene.scene
+from clothfit.evaluation import trial
+from clothfit.evaluation.richardson import converged
+from clothfit.evaluation.setting import Setting
+from clothfit.evaluation.trial import RUNS, Trial, expected, judge, repeat, sampled, undisturbed
 
 FALL = scene(thing([(0, 2, 0)]), thing([(0, 0, 0), (1, 0, 0)]), delta=0.1)
 
@@ -50,7 +50,7 @@ def test_in_free_fall_every_integrator_is_off_by_h_g_t_over_2(name, sign, ratio)
 )
 def test_all_integrators_approach_the_reference_at_order_1(name, newton):
     heavy = cloth(vertMass=[0.1] * 12, damping=0.4, dragCoefficient=0.2)
-    one = clothfit.scene.load(document(heavy, delta=0.01, windVel={"x": 2.0, "y": 0.0, "z": 1.0}))
+    one = clothfit.scene.scene.load(document(heavy, delta=0.01, windVel={"x": 2.0, "y": 0.0, "z": 1.0}))
     reference = converged(one, 31)
     errors = []
     for ratio in (1 / 8, 1 / 16, 1 / 32):

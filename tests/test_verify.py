@@ -5,12 +5,12 @@ import pytest
 from physics import ball, scene, xyz
 from scenes import cloth
 
-from clothfit import verify
-from clothfit.errors import InvalidInput
-from clothfit.fit_vector import parameters, with_parameters
-from clothfit.motion import simulate
-from clothfit.objective import Objective
-from clothfit.verify import central_difference_error, check, dot_product_error, scaled, taylor_order
+from clothfit.base.errors import InvalidInput
+from clothfit.derivative import verify
+from clothfit.derivative.verify import central_difference_error, check, dot_product_error, scaled, taylor_order
+from clothfit.motion.motion import simulate
+from clothfit.objective.objective import Objective
+from clothfit.scene.fit_vector import parameters, with_parameters
 
 P = np.array([0.3, -20.0, 1.5])
 RNG = np.random.default_rng(10)

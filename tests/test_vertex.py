@@ -5,7 +5,7 @@ import physics
 import pytest
 from physics import GRAVITY, STATES, damping, full, parts, pushforward_error, state, step_terms, times, transpose_error
 
-from clothfit.forces import vertex
+from clothfit.engine.forces import vertex
 
 SYSTEM = full()
 M = SYSTEM.vertex.mass[:, None]
@@ -53,7 +53,9 @@ def test_fixed_vertices_are_those_of_the_scene():
 
 def test_all_forces_of_the_system_are_covered():
     fields = {
-        field for field, value in SYSTEM._asdict().items() if type(value).__module__.startswith("clothfit.forces")
+        field
+        for field, value in SYSTEM._asdict().items()
+        if type(value).__module__.startswith("clothfit.engine.forces")
     }
     assert fields == {"vertex", "springs", "faces", "spheres"}
     assert len(parts(SYSTEM)) == len(fields)

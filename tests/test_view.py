@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from clothfit.view import BETTER, direction, faces, facing, framed, looking, normals, project, shaped, thinned
+from clothfit.pictures.camera import (
+    BETTER,
+    direction,
+    faces,
+    facing,
+    framed,
+    looking,
+    normals,
+    project,
+    shaped,
+    thinned,
+)
 
 ROUNDING = 1e-14  # of a few products of numbers up to 1
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])  # upright, in the plane z = 0

@@ -9,11 +9,12 @@ import pytest
 from scenes import cloth, environment, sphere, started, trial, write_scene
 
 import clothfit
-from clothfit import kernel_cache, sparse
-from clothfit.kernel_cache import KernelCache
-from clothfit.step import implicit
-from clothfit.system import build
-from clothfit.warmup import NEVER, SMALL, Part, called, compilations, strip_scene, use_everything, warm_up
+from clothfit.engine.solve import sparse
+from clothfit.engine.step import implicit
+from clothfit.engine.system import build
+from clothfit.kernels import cache as kernel_cache
+from clothfit.kernels.cache import KernelCache
+from clothfit.many.warmup import NEVER, SMALL, Part, called, compilations, strip_scene, use_everything, warm_up
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 
@@ -21,13 +22,15 @@ pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is com
 # makes no difference whether that is already on the disk, nothing need be compiled for this test.
 AFTERWARDS = """
 import json, sys
-from clothfit.kernel_cache import KernelCache
+from clothfit.kernels.cache import KernelCache
 import clothfit
-from clothfit import kernel_cache, multigrid, sparse
-from clothfit.kernel_cache import KernelCache
-from clothfit.step import implicit
-from clothfit.system import build
-from clothfit.warmup import NEVER, use_everything
+from clothfit.kernels import cache as kernel_cache
+from clothfit.engine.solve import multigrid
+from clothfit.engine.solve import sparse
+from clothfit.kernels.cache import KernelCache
+from clothfit.engine.step import implicit
+from clothfit.engine.system import build
+from clothfit.many.warmup import NEVER, use_everything
 from clothfit.cli import run
 use_everything(lambda part: None, small=True)
 asked, load = [], KernelCache.load_overload
@@ -98,7 +101,7 @@ def test_the_command_says_what_it_did_and_where_and_does_nothing_twice():
 def test_where_it_cannot_keep_anything_it_fails(tmp_path):
     """What little it compiles comes from a scene of its own: the real ones take half a minute."""
     code = (
-        "import clothfit.warmup as w, clothfit.kernel_cache as k, numba, sys; from pathlib import Path;"
+        "import clothfit.many.warmup as w, clothfit.kernels.cache as k, numba, sys; from pathlib import Path;"
         "k.folders = lambda: (Path(sys.argv[1]) / 'kernels-now',);"
         "f = numba.njit(lambda x: x); f._cache = k.KernelCache(f.py_func); w.SMALL = {'one': lambda: f(1)};"
         "from clothfit.cli import run; sys.exit(run(['warmup', '--small']))"
@@ -131,7 +134,8 @@ def test_without_compilation_there_is_nothing_to_do():
 
 def test_parts_are_reported_as_they_are_done(monkeypatch):
     heard = []
-    monkeypatch.setattr("clothfit.warmup.SMALL", {"one": lambda: numba.njit(lambda x: x)(1), "two": lambda: None})
+    small = {"one": lambda: numba.njit(lambda x: x)(1), "two": lambda: None}
+    monkeypatch.setattr("clothfit.many.warmup.SMALL", small)
     parts = use_everything(heard.append, small=True)
     assert parts == heard
     assert [(part.name, part.compiled) for part in parts] == [("one", 1), ("two", 0)]
@@ -179,7 +183,7 @@ def test_a_note_counts_only_while_all_files_are_there(tmp_path, monkeypatch):
         used.append(kernel_cache.save("code", b"compiled"))
         KernelCache.names.add("code")
 
-    monkeypatch.setattr("clothfit.warmup.SMALL", {"one": use})
+    monkeypatch.setattr("clothfit.many.warmup.SMALL", {"one": use})
     for _ in range(2):
         assert [part.name for part in warm_up(small=True)] == ["one"]
     assert len(used) == 1

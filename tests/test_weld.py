@@ -7,12 +7,13 @@ import pytest
 import trimesh
 from scenes import changed, trial
 
-from clothfit import InvalidScene, load, mesh
-from clothfit.mesh import Mesh
-from clothfit.mesh_numbering import FIELD, mesh_counts, numberings, picks, unwelded
-from clothfit.mesh_problems import problems
-from clothfit.scene_making import new_scene
-from clothfit.weld import weld
+from clothfit import InvalidScene, load
+from clothfit.meshes import mesh
+from clothfit.meshes.mesh import Mesh
+from clothfit.meshes.new_scene import new_scene
+from clothfit.meshes.problems import problems
+from clothfit.meshes.weld import weld
+from clothfit.scene.mesh_numbering import FIELD, mesh_counts, numberings, picks, unwelded
 
 
 def torn(case, seed=0):

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from clothfit import InvalidMotion, load, load_motion, mesh, save_motion, simulate
+from clothfit import InvalidMotion, load, load_motion, save_motion, simulate
 from clothfit.cli import run
 from clothfit.formats import foreign, module_of, pc2
-from clothfit.mesh_file import read_mesh
-from clothfit.mesh_numbering import numberings
-from clothfit.motion_files import for_tools
+from clothfit.meshes import mesh
+from clothfit.meshes.mesh_file import read_mesh
+from clothfit.motion.files import for_tools
+from clothfit.scene.mesh_numbering import numberings
 
 FLOAT32 = 1e-6  # m, of positions of a few metres in single precision
 

@@ -5,7 +5,7 @@ import physics
 import pytest
 from physics import STATES, damping, full, pushforward_error, relative, state, step_terms, times, transpose_error, xyz
 
-from clothfit.forces import wind
+from clothfit.engine.forces import wind
 
 SYSTEM = full()
 FACES = SYSTEM.faces

@@ -10,10 +10,14 @@ import numpy as np
 from provoked import OTHER, SMALL, SPRINGS
 
 import clothfit
-from clothfit import energy, fit_methods, mesh, precision, verify
-from clothfit.mesh import Mesh
-from clothfit.scene import load
-from clothfit.topology import together
+from clothfit.derivative import verify
+from clothfit.evaluation import fit_methods
+from clothfit.evaluation import work_precision as precision
+from clothfit.meshes import mesh
+from clothfit.meshes.mesh import Mesh
+from clothfit.meshes.topology import together
+from clothfit.motion import energy
+from clothfit.scene.scene import load
 
 SCENE = load(SMALL)
 ONES = np.ones(3)

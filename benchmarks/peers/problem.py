@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.scene import Scene
+from clothfit.scene.scene import Scene
 
 
 class Problem(NamedTuple):

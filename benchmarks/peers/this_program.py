@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import clothfit
-from clothfit.rollout import rollout
-from clothfit.scene import Scene
-from clothfit.system import build
+from clothfit.engine.rollout import rollout
+from clothfit.engine.system import build
+from clothfit.scene.scene import Scene
 
 
 class Peer:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from clothfit.words import counted
+from clothfit.base.messages import counted
 
 if TYPE_CHECKING:
-    from clothfit.result import FittedBlock
+    from clothfit.fit.result import FittedBlock
 
 
 def account(block: FittedBlock) -> str:
@@ -27,7 +27,7 @@ def accuracy(block: FittedBlock) -> str:
     """Half of the middle one of the intervals: in percent where a fit moves the logarithm."""
     from statistics import median  # here, as it is slow to import
 
-    from clothfit.kinds import KIND
+    from clothfit.scene.kinds import KIND
 
     kind, ends = KIND[block.name], [interval for interval in block.interval if interval]
     if kind.log:

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from clothfit.base.errors import ClothfitError, InvalidInput
+from clothfit.base.messages import counted, owned
 from clothfit.cli import motions, shared
 from clothfit.cli.console import Console
-from clothfit.errors import ClothfitError, InvalidInput
-from clothfit.words import counted, owned
 
 if TYPE_CHECKING:
-    from clothfit.convention import Reading
-    from clothfit.ladder import Finding
-    from clothfit.scene import Scene
-    from clothfit.scene_check import SceneCheck
+    from clothfit.formats.convention import Reading
+    from clothfit.inspection.gradient_check import SceneCheck
+    from clothfit.inspection.ladder import Finding
+    from clothfit.scene.scene import Scene
 
 
 @shared.command("check")
@@ -50,7 +50,7 @@ def command(
     scene = shared.read_scene(scene_path, console)
     told: list[dict[str, Any]] = []
     target = None if target_path is None else motions.read(target_path, scene, reading, console, told)
-    from clothfit.scene_check import check_scene
+    from clothfit.inspection.gradient_check import check_scene
 
     console.announce_compilation()
     began = time.perf_counter()

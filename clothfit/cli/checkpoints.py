@@ -6,10 +6,10 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from clothfit.checkpoint import Checkpoint
+from clothfit.base.errors import InvalidInput
 from clothfit.cli import shared
 from clothfit.cli.console import Console
-from clothfit.errors import InvalidInput
+from clothfit.optimise.checkpoint import Checkpoint
 
 SUFFIX = ".checkpoint"
 

@@ -13,11 +13,11 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from clothfit.words import harmless
-from clothfit.words import metres as metres  # for all commands
+from clothfit.base.messages import harmless
+from clothfit.base.messages import metres as metres
 
 if TYPE_CHECKING:
-    from clothfit.search import Progress
+    from clothfit.optimise.search import Progress
 
 PLAIN_INTERVAL = 5.0  # s between plain progress lines
 
@@ -72,7 +72,7 @@ class Console:
         """
         from numba.core import event
 
-        from clothfit import kernel_cache
+        from clothfit.kernels import cache as kernel_cache
 
         kernel_cache.tell = self.warn
         if _listening:  # an earlier command's, in the same process

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from clothfit.base.errors import InvalidInput
 from clothfit.cli import motions, shared
 from clothfit.cli.console import Console, metres
-from clothfit.convention import Convention, Reading
-from clothfit.errors import InvalidInput
+from clothfit.formats.convention import Convention, Reading
 
 if TYPE_CHECKING:
-    from clothfit.arrays import Indices
-    from clothfit.axes import Axes
-    from clothfit.foreign import Loaded
-    from clothfit.scene import Scene
+    from clothfit.base.arrays import Indices
+    from clothfit.formats.axes import Axes
+    from clothfit.motion.foreign import Loaded
+    from clothfit.scene.scene import Scene
 
 
 LEAST = 1e-12
@@ -86,7 +86,7 @@ def place(in_path: str, out_path: str, others: tuple[str | None, ...]) -> shared
 
 def mesh_faces(path: str) -> tuple[int, Indices]:
     """The number of points, and the faces in the scene's axes, of a mesh. Raises InvalidInput where it has none."""
-    from clothfit import foreign
+    from clothfit.motion import foreign
 
     mesh = foreign.load(path, None, Reading(frames=":1"))
     if mesh.triangles is None:
@@ -97,7 +97,7 @@ def mesh_faces(path: str) -> tuple[int, Indices]:
 def of_scene(loaded: Loaded, scene: Scene, out: shared.Output) -> Loaded:
     """The same with the scene's faces; for another program by the vertices of the mesh that it knows."""
     from clothfit.formats import foreign
-    from clothfit.motion_files import for_tools, triangles_of
+    from clothfit.motion.files import for_tools, triangles_of
 
     found = foreign(out.path)
     if found is None:
@@ -125,9 +125,9 @@ def written(
     console: Console,
 ) -> dict[str, Any]:
     """Write the motion; what --json says of that."""
-    from clothfit.axes import SCENE
     from clothfit.formats import foreign
-    from clothfit.motion_files import archive
+    from clothfit.formats.axes import SCENE
+    from clothfit.motion.files import archive
 
     count = 0 if faces is None else len(faces)
     found = foreign(out.path)
@@ -150,7 +150,7 @@ def largest_rounding(loaded: Loaded, path: str, axes: Axes) -> float | None:
     """How far any position, m, is from what was to be written, when the file is read; None where that is not told."""
     import numpy as np
 
-    from clothfit import foreign
+    from clothfit.motion import foreign
 
     back = foreign.load(path, None, Reading(axes.scale, axes.up, axes.handedness)).motion.positions
     meant = loaded.motion.positions

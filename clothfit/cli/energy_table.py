@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from clothfit.cli.console import Console
 
 if TYPE_CHECKING:
-    from clothfit.arrays import Array
-    from clothfit.energy import Energy
+    from clothfit.base.arrays import Array
+    from clothfit.motion.energy import Energy
 
 STORED = ("kinetic", "elastic", "gravity", "contact", "total")
 FLOWS = ("wind", "damping", "drag", "numerical")

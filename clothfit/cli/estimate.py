@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import owned
 from clothfit.cli import estimate_report, goals, motions, pictures, shared, trust
 from clothfit.cli.console import Console
 from clothfit.cli.files import Files
 from clothfit.cli.watching import Watching
-from clothfit.errors import InvalidInput
-from clothfit.words import owned
 
 if TYPE_CHECKING:
-    from clothfit.convention import Reading
-    from clothfit.storage import Needs
+    from clothfit.formats.convention import Reading
+    from clothfit.objective.memory_needs import Needs
 
 
 MOST_STARTS = 10_000
@@ -182,9 +182,9 @@ def fit_one(
     out = files.output(scene_path)
     if page:
         page.output(scene_path, files, out)
-    from clothfit import fit
     from clothfit.cli import checkpoints, outcomes
-    from clothfit.fit_vector import blocks
+    from clothfit.fit import estimate as fit
+    from clothfit.scene.fit_vector import blocks
 
     fit.check_method(options["method"])
     watching = watching.of(scene_path)

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from clothfit.base.errors import InvalidInput
 from clothfit.cli import outcomes, report, shared
 from clothfit.cli.console import Console
 from clothfit.cli.files import Files, filled
 from clothfit.cli.repeat import command_line
-from clothfit.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from clothfit.fit.result import Fit
+    from clothfit.optimise.search import Progress
     from clothfit.report.log import Point
-    from clothfit.result import Fit
-    from clothfit.scene import Scene
-    from clothfit.search import Progress
+    from clothfit.scene.scene import Scene
 
 
 @dataclass(frozen=True)

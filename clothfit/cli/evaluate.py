@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from clothfit.base.errors import Diverged
+from clothfit.base.messages import owned
 from clothfit.cli import evaluate_speed, motions, pictures, shared, trust
 from clothfit.cli.console import Console, metres
-from clothfit.errors import Diverged
-from clothfit.words import owned
 
 if TYPE_CHECKING:
-    from clothfit.convention import Reading
-    from clothfit.evaluation import Evaluation
+    from clothfit.evaluation.evaluate import Evaluation
+    from clothfit.formats.convention import Reading
 
 
 SPEED = ("--speed", "--error", "--budget", "--fit", "--max-evaluations")
@@ -103,7 +103,7 @@ def compare(
     pictures.check(scene_path, fitted_path, target_path)
     truth = shared.read_scene(scene_path, console)
     fitted = shared.read_scene(fitted_path, console)
-    from clothfit.evaluation import HORIZON, evaluate
+    from clothfit.evaluation.evaluate import HORIZON, evaluate
 
     horizon = HORIZON if steps is None else shared.frames_of(steps, truth)
     told: list[dict[str, Any]] = []

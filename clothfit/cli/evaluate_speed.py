@@ -8,14 +8,14 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from clothfit.base.errors import InvalidInput
 from clothfit.cli import shared, speed_table
 from clothfit.cli.console import PLAIN_INTERVAL, Console
-from clothfit.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from clothfit.fit_methods import FitRow
-    from clothfit.precision import Row, WorkPrecision
-    from clothfit.scene import Scene
+    from clothfit.evaluation.fit_methods import FitRow
+    from clothfit.evaluation.work_precision import Row, WorkPrecision
+    from clothfit.scene.scene import Scene
 
 Report = Callable[[float, str], None]
 
@@ -39,14 +39,14 @@ def command(
         check_plot(plot, scene_path)
     if fit:
         check_flags(scene)
-    from clothfit import precision
+    from clothfit.evaluation import work_precision as precision
 
     console.announce_compilation()
     with progress(console) as report:
         found = precision.work_precision(scene, frames, budget or precision.SECONDS, report)
         fits = compare_fits(scene, max_evaluations, report) if fit else None
     if plot is not None:
-        from clothfit.diagram import save_diagram
+        from clothfit.pictures.diagram import save_diagram
 
         with shared.uninterrupted():
             save_diagram(found, plot, error)
@@ -72,7 +72,7 @@ def check_values(error: float | None, budget: float | None, max_evaluations: int
 
 def check_plot(plot: str, scene_path: str) -> None:
     """Raise InvalidInput, before long work, when the diagram cannot be made or written there."""
-    from clothfit.picture import check
+    from clothfit.pictures.picture_file import check
 
     if scene_path != shared.STREAM and shared.same_file(plot, scene_path):
         raise InvalidInput(f"cannot write {plot}: it is an input, which is never written over")
@@ -81,7 +81,7 @@ def check_plot(plot: str, scene_path: str) -> None:
 
 def check_flags(scene: Scene) -> None:
     """Raise InvalidInput, before long work, when there is nothing to fit."""
-    from clothfit.fit_vector import blocks
+    from clothfit.scene.fit_vector import blocks
 
     if not blocks(scene):
         raise InvalidInput(f"{scene.name}: --fit: no object flags anything to fit; set its optimizationSettings")
@@ -89,7 +89,7 @@ def check_flags(scene: Scene) -> None:
 
 def compare_fits(scene: Scene, max_evaluations: int | None, report: Report | None) -> list[FitRow]:
     """The methods of estimation against each other."""
-    from clothfit import fit_methods
+    from clothfit.evaluation import fit_methods
 
     return fit_methods.compare_methods(scene, evaluations=max_evaluations or fit_methods.EVALUATIONS, report=report)
 

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import counted
 from clothfit.cli import shared
 from clothfit.cli.console import Console
-from clothfit.errors import InvalidInput
 from clothfit.export import TOOLS
-from clothfit.words import counted
 
 if TYPE_CHECKING:
-    from clothfit.scene import Cloth, Scene
+    from clothfit.scene.scene import Cloth, Scene
 
 MOST_NAMES = 5
 """Of files in the line that says where they are."""

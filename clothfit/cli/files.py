@@ -10,9 +10,9 @@ import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from clothfit.base.errors import InvalidInput
 from clothfit.cli import goals, shared
-from clothfit.convention import Reading
-from clothfit.errors import InvalidInput
+from clothfit.formats.convention import Reading
 
 
 @dataclass(frozen=True)

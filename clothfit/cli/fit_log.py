@@ -14,12 +14,12 @@ import json
 import os
 from typing import IO, TYPE_CHECKING, Any
 
+from clothfit.base.errors import InvalidInput
 from clothfit.cli import shared
 from clothfit.cli.console import Console
-from clothfit.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from clothfit.search import Progress
+    from clothfit.optimise.search import Progress
 
 KEYS = ("iteration", "evaluations", "seconds", "cost", "rmse", "step", "stage", "window", "frames", "window_rmse")
 
@@ -28,7 +28,7 @@ def log_of(path: str | None, used: tuple[str | None, ...], resume: bool, console
     """The log that is asked for. Raises InvalidInput where it cannot be written, or is a file that is `used`."""
     if path is None:
         return None
-    from clothfit.output import check_writable
+    from clothfit.base.writing import check_writable
 
     if path == shared.STREAM or shared.is_among(path, used):
         raise InvalidInput(f"--log: {path}: must be a file of its own, not an input or an output")

@@ -6,14 +6,14 @@ import glob
 import os
 from typing import TYPE_CHECKING, Any
 
+from clothfit.base.errors import InvalidInput
 from clothfit.cli import motions, shared
 from clothfit.cli.console import Console
-from clothfit.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from clothfit.convention import Reading
-    from clothfit.motion import Motion
-    from clothfit.scene import Scene
+    from clothfit.formats.convention import Reading
+    from clothfit.motion.motion import Motion
+    from clothfit.scene.scene import Scene
 
 
 def motion_and_scene(path: str) -> tuple[str, str | None]:

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from clothfit.base.messages import counted, owned
 from clothfit.cli import shared
 from clothfit.cli.console import Console
-from clothfit.words import counted, owned
 
 if TYPE_CHECKING:
-    from clothfit.forecast import Forecast
-    from clothfit.overview import Facts, Flagged, Spread
-    from clothfit.scene import Scene
+    from clothfit.inspection.forecast import Forecast
+    from clothfit.inspection.overview import Facts, Flagged, Spread
+    from clothfit.scene.scene import Scene
 
 BESIDE = 4
 """Objects in one table."""
@@ -35,10 +35,10 @@ def command(scene_path: str, as_json: bool, console: Console) -> int:
     clothfit info scene.json --json
     """
     scene = shared.read_scene(scene_path, console)
-    from clothfit.forecast import forecast
-    from clothfit.memory import free
-    from clothfit.mesh_numbering import numberings
-    from clothfit.overview import beyond_bounds, facts, flagged, unknown_fields
+    from clothfit.base.memory import free
+    from clothfit.inspection.forecast import forecast
+    from clothfit.inspection.overview import beyond_bounds, facts, flagged, unknown_fields
+    from clothfit.scene.mesh_numbering import numberings
 
     objects, wanted = [facts(cloth) for cloth in scene.cloths], flagged(scene)
     ahead, strange = forecast(scene), unknown_fields(scene)
@@ -67,7 +67,7 @@ def objects_summary(objects: Sequence[Facts], meshes: Sequence[int | None]) -> l
 
 def whole(scene: Scene) -> dict[str, Any]:
     """What --json prints of the scene as a whole."""
-    from clothfit.scene import INTEGRATORS
+    from clothfit.scene.scene import INTEGRATORS
 
     return {
         "scene": scene.name,
@@ -132,7 +132,7 @@ def show_rest(
     scene: Scene, ahead: Forecast, wanted: Sequence[str], strange: Sequence[str], console: Console
 ) -> None:
     """Stability, what to fit of the scene as a whole, memory and what nobody knows."""
-    from clothfit.memory import free, human
+    from clothfit.base.memory import free, human
 
     rows = [("integrator", "longest stable step", f"with {scene.delta:.4g} s")]
     for each in ahead.steps:

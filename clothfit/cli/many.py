@@ -11,14 +11,14 @@ from typing import Any, NamedTuple
 
 import click
 
+from clothfit.base.errors import ClothfitError
 from clothfit.cli import checkpoints, outcomes, shared, trust
 from clothfit.cli.console import Console, metres
 from clothfit.cli.files import Files
 from clothfit.cli.plan import Item, planned
 from clothfit.cli.table import rows, summaries
-from clothfit.errors import ClothfitError
-from clothfit.job import INTERRUPTED, NOT_STARTED, Job
-from clothfit.many import Result, chosen_pool, fit_all, limited
+from clothfit.many.estimate_many import Result, chosen_pool, fit_all, limited
+from clothfit.many.job import INTERRUPTED, NOT_STARTED, Job
 
 SEVERITY = (1, 3, 4, 5, 0)
 """Exit codes of scenes, worst first: the command ends with the worst one, or as interrupted where one was."""
@@ -45,7 +45,7 @@ def fit(
     paths: tuple[str, ...], files: Files, options: dict[str, Any], effort: Effort, console: Console, as_json: bool
 ) -> int:
     """Fit all scenes; returns the exit code."""
-    from clothfit.fit import check_method
+    from clothfit.fit.estimate import check_method
 
     began = time.perf_counter()
     check_method(options["method"])
@@ -76,8 +76,8 @@ def job(item: Item, effort: Effort, options: dict[str, Any], number: int) -> Job
 
 def tell_compilation(pool: Any, count: int, console: Console) -> None:
     """Say so when the processes have to compile first."""
-    from clothfit.compiled import cold
-    from clothfit.pool import Processes
+    from clothfit.many.compiled import cold
+    from clothfit.many.processes import Processes
 
     if isinstance(pool, Processes) and cold():
         console.say("compiling for this machine: the first fits do so once, for 20 to 40 seconds …")

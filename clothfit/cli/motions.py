@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from clothfit.base.errors import InvalidInput
 from clothfit.cli import shared
 from clothfit.cli.console import Console
-from clothfit.convention import CHOICES, Convention, Reading
-from clothfit.errors import InvalidInput
+from clothfit.formats.convention import CHOICES, Convention, Reading
 
 if TYPE_CHECKING:
-    from clothfit.arrays import Array, Indices
-    from clothfit.axes import Axes
-    from clothfit.foreign import Loaded
-    from clothfit.motion import Motion
-    from clothfit.scene import Scene
+    from clothfit.base.arrays import Array, Indices
+    from clothfit.formats.axes import Axes
+    from clothfit.motion.foreign import Loaded
+    from clothfit.motion.motion import Motion
+    from clothfit.scene.scene import Scene
 
 UNEVEN = 1e-3
 """Of a time step: differences between steps that are no rounding."""
@@ -95,7 +95,7 @@ def read(
 
 def load(path: str, scene: Scene | None, reading: Reading, console: Console, assumed: bool = True) -> Loaded:
     """Load a motion from a path or standard input, and say what was assumed, where anything was."""
-    from clothfit import foreign
+    from clothfit.motion import foreign
 
     loaded = foreign.load(sys.stdin.buffer if path == shared.STREAM else path, scene, reading)
     if assumed:
@@ -134,7 +134,7 @@ def check(
     `gaps`, and not over any of the `inputs`. Raises InvalidInput.
     """
     from clothfit.formats import foreign
-    from clothfit.motion_files import check_gaps, check_place, sources
+    from clothfit.motion.files import check_gaps, check_place, sources
 
     found = foreign(out.path)
     if found is None:
@@ -169,7 +169,7 @@ def write(
 ) -> None:
     """Write a motion of the scene to its file or files, with other arrays beside it where they can hold any."""
     from clothfit.formats import foreign
-    from clothfit.motion_files import for_tools
+    from clothfit.motion.files import for_tools
 
     found = foreign(out.path)
     if found is None:
@@ -191,8 +191,8 @@ def write_foreign(
     timed: bool = True,
 ) -> Axes:
     """Write a motion as another program has it; says and returns which axes it got."""
-    from clothfit import motion_files
     from clothfit.formats import foreign
+    from clothfit.motion import files as motion_files
 
     found = foreign(out.path)
     assert found is not None

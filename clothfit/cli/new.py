@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import counted
 from clothfit.cli import shared, trust
 from clothfit.cli.console import Console
 from clothfit.cli.new_options import PLANE, Asked, numbers, understood
-from clothfit.errors import InvalidInput
-from clothfit.words import counted
 
 if TYPE_CHECKING:
-    from clothfit.arrays import Flags, Indices
-    from clothfit.mesh import Mesh
-    from clothfit.mesh_problems import Problem
-    from clothfit.scene import Scene
+    from clothfit.base.arrays import Flags, Indices
+    from clothfit.meshes.mesh import Mesh
+    from clothfit.meshes.problems import Problem
+    from clothfit.scene.scene import Scene
 
 SHOWN = 12
 """Vertices that are named."""
@@ -86,7 +86,7 @@ def command(given: str | None, path: str | None, as_json: bool, console: Console
     cloth = cloth._replace(mesh=cloth.mesh._replace(positions=placed(cloth.mesh, asked)))
     fixed = held(cloth, asked)
     scene = made(cloth, fixed, asked, asked.title or stem)
-    from clothfit.scene import dumps
+    from clothfit.scene.scene import dumps
 
     out.write(dumps(scene))
     tell(scene, cloth, out, console)
@@ -102,7 +102,7 @@ def output(mesh_path: str, path: str | None, is_plane: bool) -> shared.Output:
     if mesh_path == shared.STREAM:
         raise InvalidInput("a mesh is not read from standard input; name a file")
     shared.check_there(*([] if "*" in mesh_path else [mesh_path]))
-    from clothfit.mesh_file import sources
+    from clothfit.meshes.mesh_file import sources
 
     return shared.output(path or default_name(mesh_path), mesh_path, "", tuple(sources(mesh_path)), text=True)
 
@@ -115,7 +115,7 @@ def default_name(mesh_path: str) -> str:
 
 def plane(asked: Asked) -> Cloth:
     """A plane."""
-    from clothfit.mesh import plane as made
+    from clothfit.meshes.mesh import plane as made
 
     divisions = 10 if asked.divisions is None else asked.divisions
     return Cloth(made(divisions, *asked.extent, upright=asked.upright), None, [])
@@ -124,9 +124,9 @@ def plane(asked: Asked) -> Cloth:
 def mesh(path: str, asked: Asked, console: Console) -> Cloth:
     """The mesh of a file, welded where that is asked for. Raises InvalidInput where no cloth can be made of it."""
     asked.distance  # noqa: B018  a wrong one is told before the file is read
-    from clothfit.mesh_file import read_mesh
-    from clothfit.mesh_problems import problems
-    from clothfit.weld import weld
+    from clothfit.meshes.mesh_file import read_mesh
+    from clothfit.meshes.problems import problems
+    from clothfit.meshes.weld import weld
 
     found, notes = read_mesh(path, asked.up, asked.handedness, asked.scale)
     name = Path(path).name
@@ -158,7 +158,7 @@ def more(count: int) -> str:
 
 def placed(mesh: Mesh, asked: Asked) -> Any:
     """The positions, turned and moved."""
-    from clothfit.mesh_file import turned
+    from clothfit.meshes.mesh_file import turned
 
     found = mesh.positions
     if asked.rotate is not None:
@@ -172,7 +172,7 @@ def held(cloth: Cloth, asked: Asked) -> Flags:
     """Which vertices do not move. Raises InvalidInput."""
     import numpy as np
 
-    from clothfit.fixing import at_side, in_box, listed
+    from clothfit.meshes.fixing import at_side, in_box, listed
 
     positions = cloth.mesh.positions
     fixed = np.zeros(len(positions), bool)
@@ -188,7 +188,7 @@ def held(cloth: Cloth, asked: Asked) -> Flags:
 
 def made(cloth: Cloth, fixed: Flags, asked: Asked, title: str) -> Scene:
     """The scene. Raises InvalidInput."""
-    from clothfit.scene_making import new_scene
+    from clothfit.meshes.new_scene import new_scene
 
     return new_scene(
         cloth.mesh, fixed, density=asked.density, stiffness=asked.stiffness, bending=asked.bends, damping=asked.damping,
@@ -201,8 +201,8 @@ def made(cloth: Cloth, fixed: Flags, asked: Asked, title: str) -> Scene:
 
 def tell(scene: Scene, cloth: Cloth, out: shared.Output, console: Console) -> None:
     """Say what the scene holds, and what about it is not as one may think."""
-    from clothfit.overview import beyond_bounds
-    from clothfit.scene import INTEGRATORS
+    from clothfit.inspection.overview import beyond_bounds
+    from clothfit.scene.scene import INTEGRATORS
 
     for sentence in beyond_bounds(scene):
         console.warn(f"{out.name}: {sentence}")

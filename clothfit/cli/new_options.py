@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from clothfit.errors import InvalidInput
+from clothfit.base.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from clothfit.mesh import Mesh
+    from clothfit.meshes.mesh import Mesh
 
 PLANE = "plane"
 """Stands for a mesh that needs no file."""
@@ -84,7 +84,7 @@ class Asked:
         """The air drag of a mesh. Raises InvalidInput."""
         if self.drag != AIR:
             return numbers("--drag", self.drag, 1, f"0.1 or {AIR}")[0]
-        from clothfit.mesh import air_drag
+        from clothfit.meshes.mesh import air_drag
 
         return air_drag(mesh, hypot(*self.blows) or CALM)
 

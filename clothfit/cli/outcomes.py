@@ -5,17 +5,17 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from clothfit.base.errors import Diverged
+from clothfit.base.messages import counted, owned
 from clothfit.cli import shared
 from clothfit.cli.account import account, indices
 from clothfit.cli.console import Console, metres
-from clothfit.errors import Diverged
-from clothfit.job import CODES
-from clothfit.words import counted, owned
+from clothfit.many.job import CODES
 
 if TYPE_CHECKING:
     from clothfit.cli.fit_log import FitLog
-    from clothfit.result import Fit
-    from clothfit.scene import Scene
+    from clothfit.fit.result import Fit
+    from clothfit.scene.scene import Scene
 
 
 def finish(

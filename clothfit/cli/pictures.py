@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
+from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import counted
 from clothfit.cli import shared
 from clothfit.cli.console import Console, metres
-from clothfit.errors import InvalidInput
-from clothfit.words import counted
 
 if TYPE_CHECKING:
-    from clothfit.arrays import Array
-    from clothfit.energy import Energy
-    from clothfit.evaluation import Evaluation
-    from clothfit.motion import Motion
-    from clothfit.overlay import Overlay
-    from clothfit.result import Fit
-    from clothfit.scene import Scene
-    from clothfit.search import Progress
+    from clothfit.base.arrays import Array
+    from clothfit.evaluation.evaluate import Evaluation
+    from clothfit.fit.result import Fit
+    from clothfit.motion.energy import Energy
+    from clothfit.motion.motion import Motion
+    from clothfit.optimise.search import Progress
+    from clothfit.pictures.overlay import Overlay
+    from clothfit.scene.scene import Scene
 
 Goal: TypeAlias = "Motion | tuple[Motion, Scene]"
 """A target, alone or with the scene it was recorded in."""
@@ -57,7 +57,7 @@ class Pictures:
         """Raise InvalidInput, before long work, where a picture cannot be made or written, or is a file that is `used`
         otherwise.
         """
-        from clothfit import picture
+        from clothfit.pictures import picture_file as picture
 
         if self.plot is not None and self.gif is not None and shared.same_file(self.plot, self.gif):
             raise InvalidInput(f"cannot write {self.gif}: it is an input or another output")
@@ -70,7 +70,8 @@ class Pictures:
     def simulated(self, scene: Scene, motion: Motion, energy: Energy | None, console: Console) -> None:
         """Draw a motion, which may have diverged after its frames."""
         if self.plot is not None:
-            from clothfit import picture, plots
+            from clothfit.pictures import picture_file as picture
+            from clothfit.pictures import plots
 
             picture.save(self.plot, partial(plots.simulation, scene, motion.times, motion.positions, energy))
             console.say(f"picture → {self.plot}")
@@ -89,7 +90,8 @@ class Pictures:
             return
         over = over_target(found, scene, targets[0] if targets else None)
         if self.plot is not None:
-            from clothfit import picture, plots
+            from clothfit.pictures import picture_file as picture
+            from clothfit.pictures import plots
 
             fitted = over.times[min(found.frames, len(over.times)) - 1]
             told = (
@@ -106,11 +108,12 @@ class Pictures:
         """Draw a fitted scene beside the true one."""
         if not self.wanted:
             return
-        from clothfit.overlay import overlaid
+        from clothfit.pictures.overlay import overlaid
 
         over = overlaid(truth, fitted, target, max(truth.frames, horizon))
         if self.plot is not None:
-            from clothfit import picture, plots
+            from clothfit.pictures import picture_file as picture
+            from clothfit.pictures import plots
 
             told = (
                 f"RMSE {metres(report.fitted.rmse)} over the {report.fitted.frames} fitted frames, "
@@ -125,8 +128,8 @@ class Pictures:
         """Draw the GIF where it is asked for."""
         if self.gif is None:
             return
-        from clothfit import gif
-        from clothfit.output import write_atomically
+        from clothfit.base.writing import write_atomically
+        from clothfit.pictures import gif
 
         write_atomically(self.gif, gif.animation(scene, times, x, over))
         console.say(f"animation → {self.gif}")
@@ -136,9 +139,9 @@ def over_target(found: Fit, scene: Scene, target: Goal | None) -> Overlay:
     """The motion of a fit over its target, which may have a scene of its own."""
     import numpy as np
 
-    from clothfit.experiment import flagged_as
-    from clothfit.fit_vector import parameters, with_parameters
-    from clothfit.overlay import overlaid
+    from clothfit.objective.experiment import flagged_as
+    from clothfit.pictures.overlay import overlaid
+    from clothfit.scene.fit_vector import parameters, with_parameters
 
     if target is None:
         return overlaid(scene, found.scene, None, scene.frames)

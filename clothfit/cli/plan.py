@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.checkpoint import Checkpoint
+from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.cli import checkpoints, goals, motions, shared
 from clothfit.cli.console import Console
 from clothfit.cli.files import Files, default_name
-from clothfit.errors import ClothfitError, InvalidInput
-from clothfit.job import File, Goal, Job, loaded, read
+from clothfit.many.job import File, Goal, Job, loaded, read
+from clothfit.optimise.checkpoint import Checkpoint
 
 if TYPE_CHECKING:
-    from clothfit.motion import Motion
+    from clothfit.motion.motion import Motion
 
 
 @dataclass
@@ -68,7 +68,7 @@ class Item:
         if path != shared.STREAM:
             return read(path)
         if self.stream is None:
-            from clothfit.npz import content
+            from clothfit.base.npz import content
 
             self.stream = content(sys.stdin.buffer)
         return File(self.stream, "standard input")

@@ -19,14 +19,15 @@ from typing import NoReturn
 
 import click
 
-from clothfit import __version__, interrupts
+from clothfit import __version__
+from clothfit.base import interrupts
+from clothfit.base.errors import ClothfitError
+from clothfit.base.interrupts import REQUESTS, SAME_REQUEST
+from clothfit.base.messages import harmless
 from clothfit.cli.help import ExamplesFirst
 from clothfit.cli.sequences import gathered
 from clothfit.cli.shared import loudness
 from clothfit.cli.usage import slip
-from clothfit.errors import ClothfitError
-from clothfit.interrupts import REQUESTS, SAME_REQUEST
-from clothfit.words import harmless
 
 _last_request = -SAME_REQUEST
 

@@ -14,13 +14,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from clothfit.base.messages import metres
 from clothfit.cli.console import PLAIN_INTERVAL
-from clothfit.words import metres
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from clothfit.search import Progress
+    from clothfit.optimise.search import Progress
 
 RECENT = 10.0
 """Seconds over which the pace is taken."""

@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from clothfit.base.errors import Diverged
+from clothfit.base.messages import counted
 from clothfit.cli import motions, shared, trust
 from clothfit.cli.console import Console, metres
 from clothfit.cli.repeat import command_line
-from clothfit.errors import Diverged
-from clothfit.words import counted
 
 if TYPE_CHECKING:
-    from clothfit.convention import Reading
-    from clothfit.motion import Motion
+    from clothfit.formats.convention import Reading
+    from clothfit.motion.motion import Motion
     from clothfit.report.log import Log
     from clothfit.report.showing import Shown
-    from clothfit.scene import Scene
+    from clothfit.scene.scene import Scene
 
 
 @shared.command("report")
@@ -134,8 +134,8 @@ def evaluation(scene_path: str, fitted_path: str, target_path: str | None, readi
 
 def digests(truth: Scene, fitted: Scene, files: Mapping[str | None, object]) -> list[tuple[str, str]]:
     """Names and SHA-256 of what was read; without the files, but for scenes, that came through a pipe and are gone."""
-    from clothfit.scene import dumps
-    from clothfit.source import name_of
+    from clothfit.scene.scene import dumps
+    from clothfit.scene.text import name_of
 
     found = [(scene.name, hashlib.sha256(dumps(scene)).hexdigest()) for scene in (truth, fitted)]
     for path in files:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from itertools import groupby
 
-from clothfit.errors import InvalidInput
+from clothfit.base.errors import InvalidInput
 
 SUFFIX = ".obj"
 FEWEST = 3

@@ -18,19 +18,19 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from clothfit import __version__
+from clothfit.base.errors import InvalidInput, InvalidScene
+from clothfit.base.interrupts import REQUESTS, SAME_REQUEST, handle
+from clothfit.base.limits import checked_tolerance
 from clothfit.cli.console import Console
 from clothfit.cli.help import ExamplesFirst, Sections
 from clothfit.cli.usage import complete_files
-from clothfit.errors import InvalidInput, InvalidScene
-from clothfit.interrupts import REQUESTS, SAME_REQUEST, handle
-from clothfit.limits import checked_tolerance
-from clothfit.source import name_of
+from clothfit.scene.text import name_of
 
 if TYPE_CHECKING:
-    from clothfit.arrays import Array
-    from clothfit.motion import Motion
-    from clothfit.output import Data
-    from clothfit.scene import Scene
+    from clothfit.base.arrays import Array
+    from clothfit.base.writing import Data
+    from clothfit.motion.motion import Motion
+    from clothfit.scene.scene import Scene
 
 SCHEMA_VERSION = 1
 STREAM = "-"
@@ -88,7 +88,7 @@ class Output:
 
     def put(self, data: Data) -> None:
         """The same, where interrupts are held back or noted already."""
-        from clothfit.output import put, write_atomically
+        from clothfit.base.writing import put, write_atomically
 
         if self.is_stream:
             put(data, sys.stdout.buffer)
@@ -111,7 +111,7 @@ def output(
     must not be written over; `text` tells that the result may be shown on a terminal. Raises InvalidInput when the
     place cannot be written, or is one of the inputs and `overwrite` is not given.
     """
-    from clothfit.output import check_writable
+    from clothfit.base.writing import check_writable
 
     if path is None:
         path = STREAM if scene_path == STREAM else str(Path(scene_path).with_suffix(suffix))
@@ -129,7 +129,7 @@ def write_scene(scene: Scene, out: Output) -> None:
     """Write a scene whole. Where it should replace the one it was read from, and somebody has changed that meanwhile,
     it goes beside it and InvalidInput says so. An interrupt is for the caller to hold back.
     """
-    from clothfit.scene import dumps
+    from clothfit.scene.scene import dumps
 
     if not out.in_place or unchanged(scene, out.path):
         out.put(dumps(scene))
@@ -178,7 +178,7 @@ def read_scene(path: str, console: Console) -> Scene:
 
 def motion_data(motion: Motion, extra: Mapping[str, Array] | None = None) -> Data:
     """What writes a motion to its file, with other arrays beside it."""
-    from clothfit.motion import archive
+    from clothfit.motion.motion import archive
 
     return archive(motion, extra)
 

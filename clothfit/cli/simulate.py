@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from clothfit.base.errors import Diverged, InvalidInput
 from clothfit.cli import energy_table, motions, pictures, shared, trust
 from clothfit.cli.console import Console
-from clothfit.errors import Diverged, InvalidInput
 
 if TYPE_CHECKING:
-    from clothfit.convention import Convention
-    from clothfit.energy import Energy
-    from clothfit.motion import Motion
-    from clothfit.scene import Scene
+    from clothfit.formats.convention import Convention
+    from clothfit.motion.energy import Energy
+    from clothfit.motion.motion import Motion
+    from clothfit.scene.scene import Scene
 
 
 @shared.command("simulate")
@@ -116,7 +116,7 @@ def energy_of(scene: Scene, motion: Motion, wanted: bool) -> Energy | None:
     """Where the energy of the motion is, where that is asked for."""
     if not wanted:
         return None
-    from clothfit.energy import energies
+    from clothfit.motion.energy import energies
 
     return energies(scene, motion)
 
@@ -136,7 +136,7 @@ def keep(scene: Scene, error: Diverged | None, dump: shared.Output | None, conso
         if dump is not None:
             console.say(f"it stayed finite, so nothing is written to {dump.name}")
         return None
-    from clothfit import divergence
+    from clothfit.motion import divergence
 
     dump.write(divergence.dump(scene, error.fault))
     console.say(f"the last states and the first bad one of objects[{error.fault.cloth}] are in {dump.name}")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from clothfit.base.messages import counted, metres
 from clothfit.cli.console import Console
-from clothfit.words import counted, metres
 
 if TYPE_CHECKING:
-    from clothfit.fit_methods import FitRow
-    from clothfit.precision import Row, WorkPrecision
-    from clothfit.scene import Scene
+    from clothfit.evaluation.fit_methods import FitRow
+    from clothfit.evaluation.work_precision import Row, WorkPrecision
+    from clothfit.scene.scene import Scene
 
 HEADER = (
     "integrator", "step", "tolerance", "Newton", "ms per step", "s per simulated s", "error", "largest error", "",

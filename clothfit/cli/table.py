@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from clothfit.base.errors import ClothfitError
 from clothfit.cli import motions, outcomes
 from clothfit.cli.console import metres
 from clothfit.cli.plan import Item
-from clothfit.errors import ClothfitError
-from clothfit.job import Outcome
-from clothfit.many import Result
+from clothfit.many.estimate_many import Result
+from clothfit.many.job import Outcome
 
 HEADER = ("scene", "start", "status", "RMSE", "frames", "evaluations", "seconds", "output")
 START = HEADER.index("start")

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from clothfit.base.limits import check_capture
 from clothfit.cli import motions, shared, trust
 from clothfit.cli.console import Console, metres
-from clothfit.limits import check_capture
 
 if TYPE_CHECKING:
-    from clothfit.convention import Convention
+    from clothfit.formats.convention import Convention
 
 
 @shared.command("target")
@@ -59,8 +59,8 @@ def command(
     frames = shared.frames_of(steps, scene)
     out = shared.output(path, scene_path, ".target.npz", ())
     motions.check(out, convention, (scene_path,), gaps=observed < 1)
-    from clothfit.capture import degrade
-    from clothfit.fit import record_target
+    from clothfit.fit.estimate import record_target
+    from clothfit.motion.degrade import degrade
 
     trust.warn_of_steps(scene, frames, console)
     console.announce_compilation()

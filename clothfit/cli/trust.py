@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 from clothfit.cli.console import Console
 
 if TYPE_CHECKING:
-    from clothfit.motion import Motion
-    from clothfit.scene import Scene
+    from clothfit.motion.motion import Motion
+    from clothfit.scene.scene import Scene
 
 DOUBT = "the motion is not to be believed unless they are that soft; try a smaller delta"
 
 
 def warn_of_steps(scene: Scene, frames: int, console: Console) -> None:
     """Tell, before they are taken, when explicit or symplectic steps will not stay stable."""
-    from clothfit.stability_limit import warning
+    from clothfit.engine.stability import warning
 
     told = warning(scene, frames - 1)
     if told:
@@ -24,7 +24,7 @@ def warn_of_steps(scene: Scene, frames: int, console: Console) -> None:
 
 def warn_of_stretch(scene: Scene, motion: Motion, console: Console) -> None:
     """Tell when a simulated motion ends in a state that cannot be believed, though it is finite."""
-    from clothfit.divergence import overstretched, overstretched_from
+    from clothfit.motion.divergence import overstretched, overstretched_from
 
     for index in range(len(scene.cloths)):
         begins = overstretched_from(scene, index, motion.of(index))

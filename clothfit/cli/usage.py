@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from clothfit.words import meant
+from clothfit.base.messages import meant
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem

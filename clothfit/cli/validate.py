@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
+from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.cli import shared
 from clothfit.cli.console import Console
-from clothfit.errors import InvalidInput, InvalidScene
 
 PLACE = re.compile(r"(top level|line \d+, column \d+|(?:[\w.\[\]]|\"[^\"]*\")+): (.*)", re.DOTALL)
 """Where something is wrong, before what is."""
@@ -55,8 +55,8 @@ def command(scene_paths: tuple[str, ...], as_json: bool, console: Console) -> in
 
 def judge(path: str) -> Verdict:
     """Look at a file."""
-    from clothfit.mesh_numbering import numberings
-    from clothfit.scene import load
+    from clothfit.scene.mesh_numbering import numberings
+    from clothfit.scene.scene import load
 
     try:
         scene = load(sys.stdin.buffer if path == shared.STREAM else path)

@@ -7,9 +7,9 @@ import time
 
 import click
 
+from clothfit.base.errors import InvalidInput
 from clothfit.cli import shared
 from clothfit.cli.console import Console
-from clothfit.errors import InvalidInput
 
 
 @shared.command("warmup")
@@ -24,8 +24,8 @@ def command(small: bool, as_json: bool, console: Console) -> int:
     clothfit warmup
     NUMBA_CACHE_DIR=/var/cache/clothfit clothfit warmup --json
     """
-    from clothfit.kernel_cache import KernelCache, config
-    from clothfit.warmup import Part, warm_up
+    from clothfit.kernels.cache import KernelCache, config
+    from clothfit.many.warmup import Part, warm_up
 
     if config.DISABLE_JIT:
         raise InvalidInput("NUMBA_DISABLE_JIT is set, so nothing is ever compiled")

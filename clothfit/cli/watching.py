@@ -12,9 +12,9 @@ from clothfit.cli.pictures import Goal, Pictures
 
 if TYPE_CHECKING:
     from clothfit.cli.fit_log import FitLog
-    from clothfit.result import Fit
-    from clothfit.scene import Scene
-    from clothfit.search import Progress
+    from clothfit.fit.result import Fit
+    from clothfit.optimise.search import Progress
+    from clothfit.scene.scene import Scene
 
 Report = Callable[["Progress"], None]
 

@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from clothfit.scene import Scene
+    from clothfit.scene.scene import Scene
 
 TOOLS = {"csv": "tables", "obi": "obi", "blender": "blender", "vellum": "vellum"}
 """Names of the tools to the modules that write for them."""

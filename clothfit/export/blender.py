@@ -20,7 +20,7 @@ import numpy as np
 
 from clothfit.export.topology import roles
 from clothfit.export.weights import Painted, painted
-from clothfit.scene import Cloth, Scene
+from clothfit.scene.scene import Cloth, Scene
 
 FORMAT = "clothfit-blender-1"
 UNIT = 0.001**0.5  # τ, s: the time in which Blender's weights are SI's

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from clothfit.arrays import Array, Flags
+from clothfit.base.arrays import Array, Flags
 from clothfit.export.topology import roles
-from clothfit.scene import Cloth, Scene
+from clothfit.scene.scene import Cloth, Scene
 
 FORMAT = "clothfit-obi-1"
 

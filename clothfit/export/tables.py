@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from clothfit.export.topology import roles
-from clothfit.scene import Scene
+from clothfit.scene.scene import Scene
 
 OBJECTS = ("object", "vertices", "springs", "triangles", "damping", "drag")
 VERTICES = ("object", "vertex", "x", "y", "z", "fixed", "mass")

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.arrays import Flags, Indices
-from clothfit.scene import Cloth
+from clothfit.base.arrays import Flags, Indices
+from clothfit.scene.scene import Cloth
 
 
 class Roles(NamedTuple):

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from clothfit.arrays import Array, Flags, Indices
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.export.topology import roles
-from clothfit.scene import Cloth, Scene
+from clothfit.scene.scene import Cloth, Scene
 
 FORMAT = "clothfit-vellum-1"
 FLIP = np.array([1.0, 1.0, -1.0])  # from left- to right-handed axes

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.arrays import Array, Indices
+from clothfit.base.arrays import Array, Indices
 
 
 class Painted(NamedTuple):

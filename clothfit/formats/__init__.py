@@ -15,8 +15,8 @@ import os
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from clothfit.axes import SCENE, Axes
-from clothfit.errors import InvalidInput
+from clothfit.base.errors import InvalidInput
+from clothfit.formats.axes import SCENE, Axes
 
 
 class Format(NamedTuple):

@@ -15,16 +15,16 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.animation import Animation
-from clothfit.arrays import Array
-from clothfit.axes import Axes
-from clothfit.errors import InvalidMotion
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidMotion
+from clothfit.base.messages import shown
+from clothfit.base.writing import Data
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import Axes
 from clothfit.formats.c3d_parameters import BLOCK, INTEGER, INTEL, KEY, REAL, TEXT, Parameters
 from clothfit.formats.demands import rated, seen
 from clothfit.formats.files import check_room, content, name_of
 from clothfit.formats.markers import UNITS, label, labels_of, seen_by, unit_of
-from clothfit.output import Data
-from clothfit.words import shown
 
 MOST = 65535
 """Largest 16-bit number: points, and frames but for those that the group TRIAL tells."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.errors import InvalidMotion
+from clothfit.base.errors import InvalidMotion
 
 BLOCK, KEY = 512, 0x50
 INTEL, DEC, MIPS = 84, 85, 86

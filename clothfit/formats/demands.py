@@ -6,9 +6,9 @@ import os
 
 import numpy as np
 
-from clothfit.animation import Animation
-from clothfit.arrays import Array
-from clothfit.errors import InvalidMotion
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidMotion
+from clothfit.formats.animation import Animation
 from clothfit.formats.files import name_of
 
 RATE = 30.0

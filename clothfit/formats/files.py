@@ -6,11 +6,11 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from clothfit import memory
-from clothfit.errors import InvalidMotion
-from clothfit.memory import human
-from clothfit.reading import MOST_TEXT, whole
-from clothfit.steady import steady
+from clothfit.base import memory
+from clothfit.base.errors import InvalidMotion
+from clothfit.base.memory import human
+from clothfit.base.reading import MOST_TEXT, whole
+from clothfit.base.steady import steady
 
 COPIES = 2
 """Of all positions, that are in memory while they are turned into the scene's axes."""

@@ -17,18 +17,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.animation import Animation
-from clothfit.arrays import Array
-from clothfit.errors import InvalidMotion
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidMotion
+from clothfit.base.memory import human
+from clothfit.base.writing import Data
 from clothfit.formats import RIGHT
+from clothfit.formats.animation import Animation
 from clothfit.formats.demands import times_of
 from clothfit.formats.files import check_room, name_of
 from clothfit.formats.gltf import BIN_CHUNK, JSON_CHUNK, MAGIC, Document
 from clothfit.formats.gltf_meshes import meshes_at
 from clothfit.formats.gltf_scene import animated, placed
 from clothfit.formats.morphs import Morphs, reduced
-from clothfit.memory import human
-from clothfit.output import Data
 
 TOLERANCE = 1e-5
 """Largest error of a position in m, and as a share of the diagonal of the box around the motion."""

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from clothfit.arrays import Array
-from clothfit.errors import InvalidMotion
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidMotion
+from clothfit.base.messages import named, shown
 from clothfit.formats.files import check_room, content, name_of
-from clothfit.words import named, shown
 
 MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", b"JSON", b"BIN\0"
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from clothfit.arrays import Array, Indices
-from clothfit.errors import InvalidMotion
+from clothfit.base.arrays import Array, Indices
+from clothfit.base.errors import InvalidMotion
 from clothfit.formats.files import check_room
 from clothfit.formats.gltf import Document
 from clothfit.formats.gltf_scene import Placed, Tracks

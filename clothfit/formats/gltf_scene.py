@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from clothfit.errors import InvalidMotion
+from clothfit.base.errors import InvalidMotion
 from clothfit.formats.gltf import Document
 from clothfit.formats.tracks import Track
 

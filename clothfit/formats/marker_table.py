@@ -20,15 +20,15 @@ from array import array
 
 import numpy as np
 
-from clothfit.animation import Animation
-from clothfit.errors import InvalidMotion
+from clothfit.base.errors import InvalidMotion
+from clothfit.base.messages import shown
+from clothfit.base.writing import Data
 from clothfit.formats import RIGHT, motive
+from clothfit.formats.animation import Animation
 from clothfit.formats.demands import seen, times_of
 from clothfit.formats.files import check_room, name_of
 from clothfit.formats.markers import UNITS, labels_of, text_of, unit_of
 from clothfit.formats.table import Table, animation_of, table_of
-from clothfit.output import Data
-from clothfit.words import shown
 
 TIMES = ("time", "t", "times", "seconds", "time_s", "timestamp")
 FRAMES = ("frame", "frames", "frame#", "frame number", "frame_number")

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clothfit.animation import Animation
-from clothfit.arrays import Array, Flags
-from clothfit.axes import Axes
-from clothfit.errors import InvalidMotion
+from clothfit.base.arrays import Array, Flags
+from clothfit.base.errors import InvalidMotion
+from clothfit.base.messages import shown
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import Axes
 from clothfit.formats.files import check_room, content
-from clothfit.words import shown
 
 UNITS = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),

@@ -13,11 +13,11 @@ from functools import partial
 
 import numpy as np
 
-from clothfit.animation import Animation
-from clothfit.errors import InvalidMotion
+from clothfit.base.errors import InvalidMotion
+from clothfit.base.writing import Data
 from clothfit.formats import RIGHT
+from clothfit.formats.animation import Animation
 from clothfit.formats.point_cache import opened, put
-from clothfit.output import Data
 
 HEADER = struct.Struct(">ii")
 FLOATS = ">f4"

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.arrays import Array
+from clothfit.base.arrays import Array
 
 Singles = NDArray[np.float32]
 

@@ -13,9 +13,9 @@ from array import array
 
 import numpy as np
 
-from clothfit.animation import Animation
-from clothfit.axes import Axes
-from clothfit.errors import InvalidMotion
+from clothfit.base.errors import InvalidMotion
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import Axes
 from clothfit.formats.markers import UNITS, number, seen_by
 
 BEGIN = "Format Version"

@@ -19,12 +19,12 @@ from typing import IO
 
 import numpy as np
 
-from clothfit.animation import Animation
-from clothfit.arrays import Array, Indices
-from clothfit.errors import InvalidInput, InvalidMotion
+from clothfit.base.arrays import Array, Indices
+from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit.base.writing import Data
 from clothfit.formats import RIGHT
+from clothfit.formats.animation import Animation
 from clothfit.formats.files import COPIES, check_room, content, name_of
-from clothfit.output import Data
 
 ANY = "*"
 """Stands for the frames' numbers in the name of a sequence."""

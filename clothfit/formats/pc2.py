@@ -13,11 +13,11 @@ import os
 import struct
 from functools import partial
 
-from clothfit.animation import Animation
-from clothfit.errors import InvalidMotion
+from clothfit.base.errors import InvalidMotion
+from clothfit.base.writing import Data
 from clothfit.formats import RIGHT
+from clothfit.formats.animation import Animation
 from clothfit.formats.point_cache import opened, put
-from clothfit.output import Data
 
 MAGIC = b"POINTCACHE2\0"
 HEADER = struct.Struct("<12siiffi")

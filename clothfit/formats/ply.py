@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from clothfit import memory
-from clothfit.animation import Animation
-from clothfit.arrays import Array, Indices
-from clothfit.errors import InvalidMotion
+from clothfit.base import memory
+from clothfit.base.arrays import Array, Indices
+from clothfit.base.errors import InvalidMotion
 from clothfit.formats import RIGHT
+from clothfit.formats.animation import Animation
 from clothfit.formats.files import check_room, content, name_of
 
 NUMBERS = {

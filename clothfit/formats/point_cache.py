@@ -14,10 +14,10 @@ from typing import IO
 
 import numpy as np
 
-from clothfit.arrays import Array
-from clothfit.errors import InvalidMotion
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidMotion
+from clothfit.base.steady import steady
 from clothfit.formats.files import COPIES, check_room, name_of, refused
-from clothfit.steady import steady
 
 
 class Cache:

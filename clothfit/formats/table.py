@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.animation import Animation
-from clothfit.arrays import Array
-from clothfit.axes import HANDS, UPS, Axes
-from clothfit.errors import InvalidMotion
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidMotion
+from clothfit.base.messages import shown
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import HANDS, UPS, Axes
 from clothfit.formats.files import check_room
 from clothfit.formats.markers import UNITS, number, seen_by
-from clothfit.words import shown
 
 SHORT = ("m", "cm", "mm", "in", "ft")
 """Units, as messages name them."""

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.arrays import Array
+from clothfit.base.arrays import Array
 
 CLOSE = 0.9995
 """Cosine of the angle between two quaternions from which on the arc is taken for straight: the sine is near 0."""

@@ -14,14 +14,14 @@ from array import array
 
 import numpy as np
 
-from clothfit.animation import Animation
-from clothfit.axes import Axes
-from clothfit.errors import InvalidMotion
+from clothfit.base.errors import InvalidMotion
+from clothfit.base.messages import shown
+from clothfit.base.writing import Data
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import Axes
 from clothfit.formats.demands import rate_of, seen, times_of
 from clothfit.formats.files import name_of
 from clothfit.formats.markers import UNITS, labels_of, number, seen_by, text_of, unit_of
-from clothfit.output import Data
-from clothfit.words import shown
 
 TYPE = "PathFileType"
 FACTS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame",

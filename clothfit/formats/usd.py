@@ -17,13 +17,13 @@ from typing import IO, Any
 
 import numpy as np
 
-from clothfit.animation import Animation
-from clothfit.arrays import Array
-from clothfit.axes import Axes
-from clothfit.errors import InvalidMotion
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidMotion
+from clothfit.base.writing import Data
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import Axes
 from clothfit.formats.demands import rate_of, times_of
 from clothfit.formats.files import content, name_of
-from clothfit.output import Data
 
 READER = "clothfit.formats.usd_reader"
 

@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.animation import Animation
-from clothfit.arrays import Array, Indices
-from clothfit.axes import Axes
-from clothfit.errors import InvalidMotion
+from clothfit.base.arrays import Array, Indices
+from clothfit.base.errors import InvalidMotion
+from clothfit.base.messages import named, shown
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import Axes
 from clothfit.formats.files import check_room
-from clothfit.words import named, shown
 
 CUT = ("clips", "clipSets")
 """What a prim says of other files beside its references: where values of attributes are."""

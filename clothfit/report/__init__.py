@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from clothfit.motion import Motion
+from clothfit.motion.motion import Motion
 from clothfit.report.assembly import page
 from clothfit.report.contents import content
 from clothfit.report.log import Log
 from clothfit.report.showing import Shown, shown
-from clothfit.scene import Scene
+from clothfit.scene.scene import Scene
 
 
 def report_page(

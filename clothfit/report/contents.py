@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit import __version__
-from clothfit.arrays import Array, Flags
-from clothfit.block import Block
-from clothfit.evaluation import Deviation, Distance, Evaluation
-from clothfit.fit_vector import blocks, identifiable, parameters
+from clothfit.base.arrays import Array, Flags
+from clothfit.base.messages import counted, metres, owned
+from clothfit.evaluation.evaluate import Deviation, Distance, Evaluation
 from clothfit.report.log import Log, intervals, number
 from clothfit.report.packing import box, packed, packed_errors, packed_flags, packed_positions
 from clothfit.report.showing import Shown
-from clothfit.scene import Scene
-from clothfit.words import counted, metres, owned
+from clothfit.scene.block import Block
+from clothfit.scene.fit_vector import blocks, identifiable, parameters
+from clothfit.scene.scene import Scene
 
 STATUS = {
     "converged": "converged",

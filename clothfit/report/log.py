@@ -14,11 +14,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from clothfit.errors import InvalidInput
-from clothfit.reading import whole
-from clothfit.source import name_of
-from clothfit.steady import steady
-from clothfit.words import counted
+from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import counted
+from clothfit.base.reading import whole
+from clothfit.base.steady import steady
+from clothfit.scene.text import name_of
 
 MOST_BYTES = 200_000_000
 """Of a log."""

@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.arrays import Array, Flags
+from clothfit.base.arrays import Array, Flags
 
 Record: TypeAlias = dict[str, Any]
 

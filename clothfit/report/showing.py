@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clothfit.arrays import Array, Flags
-from clothfit.evaluation import HORIZON, Evaluation, check_same_objects, deviations, distance, finite_part
-from clothfit.fit_vector import fitted_cloths
-from clothfit.motion import Motion, check_counts, checked_motion
-from clothfit.rollout import check_memory
-from clothfit.scene import Scene
-from clothfit.target import frame_places, interpolated
+from clothfit.base.arrays import Array, Flags
+from clothfit.engine.rollout import check_memory
+from clothfit.evaluation.evaluate import HORIZON, Evaluation, check_same_objects, deviations, distance, finite_part
+from clothfit.motion.motion import Motion, check_counts, checked_motion
+from clothfit.objective.target import frame_places, interpolated
+from clothfit.scene.fit_vector import fitted_cloths
+from clothfit.scene.scene import Scene
 
 MOST_POSITIONS = 3_200_000
 """Of both motions together: a page with them takes about 15 MB."""

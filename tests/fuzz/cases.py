@@ -18,8 +18,8 @@ from random import Random
 
 import numpy as np
 
-from clothfit.checkpoint import FORMAT, checksum
 from clothfit.cli.program import run
+from clothfit.optimise.checkpoint import FORMAT, checksum
 from fuzz.mutations import KINDS, damaged, motion, scene, with_token
 
 CODES = (0, 3, 4, 5)

@@ -1,0 +1,62 @@
+"""What can go wrong, as types: each carries one sentence for the user and the exit code of the commands.
+
+Exit codes: 1 a fault of the program, 2 usage, 3 invalid input, 4 diverged, 5 not converged, 130 interrupted. A fit that
+does not converge is a result with a status, not an exception.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from clothfit.motion.divergence import Fault
+    from clothfit.motion.motion import Motion
+
+
+class ClothfitError(Exception):
+    """Base of all errors that a user can act on; `exit_code` is what a command ends with."""
+
+    exit_code = 1
+
+
+class InvalidInput(ClothfitError, ValueError):
+    """A scene, a motion, an option value or an output path that cannot be used."""
+
+    exit_code = 3
+
+
+class InvalidScene(InvalidInput):
+    """A scene that breaks the format.
+
+    `problems` lists every problem found, each as "place: what is wrong and what would be right"; the message
+    itself is the first one, with the count of the others.
+    """
+
+    def __init__(self, problems: str | list[str], name: str = "") -> None:
+        self.problems = [problems] if isinstance(problems, str) else list(problems)
+        more = len(self.problems) - 1
+        tail = f" (and {more} more problem{'s' if more > 1 else ''})" if more else ""
+        head = f"{name}: " if name else ""
+        super().__init__(f"{head}{self.problems[0]}{tail}")
+
+
+class InvalidMotion(InvalidInput):
+    """A motion file or array that does not fit the format or the scene."""
+
+
+class Diverged(ClothfitError):
+    """The simulation left the finite numbers.
+
+    `step` is the first step that cannot be used (1 = the first, 0 where no single one is to blame); `motion`, where
+    there is one, holds the frames before it, and `fault` the last states of the cloth that diverged.
+    """
+
+    exit_code = 4
+
+    def __init__(
+        self, message: str, step: int, motion: Motion | None = None, fault: Fault | None = None
+    ) -> None:
+        self.step = step
+        self.motion = motion
+        self.fault = fault
+        super().__init__(message)

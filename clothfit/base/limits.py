@@ -1,0 +1,29 @@
+"""What the numbers that a caller gives may be: checks that need no library, so that a wrong one is told at once."""
+
+from __future__ import annotations
+
+import math
+
+from clothfit.base.errors import InvalidInput
+
+
+def checked_tolerance(tolerance: float | None, default: float) -> float:
+    """The relative tolerance to solve to. Raises InvalidInput unless it is above 0 and below 1."""
+    value = default if tolerance is None else tolerance
+    if not 0 < value < 1:
+        raise InvalidInput(f"tolerance: {value:g} is not possible, it must be above 0 and below 1")
+    return value
+
+
+def check_capture(noise: float, observed: float, every: int, fps: float | None = None) -> None:
+    """Raise InvalidInput when a capture cannot be like that."""
+    if not (math.isfinite(noise) and noise >= 0):
+        raise InvalidInput(f"noise: {noise:g} m is not possible, 0 or more is")
+    if not 0 < observed <= 1:
+        raise InvalidInput(f"observed: the fraction {observed:g} is not possible, it must be above 0 and at most 1")
+    if every < 1:
+        raise InvalidInput(f"every: {every} is not possible, 1 or more is")
+    if fps is not None and not 0 < fps < math.inf:
+        raise InvalidInput(f"fps: {fps:g} frames per second are not possible, the rate must be above 0 and finite")
+    if fps is not None and every != 1:
+        raise InvalidInput("fps: does not go with every; each says which frames there are")

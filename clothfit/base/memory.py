@@ -1,0 +1,160 @@
+"""How much memory a fit may use, and how it gets along with less: which states it keeps.
+
+A reverse sweep needs the states of a motion in the opposite order. Where all of them do not fit, snapshots are kept
+and the steps between two of them computed again when their turn comes: with one level of snapshots every step is
+computed twice, with L levels at most L + 1 times, and m^L stretches need only L m snapshots. A. Griewank, Achieving
+logarithmic growth of temporal and spatial complexity in reverse automatic differentiation, Optimization Methods and
+Software 1, 1992.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+from clothfit.base.errors import InvalidInput
+
+UNITS = {
+    "": 1, "b": 1, "k": 10**3, "kb": 10**3, "m": 10**6, "mb": 10**6, "g": 10**9, "gb": 10**9, "t": 10**12, "tb": 10**12,
+    "ki": 2**10, "kib": 2**10, "mi": 2**20, "mib": 2**20, "gi": 2**30, "gib": 2**30, "ti": 2**40, "tib": 2**40,
+}  # fmt: skip
+"""Bytes, in lower case; as on a disk's label, KB is 1000 and KiB 1024."""
+
+SHARE = 0.5
+"""Of the free memory, that a fit takes where nobody says how much."""
+
+LIMITS = (
+    ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
+    ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
+)
+"""Where a container's limit and use stand, in bytes; beside the use, `memory.stat` tells what of it is only cached."""
+
+LITTLE = 16_000_000
+"""Bytes that a process gets which got its libraries."""
+
+LIVE = 3
+"""Snapshots that are in hand while steps are computed, beside those that are kept."""
+
+
+class Plan(NamedTuple):
+    """Which states of a motion are kept."""
+
+    length: int  # steps whose states are held at a time
+    strides: tuple[int, ...] = ()  # steps between snapshots, from coarse to fine; the last is `length`
+    snapshots: int | None = None  # kept at a time; None: every state is kept, or none is needed again
+
+
+def parse(size: int | str) -> int:
+    """Bytes of a size such as 200MB, 2GiB, 1.5G or a plain number. Raises InvalidInput."""
+    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:e\+?[0-9]+)?)\s*([a-z]*)\s*", str(size), re.IGNORECASE)
+    if match is None or match[2].lower() not in UNITS:
+        raise InvalidInput(f"memory: {size!r} is not a size; give one such as 200MB, 2GiB or 1.5G")
+    value = float(match[1]) * UNITS[match[2].lower()]
+    if not 1 <= value < 2**63:
+        raise InvalidInput(f"memory: {size!r} is not possible; a size above 0, such as 200MB, is")
+    return int(value)
+
+
+def budget(size: int | str | None) -> int:
+    """Bytes that a fit may hold: the `size` that is given, else half of what is free. Raises InvalidInput."""
+    return parse(size) if size is not None else int(SHARE * free())
+
+
+def free() -> int:
+    """Bytes of memory that this process could have now: what the system has left, within the limits of a container
+    and of the process (`ulimit -v`).
+    """
+    found = [available(), allowed(), *(left(Path(most), Path(used)) for most, used in LIMITS)]
+    return min(each for each in found if each is not None)
+
+
+def missing(needed: int) -> int | None:
+    """The bytes that are free, where more are `needed`; None where it fits. So little that it always fits is not worth
+    a look, which takes as long as some steps of a small cloth.
+    """
+    if needed < LITTLE:
+        return None
+    found = free()
+    return found if needed > found else None
+
+
+def available() -> int:
+    """Bytes that the system could give without swapping; where it does not tell, all that it has."""
+    with suppress(OSError, ValueError, IndexError):
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return 1024 * int(line.split()[1])
+    return physical()
+
+
+def physical() -> int:
+    """Bytes of memory that the machine has; where it does not tell, enough."""
+    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 2**40
+
+
+def left(most: Path, used: Path) -> int | None:
+    """What a container has left of its limit; None where there is none."""
+    with suppress(OSError, ValueError):  # "max" is no number
+        return max(int(most.read_text()) - int(used.read_text()) + cached(used.parent / "memory.stat"), 0)
+    return None
+
+
+def cached(stat: Path) -> int:
+    """Bytes that a container uses for files it has read, and gives back when they are needed."""
+    with suppress(OSError, ValueError, IndexError):
+        return next(int(line.split()[1]) for line in stat.read_text().splitlines() if line.startswith("inactive_file "))
+    return 0
+
+
+def allowed() -> int | None:
+    """What this process has left of the address space that it may have; None where there is no limit."""
+    with suppress(ImportError, OSError, ValueError, IndexError):
+        import resource  # not on Windows
+
+        most = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if most != resource.RLIM_INFINITY:
+            used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+            return max(most - used, 0)
+    return None
+
+
+def human(size: float) -> str:
+    """A number of bytes for people."""
+    for unit in ("bytes", "kB", "MB"):
+        if size < 999.5:
+            return f"{size:.3g} {unit}"
+        size /= 1000
+    return f"{size:.3g} GB"
+
+
+def plan(steps: int, state: int, snapshot: int, most: float) -> Plan | None:
+    """How to keep `steps` states of `state` bytes within `most` bytes, with the fewest steps computed again; a snapshot
+    has `snapshot` bytes. None where that cannot be.
+    """
+    if steps * state <= most:
+        return Plan(max(steps, 1), (max(steps, 1),))
+    return next((found for found in plans(steps) if size(found, state, snapshot) <= most), None)
+
+
+def plans(steps: int) -> Iterator[Plan]:
+    """All plans with snapshots, those that compute the fewest steps again first."""
+    for levels in range(1, max(steps - 1, 1).bit_length() + 1):
+        for parts in range(2, steps + 1):
+            length = -(-steps // parts**levels)
+            yield Plan(length, tuple(length * parts**i for i in reversed(range(levels))), levels * parts)
+            if length == 1:
+                break
+
+
+def size(found: Plan, state: int, snapshot: int) -> int:
+    """Bytes that a plan holds."""
+    return found.length * state + (0 if found.snapshots is None else (LIVE + found.snapshots) * snapshot)
+
+
+def least(steps: int, state: int, snapshot: int) -> int:
+    """Bytes with which a motion of so many steps can be swept back."""
+    return min([steps * state, *(size(found, state, snapshot) for found in plans(steps))])

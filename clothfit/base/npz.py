@@ -1,0 +1,172 @@
+"""Arrays in `.npz` and `.npy` files. Those from anybody: what they say of themselves is judged before data are read.
+
+A `.npy` file is a short header, which tells type and shape, and then the numbers; an `.npz` file is a zip archive of
+such, stored or deflated. The header is text that looks like Python. It is searched for its three fields, never
+evaluated, and nothing is unpickled. A few kilobytes can unpack to gigabytes, and a header can promise any shape: so the
+caller sees types and shapes first, and reads only what he wants, into memory of just that size.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import zipfile
+import zlib
+from collections.abc import Collection, Mapping
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothfit.base.reading import MOST_TEXT, whole
+from clothfit.base.writing import Data
+
+MAGIC = b"\x93NUMPY"
+PACKED = b"PK"
+
+LONGEST_HEADER = 10_000
+"""Bytes, as NumPy has it."""
+
+PIECE = 1 << 20
+"""Bytes that are read at a time. An archive's table of contents must fit into it."""
+
+ROOM, RATIO = 64 << 20, 100
+"""An array of more than `ROOM` bytes may be packed `RATIO` times smaller at most: a motion's numbers hardly shrink."""
+
+DESCR = re.compile(r"""['"]descr['"]\s*:\s*['"]([^'"]{1,30})['"]\s*[,}]""")
+ORDER = re.compile(r"""['"]fortran_order['"]\s*:\s*(True|False)\s*[,}]""")
+SHAPE = re.compile(r"""['"]shape['"]\s*:\s*\(((?:\s*[0-9]{1,18}L?\s*,)*\s*(?:[0-9]{1,18}L?)?\s*)\)\s*[,}]""")
+
+TYPE = re.compile(r"[<>=|]?[biufcSUVmM][0-9]{1,9}(?:\[[0-9A-Za-z]{1,9}\])?")
+"""Types whose items are plain bytes, as NumPy writes them; it knows other names, some of them for pointers."""
+
+FAULTS = (
+    OSError, ValueError, EOFError, RuntimeError, MemoryError, OverflowError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What may be raised here and by the libraries below, on a file that is not in order."""
+
+
+def content(file: IO[bytes]) -> bytes:
+    """All that is in an open file that may hold arrays, or a scene. What does not begin as arrays do may be a device
+    without end: no more of it is read than of a text. Raises OSError, with a sentence as its `strerror`.
+    """
+    first = b""
+    while len(first) < len(MAGIC) and (piece := file.read(len(MAGIC) - len(first))):
+        first += piece
+    rest: bytes = whole(file, None if first.startswith((MAGIC, PACKED)) else MOST_TEXT)
+    return first + rest
+
+
+class Stored:
+    """An array in a file, of which the header is read."""
+
+    def __init__(self, stream: IO[bytes], size: int, packed: int) -> None:
+        """`stream` stands at the beginning of a `.npy` of `size` bytes, which take `packed` in the file."""
+        self._stream, self._packed = stream, packed
+        text, start = _header(stream)
+        self.dtype, self.shape, self._fortran = _described(text)
+        if start + self.nbytes > size:
+            raise ValueError(f"it ends early: {self.nbytes} bytes of numbers are promised, {size - start} are there")
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of its numbers."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+    def read(self) -> NDArray[Any]:
+        """Its numbers; once only."""
+        if self.nbytes > ROOM and self.nbytes > RATIO * self._packed:
+            raise ValueError(f"{self._packed} bytes unpack to {self.nbytes}; write it with numpy.savez, not compressed")
+        array: NDArray[Any] = np.empty(self.shape[::-1] if self._fortran else self.shape, self.dtype)
+        room = array.reshape(-1).view(np.uint8) if self.nbytes else np.empty(0, np.uint8)
+        done = 0
+        while done < len(room):
+            piece = self._stream.read(min(PIECE, len(room) - done))
+            if not piece:
+                raise EOFError("it ends early")
+            room[done : done + len(piece)] = np.frombuffer(piece, np.uint8)
+            done += len(piece)
+        self._stream.read(1)  # at its end the checksum is looked at
+        return array.T if self._fortran else array
+
+
+def archive(arrays: Mapping[str, NDArray[Any]]) -> Data:
+    """What writes arrays of numbers to an `.npz` file, by name, without copies of them."""
+    write: Any = np.savez  # its types take `allow_pickle` for one of the arrays
+    return lambda file: write(file, **arrays)  # none of them holds objects, so nothing is pickled
+
+
+def stored(file: IO[bytes], names: Collection[str], only: str) -> dict[str, Stored]:
+    """The arrays of those names in an open file that can be sought; a bare `.npy` has the name `only`.
+
+    Raises one of FAULTS, with a few words, when the file is not in order.
+    """
+    first = file.read(len(MAGIC))
+    size = file.seek(0, 2)
+    file.seek(0)
+    if first == MAGIC:
+        return {only: Stored(file, size, size)}
+    if not first.startswith(PACKED):
+        raise ValueError("it is neither")
+    archive = zipfile.ZipFile(_Rationed(file))
+    entries = {name: _entry(archive, name) for name in names}
+    return {
+        name: Stored(archive.open(info), info.file_size, min(info.compress_size, size))
+        for name, info in entries.items()
+        if info is not None
+    }
+
+
+class _Rationed:
+    """A file that gives no more than a piece at a time: a table of contents would be read in one."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self.seek, self.tell, self.seekable = file.seek, file.tell, file.seekable
+
+    def read(self, size: int = -1) -> bytes:
+        data = self._file.read(min(size, PIECE + 1) if size >= 0 else PIECE + 1)
+        if len(data) > PIECE:
+            raise zipfile.BadZipFile("it holds too many files to be a motion")
+        return data
+
+
+def _entry(archive: zipfile.ZipFile, name: str) -> zipfile.ZipInfo | None:
+    found = [info for info in archive.infolist() if info.filename in (name, f"{name}.npy")]
+    if not found:
+        return None
+    if len(found) > 1:
+        raise ValueError(f"it holds {name} more than once")
+    if found[0].flag_bits & 1:
+        raise ValueError("it is encrypted")
+    if found[0].compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError("it is packed in another way than NumPy's; write it with numpy.savez")
+    return found[0]
+
+
+def _header(stream: IO[bytes]) -> tuple[str, int]:
+    """The text of a header, and where the numbers begin."""
+    start = stream.read(8)
+    if not start.startswith(MAGIC) or len(start) < 8:
+        raise ValueError("what it holds is not an array")
+    wide = 2 if start[6] == 1 else 4  # bytes of the header's length
+    length = int.from_bytes(stream.read(wide), "little")
+    if start[6] not in (1, 2, 3) or length > LONGEST_HEADER:
+        raise ValueError("the header of the array is not one of NumPy's")
+    return stream.read(length).decode("utf-8" if start[6] == 3 else "latin-1"), 8 + wide + length
+
+
+def _described(text: str) -> tuple[np.dtype[Any], tuple[int, ...], bool]:
+    """Type, shape and whether the first index runs fastest, by a header."""
+    descr, order, shape = (pattern.findall(text) for pattern in (DESCR, ORDER, SHAPE))
+    if descr and "O" in descr[0]:
+        raise ValueError("it holds pickled objects")
+    if not len(descr) == len(order) == len(shape) == 1:
+        raise ValueError("its header does not tell type and shape of plain numbers")
+    try:
+        if not TYPE.fullmatch(descr[0]):
+            raise TypeError
+        dtype = np.dtype(descr[0])
+    except TypeError:
+        raise ValueError(f"there is no type {descr[0]!r} of plain numbers") from None
+    return dtype, tuple(int(size) for size in re.findall("[0-9]+", shape[0])), order[0] == "True"

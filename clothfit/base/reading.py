@@ -1,0 +1,55 @@
+"""Files from anybody: no more of them is read than a limit, whatever they are and say.
+
+A device never ends, a pipe does not tell how long it is, and a file may be as large as a disk, or grow meanwhile.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from typing import IO, Any
+
+from clothfit.base import memory
+from clothfit.base.memory import human
+from clothfit.base.steady import CHANGED
+
+MOST_TEXT = 500_000_000
+"""Bytes of a scene: several times what the largest have."""
+
+PIECE = 1 << 24
+"""Bytes to read at a time where nobody knows how many there are."""
+
+
+def whole(file: IO[Any], most: int | None = None) -> Any:
+    """All that is in an open file, text or bytes.
+
+    Raises OSError, with a sentence as its `strerror`, when that is more than `most` (default: than fits twice into the
+    free memory, as what is read in pieces is copied once), and when a file has become longer meanwhile: one that is
+    written as fast as it is read would never end.
+    """
+    limit = memory.free() // 2 if most is None else most
+    known = _size(file)
+    pieces: list[Any] = []
+    size = known if known > limit else 0
+    while size <= limit:
+        piece = file.read(min(max(known + 1, PIECE), limit + 1 - size))  # so much memory is taken at once
+        if not isinstance(piece, (str, bytes)):
+            raise TypeError(f"the file gave {type(piece).__name__} instead of text or bytes")
+        pieces.append(piece)
+        if not piece:
+            return piece.join(pieces)
+        size += len(piece)
+        if 0 < known < size <= limit:
+            raise OSError(errno.EBUSY, CHANGED)
+    why = "for which there is memory" if most is None else "that can be read"
+    raise OSError(errno.EFBIG, f"it has more than the {human(limit)} {why}")
+
+
+def _size(file: IO[Any]) -> int:
+    """Bytes of a regular file; 0 where nobody knows."""
+    try:
+        found = os.fstat(file.fileno())
+    except (AttributeError, OSError, ValueError):  # a file in memory
+        return 0
+    return found.st_size if stat.S_ISREG(found.st_mode) else 0

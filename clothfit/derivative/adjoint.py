@@ -1,0 +1,127 @@
+"""Derivatives of a whole motion: the reverse sweep (gradient) and the forward sweep (tangent).
+
+Both walk through a Rollout step by step and know no physics: a step's transpose and tangent do the work. For a cost
+G(x₁ … x_T) the reverse sweep gives its gradient by every mass and stiffness, and by the other kinds of `Elements` that
+are asked for, at the price of about one more simulation; the forward sweep gives the change of all positions along one
+direction in them. They are each other's transpose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from typing import TypeAlias
+
+import numpy as np
+
+from clothfit.base import interrupts
+from clothfit.base.arrays import Array, Elements
+from clothfit.engine.rollout import Rollout, velocities, velocity
+from clothfit.engine.solve import cg, guess
+from clothfit.engine.step import implicit, transition
+from clothfit.engine.system import System, clamped, zeros
+from clothfit.engine.tape import Tape
+from clothfit.kernels.kernel import kernel
+from clothfit.kernels.vectors import add, copy, hold_fixed
+
+Story: TypeAlias = Rollout | Tape
+"""A finished motion: all of it in memory, or told part by part."""
+
+Slope: TypeAlias = Callable[[Rollout], Array]
+"""∂G/∂x (T + 1, n, 3) of a part of T steps, asked for from the last part to the first; its entry for the state before
+the part does not count, as it belongs to the part before."""
+
+
+def gradient(
+    system: System, memory: Story, by_position: Array | Slope, tolerance: float, kinds: Collection[str] = ()
+) -> Elements:
+    """The gradient of G from by_position = ∂G/∂x (T + 1, n, 3), whole or part by part, along a finished motion.
+
+    By masses (n,), stiffnesses (S,) and the `kinds`, names of fields of Elements; the other fields stay empty.
+    """
+    slope = by_position if callable(by_position) else whole(by_position)
+    grad, work, safe = zeros(system, kinds), implicit.workspace(system), clamped(system)
+    x_bar, v_bar = np.zeros_like(system.x0), np.zeros_like(system.x0)
+    for segment in memory.backward():
+        for part in reversed(segment.parts()):
+            after, by_position = memory.steps - part.first, slope(part)
+            with cg.helped(work.A, work.cg):
+                for begin, end in reversed(alike(part)):
+                    form = safe if part.clamped[begin] else system
+                    state = x_bar, v_bar
+                    sweep_back(form, part, by_position, begin, end, tolerance, work, after - end, *state, grad)
+            interrupts.check()
+    if "velocity" in kinds:
+        hold_fixed(system.vertex.free, v_bar)
+        grad = grad._replace(velocity=v_bar)
+    return grad
+
+
+def whole(by_position: Array) -> Slope:
+    """A derivative that is in memory as a whole, part by part."""
+    array = np.ascontiguousarray(by_position)
+    return lambda part: array[part.first : part.first + part.steps + 1]
+
+
+def tangent(system: System, memory: Story, direction: Elements, tolerance: float) -> Array:
+    """Change of all positions (T + 1, n, 3) for the change `direction`; its empty fields do not change."""
+    change = np.zeros((memory.steps + 1, *system.x0.shape))
+    sweep = Sweep(system, direction, tolerance)
+    for segment in memory.forward():
+        for part in segment.parts():
+            change[part.first + 1 : part.first + 1 + part.steps] = sweep.through(part)
+    return change
+
+
+class Sweep:
+    """A forward sweep along one direction, on its way."""
+
+    def __init__(self, system: System, direction: Elements, tolerance: float) -> None:
+        self.system, self.direction, self.tolerance = system, direction, tolerance
+        self.work, self.safe = implicit.workspace(system), clamped(system)
+        self.dx, self.dv = np.zeros_like(system.x0), np.zeros_like(system.x0)
+        if len(direction.velocity) > 0:
+            copy(direction.velocity, self.dv)
+            hold_fixed(system.vertex.free, self.dv)
+
+    def through(self, part: Rollout) -> Array:
+        """Change of the positions (T, n, 3) after each step of the next part of the motion."""
+        change = np.empty_like(part.x[1:])
+        with cg.helped(self.work.A, self.work.cg):
+            for begin, end in alike(part):
+                form = self.safe if part.clamped[begin] else self.system
+                state = self.dx, self.dv
+                sweep_forward(form, part, begin, end, self.direction, self.tolerance, self.work, *state, change)
+        interrupts.check()
+        return change
+
+
+def alike(part: Rollout) -> list[tuple[int, int]]:
+    """Split the steps of a part, from first to below last, where the system that they were taken with changes."""
+    changes = (np.flatnonzero(np.diff(part.clamped)) + 1).tolist()
+    return list(zip([0, *changes], [*changes, part.steps], strict=True)) if part.steps else []
+
+
+@kernel
+def sweep_back(system, part, by_position, begin, end, tolerance, work, before, x_bar, v_bar, grad):
+    """Carry x_bar, v_bar (n, 3), the gradient by the state after some steps of a part, to before them; `before` steps
+    are swept.
+    """
+    x, used, theta = part.x, part.used, part.theta
+    for t in range(end - 1, begin - 1, -1):
+        add(1.0, by_position[t + 1], x_bar)
+        v, w = velocity(part, t), velocities(part, t)
+        guess.advance(work.past, before + end - 1 - t, work.solution)
+        transition.pullback(system, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
+
+
+@kernel
+def sweep_forward(system, part, begin, end, direction, tolerance, work, dx, dv, change):
+    """Carry dx, dv (n, 3), the change of the state before some steps of a part, to after them; keep all dx in change
+    (T, n, 3).
+    """
+    x, used, theta = part.x, part.used, part.theta
+    for t in range(begin, end):
+        v, w = velocity(part, t), velocities(part, t)
+        guess.advance(work.past, part.first + t, work.solution)
+        transition.pushforward(system, x[t], v, w, used[t], theta[t], tolerance, work, dx, dv, direction)
+        copy(dx, change[t])

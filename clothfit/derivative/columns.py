@@ -1,0 +1,52 @@
+"""From the fit vector to the columns of a sensitivity: which parameter moves which elements, and how much."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Elements, Indices
+from clothfit.derivative.sensitivity import Columns, Share
+from clothfit.engine.system import System, zeros
+from clothfit.scene.block import Block
+
+LOCAL = ("mass", "stiffness", "rest")
+"""Kinds with a share of their own in every vertex or spring; `velocity` only acts at the start, the rest everywhere."""
+
+
+def columns(system: System, blocks: Sequence[Block], column: Indices, factor: Array, count: int) -> Columns:
+    """The columns of one cloth's sensitivity by the parameters of `blocks`.
+
+    `column` (P,) is that of each parameter, −1 where it is held, `factor` (P,) what its derivative is multiplied with,
+    `count` the number of columns.
+    """
+    shares = {"mass": none(len(system.x0)), "stiffness": none(len(system.springs.rest)), "rest": none(0)}
+    everywhere: list[tuple[int, Elements]] = []
+    velocity: list[tuple[int, Array]] = []
+    for block in blocks:
+        own = np.flatnonzero(column[block.part] >= 0) + block.start
+        if block.name in LOCAL and len(own):
+            shares[block.name] = share(block, column, factor)
+            continue
+        for i in own:
+            unit = np.zeros(len(column))
+            unit[i] = factor[i]
+            change = np.array(block.spread(unit))
+            if block.name == "velocity":
+                velocity.append((int(column[i]), change))
+            else:
+                everywhere.append((int(column[i]), zeros(system)._replace(**{block.name: change})))
+    return Columns(count, shares["mass"], shares["stiffness"], shares["rest"], tuple(everywhere), tuple(velocity))
+
+
+def none(count: int) -> Share:
+    """`count` elements without a column."""
+    return Share(np.full(count, -1, np.int32), np.zeros(count))
+
+
+def share(block: Block, column: Indices, factor: Array) -> Share:
+    """The columns and factors of all elements of a block."""
+    own = column[block.part].reshape(-1)
+    places = own if block.mode == "L" else np.full(block.shape[0], own[0])
+    return Share(places.astype(np.int32), np.array(block.spread(factor), float))

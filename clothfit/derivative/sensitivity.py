@@ -1,0 +1,184 @@
+"""The sensitivity of a motion: how all positions change with each of Q parameters at once.
+
+The forward sweep of `adjoint` with Q right-hand sides per step: the matrices of the step (`step.jacobian`) are formed
+once, A is factorised once, and all columns go through dense linear algebra together. With f free vertices
+
+    A dW = Y dX + U dV + M dV + C,     dX⁺ = dX + h dW,     dX, dV, dW (3 f, Q)
+
+dense for small cloths, where that is fastest, and by a sparse factorisation for large ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from clothfit.base import interrupts
+from clothfit.base.arrays import Array, Elements, Indices
+from clothfit.derivative import adjoint
+from clothfit.derivative.adjoint import Story
+from clothfit.derivative.stencil import stencil
+from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian
+from clothfit.engine.rollout import Rollout, velocities, velocity
+from clothfit.engine.solve import sparse
+from clothfit.engine.step import implicit
+from clothfit.engine.system import EXPLICIT, System, clamped
+from clothfit.kernels.kernel import kernel
+
+FEW = 16
+"""Columns up to which a sweep for each is faster than one for all."""
+
+DENSE = 1500
+"""Unknowns up to which A is inverted as a dense matrix."""
+
+
+Watch: TypeAlias = Callable[[Rollout], None]
+"""What looks on while a motion passes."""
+
+
+class Columns(NamedTuple):
+    """What each of Q columns stands for: its share in every mass, stiffness and rest length, ∂element/∂parameter, at
+    most one column for each; and directions of the kinds that act everywhere.
+    """
+
+    width: int  # Q
+    mass: Share
+    stiffness: Share
+    rest: Share  # empty where no rest length is asked for
+    everywhere: tuple[tuple[int, Elements], ...]  # column, direction
+    velocity: tuple[tuple[int, Array], ...]  # column, change (n, 3) of the velocity at the start, m/s
+
+
+class Share(NamedTuple):
+    """The column of each element, −1 for none, and its factor."""
+
+    column: Indices
+    factor: Array
+
+
+def sweep(system: System, memory: Story, columns: Columns, watch: Watch | None = None) -> Iterator[Array]:
+    """Give dX (3 f, Q) after every step, the coordinates of the free vertices in order; one array, used again.
+
+    `watch` is shown each part of the motion before its steps are given.
+    """
+    free = system.vertex.free
+    place = np.where(free, np.cumsum(free) - 1, -1).astype(np.int32)
+    near, work, safe = stencil(system, 2), implicit.workspace(system), clamped(system)
+    step, change = jacobian(system, near, rest=len(columns.rest.column) > 0), np.zeros_like(system.x0)
+    mass = np.repeat(system.vertex.mass[free], 3)[:, None]
+    size = (3 * int(free.sum()), columns.width)
+    dx, dv, dy, du, dw = (np.zeros(size) for _ in range(5))
+    for column, start in columns.velocity:
+        dv[:, column] = start[free].reshape(-1)
+    for part in (part for segment in memory.forward() for part in segment.parts()):
+        if watch:
+            watch(part)
+        for t in range(part.steps):
+            v, form, theta = velocity(part, t), safe if part.clamped[t] else system, part.theta[t]
+            iterates = velocities(part, t)
+            for k in range(part.used[t]):
+                w = iterates[k]
+                u = v if k == 0 else iterates[k - 1]
+                differentiate(form, near, part.x[t], v, w, u, k, work, step)
+                np.copyto(du, dv if k == 0 else dw)
+                np.copyto(dy, dx) if k == 0 else np.add(dx, system.h * du, out=dy)
+                right = mass * dv
+                add_product(near, place, step.by_y, dy, right)
+                if np.any(step.by_u):
+                    add_product(near, place, step.by_u, du, right)
+                add_vertex_columns(place, step.by_mass, columns.mass, right)
+                add_spring_columns(place, system.springs.ends, step.by_stiffness, columns.stiffness, right)
+                add_spring_columns(place, system.springs.ends, step.by_rest, columns.rest, right)
+                for column, direction in columns.everywhere:
+                    differentiate_globally(form, part.x[t], v, w, u, k, work, direction, change)
+                    right[:, column] += change[free].reshape(-1)
+                dw = solver(work.A)(right)
+            dx += system.h * (dv if system.method == EXPLICIT else theta * dw)
+            np.multiply(theta, dw, out=dv)
+            interrupts.check()
+            yield dx
+
+
+def tangents(
+    system: System, memory: Story, columns: Columns, tolerance: float, watch: Watch | None = None
+) -> Iterator[Array]:
+    """The same as `sweep` by one forward sweep per column: the faster way for a few of them."""
+    free = system.vertex.free
+    sweeps = [adjoint.Sweep(system, along(system, columns, q), tolerance) for q in range(columns.width)]
+    for part in (part for segment in memory.forward() for part in segment.parts()):
+        if watch:
+            watch(part)
+        changes = [each.through(part) for each in sweeps]
+        for t in range(part.steps):
+            yield np.stack([change[t][free].reshape(-1) for change in changes], axis=1)
+
+
+def along(system: System, columns: Columns, q: int) -> Elements:
+    """The change of all elements that column q stands for."""
+    shares = [np.where(share.column == q, share.factor, 0.0) for share in columns[1:4]]
+    change = Elements(mass=shares[0], stiffness=shares[1], rest=shares[2])
+    for column, direction in columns.everywhere:
+        if column == q:
+            change = direction
+    for column, start in columns.velocity:
+        if column == q:
+            change = change._replace(velocity=start)
+    return change
+
+
+def solver(A: sparse.BlockMatrix) -> Callable[[Array], Array]:
+    """Factorise A on the free vertices: a function that solves A dW = B for B (3 f, Q)."""
+    from scipy.linalg import blas, lapack
+    from scipy.sparse.linalg import splu
+
+    matrix = sparse.to_scipy(*A)
+    if matrix.shape[0] > DENSE:
+        factor = splu(matrix)
+        return lambda right: np.asarray(factor.solve(right))
+    dense = matrix.toarray(order="F")
+    lower, fault = lapack.dpotrf(dense, lower=1)
+    inverse = np.asfortranarray(np.linalg.inv(dense)) if fault else lapack.dpotri(lower, lower=1, overwrite_c=1)[0]
+    return lambda right: blas.dsymm(1.0, inverse, right.T, side=1, lower=1).T
+
+
+@kernel
+def add_product(near, place, blocks, x, out):
+    """out += B x for the block matrix B on the stencil, x and out (3 f, Q) with row 3 place[i] + c for vertex i."""
+    for i in range(len(place)):
+        if place[i] >= 0:
+            o0, o1, o2 = out[3 * place[i]], out[3 * place[i] + 1], out[3 * place[i] + 2]
+            for e in range(near.start[i], near.start[i + 1]):
+                j = place[near.neighbour[e]]
+                if j >= 0:
+                    b = blocks[e]
+                    x0, x1, x2 = x[3 * j], x[3 * j + 1], x[3 * j + 2]
+                    for q in range(len(o0)):
+                        y0, y1, y2 = x0[q], x1[q], x2[q]
+                        o0[q] += b[0, 0] * y0 + b[0, 1] * y1 + b[0, 2] * y2
+                        o1[q] += b[1, 0] * y0 + b[1, 1] * y1 + b[1, 2] * y2
+                        o2[q] += b[2, 0] * y0 + b[2, 1] * y1 + b[2, 2] * y2
+
+
+@kernel
+def add_vertex_columns(place, by_element, share, out):
+    """out += C for what acts on its own vertex, `by_element` (n, 3)."""
+    for i in range(len(share.column)):
+        q = share.column[i]
+        if q >= 0 and place[i] >= 0:
+            for c in range(3):
+                out[3 * place[i] + c, q] += share.factor[i] * by_element[i, c]
+
+
+@kernel
+def add_spring_columns(place, ends, by_element, share, out):
+    """out += C for what acts on the two ends of its spring, `by_element` (S, 2, 3)."""
+    for i in range(len(share.column)):
+        q = share.column[i]
+        if q >= 0:
+            for end in range(2):
+                j = place[ends[i, end]]
+                if j >= 0:
+                    for c in range(3):
+                        out[3 * j + c, q] += share.factor[i] * by_element[i, end, c]

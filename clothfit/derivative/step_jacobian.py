@@ -1,0 +1,144 @@
+"""The matrices of one step: the derivative of its velocity by the state before it, by masses and by stiffnesses.
+
+An iteration of a step that goes from u to w (`implicit`) changes its velocity by
+
+    A dw = Y dy + U du + M dv + C dp,      dy = dx + h du and du = dw of the iteration before; at first dx and dv,
+
+and so do the explicit steps, with A = M. Row i of Y, U and C is the pullback of the unit vector along one axis at
+vertex i; all vertices of a colour (`stencil`, distance 2) are probed together, three probes a colour, whatever the
+forces are. Fixed vertices have no rows.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Elements
+from clothfit.derivative.stencil import Stencil
+from clothfit.engine.forces import total
+from clothfit.engine.solve import sparse
+from clothfit.engine.step import implicit
+from clothfit.engine.system import IMPLICIT, System, zeros
+from clothfit.kernels.kernel import kernel
+from clothfit.kernels.vectors import add_mass, add_rows_dot, combine, copy
+
+
+class Jacobian(NamedTuple):
+    """Derivative of one iteration of a step, beside its matrix A, which is in the workspace."""
+
+    by_y: Array  # Y, (E, 3, 3), one block for each neighbour in the stencil
+    by_u: Array  # U, (E, 3, 3)
+    by_mass: Array  # C of each mass, (n, 3): on its own vertex
+    by_stiffness: Array  # C of each stiffness, (S, 2, 3): on the two ends of its spring
+    by_rest: Array  # C of each rest length, (S, 2, 3); (0, 2, 3) where it is not asked for
+    row: Elements  # scratch: C of one probe
+
+
+def jacobian(system: System, stencil: Stencil, rest: bool = False) -> Jacobian:
+    """Memory for the derivative of a step of `system`, by the rest lengths as well where these are asked for."""
+    n, springs, blocks = len(system.x0), len(system.springs.rest), len(stencil.neighbour)
+    return Jacobian(
+        np.zeros((blocks, 3, 3)),
+        np.zeros((blocks, 3, 3)),
+        np.zeros((n, 3)),
+        np.zeros((springs, 2, 3)),
+        np.zeros((springs if rest else 0, 2, 3)),
+        zeros(system, ["rest"] if rest else []),
+    )
+
+
+@kernel
+def differentiate(system, stencil, x, v, w, u, k, work, out):
+    """Fill `out` with the derivative of iteration k, which went from u to w, and work.A with its matrix."""
+    A, y, s, lam, gy, gu = work.A, work.y, work.s, work.solution, work.gy, work.gu
+    at, to = u, w  # what the forces are linearised at, and the velocity their model is for
+    if system.method == IMPLICIT:
+        implicit.linearise(system, x, w, u, k, A, work.b, y, s)
+    else:
+        copy(x, y)
+        s[:] = 0.0
+        at, to = v, v
+        sparse.reset(A, system.vertex.mass)
+    for color in range(stencil.colors):
+        for c in range(3):
+            seed(system.vertex.free, stencil.color, color, c, lam)
+            pull(system, y, at, to, s, v, w, lam, gy, gu, out.row)
+            if system.method != IMPLICIT:
+                total.add_damping(system, y, system.h, lam, gu)
+            elif k > 0:
+                add_newton(system, A, y, lam, work.b, gu)
+            keep(system, stencil, color, c, gy, gu, out)
+
+
+@kernel
+def seed(free, colors, color, c, lam):
+    """lam = the unit vector along axis c at all free vertices of one colour."""
+    for i in range(len(lam)):
+        lam[i, 0], lam[i, 1], lam[i, 2] = 0.0, 0.0, 0.0
+        if free[i] and colors[i] == color:
+            lam[i, c] = 1.0
+
+
+@kernel
+def pull(system, y, u, w, s, v, w_new, lam, gy, gu, row):
+    """Pull lam back through −r: gy, gu and the gradient by the elements, `row`."""
+    gy[:] = 0.0
+    gu[:] = 0.0
+    row.mass[:] = 0.0
+    row.stiffness[:] = 0.0
+    row.rest[:] = 0.0
+    total.add_pullback(system, y, u, w, s, lam, system.h, row, gy, gu)
+    add_rows_dot(-1.0, lam, w_new, row.mass)
+    add_rows_dot(1.0, lam, v, row.mass)
+
+
+@kernel
+def add_newton(system, A, y, lam, scratch, gu):
+    """gu += −h² K λ = (A − M + h D) λ: how the point of linearisation of a later iteration moves with u."""
+    sparse.multiply(A, lam, scratch)
+    add_mass(system.vertex.mass, -1.0, lam, scratch)
+    total.add_damping(system, y, system.h, lam, scratch)
+    combine(1.0, gu, 1.0, scratch, gu)
+
+
+@kernel
+def keep(system, stencil, color, c, gy, gu, out):
+    """Sort what the probe of one colour along axis c gave into rows."""
+    for i in range(len(gy)):
+        if stencil.color[i] == color:
+            out.by_mass[i, c] = out.row.mass[i]
+            for e in range(stencil.start[i], stencil.start[i + 1]):
+                j = stencil.neighbour[e]
+                for d in range(3):
+                    out.by_y[e, c, d] = gy[j, d]
+                    out.by_u[e, c, d] = gu[j, d]
+    for i in range(len(out.by_stiffness)):
+        for end in range(2):
+            if stencil.color[system.springs.ends[i, end]] == color:
+                out.by_stiffness[i, end, c] = out.row.stiffness[i]
+                if len(out.by_rest) > 0:
+                    out.by_rest[i, end, c] = out.row.rest[i]
+
+
+@kernel
+def differentiate_globally(system, x, v, w, u, k, work, direction, out):
+    """out (n, 3) = C dp for a change `direction` of the elements, in iteration k; for kinds that act everywhere."""
+    y, s, zero = work.y, work.s, work.gy
+    zero[:] = 0.0
+    at, to = u, w
+    if system.method != IMPLICIT:
+        copy(x, y)
+        s[:] = 0.0
+        at, to = v, v
+    elif k == 0:
+        copy(x, y)
+        combine(system.h, w, 0.0, w, s)
+    else:
+        combine(1.0, x, system.h, u, y)
+        combine(system.h, w, -system.h, u, s)
+    out[:] = 0.0
+    total.add_pushforward(system, y, at, to, s, zero, zero, direction, system.h, out)
+    add_mass(direction.mass, 1.0, v, out)
+    add_mass(direction.mass, -1.0, w, out)

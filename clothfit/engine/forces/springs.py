@@ -1,0 +1,208 @@
+"""Springs with damping along their axis.
+
+A spring joins a and b: e = y_a − y_b, L = |e|, d = e/L, rest length L₀, stiffness k, damping β k with β = α/2
+(α the object's damping coefficient, read in s here, in 1/s at the vertices).
+
+    f_a = −k (L − L₀) d − β k (d·(u_a − u_b)) d = −f_b
+    K_aa = −k [(1 − ρ) I + ρ d dᵀ],  D_aa = −β k d dᵀ,  ρ = L₀/L    (the damping's position derivative is left out)
+
+The damping is linear in the velocity and D is its exact derivative, so the velocity before the step drops out of
+the step's model: with s and w the differences s_a − s_b and w_a − w_b,
+
+    F_a(w) = −k [(1 − ρ)(e + s) + ρ d (d·s) + β d (d·w)].
+
+A compressed spring, ρ > 1, pushes sideways: −K is not positive semi-definite. Where the step's matrix must be positive
+definite, K takes ρ̂ = min(ρ, 1) for ρ; then F_a = −k [(1 − ρ) e + (1 − ρ̂) s + ρ̂ d (d·s) + β d (d·w)], the same force
+with a stiffer model of how it changes, as in J. Teran et al., Robust quasistatic finite elements and flesh
+simulation, SCA 2005, there per element as well.
+
+The force on b is the opposite and every block is symmetric, so one pass over the springs serves both ends.
+Reference: D. Baraff, A. Witkin, Large steps in cloth simulation, SIGGRAPH 1998.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Indices
+from clothfit.engine.solve.sparse import add_block, outer, subtract_block
+from clothfit.kernels.kernel import kernel
+from clothfit.kernels.lanes import add, fma, load3, mul, pack, splat, store3, sub
+from clothfit.kernels.lanes.products import dot
+
+
+class Springs(NamedTuple):
+    """Constants of the springs of one cloth."""
+
+    ends: Indices  # (S, 2), the vertices a and b
+    rest: Array  # L₀, (S,), m
+    stiffness: Array  # k, (S,), N/m
+    damping: float  # β = α/2, s
+    slot: Indices  # (S,), place of the block (a, b) in the matrix
+    cap: float = np.inf  # most that ρ counts as in K: 1 makes −K positive semi-definite
+
+
+def build(ends: Indices, rest: Array, stiffness: Array, damping: float, slot: Indices) -> Springs:
+    """Springs with rest lengths (S,) m and stiffnesses (S,) N/m, with the object's damping coefficient α."""
+    return Springs(ends, np.array(rest, float), np.array(stiffness, float), 0.5 * float(damping), slot)
+
+
+@kernel
+def difference(x, springs, i):
+    """x_a − x_b for spring i."""
+    return sub(load3(x, springs.ends[i, 0]), load3(x, springs.ends[i, 1]))
+
+
+@kernel
+def add_opposite(out, springs, i, p):
+    """out_a += p, out_b −= p for spring i."""
+    a, b = springs.ends[i, 0], springs.ends[i, 1]
+    store3(add(load3(out, a), p), out, a)
+    store3(sub(load3(out, b), p), out, b)
+
+
+@kernel
+def axis(springs, y, i):
+    """Length, its inverse and unit vector of spring i; one of zero length has no direction and exerts nothing: there
+    the vector is 0, and the inverse that of the rest length.
+    """
+    e = difference(y, springs, i)
+    length = sqrt(dot(e, e))
+    if length == 0.0:
+        return 0.0, 1.0 / springs.rest[i], e
+    inverse = 1.0 / length
+    return length, inverse, mul(e, splat(inverse))
+
+
+@kernel
+def capped(springs, rho):
+    """ρ̂ = min(ρ, cap), and ρ̃ for ∂ρ̂/∂e = −ρ̃ d/L and ∂ρ̂/∂L₀ = ρ̃/L₀: ρ, or 0 where the cap holds it."""
+    if rho > springs.cap:
+        return springs.cap, 0.0
+    return rho, rho
+
+
+@kernel
+def pointlike(d):
+    """Whether a spring's axis is that of one of zero length, which exerts nothing whatever its rest length."""
+    return dot(d, d) == 0.0
+
+
+@kernel
+def energy(springs, y):
+    twice = 0.0  # k (L − L₀)², also where L = 0, as its limit
+    for i in range(len(springs.rest)):
+        e = difference(y, springs, i)
+        stretch = sqrt(dot(e, e)) - springs.rest[i]
+        twice += springs.stiffness[i] * stretch * stretch
+    return 0.5 * twice
+
+
+@kernel
+def damping_power(springs, y, u, w):
+    total = 0.0
+    for i in range(len(springs.rest)):
+        _, _, d = axis(springs, y, i)
+        along = dot(d, difference(u, springs, i)) * dot(d, difference(w, springs, i))
+        total -= springs.damping * springs.stiffness[i] * along
+    return total
+
+
+@kernel
+def add_force(springs, y, u, f):
+    for i in range(len(springs.rest)):
+        length, _, d = axis(springs, y, i)
+        stretch = length - springs.rest[i]
+        pull = -springs.stiffness[i] * (stretch + springs.damping * dot(d, difference(u, springs, i)))
+        add_opposite(f, springs, i, mul(splat(pull), d))
+
+
+@kernel
+def add_damping(springs, y, scale, q, out):
+    for i in range(len(springs.rest)):
+        _, _, d = axis(springs, y, i)
+        pull = -scale * springs.damping * springs.stiffness[i] * dot(d, difference(q, springs, i))
+        add_opposite(out, springs, i, mul(splat(pull), d))
+
+
+@kernel
+def add_step(springs, y, u, h, A, b):
+    upright, lowered = pack(1.0, 0.0, 0.0, 0.0), pack(1.0, 0.0, 1.0, 0.0)  # where xx, zz and yy are in a block
+    stored = 0.0
+    for i in range(len(springs.rest)):
+        length, inverse, d = axis(springs, y, i)
+        k = springs.stiffness[i]
+        rho, _ = capped(springs, springs.rest[i] * inverse)
+        across = splat(h * h * k * (1.0 - rho))
+        along = splat(h * k * (h * rho + springs.damping))
+        low, high = outer(mul(along, d), d)
+        low, high = fma(across, upright, low), fma(across, lowered, high)
+        add_block(A.diagonal, springs.ends[i, 0], low, high)
+        add_block(A.diagonal, springs.ends[i, 1], low, high)
+        subtract_block(A.upper, springs.slot[i], low, high)
+        if len(b) > 0:
+            stretch = length - springs.rest[i]
+            stored += k * stretch * stretch
+            add_opposite(b, springs, i, mul(splat(-h * k * stretch), d))
+    return 0.5 * stored
+
+
+@kernel
+def add_pullback(springs, y, u, w, s, lam, h, grad, gy, gu):
+    # φ = −h k ψ(e),  ψ = (L − L₀) λ·d + (1 − ρ̂) λ·s + ρ̂ (λ·d)(d·s) + β (λ·d)(d·w),  with λ = λ_a − λ_b held fixed.
+    # ∂ρ̂/∂e = −ρ̃ d/L and ∂(p·d)/∂e = (p − (p·d) d)/L for any fixed vector p.
+    beta = springs.damping
+    for i in range(len(springs.rest)):
+        length, inverse, d = axis(springs, y, i)
+        s_i, w_i, l_i = difference(s, springs, i), difference(w, springs, i), difference(lam, springs, i)
+        rho = springs.rest[i] * inverse
+        hat, bent = capped(springs, rho)
+        ld, sd, wd, ls = dot(l_i, d), dot(s_i, d), dot(w_i, d), dot(l_i, s_i)
+        turn = hat * sd + beta * wd
+        grad.stiffness[i] -= h * ((1.0 - rho) * length * ld + (1.0 - hat) * ls + ld * turn)
+        if len(grad.damping) > 0:  # β = α/2
+            grad.damping[0] -= 0.5 * h * springs.stiffness[i] * ld * wd
+        if len(grad.rest) > 0 and not pointlike(d):
+            grad.rest[i] += h * springs.stiffness[i] * (ld + (ls - ld * sd) * bent / springs.rest[i])
+        # ∂ψ/∂e = cl λ + cs s + cw w + cd d
+        hk = -h * springs.stiffness[i]
+        cl = hk * ((1.0 - rho) + turn * inverse)
+        cs = hk * (hat * ld * inverse)
+        cw = hk * (beta * ld * inverse)
+        cd = hk * ((bent * ls + rho * length * ld - ld * (turn + turn + bent * sd)) * inverse)
+        g = fma(splat(cl), l_i, fma(splat(cs), s_i, fma(splat(cw), w_i, mul(splat(cd), d))))
+        add_opposite(gy, springs, i, g)
+
+
+@kernel
+def add_pushforward(springs, y, u, w, s, dy, du, direction, h, out):
+    # With t = (d·de)/L and n = de/L − t d = dd:  dρ = −ρ t, dρ̂ = −ρ̃ t, and each product rule in turn.
+    beta = springs.damping
+    for i in range(len(springs.rest)):
+        length, inverse, d = axis(springs, y, i)
+        s_i, w_i, e_i = difference(s, springs, i), difference(w, springs, i), difference(dy, springs, i)
+        rho = springs.rest[i] * inverse
+        hat, bent = capped(springs, rho)
+        sd, wd = dot(s_i, d), dot(w_i, d)
+        t = dot(e_i, d) * inverse
+        n = fma(splat(-t), d, mul(splat(inverse), e_i))
+        sn, wn = dot(s_i, n), dot(w_i, n)
+        # F/(−k) = (1 − ρ) e + (1 − ρ̂) s + turn d, its change with y, and on top the change of k
+        turn = hat * sd + beta * wd
+        swing = rho * t * length + hat * sn - bent * t * sd + beta * wn
+        hk = -h * springs.stiffness[i]
+        cd = hk * swing - h * direction.stiffness[i] * ((1.0 - rho) * length + turn)
+        cs = hk * bent * t - h * direction.stiffness[i] * (1.0 - hat)
+        ce = hk * (1.0 - rho)
+        cn = hk * turn
+        if len(direction.damping) > 0:
+            cd += 0.5 * hk * direction.damping[0] * wd
+        if len(direction.rest) > 0 and not pointlike(d):
+            change = bent / springs.rest[i]  # ∂ρ̂/∂L₀
+            cd += hk * direction.rest[i] * (sd * change - 1.0)
+            cs -= hk * direction.rest[i] * change
+        p = fma(splat(cd), d, fma(splat(cs), s_i, fma(splat(ce), e_i, mul(splat(cn), n))))
+        add_opposite(out, springs, i, p)

@@ -1,0 +1,51 @@
+"""All forces of a cloth together: the functions of `forces/__init__`, on a System."""
+
+from __future__ import annotations
+
+from clothfit.engine.forces import spheres, springs, vertex, wind
+from clothfit.kernels.kernel import kernel
+
+
+@kernel
+def add_force(system, y, u, f):
+    vertex.add_force(system.vertex, y, u, f)
+    springs.add_force(system.springs, y, u, f)
+    wind.add_force(system.faces, y, u, f)
+    spheres.add_force(system.spheres, y, u, f)
+
+
+@kernel
+def add_damping(system, y, scale, q, out):
+    vertex.add_damping(system.vertex, y, scale, q, out)
+    springs.add_damping(system.springs, y, scale, q, out)
+    wind.add_damping(system.faces, y, scale, q, out)
+
+
+@kernel
+def add_step(system, y, u, h, A, b):
+    stored = vertex.add_step(system.vertex, y, u, h, A, b)
+    stored += springs.add_step(system.springs, y, u, h, A, b)
+    stored += wind.add_step(system.faces, y, u, h, A, b)
+    return stored + spheres.add_step(system.spheres, y, u, h, A, b)
+
+
+@kernel
+def stored_energy(system, y, x):
+    """The energy at y of the springs, and of the contacts that there are at x, (n, 3) each, J."""
+    return springs.energy(system.springs, y) + spheres.energy_of_contacts(system.spheres, y, x)
+
+
+@kernel
+def add_pullback(system, y, u, w, s, lam, h, grad, gy, gu):
+    vertex.add_pullback(system.vertex, y, u, w, s, lam, h, grad, gy, gu)
+    springs.add_pullback(system.springs, y, u, w, s, lam, h, grad, gy, gu)
+    wind.add_pullback(system.faces, y, u, w, s, lam, h, grad, gy, gu)
+    spheres.add_pullback(system.spheres, y, u, w, s, lam, h, grad, gy, gu)
+
+
+@kernel
+def add_pushforward(system, y, u, w, s, dy, du, direction, h, out):
+    vertex.add_pushforward(system.vertex, y, u, w, s, dy, du, direction, h, out)
+    springs.add_pushforward(system.springs, y, u, w, s, dy, du, direction, h, out)
+    wind.add_pushforward(system.faces, y, u, w, s, dy, du, direction, h, out)
+    spheres.add_pushforward(system.spheres, y, u, w, s, dy, du, direction, h, out)

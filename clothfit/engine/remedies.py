@@ -1,0 +1,50 @@
+"""What the steps of a motion needed beyond the ordinary, counted: nothing of it stays unsaid."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from clothfit.engine.rollout import Rollout
+
+
+class Remedies(NamedTuple):
+    """How many linear systems or steps needed what."""
+
+    direct_solves: int = 0  # a factorisation, as conjugate gradients did not come to the tolerance
+    clamped_steps: int = 0  # a positive definite matrix in place of their own (`system.clamped`)
+    shortened_steps: int = 0  # to be shortened, as they would have added energy (`step.guard`)
+
+    def with_those_of(self, part: Rollout) -> Remedies:
+        """These and those of a part of a motion."""
+        return Remedies(
+            self.direct_solves + int(part.solves[:, 1].sum()),
+            self.clamped_steps + int(part.clamped.sum()),
+            self.shortened_steps + int((part.theta < 1.0).sum()),
+        )
+
+    def together(self, other: Remedies) -> Remedies:
+        """These and others."""
+        return Remedies(*(a + b for a, b in zip(self, other, strict=True)))
+
+    def sentences(self, steps: int) -> list[str]:
+        """What a user should know of a motion, or motions, of so many steps in all."""
+        found = []
+        if self.direct_solves:
+            found.append(
+                f"{self.direct_solves} linear systems were too stiff for conjugate gradients and were solved directly"
+            )
+        if self.clamped_steps:
+            found.append(
+                f"in {self.clamped_steps} of {steps} steps the cloth was so strongly compressed that the matrix was "
+                "indefinite; they were taken with the springs' push sideways left out of it"
+            )
+        if self.shortened_steps:
+            found.append(
+                f"{self.shortened_steps} of {steps} steps would have added energy and were shortened; "
+                "with a smaller delta there are fewer"
+            )
+        return found
+
+
+NONE = Remedies()
+"""Of ordinary steps."""

@@ -1,0 +1,242 @@
+"""Symmetric 3×3-block sparse matrix of a cloth: the pattern is built once, the values are scattered at each step.
+
+Only free vertices have rows. They stand in an order of sweep; row r, of vertex order[r], owns the blocks that join it
+to vertices later in the order, and the other half is their mirror image. Every block of the cloth is itself symmetric
+(a spring acts along and across one axis), so its eight numbers
+
+    xx xy xz yz | zz xy yy yz
+
+hold the columns x, y, z as the triples that begin at 0, 5 and 2, each one vector load; what a load finds in its fourth
+lane is cleared where it would matter. A block is a cache line, and a small cloth's matrix stays in the fastest
+caches. Blocks that join fixed vertices go to one last slot, which no row reads.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags, Indices, aligned
+from clothfit.kernels.kernel import kernel
+from clothfit.kernels.lanes import (
+    add,
+    fma,
+    load,
+    load3,
+    mul,
+    splat,
+    spread0,
+    spread1,
+    spread2,
+    store,
+    store3,
+    sub,
+    xxxy,
+    xyzz,
+    zxyy,
+    zyyz,
+)
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
+
+XX, XY, XZ, YZ, ZZ, YY = 0, 1, 2, 3, 4, 6
+"""Places in a block; xy and yz stand a second time behind zz and yy."""
+
+SQUARE = [[XX, XY, XZ], [XY, YY, YZ], [XZ, YZ, ZZ]]
+BLOCK = 8
+
+LARGE = 1500
+"""Free vertices from which two threads pay: a pass over the rows then takes longer than they need to meet."""
+
+
+class BlockMatrix(NamedTuple):
+    """A x for x (n, 3); m free vertices, E blocks between them."""
+
+    order: Indices  # (m,), the free vertices in the order of sweep
+    row: Indices  # (m + 1,), row r owns the slots row[r] … row[r + 1] − 1
+    column: Indices  # (E,), vertex of each slot, later in the order than the row's
+    shares: Indices  # (3, 2), first row and end of each share of the rows; the first two are not joined
+    diagonal: Array  # (n + 1, 8), diagonal blocks; the last is only read into by loads of the one before
+    upper: Array  # (E + 1, 8), blocks of the slots; the last takes what belongs to no row
+
+
+class Pattern(NamedTuple):
+    """Where the blocks of a matrix are; see BlockMatrix."""
+
+    order: Indices
+    row: Indices
+    column: Indices
+    shares: Indices
+
+
+VERY_LARGE = 8000
+"""Free vertices from which multigrid beats SSOR, measured between grids of 64² and 128²; it is one thread's work."""
+
+
+def pattern(ends: Indices, free: Flags) -> tuple[Pattern, Indices]:
+    """The pattern, and the slot of each pair, for the vertex pairs `ends` (S, 2) that are joined.
+
+    Pairs that join the same two vertices share a slot; pairs with a fixed vertex get the slot that no row reads.
+    """
+    order, shares = sweep(ends, free)
+    place = np.zeros(len(free), np.int64)
+    place[order] = np.arange(len(order))
+    kept = free[ends].all(axis=1)
+    rank = np.sort(place[ends[kept]], axis=1)
+    m = len(order)
+    keys, inverse = np.unique(rank[:, 0] * m + rank[:, 1], return_inverse=True)
+    row = np.searchsorted(keys, np.arange(m + 1, dtype=np.int64) * m)
+    slot = np.full(len(ends), len(keys), np.int32)
+    slot[kept] = inverse
+    column = order[keys % m] if m else keys
+    return Pattern(order, row.astype(np.int32), column.astype(np.int32), shares), slot
+
+
+def sweep(ends: Indices, free: Flags) -> tuple[Indices, Indices]:
+    """The order of sweep (m,) and its shares (3, 2).
+
+    A small cloth is swept in the order of its vertices, a large one along its bandwidth where theirs jumps about: each
+    row then works on what the last ones left in the caches. Its first and second half are shares of their own, but for
+    those vertices of the second that are joined to the first, which come last.
+    """
+    order = np.flatnonzero(free).astype(np.int32)
+    m = len(order)
+    if m < LARGE:
+        return order, np.array([[0, m], [m, m], [m, m]], np.int32)
+    place = np.full(len(free), -1)
+    place[order] = np.arange(m)
+    joined = place[ends[free[ends].all(axis=1)]]
+    along = along_bandwidth(joined, m)
+    order, joined = order[along], np.argsort(along)[joined]
+    if m >= VERY_LARGE:
+        return order, np.array([[0, m], [m, m], [m, m]], np.int32)
+    first = (joined < m // 2).any(axis=1)
+    between = np.zeros(m, bool)
+    between[joined[first].max(axis=1)] = True
+    between[: m // 2] = False
+    seam = np.flatnonzero(between)
+    rest = np.flatnonzero(~between)
+    middle, end = m // 2, m - len(seam)
+    return order[np.concatenate([rest, seam])], np.array([[0, middle], [middle, end], [end, m]], np.int32)
+
+
+def along_bandwidth(joined: Indices, m: int) -> Indices:
+    """An order (m,) in which joined vertices are near: their own, or reverse Cuthill–McKee where that is far better."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    ones = np.ones(2 * len(joined))
+    both_ways = (np.concatenate([joined[:, 0], joined[:, 1]]), np.concatenate([joined[:, 1], joined[:, 0]]))
+    better = reverse_cuthill_mckee(csr_array((ones, both_ways), shape=(m, m)), symmetric_mode=True)
+    distance = np.abs(joined[:, 0] - joined[:, 1]).sum()
+    after = np.argsort(better)[joined]
+    jumps = distance > 2.0 * np.abs(after[:, 0] - after[:, 1]).sum()
+    return np.asarray(better, np.int32) if jumps else np.arange(m, dtype=np.int32)
+
+
+def zeros(pattern: Pattern, n: int) -> BlockMatrix:
+    """A matrix of that pattern for n vertices, all zero."""
+    return BlockMatrix(*pattern, aligned(n + 1, BLOCK), aligned(len(pattern.column) + 1, BLOCK))
+
+
+@kernel
+def reset(A, mass):
+    """A = the masses (n,) on the diagonal."""
+    zero = splat(0.0)
+    for e in range(len(A.upper)):
+        store(zero, A.upper, e, 0)
+        store(zero, A.upper, e, 4)
+    for i in range(len(mass)):
+        store(zero, A.diagonal, i, 0)
+        store(zero, A.diagonal, i, 4)
+        A.diagonal[i, XX] = A.diagonal[i, YY] = A.diagonal[i, ZZ] = mass[i]
+
+
+@kernel
+def add_block(blocks, i, low, high):
+    """Add to block i its two halves."""
+    store(add(load(blocks, i, 0), low), blocks, i, 0)
+    store(add(load(blocks, i, 4), high), blocks, i, 4)
+
+
+@kernel
+def subtract_block(blocks, i, low, high):
+    """Subtract from block i its two halves."""
+    store(sub(load(blocks, i, 0), low), blocks, i, 0)
+    store(sub(load(blocks, i, 4), high), blocks, i, 4)
+
+
+@kernel
+def outer(p, q):
+    """The halves of the block p qᵀ, for p along q."""
+    return mul(xxxy(p), xyzz(q)), mul(zxyy(p), zyyz(q))
+
+
+@kernel
+def times_spread(blocks, i, x0, x1, x2, total):
+    """total + B x for block i and a vector whose components fill x0, x1, x2; lane 3 is of no use."""
+    total = fma(load(blocks, i, 0), x0, total)
+    total = fma(load(blocks, i, 5), x1, total)
+    return fma(load(blocks, i, 2), x2, total)
+
+
+@kernel
+def times(blocks, i, x, total):
+    """total + B x for block i; lane 3 is of no use."""
+    return times_spread(blocks, i, spread0(x), spread1(x), spread2(x), total)
+
+
+@kernel
+def multiply(A, x, out):
+    """out = A x for x, out (n, 3), zero at fixed vertices. Each stored block serves its row and its column."""
+    out[:] = 0.0
+    for r in range(len(A.order)):
+        i = A.order[r]
+        x_i = load3(x, i)
+        x0, x1, x2 = spread0(x_i), spread1(x_i), spread2(x_i)
+        total = times_spread(A.diagonal, i, x0, x1, x2, load3(out, i))
+        for e in range(A.row[r], A.row[r + 1]):
+            j = A.column[e]
+            total = times(A.upper, e, load3(x, j), total)
+            store3(times_spread(A.upper, e, x0, x1, x2, load3(out, j)), out, j)
+        store3(total, out, i)
+
+
+@kernel
+def invert_diagonal(A, scale, inverse):
+    """scale · the inverses of the diagonal blocks (n + 1, 8); False when a block is not positive definite."""
+    definite = True
+    for r in range(len(A.order)):
+        i = A.order[r]
+        xx, xy, xz = A.diagonal[i, XX], A.diagonal[i, XY], A.diagonal[i, XZ]
+        yy, yz, zz = A.diagonal[i, YY], A.diagonal[i, YZ], A.diagonal[i, ZZ]
+        c0, c1, c2 = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+        minor = xx * yy - xy * xy
+        determinant = xx * c0 + xy * c1 + xz * c2
+        definite = definite and xx > 0.0 and minor > 0.0 and determinant > 0.0
+        factor = scale / determinant
+        inverse[i, XX] = c0 * factor
+        inverse[i, XY] = inverse[i, XY + 4] = c1 * factor
+        inverse[i, XZ] = c2 * factor
+        inverse[i, YZ] = inverse[i, YZ + 4] = (xy * xz - xx * yz) * factor
+        inverse[i, ZZ] = minor * factor
+        inverse[i, YY] = (xx * zz - xz * xz) * factor
+    return definite
+
+
+def to_scipy(
+    order: Indices, row: Indices, column: Indices, _shares: Indices, diagonal: Array, upper: Array
+) -> csc_array:
+    """The matrix as a SciPy sparse array (3 m, 3 m), both halves: of the free vertices, in ascending order."""
+    from scipy.sparse import bsr_array
+
+    m, place = len(order), np.zeros(len(diagonal), np.int32)
+    place[np.sort(order)] = np.arange(m)
+    own, above, beside = place[order], place[np.repeat(order, np.diff(row))], place[column]
+    rows, columns = np.concatenate([own, above, beside]), np.concatenate([own, beside, above])
+    sorting = np.lexsort((columns, rows))
+    blocks = np.concatenate([diagonal[order], upper[:-1], upper[:-1]])[sorting][:, SQUARE]
+    starts = np.searchsorted(rows[sorting], np.arange(m + 1))
+    return bsr_array((blocks, columns[sorting], starts), shape=(3 * m, 3 * m)).tocsr().T  # it is symmetric

@@ -1,0 +1,225 @@
+"""The parts of conjugate gradients with the SSOR preconditioner: passes over rows of the matrix.
+
+Symbols are those of `cg`. The rows fall into three shares: the first two are not joined to each other, the third to
+both (`sparse.Pattern.shares`), and each pass takes the rows of one share, so two threads can take the first two.
+A row pushes what it knows to later rows, of its own share or the third; those pushes go to an array of the share,
+`own`, and the third adds up what both pushed. Vectors are (n, 4), lane 3 being 0.
+"""
+
+from __future__ import annotations
+
+from clothfit.engine.solve.sparse import times, times_spread
+from clothfit.kernels.kernel import kernel
+from clothfit.kernels.lanes import (
+    add,
+    clear3,
+    fma,
+    lane0,
+    lane2,
+    load,
+    load3,
+    mul,
+    splat,
+    spread0,
+    spread1,
+    spread2,
+    store,
+    store3,
+    sub,
+    sum3,
+)
+
+
+@kernel
+def omega(A):
+    """The relaxation factor ω: nearer 2 the smaller the mass is beside h² times the stiffness.
+
+    The sum of a row's blocks is mostly mass: q, its share in the diagonal, falls with refinement. By measurement on
+    cloths of 12² to 128² vertices the fewest iterations are needed near 2/(1 + q^0.2), and few more around it.
+    """
+    low, high = splat(0.0), splat(0.0)
+    for k in range(len(A.order)):
+        i = A.order[k]
+        low = add(low, load(A.diagonal, i, 0))
+        high = add(high, load(A.diagonal, i, 4))
+    diagonal = lane0(low) + lane0(high) + lane2(high)
+    low, high = splat(0.0), splat(0.0)
+    for e in range(len(A.column)):
+        low = add(low, load(A.upper, e, 0))
+        high = add(high, load(A.upper, e, 4))
+    share = 1.0 + 2.0 * (lane0(low) + lane0(high) + lane2(high)) / diagonal
+    return 2.0 / (1.0 + min(max(share, 1e-5), 1.0) ** 0.2)
+
+
+@kernel
+def rows(A, share):
+    """The vertices of a share's rows, and where their slots begin and end; indices from 0 cost numba no checks."""
+    return A.order[share[0] : share[1]], A.row[share[0] : share[1] + 1]
+
+
+@kernel
+def push(A, row, k, y, out):
+    """out_j += B y for all blocks B of row k."""
+    y0, y1, y2 = spread0(y), spread1(y), spread2(y)
+    for e in range(row[k], row[k + 1]):
+        j = A.column[e]
+        store(times_spread(A.upper, e, y0, y1, y2, load(out, j, 0)), out, j, 0)
+
+
+@kernel
+def gather(A, share, far, own):
+    """own += far at the rows of a share, far = 0: what the second share pushed to the third."""
+    order, _ = rows(A, share)
+    zero = splat(0.0)
+    for k in range(len(order)):
+        i = order[k]
+        store(add(load(own, i, 0), load(far, i, 0)), own, i, 0)
+        store(zero, far, i, 0)
+
+
+@kernel
+def copy_rows(A, share, x, out):
+    """out = x at the rows of a share."""
+    order, _ = rows(A, share)
+    for k in range(len(order)):
+        i = order[k]
+        store(load(x, i, 0), out, i, 0)
+
+
+@kernel
+def enter(A, share, b, w, x, own):
+    """x = w and own = b, (n, 3) each, at the rows of a share; returns |b|² there."""
+    order, _ = rows(A, share)
+    bb = splat(0.0)
+    for k in range(len(order)):
+        i = order[k]
+        b_i = load3(b, i)
+        bb = fma(b_i, b_i, bb)
+        store(b_i, own, i, 0)
+        store(load3(w, i), x, i, 0)
+    return sum3(bb)
+
+
+@kernel
+def leave(A, x, w):
+    """w (n, 3) = x."""
+    for k in range(len(A.order)):
+        i = A.order[k]
+        store3(load(x, i, 0), w, i)
+
+
+@kernel
+def residual(A, share, x, own, r):
+    """r = b − A x, `own` being b and used up; returns |r|²."""
+    order, row = rows(A, share)
+    rr, zero = splat(0.0), splat(0.0)
+    for k in range(len(order)):
+        i = order[k]
+        x_i = sub(zero, load(x, i, 0))
+        x0, x1, x2 = spread0(x_i), spread1(x_i), spread2(x_i)
+        total = times_spread(A.diagonal, i, x0, x1, x2, load(own, i, 0))
+        for e in range(row[k], row[k + 1]):
+            j = A.column[e]
+            total = sub(total, times(A.upper, e, load(x, j, 0), zero))
+            store(times_spread(A.upper, e, x0, x1, x2, load(own, j, 0)), own, j, 0)
+        total = clear3(total)
+        store(total, r, i, 0)
+        rr = fma(total, total, rr)
+    return sum3(rr)
+
+
+@kernel
+def solve_lower(A, share, inverse, own, r):
+    """r = (D̂ + L)⁻¹ own, `own` being used up."""
+    order, row = rows(A, share)
+    zero = splat(0.0)
+    for k in range(len(order)):
+        i = order[k]
+        y = clear3(times(inverse, i, load(own, i, 0), zero))
+        store(y, r, i, 0)
+        push(A, row, k, sub(zero, y), own)
+
+
+@kernel
+def weigh(A, share, scale, r, z):
+    """z = scale · D r; returns r·z."""
+    order, _ = rows(A, share)
+    total, factor, zero = splat(0.0), splat(scale), splat(0.0)
+    for k in range(len(order)):
+        i = order[k]
+        r_i = load(r, i, 0)
+        z_i = clear3(times(A.diagonal, i, mul(factor, r_i), zero))
+        store(z_i, z, i, 0)
+        total = fma(r_i, z_i, total)
+    return sum3(total)
+
+
+@kernel
+def solve_upper(A, share, inverse, kappa, beta, z, p, t, own):
+    """p = z + β p, t = (D̂ + Lᵀ)⁻¹ p and own = p − K t, with K = κ D."""
+    order, row = rows(A, share)
+    zero, growth, minus_kappa = splat(0.0), splat(beta), splat(-kappa)
+    for k in range(len(order) - 1, -1, -1):
+        i = order[k]
+        p_i = fma(growth, load(p, i, 0), load(z, i, 0))
+        store(p_i, p, i, 0)
+        total = zero
+        for e in range(row[k + 1] - 1, row[k] - 1, -1):  # the nearest vertex, whose t is the newest, last
+            total = times(A.upper, e, load(t, A.column[e], 0), total)
+        t_i = clear3(times(inverse, i, sub(p_i, total), zero))
+        store(t_i, t, i, 0)
+        store(clear3(times(A.diagonal, i, mul(minus_kappa, t_i), p_i)), own, i, 0)
+
+
+@kernel
+def apply_lower(A, share, inverse, p, t, own, q):
+    """q = t + (D̂ + L)⁻¹ own, `own` being used up; returns p·q."""
+    order, row = rows(A, share)
+    zero, total = splat(0.0), splat(0.0)
+    for k in range(len(order)):
+        i = order[k]
+        y = clear3(times(inverse, i, load(own, i, 0), zero))
+        q_i = add(load(t, i, 0), y)
+        store(q_i, q, i, 0)
+        total = fma(load(p, i, 0), q_i, total)
+        push(A, row, k, sub(zero, y), own)
+    return sum3(total)
+
+
+@kernel
+def advance(A, share, alpha, scale, t, q, x, r, z):
+    """x += α t, r −= α q, z = scale · D r; returns r·z."""
+    order, _ = rows(A, share)
+    total, step, back, factor, zero = splat(0.0), splat(alpha), splat(-alpha), splat(scale), splat(0.0)
+    for k in range(len(order)):
+        i = order[k]
+        store(fma(step, load(t, i, 0), load(x, i, 0)), x, i, 0)
+        r_i = fma(back, load(q, i, 0), load(r, i, 0))
+        store(r_i, r, i, 0)
+        z_i = clear3(times(A.diagonal, i, mul(factor, r_i), zero))
+        store(z_i, z, i, 0)
+        total = fma(r_i, z_i, total)
+    return sum3(total)
+
+
+@kernel
+def squared_residual(A, share, scale, r, own):
+    """|(D̂ + L) r|² at the rows of a share, `own` being 0 and used up: the residual of A w = b itself."""
+    order, row = rows(A, share)
+    total, factor = splat(0.0), splat(scale)
+    for k in range(len(order)):
+        i = order[k]
+        r_i = load(r, i, 0)
+        sum_i = clear3(times(A.diagonal, i, mul(factor, r_i), load(own, i, 0)))
+        total = fma(sum_i, sum_i, total)
+        push(A, row, k, r_i, own)
+    return sum3(total)
+
+
+@kernel
+def clear(A, share, own):
+    """own = 0 at the rows of a share."""
+    order, _ = rows(A, share)
+    zero = splat(0.0)
+    for k in range(len(order)):
+        store(zero, own, order[k], 0)

@@ -1,0 +1,218 @@
+"""How long the steps of the explicit and the symplectic method may be before what they compute grows without bound.
+
+Near its start a cloth moves as M ẍ + D ẋ + K x = 0. In the direction of an oscillation of frequency ω (1/s) and
+damping d (1/s), ẍ + d ẋ + ω² x = 0, a step of h multiplies (v, x) by a matrix of trace T and determinant Δ:
+
+    symplectic   T = 2 − h d − h² ω²,  Δ = 1 − h d           explicit   T = 2 − h d,  Δ = 1 − h d + h² ω²
+
+Both its eigenvalues are within the unit circle where |T| − 1 < Δ < 1 (the criterion of Jury), that is where
+
+    symplectic   h² ω² + 2 h d < 4                           explicit   h ω² < d  and  2 h d < 4 + h² ω²
+
+So without damping symplectic steps may be as long as 2/ω, and explicit ones gain in every step, whatever its length:
+the largest eigenvalue is √(1 + h² ω²). The fastest oscillation decides. Its ω² is the largest eigenvalue of M⁻¹ K, by
+the method of Lanczos (G. Golub, C. Van Loan, Matrix Computations, section 10.1), of which power iteration is the slow
+relative: the same products, tens of them instead of hundreds. Fixed vertices do not move.
+
+K is that of the start: a spring counts k along its axis, k (1 − L₀/L) across it where it is stretched, and 0 where
+it is compressed; a touched sphere counts κ along its normal. Damping: α of the vertices, (α/2) ω² of the springs, at
+their rest length, and for the upper limits the most that the air takes of any vertex.
+
+Springs turn and stretch while the cloth moves, and its fastest frequency with them. Whatever their directions, it stays
+below that of `frequency(…, turned=True)`, where each spring counts k in all directions, a fifth to a quarter above that
+of the start on grids as the front end makes them: a cloth folded into a line. The start tells better what becomes of
+the steps: those examples whose springs keep their length diverge between 1.03 and 1.2 times its limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import hypot, inf, isnan, log10, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.engine.forces.spheres import STIFFNESS
+from clothfit.engine.system import EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
+from clothfit.scene.scene import Scene
+
+ACCURACY = 0.01
+"""Of ω², relative."""
+
+PRODUCTS, LOOK = 200, 5
+"""With K, at most, and between two looks at what they show."""
+
+ROUNDING = 1e-13
+"""Of such a product, relative."""
+
+TELLING = 2.0
+"""Steps that make no oscillation grow more than this over a run are not worth a word: explicit ones always do some."""
+
+
+NAMES = {EXPLICIT: "explicit", SYMPLECTIC: "symplectic"}
+
+
+class Limit(NamedTuple):
+    """What is known of the explicit or symplectic steps of a cloth before they are taken."""
+
+    frequency: float  # ω of the fastest oscillation, 1/s
+    step: float  # longest stable step, s: 0 where none is, infinite where all are
+    growth: float  # factor per step of the scene's delta on the fastest growing oscillation; at most 1 where stable
+
+
+def limit(system: System, omega: float | None = None) -> Limit:
+    """The limit of a cloth, with its own method; nothing limits implicit steps. `omega`: its `frequency`, where that is
+    known already.
+    """
+    if system.method == IMPLICIT:
+        return Limit(0.0, inf, 1.0)
+    with np.errstate(all="ignore"):  # of values at the ends of the range of doubles
+        omega = frequency(system) if omega is None else omega
+        alpha, air = system.vertex.damping, drag(system)
+    damping = alpha + system.springs.damping * omega * omega
+    modes = [(omega, damping, damping + air), (0.0, alpha, alpha + air)]  # the second: what no spring holds
+    step = min(longest_step(system.method, *mode) for mode in modes)
+    growths = [growth(system.method, system.h, w, d) for w, *ds in modes for d in ds]
+    return Limit(omega, step, inf if any(map(isnan, growths)) else max(growths))
+
+
+def warning(scene: Scene, steps: int) -> str | None:
+    """What to tell before so many steps of a scene are taken, where some of its cloths will not stand them."""
+    if scene.method == IMPLICIT:
+        return None
+    limits = [limit(build(scene, index)) for index in range(len(scene.cloths))]
+    index = max(range(len(limits)), key=lambda i: limits[i].growth)
+    worst = limits[index]
+    decades = steps * log10(max(worst.growth, 1.0))
+    if decades <= log10(TELLING):
+        return None
+    over = f"{10**decades:.2g}" if decades < 4 else f"1e{decades:.0f}" if decades < inf else "inf"
+    return (
+        f"{scene.name}: objects[{index}]: {NAMES[scene.method]} steps of {scene.delta:.4g} s will not stay stable "
+        f"({known(worst.step)}): the fastest oscillation, of {worst.frequency:.3g} rad/s, grows {worst.growth:.3g} "
+        f"times per step, {over} times over {steps} steps; try a smaller delta or integrationMethod 2 (implicit)"
+    )
+
+
+def advice(scene: Scene, index: int) -> str:
+    """What to try where the motion of a cloth diverged."""
+    if scene.method == IMPLICIT:
+        return "try a smaller delta"
+    step = limit(build(scene, index)).step
+    why = f" ({NAMES[scene.method]} steps: {known(step)})" if step < inf else ""
+    return f"try a smaller delta{why} or integrationMethod 2 (implicit)"
+
+
+def known(step: float) -> str:
+    """What is known of a longest stable step, s."""
+    return f"the limit is {step:.3g} s" if step > 0.0 else "without damping they gain energy however short they are"
+
+
+def longest_step(method: int, omega: float, low: float, high: float) -> float:
+    """The longest stable step, s, for an oscillation of frequency ω, 1/s; its damping, 1/s, is known to lie between
+    two values. Zero frequency and no damping: any.
+    """
+    if max(low, high, omega) == inf:
+        return 0.0
+    if method == SYMPLECTIC:  # the positive root of h² ω² + 2 h d = 4
+        return 4.0 / (high + hypot(high, 2.0 * omega)) if high or omega else inf
+    gain = low / omega / omega if omega else inf
+    if high < 2.0 * omega or not high:
+        return gain
+    # the smaller root of h² ω² − 2 h d + 4 = 0
+    return min(gain, 4.0 / (high + sqrt(high - 2.0 * omega) * sqrt(high + 2.0 * omega)))
+
+
+def growth(method: int, h: float, omega: float, damping: float) -> float:
+    """The larger eigenvalue, in size, of a step of h, s: the factor by which an oscillation grows."""
+    stiff, damped = h * omega * h * omega, h * damping
+    trace = 2.0 - damped - (stiff if method == SYMPLECTIC else 0.0)
+    determinant = 1.0 - damped + (stiff if method == EXPLICIT else 0.0)
+    root = trace * trace / 4.0 - determinant
+    return abs(trace) / 2.0 + sqrt(root) if root > 0.0 else sqrt(determinant)
+
+
+def frequency(system: System, turned: bool = False) -> float:
+    """ω of the fastest oscillation, 1/s, to half of `ACCURACY`, or infinite where doubles do not hold it; `turned`: of
+    any directions of the springs.
+    """
+    scale = np.where(system.vertex.free, 1.0 / np.sqrt(system.vertex.mass), 0.0)[:, None]
+    multiply = stiffness(system, turned)
+    return sqrt(largest_eigenvalue(lambda x: scale * multiply(scale * x), (scale > 0) * np.ones((1, 3))))
+
+
+def stiffness(system: System, turned: bool) -> Callable[[Array], Array]:
+    """What multiplies (n, 3) by K."""
+    x, springs, n = system.x0, system.springs, len(system.x0)
+    a, b = springs.ends.T
+    e = x[a] - x[b]
+    length = np.sqrt(np.einsum("si,si->s", e, e))[:, None]
+    d = e / np.where(length > 0.0, length, 1.0)
+    k = springs.stiffness[:, None]
+    stretched = 1.0 - springs.rest[:, None] / np.where(length > 0.0, length, inf)
+    across = k if turned else k * np.maximum(stretched, 0.0) * (length > 0.0)
+    i, normal = touched(system)
+
+    def multiply(y: Array) -> Array:
+        stretch = y[a] - y[b]
+        pull = across * stretch + (k - across) * d * np.einsum("si,si->s", d, stretch)[:, None]
+        push = STIFFNESS * normal * np.einsum("ci,ci->c", normal, y[i])[:, None]
+        rows, values = np.concatenate([a, b, i]), np.concatenate([pull, -pull, push])
+        return np.stack([np.bincount(rows, column, n) for column in values.T], axis=1)
+
+    return multiply
+
+
+def touched(system: System) -> tuple[Array, Array]:
+    """The vertices (c,) in spheres at the start, and the normals (c, 3) there."""
+    found = [(np.zeros(0, int), np.zeros((0, 3)))]
+    for centre, radius in zip(system.spheres.centre, system.spheres.radius, strict=True):
+        away = system.x0 - centre
+        distance = np.sqrt((away * away).sum(axis=1))
+        i = np.flatnonzero(distance < radius)
+        up = np.array([0.0, 1.0, 0.0])
+        there = distance[i, None]
+        found.append((i, np.where(there > 0.0, away[i] / np.where(there > 0.0, there, 1.0), up)))
+    vertices, normals = zip(*found, strict=True)
+    return np.concatenate(vertices), np.concatenate(normals)
+
+
+def drag(system: System) -> float:
+    """The most that the air at the start takes of the velocity of a free vertex, 1/s."""
+    corners, x = system.faces.corners, system.x0
+    a, b, c = (x[corners[:, corner]] for corner in range(3))
+    n = np.cross(b - a, c - a)
+    size = (n * n).sum(axis=1)
+    taken = np.bincount(corners.reshape(-1), np.repeat(system.faces.drag / 6.0 * size**1.5, 3), len(x))
+    return float(np.nan_to_num(taken / system.vertex.mass, nan=inf, posinf=inf)[system.vertex.free].max(initial=0.0))
+
+
+def largest_eigenvalue(multiply: Callable[[Array], Array], within: Array) -> float:
+    """The largest eigenvalue of a symmetric positive semi-definite matrix, given as its product with (n, 3).
+
+    `within` (n, 3) is 1 where what is multiplied may differ from 0. Golub and Van Loan, algorithm 10.1.1: the matrix
+    on the vectors that products make of a random one is tridiagonal, and its eigenvalues soon are those at the ends.
+    """
+    r = within * np.random.default_rng(0).normal(size=within.shape)
+    q, beta = np.zeros_like(r), float(np.linalg.norm(r))
+    diagonal: list[float] = []
+    beside: list[float] = []
+    found = 0.0
+    while beta > 0.0 and len(diagonal) < PRODUCTS:
+        q, before = r / beta, q
+        r = multiply(q) - (beta if diagonal else 0.0) * before
+        diagonal.append(float(np.vdot(q, r)))
+        r -= diagonal[-1] * q
+        beta = float(np.linalg.norm(r))
+        if not beta < inf:  # NaN as well
+            return inf
+        if beta <= ROUNDING * max(diagonal):  # no more vectors, and the eigenvalues are exact
+            beta = 0.0
+        if beta == 0.0 or len(diagonal) % LOOK == 0:
+            values, vectors = np.linalg.eigh(np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1))
+            found = max(float(values[-1]), 0.0)
+            if beta * abs(vectors[-1, -1]) <= ACCURACY * found:  # so near is an eigenvalue
+                break
+        beside.append(beta)
+    return found

@@ -1,0 +1,91 @@
+"""No implicit step adds energy: one that would is shortened.
+
+The linearised step follows tangents. Where the cloth turns far in one step, or is strongly compressed, the springs at
+its end are longer than its model knew, and the energy E = ½ vᵀM v + V(x) rises: by a few percent in a stiff cloth, by
+orders of magnitude in a crushed one, and what follows is garbage. Then only a part of the step is taken,
+
+    v⁺ = θ w,   x⁺ = x + h θ w,   θ = ½, ¼, … the first with  E⁺ ≤ E + h Σ m g·v⁺,
+
+V being the energy stored in springs and contacts, the last term the work of the weight. Some θ always serves: as θ → 0
+the kinetic energy goes, and where there is none, w = h A⁻¹ f points downhill as A is positive definite (`clamped`).
+
+Left as the format has it: a contact that begins with the step, of whose sphere the step knew nothing, unless the cloth
+starts deep in a sphere; all steps in wind, which brings energy, while air at rest only takes it away; and rises below a
+thousandth.
+"""
+
+from __future__ import annotations
+
+from clothfit.engine.forces import total
+from clothfit.engine.forces.spheres import contact
+from clothfit.engine.system import IMPLICIT
+from clothfit.kernels.kernel import kernel
+from clothfit.kernels.lanes import add, fma, load3, mul, splat, sum3
+from clothfit.kernels.lanes.products import dot, vector
+from clothfit.kernels.vectors import combine
+
+SLACK = 1e-3
+"""Rise that is left alone, relative to the kinetic and stored energy before the step."""
+
+FLOOR = 1e-20
+"""The same in J: rounding, in a cloth that does not move and is not stretched."""
+
+SHORTEST = 40
+"""Halvings at most; v⁺ is then 1e-12 of w."""
+
+
+@kernel
+def applies(system):
+    """Whether steps may be shortened at all."""
+    faces = system.faces
+    still = faces.wind[0] == 0.0 and faces.wind[1] == 0.0 and faces.wind[2] == 0.0
+    return system.guarded and system.method == IMPLICIT and (still or faces.drag == 0.0 or len(faces.corners) == 0)
+
+
+@kernel
+def moving(vertex, v):
+    """½ vᵀM v, J, and the power of the weight Σ m g·v, W, for velocities v (n, 3)."""
+    twice, momentum = splat(0.0), splat(0.0)
+    for i in range(len(vertex.mass)):
+        v_i = load3(v, i)
+        p_i = mul(splat(vertex.mass[i]), v_i)
+        momentum = add(momentum, p_i)
+        twice = fma(p_i, v_i, twice)
+    return 0.5 * sum3(twice), dot(vector(vertex.gravity), momentum)
+
+
+@kernel
+def rises(before, after, work):
+    """Whether a step added more energy than the weight's work, all in J."""
+    return not after - work <= (1.0 + SLACK) * before + FLOOR
+
+
+@kernel
+def raised(system, before, x, v, x_new):
+    """The same for a step from x to x_new with velocity v, (n, 3) each."""
+    kinetic, power = moving(system.vertex, v)
+    known = x_new if starts_deep(system.spheres, system.x0) else x
+    return rises(before, kinetic + total.stored_energy(system, x_new, known), system.h * power)
+
+
+@kernel
+def starts_deep(spheres, x0):
+    """Whether a motion begins with a vertex deeper in a sphere than half of its radius."""
+    for c in range(len(spheres.radius)):
+        for i in range(len(x0)):
+            if contact(spheres, x0, i, c)[0] > 0.5 * spheres.radius[c]:
+                return True
+    return False
+
+
+@kernel
+def shorten(system, before, x, v, x_new):
+    """Halve v, which led from x to x_new, (n, 3) each, until no energy is added; returns the part θ that is left."""
+    theta = 1.0
+    for _ in range(SHORTEST):
+        theta *= 0.5
+        combine(0.5, v, 0.0, v, v)
+        combine(1.0, x, system.h, v, x_new)
+        if not raised(system, before, x, v, x_new):
+            break
+    return theta

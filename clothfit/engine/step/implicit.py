@@ -1,0 +1,217 @@
+"""The implicit (backward Euler) step: one linearised solve, or several Newton iterations.
+
+Each iteration linearises the forces at a point (y, u) and solves r = 0 for the new velocity w of the free vertices:
+
+    r = M (w − v) − h F(w),   F(w) = f(y, u) + K s + D (w − u),   s = x + h w − y,   x⁺ = x + h w
+      ⇔  A w = M v + h [f(y, u) + K (x − y) − D u],   A = M − h D − h² K at (y, u)
+
+Strongly compressed springs make A indefinite. Where a solve shows that, the whole step is taken with a matrix that is
+positive definite, that of the `clamped` system: functions here are given the system that the step was taken with.
+
+The first iteration linearises at (x, v): the linearised step. The others linearise at (x + h u, u) with u the velocity
+of the iteration before: Newton's method on M (v⁺ − v) = h f(x + h v⁺, v⁺). The derivatives go through every
+iteration that was taken, so they are exact for two iterations as for twenty, converged or not.
+
+Transpose, with w̄ = v̄⁺ + h x̄⁺: solve A λ = w̄; then x̄, v̄ and the parameters receive the derivative of −λᵀ r.
+The term λᵀ (∂A/∂y) w that this contains never forms a tensor: per force element it is the derivative of a scalar.
+Arrays are (n, 3); fixed vertices have velocity 0 and λ 0.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.engine.forces import total
+from clothfit.engine.solve import cg, guess, linear, sparse
+from clothfit.engine.system import System
+from clothfit.kernels import lanes
+from clothfit.kernels.kernel import kernel
+from clothfit.kernels.lanes import fma, load3, mul, splat, store3, sum3
+from clothfit.kernels.lanes.products import dot, vector
+from clothfit.kernels.vectors import add, add_mass, add_rows_dot, combine, copy, hold_fixed
+
+
+class Workspace(NamedTuple):
+    """Memory that a run of steps uses again and again; (n, 3) where nothing else is said."""
+
+    A: sparse.BlockMatrix
+    cg: cg.Workspace
+    past: guess.Past  # solutions of the last steps
+    nothing: Array  # (0, 3)
+    b: Array  # right-hand side
+    w_bar: Array  # gradient by the velocity of an iteration
+    y: Array  # point of linearisation
+    s: Array  # x + h w − y
+    solution: Array  # of the derivative's system (λ or dw), holding its first guess before
+    gy: Array  # derivative by y
+    gu: Array  # derivative by u
+
+
+def workspace(system: System) -> Workspace:
+    """Memory for the steps of `system` and their derivatives."""
+    n = len(system.x0)
+    vectors = [np.zeros((n, 3)) for _ in range(7)]
+    A = sparse.zeros(system.pattern, n)
+    return Workspace(A, cg.workspace(A, system.coarser), guess.past(n), np.zeros((0, 3)), *vectors)
+
+
+@kernel
+def assemble(system, y, u, A, b):
+    """A at (y, u), and b = h (f − D u) there, empty where it is not needed; returns the stored energy unless it is."""
+    sparse.reset(A, system.vertex.mass)
+    b[:] = 0.0
+    return total.add_step(system, y, u, system.h, A, b)
+
+
+@kernel
+def assemble_newton(system, x, v, u, y, A, f, b):
+    """Write y = x + h u, A at (y, u) and b = M (v − u) + h f(y, u) + A u, so that b − A u is Newton's residual."""
+    h = system.h
+    combine(1.0, x, h, u, y)
+    assemble(system, y, u, A, b)
+    sparse.multiply(A, u, b)
+    add_mass(system.vertex.mass, 1.0, v, b)
+    add_mass(system.vertex.mass, -1.0, u, b)
+    f[:] = 0.0
+    total.add_force(system, y, u, f)
+    add(h, f, b)
+
+
+@kernel
+def prepare(system, x, v, work):
+    """The system of the first iteration, in the workspace; returns the kinetic and stored energy of the state, J, and
+    the power of the weight, W (see `guard`): they come with it, almost free.
+    """
+    stored = assemble(system, x, v, work.A, work.b)
+    kinetic, power = add_momentum(system.vertex, v, work.b)
+    return kinetic + stored, power
+
+
+@kernel
+def add_momentum(vertex, v, b):
+    """b += M v, and 0 at fixed vertices; returns what `guard.moving` does."""
+    twice, momentum = splat(0.0), splat(0.0)
+    for i in range(len(vertex.mass)):
+        v_i = load3(v, i)
+        p_i = mul(splat(vertex.mass[i]), v_i)
+        momentum = lanes.add(momentum, p_i)
+        twice = fma(p_i, v_i, twice)
+        store3(lanes.add(load3(b, i), p_i) if vertex.free[i] else splat(0.0), b, i)
+    return 0.5 * sum3(twice), dot(vector(vertex.gravity), momentum)
+
+
+@kernel
+def step(system, x, v, first, tolerance, work, iterates):
+    """Fill iterates (N, n, 3) with the velocities of the iterations, from a first guess; the last one used is the new
+    velocity. The first system is prepared.
+
+    Returns the number used, the CG iterations and the direct solves. Stops early when the residual of the next
+    iteration is already within `tolerance` of its right-hand side, and with 0 used where A is seen not to be positive
+    definite: then the step is to be taken with the clamped system.
+    """
+    free = system.vertex.free
+    A, b = work.A, work.b
+    anyhow = system.springs.cap <= 1.0 or not system.guarded  # the first: positive definite but for rounding
+    iterations, direct = 0, 0
+    for k in range(len(iterates)):
+        if k == 0:
+            copy(first, iterates[0])
+        else:
+            assemble_newton(system, x, v, iterates[k - 1], work.y, A, work.gy, b)
+            hold_fixed(free, b)
+            copy(iterates[k - 1], iterates[k])
+        more, more_direct, solved = linear.solve(A, b, tolerance, work.cg, iterates[k], anyhow)
+        iterations += more
+        direct += more_direct
+        if not solved:
+            return 0, iterations, direct
+        if k > 0 and more == 0 and more_direct == 0:
+            return k, iterations, direct
+    return len(iterates), iterations, direct
+
+
+@kernel
+def pullback(system, x, v, iterates, used, theta, tolerance, work, x_bar, v_bar, grad):
+    """Turn x_bar, v_bar (n, 3), the gradient by the state after the step, into that before it; add to `grad`.
+
+    `theta` is the part of the step that was taken (`guard`), here and in `pushforward`.
+
+    work.solution holds a first guess of λ and receives λ of the first iteration.
+    """
+    h, mass, free = system.h, system.vertex.mass, system.vertex.free
+    A, b, y, s, lam, gy, gu = work.A, work.b, work.y, work.s, work.solution, work.gy, work.gu
+    w_bar = work.w_bar
+    combine(theta, v_bar, theta * h, x_bar, w_bar)
+    v_bar[:] = 0.0
+    for k in range(used - 1, -1, -1):
+        w = iterates[k]
+        u = v if k == 0 else iterates[k - 1]
+        linearise(system, x, w, u, k, A, work.nothing, y, s)
+        copy(w_bar, b)
+        hold_fixed(free, b)
+        linear.solve(A, b, tolerance, work.cg, lam, True)
+        gy[:] = 0.0
+        gu[:] = 0.0
+        total.add_pullback(system, y, u, w, s, lam, h, grad, gy, gu)
+        add_rows_dot(-1.0, lam, w, grad.mass)
+        add_rows_dot(1.0, lam, v, grad.mass)
+        add_mass(mass, 1.0, lam, v_bar)
+        add(1.0, gy, x_bar)
+        if k == 0:
+            add(1.0, gu, v_bar)
+        else:
+            # y = x + h u and s = h (w − u): ū = h (gy − h K λ) + gu, and −h² K λ = A λ − M λ + h D λ
+            sparse.multiply(A, lam, w_bar)
+            add_mass(mass, -1.0, lam, w_bar)
+            total.add_damping(system, y, h, lam, w_bar)
+            add(h, gy, w_bar)
+            add(1.0, gu, w_bar)
+
+
+@kernel
+def linearise(system, x, w, u, k, A, b, y, s):
+    """The point y, A and b (see `assemble`) and the offset s of iteration k, which went from u to w."""
+    h = system.h
+    if k == 0:
+        copy(x, y)
+        combine(h, w, 0.0, w, s)
+    else:
+        combine(1.0, x, h, u, y)
+        combine(h, w, -h, u, s)
+    assemble(system, y, u, A, b)
+
+
+@kernel
+def pushforward(system, x, v, iterates, used, theta, tolerance, work, dx, dv, direction):
+    """Turn dx, dv (n, 3), the change of the state before the step, into that after it, for the change `direction`.
+
+    work.solution holds a first guess of dw and receives dw of the last iteration.
+    """
+    h, mass, free = system.h, system.vertex.mass, system.vertex.free
+    A, b, y, s, dw, dy, du = work.A, work.b, work.y, work.s, work.solution, work.gy, work.gu
+    for k in range(used):
+        w = iterates[k]
+        u = v if k == 0 else iterates[k - 1]
+        linearise(system, x, w, u, k, A, work.nothing, y, s)
+        if k == 0:
+            b[:] = 0.0
+            copy(dv, du)
+            copy(dx, dy)
+        else:
+            # ds = −h du, and −h² K du = A du − M du + h D du
+            copy(dw, du)
+            combine(1.0, dx, h, du, dy)
+            sparse.multiply(A, du, b)
+            add_mass(mass, -1.0, du, b)
+            total.add_damping(system, y, h, du, b)
+        total.add_pushforward(system, y, u, w, s, dy, du, direction, h, b)
+        add_mass(mass, 1.0, dv, b)
+        add_mass(direction.mass, 1.0, v, b)
+        add_mass(direction.mass, -1.0, w, b)
+        hold_fixed(free, b)
+        linear.solve(A, b, tolerance, work.cg, dw, True)
+    combine(theta, dw, 0.0, dw, dv)
+    add(h, dv, dx)

@@ -1,0 +1,108 @@
+"""From the scene to arrays: one System per cloth, the only place where the scene's names become symbols.
+
+Cloths do not touch each other, so each is a system of its own: what one computes does not depend on the others,
+and a fit moves only the cloths it fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Elements, Flags
+from clothfit.engine.forces import spheres, springs, vertex, wind
+from clothfit.engine.solve import multigrid, sparse
+from clothfit.scene.scene import Scene
+
+EXPLICIT, SYMPLECTIC, IMPLICIT = 0, 1, 2
+"""Values of the scene's `integrationMethod`."""
+
+
+class System(NamedTuple):
+    """One cloth, constant during a simulation. n vertices."""
+
+    x0: Array  # (n, 3), positions at the start, m
+    v0: Array  # (n, 3), velocities at the start, m/s; 0 at fixed vertices
+    h: float  # time step, s
+    method: int  # EXPLICIT, SYMPLECTIC or IMPLICIT
+    newton_iterations: int  # linear solves per implicit step, at least 1
+    guarded: bool  # False: implicit steps as the format has them, whatever comes of it
+    vertex: vertex.Vertex
+    springs: springs.Springs
+    faces: wind.Faces
+    spheres: spheres.Spheres
+    pattern: sparse.Pattern  # of the step's matrix
+    coarser: tuple[multigrid.Coarsening, multigrid.Coarsening]  # and of its coarser levels, for very large cloths
+
+
+def build(scene: Scene, index: int, air: bool = False) -> System:
+    """The System of cloth `index` of the scene; `air` keeps its faces even where the scene gives them no drag."""
+    cloth = scene.cloths[index]
+    pattern, slot = sparse.pattern(cloth.springs, ~cloth.fixed)
+    return System(
+        x0=np.array(cloth.positions),
+        v0=held(cloth.velocity, cloth.fixed),
+        h=scene.delta,
+        method=scene.method,
+        newton_iterations=scene.newton_iterations,
+        guarded=True,
+        vertex=vertex.build(cloth.mass, cloth.fixed, cloth.damping, scene.gravity),
+        springs=springs.build(np.array(cloth.springs), cloth.rest, cloth.stiffness, cloth.damping, slot),
+        faces=wind.build(np.array(cloth.triangles), cloth.drag, scene.wind, air or cloth.mode("drag") != "n"),
+        spheres=spheres.build(scene.spheres),
+        pattern=pattern,
+        coarser=multigrid.coarsenings(pattern, len(cloth.fixed)),
+    )
+
+
+def held(velocity: Array, fixed: Flags) -> Array:
+    """A copy of the velocities (n, 3), 0 at fixed vertices."""
+    return np.ascontiguousarray(np.where(fixed[:, None], 0.0, velocity))
+
+
+def with_elements(system: System, values: Elements) -> System:
+    """The same system with other values, those that are not empty; nothing else is built again."""
+    point, spring, face, v0 = system.vertex, system.springs, system.faces, system.v0
+    point = point._replace(mass=np.array(values.mass, float))
+    spring = spring._replace(stiffness=np.array(values.stiffness, float))
+    if len(values.damping):
+        point = point._replace(damping=float(values.damping[0]))
+        spring = spring._replace(damping=0.5 * float(values.damping[0]))
+    if len(values.drag):
+        face = face._replace(drag=float(values.drag[0]))
+    if len(values.velocity):
+        v0 = held(values.velocity, ~point.free)
+    if len(values.rest):
+        spring = spring._replace(rest=np.array(values.rest, float))
+    if len(values.wind):
+        face = face._replace(wind=np.array(values.wind, float))
+    if len(values.gravity):
+        point = point._replace(gravity=np.array(values.gravity, float))
+    return system._replace(v0=v0, vertex=point, springs=spring, faces=face)
+
+
+def clamped(system: System) -> System:
+    """The same system with a matrix of the step that is positive definite whatever the state; see `springs`."""
+    return system._replace(springs=system.springs._replace(cap=1.0))
+
+
+def all_elements(system: System) -> Elements:
+    """The values that a system has now, every kind of them, copied."""
+    return Elements(
+        mass=system.vertex.mass.copy(),
+        stiffness=system.springs.stiffness.copy(),
+        damping=np.array([system.vertex.damping]),
+        drag=np.array([system.faces.drag]),
+        velocity=system.v0.copy(),
+        rest=system.springs.rest.copy(),
+        wind=system.faces.wind.copy(),
+        gravity=system.vertex.gravity.copy(),
+    )
+
+
+def zeros(system: System, kinds: Collection[str] = ()) -> Elements:
+    """Zeros for masses, stiffnesses and the other `kinds` that are named; what is not named is empty."""
+    full = {name: np.zeros_like(value) for name, value in all_elements(system)._asdict().items()}
+    return Elements(**{name: full[name] for name in ("mass", "stiffness", *kinds)})

@@ -1,0 +1,134 @@
+"""A whole motion told part by part, forwards and backwards, in as little memory as a plan says.
+
+One part is held at a time. Snapshots at the ends of some parts let the motion be computed again from there; a step
+depends on nothing but its state and the first guess of its solve, both of which a snapshot has, so that what is
+computed again is the same to the last bit. Which snapshots there are is said by `memory.Plan`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from copy import deepcopy
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base import memory
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+from clothfit.base.memory import Plan, human
+from clothfit.engine.remedies import NONE
+from clothfit.engine.rollout import STRETCH, Rollout, empty, fill, iterations_of, state_bytes, velocity
+from clothfit.engine.solve.guess import Past
+from clothfit.engine.step import implicit
+from clothfit.engine.system import System
+
+SHORT = 16
+"""Steps of a part, at least, where none is needed again."""
+
+
+class Snapshot(NamedTuple):
+    """All that the steps after it depend on; what is carried from step to step belongs here."""
+
+    step: int
+    x: Array  # (n, 3), m
+    v: Array  # (n, 3), m/s
+    past: Past  # what the first guesses are made of
+
+
+class Held(NamedTuple):
+    """The part that is in memory."""
+
+    begin: int
+    end: int
+    part: Rollout
+    after: Snapshot
+
+
+class Tape:
+    """T steps of one cloth from its start; linear systems are solved to `tolerance`, relative."""
+
+    def __init__(self, system: System, steps: int, tolerance: float, plan: Plan | None = None) -> None:
+        """Without a plan the motion can only be told forwards."""
+        self.system, self.steps, self.tolerance = system, steps, tolerance
+        iterations = iterations_of(system)
+        self.plan = plan or Plan(min(max(steps, 1), max(SHORT, STRETCH // (len(system.x0) * iterations))))
+        needed = self.plan.length * state_bytes(system)
+        free = memory.missing(needed)
+        if free is not None:
+            raise InvalidInput(
+                f"{self.plan.length} steps of {len(system.x0)} vertices, with {iterations} velocities each, take "
+                f"{human(needed)} of memory, {human(free)} are free; use fewer iterations (forwardSubSteps)"
+            )
+        self.good = 0  # steps known to be good, all of them once it was told, unless the motion diverged
+        self.remedies = NONE  # what the good steps needed, once it was told
+        self.fault: Array | None = None  # (n, 3), the positions after the first step that is not good
+        self.fault_velocity: Array = system.v0  # (n, 3), there
+        self._work = implicit.workspace(system)
+        self._room: Rollout | None = None
+        self._held: Held | None = None
+        self._kept = {0: Snapshot(0, system.x0, system.v0, deepcopy(self._work.past))}
+
+    def forward(self) -> Iterator[Rollout]:
+        """All parts from the start; each may be used until the next is asked for. Where the motion diverges, the last
+        is cut before the step that is not good.
+        """
+        at = self._kept[0]
+        self.remedies = NONE
+        for begin in range(0, self.steps or 1, self.plan.length):
+            end = min(begin + self.plan.length, self.steps)
+            part, at = self._part(at, end)
+            self.remedies = self.remedies.with_those_of(part)
+            if self.plan.strides and end < self.steps and end % self.plan.strides[0] == 0:
+                self._kept[end] = at
+            yield part
+            if part.steps < end - begin:
+                return
+
+    def backward(self) -> Iterator[Rollout]:
+        """All parts of a motion that was told and is good, from the end."""
+        yield from self._back(0, self.steps, 0)
+
+    def _back(self, begin: int, end: int, level: int) -> Iterator[Rollout]:
+        """The parts between two steps, from the later one; there are snapshots at each stride of that level."""
+        stride, finer = self.plan.strides[level], self.plan.strides[level + 1 :]
+        for first in reversed(range(begin, end, stride)):
+            last = min(first + stride, end)
+            if not finer:
+                yield self._part(self._kept[first], last)[0]
+                continue
+            marks = range(first + finer[0], last, finer[0])
+            self._mark(first, marks)
+            yield from self._back(first, last, level + 1)
+            for mark in marks:
+                del self._kept[mark]
+
+    def _mark(self, first: int, marks: range) -> None:
+        """Keep snapshots at some steps after `first`, where there is one."""
+        at = self._kept[first]
+        for end in range(first + self.plan.length, max(marks, default=first) + 1, self.plan.length):
+            _, at = self._part(at, end)
+            if end in marks:
+                self._kept[end] = at
+
+    def _part(self, at: Snapshot, end: int) -> tuple[Rollout, Snapshot]:
+        """The steps from a snapshot to below `end`, and the snapshot there."""
+        held = self._held
+        if held is None or (held.begin, held.end) != (at.step, end):
+            held = self._held = self._computed(at, end)
+        return held.part, held.after
+
+    def _computed(self, at: Snapshot, end: int) -> Held:
+        if self._room is None:
+            self._room = empty(self.system, self.plan.length)
+        part = self._room.part(0, end - at.step)._replace(v=at.v, first=at.step)
+        part.x[0] = at.x
+        self._held = None  # an interrupt may come
+        work = self._work._replace(past=deepcopy(at.past))
+        good = fill(self.system, self.tolerance, work, part)
+        self.good = max(self.good, at.step + good)
+        if good < part.steps:
+            self.fault, self.fault_velocity = part.x[good + 1].copy(), np.array(velocity(part, good + 1))
+            part = part.part(0, good)
+        v = np.array(velocity(part, good))
+        return Held(at.step, end, part, Snapshot(end, part.x[good].copy(), v, work.past))

@@ -1,0 +1,138 @@
+"""How good a fitted scene is: the distance of its motion from the truth, over the fitted frames and beyond, and that
+of its parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.base.errors import Diverged, InvalidInput
+from clothfit.engine.rollout import check_memory
+from clothfit.fit.estimate import FIT_TOLERANCE
+from clothfit.motion.motion import Motion, check_counts, checked_motion, simulate_cloths
+from clothfit.objective.target import frame_places, sample
+from clothfit.objective.target import target as target_of
+from clothfit.scene.fit_vector import blocks, fitted_cloths, identifiable, parameters
+from clothfit.scene.scene import Scene
+
+HORIZON = 500  # frames
+
+
+@dataclass(frozen=True)
+class Distance:
+    """Distance between two motions over the vertices of the objects that are fitted (of all, where none is flagged)."""
+
+    frames: int  # compared, the initial one included
+    rmse: float  # m
+    max_error: float  # largest distance of a vertex, m
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Relative deviation |fitted / true − 1| of one kind of parameter of one object, over those that can be
+    identified.
+    """
+
+    object: int | None  # None: of the scene as a whole
+    name: str  # of the kind, as in `clothfit.scene.kinds`: "mass", "stiffness", …
+    mode: str  # "G" or "L"
+    count: int  # parameters, those that cannot be identified included
+    median_relative_deviation: float | None  # None where none can be identified
+    max_relative_deviation: float | None
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Report on a fitted scene."""
+
+    fitted: Distance  # over the frames that are fitted
+    horizon: Distance  # over a longer run, the fitted frames included
+    parameters: list[Deviation]
+    diverged: str | None = None  # what happened, where the longer run did not stay finite; it then ends before that
+
+
+def evaluate(
+    truth: Scene, fitted: Scene, frames: int | None = None, horizon: int = HORIZON, target: Motion | None = None
+) -> Evaluation:
+    """Compare a fitted scene with the true one, or with a target motion where one is given.
+
+    `frames` (default: the scene's) and `horizon` count the initial state; a target is compared as far as it reaches,
+    at the times of its frames, every position once unless its weight is 0.
+    Raises InvalidInput when the scenes do not have the same objects or the target others, Diverged when a simulation
+    diverges within the frames that are fitted.
+    """
+    check_same_objects(truth, fitted)
+    near = truth.frames if frames is None else frames
+    if near < 2 or horizon < 2:
+        raise InvalidInput(f"frames: {min(near, horizon)} is too few to compare, at least 2 are needed")
+    compared = fitted_cloths(truth) or range(len(truth.cloths))
+    length = max(near, horizon)
+    if target is None:
+        check_memory(length, sum(truth.vertex_counts), 1)  # two motions, of which the second would be refused late
+        goal, fault = finite_part(truth, compared, length, near)
+    else:
+        check_counts(target, truth)
+        goal, fault = checked_motion(target, truth), None
+    step, fraction = frame_places(goal, truth.delta)
+    length = min(length, int(step[-1]) + (fraction[-1] > 0) + 1)
+    own, own_fault = finite_part(fitted, compared, length, min(near, length))
+    return Evaluation(
+        distance(own, goal, truth.delta, compared, near),
+        distance(own, goal, truth.delta, compared, horizon),
+        deviations(truth, fitted),
+        fault or own_fault,
+    )
+
+
+def finite_part(scene: Scene, compared: Collection[int], frames: int, needed: int) -> tuple[Motion, str | None]:
+    """Simulate the compared objects, as far as the motion stays finite; tells what happened where it does not.
+
+    Raises Diverged when fewer than `needed` frames are good.
+    """
+    try:
+        return simulate_cloths(scene, compared, frames, FIT_TOLERANCE), None
+    except Diverged as error:
+        if error.motion is None or len(error.motion.times) < needed:
+            raise
+        return error.motion, str(error)
+
+
+def check_same_objects(truth: Scene, fitted: Scene) -> None:
+    """Raise InvalidInput unless both scenes have the same numbers of vertices and springs and the same time step."""
+    sizes = [[(len(c.mass), len(c.stiffness)) for c in scene.cloths] for scene in (truth, fitted)]
+    if sizes[0] != sizes[1]:
+        raise InvalidInput(
+            f"{fitted.name}: its objects have (vertices, springs) {sizes[1][:8]}, those of {truth.name} {sizes[0][:8]}"
+        )
+    if truth.delta != fitted.delta:
+        raise InvalidInput(f"{fitted.name}: its delta is {fitted.delta:g} s, that of {truth.name} {truth.delta:g} s")
+
+
+def distance(own: Motion, goal: Motion, delta: float, compared: Collection[int], frames: int) -> Distance:
+    """Distance of `own`, a simulated motion, from the frames of `goal` up to step `frames` − 1; `delta` in s."""
+    gaps: list[Array] = []
+    count = 0
+    for cloth in compared:
+        wanted = target_of(goal, cloth, delta, min(frames, len(own.positions)) - 1)
+        gaps.append((sample(wanted, own.of(cloth)) - wanted.positions)[wanted.observed])
+        count = len(wanted.step)
+    squares = (np.concatenate(gaps) ** 2).sum(axis=1)
+    if not squares.size:
+        raise InvalidInput(f"{goal.name}: shows no observed vertex in the first {frames} frames")
+    return Distance(count, float(np.sqrt(squares.mean())), float(np.sqrt(squares.max())))
+
+
+def deviations(truth: Scene, fitted: Scene) -> list[Deviation]:
+    """Relative deviations of the parameters that the true scene flags."""
+    true, found, kept = parameters(truth), parameters(fitted, flags=truth), identifiable(truth)
+    listed = []
+    for block in blocks(truth):
+        usable = kept[block.part] & (true[block.part] != 0)
+        ratio = np.abs(found[block.part][usable] / true[block.part][usable] - 1.0)
+        middle, largest = (float(np.median(ratio)), float(ratio.max())) if ratio.size else (None, None)
+        listed.append(Deviation(block.cloth, block.name, block.mode, block.count, middle, largest))
+    return listed

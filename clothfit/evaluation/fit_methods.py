@@ -1,0 +1,96 @@
+"""Estimation methods against each other on one scene: seconds, and how near each comes.
+
+The scene's own parameters are the truth, hidden from the fit, so that the error of motion and parameters is known.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clothfit.base.errors import InvalidInput
+from clothfit.evaluation.work_precision import front
+from clothfit.fit.estimate import check_method, estimate
+from clothfit.fit.result import Fit
+from clothfit.optimise.search import Progress, Stop
+from clothfit.scene.fit_vector import identifiable, parameters
+from clothfit.scene.scene import Scene
+
+COMPARED = ("auto", "momentum", "gauss-newton", "l-bfgs-b")
+"""The methods of this package and the best of SciPy's; the others are slower on all examples."""
+EVALUATIONS = 100  # of cost and gradient
+SECONDS = 30.0  # for one fit
+WARM_UP_FRAMES, WARM_UP_EVALUATIONS = 5, 3
+
+
+@dataclass(frozen=True)
+class FitRow:
+    """What one method costs and finds; numbers are None where it found nothing."""
+
+    method: str
+    status: str  # as in `Fit`: "limit" where the evaluations or the seconds were spent
+    seconds: float  # of the whole fit, with the hidden target and the search for a start, without intervals
+    evaluations: int
+    rmse: float | None  # m, of the positions over the fitted frames
+    median_relative_deviation: float | None  # |fitted / true − 1|, of what can be identified and is not 0
+    pareto: bool = False  # no other method is faster and as near, or nearer and as fast
+
+
+def compare_methods(
+    scene: Scene,
+    methods: Sequence[str] = COMPARED,
+    evaluations: int = EVALUATIONS,
+    seconds: float = SECONDS,
+    report: Callable[[float, str], None] | None = None,
+) -> list[FitRow]:
+    """Fit the scene's own hidden parameters by each method, with so many evaluations and seconds each.
+
+    `report` is told the seconds since the start and what is being done. Raises InvalidInput when nothing is flagged or
+    a value cannot be; Diverged when the scene's own motion diverges.
+    """
+    if evaluations < 1:
+        raise InvalidInput(f"evaluations: {evaluations} is not possible, at least 1 is")
+    began = time.perf_counter()
+    rows = []
+    for method in methods:
+        check_method(method)
+        if report:
+            report(time.perf_counter() - began, f"fit by {method}")
+        rows.append(fitted(scene, method, evaluations, seconds))
+    best = front([(row.seconds, math.inf if row.rmse is None else row.rmse) for row in rows])
+    return [replace(row, pareto=bool(flag)) for row, flag in zip(rows, best, strict=True)]
+
+
+def fitted(scene: Scene, method: str, evaluations: int, seconds: float) -> FitRow:
+    """The row of one method."""
+    few = replace(scene, frames=min(scene.frames, WARM_UP_FRAMES))
+    timed(few, method, WARM_UP_EVALUATIONS, seconds)  # so that compiling and loading do not count
+    found, took = timed(scene, method, evaluations, seconds)
+    rmse = found.rmse if math.isfinite(found.rmse) else None
+    deviation = None if rmse is None else median_deviation(scene, found.scene)
+    return FitRow(method, found.status, took, found.evaluations, rmse, deviation)
+
+
+def timed(scene: Scene, method: str, evaluations: int, seconds: float) -> tuple[Fit, float]:
+    """A fit and its seconds."""
+    began = time.perf_counter()
+
+    def watch(progress: Progress) -> None:
+        if time.perf_counter() - began > seconds:
+            raise Stop("limit")
+
+    found = estimate(scene, method=method, budget=evaluations, report=watch, intervals=False)
+    return found, time.perf_counter() - began
+
+
+def median_deviation(truth: Scene, found: Scene) -> float | None:
+    """Median of |found / true − 1| over the parameters that can be identified and are not 0; None without any."""
+    true, other = parameters(truth), parameters(found, flags=truth)
+    usable = identifiable(truth) & (true != 0)
+    if not usable.any():
+        return None
+    return float(np.median(np.abs(other[usable] / true[usable] - 1.0)))

@@ -1,0 +1,191 @@
+"""Speed against error: what each way to simulate a scene costs, and how far its motion is from the one that all of
+them approach as h → 0.
+
+The error is the distance to that reference (`richardson`), root mean square over all vertices of all cloths and over
+the scene's frames, which are multiples of its delta, the initial one included. The cost is the time of the bare steps
+(`trial`), the median of runs that go round all settings, so that a machine that slows down does so for all.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags
+from clothfit.base.errors import InvalidInput
+from clothfit.evaluation.richardson import ROUNDING, Reference, converged, extent, root_mean_square
+from clothfit.evaluation.setting import Setting, grid, own
+from clothfit.evaluation.trial import LARGEST, Trial, expected, judge, repeat, warm_up
+from clothfit.scene.scene import Scene
+
+SECONDS = 60.0  # for everything
+REFERENCE_SHARE, FIRST_SHARE = 0.25, 0.45
+"""Parts of it for the reference and for the first run of each setting; the rest is for repetitions."""
+REFERENCE_SECONDS = 3.0  # for the reference at least, as nothing can be said without one
+KNOWN = 5.0
+"""A frame counts where the reference is so many times nearer to its limit, by its estimate, than any setting."""
+HOPELESS = 1.0
+"""A motion farther from the reference, on the average, than so many times the extent of all positions is none of this
+cloth: it diverged, though its numbers are finite."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One setting, what it costs and how far off it is; numbers are None unless it is done."""
+
+    setting: Setting
+    step: float  # h, s
+    status: str  # "done"; "diverged"; "skipped": did not fit into the time or the memory
+    own: bool  # the setting of the scene itself
+    runs: int = 0  # timed
+    ms_per_step: float | None = None  # of all cloths together
+    seconds_per_second: float | None = None  # of computing, per simulated second
+    error: float | None = None  # root mean square distance to the reference, m
+    max_error: float | None = None  # largest distance of a vertex, m
+    pareto: bool = False  # no other row is cheaper and as near, or nearer and as cheap
+
+    @property
+    def cost_and_error(self) -> tuple[float, float]:
+        """Seconds per simulated second and error; infinite unless it is done."""
+        if self.seconds_per_second is None or self.error is None:
+            return math.inf, math.inf
+        return self.seconds_per_second, self.error
+
+
+@dataclass(frozen=True, eq=False)
+class WorkPrecision:
+    """What accuracy each second buys."""
+
+    scene: str  # its name
+    delta: float  # its time step, s
+    tolerance: float  # of its linear systems
+    frames: int  # simulated, the initial one included
+    reference: Reference  # over the frames that are compared: fewer, where it is not known to the end
+    rows: list[Row]  # integrators in turn, long steps before short ones
+
+    @property
+    def own(self) -> Row:
+        """The setting of the scene itself, with which the editor plays it."""
+        return next(row for row in self.rows if row.own)
+
+    @property
+    def nearest(self) -> Row | None:
+        """The row of the smallest error; None where no setting came through."""
+        done = [row for row in self.rows if row.status == "done"]
+        return min(done, key=lambda row: row.cost_and_error[::-1], default=None)
+
+    def recommended(self, error: float) -> Row | None:
+        """The cheapest row whose error, that of the reference added, is no more than `error`, m; None: there is none.
+
+        Raises InvalidInput unless `error` is a positive length.
+        """
+        if not 0 < error < math.inf:
+            raise InvalidInput(f"error: {error:g} m is not possible, it must be above 0 and finite")
+        near = [row for row in self.rows if row.cost_and_error[1] + self.reference.error <= error]
+        return min(near, key=lambda row: row.cost_and_error, default=None)
+
+
+def work_precision(
+    scene: Scene,
+    frames: int | None = None,
+    seconds: float = SECONDS,
+    report: Callable[[float, str], None] | None = None,
+) -> WorkPrecision:
+    """Measure the ways to simulate a scene against each other, over `frames` of its frames (default: its own number).
+
+    It takes about `seconds`, or less. With fewer of them settings are run less often, the dearest are skipped, and the
+    reference is less exact. `report` is told the seconds since the start and what is being done. Raises InvalidInput on
+    values that cannot be; Diverged when no steps that fit into the time give a reference.
+    """
+    if not 0 < seconds < math.inf:
+        raise InvalidInput(f"seconds: {seconds:g} is not possible, it must be above 0 and finite")
+    count = scene.frames if frames is None else frames
+    warm_up(scene)
+    began = time.perf_counter()
+
+    def tell(what: str) -> float:
+        now = time.perf_counter() - began
+        if report:
+            report(now, what)
+        return now
+
+    tell("reference motion")
+    reference = converged(scene, count, max(REFERENCE_SHARE * seconds, REFERENCE_SECONDS))
+    trials = [Trial(setting, setting.steps(count)) for setting in grid(scene)]
+    cheap_first = sorted(trials, key=lambda trial: trial.effort)
+    limit = tell("settings") + FIRST_SHARE * seconds
+    for done, trial in enumerate(cheap_first):
+        spent = tell(f"setting {done + 1} of {len(trials)}")
+        fits = spent + expected(trial, cheap_first[:done]) <= limit or trial.setting == own(scene)
+        if fits and trial.needs(scene) <= LARGEST:
+            judge(scene, trial, reference.positions)
+    for number in repeat(scene, [trial for trial in cheap_first if trial.status == "done"], began + seconds):
+        tell(f"repetition {number - 1}")
+    return table(scene, trials, reference)
+
+
+def table(scene: Scene, trials: Sequence[Trial], reference: Reference) -> WorkPrecision:
+    """The results of trials, over the frames where the reference is known."""
+    known = reference.upto(known_frames(trials, reference))
+    rows = [row(scene, trial, known) for trial in trials]
+    best = front([r.cost_and_error for r in rows])
+    marked = [replace(r, pareto=bool(flag)) for r, flag in zip(rows, best, strict=True)]
+    return WorkPrecision(scene.name, scene.delta, scene.tolerance, len(reference.positions), known, marked)
+
+
+def known_frames(trials: Sequence[Trial], reference: Reference) -> int:
+    """How many frames count: those before the reference is no better known than the nearest setting is off.
+
+    Raises InvalidInput where those are fewer than two.
+    """
+    floor = ROUNDING * extent(reference.positions)
+    errors = [so_far(t.squares) for t in trials if t.squares is not None]
+    nearest = np.min(errors, axis=0) if errors else np.full(len(reference.errors), np.inf)
+    unknown = so_far(reference.errors**2) > np.maximum(nearest / KNOWN, floor)
+    frames = int(np.argmax(unknown)) if unknown.any() else len(unknown)
+    if frames < 2:
+        raise InvalidInput("the reference motion is not known well enough to judge by; allow more time (--budget)")
+    return frames
+
+
+def so_far(squares: Array) -> Array:
+    """Root mean square over the frames up to each one, from the squares (F,) of each."""
+    size: Array = np.sqrt(np.cumsum(squares) / np.arange(1, len(squares) + 1))
+    return size
+
+
+def row(scene: Scene, trial: Trial, reference: Reference) -> Row:
+    """What became of a trial, over the frames of the reference."""
+    setting, frames = trial.setting, len(reference.positions)
+    made = Row(setting, setting.ratio * scene.delta, trial.status, setting == own(scene))
+    if trial.squares is None or trial.largest is None:
+        return made
+    error = root_mean_square(np.sqrt(trial.squares[:frames]))
+    if error > HOPELESS * extent(reference.positions):
+        return replace(made, status="diverged")
+    per_step = float(np.median(trial.seconds)) / trial.steps
+    return replace(
+        made,
+        runs=len(trial.seconds),
+        ms_per_step=1e3 * per_step,
+        seconds_per_second=per_step / made.step,
+        error=error,
+        max_error=float(trial.largest[:frames].max()),
+    )
+
+
+def front(points: Sequence[tuple[float, float]]) -> Flags:
+    """Which (cost, error) are Pareto-best: finite, and no other is cheaper and as near, or nearer and as cheap.
+
+    Of equal ones the first.
+    """
+    best = np.zeros(len(points), bool)
+    lowest = math.inf
+    for i in sorted(range(len(points)), key=lambda i: points[i]):  # cheapest first; keeps the order of equal ones
+        if points[i][1] < lowest:
+            best[i], lowest = True, points[i][1]
+    return best

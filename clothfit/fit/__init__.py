@@ -1,0 +1,1 @@
+"""TODO: what is in fit, in which order, how to add one."""

@@ -1,0 +1,117 @@
+"""Keep a part of the targets out of a fit, to see how well it foretells what it was not shown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags
+from clothfit.base.errors import Diverged, InvalidInput
+from clothfit.motion.motion import Motion
+from clothfit.objective.experiment import Experiment
+from clothfit.objective.objective import Objective
+from clothfit.objective.target import frame_places
+from clothfit.scene.fit_vector import fitted_cloths
+from clothfit.scene.scene import Scene
+
+OF = ("frames", "vertices")
+"""What can be kept out: the last frames of each target, or vertices drawn at random, the same in all targets."""
+
+SEED = 0
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """How far the fitted motion is from what was kept out of the fit."""
+
+    of: str  # "frames" or "vertices"
+    fraction: float  # that was asked for
+    observations: int  # positions kept out
+    rmse: float  # m, over them; inf where the fitted motion does not stay finite
+
+
+def check(fraction: float | None, of: str) -> None:
+    """Raise InvalidInput when a value is not possible."""
+    if of not in OF:
+        raise InvalidInput(f"holdout: there is nothing called {of!r} to keep out; use {' or '.join(OF)}")
+    if fraction is not None and not 0 < fraction < 1:
+        raise InvalidInput(f"holdout: the fraction {fraction:g} is not possible, it must be above 0 and below 1")
+
+
+def split(
+    scene: Scene, given: Sequence[Experiment], fraction: float, of: str
+) -> tuple[list[Experiment], list[Experiment]]:
+    """The experiments that are fitted, and those of which only what is kept out is seen. Raises InvalidInput where the
+    targets show too little to keep something out.
+    """
+    check(fraction, of)
+    if of == "frames":
+        pairs = [split_frames(experiment, fraction) for experiment in given]
+    else:
+        chosen = choose_vertices(scene, given, fraction)
+        pairs = [split_vertices(experiment, chosen) for experiment in given]
+    return [fitted for fitted, _ in pairs], [kept for _, kept in pairs]
+
+
+def split_frames(experiment: Experiment, fraction: float) -> tuple[Experiment, Experiment]:
+    """Without the last of the frames that would be compared, and with nothing but them."""
+    motion, scene = experiment
+    step, part = frame_places(motion, scene.delta)
+    frames = int(np.searchsorted(step + part, scene.frames - 1, side="right"))
+    if frames < 3:
+        raise InvalidInput(f"{motion.name}: shows {frames} frames, too few to keep some of them out of the fit")
+    first = frames - min(max(round(fraction * frames), 1), frames - 2)
+    late = np.zeros(seen(motion).shape, bool)
+    late[first:frames] = True
+    arrays = {name: getattr(motion, name) for name in ("positions", "times", "observed", "weights")}
+    early = replace(motion, **{name: value[:first] for name, value in arrays.items() if value is not None})
+    return Experiment(early, scene), Experiment(replace(motion, observed=seen(motion) & late), scene)
+
+
+def choose_vertices(scene: Scene, given: Sequence[Experiment], fraction: float) -> Flags:
+    """Which vertices of all objects (vertices,) are kept out: of each object that is fitted, at least one stays."""
+    generator = np.random.default_rng(SEED)
+    shown = np.any([moving(experiment) for experiment in given], axis=0)
+    owner = np.repeat(np.arange(len(scene.cloths)), scene.vertex_counts)
+    chosen = np.zeros(len(owner), bool)
+    for cloth in fitted_cloths(scene):
+        own = np.flatnonzero(shown & (owner == cloth))
+        if len(own) > 1:
+            count = min(max(round(fraction * len(own)), 1), len(own) - 1)
+            chosen[generator.choice(own, count, replace=False)] = True
+    if not chosen.any():
+        raise InvalidInput(f"{given[0].motion.name}: shows too few vertices to keep some of them out of the fit")
+    return chosen
+
+
+def moving(experiment: Experiment) -> Flags:
+    """Which vertices (vertices,) are free, and seen at some time after the initial state."""
+    motion, scene = experiment
+    free = ~np.concatenate([cloth.fixed for cloth in scene.cloths])
+    return np.asarray(free & seen(motion)[motion.times > 0].any(axis=0))
+
+
+def split_vertices(experiment: Experiment, chosen: Flags) -> tuple[Experiment, Experiment]:
+    """Without the chosen vertices (vertices,), and with nothing but them."""
+    motion, scene = experiment
+    parts = (replace(motion, observed=seen(motion) & part) for part in (~chosen, chosen))
+    fitted, kept = (Experiment(part, scene) for part in parts)
+    return fitted, kept
+
+
+def seen(motion: Motion) -> Flags:
+    """Which positions (frames, vertices) count in a comparison."""
+    everything = np.ones(motion.positions.shape[:2], bool)
+    observed = everything if motion.observed is None else motion.observed
+    return observed if motion.weights is None else observed & (motion.weights > 0)
+
+
+def judged(objective: Objective, p: Array, of: str, fraction: float) -> HeldOut:
+    """How far the motion of parameters p (P,) is from an objective that sees nothing but what was kept out."""
+    try:
+        rmse = objective.position_rmse(p)
+    except Diverged:
+        rmse = np.inf
+    return HeldOut(of, fraction, objective.observations, rmse)

@@ -1,0 +1,141 @@
+"""What a fit gives back: the fitted scene, and an honest account of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.base.errors import Diverged
+from clothfit.engine.remedies import NONE, Remedies
+from clothfit.fit.confidence import Confidence
+from clothfit.fit.holdout import HeldOut
+from clothfit.objective.memory_needs import Needs
+from clothfit.optimise.search import Search
+from clothfit.scene.block import Block
+from clothfit.scene.fit_vector import at_lower, at_upper, blocks, bounds, with_parameters
+from clothfit.scene.scene import Scene
+
+UNMOVED = 1e-9
+"""Relative change up to which a parameter counts as not having moved: beyond the rounding of exp and log."""
+
+
+@dataclass(frozen=True)
+class FittedBlock:
+    """What became of one kind of parameter of one object; parameters are counted within the block."""
+
+    object: int | None  # None: of the scene as a whole
+    name: str  # of the kind, as in `clothfit.scene.kinds`: "mass", "stiffness", …
+    mode: str  # "G" or "L"
+    count: int
+    at_bound: list[int]  # parameters at a bound
+    unidentifiable: list[int]  # parameters that the motion does not determine; what it does not show keeps its start
+    unmoved: list[int]  # of the others, those that ended where they started
+    interval: list[tuple[float, float] | None]  # of 95 %, one per parameter, in its unit; None where there is none
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """What the prior took for the spread of one kind of parameter of one object."""
+
+    object: int | None
+    name: str
+    tau: float  # standard deviation of the coordinates, those of a log kind: relative
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The result of a fit."""
+
+    scene: Scene  # with the best parameters found
+    status: str  # "converged", "stalled", "limit", "diverged" or "interrupted"
+    method: str
+    cost: float  # G, m² with the default objective; inf when nothing could be evaluated
+    rmse: float  # m, of the positions, whatever the objective
+    frames: int  # compared, of all targets together
+    evaluations: int  # of cost and gradient
+    seconds: float  # of the search, without the target's simulation, the search for a start and the intervals
+    parameters: list[FittedBlock]
+    warnings: list[str]  # what the user should know about the way there
+    rank: int | None = None  # directions in the space of the parameters that the motion shows; None: not looked at
+    sigma: float | None = None  # standard deviation of a residual; m where positions are compared
+    prior: list[Scatter] | None = None  # None: the result does without
+    holdout: HeldOut | None = None  # None: nothing was kept out
+    memory: Needs | None = None  # what was foreseen
+    remedies: Remedies = NONE  # what the steps of the fitted motion needed beyond the ordinary
+
+
+def result(
+    search: Search,
+    status: str,
+    method: str,
+    warnings: list[str],
+    started: bool,
+    start: Array,
+    known: Confidence | None,
+    seconds: float,
+) -> Fit:
+    """The fit as its user sees it: it began at `start` (P,), which was given where `started`."""
+    scene = search.objective.scene
+    p, cost = (search.best, search.best_cost) if known is None else (known.p, known.cost)
+    found = blocks(scene)
+    lost = [block for block in found if block.mode == "G" and search.objective.unidentifiable(block)]
+    return Fit(
+        # the scene's values, which may differ, not their mean
+        scene=with_parameters(scene, p, [] if started else lost),
+        status=status,
+        method=method,
+        cost=cost,
+        rmse=position_rmse(search, p, cost),
+        frames=search.objective.frames,
+        evaluations=search.evaluations,
+        seconds=seconds,
+        parameters=[fitted_block(search, block, start, p, known) for block in found],
+        warnings=warnings,
+        rank=None if known is None else known.rank,
+        sigma=None if known is None else known.sigma,
+        prior=scatter(search),
+    )
+
+
+def fitted_block(search: Search, block: Block, start: Array, p: Array, known: Confidence | None) -> FittedBlock:
+    """What became of a block that began at `start` (P,) and ended at p (P,)."""
+    part = block.part
+    lower, upper = (end[part] for end in bounds(search.objective.scene))
+    lost = ~search.fitted[part]
+    interval: list[tuple[float, float] | None] = [None] * block.count
+    if known is not None:
+        lost |= known.hidden[part]
+        ends = zip(known.low[part].tolist(), known.high[part].tolist(), strict=True)
+        interval = [None if np.isnan(low) else (low, high) for low, high in ends]
+    bound = (at_lower(p[part], lower) | at_upper(p[part], upper)) & ~lost
+    still = np.abs(p - start) <= UNMOVED * np.maximum(np.abs(start), search.coordinates.change(start))
+    listed = [[int(i) for i in np.flatnonzero(flags)] for flags in (bound, lost, still[part] & ~lost)]
+    return FittedBlock(
+        block.cloth, block.name, block.mode, block.count, listed[0], listed[1], listed[2], interval
+    )
+
+
+def scatter(search: Search) -> list[Scatter] | None:
+    """The widths of the prior of a search, one for each block that it concerns; None where it says nothing."""
+    if search.prior is None or not search.prior.groups:
+        return None
+    places = np.flatnonzero(search.fitted)
+    found = []
+    for group, tau in zip(search.prior.groups, search.prior.tau, strict=True):
+        if not np.isfinite(tau):
+            return None
+        (block,) = (b for b in search.objective.blocks if b.part.start <= places[group[0]] < b.part.stop)
+        found.append(Scatter(block.cloth, block.name, float(tau)))
+    return found
+
+
+def position_rmse(search: Search, p: Array, cost: float) -> float:
+    """Root mean square distance, m, of the observed positions at p (P,) of that cost; inf where there is none."""
+    if search.objective.plain or not np.isfinite(cost):
+        return search.objective.rmse(cost)
+    try:
+        return search.objective.position_rmse(p)
+    except Diverged:  # the cost saw only what is finite
+        return np.inf

@@ -1,0 +1,57 @@
+"""Axes and units of other tools' files, and the scene's: y up, left-handed, metres, as in Unity.
+
+A file's axes are turned so that y is up, (x, y, z) → (x, z, −y) where z was, and x is negated where they were
+right-handed, as Unity does with the models that it imports. Lengths are multiplied by `scale`, m per unit of the file.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Indices
+
+UPS, HANDS = ("y", "z"), ("left", "right")
+
+
+class Axes(NamedTuple):
+    """How a file's coordinates are meant."""
+
+    up: str = "y"  # the axis that points up, one of UPS
+    handedness: str = "right"  # one of HANDS
+    scale: float = 1.0  # m per unit of the file
+
+    def __str__(self) -> str:
+        unit = "metres" if self.scale == 1 else f"units of {self.scale:g} m"
+        return f"{self.up} up, {self.handedness}-handed, {unit}"
+
+
+SCENE = Axes("y", "left", 1.0)
+
+
+def to_scene(points: Array, axes: Axes) -> Array:
+    """Points (…, 3) of a file in the scene's axes, m."""
+    turned = np.empty(points.shape)  # filled in place: points of a motion take much memory
+    turned[..., 0] = -points[..., 0] if axes.handedness == "right" else points[..., 0]
+    turned[..., 1] = points[..., 2 if axes.up == "z" else 1]
+    turned[..., 2] = -points[..., 1] if axes.up == "z" else points[..., 2]
+    turned *= axes.scale
+    return turned
+
+
+def from_scene(points: Array, axes: Axes) -> Array:
+    """Points (…, 3) of the scene, m, in a file's axes: the inverse of `to_scene`."""
+    turned = np.empty(points.shape)
+    turned[..., 0] = -points[..., 0] if axes.handedness == "right" else points[..., 0]
+    turned[..., 1] = -points[..., 2] if axes.up == "z" else points[..., 1]
+    turned[..., 2] = points[..., 1 if axes.up == "z" else 2]
+    turned /= axes.scale
+    return turned
+
+
+def facing(triangles: Indices, axes: Axes) -> Indices:
+    """Triangles (T, 3) between a file's axes and the scene's, either way: a mirror image turns their order round, so
+    that the same side stays the front.
+    """
+    return triangles[:, ::-1] if axes.handedness == "right" else triangles

@@ -1,0 +1,74 @@
+"""What somebody says of another program's file that it does not say itself, or says wrongly.
+
+Axes, unit, rate, which of its frames are meant, and which vertices its markers are. What nobody says is taken from the
+file, else from its format's convention (`formats`).
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from clothfit.base.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from clothfit.formats.axes import Axes
+
+CHOICES = {"up": ("y", "z"), "handedness": ("left", "right")}
+SLICE = re.compile(r"\s*(-?[0-9]{1,18})?\s*:\s*(-?[0-9]{1,18})?\s*")
+
+
+@dataclass(frozen=True)
+class Convention:
+    """How the coordinates of a file are meant. None: as the file or its format has it. Raises InvalidInput."""
+
+    scale: float | None = None  # m per unit of the file, above 0
+    up: str | None = None  # "y" or "z": the axis that points up
+    handedness: str | None = None  # "left" or "right"
+
+    def __post_init__(self) -> None:
+        positive("scale", self.scale)
+        for name, choices in CHOICES.items():
+            if (value := getattr(self, name)) not in (None, *choices):
+                raise InvalidInput(f"{name}: {value!r} is not possible, {' and '.join(choices)} are")
+
+    def axes(self, default: Axes) -> Axes:
+        """The axes that are meant."""
+        said: dict[str, Any] = {"scale": self.scale, "up": self.up, "handedness": self.handedness}
+        return default._replace(**{name: value for name, value in said.items() if value is not None})
+
+
+@dataclass(frozen=True)
+class Reading(Convention):
+    """What is said of a file that is read."""
+
+    fps: float | None = None  # frames per second, above 0; None: as the file says, else one frame per time step
+    frames: str | None = None  # which frames, as A:B of a Python list; they keep their times
+    markers: str | os.PathLike[str] | None = None  # a CSV file: marker, object, vertex; None: the nearest vertices
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive("fps", self.fps)
+        self.chosen()
+
+    @property
+    def plain(self) -> bool:
+        """Whether nothing is said."""
+        return self == Reading()
+
+    def chosen(self) -> slice:
+        """The frames that are meant, of all in the file. Raises InvalidInput."""
+        match = SLICE.fullmatch(self.frames if self.frames is not None else ":")
+        if match is None:
+            raise InvalidInput(f"frames: {self.frames!r} is not A:B, such as 0:100, 50: or :-1 (B is left out)")
+        first, end = (None if word is None else int(word) for word in match.groups())
+        return slice(first, end)
+
+
+def positive(name: str, value: float | None) -> None:
+    """Raise InvalidInput unless a value is above 0 and finite."""
+    if value is not None and not 0 < value < math.inf:
+        raise InvalidInput(f"{name}: {value:g} is not possible, it must be above 0 and finite")

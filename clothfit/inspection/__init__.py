@@ -1,0 +1,1 @@
+"""TODO: what is in inspection, in which order, how to add one."""

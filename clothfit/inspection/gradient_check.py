@@ -1,0 +1,165 @@
+"""Is the gradient right on a user's own scene? The tests of `verify`, with an eye for what no gradient can describe.
+
+Slope and cost along a random direction are compared by `ladder`, and the tangent with its transpose by the
+
+    dot product   w·(J d) must be (Jᵀ w)·d.
+
+How much rounding there is in slope and products shows in what becomes of them with linear systems solved ten times less
+tightly, at values that differ in their last digits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+from clothfit.derivative.verify import PRODUCT, direction_of
+from clothfit.inspection.ladder import (
+    FAILED,
+    LADDER,
+    PASSED,
+    TINY,
+    UNCLEAR,
+    Finding,
+    Known,
+    calm,
+    difference,
+    judged,
+    ladder,
+    taylor,
+)
+from clothfit.motion.motion import Motion, simulate_cloths
+from clothfit.objective.objective import Objective
+from clothfit.scene.block import Block
+from clothfit.scene.fit_vector import blocks, fitted_cloths, parameters, with_parameters
+from clothfit.scene.scene import Scene
+
+SPREAD = 0.1
+"""Without a target it is the motion of values up to so much off, relative: the cost has a slope and is not flat."""
+
+LOOK = 30_000
+"""Vertices × steps of a default look: forty simulations of it take seconds."""
+
+LOOSER = 10.0  # times the tolerance of the linear systems, to see what it does
+
+
+@dataclass(frozen=True)
+class SceneCheck:
+    """Outcome of all tests of a scene."""
+
+    scene: str
+    frames: int
+    blocks: tuple[Block, ...]  # what the gradient is by
+    flagged: bool  # whether the scene flags that; else masses and stiffnesses were taken
+    tests: tuple[Finding, ...]
+    reach: float  # the longest step, relative, that was short enough; 0: none
+    switch: str  # what longer ones change in the motion; empty: nothing that is known
+
+    @property
+    def verdict(self) -> str:
+        """FAILED where a test is, PASSED where one of the first two is, which see the cost itself, else UNCLEAR."""
+        verdicts = [test.verdict for test in self.tests]
+        if FAILED in verdicts:
+            return FAILED
+        return PASSED if PASSED in verdicts[:2] else UNCLEAR
+
+    @property
+    def left_out(self) -> str:
+        """Which steps were too long, and why; empty where none was."""
+        if self.reach == LADDER[-1]:
+            return ""
+        why = self.switch or "the cost curves too strongly there"
+        if not self.reach:
+            return f"the cost has a kink here, within {LADDER[0]:.1g} of the values: {why}"
+        return f"steps above {self.reach:.1g} of the values are left out: {why}"
+
+    @property
+    def why(self) -> str:
+        """Why it is unclear."""
+        return self.left_out if not self.reach else next(test.why for test in self.tests if test.verdict == UNCLEAR)
+
+
+def check_scene(
+    scene: Scene,
+    target: Motion | None = None,
+    frames: int | None = None,
+    *,
+    seed: int = 0,
+    memory: int | str | None = None,
+) -> SceneCheck:
+    """Check the gradient of a scene's cost at its own values, by what it flags; by all masses and stiffnesses where it
+    flags nothing.
+
+    `target` is what to compare with (default: the motion of values up to a tenth off, drawn with `seed`); `frames` how
+    many of the scene's frames to look at (default: `default_frames`); `memory` as of an Objective. Raises InvalidInput
+    when the target does not fit, Diverged when the scene's own motion does.
+    """
+    flagged, rng = bool(blocks(scene)), np.random.default_rng(seed)
+    if not flagged:
+        scene = replace(scene, cloths=tuple(replace(cloth, settings="LL") for cloth in scene.cloths))
+    count = default_frames(scene) if frames is None else frames
+    p = parameters(scene)
+    if target is None:
+        truth = with_parameters(scene, changed(scene, p, rng))
+        target = simulate_cloths(truth, fitted_cloths(scene), count)
+    objective = Objective(scene, target, frames=count, memory=memory)
+    if not objective.shows_motion:
+        raise InvalidInput(
+            f"{target.name}: shows nothing after the start that can move, within {count} frames, so there is nothing "
+            "to check the gradient with; ask for more --steps"
+        )
+    gradient = objective.cost_and_gradient(p)[1]
+    d = direction_of(p, gradient, rng)
+    other = objective.until(count, LOOSER * objective.tolerance)
+    slope = slope_of(other, p, d, gradient)
+    rungs, noise = ladder(objective, p, d)
+    short = calm(rungs, noise)
+    beyond = next((rung.switch for rung in rungs[len(short) :]), "")
+    tests = (taylor(short, slope, noise), difference(short, slope, noise), product(objective, other, p, d, rng))
+    reach = short[-1].t if short else 0.0
+    return SceneCheck(scene.name, count, tuple(blocks(scene)), flagged, tests, reach, beyond)
+
+
+def default_frames(scene: Scene) -> int:
+    """The scene's own, or fewer for large cloths, at least 6."""
+    count = sum(len(scene.cloths[i].mass) for i in fitted_cloths(scene)) or 1
+    return min(scene.frames, max(6, LOOK // count + 1))
+
+
+def changed(scene: Scene, p: Array, rng: np.random.Generator) -> Array:
+    """Values (P,) up to `SPREAD` off; of those that are 0, and may be moved as they are, of that part of their size."""
+    other = p * rng.uniform(1 - SPREAD, 1 + SPREAD, p.shape)
+    for block in blocks(scene):
+        nothing = (p[block.part] == 0.0) & (not block.kind.log)
+        other[block.part][nothing] = SPREAD * block.kind.scale
+    return np.asarray(other)
+
+
+def slope_of(other: Objective, p: Array, d: Array, gradient: Array) -> Known:
+    """g·d, m²."""
+    value = float(gradient @ d)
+    return Known(value, abs(float(other.cost_and_gradient(nudged(p))[1] @ d) - value))
+
+
+def product(objective: Objective, other: Objective, p: Array, d: Array, rng: np.random.Generator) -> Finding:
+    """The relative difference between w·(J d) and (Jᵀ w)·d; w has the signs of J d, so that nothing cancels."""
+    changes = objective.tangent(p, d)
+    weights = [np.copysign(np.abs(rng.normal(size=change.shape)), change) for change in changes]
+
+    def both(objective: Objective, p: Array, changes: list[Array]) -> Array:
+        forward = sum(float(np.vdot(w, change)) for w, change in zip(weights, changes, strict=True))
+        return np.array([forward, objective.pullback(p, weights) @ d])
+
+    found = both(objective, p, changes)
+    varied = both(other, nudged(p), other.tangent(nudged(p), d))
+    size = max(float(np.abs(found).max()), TINY)
+    blur = float(np.abs(varied - found).sum()) / size
+    return judged("dot product", blur, float(abs(found[1] - found[0])) / size, PRODUCT)
+
+
+def nudged(p: Array) -> Array:
+    """p with other last digits."""
+    return np.asarray(p * (1.0 + 2.0 * np.finfo(float).eps))

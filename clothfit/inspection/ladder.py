@@ -1,0 +1,167 @@
+"""The cost along a direction, on both sides of a point: where it is smooth, and whether a gradient describes it there.
+
+The cost G(p ± t d), for t from 1e-7 up to 1e-1, has an even and an odd part,
+
+    S(t) = G(p + t d) + G(p − t d) − 2 G(p),      D(t) = [G(p + t d) − G(p − t d)] / 2t.
+
+S knows nothing of the gradient g: it falls as t² where the cost is smooth on that scale, as t over a kink, and not at
+all over a jump. A contact that switches is both; long steps of a chaotic motion are neither. So g is judged only by
+steps that are short enough: those with the contacts of p on both sides, along which S falls as t². There
+
+    Taylor        S/2 + t |D − g·d| must fall as t² as well,
+    difference    D must be g·d.
+
+A test that rounding leaves too little for is unclear: neither passed nor failed.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags
+from clothfit.base.errors import Diverged
+from clothfit.derivative.verify import ABOVE_NOISE, DIFFERENCE, FEWEST_RUNGS, NOISE_STEPS, ORDER
+from clothfit.engine.tape import Tape
+from clothfit.inspection.contacts import contacts, first_switch
+from clothfit.objective.objective import Objective
+from clothfit.objective.run import Run, check
+from clothfit.objective.running_cost import tally
+
+LADDER = tuple(10.0 ** (-k / 2) for k in range(14, 1, -1))
+"""Steps, relative to p, from short to long; half as far apart as in `verify`, as kinks may leave few."""
+
+CALM = 0.1
+"""By how much the order at which S falls may differ from 2: what is lost to rounding at `ABOVE_NOISE`."""
+
+DOUBT = 10.0
+"""A difference this many times what rounding makes is none of rounding."""
+
+TINY = float(np.finfo(float).tiny)
+
+PASSED, FAILED, UNCLEAR = "passed", "failed", "unclear"
+
+
+class Finding(NamedTuple):
+    """Outcome of one of the tests."""
+
+    name: str
+    measured: float | None  # None where nothing could be
+    bar: float
+    verdict: str  # PASSED, FAILED or UNCLEAR
+    why: str = ""  # where it is unclear
+
+
+class Known(NamedTuple):
+    """A number, and what rounding may have to do with it."""
+
+    value: float
+    blur: float
+
+
+class Rung(NamedTuple):
+    """The cost on both sides of p."""
+
+    t: float
+    even: float  # S
+    odd: float  # t D
+    switch: str  # what is not as at p, in words; empty: nothing
+
+
+def look(objective: Objective, p: Array) -> tuple[float, list[Flags]]:
+    """G(p), m², and the contacts of each run. Raises Diverged."""
+    total, switches = 0.0, []
+    for run in objective.runs:
+        system, told, seen = run.changed(p), tally(run.comparison), []
+        tape = Tape(system, run.steps, objective.tolerance)
+        for part in tape.forward():
+            told.see(part)
+            seen.append(contacts(system, part))
+        check(run, tape.good)
+        total += told.value
+        switches.append(np.concatenate(seen))
+    return total, switches
+
+
+def ladder(objective: Objective, p: Array, d: Array) -> tuple[list[Rung], float]:
+    """All rungs, from short to long steps, and the rounding of the cost, m²."""
+    start, own = look(objective, p)
+
+    def rung(t: float) -> Rung:
+        costs, switch = [], ""
+        for sign in (1.0, -1.0):
+            try:
+                cost, switches = look(objective, p + sign * t * d)
+            except Diverged as error:
+                return Rung(t, np.inf, np.inf, str(error))
+            costs.append(cost)
+            switch = switch or difference_of(objective.runs, own, switches)
+        return Rung(t, costs[0] + costs[1] - 2.0 * start, 0.5 * (costs[0] - costs[1]), switch)
+
+    noise = max(np.finfo(float).eps * abs(start), *(abs(rung(t).even) for t in NOISE_STEPS))
+    return [rung(t) for t in LADDER], float(noise)
+
+
+def difference_of(runs: tuple[Run, ...], a: list[Flags], b: list[Flags]) -> str:
+    """Where the contacts of the runs first differ, in words; empty where they do not."""
+    for run, one, other in zip(runs, a, b, strict=True):
+        found = first_switch(one, other)
+        if found is not None:
+            return f"contacts switch (objects[{run.cloth}] {found})"
+    return ""
+
+
+def calm(rungs: list[Rung], noise: float) -> list[Rung]:
+    """The rungs from the shortest on as far as nothing switches and S falls as t², or is rounding."""
+    floor = ABOVE_NOISE * noise
+    found: list[Rung] = []
+    for rung in rungs:
+        if rung.switch or not np.isfinite(rung.even):
+            break
+        if found and abs(rung.even) > floor:
+            before = abs(found[-1].even)
+            order = np.log(abs(rung.even) / max(before, floor)) / np.log(rung.t / found[-1].t)
+            if order > 2.0 + CALM or (before > floor and order < 2.0 - CALM):
+                break
+        found.append(rung)
+    return found
+
+
+def taylor(rungs: list[Rung], slope: Known, noise: float) -> Finding:
+    """The lowest order at which the remainder of the first-order expansion falls."""
+    known = []
+    for rung in rungs:
+        remainder = 0.5 * abs(rung.even) + abs(rung.odd - rung.t * slope.value)
+        if remainder > ABOVE_NOISE * (noise + rung.t * slope.blur):
+            known.append((rung.t, remainder))
+    if len(known) < FEWEST_RUNGS:
+        why = f"{len(known)} of {len(LADDER)} steps are short enough and above rounding, {FEWEST_RUNGS} are needed"
+        return Finding("Taylor", None, ORDER, UNCLEAR, why)
+    order = min(float(np.log(s / r) / np.log(u / t)) for (t, r), (u, s) in pairwise(known))
+    return Finding("Taylor", order, ORDER, PASSED if order > ORDER else FAILED)
+
+
+def difference(rungs: list[Rung], slope: Known, noise: float) -> Finding:
+    """The relative difference of the slope from D, at the step where D is known best."""
+    known = []
+    for shorter, longer in pairwise(rungs):
+        D = longer.odd / longer.t
+        size = max(abs(D), abs(slope.value), TINY)
+        blur = noise / longer.t + abs(D - shorter.odd / shorter.t) + slope.blur
+        known.append((blur / size, abs(D - slope.value) / size))
+    if not known:
+        return Finding("difference", None, DIFFERENCE, UNCLEAR, "no two steps are short enough")
+    if slope.value == 0.0 and not any(rung.odd for rung in rungs):
+        return Finding("difference", None, DIFFERENCE, UNCLEAR, "nothing that is checked changes the cost")
+    return judged("difference", *min(known), DIFFERENCE)
+
+
+def judged(name: str, blur: float, measured: float, bar: float) -> Finding:
+    """What a relative difference says that is known to `blur`."""
+    if measured < bar and blur < DOUBT * DIFFERENCE:
+        return Finding(name, measured, bar, PASSED)
+    if measured > max(bar, DOUBT * blur):
+        return Finding(name, measured, bar, FAILED)
+    return Finding(name, measured, bar, UNCLEAR, f"known to {blur:.1g} only")

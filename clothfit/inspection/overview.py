@@ -1,0 +1,161 @@
+"""What is in a scene, in numbers: for people who got one, and to see whether it is the one that was meant."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.messages import named, owned, place
+from clothfit.meshes.mesh import keys
+from clothfit.meshes.topology import across, components, edges
+from clothfit.scene import schema as structure
+from clothfit.scene.kinds import CLOTH_KINDS, SCENE_KINDS, Kind
+from clothfit.scene.mesh_numbering import FIELD
+from clothfit.scene.scene import Cloth, Scene
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How some values spread; None where there are none."""
+
+    least: float | None
+    median: float | None
+    most: float | None
+    total: float
+
+
+@dataclass(frozen=True)
+class Flagged:
+    """A kind of parameter that a fit looks for."""
+
+    object: int | None  # None: of the scene as a whole
+    name: str
+    mode: str  # G or L
+    count: int  # of parameters
+
+
+@dataclass(frozen=True)
+class Facts:
+    """One object."""
+
+    vertices: int
+    fixed: int
+    triangles: int
+    springs: int
+    along_edges: int  # springs along an edge of a triangle
+    bending: int  # springs between the vertices opposite an edge
+    parts: tuple[int, ...]  # vertices of each part that springs hold together, largest first
+    loose: int  # vertices without a spring
+    mass: Spread  # kg
+    stiffness: Spread  # N/m
+    rest: Spread  # m
+    low: tuple[float, ...]  # corner of the bounding box, m
+    high: tuple[float, ...]
+    drag: float
+    damping: float
+    moving: bool  # whether it has velocities at the start
+    strained: bool  # whether rest lengths differ from those at the start
+
+
+def facts(cloth: Cloth) -> Facts:
+    """What there is to say of an object."""
+    edge, bend = spring_kinds(cloth.springs, cloth.triangles)
+    sizes, _ = components(cloth.springs, len(cloth.mass))
+    return Facts(
+        vertices=len(cloth.mass),
+        fixed=int(cloth.fixed.sum()),
+        triangles=len(cloth.triangles),
+        springs=len(cloth.springs),
+        along_edges=int(edge.sum()),
+        bending=int(bend.sum()),
+        parts=tuple(sizes.tolist()),
+        loose=len(cloth.mass) - int(sizes.sum()),
+        mass=spread(cloth.mass),
+        stiffness=spread(cloth.stiffness),
+        rest=spread(cloth.rest),
+        low=tuple(cloth.positions.min(axis=0).tolist()),
+        high=tuple(cloth.positions.max(axis=0).tolist()),
+        drag=cloth.drag,
+        damping=cloth.damping,
+        moving=bool(cloth.velocity.any()),
+        strained=not np.array_equal(cloth.rest, cloth.lengths),
+    )
+
+
+def spread(values: Array) -> Spread:
+    """Least, median, most and sum."""
+    if not len(values):
+        return Spread(None, None, None, 0.0)
+    with np.errstate(over="ignore"):  # of values at the ends of the range of doubles
+        return Spread(float(values.min()), float(np.median(values)), float(values.max()), float(values.sum()))
+
+
+def spring_kinds(springs: Indices, triangles: Indices) -> tuple[Flags, Flags]:
+    """Which springs (S, 2) lie along an edge of the triangles (T, 3), and which of the others join the vertices
+    opposite one: (S,) each. Of two springs between the same vertices the second is taken for the other kind where
+    there is such a one.
+    """
+    met = edges(triangles)
+    key, edge, bend = (keys(pairs) for pairs in (springs, met.ends, across(met)))
+    is_edge, is_bend = np.isin(key, edge), np.isin(key, bend)
+    _, first = np.unique(key, return_index=True)
+    again = ~np.isin(np.arange(len(key)), first)
+    bends = is_bend & (~is_edge | again)
+    return is_edge & ~bends, bends
+
+
+def flagged(scene: Scene) -> list[Flagged]:
+    """What a fit looks for, in the order of the fit vector."""
+    found = []
+    for index, kind, values in _asked(scene):
+        owner = scene if index is None else scene.cloths[index]
+        mode = owner.mode(kind.name)
+        found.append(Flagged(index, kind.name, mode, len(values) if mode == "L" else kind.components))
+    return found
+
+
+def beyond_bounds(scene: Scene) -> list[str]:
+    """A sentence for each kind that a fit looks for, where what it would start from is not within its bounds."""
+    found = []
+    for index, kind, values in _asked(scene):
+        mode = (scene if index is None else scene.cloths[index]).mode(kind.name)
+        if kind.name == "rest" and mode == "G":  # a factor on the lengths
+            continue
+        starts = np.array([values.mean()]) if mode == "G" and kind.components == 1 else values
+        beyond = (starts < kind.lower) | (starts > kind.upper)
+        if beyond.any():
+            which = "the mean is" if mode == "G" else f"{beyond.sum()} of {len(values)} values are"
+            where = f"{owned(index, kind.title)}: {which} not within {kind.lower:g} … {kind.upper:g} {kind.unit}"
+            found.append(f"{where}, where a fit looks")
+    return found
+
+
+def _asked(scene: Scene) -> Iterator[tuple[int | None, Kind, Array]]:
+    """Object, kind and flat values of all that is flagged."""
+    for index, cloth in enumerate(scene.cloths):
+        for kind in CLOTH_KINDS:
+            if cloth.mode(kind.name) != "n":
+                yield index, kind, np.ravel(getattr(cloth, kind.name))
+    for kind in SCENE_KINDS:
+        if scene.mode(kind.name) != "n":
+            yield None, kind, np.ravel(getattr(scene, kind.name))
+
+
+def unknown_fields(scene: Scene) -> list[str]:
+    """The places of fields that neither the format nor this program knows: of several objects the first that has it."""
+    document = json.loads(scene.source.text)
+    known = {kind: structure.fields(kind) for kind in ("scene", "object", "collider")}
+    known["object"] |= {FIELD}
+    owners: list[tuple[str, tuple[str | int, ...], Any]] = [("scene", (), document)]
+    owners += [("object", ("objects", i), item) for i, item in enumerate(document["objects"])]
+    owners += [("collider", ("colliders", i), item) for i, item in enumerate(document.get("colliders", []))]
+    found: dict[tuple[str, str], str] = {}
+    for kind, path, item in owners:
+        for name in item.keys() - known[kind]:
+            found.setdefault((kind, name), place((*path, named(name))))
+    return sorted(found.values())

@@ -1,0 +1,224 @@
+"""Compiled code on disk, one file per function and types of its arguments.
+
+numba's own cache keeps an index per function, which two programs that compile at once can leave pointing to each
+other's code; a damaged file of it, or a full disk, ends the program; it needs a writable folder already when
+modules are imported; it notices a change in the file of a compiled function, but not in the files of the functions it
+calls; and before it loads anything it imports all that numba needs to compile (SciPy included), which takes longer
+than all else that a command does at its start. So here:
+
+- a folder belongs to one state of all sources that are compiled: after an upgrade or an edit it is another one;
+- a file's name says what is in it: function, types, processor, versions. There is no index;
+- files appear whole or not at all, and carry a checksum: what is damaged counts as absent, and is written anew;
+- folders are made when there is something to write, never when a module is imported;
+- where nothing can be written the program runs all the same, and says so once.
+
+Folders that are read, and written to where that is possible, in this order: what NUMBA_CACHE_DIR says, else
+`__pycache__` in the package; the user's cache folder; one in the folder for temporary files. A file can run anything
+when it is loaded, so the last two must belong to the user or to root and be writable by nobody else.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+import secrets
+import shutil
+import stat
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numba
+from numba.core.caching import FunctionCache
+from numba.core.compiler import CompileResult
+from numba.core.runtime.nrt import rtsys
+from numba.core.serialize import dumps
+
+PACKAGE = Path(__file__).resolve().parents[1]
+PREFIX = "kernels-"
+MARK = b"clothfit kernel 1\n"  # what a file begins with; then the SHA-256 of the rest
+DAY = 24 * 3600.0  # s
+# files with types and constants that kernels use, but no kernel
+TYPES = ("base/arrays.py", "engine/system.py", "derivative/stencil.py")
+config: Any = numba.config  # numba has no types
+
+
+def sources() -> list[Path]:
+    """The files that compiled code depends on: those with kernels, and the constants and types kernels use."""
+    files = [path for path in sorted(PACKAGE.rglob("*.py")) if "cli" not in path.relative_to(PACKAGE).parts]
+    return [path for path in files if path.relative_to(PACKAGE).as_posix() in TYPES or b"kernel" in path.read_bytes()]
+
+
+@cache
+def folders() -> tuple[Path, ...]:
+    """The folders for the compiled code of these sources, in the order in which they are tried; they may not exist."""
+    digest = hashlib.sha256()
+    for path in sources():
+        digest.update(path.read_bytes())
+    first = Path(config.CACHE_DIR) if config.CACHE_DIR else PACKAGE / "__pycache__"
+    return tuple(base / f"{PREFIX}{digest.hexdigest()[:16]}" for base in (first, *_own_bases()))
+
+
+def _own_bases() -> list[Path]:
+    """Folders of the user; what is not an absolute path, as without a home, is left out."""
+    home = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or os.path.expanduser("~/.cache")
+    user = str(os.getuid()) if hasattr(os, "getuid") else "user"  # the temporary folder of Windows is the user's own
+    with suppress(OSError):  # not even that
+        return [base for base in (Path(home) / "clothfit", Path(tempfile.gettempdir()) / f"clothfit-{user}")
+                if base.is_absolute()]
+    return []
+
+
+def is_safe(folder: Path) -> bool:
+    """Whether nobody but the user and root can have written into a folder; True where it does not exist."""
+    try:
+        found = folder.lstat()
+    except OSError:
+        return True
+    if not hasattr(os, "getuid"):
+        return True
+    mine = found.st_uid in (0, os.getuid()) and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return stat.S_ISDIR(found.st_mode) and mine
+
+
+def usable() -> list[Path]:
+    """Those folders that may be read: the first, and the safe ones of the user."""
+    first, *own = folders()
+    return [first, *(folder for folder in own if is_safe(folder.parent))]
+
+
+def file_name(name: str, *key: object) -> str:
+    """The name of a file for one key and these versions."""
+    digest = hashlib.sha256(repr((name, key, numba.__version__, sys.version)).encode())
+    return f"{name}-{digest.hexdigest()[:24]}"
+
+
+def load(name: str) -> tuple[Path, bytes] | None:
+    """Give what was kept under a name, and the folder; None where there is nothing, or nothing whole."""
+    for folder in usable():
+        with suppress(OSError):
+            data = (folder / name).read_bytes()
+            mark, content = data[: len(MARK) + 32], data[len(MARK) + 32 :]
+            if mark == MARK + hashlib.sha256(content).digest():
+                return folder, content
+    return None
+
+
+def save(name: str, content: bytes) -> Path:
+    """Keep something under a name, in the first folder where that is possible; gives the folder.
+
+    Raises OSError, that of the first folder, where it is possible in none.
+    """
+    first: OSError | None = None
+    for folder in usable():
+        try:
+            _make(folder)
+            _write(folder / name, MARK + hashlib.sha256(content).digest() + content)
+            return folder
+        except OSError as error:
+            first = first or error
+    assert first is not None  # there is at least one folder
+    raise first
+
+
+def _make(folder: Path) -> None:
+    """Make a folder, and remove those of other sources beside it that have not been used for long."""
+    if folder.is_dir():
+        return
+    shared = folder == folders()[0]
+    folder.parent.mkdir(mode=0o777 if shared else 0o700, parents=True, exist_ok=True)
+    if not shared and not is_safe(folder.parent):
+        raise PermissionError(13, "belongs to another user", str(folder.parent))
+    folder.mkdir(exist_ok=True)
+    if shared and config.CACHE_DIR:  # may serve several versions at once
+        return
+    for other in folder.parent.glob(f"{PREFIX}*"):
+        with suppress(OSError):  # another process may be faster
+            if time.time() - other.stat().st_mtime > (DAY if shared else 30 * DAY):
+                shutil.rmtree(other, ignore_errors=True)
+
+
+def _write(path: Path, data: bytes) -> None:
+    new = path.with_name(f".{secrets.token_hex(8)}.tmp")
+    try:
+        with open(new, "xb") as file:
+            file.write(data)
+        os.replace(new, path)
+    except BaseException:  # an interrupt as well
+        with suppress(OSError):
+            new.unlink()
+        raise
+
+
+def _warn(message: str) -> None:
+    warnings.warn(message, RuntimeWarning, stacklevel=2)
+
+
+tell: Callable[[str], None] = _warn
+"""What is called, once, with a sentence when compiled code cannot be kept."""
+
+
+class KernelCache(FunctionCache):
+    """What numba asks for compiled code of one function, and gives it to."""
+
+    failed = False  # whether something could not be written. These two are of the class: they hold for all functions
+    used: Path | None = None  # the folder that was last written to, or read from
+    names: ClassVar[set[str]] = set()  # of the files written or read
+
+    def __init__(self, function: Callable[..., object], variant: str = "") -> None:
+        # not that of the base class, which makes folders
+        self._py_func, self._name, self._variant = function, function.__qualname__, variant
+        self.enable()
+
+    @property
+    def cache_path(self) -> str:
+        """The folder that is tried first."""
+        return str(folders()[0])
+
+    def flush(self) -> None:
+        """Do nothing: files of other sources have other folders."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Give the compiled function for a signature, or None."""
+        if not self._enabled:
+            return None
+        key = self._index_key(sig, target_context.codegen())
+        name = self._file(key)
+        kept = load(name)
+        if kept is None:
+            return None
+        found, payload = pickle.loads(kept[1])
+        if found != key:  # other types by the same names
+            return None
+        KernelCache.used = kept[0]
+        KernelCache.names.add(name)
+        rtsys.initialize(target_context)  # of all that the base class prepares, what code needs that only runs
+        return CompileResult._rebuild(target_context, *payload)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled function."""
+        cannot = any(not lifted.can_cache for lifted in data.lifted) or data.library.has_dynamic_globals
+        if not self._enabled or cannot or KernelCache.failed:
+            return
+        key = self._index_key(sig, data.codegen)
+        try:
+            name = self._file(key)
+            KernelCache.used = save(name, dumps((key, data._reduce())))
+            KernelCache.names.add(name)
+        except OSError as error:
+            KernelCache.failed = True
+            reason = error.strerror or str(error)
+            tell(f"compiled code cannot be kept, so every start compiles again: {folders()[0]}: {reason}")
+
+    def _file(self, key: object) -> str:
+        """The file's name for a function's signature, bytecode and processor."""
+        code = self._py_func.__code__
+        name = f"{self._py_func.__module__.removeprefix('clothfit.')}.{code.co_name}"
+        return file_name(name, code.co_firstlineno, self._variant, key)

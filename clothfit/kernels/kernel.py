@@ -1,0 +1,50 @@
+"""The one decorator of all compiled functions.
+
+Compiled code is kept, see `kernel_cache`. `error_model="numpy"`: a division by zero gives inf or NaN, which the
+per-step check notices, instead of a branch at every division. No fast-math flag: fusing a·b + c into one rounding
+(`contract`) would gain a sixth, but which products are fused depends on what is inlined where, and that differs
+between code just compiled and the same code from the cache; without it, repeated runs agree to the last bit.
+With NUMBA_DISABLE_JIT=1 the same functions run as plain Python.
+
+Most kernels are only called by kernels. The code that makes a function callable from Python, which takes a structure
+of thirty arrays apart, is then a third of what there is to compile. So each kernel is two functions for numba: one
+that other kernels call, without that code, and one for calls from Python, compiled only when there is such a call.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, TypeVar, overload
+
+import numba
+
+from clothfit.kernels.cache import KernelCache
+
+F = TypeVar("F", bound=Callable[..., object])
+FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # nobody calls by a C function pointer
+
+
+@overload
+def kernel(function: F) -> F: ...
+
+
+@overload
+def kernel(*, nogil: bool) -> Callable[[F], F]: ...
+
+
+def kernel(function: F | None = None, *, nogil: bool = False) -> F | Callable[[F], F]:
+    """Compile `function` on first call, with the flags that the module docstring explains.
+
+    `nogil`: other threads of Python may run meanwhile.
+    """
+    if function is None:
+        return functools.partial(kernel, nogil=nogil)
+    compile_lazily: Any = numba.njit  # its types know neither of these flags
+    outer: Any = compile_lazily(**FLAGS, nogil=nogil)(function)
+    if outer is not function:  # as it is with NUMBA_DISABLE_JIT
+        inner: Any = compile_lazily(**FLAGS, no_cpython_wrapper=True)(function)
+        inner._cache, outer._cache = KernelCache(function, "inner"), KernelCache(function)
+        outer.get_call_template, outer.get_overload = inner.get_call_template, inner.get_overload  # for kernels
+    made: F = outer
+    return made

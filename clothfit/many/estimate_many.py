@@ -1,0 +1,202 @@
+"""Fit many scenes, and each from several starts; of these the one with the lowest cost is the result.
+
+The results do not depend on how many processes there are, on the order in which they end, nor on where they run, as
+long as the machines round alike.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clothfit.base.errors import InvalidInput
+from clothfit.base.memory import budget
+from clothfit.many.batch import Batch, Pool
+from clothfit.many.job import INTERRUPTED, File, Goal, Job, Outcome, loaded, read
+
+if TYPE_CHECKING:
+    from clothfit.base.arrays import Array
+    from clothfit.fit.result import Fit
+    from clothfit.motion.motion import Motion
+    from clothfit.scene.scene import Scene
+
+Path = str | os.PathLike[str]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of a scene."""
+
+    outcomes: list[Outcome]  # one per start
+    best: int  # the start whose outcome is the scene's: of those with a result the one of lowest cost, the first such
+
+    @property
+    def outcome(self) -> Outcome:
+        """That of the best start."""
+        return self.outcomes[self.best]
+
+    @property
+    def fit(self) -> Fit | None:
+        """None where there is none; its status may also be "diverged"."""
+        return self.outcome.fit
+
+    @property
+    def error(self) -> str | None:
+        """Why there is nothing to save; None where there is."""
+        return self.outcome.error
+
+    @property
+    def exit_code(self) -> int:
+        """What a command for this scene alone would end with."""
+        codes = [outcome.exit_code for outcome in self.outcomes]
+        return INTERRUPTED if INTERRUPTED in codes else self.outcome.exit_code
+
+
+def result(outcomes: list[Outcome]) -> Result:
+    """The result of a scene from those of its starts."""
+    costs = [o.fit.cost if o.fit is not None and o.usable else np.inf for o in outcomes]
+    usable = [i for i, o in enumerate(outcomes) if o.usable]
+    return Result(outcomes, min(usable, key=lambda i: (costs[i], i)) if usable else 0)
+
+
+def fit_all(
+    makers: Sequence[Callable[[int], Job]],
+    starts: int,
+    pool: Pool,
+    done: Callable[[int, Result], None] | None = None,
+    died: Callable[[int], None] | None = None,
+) -> list[Result]:
+    """Fit scenes, each from so many starts; their results, in their order.
+
+    `makers` give the job of a scene by the number of the start. `done` is called as each scene is, with its index,
+    `died` when a process has died with one and it will be begun once more. The pool is closed in the end.
+    """
+    found: list[dict[int, Outcome]] = [{} for _ in makers]
+    results: dict[int, Result] = {}
+
+    def tell(number: int, outcome: Outcome | None) -> None:
+        scene, start = divmod(number, starts)
+        if outcome is None:
+            if died:
+                died(scene)
+            return
+        found[scene][start] = outcome
+        if len(found[scene]) == starts:
+            results[scene] = result([found[scene][i] for i in range(starts)])
+            if done:
+                done(scene, results[scene])
+
+    jobs = [partial(make, start) for make in makers for start in range(starts)]
+    killed = True
+    try:
+        Batch(pool, jobs, tell).run()
+        killed = False
+    finally:
+        pool.close(kill=killed)
+    return [results[scene] for scene in range(len(makers))]
+
+
+def chosen_pool(count: int, jobs: int | None, cluster: str | None) -> Pool:
+    """Where so many jobs are done: on `jobs` processes (default: one per core), or on a Dask cluster."""
+    if cluster is not None:
+        from clothfit.many.cluster import Cluster
+
+        return Cluster(cluster)
+    from clothfit.many.processes import Processes, usable_cores
+
+    return Processes(max(1, min(count, jobs or usable_cores())))
+
+
+def limited(options: Mapping[str, Any], pool: Pool) -> dict[str, Any]:
+    """Options of a fit, where the processes of this machine share the memory that one fit would allow itself."""
+    from clothfit.many.processes import Processes
+
+    size = options.get("memory")
+    if size is None and isinstance(pool, Processes):
+        return {**options, "memory": budget(None) // pool.width}
+    return dict(options)
+
+
+def check_numbers(starts: int, seed: int, jobs: int | None) -> None:
+    """Raise InvalidInput on numbers that cannot be."""
+    for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
+        if value is not None and value < least:
+            raise InvalidInput(f"{name}: {value} is not possible, at least {least} is needed")
+
+
+def estimate_many(
+    scenes: Sequence[Path | Scene],
+    targets: Sequence[Any] | None = None,
+    start: float | Array | Path | Scene | None = None,
+    *,
+    starts: int = 1,
+    seed: int = 0,
+    jobs: int | None = None,
+    cluster: str | None = None,
+    done: Callable[[int, Result], None] | None = None,
+    **options: Any,
+) -> list[Result]:
+    """Fit many scenes in processes of their own; a list with a `Result` for each, in their order.
+
+    `targets`: one item per scene, as `estimate` takes it, with paths where wanted (default: the scenes' own motions).
+    Each scene is fitted from so many `starts` (`clothfit.many.starts`), on `jobs` processes (default: one per core) or
+    on a Dask `cluster`, "tcp://host:port". `done` is called with index and result as soon as a scene is fitted;
+    `options` are those of `estimate`. What goes wrong with a scene is in its result, and never stops the others; so are
+    fits that Ctrl-C ended. Raises InvalidInput when there is no such cluster, or an argument cannot be.
+    """
+    check_numbers(starts, seed, jobs)
+    goals = [None] * len(scenes) if targets is None else list(targets)
+    if len(goals) != len(scenes):
+        raise InvalidInput(f"targets: {len(goals)} are given for {len(scenes)} scenes; give one item for each")
+    first = start if start is None or isinstance(start, (int, float, np.ndarray)) else packed(start)
+
+    pool = chosen_pool(len(scenes) * starts, jobs, cluster)
+    each = limited(options, pool)
+
+    def make(index: int, number: int) -> Job:
+        return Job(packed(scenes[index]), packed_goals(goals[index], scenes[index]), first, number, seed, each)
+
+    makers = [partial(make, index) for index in range(len(scenes))]
+    return fit_all(makers, starts, pool, done)
+
+
+def packed(scene: Path | Scene) -> File:
+    """A scene as it travels. Raises InvalidInput when it cannot be read."""
+    if isinstance(scene, (str, os.PathLike)):
+        return read(scene)
+    from clothfit.scene.scene import dumps
+
+    return File(dumps(scene), scene.name)
+
+
+def packed_goals(targets: Any, main: Path | Scene) -> tuple[Goal, ...]:
+    """Targets of a scene as they travel. Raises InvalidInput when one cannot be read."""
+    listed = [] if targets is None else targets if isinstance(targets, list) else [targets]
+    return tuple(packed_goal(main, *item) if isinstance(item, tuple) else packed_goal(main, item) for item in listed)
+
+
+def packed_goal(main: Path | Scene, motion: Any, scene: Path | Scene | None = None) -> Goal:
+    """A target, and the scene it was recorded in where that is not the `main` one, as they travel.
+
+    Raises InvalidInput when one cannot be read.
+    """
+    recorded = motion
+    if isinstance(motion, (str, os.PathLike)):
+        recorded = packed_motion(motion, main if scene is None else scene)
+    return recorded, None if scene is None else packed(scene)
+
+
+def packed_motion(path: Path, scene: Path | Scene) -> File | Motion:
+    """A motion as it travels: another program's may be many files, and is read here. Raises InvalidInput."""
+    from clothfit.formats import foreign
+
+    if foreign(path) is None:
+        return read(path)
+    from clothfit.motion.files import load_motion
+
+    return load_motion(path, loaded(packed(scene)))

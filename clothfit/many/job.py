@@ -1,0 +1,173 @@
+"""One fit that can be done anywhere: what it needs travels with it, and what became of it comes back.
+
+A job holds the contents of its files, not their paths, so that another machine can do it; all is plain data. Nothing
+that happens in a fit is raised: it is an outcome, with the exit code and the sentence that a command would end with.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+from clothfit import __version__
+from clothfit.base.errors import ClothfitError, InvalidInput
+from clothfit.base.steady import steady
+from clothfit.scene.text import name_of
+
+if TYPE_CHECKING:
+    from clothfit.base.arrays import Array
+    from clothfit.fit.result import Fit
+    from clothfit.objective.experiment import Recorded
+    from clothfit.optimise.checkpoint import Checkpoint
+    from clothfit.scene.scene import Scene
+
+CODES = {"converged": 0, "stalled": 5, "limit": 5, "interrupted": 130, "diverged": 4}
+"""Exit codes by the status of a fit."""
+
+FAULT, INTERRUPTED = 1, 130
+"""Exit codes where there is no fit."""
+
+
+class Died(Exception):
+    """A worker process ended in the middle of a job; the message is a sentence for the user."""
+
+
+class Lost(Exception):
+    """All workers are out of reach; the message is a sentence for the user."""
+
+
+class File(NamedTuple):
+    """The content of a file, and its name in messages."""
+
+    data: bytes
+    name: str
+
+
+Goal: TypeAlias = "tuple[File | Recorded, File | None]"
+"""A target, and the scene it was recorded in where that is another one."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One fit."""
+
+    scene: File
+    goals: tuple[Goal, ...] = ()  # none: the scene's own motion
+    start: float | Array | File | None = None
+    number: int = 0  # of the start (`clothfit.many.starts`)
+    seed: int = 0
+    options: Mapping[str, Any] = field(default_factory=dict)  # further arguments of `fit.estimate`
+    checkpoint: Checkpoint | None = None
+    resume: bool = False
+    version: str = __version__  # of the program that made the job
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a job."""
+
+    fit: Fit | None
+    exit_code: int
+    error: str | None = None  # a sentence; None where a result can be written
+    checkpointed: bool = False  # whether its checkpoint was written
+
+    @property
+    def usable(self) -> bool:
+        """Whether there is a result to write."""
+        return self.fit is not None and self.error is None
+
+    @property
+    def status(self) -> str:
+        """That of the fit; where there is none: "failed", "diverged", "interrupted"."""
+        if self.fit is not None:
+            return self.fit.status
+        if self.exit_code == INTERRUPTED:
+            return "not started" if self == NOT_STARTED else "interrupted"
+        return "diverged" if self.exit_code == CODES["diverged"] else "failed"
+
+
+NOT_STARTED = Outcome(None, INTERRUPTED, "not started")
+
+
+def read(path: str | os.PathLike[str]) -> File:
+    """A file as a job carries it. Raises InvalidInput."""
+    from clothfit.base.npz import content
+
+    try:
+        with steady(path) as file:
+            return File(content(file), name_of(path))
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f"{name_of(path)}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+
+
+def run(job: Job) -> Outcome:
+    """Do a job. KeyboardInterrupt ends it with the best so far; it is never raised here, and nothing else is."""
+    try:
+        return finished(job, fitted(job))
+    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  whatever it is, others go on
+        return failed(error)
+
+
+def finished(job: Job, fit: Fit) -> Outcome:
+    """The outcome of a fit that came to an end."""
+    error = None
+    if fit.status == "diverged":
+        error = (
+            f"{fit.scene.name}: no values that were tried gave a simulation that stays finite; nothing is written"
+        )
+    return Outcome(fit, CODES[fit.status], error, job.checkpoint is not None and job.checkpoint.written)
+
+
+def failed(error: BaseException) -> Outcome:
+    """The outcome of a job that raised."""
+    if isinstance(error, ClothfitError):
+        return Outcome(None, error.exit_code, str(error))
+    if isinstance(error, KeyboardInterrupt):
+        return Outcome(None, INTERRUPTED, "interrupted before there was a result")
+    if isinstance(error, MemoryError):
+        return Outcome(None, FAULT, "out of memory; try fewer frames (optimizationIterations)")
+    return Outcome(None, FAULT, f"a fault of the program: {type(error).__name__}: {error}")
+
+
+def fitted(job: Job) -> Fit:
+    """The fit that a job asks for."""
+    from clothfit.base import threads
+    from clothfit.fit.estimate import estimate
+    from clothfit.many import starts
+
+    if job.version != __version__:
+        raise InvalidInput(f"this worker has clothfit {__version__}, the job comes from {job.version}; install one")
+    with threads.single():
+        scene = loaded(job.scene)
+        targets = [goal(item, scene) for item in job.goals] or None
+        first = loaded(job.start) if isinstance(job.start, File) else job.start
+        start = starts.numbered(scene, targets, first, job.number, job.seed, job.options.get("tolerance"))
+        return estimate(scene, targets, start, **job.options, checkpoint=job.checkpoint, resume=job.resume)
+
+
+def goal(item: Goal, scene: Scene) -> Recorded | tuple[Recorded, Scene]:
+    """A target as `estimate` takes it."""
+    from clothfit.motion.motion import load_motion
+
+    motion, other = item
+    own = scene if other is None else loaded(other)
+    recorded = load_motion(io.BytesIO(motion.data), own, motion.name) if isinstance(motion, File) else motion
+    return recorded if other is None else (recorded, own)
+
+
+class Named(io.BytesIO):
+    """An open file in memory that has a name."""
+
+    name = ""
+
+
+def loaded(file: File) -> Scene:
+    """The scene in a file."""
+    from clothfit.scene.scene import load
+
+    opened = Named(file.data)
+    opened.name = file.name
+    return load(opened)

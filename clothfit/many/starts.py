@@ -1,0 +1,57 @@
+"""Several starts for one fit: where one ends in a poor minimum, another may not.
+
+The first start, number 0, is the one that a fit takes anyway. Each other one multiplies the masses, stiffnesses and
+lengths of a cloth by one factor per kind, drawn log-uniformly between 1/10 and 10, and shifts what is not positive by
+up to its typical size. What it draws depends on the seed and its number only, so the fifth start of eight is the fifth
+of a hundred. What no motion can show is left as it is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.base.limits import checked_tolerance
+from clothfit.fit.estimate import FIT_TOLERANCE, choose_start
+from clothfit.motion.motion import simulate_cloths
+from clothfit.objective.experiment import Targets
+from clothfit.scene.fit_vector import blocks, bounds, fitted_cloths, identifiable, parameters, with_parameters
+from clothfit.scene.scene import Scene
+
+FACTOR = 10.0
+
+
+def numbered(
+    scene: Scene,
+    target: Targets | None,
+    start: float | Array | Scene | None,
+    number: int,
+    seed: int,
+    tolerance: float | None = None,
+) -> float | Array | Scene | None:
+    """The start of that number: `start` itself for 0, else a scene with the values that are drawn.
+
+    They are drawn around `start`; where there is none, around the scene's values, or, where these are the truth that
+    the fit may not know (`target` None), around the best of a coarse search. `tolerance` is that of the fit.
+    """
+    if number == 0:
+        return start
+    hidden = target is None
+    if target is None:
+        target = simulate_cloths(scene, fitted_cloths(scene), tolerance=checked_tolerance(tolerance, FIT_TOLERANCE))
+    middle = choose_start(scene, target, start, hidden)
+    return with_parameters(scene, drawn(scene, middle, np.random.default_rng([seed, number])))
+
+
+def drawn(scene: Scene, middle: Array, draw: np.random.Generator) -> Array:
+    """Values (P,) around `middle` (P,), within the bounds."""
+    p = middle.copy()
+    lower, upper = bounds(scene)
+    for block in blocks(scene):
+        kind, part = block.kind, block.part
+        if kind.log:
+            p[part] *= FACTOR ** draw.uniform(-1.0, 1.0)
+        else:
+            steps = draw.uniform(-1.0, 1.0, kind.components)
+            p[part] += np.resize(steps, block.count) * max(kind.scale, float(np.abs(middle[part]).max()))
+    return np.where(identifiable(scene), np.clip(p, lower, upper), parameters(scene))

@@ -1,0 +1,207 @@
+"""From a triangle mesh to an object of a scene, as the front end builds it: springs, stiffnesses, masses.
+
+The front end walks through the triangles (a, b, c) in order and meets their edges ab, ac, bc; here one such meeting is
+a *side*. The first side at an edge gives a traction spring along it, the second a bending spring between the two
+vertices opposite it, so spring s is side s and every mesh has three springs per triangle. With A the area of a
+triangle (m²), L the rest length of the spring (m), E the object's stiffness (N/m) and ρ its density (kg/m²):
+
+    traction  k = E ΣA / L²            over the triangles at the edge
+    bending   k = (E/4) 2 A / L²       of the second triangle met
+    mass      m = ρ ΣA/3               over the triangles at the vertex
+
+n vertices, T triangles, S springs.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.errors import InvalidInput
+
+AIR = 1.2  # kg/m³, density of air
+BENDING = 0.25  # a bending spring's share of the object's stiffness
+MOST = 1_000_000  # vertices of a plane: a scene of many more is too long a text to be read again
+
+
+class Mesh(NamedTuple):
+    """A triangle mesh."""
+
+    positions: Array  # (n, 3), m
+    triangles: Indices  # (T, 3), corners
+
+
+class Sides(NamedTuple):
+    """The sides ab, ac, bc of each triangle in turn, 3 T in all."""
+
+    edge: Indices  # (3 T, 2), the ends, the smaller index first
+    opposite: Indices  # (3 T,), the triangle's third corner
+    first: Indices  # (3 T,), the side that met the same edge first: itself, at the first meeting
+
+
+class Springs(NamedTuple):
+    """The springs of an object."""
+
+    ends: Indices  # (S, 2), vertices, the smaller index first
+    stiffness: Array  # (S,), N/m
+    bends: Flags  # (S,), joins the vertices opposite an edge; False: lies along an edge
+
+
+def plane(divisions: int, width: float, height: float | None = None, upright: bool = False) -> Mesh:
+    """Make a rectangle of width × height, m, centred at the origin; as high as wide when no height is given.
+
+    The longer side has divisions + 2 vertices, the shorter as many as keep the cells nearest to squares. The vertex
+    in column i along x and row j along z (in y when upright) has index columns · j + i.
+    Raises InvalidInput when there are no divisions or no extent.
+    """
+    height = width if height is None else height
+    if divisions < 0 or not (0 < width < np.inf and 0 < height < np.inf):
+        raise InvalidInput(f"a plane of {divisions} divisions, {width:g} by {height:g} m: nothing can be made of that")
+    cells = divisions + 1
+    across, along = (max(1, round(cells * side / max(width, height))) for side in (width, height))
+    if (count := (across + 1) * (along + 1)) > MOST:
+        raise InvalidInput(f"a plane of {divisions} divisions would have {count} vertices; {MOST} are possible")
+    second, first = np.meshgrid(_axis(along, height), _axis(across, width), indexing="ij")
+    zero = np.zeros_like(first)
+    axes = (first, second, zero) if upright else (first, zero, second)
+    return Mesh(np.stack(axes, axis=-1).reshape(-1, 3), _cells(across, along))
+
+
+def _axis(cells: int, length: float) -> Array:
+    return (np.arange(cells + 1) / cells - 0.5) * length
+
+
+def _cells(across: int, along: int) -> Indices:
+    """Triangles (2 · across · along, 3) of a grid of cells, column by column as in the editor's planes."""
+    i, j = np.meshgrid(np.arange(across), np.arange(along), indexing="ij")
+    columns = across + 1
+    a = columns * j + i
+    b = a + columns
+    c, d = b + 1, a + 1
+    return np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3).astype(np.int32)
+
+
+def areas(mesh: Mesh) -> Array:
+    """Areas of the triangles, (T,), m²."""
+    a, b, c = (mesh.positions[mesh.triangles[:, corner]] for corner in range(3))
+    normal = np.cross(b - a, c - a)
+    halves: Array = 0.5 * np.sqrt((normal * normal).sum(axis=1))
+    return halves
+
+
+def sides(triangles: Indices) -> Sides:
+    """List the sides of the triangles (T, 3) in the order in which the front end meets them.
+
+    Raises InvalidInput when more than two triangles share an edge: what the front end makes of that is not known.
+    """
+    edge = np.sort(triangles[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
+    opposite = triangles[:, [2, 1, 0]].reshape(-1)
+    _, found, group, meetings = np.unique(keys(edge), return_index=True, return_inverse=True, return_counts=True)
+    if len(meetings) and meetings.max() > 2:
+        a, b = edge[found[meetings.argmax()]]
+        raise InvalidInput(f"{meetings.max()} triangles share the edge between vertices {a} and {b}; at most 2 can")
+    return Sides(edge, opposite, found[group].astype(np.int32))
+
+
+def keys(pairs: Indices) -> npt.NDArray[np.int64]:
+    """A number for each pair (P, 2) of vertices, whichever is first, in the order of the smaller and then the larger:
+    numbers are sorted much faster than rows.
+    """
+    low, high = np.sort(pairs, axis=1).astype(np.int64).T
+    found: npt.NDArray[np.int64] = (low << 32) + high
+    return found
+
+
+def edges(triangles: Indices) -> Indices:
+    """Ends (E, 2) of the edges of the triangles (T, 3), each once, in the order in which the front end meets them."""
+    met = sides(triangles)
+    ends: Indices = met.edge[met.first == np.arange(len(met.first))]
+    return ends
+
+
+def springs(mesh: Mesh, stiffness: float, bending: bool | float = True) -> Springs:
+    """Make the springs of an object of this stiffness, N/m; without bending springs, with the front end's, or with
+    bending springs of another share of the stiffness.
+
+    Raises InvalidInput when a spring would have no length.
+    """
+    share = BENDING if bending is True else float(bending)
+    met = sides(mesh.triangles)
+    bends = met.first != np.arange(len(met.first))
+    across = np.sort(np.stack([met.opposite, met.opposite[met.first]], axis=1), axis=1)
+    ends = np.where(bends[:, None], across, met.edge)
+    area = np.repeat(areas(mesh), 3)
+    traction = np.bincount(met.first, weights=area, minlength=len(area))
+    strength = stiffness * np.where(bends, share * 2 * area, traction)
+
+    chosen = np.full(len(bends), True) if share else ~bends
+    ends, strength, bends = ends[chosen], strength[chosen], bends[chosen]
+    e = mesh.positions[ends[:, 0]] - mesh.positions[ends[:, 1]]
+    length2 = (e * e).sum(axis=1)
+    if not length2.all():
+        a, b = ends[length2.argmin()]
+        raise InvalidInput(f"vertices {a} and {b} need a spring but are at the same place; weld or move them")
+    return Springs(ends, strength / length2, bends)
+
+
+def masses(mesh: Mesh, density: float) -> Array:
+    """Masses (n,) kg of the vertices of a cloth of this density, kg/m².
+
+    Raises InvalidInput when a vertex would have none.
+    """
+    mass = np.zeros(len(mesh.positions))
+    np.add.at(mass, mesh.triangles, density * areas(mesh)[:, None] / 3)
+    if not mass.all():
+        raise InvalidInput(f"vertex {mass.argmin()} has no mass, being in no triangle that has an area; remove it")
+    return mass
+
+
+def air_drag(mesh: Mesh, speed: float) -> float:
+    """The `dragCoefficient`, kg/(m^6 s), with which faces of the mesh feel air of a speed, m/s, as in the world.
+
+    Air that meets a face of area A pushes it with ½ ϱ c A v², the format with drag · A · (2 A)² · v, so that they are
+    equal for one area and one speed: drag = ϱ c v / (8 A²), with ϱ = 1.2 kg/m³, c = 1 and the median area.
+    Raises InvalidInput where that is no number.
+    """
+    area = float(np.median(areas(mesh))) if len(mesh.triangles) else 0.0
+    drag = AIR * speed / (8 * area * area) if area * area > 0 else np.inf
+    if not 0 <= drag < np.inf:
+        raise InvalidInput(f"drag: faces of {area:g} m² in air of {speed:g} m/s have no coefficient; give a number")
+    return drag
+
+
+def object_document(
+    mesh: Mesh,
+    fixed: npt.ArrayLike,
+    *,
+    density: float,
+    stiffness: float,
+    damping: float = 0.0,
+    drag: float = 0.0,
+    settings: str = "nn",
+    bending: bool | float = True,
+) -> dict[str, Any]:
+    """Make an object of a scene file, its fields named and in order as the front end writes them.
+
+    `fixed` (n,) says which vertices do not move. Density in kg/m², stiffness in N/m; damping, drag and settings are
+    the file's `damping`, `dragCoefficient` and `optimizationSettings`; bending as in `springs`. Raises InvalidInput
+    when no object can be made of the mesh or `fixed` does not fit it.
+    """
+    held = np.asarray(fixed, dtype=np.bool_)
+    if held.shape != (len(mesh.positions),):
+        raise InvalidInput(f"fixed: {held.size} values for {len(mesh.positions)} vertices; one each is needed")
+    made = springs(mesh, stiffness, bending)
+    return {
+        "vertPos": [{"x": x, "y": y, "z": z} for x, y, z in mesh.positions.tolist()],
+        "vertIsFixed": held.tolist(),
+        "vertMass": masses(mesh, density).tolist(),
+        "springs": made.ends.reshape(-1).tolist(),
+        "springStiffness": made.stiffness.tolist(),
+        "triangles": mesh.triangles.reshape(-1).tolist(),
+        "dragCoefficient": drag,
+        "damping": damping,
+        "optimizationSettings": settings,
+    }

@@ -1,0 +1,107 @@
+"""From a mesh to a whole scene, without the editor: one cloth, spheres, wind, how to simulate it and what to fit."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from clothfit.base.arrays import Indices
+from clothfit.base.errors import InvalidInput
+from clothfit.meshes.mesh import Mesh, object_document
+from clothfit.meshes.scene_text import text
+from clothfit.scene.kinds import CLOTH_KINDS, KIND, LETTERED, SCENE_KINDS
+from clothfit.scene.mesh_numbering import FIELD
+from clothfit.scene.scene import INTEGRATORS, SPHERE, Scene, load
+
+
+def new_scene(
+    mesh: Mesh,
+    fixed: npt.ArrayLike | None = None,
+    *,
+    density: float = 0.2,
+    stiffness: float = 50.0,
+    bending: bool | float = True,
+    damping: float = 0.1,
+    drag: float = 0.1,
+    fit: str = "nG",
+    fits: Mapping[str, str] | None = None,
+    spheres: Sequence[Sequence[float]] = (),
+    wind: Sequence[float] = (0.0, 0.0, 0.0),
+    integrator: str = "implicit",
+    delta: float = 0.02,
+    frames: int = 100,
+    tolerance: float = 1e-5,
+    title: str = "scene",
+    numbering: Indices | None = None,
+) -> Scene:
+    """Make a scene of one cloth, as the front end would build it of that mesh.
+
+    `fixed` (n,) says which vertices do not move (default: none). Density in kg/m², stiffness E in N/m; bending: True
+    as the front end, False none, or the bending springs' share of E; damping and drag as in the file. `fit` are the two
+    letters of `optimizationSettings`, `fits` the modes of other kinds by their names in `clothfit.scene.kinds`. Spheres
+    are (x, y, z, radius), m; wind in m/s; delta in s; `frames` are those that a fit compares. `numbering` (n_mesh,)
+    says which vertex each vertex of a mesh that was welded became. Raises InvalidInput when no scene can be made.
+    """
+    _check(density=density, stiffness=stiffness, bending=float(bending))
+    held = np.zeros(len(mesh.positions), bool) if fixed is None else fixed
+    if integrator not in INTEGRATORS:
+        raise InvalidInput(f"integrator: there is no {integrator!r}; use {', '.join(INTEGRATORS)}")
+    own, whole = _flags(fits or {})
+    cloth = object_document(
+        mesh, held, density=density, stiffness=stiffness, damping=damping, drag=drag, settings=fit, bending=bending
+    )
+    if own:
+        cloth["fit"] = own
+    if numbering is not None:
+        cloth[FIELD] = numbering.tolist()
+    document: dict[str, Any] = {
+        "integrationMethod": INTEGRATORS.index(integrator),
+        "delta": delta,
+        "tolerance": tolerance,
+        "optimizationIterations": frames,
+        "objects": [cloth],
+        "colliders": [_sphere(*each) for each in spheres],
+        "windVel": _vector(wind),
+        "printTimes": False,
+        "forwardSubSteps": 1,
+        "title": title,
+    }
+    if whole:
+        document["fit"] = whole
+    return replace(load(io.StringIO(text(document))), name=title)
+
+
+def _check(**values: float) -> None:
+    for name, value in values.items():
+        least = "above 0" if name == "density" else "0 or more"
+        if not (math.isfinite(value) and value >= 0) or (least == "above 0" and not value):
+            raise InvalidInput(f"{name}: {value:g} is not possible, it must be {least} and finite")
+
+
+def _flags(fits: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
+    """What to fit besides masses and stiffnesses, by fields of the object and of the scene."""
+    others = [kind for kind in (*CLOTH_KINDS, *SCENE_KINDS) if kind.name not in LETTERED]
+    for name, mode in fits.items():
+        if name not in [kind.name for kind in others]:
+            raise InvalidInput(f"fit: there is no {name!r}; use two letters, or {', '.join(k.name for k in others)}")
+        if mode not in KIND[name].modes:
+            raise InvalidInput(f"fit: {name} cannot be fitted as {mode!r}; use {' or '.join(KIND[name].modes)}")
+    asked = [(kind, fits[kind.name]) for kind in others if kind.name in fits]
+    own = {kind.field: mode for kind, mode in asked if kind in CLOTH_KINDS}
+    return own, {kind.field: mode for kind, mode in asked if kind in SCENE_KINDS}
+
+
+def _sphere(x: float, y: float, z: float, radius: float) -> dict[str, Any]:
+    rot, size = _vector((0.0, 0.0, 0.0)), _vector((2 * radius,) * 3)
+    return {"type": SPHERE, "pos": _vector((x, y, z)), "rot": rot, "scale": size}
+
+
+def _vector(xyz: Sequence[float]) -> dict[str, float]:
+    x, y, z = map(float, xyz)
+    return {"x": x, "y": y, "z": z}

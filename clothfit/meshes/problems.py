@@ -1,0 +1,184 @@
+"""What is wrong with a triangle mesh of which a cloth is to be made, and whether a cloth can be made of it.
+
+A tool that draws meshes splits vertices where texture or normals jump, doubles faces to show both sides, and leaves
+points behind. Springs know nothing of that: a network is torn where two vertices lie at one place, a vertex in no
+triangle has no mass, a spring between two vertices at one place has no length, and of an edge with three triangles it
+is not known what the front end makes.
+
+n vertices, T triangles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clothfit.base.arrays import Flags, Indices
+from clothfit.base.messages import counted, metres
+from clothfit.meshes.mesh import Mesh, areas
+from clothfit.meshes.topology import Numbers, across, components, edges, first_of_each, together
+
+SHOWN = 5
+"""Indices that a message names."""
+
+TINY = 1e-6
+"""Of the diagonal of a mesh's bounding box: vertices as near as that are meant to be one. Texts of six digits and
+numbers of single precision tell no shorter distances.
+"""
+
+THIN = 1e-12
+"""Of the square of its longest side: a triangle of less area has none that rounding would not change."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One kind of thing that is wrong."""
+
+    kind: str  # for scripts
+    count: int  # of vertices, triangles, edges, parts, as the sentence says
+    first: tuple[int, ...]  # indices of the first few: of vertices or triangles; of parts a vertex each
+    sentence: str
+    fatal: bool  # no scene can be made
+    weldable: bool  # `weld` cures it
+
+
+def tiny(mesh: Mesh) -> float:
+    """The distance, m, below which vertices are meant to be one."""
+    return TINY * float(np.linalg.norm(np.ptp(mesh.positions, axis=0))) if len(mesh.positions) else 0.0
+
+
+def problems(mesh: Mesh, distance: float | None = None) -> list[Problem]:
+    """List what is wrong, what makes a scene impossible first.
+
+    `distance`, m: vertices as near as that lie at one place (default: `tiny`). Raises InvalidInput where it is so
+    large that it says nothing.
+    """
+    found = [look(mesh) for look in LOOKS]
+    found.append(seams(mesh, tiny(mesh) if distance is None else distance))
+    return sorted((problem for problem in found if problem is not None), key=lambda problem: not problem.fatal)
+
+
+def empty(mesh: Mesh) -> Problem | None:
+    """No triangle at all."""
+    return None if len(mesh.triangles) else Problem("empty", 0, (), "there is no triangle", True, False)
+
+
+def unused(mesh: Mesh) -> Problem | None:
+    """Vertices in no triangle."""
+    away = np.flatnonzero(np.bincount(mesh.triangles.reshape(-1), minlength=len(mesh.positions)) == 0)
+    sentence = "{} in no triangle{}, so without mass"
+    return _problem("unused", away, ("vertex is", "vertices are"), sentence, "removes them")
+
+
+def collapsed(mesh: Mesh) -> Problem | None:
+    """Triangles that name a vertex twice."""
+    wrong = np.flatnonzero(_collapsed(mesh.triangles))
+    return _problem("collapsed", wrong, ("triangle names", "triangles name"), "{} a vertex twice{}", "removes them")
+
+
+def flat(mesh: Mesh) -> Problem | None:
+    """Triangles of three vertices on a line."""
+    thin = np.flatnonzero(_thin(mesh) & ~_collapsed(mesh.triangles))
+    return _problem("flat", thin, ("triangle has", "triangles have"), "{} no area{}; their sides alone hold nothing")
+
+
+def massless(mesh: Mesh) -> Problem | None:
+    """Vertices whose triangles all have no area."""
+    corners = mesh.triangles.reshape(-1)
+    area = np.bincount(corners, np.repeat(areas(mesh), 3), len(mesh.positions))
+    used = np.bincount(corners, minlength=len(mesh.positions)) > 0
+    sentence = "{} only in triangles without area{}, so without mass; remove them or move them apart"
+    return _problem("massless", np.flatnonzero(used & (area == 0)), ("vertex is", "vertices are"), sentence, fatal=True)
+
+
+def repeated(mesh: Mesh) -> Problem | None:
+    """Triangles of the same corners as one before, whichever way round."""
+    again = np.flatnonzero(~first_of_each(np.sort(mesh.triangles, axis=1)))
+    sentence = "{} the corners of one before{}"
+    return _problem("repeated", again, ("triangle has", "triangles have"), sentence, "removes them")
+
+
+def crowded(mesh: Mesh) -> Problem | None:
+    """Edges that more than two triangles share."""
+    met = edges(_distinct(mesh.triangles))
+    wrong = np.flatnonzero(met.count > 2)
+    sentence = "more than two triangles share {}{}; at most 2 can: cut the mesh there"
+    return _problem("non-manifold", met.ends[wrong, 0], ("edge", "edges"), sentence, fatal=True, of="at vertices ")
+
+
+def shrunk(mesh: Mesh) -> Problem | None:
+    """Springs between two vertices at the same place: along an edge, or between the two opposite it."""
+    met = edges(mesh.triangles)
+    pairs = np.concatenate([met.ends, across(met)])
+    away = mesh.positions[pairs[:, 0]] - mesh.positions[pairs[:, 1]]
+    wrong = pairs[((away * away).sum(axis=1) == 0) & (pairs[:, 0] != pairs[:, 1])]
+    sentence = "{} have no length{}: two vertices that need one are at the same place"
+    return _problem("no-length", wrong[:, 0], ("spring would", "springs would"), sentence, "joins them", of="vertices ")
+
+
+def turned(mesh: Mesh) -> Problem | None:
+    """Edges whose two triangles face opposite ways: they walk it in the same direction."""
+    met = edges(_distinct(mesh.triangles))
+    along = np.bincount(met.of, met.along, len(met.ends))
+    wrong = np.flatnonzero((met.count == 2) & (along != 1))
+    sentence = "at {} two triangles face opposite ways{}; that changes how the cloth looks, not how it moves"
+    return _problem("orientation", met.ends[wrong, 0], ("edge", "edges"), sentence, of="vertices ")
+
+
+def parts(mesh: Mesh) -> Problem | None:
+    """Parts that nothing holds together."""
+    sizes, first = components(mesh.triangles[:, [0, 1, 1, 2]].reshape(-1, 2), len(mesh.positions))
+    if len(sizes) < 2:
+        return None
+    more = ", …" if len(sizes) > SHOWN else ""
+    told = ", ".join(map(str, sizes[:SHOWN])) + more
+    sentence = f"it is in {len(sizes)} parts, of {told} vertices, that nothing holds together"
+    return Problem("parts", len(sizes), tuple(first[:SHOWN].tolist()), sentence, False, False)
+
+
+def seams(mesh: Mesh, distance: float) -> Problem | None:
+    """Vertices at the place of another."""
+    doubled = np.flatnonzero(together(mesh.positions, distance) != np.arange(len(mesh.positions)))
+    sentence = f"{{}} at the place of another, within {metres(distance)}{{}}: the cloth is torn there"
+    found = _problem("seam", doubled, ("vertex is", "vertices are"), sentence, "joins them")
+    return found and replace(found, fatal=False)
+
+
+LOOKS: tuple[Callable[[Mesh], Problem | None], ...] = (
+    empty, unused, collapsed, massless, repeated, crowded, shrunk, flat, turned, parts,
+)  # fmt: skip
+
+
+def _collapsed(triangles: Indices) -> Flags:
+    a, b, c = triangles.T
+    wrong: Flags = (a == b) | (b == c) | (a == c)
+    return wrong
+
+
+def _distinct(triangles: Indices) -> Indices:
+    """Those that are told of nowhere else."""
+    kept = triangles[~_collapsed(triangles)]
+    return kept[first_of_each(np.sort(kept, axis=1))]
+
+
+def _thin(mesh: Mesh) -> Flags:
+    corner = mesh.positions[mesh.triangles]
+    side = corner - np.roll(corner, 1, axis=1)
+    longest = (side * side).sum(axis=2).max(axis=1, initial=0.0)
+    thin: Flags = areas(mesh) <= THIN * longest
+    return thin
+
+
+def _problem(
+    kind: str, wrong: Numbers, noun: tuple[str, str], sentence: str, cure: str = "", fatal: bool = False, of: str = ""
+) -> Problem | None:
+    """A problem of what is `wrong`, by indices; None where nothing is. What welding cures is fatal without it."""
+    if not len(wrong):
+        return None
+    first = tuple(np.unique(wrong)[:SHOWN].tolist())
+    more = ", …" if len(wrong) > len(first) else ""
+    told = sentence.format(counted(len(wrong), *noun), f" ({of}{', '.join(map(str, first))}{more})")
+    hint = f"; --weld {cure}" if cure else ""
+    return Problem(kind, len(wrong), first, told + hint, fatal or bool(cure), bool(cure))

@@ -1,0 +1,95 @@
+"""Does a motion begin where its scene does? If not, which other axes, unit, order or place would fit.
+
+A cloth starts at the scene's initial positions, so that a motion's frame at time 0 must be near them. Where it is not,
+the file's axes or unit are mostly not those that were assumed.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags
+from clothfit.base.messages import metres
+from clothfit.formats.axes import HANDS, UPS, Axes, from_scene, to_scene
+
+FAR = 0.05
+"""Of the scene's size: a root of the mean squared distance that is no noise."""
+
+NEAR = 0.2
+"""Of the distance as it is: what is worth to be tried."""
+
+UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048)
+"""Metre, centimetre, millimetre, inch, foot: in m."""
+
+
+class Likeness(NamedTuple):
+    """How a motion begins."""
+
+    distance: float  # root of the mean squared distance of its vertices from the scene's, m
+    doubt: str | None  # a sentence, where that is far
+    advice: str | None  # what would fit better
+
+
+def likeness(points: Array, seen: Flags, start: Array, axes: Axes) -> Likeness:
+    """Compare a frame (n, 3), m, of which the vertices `seen` (n,) were seen, with the start (n, 3) of the scene.
+
+    `axes`: the file's, as assumed.
+    """
+    points, start = points[seen], start[seen]
+    if not len(points):
+        return Likeness(np.nan, None, None)
+    distance = apart(points, start)
+    if distance <= FAR * size(start):
+        return Likeness(distance, None, None)
+    doubt = f"its first frame is {metres(distance)} (RMS) away from where the scene begins"
+    return Likeness(distance, doubt, advice(from_scene(points, axes), start, axes, NEAR * distance))
+
+
+def advice(points: Array, start: Array, axes: Axes, bar: float) -> str | None:
+    """What would bring points (n, 3), as they are in the file, nearer to the start than `bar`, m."""
+    others = [Axes(up, hand, scale) for up, hand, scale in product(UPS, HANDS, sorted({*UNITS, axes.scale}))]
+    best = min(others, key=lambda each: (apart(to_scene(points, each), start), differences(each, axes)))
+    if apart(to_scene(points, best), start) < bar:
+        return f"{options(best, axes)} would fit"
+    now = to_scene(points, axes)
+    shift = (now - start).mean(axis=0)
+    if apart(now - shift, start) < bar:
+        x, y, z = np.round(shift, 3) + 0.0  # no −0
+        return f"it is moved by ({x:.3g}, {y:.3g}, {z:.3g}) m"
+    for each in sorted(others, key=lambda each: differences(each, axes)):
+        if unordered(to_scene(points, each), start) < bar:
+            return f"{f'with {options(each, axes)} ' if each != axes else ''}its vertices would fit in another order"
+    return None
+
+
+def unordered(points: Array, others: Array) -> float:
+    """The distance, as `apart`, between two sets of points (n, 3): from each to the nearest of the other set, m."""
+    from scipy.spatial import KDTree
+
+    pairs = ((points, others), (others, points))
+    return max(float(np.sqrt(np.mean(KDTree(b).query(a)[0] ** 2))) for a, b in pairs)
+
+
+def options(axes: Axes, other: Axes) -> str:
+    """The options of a command that say what differs from `other`."""
+    named = {"up": "--up", "handedness": "--handedness", "scale": "--scale"}
+    changed = [name for name in named if getattr(axes, name) != getattr(other, name)]
+    return " ".join(f"{named[name]} {getattr(axes, name)}" for name in changed)
+
+
+def differences(axes: Axes, other: Axes) -> int:
+    """In how many of the three they differ."""
+    return sum(a != b for a, b in zip(axes, other, strict=True))
+
+
+def apart(points: Array, others: Array) -> float:
+    """Root of the mean squared distance between points (n, 3), m."""
+    return float(np.sqrt(np.mean(np.sum((points - others) ** 2, axis=1))))
+
+
+def size(points: Array) -> float:
+    """Diagonal of the box around points (n, 3), m."""
+    return float(np.linalg.norm(np.ptp(points, axis=0)))

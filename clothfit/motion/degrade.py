@@ -1,0 +1,79 @@
+"""Make a motion look like a capture: noise, vertices that no camera saw, another frame rate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from clothfit.base.limits import check_capture
+from clothfit.engine.rollout import check_memory
+from clothfit.motion.motion import Motion
+from clothfit.objective.target import TIME_SLACK, interpolated, snapped
+
+MOST = 1e18
+"""Frames, more than any memory holds."""
+
+
+def degrade(
+    motion: Motion,
+    noise: float = 0.0,
+    observed: float = 1.0,
+    every: int = 1,
+    seed: int = 0,
+    fps: float | None = None,
+) -> Motion:
+    """Add Gaussian noise of `noise` metres per coordinate, show a fraction of the vertices, keep every K-th frame or
+    record `fps` frames per second.
+
+    Which vertices are seen is drawn once for each object (at least one of each); what is not seen becomes NaN. The same
+    seed gives the same result. Raises InvalidInput when a value is out of range.
+    """
+    check_capture(noise, observed, every, fps)
+    generator = np.random.default_rng(seed)
+    motion = thinned(motion, every) if fps is None else at_rate(motion, fps)
+    positions, kept = motion.positions, motion.observed
+    if noise > 0:
+        for frame in positions:  # one by one: an array as large as `positions` would take as much memory again
+            frame += generator.normal(scale=noise, size=frame.shape)
+    if observed < 1:
+        seen = np.zeros(positions.shape[1], bool)
+        start = 0
+        for count in motion.vertex_counts:
+            chosen = generator.choice(count, size=max(1, round(observed * count)), replace=False)
+            seen[start + chosen] = True
+            start += count
+        kept = np.broadcast_to(seen, positions.shape[:2]).copy() if kept is None else kept & seen
+        positions[~kept] = np.nan
+    return replace(motion, observed=kept)
+
+
+def thinned(motion: Motion, every: int) -> Motion:
+    """Every K-th frame, as a copy."""
+    arrays = {name: getattr(motion, name) for name in ("positions", "times", "observed", "weights")}
+    return replace(motion, **{name: value[::every].copy() for name, value in arrays.items() if value is not None})
+
+
+def at_rate(motion: Motion, fps: float) -> Motion:
+    """The motion at `fps` frames per second from its first time on, on the straight lines between its frames.
+
+    That is what a fit compares with, so a perfect target stays perfect. A new frame is seen, and weighs more than 0,
+    where the frames on both sides do.
+    """
+    first, last = float(motion.times[0]), float(motion.times[-1])
+    slack = TIME_SLACK * (last - first) / max(len(motion.times) - 1, 1)
+    frames = int(min((last - first + slack) * fps, MOST)) + 1
+    check_memory(frames, motion.positions.shape[1], 1)
+    times = first + np.arange(frames) / fps
+    index, fraction = snapped(np.interp(times, motion.times, np.arange(len(motion.times))))
+    after = index + (fraction > 0)
+    observed, weights = motion.observed, motion.weights
+    if weights is not None:
+        weights = np.where((weights[index] > 0) & (weights[after] > 0), interpolated(weights, index, fraction), 0.0)
+    return replace(
+        motion,
+        positions=interpolated(motion.positions, index, fraction),
+        times=times,
+        observed=None if observed is None else observed[index] & observed[after],
+        weights=weights,
+    )

@@ -1,0 +1,142 @@
+"""Where a motion diverged, and the states before: what is kept of a run that ended so.
+
+A dump is an `.npz` of the cloth that diverged first, with n vertices and S springs: its last good states and the first
+bad one, F in all. `positions` and `velocities` (F, n, 3), m and m/s; `steps` (F,), 0 at the start, and `times` (F,), s;
+`springs` (S, 2), the vertices that each joins, and `stretch` (F, S), their length by rest length; `object`, the index
+of the cloth, and `vertex`, the one that left first; `delta`, s. What is not finite stands in the last state alone.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothfit.base import npz
+from clothfit.base.arrays import Array, Indices
+from clothfit.base.errors import Diverged
+from clothfit.base.writing import Data
+from clothfit.engine.rollout import Rollout
+from clothfit.engine.stability import advice
+from clothfit.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from clothfit.motion.motion import Motion
+
+KEPT = 8
+"""Good states that are kept, at most."""
+
+
+LONG = 10.0
+"""No spring of a cloth that can be believed is so many times as long as at rest."""
+
+
+class States(NamedTuple):
+    """Some successive states of a cloth with n vertices."""
+
+    steps: Indices  # (F,), 0 at the start
+    x: Array  # (F, n, 3), m
+    v: Array  # (F, n, 3), m/s
+
+
+class Fault(NamedTuple):
+    """A divergence."""
+
+    cloth: int  # its index
+    states: States  # the last good ones and the first bad one
+
+    @property
+    def vertex(self) -> int:
+        """The one that left first."""
+        return worst(self.states.x[-1], self.states.v[-2])
+
+
+def worst(x: Array, v: Array) -> int:
+    """The vertex that is farthest off in a bad state x (n, 3). A linear solve carries what is not finite to all of a
+    cloth at once: of several such vertices it is the one that was fastest before, v (n, 3).
+    """
+    size = np.abs(x).sum(axis=1)
+    lost = ~np.isfinite(size)
+    if not lost.any():
+        return int(np.argmax(size))
+    with np.errstate(over="ignore", invalid="ignore"):
+        speed = np.abs(v).sum(axis=1)
+    return int(np.argmax(np.where(lost, np.nan_to_num(speed, nan=0.0), -1.0)))
+
+
+def last_states(part: Rollout, before: States | None) -> States:
+    """The last states of a motion up to the end of a part of it; `before` are those up to its beginning."""
+    first = max(0, part.steps + 1 - KEPT)
+    steps = np.arange(first, part.steps + 1, dtype=np.int32)
+    after = np.maximum(steps, 1) - 1  # the steps that end there
+    v = part.w[after, part.used[after] - 1] if part.steps else part.v[None].copy()
+    v[steps == 0] = part.v
+    own = States(part.first + steps, part.x[first:].copy(), v)
+    return own if before is None or first > 0 else joined(before, own)
+
+
+def joined(before: States, own: States) -> States:
+    """The last of both, whose ends are the same state."""
+    kept = slice(max(0, len(own.steps) - 1 + len(before.steps) - KEPT), -1)
+    return following(States(before.steps[kept], before.x[kept], before.v[kept]), own)
+
+
+def following(one: States, other: States) -> States:
+    """One after the other."""
+    return States(
+        np.concatenate([one.steps, other.steps]), np.concatenate([one.x, other.x]), np.concatenate([one.v, other.v])
+    )
+
+
+def with_bad(states: States, x: Array, v: Array) -> States:
+    """The states and a bad one after them."""
+    return following(states, States(states.steps[-1:] + np.int32(1), x[None], v[None]))
+
+
+def outcome(scene: Scene, motion: Motion, fault: Fault) -> Diverged:
+    """What tells that a motion of a scene ended with its good frames, and what to do about it."""
+    step, cloth = len(motion.times), fault.cloth
+    place = f"objects[{cloth}], vertex {fault.vertex} of {scene.vertex_counts[cloth]}"
+    begins, hint = overstretched_from(scene, cloth, motion.of(cloth)), advice(scene, cloth)
+    more = hint if begins is None else f"{overstretched(begins)}; {hint}"
+    message = f"{scene.name}: the simulation diverged at step {step} (t = {step * scene.delta:.4g} s), {place}; {more}"
+    return Diverged(message, step, motion, fault)
+
+
+def overstretched_from(scene: Scene, cloth: int, x: Array) -> int | None:
+    """The frame from which on, to the end of positions x (frames, n, 3), a spring is longer than `LONG` allows."""
+    ends, rest = scene.cloths[cloth].springs, scene.cloths[cloth].rest
+    frame = len(x)
+    while frame and (stretch(x[frame - 1], ends, rest) > LONG).any():
+        frame -= 1
+    return frame if frame < len(x) else None
+
+
+def overstretched(step: int) -> str:
+    """How to tell that."""
+    return f"from step {step} on springs are more than {LONG:g} times as long as at rest"
+
+
+def stretch(x: Array, ends: Indices, rest: Array) -> Array:
+    """Length by rest length (…, S) of springs (S, 2) at positions x (…, n, 3)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        e = x[..., ends[:, 0], :] - x[..., ends[:, 1], :]
+        return np.asarray(np.sqrt((e * e).sum(axis=-1)) / rest)
+
+
+def dump(scene: Scene, fault: Fault) -> Data:
+    """What writes the states of a fault to a file; the module docstring says what is in it."""
+    states, cloth = fault.states, scene.cloths[fault.cloth]
+    arrays: dict[str, NDArray[Any]] = {
+        "positions": states.x,
+        "velocities": states.v,
+        "steps": states.steps,
+        "times": scene.delta * states.steps,
+        "springs": cloth.springs,
+        "stretch": stretch(states.x, cloth.springs, cloth.rest),
+        "object": np.array(fault.cloth),
+        "vertex": np.array(fault.vertex),
+        "delta": np.array(scene.delta),
+    }
+    return npz.archive(arrays)

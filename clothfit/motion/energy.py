@@ -1,0 +1,164 @@
+"""Where the energy of a motion is, frame by frame, and where it went.
+
+Stored, J: kinetic ½ Σ m |v|²; elastic ½ Σ k (L − L₀)² in the springs; gravity −Σ m g·(x − x₀), 0 at the start; contact
+½ Σ κ (r − δ)² in the spheres' push. What holds still stores what it does, for good: a spring between fixed vertices.
+
+Given and taken over a step of displacement h w, each force f at the state where the step takes it: the wind gives
+h f·w with the push on a cloth that holds still; damping (of vertices and springs) and drag (what the cloth's own
+velocity changes in the push of the air) take −h f·w. The rest of what is missing,
+
+    numerical = start + wind − damping − drag − what is stored,
+
+is the integrator's. Implicit steps lose energy, the more the longer they are; explicit ones gain it; symplectic ones
+do neither for long.
+
+The velocities are those of the steps: (x − x before)/h after an implicit or symplectic step, (x after − x)/h before
+an explicit one. Implicit steps take their forces at the new velocity, and at the old positions; with several Newton
+iterations at the new ones. The lumping of the drag in the matrix of an implicit step counts as the integrator's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+from clothfit.engine.forces import spheres, springs, vertex, wind
+from clothfit.engine.step import explicit, guard
+from clothfit.engine.system import EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
+from clothfit.kernels.kernel import kernel
+from clothfit.motion.motion import Motion, check_counts
+from clothfit.scene.scene import Scene
+
+KINETIC, ELASTIC, GRAVITY, CONTACT, WIND, DAMPING, DRAG = COLUMNS = range(7)
+"""Columns of the accounts of one cloth: four of states, three of the steps that end there."""
+
+AT_ONCE = 20_000
+"""Vertices × frames that are looked at together: what is copied meanwhile is small."""
+
+
+@dataclass(frozen=True, eq=False)
+class Energy:
+    """The energy of all cloths of a scene together, (frames,) J each; what is given and taken counts from the start."""
+
+    times: Array  # (frames,), s
+    kinetic: Array
+    elastic: Array
+    gravity: Array  # 0 at the start
+    contact: Array
+    wind: Array  # work of the wind until then
+    damping: Array  # taken by the damping of vertices and springs until then
+    drag: Array  # taken by the air that the cloths move through until then
+
+    @property
+    def total(self) -> Array:
+        """What is stored (frames,), J."""
+        return self.kinetic + self.elastic + self.gravity + self.contact
+
+    @property
+    def dissipated(self) -> Array:
+        """What is missing of the start and of the work of the wind (frames,), J; negative where there is more."""
+        return np.asarray(self.total[0] + self.wind - self.total)
+
+    @property
+    def numerical(self) -> Array:
+        """What is missing though no force took it (frames,), J: the integrator's; negative where it adds energy."""
+        return np.asarray(self.dissipated - self.damping - self.drag)
+
+    @property
+    def largest_rise(self) -> tuple[float, int]:
+        """By how much, J, what is stored rises most over one step beyond the work of the wind, and the frame after it;
+        0 or less where it never rises.
+        """
+        rises = -np.diff(self.dissipated)
+        if not len(rises):
+            return 0.0, 0
+        frame = int(np.argmax(rises))
+        return float(rises[frame]), frame + 1
+
+    @property
+    def scale(self) -> float:
+        """The most that is ever in one place, J: what a rise may be compared with."""
+        stored = (self.kinetic, self.elastic, self.gravity, self.contact)
+        return float(max(np.abs(part).max() for part in stored))
+
+
+def energies(scene: Scene, motion: Motion) -> Energy:
+    """The energy of a simulated motion of a scene, frame by frame.
+
+    The motion must be as `simulate` gives it: every vertex, a frame after every step. Raises InvalidInput otherwise.
+    """
+    check_counts(motion, scene)
+    steps = scene.delta * np.arange(len(motion.times))
+    seen = motion.observed is None or bool(motion.observed.all())
+    if not seen or not np.allclose(motion.times, steps, rtol=1e-6, atol=1e-6 * scene.delta):
+        raise InvalidInput(
+            f"{motion.name}: energies need every vertex, and a frame after every step of {scene.delta:.4g} s; give a "
+            "motion as `simulate` makes it"
+        )
+    parts = [account(build(scene, index), motion.of(index)) for index in range(len(scene.cloths))]
+    kinetic, elastic, gravity, contact, *given = np.sum(parts, axis=0).T
+    blown, damped, dragged = np.cumsum(given, axis=1)
+    return Energy(motion.times, kinetic, elastic, gravity - gravity[0], contact, blown, -damped, -dragged)
+
+
+def account(system: System, x: Array) -> Array:
+    """What is stored at each frame and given over the step before it, (F, 7) J, of one cloth's positions (F, n, 3)."""
+    out = np.zeros((len(x), len(COLUMNS)))
+    length = max(1, AT_ONCE // len(system.x0))
+    for begin in range(0, len(x), length):
+        end = min(begin + length, len(x))
+        states(system, np.ascontiguousarray(x[begin:end]), velocities(system, x, begin, end), out[begin:end])
+        first = max(begin, 1)
+        w = means(system, x, first, end)
+        u = velocities(system, x, first - 1, end - 1) if system.method == SYMPLECTIC else w
+        late = system.method == IMPLICIT and system.newton_iterations > 1
+        y = np.ascontiguousarray(x[first:end] if late else x[first - 1 : end - 1])
+        works(system, y, u, w, out[first:end])
+    return out
+
+
+def velocities(system: System, x: Array, begin: int, end: int) -> Array:
+    """Velocities (end − begin, n, 3) at some frames of positions x (F, n, 3), m/s."""
+    if system.method == EXPLICIT:
+        v = means(system, x, begin + 1, end + 1)
+        return v if end < len(x) else np.concatenate([v, last_velocity(system, x)[None]])
+    v = means(system, x, max(begin, 1), end)
+    return v if begin else np.concatenate([system.v0[None], v])[:end]
+
+
+def means(system: System, x: Array, begin: int, end: int) -> Array:
+    """Mean velocities (≤ end − begin, n, 3) over the steps that end at some frames, the first of them not 0, m/s."""
+    return np.asarray(np.diff(x[begin - 1 : max(end, begin)], axis=0) / system.h)
+
+
+def last_velocity(system: System, x: Array) -> Array:
+    """Velocity (n, 3) at the last frame of explicit steps, which no position after it shows: by the step itself."""
+    if len(x) == 1:
+        return system.v0
+    v, before = np.empty_like(system.v0), (x[-1] - x[-2]) / system.h
+    explicit.step(system, np.ascontiguousarray(x[-2]), before, v)
+    return v
+
+
+@kernel
+def states(system, x, v, out):
+    """Write what is stored at positions x and velocities v (F, n, 3) to the columns of out (F, 7)."""
+    for k in range(len(x)):
+        out[k, KINETIC] = guard.moving(system.vertex, v[k])[0]
+        out[k, ELASTIC] = springs.energy(system.springs, x[k])
+        out[k, GRAVITY] = vertex.energy(system.vertex, x[k])
+        out[k, CONTACT] = spheres.energy(system.spheres, x[k])
+
+
+@kernel
+def works(system, y, u, w, out):
+    """Write the work of steps that move by h w, with forces at (y, u), (F, n, 3) each, to the columns of out (F, 7)."""
+    h = system.h
+    for k in range(len(y)):
+        damped = vertex.damping_power(system.vertex, y[k], u[k], w[k])
+        damped += springs.damping_power(system.springs, y[k], u[k], w[k])
+        blown, dragged = wind.powers(system.faces, y[k], u[k], w[k])
+        out[k, WIND], out[k, DAMPING], out[k, DRAG] = h * blown, h * damped, h * dragged

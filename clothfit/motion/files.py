@@ -1,0 +1,177 @@
+"""Motions in and out, by what the suffix of a file says: this program's `.npz`, or a format of other programs.
+
+`foreign` reads; here is what is written: which files, and whether they may be. A sequence is many files, each of which
+appears whole or not at all. Files of an earlier, longer sequence would be read as its end, so they are not left there.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
+from typing import IO, Any
+
+import numpy as np
+
+from clothfit.base import npz
+from clothfit.base.arrays import Indices
+from clothfit.base.errors import InvalidInput
+from clothfit.base.writing import Data, write_atomically
+from clothfit.formats import FORMATS, Format, foreign, module_of, obj
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import SCENE, Axes, facing, from_scene
+from clothfit.formats.convention import Convention, Reading
+from clothfit.motion import motion as own
+from clothfit.motion.foreign import load
+from clothfit.motion.motion import Motion
+from clothfit.scene.mesh_numbering import mesh_counts, picks, unwelded
+from clothfit.scene.scene import Scene
+
+
+def load_motion(
+    path_or_file: str | os.PathLike[str] | IO[bytes],
+    scene: Scene,
+    name: str | None = None,
+    reading: Reading = Reading(),  # noqa: B008  it cannot be changed
+) -> Motion:
+    """Read a motion of `scene` from a file of this program or, by its suffix, of another, and check it.
+
+    `name`: in messages (default: the file's); `reading`: what the file does not say. An open file is one of this
+    program. Raises InvalidMotion, and InvalidInput where the library is not there that reads it.
+    """
+    if isinstance(path_or_file, (str, os.PathLike)) and (foreign(path_or_file) or not reading.plain):
+        return load(path_or_file, scene, reading, name).motion
+    return own.load_motion(path_or_file, scene, name)
+
+
+def save_motion(
+    motion: Motion,
+    path_or_file: str | os.PathLike[str] | IO[bytes],
+    scene: Scene | None = None,
+    convention: Convention = Convention(),  # noqa: B008  it cannot be changed
+) -> None:
+    """Write a motion as `.npz` or, by the suffix, as other programs have it; each file whole or not at all.
+
+    `scene`: for the faces; `convention`: the axes and unit to write in (default: the format's). An open file becomes
+    `.npz`. Raises InvalidInput when a path cannot be written or the format cannot hold the motion.
+    """
+    found = foreign(path_or_file)
+    if found is None or not isinstance(path_or_file, (str, os.PathLike)):
+        own.save_motion(motion, path_or_file)
+        return
+    check_place(path_or_file, len(motion.times))
+    whole, faces = (motion, None) if scene is None else for_tools(motion, scene, found)
+    made = animation(whole, found, convention.axes(found.axes), faces)
+    write_all(files(path_or_file, found, made))
+
+
+def animation(
+    motion: Motion,
+    found: Format,
+    axes: Axes,
+    triangles: Indices | None = None,
+    names: tuple[str, ...] | None = None,
+) -> Animation:
+    """A motion as a file holds it, with faces `triangles` (T, 3) in the scene's axes and `names` of its markers.
+
+    Raises InvalidInput where the format cannot hold what was not seen.
+    """
+    if motion.observed is not None:
+        check_gaps(found)
+    positions = from_scene(motion.positions, axes) if axes != SCENE else motion.positions
+    if motion.observed is not None:
+        positions = np.where(motion.observed[:, :, None], positions, np.nan)
+    faces = None if triangles is None else np.ascontiguousarray(facing(triangles, axes), np.int32)
+    return Animation(positions, axes, motion.times, faces, motion.observed, names)
+
+
+def check_gaps(found: Format) -> None:
+    """Raise InvalidInput where a format has a position for every point at every time, and cannot leave one out."""
+    if not found.markers:
+        others = ", ".join([".npz", *(each.suffixes[0] for each in FORMATS if each.markers)])
+        raise InvalidInput(f"{found.name} has no place for positions that were not seen; write one of {others}")
+
+
+def archive(motion: Motion, timed: bool, triangles: Indices | None = None) -> Data:
+    """What writes a motion as `.npz`, with faces where there are some.
+
+    Without times where none are known (`timed`), which means one frame per time step.
+    """
+    faces = {} if triangles is None else {"triangles": triangles}
+    if timed:
+        return own.archive(motion, faces)
+    arrays: dict[str, Any] = {"positions": motion.positions, "vertex_counts": np.array(motion.vertex_counts, np.int64)}
+    parts = {"observed": motion.observed, "weights": motion.weights, **faces}
+    return npz.archive(arrays | {name: part for name, part in parts.items() if part is not None})
+
+
+def files(path: str | os.PathLike[str], found: Format, made: Animation) -> dict[str, Data]:
+    """The files to write an animation to. Raises InvalidInput."""
+    encoded: dict[str, Data] = module_of(found).encoded(os.fspath(path), made)
+    return encoded
+
+
+def write_all(files: Mapping[str, Data]) -> None:
+    """Write each file whole or not at all. Where one cannot be written, those that were not there before are taken away
+    again, as the beginning of a sequence looks like a sequence. Raises InvalidInput.
+    """
+    made = []
+    try:
+        for path, data in files.items():
+            if not os.path.lexists(path):
+                made.append(path)
+            write_atomically(path, data)
+    except BaseException:  # an interrupt as well
+        for path in made:
+            with suppress(OSError):
+                os.unlink(path)
+        raise
+
+
+def triangles_of(scene: Scene) -> Indices:
+    """The faces (T, 3) of all objects of a scene, by the vertices of all of them."""
+    starts = np.cumsum([0, *scene.vertex_counts])
+    return np.concatenate([cloth.triangles + start for cloth, start in zip(scene.cloths, starts, strict=False)])
+
+
+def for_tools(motion: Motion, scene: Scene, found: Format) -> tuple[Motion, Indices]:
+    """A motion of a scene, and its faces (T, 3), by the vertices of the meshes that the scene was made of, which other
+    programs know; they differ where welding gave them other numbers. Markers keep the scene's. Raises InvalidScene.
+    """
+    faces, chosen = triangles_of(scene), picks(scene)
+    if chosen is None or found.markers:
+        return motion, faces
+    arrays = {name: getattr(motion, name) for name in ("positions", "observed", "weights")}
+    made: dict[str, Any] = {name: unwelded(scene, array) for name, array in arrays.items() if array is not None}
+    return replace(motion, vertex_counts=mesh_counts(scene), **made), chosen[faces]
+
+
+def check_place(path: str | os.PathLike[str], frames: int | None = None) -> None:
+    """Check, before long work, that a motion of so many frames (None: not known yet) can be written there.
+
+    Raises InvalidInput: the library is not there, the format is not written, a name cannot be that of a sequence, or
+    files of another sequence are in its place.
+    """
+    found = foreign(path)
+    if found is None:
+        return
+    text = os.fspath(path)
+    module_of(found)
+    if not found.writes:
+        raise InvalidInput(f"cannot write {text}: {found.name} can only be read")
+    if found.module != "obj" or frames is None:
+        return
+    obj.check_name(text, frames)
+    meant = {obj.numbered_name(text, frame) for frame in range(frames)}
+    for _, there in sorted(obj.numbered(text)) if obj.ANY in text else []:
+        if there not in meant:
+            raise InvalidInput(
+                f"cannot write {text}: {there} is there, which would be read as a frame of it; take that away, or "
+                "choose another name"
+            )
+
+
+def sources(path: str) -> list[str]:
+    """The files that a motion is read from: of a sequence all."""
+    return obj.frames_of(path) if foreign(path) is not None and obj.ANY in path else [path]

@@ -1,0 +1,261 @@
+"""Reading a motion from any file: this program's own, or another program's, by its suffix.
+
+What another program's file holds is turned into the scene's axes and metres, gets times, is cut to the frames that are
+meant and, where its points are markers, put to their vertices. Everything that was assumed is kept to be told.
+
+The first frame is at time 0, where the scene begins: files count from their first frame, from 1, or from wherever the
+animation was cut.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from dataclasses import dataclass, field, replace
+from typing import IO, Any
+
+import numpy as np
+
+from clothfit.base import npz
+from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit.base.messages import counted
+from clothfit.base.steady import steady
+from clothfit.formats import Format, foreign, module_of
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import SCENE, Axes, facing, to_scene
+from clothfit.formats.convention import Reading
+from clothfit.formats.files import name_of, refused
+from clothfit.motion.alignment import Likeness, likeness
+from clothfit.motion.markers import Matches, initial, matched
+from clothfit.motion.motion import Motion, check_motion
+from clothfit.motion.motion import load_motion as load_native
+from clothfit.motion.native import described
+from clothfit.scene.mesh_numbering import mesh_counts, picks
+from clothfit.scene.scene import Scene
+
+RATE = 30.0
+"""Frames per second of a file without times that belongs to no scene."""
+
+
+@dataclass(frozen=True)
+class Account:
+    """What a file was taken to be."""
+
+    file: str
+    format: str
+    axes: Axes
+    frames: int  # that were taken
+    points: int  # in the file
+    seconds: float  # from the first to the last of the frames
+    rate: str  # where the times come from
+    notes: tuple[str, ...] = ()  # sentences on what else was assumed
+    matches: Matches | None = None  # of markers
+    given: bool = False  # whether a map tells of them
+    start: Likeness | None = None  # to the scene's; None where there is no frame at its time
+
+    def __str__(self) -> str:
+        size = f"{counted(self.frames, 'frame', 'frames')} of {counted(self.points, 'point', 'points')}"
+        told = [f"{self.file}: {self.format}, {size}, {self.rate}; {self.axes}", *self.notes]
+        if self.matches is not None:
+            told.append(self.matches.sentence(self.given))
+        return "; ".join(told)
+
+    @property
+    def doubts(self) -> list[str]:
+        """Warnings."""
+        if self.start is None or self.start.doubt is None:
+            return []
+        return [f"{self.file}: {'; '.join(filter(None, [self.start.doubt, self.start.advice]))}"]
+
+    def summary(self) -> dict[str, Any]:
+        """The same for --json."""
+        start = self.start or Likeness(np.nan, None, None)
+        told = {
+            "file": self.file,
+            "format": self.format,
+            **self.axes._asdict(),
+            "frames": self.frames,
+            "points": self.points,
+            "duration": self.seconds,
+            "fps": (self.frames - 1) / self.seconds if self.seconds > 0 else None,
+            "rate": self.rate,
+            "notes": list(self.notes),
+            "start_distance": start.distance,
+            "advice": start.advice,
+        }
+        if self.matches is None:
+            return told
+        gaps = self.matches.distances
+        far = {"median": float(np.median(gaps)), "largest": float(gaps.max())} if len(gaps) else {}
+        return {**told, "markers": {**far, "each": [match._asdict() for match in self.matches.each]}}
+
+
+@dataclass(frozen=True, eq=False)
+class Loaded:
+    """A motion, and what its file says besides."""
+
+    motion: Motion
+    account: Account
+    triangles: Indices | None = None  # (T, 3), points, in the scene's axes; None: it has no faces
+    names: tuple[str, ...] | None = None  # of markers, where there is no scene whose vertices they are
+    timed: bool = True  # whether the times come from the file, or were given
+
+
+@dataclass(frozen=True)
+class Points:
+    """What stands for the scene where there is none: points as a file has them."""
+
+    vertex_counts: tuple[int, ...]
+    name: str
+    delta: float = 1 / RATE
+    cloths: tuple[()] = field(default=())
+
+
+def load(
+    path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene | None, reading: Reading, name: str | None = None
+) -> Loaded:
+    """Read a motion of `scene`, or of whatever points there are, from a file; an open one is one of this program.
+
+    Raises InvalidMotion, and InvalidInput where the library is not there that reads it.
+    """
+    if reading.markers is not None and scene is None:
+        raise InvalidInput("--map: tells of the vertices of a scene; add --scene")
+    if not isinstance(path_or_file, (str, os.PathLike)):
+        return _native(io.BytesIO(npz.content(path_or_file)), scene, reading, name or "motion")
+    name = name_of(path_or_file) if name is None else name
+    found = foreign(path_or_file)
+    if found is None and scene is None and os.path.exists(path_or_file) and not os.path.isfile(path_or_file):
+        with refused(path_or_file), steady(path_or_file) as file:  # a pipe, which cannot be looked into first
+            return _native(io.BytesIO(npz.content(file)), scene, reading, name)
+    if found is None:
+        return _native(path_or_file, scene, reading, name)
+    return _foreign(module_of(found).read(path_or_file), found, scene, reading, name)
+
+
+def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Reading, name: str) -> Loaded:
+    axes = reading.axes(read.axes)
+    points = read.positions.shape[1]
+    times, rate, timed = _times(read, scene, reading)
+    notes = list(read.notes)
+    if times[0] != 0:
+        notes.append(f"its first frame, at {times[0]:g} s, is taken as the start")
+        times = times - times[0]
+    positions = to_scene(read.positions, axes)
+    observed: Flags = np.asarray(np.isfinite(positions).all(axis=2))
+    if read.observed is not None:
+        observed &= read.observed
+    matches = None
+    if scene is not None and _are_markers(read, found, scene, reading):
+        names = read.names or tuple(str(i) for i in range(points))
+        matches = matched(positions, observed, names, scene, reading.markers, name)
+        notes += [matches.note] if matches.note else []
+        positions, observed = _spread(positions, observed, matches, sum(scene.vertex_counts))
+    elif scene is not None and points != sum(scene.vertex_counts) and points == sum(mesh_counts(scene)):
+        positions, observed = positions[:, picks(scene)], observed[:, picks(scene)]
+        notes.append(f"its vertices are those of the mesh before it was welded to {positions.shape[1]}")
+    own: Any = scene or Points((points,), name)
+    _check_count(positions.shape[1], own, name)
+    arrays = {"positions": positions, "times": times, "observed": observed}
+    motion = _cut(check_motion(arrays, own, name), reading, name)
+    account = Account(name, found.name, axes, len(motion.times), points, _length(motion), rate, tuple(notes), matches,
+                      reading.markers is not None, _start(motion, scene, axes))  # fmt: skip
+    triangles = None if read.triangles is None else facing(read.triangles, axes)
+    return Loaded(motion, account, triangles, read.names if scene is None else None, timed)
+
+
+def _are_markers(read: Animation, found: Format, scene: Scene, reading: Reading) -> bool:
+    """Whether the points are markers of some vertices, not the vertices themselves, v0, v1, …, as they are written."""
+    if reading.markers is not None:
+        return True
+    totals = (sum(scene.vertex_counts), sum(mesh_counts(scene)))
+    if read.names is not None:
+        return all(read.names != tuple(f"v{i}" for i in range(total)) for total in totals)
+    return found.markers and read.positions.shape[1] not in totals
+
+
+def _native(path: str | os.PathLike[str] | io.BytesIO, scene: Scene | None, reading: Reading, name: str) -> Loaded:
+    """A motion of this program, which has the scene's axes unless something else is said."""
+    if reading.markers is not None:
+        raise InvalidInput(f"--map: {name} has all vertices, in their order; leave it out")
+    counts, timed, triangles = described(path)
+    own: Any = scene or Points(counts, name)
+    motion = load_native(path, own, name)
+    rate = f"{_rate(motion.times)} by its own times" if timed else _per_step(scene)
+    if reading.fps is not None:
+        motion = replace(motion, times=np.arange(len(motion.times)) / reading.fps)
+        rate, timed = f"{reading.fps:g} frames a second as given", True
+    _check_count(motion.positions.shape[1], own, name)
+    axes = reading.axes(SCENE)
+    if axes != SCENE:
+        motion = replace(motion, positions=to_scene(motion.positions, axes))
+    motion = _cut(motion, reading, name)
+    account = Account(name, "npz", axes, len(motion.times), motion.positions.shape[1], _length(motion), rate,
+                      start=_start(motion, scene, axes))  # fmt: skip
+    return Loaded(motion, account, None if triangles is None else facing(triangles, axes), timed=timed)
+
+
+def _times(read: Animation, scene: Scene | None, reading: Reading) -> tuple[Array, str, bool]:
+    """The times (frames,) of all frames, s, where they come from, and whether anybody knows them."""
+    places: Array = read.spacing * np.arange(len(read.positions), dtype=np.float64)
+    if reading.fps is not None:
+        return places / reading.fps, f"{reading.fps:g} frames a second as given", True
+    if read.times is not None:
+        return read.times, f"{_rate(read.times)} by its own times", True
+    if scene is not None:
+        return scene.delta * np.arange(len(places), dtype=np.float64), _per_step(scene), False
+    return places / RATE, f"{RATE:g} frames a second assumed", False
+
+
+def _per_step(scene: Scene | None) -> str:
+    step = "" if scene is None else f" of {scene.delta:.4g} s"
+    return f"one frame per time step{step}, as it has no times"
+
+
+def _rate(times: Array) -> str:
+    if len(times) < 2:
+        return "one time"
+    return f"{(len(times) - 1) / (times[-1] - times[0]):.6g} frames a second"
+
+
+def _length(motion: Motion) -> float:
+    return float(motion.times[-1] - motion.times[0])
+
+
+def _spread(positions: Array, observed: Flags, matches: Matches, total: int) -> tuple[Array, Flags]:
+    """The positions of markers as those of the scene's vertices."""
+    spread = np.full((len(positions), total, 3), np.nan)
+    seen = np.zeros(spread.shape[:2], bool)
+    spread[:, matches.vertices] = positions[:, matches.columns]
+    seen[:, matches.vertices] = observed[:, matches.columns]
+    spread[~seen] = np.nan
+    return spread, seen
+
+
+def _check_count(points: int, scene: Scene | Points, name: str) -> None:
+    if points == 0:
+        raise InvalidMotion(f"{name}: has no points")
+    if points != sum(scene.vertex_counts):
+        raise InvalidMotion(
+            f"{name}: has {points} vertices, {scene.name} has {sum(scene.vertex_counts)}; a motion needs all vertices "
+            "of all objects, in their order: export it from the mesh that the scene was made of"
+        )
+
+
+def _cut(motion: Motion, reading: Reading, name: str) -> Motion:
+    """The frames that are meant. Raises InvalidMotion where there are none."""
+    if reading.frames is None:
+        return motion
+    kept = reading.chosen()
+    if not len(motion.times[kept]):
+        frames = counted(len(motion.times), "frame", "frames")
+        raise InvalidMotion(f"{name}: has {frames}, none of which is in --frames {reading.frames}")
+    arrays = {key: getattr(motion, key) for key in ("positions", "times", "observed", "weights")}
+    return replace(motion, **{key: array[kept] for key, array in arrays.items() if array is not None})
+
+
+def _start(motion: Motion, scene: Scene | None, axes: Axes) -> Likeness | None:
+    if scene is None or motion.times[0] != 0:
+        return None
+    seen = np.ones(motion.positions.shape[1], bool) if motion.observed is None else motion.observed[0]
+    return likeness(motion.positions[0], seen, initial(scene), axes)

@@ -1,0 +1,286 @@
+"""Motions: positions over time, simulated or read from a file.
+
+A motion file is an `.npz` archive: `positions` (frames, vertices, 3) m, the vertices of all objects in file order;
+`times` (frames,) s; `vertex_counts` (objects,); `observed` (frames, vertices) where something was not seen; and
+`weights` (vertices,) or (frames, vertices) where some positions count more in a fit than others, 0 not at all.
+Positions that were not seen are NaN. An archive with `positions` alone, or a bare `.npy` array, is accepted where its
+shape fits.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import IO, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothfit.base import memory, npz
+from clothfit.base.arrays import Array, Flags
+from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit.base.limits import checked_tolerance
+from clothfit.base.memory import human
+from clothfit.base.steady import steady
+from clothfit.base.writing import Data, put, write_atomically
+from clothfit.engine.remedies import NONE, Remedies
+from clothfit.engine.rollout import FAR, check_memory
+from clothfit.engine.system import build
+from clothfit.engine.tape import Tape
+from clothfit.motion.divergence import Fault, last_states, outcome, with_bad
+from clothfit.scene.scene import Scene
+
+ARRAYS = ("positions", "times", "vertex_counts", "observed", "weights")
+"""What a motion file may hold; anything else in it is ignored."""
+
+LONGEST_WORDS = 150
+"""Characters of what a library says of a file."""
+
+
+class Shaped(Protocol):
+    """An array, or what its file says of it."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Its sizes."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type of its items."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Positions of all vertices of a scene at some times."""
+
+    positions: Array  # (frames, vertices, 3), m; NaN where not observed
+    times: Array  # (frames,), s, increasing
+    vertex_counts: tuple[int, ...]  # vertices of each object
+    observed: Flags | None = None  # (frames, vertices); None: everything was seen
+    name: str = "motion"  # for messages
+    remedies: Remedies = NONE  # what its steps needed beyond the ordinary
+    weights: Array | None = None  # (frames, vertices), 0 or more: how often each position counts; None: once
+
+    def of(self, cloth: int) -> Array:
+        """Positions (frames, n, 3) of one object."""
+        return self.positions[:, self._part(cloth)]
+
+    def seen(self, cloth: int) -> Flags:
+        """Which positions (frames, n) of one object were observed."""
+        if self.observed is None:
+            return np.ones((len(self.positions), self.vertex_counts[cloth]), bool)
+        return self.observed[:, self._part(cloth)]
+
+    def weights_of(self, cloth: int) -> Array | None:
+        """How often each position (frames, n) of one object counts; None: once."""
+        return None if self.weights is None else self.weights[:, self._part(cloth)]
+
+    def _part(self, cloth: int) -> slice:
+        start = sum(self.vertex_counts[:cloth])
+        return slice(start, start + self.vertex_counts[cloth])
+
+
+def simulate(scene: Scene, frames: int | None = None, tolerance: float | None = None) -> Motion:
+    """Move the cloths of a scene as the editor's engine does.
+
+    `frames` counts the initial state (default: the scene's); `tolerance` is that of the linear solver (default: the
+    scene's). Raises Diverged, with the frames that are good as its `motion`, when a position is no longer a number.
+    """
+    return simulate_cloths(scene, range(len(scene.cloths)), frames, tolerance)
+
+
+def simulate_cloths(
+    scene: Scene, cloths: Collection[int], frames: int | None = None, tolerance: float | None = None
+) -> Motion:
+    """Move some of the cloths of a scene, as `simulate` does; the others count as not observed."""
+    accuracy = checked_tolerance(tolerance, scene.tolerance)
+    count = scene.frames if frames is None else frames
+    if count < 1:
+        raise InvalidInput(f"frames: {count} is not possible, at least 1 is (the initial state)")
+    counts = scene.vertex_counts
+    check_memory(count, sum(counts), 0)
+    if not scene.delta * (count - 1) < np.inf:
+        raise InvalidInput(f"{scene.name}: delta: {count - 1} steps of {scene.delta:g} s do not end at a finite time")
+    positions = np.full((count, sum(counts), 3), np.nan)
+    motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
+    remedies, good, fault = NONE, count - 1, None
+    for index in cloths:
+        tape, last = Tape(build(scene, index), count - 1, accuracy), None
+        for part in tape.forward():
+            motion.of(index)[part.first : part.first + part.steps + 1] = part.x
+            last = last_states(part, last)
+        remedies = remedies.together(tape.remedies)
+        if tape.fault is not None and last is not None and tape.good < good:
+            good, fault = tape.good, Fault(index, with_bad(last, tape.fault, tape.fault_velocity))
+    moved = np.repeat([index in cloths for index in range(len(counts))], counts)
+    observed = None if moved.all() else np.broadcast_to(moved, (good + 1, len(moved))).copy()
+    positions, times = positions[: good + 1], motion.times[: good + 1]
+    motion = replace(motion, positions=positions, times=times, observed=observed, remedies=remedies)
+    if fault is not None:
+        raise outcome(scene, motion, fault)
+    return motion
+
+
+def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]) -> None:
+    """Write a motion as `.npz`, whole or not at all. Raises InvalidInput when the path cannot be written."""
+    if isinstance(path_or_file, (str, os.PathLike)):
+        write_atomically(path_or_file, archive(motion))
+    else:
+        put(archive(motion), path_or_file)
+
+
+def archive(motion: Motion, extra: Mapping[str, NDArray[Any]] | None = None) -> Data:
+    """What writes a motion as `.npz` to a file, without a copy of its arrays, and with others beside them, by name."""
+    arrays: dict[str, NDArray[Any]] = {
+        "positions": motion.positions,
+        "times": motion.times,
+        "vertex_counts": np.array(motion.vertex_counts, np.int64),
+        **(extra or {}),
+    }
+    if motion.observed is not None:
+        arrays["observed"] = motion.observed
+    if motion.weights is not None:
+        arrays["weights"] = motion.weights
+    return npz.archive(arrays)
+
+
+def load_motion(
+    path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene, name: str | None = None
+) -> Motion:
+    """Read a motion of `scene` and check it. `name`: in messages (default: the file's). Raises InvalidMotion."""
+    if name is None:
+        name = os.path.basename(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else "motion"
+    try:
+        if isinstance(path_or_file, (str, os.PathLike)):
+            with steady(path_or_file) as file:
+                arrays = _arrays(file if file.seekable() else io.BytesIO(npz.content(file)), scene, name)
+        else:  # a stream cannot be sought, an archive must be
+            arrays = _arrays(io.BytesIO(npz.content(path_or_file)), scene, name)
+    except FileNotFoundError:
+        raise InvalidMotion(f"{name}: there is no such file") from None
+    except IsADirectoryError:
+        raise InvalidMotion(f"{name}: is a folder, a motion file (.npz) is needed") from None
+    except InvalidMotion:
+        raise
+    except npz.FAULTS as error:
+        raise InvalidMotion(f"{name}: cannot be read as .npz or .npy ({_short(error)})") from None
+    return check_motion(arrays, scene, name)
+
+
+def _arrays(file: IO[bytes], scene: Scene, name: str) -> dict[str, NDArray[Any]]:
+    """The arrays of an open file, read when it is known that they fit the scene and into memory."""
+    stored = npz.stored(file, ARRAYS, "positions")
+    check_shapes(stored, scene, name)
+    needed, free = sum(array.nbytes for array in stored.values()), memory.free()
+    if needed > free:
+        raise InvalidMotion(f"{name}: takes {human(needed)} of memory, {human(free)} are free; keep fewer frames")
+    return {key: array.read() for key, array in stored.items()}
+
+
+def _short(error: BaseException) -> str:
+    text = getattr(error, "strerror", None) or str(error).split("\n")[0] or type(error).__name__
+    return text if len(text) <= LONGEST_WORDS else f"{text[: LONGEST_WORDS - 1]}…"
+
+
+def as_motion(
+    scene: Scene,
+    positions: Array,
+    times: Array | None = None,
+    observed: Flags | None = None,
+    weights: Array | None = None,
+) -> Motion:
+    """Make a motion of `scene` from positions (frames, vertices, 3) m, with times (frames,) s (default: one frame a
+    step), what was observed (frames, vertices) (default: everything) and how often each position counts, (vertices,)
+    or (frames, vertices) (default: once). Raises InvalidMotion when they do not fit.
+    """
+    given = {"positions": positions, "times": times, "observed": observed, "weights": weights}
+    return check_motion({key: np.asarray(value) for key, value in given.items() if value is not None}, scene, "motion")
+
+
+def checked_motion(motion: Motion, scene: Scene) -> Motion:
+    """A motion made by hand, checked as one from a file is. Raises InvalidMotion when it does not fit the scene."""
+    check_counts(motion, scene)
+    arrays = {name: getattr(motion, name) for name in ("positions", "times", "observed", "weights")}
+    return check_motion({key: np.asarray(a) for key, a in arrays.items() if a is not None}, scene, motion.name)
+
+
+def check_counts(motion: Motion, scene: Scene) -> None:
+    """Raise InvalidMotion unless the motion is of objects with the scene's numbers of vertices."""
+    counts = scene.vertex_counts
+    if motion.vertex_counts != counts:
+        raise InvalidMotion(
+            f"{motion.name}: its objects have {list(motion.vertex_counts)[:8]} vertices, "
+            f"those of {scene.name} {list(counts)[:8]}"
+        )
+
+
+def check_shapes(arrays: Mapping[str, Shaped], scene: Scene, name: str) -> None:
+    """Raise InvalidMotion, naming the array and what would be right, where types or shapes do not fit the scene."""
+
+    def check(key: str, shapes: tuple[tuple[int, ...], ...], kinds: str, message: str) -> None:
+        if key in arrays and not (arrays[key].shape in shapes and arrays[key].dtype.kind in kinds):
+            raise InvalidMotion(f"{name}: {key}: {message}")
+
+    def has(key: str) -> str:
+        return f"has shape {arrays[key].shape} and type {arrays[key].dtype}" if key in arrays else ""
+
+    total = sum(scene.vertex_counts)
+    if "positions" not in arrays:
+        raise InvalidMotion(f"{name}: positions: is missing")
+    shape, dtype = arrays["positions"].shape, arrays["positions"].dtype
+    check("positions", (shape,), "fiu", f"has type {dtype}, numbers are needed")
+    frames = shape[0] if shape else 0
+    right = ((frames, total, 3),) if frames else ()
+    check("positions", right, "fiu", f"has shape {shape}, (frames, {total}, 3) fits {scene.name}")
+    check("times", ((frames,),), "fiu", f"needs {frames} numbers, one per frame")
+    check("observed", ((frames, total),), "b", f"{has('observed')}, ({frames}, {total}) bool fits")
+    check(
+        "weights",
+        ((total,), (frames, total)),
+        "fiub",
+        f"{has('weights')}, ({total},) or ({frames}, {total}) numbers fit",
+    )
+
+
+def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Motion:
+    """Make a Motion from the arrays of a file. Raises InvalidMotion naming the array and what would be right."""
+
+    def require(condition: object, place: str, message: str) -> None:
+        if not condition:
+            raise InvalidMotion(f"{name}: {place}: {message}")
+
+    check_shapes(arrays, scene, name)
+    counts, positions = scene.vertex_counts, arrays["positions"]
+    frames, total = positions.shape[:2]
+    stored = arrays.get("vertex_counts", np.array(counts)).reshape(-1)
+    right = len(stored) == len(counts) and tuple(stored.tolist()) == counts
+    require(right, "vertex_counts", f"is {stored[:8].tolist()}, the scene has {list(counts)[:8]}")
+    times = arrays.get("times", np.arange(frames) * scene.delta).astype(np.float64)
+    require(np.isfinite(times).all() and (np.diff(times) > 0).all(), "times", "must be finite and increasing")
+    observed = arrays.get("observed")
+    if observed is not None and observed.all():
+        observed = None
+    positions = np.ascontiguousarray(positions, np.float64)
+    for frame in range(frames):  # one by one: an array as large as `positions` would take as much memory again
+        bad = ~(np.abs(positions[frame]) < FAR).all(axis=1)  # NaN as well
+        if observed is not None:
+            bad &= observed[frame]
+        if bad.any():
+            vertex = int(np.argmax(bad))
+            wrong = f"lies {FAR:g} m away or more" if np.isfinite(positions[frame, vertex]).all() else "is not finite"
+            require(False, f"positions[{frame}, {vertex}]", f"{wrong}, though not marked as unobserved")
+    weights = checked_weights(arrays["weights"], (frames, total), name) if "weights" in arrays else None
+    return Motion(positions, times, counts, observed, name, weights=weights)
+
+
+def checked_weights(weights: NDArray[Any], shape: tuple[int, int], name: str) -> Array:
+    """Weights as (frames, vertices) from one per vertex or position. Raises InvalidMotion where one cannot be."""
+    values = weights.astype(np.float64)
+    wrong = ~((values >= 0) & (values < np.inf))  # NaN as well
+    if wrong.any():
+        place = [int(i) for i in np.argwhere(wrong)[0]]
+        value = values[tuple(place)]
+        raise InvalidMotion(f"{name}: weights{place}: {value:g} is not possible, it must be 0 or more and finite")
+    return np.array(np.broadcast_to(values, shape))

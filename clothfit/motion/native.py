@@ -1,0 +1,61 @@
+"""What a motion file of this program says of itself before anybody knows its scene."""
+
+from __future__ import annotations
+
+import io
+import os
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothfit.base import npz
+from clothfit.base.arrays import Indices
+from clothfit.base.steady import steady
+
+NAMES = ("positions", "times", "vertex_counts", "triangles")
+
+
+class Described(NamedTuple):
+    """A motion file by its headers, and its small arrays."""
+
+    counts: tuple[int, ...]  # points of each object
+    timed: bool  # whether it has times
+    triangles: Indices | None  # (T, 3), points of all objects, where it has faces
+
+
+NOTHING = Described((0,), True, None)
+
+
+def described(path_or_file: str | os.PathLike[str] | io.BytesIO) -> Described:
+    """What a file says; nothing of one that is not in order, of which whoever reads it tells why."""
+    try:
+        if isinstance(path_or_file, io.BytesIO):
+            found = _told(path_or_file)
+            path_or_file.seek(0)
+            return found
+        if not os.path.isfile(path_or_file):  # a pipe gives what is in it once
+            return NOTHING
+        with steady(path_or_file) as file:
+            return _told(file)
+    except (*npz.FAULTS, KeyError, IndexError, TypeError):
+        return NOTHING
+
+
+def _told(file: IO[bytes]) -> Described:
+    stored = npz.stored(file, NAMES, "positions")
+    total = stored["positions"].shape[1]
+    counts = _whole(stored.get("vertex_counts"), 1)
+    fits = counts is not None and (counts >= 0).all() and counts.sum() == total
+    triangles = _whole(stored.get("triangles"), 2)
+    if triangles is not None and not (triangles.shape[1] == 3 and ((triangles >= 0) & (triangles < total)).all()):
+        triangles = None
+    own = tuple(counts.tolist()) if counts is not None and fits else (total,)
+    return Described(own, "times" in stored, None if triangles is None else triangles.astype(np.int32))
+
+
+def _whole(stored: npz.Stored | None, dimensions: int) -> NDArray[Any] | None:
+    """The whole numbers of an array; None where it holds none, or has not so many dimensions."""
+    if stored is None or stored.dtype.kind not in "iu" or len(stored.shape) != dimensions:
+        return None
+    return stored.read()

@@ -1,0 +1,196 @@
+"""How far a motion is from its target: one number, its derivative, and residuals for least squares.
+
+    G = Σ_k Σ_g w_g C² ρ(a_k |d_kg|² / C²)
+
+over the objectives k asked for (`objectives`) and the groups g of each, with a_k the weight of an objective, which also
+turns its unit into m², w_g that of a group (of a vertex, at a time), and ρ, C the robust loss (`loss`). By default one
+objective, position, and no loss: G = Σ_frames Σ_vertices |s − x*|² over what was observed, m².
+
+As least squares: r = sqrt(w a ρ') d and J = sqrt(w a ρ') ∂d/∂x, so that ∂G/∂x = 2 Jᵀ r, exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags
+from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import meant
+from clothfit.engine.system import System
+from clothfit.objective.loss import Loss
+from clothfit.objective.measures import Maker, Measure
+from clothfit.objective.measures.edge_length import EdgeLength
+from clothfit.objective.measures.position import Position
+from clothfit.objective.measures.spectrum import Spectrum
+from clothfit.objective.measures.velocity import Velocity
+from clothfit.objective.target import Target, accumulate, interpolation, sample
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+NOTHING = np.empty((0, 0, 0))
+
+OBJECTIVES: dict[str, Maker] = {
+    "position": Position,
+    "velocity": Velocity,
+    "edge-length": EdgeLength,
+    "spectrum": Spectrum,
+}
+
+
+def objective_weights(objective: str | Mapping[str, float]) -> dict[str, float]:
+    """The weight of each objective that is asked for, by a name or by names and weights. Raises InvalidInput."""
+    weights = {objective: 1.0} if isinstance(objective, str) else {k: float(a) for k, a in dict(objective).items()}
+    if not weights:
+        raise InvalidInput(f"objective: none is given; use one or more of {', '.join(OBJECTIVES)}")
+    for name, weight in weights.items():
+        if name not in OBJECTIVES:
+            raise InvalidInput(f"objective: there is no {name!r}; use {', '.join(OBJECTIVES)}{meant(name, OBJECTIVES)}")
+        if not 0 < weight < np.inf:
+            raise InvalidInput(f"objective: {name}: a weight of {weight:g} is not possible, above 0 and finite is")
+    return weights
+
+
+class Comparison:
+    """One cloth against one target: what a fit sees of both. T is the number of steps of a motion x (T + 1, n, 3)."""
+
+    def __init__(
+        self,
+        goal: Target,
+        system: System,
+        weights: Mapping[str, float] | None = None,
+        loss: Loss | None = None,
+        name: str = "motion",
+    ) -> None:
+        """`weights` of the objectives (default: position alone), `name` of the motion for messages.
+
+        Raises InvalidMotion where an objective cannot use the motion.
+        """
+        self.goal, self.loss = goal, loss or Loss()
+        self.scales = dict(weights or {"position": 1.0})
+        self.measures: dict[str, Measure] = {k: OBJECTIVES[k](goal, system, name) for k in self.scales}
+        self.last_step = goal.last_step
+        alone = list(self.scales) == ["position"] and self.loss.is_linear
+        self.distances = self.scales["position"] if alone else None  # G is this times the squared distances
+        self._constant: dict[str, csr_array] = {}
+
+    @property
+    def plain(self) -> bool:
+        """Whether G is the sum of squared distances, in m², and nothing else."""
+        return self.distances == 1.0 and not len(self.goal.weights)
+
+    @property
+    def seen(self) -> Flags:
+        """Which vertices (n,) are compared at some time after the initial state."""
+        return np.asarray(np.any([measure.seen for measure in self.measures.values()], axis=0))
+
+    @property
+    def entries(self) -> int:
+        """Number of entries of J, at most."""
+        return sum(3 * measure.groups * measure.reach for measure in self.measures.values())
+
+    @cached_property
+    def total_weight(self) -> float:
+        """What G is divided by for a mean: Σ a_k w_g; the number of observed positions where G is plain."""
+        sums = []
+        for name, measure in self.measures.items():
+            counted = measure.groups if measure.weights is None else float(measure.weights.sum())
+            sums.append(self.scales[name] * counted)
+        return float(sum(sums))
+
+    def cost(self, x: Array) -> float:
+        """G of a motion."""
+        if self.distances is not None:
+            return self.distances * float(accumulate(x, self.goal, NOTHING, 0.0))
+        return self.cost_of(sample(self.goal, x))
+
+    def cost_of(self, s: Array) -> float:
+        """G of the states s (F, n, 3) at the times of the frames."""
+        return float(sum(self._value(name, measure.residual(s)) for name, measure in self.measures.items()))
+
+    def cost_and_derivative(self, x: Array) -> tuple[float, Array]:
+        """G of a motion, and ∂G/∂x (T + 1, n, 3)."""
+        if self.distances is not None:
+            derivative = np.zeros_like(x)
+            value = self.distances * float(accumulate(x, self.goal, derivative, 0.0))
+            return value, derivative if self.distances == 1.0 else self.distances * derivative
+        s = sample(self.goal, x)
+        back: Array = self._interpolation(len(x)).T @ self.derivative_of(s).reshape(len(s), -1)
+        return self.cost_of(s), back.reshape(x.shape)
+
+    def derivative_of(self, s: Array) -> Array:
+        """∂G/∂s (F, n, 3) of the states s at the times of the frames."""
+        by_frame = np.zeros_like(s)
+        for name, measure in self.measures.items():
+            d = measure.residual(s)
+            by_frame += measure.pullback(s, 2.0 * self._factor(name, d)[:, None] * d)
+        return by_frame
+
+    def residual(self, x: Array) -> Array:
+        """r (N,) of a motion: all groups of all objectives, each number with the square root of its factor."""
+        return self.residual_of(sample(self.goal, x))
+
+    def residual_of(self, s: Array) -> Array:
+        """r (N,) of the states s (F, n, 3) at the times of the frames."""
+        parts = []
+        for name, measure in self.measures.items():
+            d = measure.residual(s)
+            parts.append((np.sqrt(self._factor(name, d))[:, None] * d).ravel())
+        return np.concatenate(parts)
+
+    def jacobian(self, x: Array) -> csr_array:
+        """J (N, 3 n (T + 1)) of a motion, columns in the order of x; constant where `residual` is linear in x."""
+        from scipy.sparse import csr_array
+
+        whole = self.jacobian_of(sample(self.goal, x))
+        return csr_array((whole.data, whole.indices, whole.indptr), shape=(whole.shape[0], x.size))
+
+    def jacobian_of(self, s: Array) -> csr_array:
+        """J (N, 3 n (T + 1)), T = `last_step`, of the states s (F, n, 3) at the times of the frames."""
+        from scipy.sparse import csr_array, vstack
+
+        parts = [self._scaled_jacobian(name, s) for name in self.measures]
+        return parts[0] if len(parts) == 1 else csr_array(vstack(parts))
+
+    def _squares(self, name: str, d: Array) -> Array:
+        return np.asarray(self.scales[name] * (d * d).sum(axis=1))
+
+    def _value(self, name: str, d: Array) -> float:
+        """Σ_g w C² ρ of the groups d (R, c) of one objective."""
+        values, weights = self.loss.value(self._squares(name, d)), self.measures[name].weights
+        return float(values.sum() if weights is None else weights @ values)
+
+    def _factor(self, name: str, d: Array) -> Array:
+        """w a ρ' (R,): what the squares of the groups d (R, c) count with."""
+        factor, weights = self.scales[name] * self.loss.slope(self._squares(name, d)), self.measures[name].weights
+        return factor if weights is None else weights * factor
+
+    def _interpolation(self, states: int) -> csr_array:
+        return interpolation(self.goal.step, self.goal.fraction, states)
+
+    def _scaled_jacobian(self, name: str, s: Array) -> csr_array:
+        """The part of J that belongs to one objective, for motions of `last_step` steps."""
+        from scipy.sparse import csr_array
+
+        measure = self.measures[name]
+        jacobian = self._constant.get(name)
+        if jacobian is None:
+            jacobian = self._by_state(measure.jacobian(s))
+            if measure.linear:
+                self._constant[name] = jacobian
+        d = measure.residual(s)
+        factor = np.repeat(np.sqrt(self._factor(name, d)), d.shape[1])
+        values = jacobian.data * np.repeat(factor, np.diff(jacobian.indptr))
+        return csr_array((values, jacobian.indices, jacobian.indptr), shape=jacobian.shape)
+
+    def _by_state(self, by_frame: csr_array) -> csr_array:
+        """∂d/∂x from ∂d/∂s: each column of a frame goes to those of the steps it lies between."""
+        from scipy.sparse import csr_array, eye_array, kron
+
+        coordinates = 3 * self.goal.observed.shape[1]
+        spread = kron(self._interpolation(self.last_step + 1), eye_array(coordinates), format="csr")
+        return csr_array(by_frame @ spread)

@@ -1,0 +1,68 @@
+"""Experiments: targets, each with the scene it was recorded in.
+
+The scenes have the same objects, vertex by vertex and spring by spring; they may hold, place and blow them differently
+and have other time steps. What is fitted is the same everywhere: what the main scene flags.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeAlias
+
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+from clothfit.motion.motion import Motion, as_motion, checked_motion
+from clothfit.scene.scene import Scene
+
+Recorded: TypeAlias = Motion | Array
+"""A motion, or positions (frames, vertices, 3) with one frame per step."""
+
+Targets: TypeAlias = Recorded | tuple[Recorded, Scene] | Sequence[Recorded | tuple[Recorded, Scene]]
+"""One target, alone or with the scene it was recorded in, or a list of such."""
+
+
+class Experiment(NamedTuple):
+    """A target and its scene."""
+
+    motion: Motion  # checked
+    scene: Scene  # the main one, or another with the flags of the main one
+
+
+def experiments(scene: Scene, targets: Targets) -> list[Experiment]:
+    """Each target with its scene, by default the main one, `scene`.
+
+    Raises InvalidMotion when a motion does not fit its scene, InvalidInput when there is none or the objects of a scene
+    are not those of the main one.
+    """
+    listed: Sequence[Any] = [targets]
+    if isinstance(targets, (list, tuple)) and not is_pair(targets):
+        listed = targets
+    if not listed:
+        raise InvalidInput("target: none is given; at least one motion is needed")
+    return [experiment(scene, *(item if is_pair(item) else (item, scene))) for item in listed]
+
+
+def is_pair(item: object) -> bool:
+    """Whether it is a target and its scene."""
+    return isinstance(item, tuple) and len(item) == 2 and isinstance(item[1], Scene)
+
+
+def experiment(main: Scene, motion: Recorded, scene: Scene) -> Experiment:
+    """One target and its scene, checked."""
+    scene = flagged_as(scene, main)
+    return Experiment(checked_motion(motion, scene) if isinstance(motion, Motion) else as_motion(scene, motion), scene)
+
+
+def flagged_as(scene: Scene, main: Scene) -> Scene:
+    """The scene with what `main` flags, so that one fit vector belongs to both. Raises InvalidInput."""
+    if scene is main:
+        return scene
+    sizes = [[(len(c.mass), len(c.stiffness)) for c in one.cloths] for one in (scene, main)]
+    if sizes[0] != sizes[1]:
+        raise InvalidInput(
+            f"{scene.name}: its objects have (vertices, springs) {sizes[0][:8]}, those of {main.name} {sizes[1][:8]}"
+        )
+    pairs = zip(scene.cloths, main.cloths, strict=True)
+    cloths = tuple(replace(own, settings=other.settings, fits=other.fits) for own, other in pairs)
+    return replace(scene, cloths=cloths, fits=main.fits)

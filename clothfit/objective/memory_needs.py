@@ -1,0 +1,100 @@
+"""What the runs of an objective keep in memory, and how that fits into a budget."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base import memory
+from clothfit.base.errors import InvalidInput
+from clothfit.base.memory import Plan, human
+from clothfit.engine.rollout import state_bytes
+from clothfit.engine.step import implicit
+from clothfit.engine.system import System
+from clothfit.motion.motion import Motion
+from clothfit.objective.run import Run
+from clothfit.objective.running_cost import COPIES
+
+WORK = 3000
+"""Bytes of each vertex that a cloth's arrays, its matrix and the vectors of a sweep take, roughly."""
+
+DIRECT = 20_000
+"""Bytes of each vertex that a direct solve takes for a moment (`linear`), on cloths of some thousand vertices."""
+
+COUNTED = 0.85
+"""Part of a budget that is planned for, where not everything fits: the rest is for what is not counted, vectors of
+the parameters, libraries, text.
+"""
+
+
+class Needs(NamedTuple):
+    """The memory of a gradient, in bytes."""
+
+    held: int  # whatever is kept besides: the targets, and what is compared
+    foreseen: int  # in all, with every state
+    budget: int
+    plans: dict[tuple[tuple[int, ...], int], Plan]  # by shape of the state and number of steps
+
+    @property
+    def snapshots(self) -> int | None:
+        """How many are kept of the motion that needs most; None: every state is."""
+        return max((plan.snapshots for plan in self.plans.values() if plan.snapshots), default=None)
+
+    def summary(self) -> dict[str, int | None]:
+        """What scripts read."""
+        return {"foreseen": self.foreseen, "budget": self.budget, "snapshots": self.snapshots}
+
+    def __str__(self) -> str:
+        text = f"foreseen: {human(self.foreseen)} of memory; budget {human(self.budget)}"
+        if self.snapshots is None:
+            return text
+        length = max(plan.length for plan in self.plans.values() if plan.snapshots)
+        return f"{text}: keeps 1 state in {length} and computes the others again"
+
+
+def needs(runs: Sequence[Run], targets: Sequence[Motion], budget: int) -> Needs:
+    """What a gradient of these runs needs, of which one is simulated at a time. Raises InvalidInput when the budget is
+    too small for any plan.
+    """
+    held = sum(motion_bytes(motion) for motion in targets) + sum(run_bytes(run, targets) for run in runs)
+    most, plans = 0, {}
+    for run in runs:
+        steps, state, snapshot = run.steps, state_bytes(run.system), snapshot_bytes(run.system)
+        most = max(most, steps * state)
+        found = memory.plan(steps, state, snapshot, budget - held)
+        if found is None or found.snapshots is not None:
+            room = COUNTED * budget - held - DIRECT * len(run.system.x0)
+            found = memory.plan(steps, state, snapshot, max(room, memory.least(steps, state, snapshot))) or found
+            if found is not None and held + memory.size(found, state, snapshot) > budget:
+                found = None
+        if found is None:
+            least = held + memory.least(steps, state, snapshot)
+            raise InvalidInput(
+                f"memory: {human(budget)} is too little: the targets take {human(held)}, and a fit of {steps} steps of "
+                f"{len(run.system.x0)} vertices needs {human(least)} in all"
+            )
+        plans[run.system.x0.shape, steps] = found
+    return Needs(held, held + most, budget, plans)
+
+
+def snapshot_bytes(system: System) -> int:
+    """A position, a velocity and what the first guesses are made of."""
+    past = implicit.workspace(system).past
+    return 2 * system.x0.nbytes + sum(np.asarray(field).nbytes for field in past)
+
+
+def motion_bytes(motion: Motion) -> int:
+    """The arrays of a target."""
+    return sum(array.nbytes for array in (motion.positions, motion.observed, motion.weights) if array is not None)
+
+
+def run_bytes(run: Run, targets: Sequence[Motion]) -> int:
+    """What a run has of its target for itself, and what it works with besides the states."""
+    goal, motion = run.comparison.goal, targets[run.experiment]
+    given = [array for array in (motion.positions, motion.observed, motion.weights) if array is not None]
+    used = (goal.positions, goal.observed, goal.weights)
+    own = sum(a.nbytes for a in used if not any(np.may_share_memory(a, b) for b in given))
+    copies = 0 if run.comparison.distances is not None else COPIES
+    return own + copies * goal.positions.nbytes + WORK * len(run.system.x0)

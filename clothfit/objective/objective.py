@@ -1,0 +1,291 @@
+"""The cost of a scene's parameters against target motions, with its exact gradient and the tangent of the motion.
+
+One scene, one target is the common case. With several experiments, each a target and the scene it was recorded in, the
+costs add up: the same parameters must explain all of them. Only the cloths that have parameters are simulated. The
+errors of the linear systems enter the gradient directly: solved to 1e-10, as in a fit, it agrees with the derivative of
+the cost to about 1e-8; to 1e-14, as far as rounding allows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags
+from clothfit.base.errors import Diverged
+from clothfit.base.limits import checked_tolerance
+from clothfit.base.memory import Plan, budget
+from clothfit.derivative import adjoint
+from clothfit.derivative.adjoint import Slope, Story
+from clothfit.engine.remedies import NONE, Remedies
+from clothfit.engine.rollout import Rollout
+from clothfit.engine.system import System, build
+from clothfit.engine.tape import Tape
+from clothfit.objective import memory_needs as storage
+from clothfit.objective.comparison import Comparison, objective_weights
+from clothfit.objective.experiment import Experiment, Targets, experiments
+from clothfit.objective.loss import loss_named
+from clothfit.objective.memory_needs import Needs
+from clothfit.objective.run import Run, roll, seen_in, still, tell
+from clothfit.objective.running_cost import Distances, Tally, tally
+from clothfit.objective.target import first_step, target
+from clothfit.scene.block import Block
+from clothfit.scene.fit_vector import (
+    blocks,
+    check_shape,
+    elements,
+    extra_kinds,
+    fitted_cloths,
+    parameters,
+    size,
+    unidentifiable,
+)
+from clothfit.scene.scene import Scene
+
+TIGHT = 1e-14
+"""Tolerance of the linear systems in a fit, relative: their errors enter the gradient directly."""
+
+
+SMALL = 64_000_000
+"""Bytes up to which matrices do not count: a program has as much in its libraries."""
+
+
+class Objective:
+    """G(p) of one scene and one or more targets; the systems and the targets are prepared once."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        motion: Targets,
+        tolerance: float | None = None,
+        frames: int | Sequence[int] | None = None,
+        *,
+        objective: str | Mapping[str, float] = "position",
+        loss: str = "linear",
+        loss_scale: float | None = None,
+        memory: int | str | None = None,
+    ) -> None:
+        """Compare with the frames of `motion` that lie within the first `frames` of the scene (default: all).
+
+        `motion` is a Motion or an array (frames, vertices, 3) with one frame per step; a pair of it and the scene it
+        was recorded in; or a list of these, and `frames` then one number for all or one for each. Another scene must
+        have the same objects, but may hold, place, blow and step them as it likes; what is flagged is said by `scene`.
+
+        `objective` names what is compared, or gives the weight of each that is (`clothfit.objective.comparison`);
+        `loss` and `loss_scale`, in m, say how outliers count (`clothfit.objective.loss`). `memory` is how much may be
+        held (`needs`), in bytes or as "200MB" (default: half of what is free); it changes no result. The arrays of a
+        motion are used as they are, not copied, and must stay so.
+
+        Raises InvalidMotion when a motion does not fit its scene or an objective, InvalidInput for other arguments.
+        """
+        self.scene = scene
+        options: dict[str, Any] = {"objective": objective, "loss": loss, "loss_scale": loss_scale}
+        self.memory = budget(memory)
+        options["memory"] = self.memory
+        self._arguments = (motion, frames, options)
+        self.tolerance = checked_tolerance(tolerance, TIGHT)
+        self.blocks = blocks(scene)
+        self.cloths = fitted_cloths(scene)
+        self.weights = objective_weights(objective)
+        self.loss = loss_named(loss, loss_scale)
+        given = experiments(scene, motion)
+        self._targets = [experiment.motion for experiment in given]
+        ends = list(frames) if isinstance(frames, Sequence) else [frames] * len(given)
+        self.runs = tuple(
+            self._run(number, experiment, cloth, end)
+            for number, (experiment, end) in enumerate(zip(given, ends, strict=True))
+            for cloth in self.cloths
+        )
+
+    def _run(self, number: int, experiment: Experiment, cloth: int, frames: int | None) -> Run:
+        motion, scene = experiment
+        goal = target(motion, cloth, scene.delta, None if frames is None else frames - 1)
+        system = build(scene, cloth)
+        return Run(cloth, scene, system, Comparison(goal, system, self.weights, self.loss, motion.name), number)
+
+    def until(self, frames: int, tolerance: float | None = None) -> Objective:
+        """The same objective over the first `frames` frames of each experiment, solved to another tolerance."""
+        motion, ends, options = self._arguments
+        given = [ends] * (self.runs[-1].experiment + 1) if ends is None or isinstance(ends, int) else ends
+        shorter = [frames if end is None else min(frames, end) for end in given]
+        return Objective(self.scene, motion, tolerance or self.tolerance, shorter, **options)
+
+    @cached_property
+    def still(self) -> float:
+        """G of cloths that stay where they are."""
+        return sum(still(run) for run in self.runs)
+
+    @cached_property
+    def needs(self) -> Needs:
+        """The memory of a gradient. Raises InvalidInput when it cannot do with what may be held."""
+        return storage.needs(self.runs, self._targets, self.memory)
+
+    @property
+    def room(self) -> float:
+        """Bytes that the matrices of a method may take beside the targets."""
+        return max(storage.COUNTED * self.memory - self.needs.held, SMALL)
+
+    @property
+    def first_step(self) -> int:
+        """The first step after the start at which, or before which, anything is seen; 0 where nothing is."""
+        return first_step(run.comparison.goal for run in self.runs)
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of the longest experiment, as far as it is compared."""
+        return max((run.steps for run in self.runs), default=0)
+
+    @property
+    def plain(self) -> bool:
+        """Whether G is the sum of squared distances, in m², and nothing else."""
+        return all(run.comparison.plain for run in self.runs)
+
+    @property
+    def observations(self) -> int:
+        """Number of vertex positions that are compared."""
+        return sum(int(run.comparison.goal.observed.sum()) for run in self.runs)
+
+    @property
+    def frames(self) -> int:
+        """Number of frames that are compared, of all experiments together."""
+        lengths: dict[int, int] = {}
+        for run in self.runs:
+            lengths[run.experiment] = max(lengths.get(run.experiment, 0), len(run.comparison.goal.step))
+        return sum(lengths.values())
+
+    @property
+    def shows_motion(self) -> bool:
+        """Whether anything that can move is compared after the initial state; true where nothing can move."""
+        fixed = [(run.scene.cloths[run.cloth].fixed, run.comparison.seen) for run in self.runs]
+        return any((seen & ~held).any() or held.all() for held, seen in fixed)
+
+    @property
+    def seen(self) -> dict[int, Flags]:
+        """Of each fitted cloth, which vertices (n,) are compared at some time after the initial state, anywhere."""
+        return seen_in(self.runs)
+
+    @property
+    def identifiable(self) -> Flags:
+        """Which entries of the fit vector (P,) at least one of the experiments can reveal."""
+        kept = np.ones(size(self.scene), bool)
+        for block in self.blocks:
+            kept[block.start + np.array(self.unidentifiable(block), int)] = False
+        return kept
+
+    def unidentifiable(self, block: Block) -> list[int]:
+        """The parameters of a block that none of the experiments can reveal, counted within the block."""
+        lost: set[int] | None = None
+        for number in {run.experiment for run in self.runs}:
+            own = [run for run in self.runs if run.experiment == number]
+            hidden = set(unidentifiable(own[0].scene, block, seen_in(own)))
+            lost = hidden if lost is None else lost & hidden
+        return sorted(lost or ())
+
+    def rmse(self, cost: float) -> float:
+        """Root mean square distance, m, of a cost, m²; for other objectives that of what they compare."""
+        return float(np.sqrt(cost / (sum(run.comparison.total_weight for run in self.runs) or 1.0)))
+
+    def position_rmse(self, p: Array) -> float:
+        """Root mean square distance of the observed positions, m, whatever the objective. Raises Diverged."""
+        squares = 0.0
+        for run in self.runs:
+            distances = Distances(run.comparison.goal._replace(weights=np.zeros((0, 0))))
+            self.tell(run, p, distances)
+            squares += distances.value
+        return float(np.sqrt(squares / max(self.observations, 1)))
+
+    def cost(self, p: Array) -> float:
+        """G(p), m². Raises Diverged."""
+        return sum(self.cost_of_run(run, p) for run in self.runs)
+
+    def cost_of(self, cloth: int, p: Array) -> float:
+        """The part of G(p), m², that one fitted cloth contributes. Raises Diverged."""
+        return sum(self.cost_of_run(run, p) for run in self.runs if run.cloth == cloth)
+
+    def cost_of_run(self, run: Run, p: Array) -> float:
+        """The part of G(p), m², that one run contributes. Raises Diverged."""
+        told = tally(run.comparison)
+        self.tell(run, p, told)
+        return told.value
+
+    def cost_or_infinity(self, p: Array, cloth: int | None = None) -> float:
+        """G(p), m², or the part of one fitted cloth; infinite where the simulation diverges or the cost overflows."""
+        try:
+            value = self.cost(p) if cloth is None else self.cost_of(cloth, p)
+        except Diverged:
+            return np.inf
+        return value if np.isfinite(value) else np.inf
+
+    def cost_and_gradient(self, p: Array) -> tuple[float, Array]:
+        """G(p), m², and ∂G/∂p (P,). Raises Diverged."""
+        total, gradient = 0.0, np.zeros(len(check_shape(self.scene, p)))
+        for run in self.runs:
+            told = tally(run.comparison)
+            system, tape = self.tell(run, p, told, plan=self.plan(run))
+            total += told.value
+            self.add_pullback(run, system, tape, told.derivative, gradient)
+        if not np.isfinite(gradient).all():
+            raise Diverged(f"{self.scene.name}: the gradient overflows", 0)
+        return total, gradient
+
+    def tangent(self, p: Array, direction: Array) -> list[Array]:
+        """Change of the positions (T + 1, n, 3) of each run along `direction` (P,) from p. Raises Diverged."""
+        changes = []
+        for run in self.runs:
+            system, tape = self.tell(run, p)
+            along = elements(run.scene, run.cloth, direction, absent=0.0)
+            changes.append(adjoint.tangent(system, tape, along, self.tolerance))
+        return changes
+
+    def pullback(self, p: Array, by_position: Sequence[Array]) -> Array:
+        """The transpose of `tangent` at p: (P,) from one weight (T + 1, n, 3) per run. Raises Diverged."""
+        gradient = np.zeros(len(check_shape(self.scene, p)))
+        for run, weight in zip(self.runs, by_position, strict=True):
+            self.add_pullback(run, *self.tell(run, p, plan=self.plan(run)), weight, gradient)
+        return gradient
+
+    def add_pullback(
+        self, run: Run, system: System, memory: Story, by_position: Array | Slope, gradient: Array
+    ) -> None:
+        """Add to `gradient` (P,) that of a cost with ∂G/∂x = by_position (T + 1, n, 3), along a finished motion."""
+        grad = adjoint.gradient(system, memory, by_position, self.tolerance, extra_kinds(self.scene, run.cloth))
+        for block in self.blocks:
+            if block.cloth in (run.cloth, None):
+                gradient[block.part] += block.reduce(getattr(grad, block.name))
+
+    def remedies(self, p: Array) -> Remedies:
+        """What the steps of the motions of p (P,) need beyond the ordinary. Raises Diverged."""
+        found = NONE
+        for run in self.runs:
+            found = found.together(self.tell(run, p)[1].remedies)
+        return found
+
+    def plan(self, run: Run) -> Plan:
+        """Which states of a run are kept for the way back. Raises InvalidInput where no plan is small enough."""
+        return self.needs.plans[run.system.x0.shape, run.steps]
+
+    def tell(self, run: Run, p: Array, *told: Tally, plan: Plan | None = None) -> tuple[System, Tape]:
+        """Simulate a run with parameters p (P,), as far as it is compared, in the sight of some tallies.
+
+        With a `plan` the motion can be swept back. Raises Diverged.
+        """
+        return tell(run, p, self.tolerance, told, plan)
+
+    def roll(self, run: Run, p: Array) -> tuple[System, Rollout]:
+        """The same with all states kept. Raises Diverged."""
+        return roll(run, p, self.tolerance)
+
+
+def cost_and_gradient(
+    scene: Scene, motion: Targets, tolerance: float | None = None, **options: Any
+) -> tuple[float, Array]:
+    """G, m², of the scene against all frames of `motion`, and its exact derivative (P,) at the scene's parameters.
+
+    `tolerance` is that of the linear systems (default: tight enough for 1e-7 relative in the gradient); `motion` and
+    the options objective, loss, loss_scale as in `Objective`. Raises InvalidMotion when the motion does not fit the
+    scene, Diverged when the simulation does not stay finite.
+    """
+    return Objective(scene, motion, tolerance, **options).cost_and_gradient(parameters(scene))

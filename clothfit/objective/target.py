@@ -1,0 +1,145 @@
+"""Targets: what one cloth should do, at whatever times it was seen.
+
+A frame at time t = (j + φ) h, 0 ≤ φ < 1, is compared with the simulated state at that time, which lies on the straight
+line between the states after steps j and j + 1,
+
+    s = (1 − φ) x_j + φ x_{j+1},
+
+because backward Euler's velocity is constant during a step. Times that are multiples of h but for rounding count as
+multiples; several frames may fall within one step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.errors import InvalidMotion
+from clothfit.kernels.kernel import kernel
+from clothfit.motion.motion import Motion
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+TIME_SLACK = 1e-3
+"""How far from a multiple of the time step a frame may be and still count as the multiple, in steps: time steps are
+float32 in many files.
+"""
+
+MOST_STEPS = 2**31 - 1
+"""Steps are counted in 32 bits."""
+
+
+class Target(NamedTuple):
+    """What one cloth should do: F frames of n vertices."""
+
+    step: Indices  # j (F,), the last step that is not after the frame; 0 is the initial state
+    fraction: Array  # φ (F,), how far into the next step the frame is, 0 … 1
+    positions: Array  # x*, (F, n, 3), m; anything where not observed, of the motion itself where that is possible
+    observed: Flags  # (F, n), seen and of a weight above 0
+    weights: Array  # (F, n), how often each position counts, anything where not observed; (0, 0) where all count once
+
+    @property
+    def places(self) -> Array:
+        """Times of the frames (F,), in steps."""
+        return self.step + self.fraction
+
+    @property
+    def last_step(self) -> int:
+        """Number of steps that must be simulated."""
+        return int((self.step + (self.fraction > 0)).max(initial=0))
+
+    @property
+    def seen(self) -> Flags:
+        """Which vertices (n,) are observed at some time after the initial state."""
+        return np.asarray(self.observed[self.places > 0].any(axis=0))
+
+
+def snapped(places: Array) -> tuple[Indices, Array]:
+    """Split places on a grid, in units of it, into whole ones and fractions; within TIME_SLACK of a whole is whole."""
+    whole = np.rint(places)
+    on_grid = np.abs(places - whole) <= TIME_SLACK
+    below = np.where(on_grid, whole, np.floor(places))
+    return below.astype(np.int32), np.where(on_grid, 0.0, places - below)
+
+
+def frame_places(motion: Motion, delta: float) -> tuple[Indices, Array]:
+    """Step (F,) and fraction (F,) of each frame of a motion, for time step `delta`, s. Raises InvalidMotion."""
+    places = motion.times / delta
+    if places[-1] > MOST_STEPS:
+        frame = len(places) - 1
+        raise InvalidMotion(f"{motion.name}: times[{frame}]: {motion.times[-1]:.6g} s is too many steps away")
+    if places[0] < -TIME_SLACK:
+        raise InvalidMotion(f"{motion.name}: times[0]: {motion.times[0]:.6g} s is before the start, which is at 0 s")
+    return snapped(places)
+
+
+def target(motion: Motion, cloth: int, delta: float, last_step: int | None = None) -> Target:
+    """The part of a motion that concerns one cloth, up to step `last_step`. Raises InvalidMotion as `frame_places`."""
+    step, fraction = frame_places(motion, delta)
+    kept = slice(None if last_step is None else int(np.searchsorted(step + fraction, last_step, side="right")))
+    observed = np.ascontiguousarray(motion.seen(cloth)[kept])
+    weights = motion.weights_of(cloth)
+    if weights is not None:
+        observed = np.ascontiguousarray(observed & (weights[kept] > 0))
+    positions = np.ascontiguousarray(motion.of(cloth)[kept])  # a file's may be in another order: to compile again for
+    counted = np.zeros((0, 0)) if weights is None else np.ascontiguousarray(weights[kept])
+    return Target(step[kept], fraction[kept], positions, observed, counted)
+
+
+def first_step(goals: Iterable[Target]) -> int:
+    """The first step after the start at which, or before which, any target shows anything; 0 where none does."""
+    shown = [goal.places[goal.observed.any(axis=1) & (goal.places > 0)] for goal in goals]
+    return int(np.ceil(min((places[0] for places in shown if places.size), default=0)))
+
+
+def interpolation(step: Indices, fraction: Array, states: int) -> csr_array:
+    """The matrix (F, states) that gives the states at F times from those after the steps."""
+    from scipy.sparse import csr_array
+
+    between = fraction > 0
+    frames = np.arange(len(step))
+    rows = np.concatenate([frames, frames[between]])
+    columns = np.concatenate([step, step[between] + 1])
+    values = np.concatenate([1.0 - fraction, fraction[between]])
+    return csr_array((values, (rows, columns)), shape=(len(step), states))
+
+
+def sample(goal: Target, x: Array) -> Array:
+    """The states (F, n, 3) of a motion x (T + 1, n, 3), T at least `goal.last_step`, at the times of the frames."""
+    return interpolated(x, goal.step, goal.fraction)
+
+
+def interpolated(x: Array, step: Indices, fraction: Array) -> Array:
+    """The arrays (F, …) at places between those of x (T + 1, …)."""
+    if not fraction.any():
+        return x[step]
+    flat: Array = interpolation(step, fraction, len(x)) @ x.reshape(len(x), -1)
+    return flat.reshape(len(step), *x.shape[1:])
+
+
+@kernel
+def accumulate(x, goal, derivative, total):
+    """`total` plus G = Σ w |s − x*|², m², of a motion x (T + 1, n, 3); adds ∂G/∂x to `derivative` unless that is empty.
+    """
+    weighted = len(goal.weights) > 0
+    for frame in range(len(goal.step)):
+        t, fraction = goal.step[frame], goal.fraction[frame]
+        for i in range(x.shape[1]):
+            if goal.observed[frame, i]:
+                weight = goal.weights[frame, i] if weighted else 1.0
+                for c in range(3):
+                    state = x[t, i, c]
+                    if fraction > 0.0:
+                        state = (1.0 - fraction) * state + fraction * x[t + 1, i, c]
+                    gap = state - goal.positions[frame, i, c]
+                    total += weight * gap * gap
+                    if len(derivative) > 0:
+                        slope = 2.0 * weight * gap
+                        derivative[t, i, c] += (1.0 - fraction) * slope
+                        if fraction > 0.0:
+                            derivative[t + 1, i, c] += fraction * slope
+    return total

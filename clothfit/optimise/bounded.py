@@ -1,0 +1,127 @@
+"""Linear least squares with bounds, from its normal equations: the inner problem of both kinds of fit.
+
+    min_δ  δᵀ H δ + 2 gᵀ δ   with   lower ≤ δ ≤ upper
+
+H (Q, Q) may be singular: what it does not determine stays 0, the shortest solution. Bounds are met by projected Newton
+steps: what lies at a bound that the slope presses it against is held, the rest is solved, and the way there is cut by
+the bounds. Every step goes down, so that even where they are cut short the result is no worse than δ = 0. D. P.
+Bertsekas, Projected Newton methods for optimization problems with simple constraints, SIAM Journal on Control and
+Optimization 20, 1982.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags
+
+STEPS = 100
+"""Projected steps; a handful suffices but where many bounds hold of coordinates that are strongly coupled."""
+
+HALVINGS = 40
+"""Of a step that the bounds cut, until it goes down."""
+
+ROUNDS = 20
+"""Of Newton's iteration for the radius."""
+
+SINGULAR = 1e-13
+"""Reciprocal condition below which H counts as singular."""
+
+
+def solve(H: Array, g: Array, lower: Array, upper: Array, radius: float = np.inf) -> Array:
+    """The minimum δ (Q,) within the bounds, and within a ball of this radius about 0 before they cut it."""
+    delta = np.clip(np.zeros(len(g)), lower, upper)
+    held = pressed(H, g, lower, upper, delta)
+    for _ in range(STEPS):
+        free, rest = np.flatnonzero(~held), np.flatnonzero(held)
+        target = delta.copy()
+        target[free] = within(H[np.ix_(free, free)], g[free] + H[np.ix_(free, rest)] @ delta[rest], radius)
+        inside = bool(((target >= lower) & (target <= upper)).all())
+        new = target if inside else downwards(H, g, lower, upper, delta, target)
+        if new is None:
+            break
+        delta, held = new, pressed(H, g, lower, upper, new)
+        if inside and held[rest].all():
+            break
+    return delta
+
+
+def pressed(H: Array, g: Array, lower: Array, upper: Array, delta: Array) -> Flags:
+    """Which coordinates (Q,) lie at a bound and would leave it outwards."""
+    slope = H @ delta + g
+    return np.asarray(((delta <= lower) & (slope >= 0)) | ((delta >= upper) & (slope <= 0)))
+
+
+def downwards(H: Array, g: Array, lower: Array, upper: Array, delta: Array, target: Array) -> Array | None:
+    """The best of the points on the way to `target`, cut by the bounds, among the halvings around the first that is
+    lower; None where none is.
+    """
+    way, value, best = target - delta, float(delta @ (H @ delta + 2.0 * g)), None
+    for k in range(HALVINGS):
+        new = np.clip(delta + 0.5**k * way, lower, upper)
+        reached = float(new @ (H @ new + 2.0 * g))
+        if reached < value:
+            value, best = reached, new
+        elif best is not None:
+            break
+    return best
+
+
+def within(H: Array, g: Array, radius: float = np.inf) -> Array:
+    """The minimum δ within a ball: (H + μ) δ = −g with the μ ≥ 0 that makes |δ| at most the radius, to 1 %."""
+    factor = cholesky(H)
+    if factor is None:
+        return within_singular(H, g, radius)
+    delta = -substitute(factor, g)
+    shift = 0.0
+    for _ in range(ROUNDS):  # Newton's iteration on 1/|δ|, which is nearly linear in μ
+        length = float(np.linalg.norm(delta))
+        if length <= 1.01 * radius:
+            break
+        change = -substitute(factor, delta)
+        shift += length**2 / -float(delta @ change) * (length - radius) / radius
+        factor = shifted(H, shift)
+        delta = -substitute(factor, g)
+    return delta
+
+
+def cholesky(H: Array) -> Array | None:
+    """The Cholesky factor (Q, Q), lower; None where H is singular or not positive definite."""
+    from scipy.linalg import lapack
+
+    lower, fault = lapack.dpotrf(H, lower=1, clean=1)
+    if fault or not len(H):
+        return None
+    condition, _ = lapack.dpocon(lower, float(np.abs(H).sum(axis=0).max()), uplo="L")
+    return lower if condition > SINGULAR else None
+
+
+def shifted(H: Array, shift: float) -> Array:
+    """The Cholesky factor of H + shift, which is positive definite where H is."""
+    from scipy.linalg import lapack
+
+    return np.asarray(lapack.dpotrf(H + shift * np.eye(len(H)), lower=1, clean=1)[0])
+
+
+def substitute(factor: Array, g: Array) -> Array:
+    """(L Lᵀ)⁻¹ g."""
+    from scipy.linalg import lapack
+
+    return np.asarray(lapack.dpotrs(factor, g, lower=1)[0])
+
+
+def within_singular(H: Array, g: Array, radius: float) -> Array:
+    """As `within`, for an H that does not determine everything: by its eigenvalues, without those that are rounding."""
+    if not len(H):
+        return np.zeros(0)
+    values, vectors = np.linalg.eigh(H)
+    seen = values > SINGULAR * values[-1]
+    values, vectors = values[seen], vectors[:, seen]
+    along = vectors.T @ g
+    if np.linalg.norm(along / values) <= radius:
+        return np.asarray(-vectors @ (along / values))
+    low, high = 0.0, float(np.linalg.norm(g)) / radius
+    while high > 1.01 * low:
+        shift = np.sqrt(low * high) if low > 0 else 1e-3 * high
+        low, high = (shift, high) if np.linalg.norm(along / (values + shift)) > radius else (low, shift)
+    return np.asarray(-vectors @ (along / (values + high)))

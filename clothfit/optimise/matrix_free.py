@@ -1,0 +1,149 @@
+"""The trajectory fit of many parameters on a large cloth, where no matrix of the fit is ever formed.
+
+SciPy's trust-region reflective method (`least_squares`) asks for products of the Jacobian with vectors: J z is a
+tangent sweep along the motion, Jᵀ r an adjoint sweep, each about as dear as a simulation. Its inner solver, LSMR, takes
+some dozens of them for a step. The prior keeps one width here, since learning it needs the matrix. D. Fong, M.
+Saunders, LSMR: an iterative algorithm for sparse least-squares problems, SIAM Journal on Scientific Computing 33, 2011.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.base.errors import Diverged
+from clothfit.derivative import adjoint
+from clothfit.objective.running_cost import Measured, tally
+from clothfit.optimise.prior import Prior, variance
+from clothfit.optimise.trajectory import ENTRY, Trajectory
+from clothfit.scene.fit_vector import elements
+
+if TYPE_CHECKING:
+    from scipy.sparse.linalg import LinearOperator
+
+WIDTH = 1.0
+"""τ of a prior that would be learned: a factor e."""
+
+ROUNDS = 3
+"""Restarts with the variance of the residuals that is left."""
+
+EVALUATIONS = 40
+"""Of the residuals, in each round."""
+
+SETTLED = 1e-4
+"""Relative reduction of the cost by a round that ends the fit."""
+
+LEAST, ROUGH = 1e-10, 1e-3
+"""The same by a step that ends a round; and where only a part of the frames is fitted."""
+
+FAR = 1e6
+"""Residual where the simulation diverges, relative to the largest met: the step is taken back."""
+
+
+VECTORS = 12
+"""Arrays of the size of the residuals that the method works with."""
+
+
+def fits(part: Trajectory) -> bool:
+    """Whether the method fits into what the objective may hold."""
+    entries = sum(run.comparison.entries for run in part.objective.runs)
+    moves = sum((run.steps + 1) * run.system.x0.nbytes for run in part.objective.runs)
+    return 8 * VECTORS * part.residuals() + ENTRY * entries + 3 * moves <= part.objective.room
+
+
+def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Array, str]:
+    """Go down from y (Q,); returns the last point and "converged", "stalled" or "limit"."""
+    from scipy.optimize import least_squares
+
+    solve: Any = least_squares
+    bounds = (part.problem().lower, part.problem().upper)
+    status = "limit"
+    for _ in range(ROUNDS if whole else 1):
+        residuals = Residuals(part, prior, y)
+        before = float(residuals(y) @ residuals(y))
+        found = solve(
+            residuals, np.clip(y, *bounds), residuals.jacobian, bounds=bounds, method="trf", tr_solver="lsmr",
+            max_nfev=EVALUATIONS if whole else EVALUATIONS // 4,
+            ftol=LEAST if whole else ROUGH, xtol=1e-10, gtol=None,
+        )  # fmt: skip
+        y = found.x
+        if whole:
+            part.search.visit(part.search.parameters(y))
+        if 2.0 * found.cost > (1.0 - SETTLED) * before:
+            return y, "converged" if found.status > 0 else "limit"
+        status = "converged" if found.status > 0 else "limit"
+    return y, status
+
+
+class Residuals:
+    """The residuals of a trajectory, those of the prior below them, and products with their derivative."""
+
+    def __init__(self, part: Trajectory, prior: Prior, y: Array) -> None:
+        """`y` (Q,) is where the variance of the residuals is taken, which weighs the prior."""
+        self.part, self.prior = part, prior
+        cost = part.cost(y)
+        sigma = np.sqrt(variance(cost if np.isfinite(cost) else 0.0, part.residuals(), 0.0))
+        widths = [WIDTH if prior.learns else tau for tau in prior.tau]
+        self.weights = [sigma / tau for tau in widths]
+        self.worst, self.count = 0.0, 0
+
+    def __call__(self, y: Array) -> Array:
+        """r (N + …,) at y (Q,)."""
+        self.part.search.spend()
+        p = self.part.search.parameters(y)
+        objective = self.part.objective
+        try:
+            told = [(run, tally(run.comparison), Measured(run.comparison)) for run in objective.runs]
+            for run, cost, states in told:
+                objective.tell(run, p, cost, states)
+        except Diverged:
+            return np.full(self.count, FAR * self.worst)
+        self.part.remember(p, sum(cost.value for _, cost, _ in told))
+        self.part.search.tell()
+        parts = [run.comparison.residual_of(states.states) for run, _, states in told]
+        below = [w * self.prior.deviation(y, g) for w, g in zip(self.weights, self.prior.groups, strict=True)]
+        r = np.concatenate([*parts, *below])
+        self.count, self.worst = len(r), max(self.worst, float(np.abs(r).max(initial=0.0)))
+        return r
+
+    def jacobian(self, y: Array) -> LinearOperator:
+        """∂r/∂y at y (Q,), as an operator."""
+        from scipy.sparse.linalg import LinearOperator
+
+        part, search = self.part, self.part.search
+        p, objective = search.parameters(y), part.objective
+        factor = search.coordinates.slope(p)
+        passed = [(run, Measured(run.comparison)) for run in objective.runs]
+        rolled = [(run, *objective.tell(run, p, told, plan=objective.plan(run))) for run, told in passed]
+        by_position = [run.comparison.jacobian_of(told.states) for run, told in passed]
+        groups = list(zip(self.weights, self.prior.groups, strict=True))
+
+        def forward(z: Array) -> Array:
+            direction = np.zeros(len(p))
+            direction[part.fitted] = z.reshape(-1)
+            direction *= factor
+            above = []
+            for (run, system, memory), B in zip(rolled, by_position, strict=True):
+                along = elements(run.scene, run.cloth, direction, absent=0.0)
+                above.append(B @ adjoint.tangent(system, memory, along, objective.tolerance).reshape(-1))
+            return np.concatenate([*above, *(w * self.spread(z.reshape(-1)[g]) for w, g in groups)])
+
+        def back(r: Array) -> Array:
+            gradient, out, start = np.zeros(len(p)), np.zeros(part.size), 0
+            for (run, system, memory), B in zip(rolled, by_position, strict=True):
+                weight = (B.T @ r[start : start + B.shape[0]]).reshape(-1, *system.x0.shape)
+                start += B.shape[0]
+                objective.add_pullback(run, system, memory, weight, gradient)
+            out += (gradient * factor)[part.fitted]
+            for w, g in groups:
+                out[g] += w * self.spread(r[start : start + len(g)])
+                start += len(g)
+            return out
+
+        return LinearOperator((self.count, part.size), matvec=forward, rmatvec=back, dtype=np.float64)
+
+    def spread(self, z: Array) -> Array:
+        """P z of one group of the prior."""
+        return np.asarray(z - z.mean() if self.prior.learns else z)

@@ -1,0 +1,188 @@
+"""The momentum fit: masses and stiffnesses straight from the balance of momentum along the target motion.
+
+All `balances` together are one sparse linear least-squares problem,
+
+    min_p Σ_t Σ_i |r_ti(p₀) − C_ti (p − p₀)|² / m_i²,      lower ≤ p ≤ upper,
+
+without a starting point's luck and without a simulation. Directions that the balances do not determine (masses and
+stiffnesses by a common factor where nothing else acts) keep their part of p₀.
+
+Noise: an error of a position enters three balances, with weights 1, −2, 1 over h². Summing the balances twice over time
+undoes that: row t then compares where the forces so far carry the vertex with where it is, and the errors
+of different rows are independent again, which is how least squares weighs right. What is left is the noise within the
+forces, lessened by smoothing the target over a few frames. Which treatment is best is for the motion to say: see
+`TREATMENTS`. Reference for equation-error estimation: L. Ljung, System Identification, 1999, chapter 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.derivative.columns import columns
+from clothfit.derivative.sensitivity import Columns
+from clothfit.engine.system import EXPLICIT
+from clothfit.objective.objective import Objective
+from clothfit.objective.run import Run
+from clothfit.optimise import bounded
+from clothfit.optimise.balances import balances, matrix, smoothed, summed_twice, track
+from clothfit.scene.block import Block
+from clothfit.scene.fit_vector import bounds
+from clothfit.scene.kinds import LETTERED
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+DENSE = 6000
+"""Parameters up to which the normal equations are a dense matrix."""
+
+
+ENTRY = 100
+"""Bytes for each number in the balances, in all the forms that it takes on the way to a matrix."""
+
+
+class Treatment(NamedTuple):
+    """What is done to the target and to the balances against noise."""
+
+    frames: int  # over which the target is smoothed, odd
+    summed: bool  # whether the balances are summed twice over time
+
+
+TREATMENTS = (
+    Treatment(1, False),
+    Treatment(1, True),
+    Treatment(7, True),
+    Treatment(15, True),
+    Treatment(7, False),
+    Treatment(15, False),
+)
+"""From exact targets to very noisy ones."""
+
+
+def fit(objective: Objective, p: Array, fitted: Flags, treatment: Treatment = TREATMENTS[0]) -> Array:
+    """Fit the masses and stiffnesses among the parameters p (P,) that are `fitted` (P,); the rest stays.
+
+    What no complete balance tells of stays as well: everything, where the target has no three successive steps.
+    """
+    lower, upper = bounds(objective.scene)
+    found = p.copy()
+    for cloth in objective.cloths:
+        own = [block for block in objective.blocks if block.cloth == cloth and block.name in LETTERED]
+        places = np.concatenate([np.arange(b.start, b.start + b.count) for b in own] or [np.zeros(0, int)])
+        places = places[fitted[places]]
+        if not len(places):
+            continue
+        column = np.full(len(p), -1, np.int32)
+        column[places] = np.arange(len(places))
+        parts = [rows_of(objective, run, p, own, column, treatment) for run in objective.runs if run.cloth == cloth]
+        found[places] = solve(*stacked(parts), p[places], lower[places], upper[places])
+    return found
+
+
+def fits(objective: Objective) -> bool:
+    """Whether the balances fit into what an objective may hold."""
+    sizes = (
+        (run.steps * (3 * len(run.system.x0) + 6 * len(run.system.springs.rest)) for run in group)
+        for group in ([run for run in objective.runs if run.cloth == cloth] for cloth in objective.cloths)
+    )
+    return ENTRY * max((sum(each) for each in sizes), default=0) <= objective.room
+
+
+def information(
+    objective: Objective, p: Array, fitted: Flags, factor: Array
+) -> tuple[Array, Array, float, int] | None:
+    """H = CᵀC and g = −Cᵀr (Q,) of the balances at p (P,), by the parameters that are `fitted`, times `factor` (P,);
+    their sum of squares and number. None unless every free vertex is seen at every step and only masses and
+    stiffnesses are fitted: then a direction that the balances do not show leaves the motion as it is, and only then.
+    """
+    kinds = {block.name for block in objective.blocks if fitted[block.part].any()}
+    if not (fits(objective) and objective.plain and kinds <= set(LETTERED)) or int(fitted.sum()) > DENSE:
+        return None
+    places = np.flatnonzero(fitted)
+    H, g, squares, count = np.zeros((len(places),) * 2), np.zeros(len(places)), 0.0, 0
+    for run in objective.runs:
+        own = [block for block in objective.blocks if block.cloth == run.cloth]
+        column = np.full(len(p), -1, np.int32)
+        for block in own:
+            column[block.part] = np.where(fitted[block.part], (np.cumsum(fitted) - 1)[block.part], -1)
+        C, r = rows_of(objective, run, p, own, column, TREATMENTS[0], len(places))
+        steps = run.steps - (1 if run.system.method == EXPLICIT else 0)
+        if len(r) < 3 * steps * int(run.system.vertex.free.sum()):
+            return None
+        scaled = C.multiply(factor[places][None, :]).tocsr()
+        H += (scaled.T @ scaled).toarray()
+        g -= scaled.T @ r
+        squares, count = squares + float(r @ r), count + len(r)
+    return H, g, squares, count
+
+
+def rows_of(
+    objective: Objective,
+    run: Run,
+    p: Array,
+    own: Sequence[Block],
+    column: Indices,
+    treatment: Treatment,
+    width: int | None = None,
+) -> tuple[csr_array, Array]:
+    """C (N, Q) and r (N,) of one run, by the parameters of its masses and stiffnesses; Q is `width`, or as many as
+    `column` (P,) has.
+    """
+    system = run.changed(p)
+    seen = track(run.comparison.goal, system)
+    rows = balances(system, smoothed(seen, system.x0, treatment.frames) if treatment.frames > 1 else seen)
+    C, r = matrix(summed_twice(rows) if treatment.summed else rows, system)
+    wanted = columns(system, own, column, np.ones(len(p)), width or int(column.max()) + 1)
+    return C @ spread(wanted), r
+
+
+def spread(wanted: Columns) -> csr_array:
+    """∂(masses, stiffnesses)/∂parameters (n + S, Q)."""
+    from scipy.sparse import csr_array
+
+    column = np.concatenate([wanted.mass.column, wanted.stiffness.column])
+    factor = np.concatenate([wanted.mass.factor, wanted.stiffness.factor])
+    moved = np.flatnonzero(column >= 0)
+    return csr_array((factor[moved], (moved, column[moved])), shape=(len(column), wanted.width))
+
+
+def stacked(parts: Sequence[tuple[csr_array, Array]]) -> tuple[csr_array, Array]:
+    """The rows of several runs, one below the other."""
+    from scipy.sparse import csr_array, vstack
+
+    return csr_array(vstack([C for C, _ in parts])), np.concatenate([r for _, r in parts])
+
+
+def iterated(scaled: csr_array, r: Array) -> Array:
+    """The least-squares solution q (Q,) of scaled q = r by LSMR, for problems too large for a dense matrix."""
+    from scipy.sparse.linalg import lsmr
+
+    q, *_ = lsmr(scaled, r, atol=1e-15, btol=1e-15, conlim=0.0, maxiter=4000)
+    return np.asarray(q)
+
+
+def solve(C: csr_array, r: Array, p: Array, lower: Array, upper: Array) -> Array:
+    """The parameters (Q,) within the bounds that make r − C (q − p) least, from p (Q,); C (N, Q).
+
+    What the rows do not determine stays as it is in p. Two rounds of refinement with the rows themselves undo what
+    squaring the matrix costs.
+    """
+    from scipy.sparse import diags_array
+
+    size = np.sqrt(np.asarray(C.multiply(C).sum(axis=0)).reshape(-1))
+    told = size > 0
+    scale = np.where(told, size, 1.0)
+    scaled = C @ diags_array(1.0 / scale)
+    low, high = (lower - p) * scale, (upper - p) * scale
+    if len(p) > DENSE:
+        q = iterated(scaled, r)
+        return np.asarray(np.where(told, np.clip(p + q / scale, lower, upper), p))
+    H = (scaled.T @ scaled).toarray()
+    q = np.zeros(len(p))
+    for _ in range(3):
+        g = -(scaled.T @ (r - scaled @ q))
+        q = q + bounded.solve(H, g, low - q, high - q)
+    return np.asarray(np.where(told, np.clip(p + q / scale, lower, upper), p))

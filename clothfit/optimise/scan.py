@@ -1,0 +1,171 @@
+"""The global minimum of a fit of few values: a dense scan over the bounds, then a descent from its best points.
+
+One value for a whole cloth has a cost with many minima, above all in wind. Cloths do not touch, so each is scanned
+alone: 400 values between the bounds, equally spaced in the logarithm, for masses or stiffnesses; for both a grid of 20
+by 20. Costs add up over the frames, so a motion whose first frames already cost more than the best whole motion is not
+followed further: most of the scan simulates little. A coarse scan goes first, to find a good one soon. Of large cloths
+only the first frames are looked at, around the start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise, product
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.base.memory import Plan
+from clothfit.engine.rollout import Rollout
+from clothfit.engine.tape import Tape
+from clothfit.objective.comparison import Comparison
+from clothfit.objective.objective import Objective
+from clothfit.objective.running_cost import Measured, Tally, tally
+from clothfit.scene.block import Block
+from clothfit.scene.kinds import LETTERED
+
+POINTS = {1: 400, 2: 20}
+"""Along each axis, by the number of values."""
+
+COARSE = 5
+"""Every so many points along each axis belong to the coarse scan."""
+
+LOOKS = 12
+"""How often a motion's cost is looked at on its way."""
+
+LARGE = 400
+"""Vertices of a cloth whose steps are dear. Of such a one only the first frames are looked at, `STATES` vertices times
+frames and no fewer than `FIRST`, at `SOME` points by the number of values, within a factor of `REACH` of the start.
+"""
+
+STATES, FIRST, SOME, REACH = 60_000, 20, {1: 60, 2: 11}, 100.0
+
+LOOSE = 3e-4
+"""Tolerance of the linear systems, relative."""
+
+KEPT, FEW = 4, 2
+"""Local minima of the scan that are followed down; of a large cloth."""
+
+CLOSE = 1.1
+"""… if their cost is within this factor of the lowest."""
+
+Point = tuple[int, ...]
+Bracket = tuple[float, float, float]
+
+
+def scannable(objective: Objective, cloth: int) -> list[Block]:
+    """The blocks of a cloth that a scan finds: one value of masses, of stiffnesses, or of both."""
+    own = [block for block in objective.blocks if block.cloth == cloth and block.name in LETTERED]
+    fitted = objective.identifiable
+    return own if own and all(block.mode == "G" and fitted[block.start] for block in own) else []
+
+
+def scan(objective: Objective, cloth: int, p: Array) -> list[list[Bracket]]:
+    """The best points of a scan over the values of one cloth, best first, the others as in p (P,): for each of its
+    blocks the value between those on the grid.
+    """
+    own = scannable(objective, cloth)
+    axes = [axis_of(block, p[block.start], len(own), is_large(objective, cloth)) for block in own]
+    course = Course(beginning(objective) if is_large(objective, cloth) else objective, cloth)
+    costs: dict[Point, float] = {}
+    best = np.inf
+    for point in coarse_first([len(axis) for axis in axes]):
+        q = p.copy()
+        q[[block.start for block in own]] = [axis[i] for axis, i in zip(axes, point, strict=True)]
+        costs[point] = course.cost(q, CLOSE * best)
+        best = min(best, costs[point])
+    lowest = sorted((cost, point) for point, cost in costs.items() if np.isfinite(cost) and is_minimum(costs, point))
+    most = FEW if is_large(objective, cloth) else KEPT
+    kept = [point for cost, point in lowest[:most] if cost <= CLOSE * best]
+    return [[brackets(axis, i) for axis, i in zip(axes, point, strict=True)] for point in kept]
+
+
+def is_large(objective: Objective, cloth: int) -> bool:
+    """Whether a cloth's steps are dear."""
+    return objective.scene.vertex_counts[cloth] >= LARGE
+
+
+def axis_of(block: Block, value: float, count: int, large: bool) -> Array:
+    """The values of a block that a scan of so many values tries."""
+    lower, upper = block.kind.lower, block.kind.upper
+    if not large:
+        return np.geomspace(lower, upper, POINTS[count])
+    middle = min(max(value, lower), upper)
+    return np.geomspace(max(lower, middle / REACH), min(upper, middle * REACH), SOME[count])
+
+
+def beginning(objective: Objective) -> Objective:
+    """The objective over the first frames, of which something shows; a spectrum needs all."""
+    if "spectrum" in objective.weights:
+        return objective
+    frames = STATES // max(objective.scene.vertex_counts)
+    return objective.until(objective.first_step + max(frames, FIRST))
+
+
+def brackets(axis: Array, i: int) -> Bracket:
+    """A value of an axis between its neighbours."""
+    return float(axis[max(i - 1, 0)]), float(axis[i]), float(axis[min(i + 1, len(axis) - 1)])
+
+
+def coarse_first(lengths: Sequence[int]) -> list[Point]:
+    """All points of a grid, those of a coarser one first.
+
+    Both in a random order: along the grid many a motion would be the best so far, and be followed to its end.
+    """
+    points = list(product(*map(range, lengths)))
+    shuffled = [points[i] for i in np.random.default_rng(0).permutation(len(points))]
+    return sorted(shuffled, key=lambda point: any(i % COARSE for i in point))
+
+
+class Course:
+    """The cost of one cloth of an objective on its way through the frames."""
+
+    def __init__(self, objective: Objective, cloth: int) -> None:
+        adds = "spectrum" not in objective.weights  # a spectrum's cost is not a sum over frames
+        ends = {round(objective.steps * (i + 1) / LOOKS) for i in range(LOOKS)} if adds else set()
+        parts = [objective.until(end + 1) for end in sorted(ends | {objective.steps})]
+        self.objective, self.plan = objective, Plan(max(1, -(-objective.steps // LOOKS)))
+        self.legs = [
+            (run, {part.runs[i].comparison.last_step: part.runs[i].comparison for part in parts})
+            for i, run in enumerate(objective.runs)
+            if run.cloth == cloth
+        ]
+
+    def cost(self, p: Array, most: float) -> float:
+        """The cost at p (P,); infinite where it is above `most` before the end, or the simulation diverges."""
+        total = 0.0
+        for run, shorter in self.legs:
+            tape, told = Tape(run.changed(p), run.steps, LOOSE, self.plan), tally(run.comparison)
+            for part in pieces(tape, shorter):
+                told.see(part)
+                step = part.first + part.steps
+                if step < run.steps and costs_more(shorter, step, told, most - total):
+                    return np.inf
+            if tape.good < tape.steps:
+                return np.inf
+            total += told.value
+        return total
+
+
+def pieces(tape: Tape, ends: Mapping[int, Comparison]) -> Iterator[Rollout]:
+    """The parts of a motion, none reaching beyond one of the steps in `ends`."""
+    for part in tape.forward():
+        last = part.first + part.steps
+        cuts = [part.first, *(end for end in sorted(ends) if part.first < end < last), last]
+        for begin, end in pairwise(cuts):
+            yield part.part(begin - part.first, end - part.first)
+
+
+def costs_more(shorter: Mapping[int, Comparison], step: int, told: Tally, most: float) -> bool:
+    """Whether what was told up to a step costs more than `most` in the comparison of so many steps."""
+    if step not in shorter:
+        return False
+    if isinstance(told, Measured):
+        return shorter[step].cost_of(told.states[: len(shorter[step].goal.step)]) > most
+    return told.value > most
+
+
+def is_minimum(costs: dict[Point, float], point: Point) -> bool:
+    """Whether no neighbour on the grid costs less."""
+    around = product(*((i - 1, i, i + 1) for i in point))
+    return all(costs.get(other, np.inf) >= costs[point] for other in around)

@@ -1,0 +1,210 @@
+"""The trajectory fit: the cost of whole motions as the problem that Gauss–Newton solves.
+
+Few parameters or small cloths: the sensitivity of each motion to all of them, dense, summed into the normal equations
+(`normal`). Many parameters on large cloths: the Jacobian is never formed; SciPy's trust-region method asks for its
+products with vectors, each a tangent or an adjoint sweep along the motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.derivative.columns import columns
+from clothfit.derivative.sensitivity import DENSE, FEW, sweep, tangents
+from clothfit.objective.objective import Objective
+from clothfit.objective.run import Run
+from clothfit.objective.running_cost import Measured, tally
+from clothfit.objective.running_residuals import Passing
+from clothfit.optimise import gauss_newton
+from clothfit.optimise import normal_equations as normal
+from clothfit.optimise.prior import Prior, first
+from clothfit.optimise.search import Search
+
+LARGEST = 3e12
+"""Operations of one dense model, about a minute, above which the matrix-free method takes over."""
+
+MATRICES, CHUNKS = 8, 3
+"""Arrays (Q, Q), and parts of the sensitivity (`normal.chunk_steps`), that a step of Gauss–Newton works with."""
+
+ENTRY = 60
+"""Bytes for each entry of a sparse matrix while it is made: its value and its place, in the forms they go through."""
+
+FABRIC = ("mass", "stiffness", "rest")
+"""Kinds whose values scatter around a fabric's."""
+
+
+class Trajectory:
+    """An objective in the coordinates y (Q,) of the parameters that a search fits."""
+
+    def __init__(self, search: Search, objective: Objective) -> None:
+        """`objective` is that of the search, or the same over fewer frames."""
+        self.search, self.objective, self.fitted = search, objective, search.fitted
+
+    @property
+    def size(self) -> int:
+        """Q."""
+        return int(self.fitted.sum())
+
+    def y(self, p: Array) -> Array:
+        """Coordinates (Q,) of parameters (P,)."""
+        return self.search.coordinates.y(p)[self.fitted]
+
+    def parameters(self, y: Array) -> Array:
+        """Parameters (P,) at coordinates y (Q,)."""
+        return self.search.parameters(y)
+
+    def columns(self, p: Array) -> tuple[Indices, Array]:
+        """Which coordinate moves each parameter (P,), −1 for none, and how much at p (P,)."""
+        return np.where(self.fitted, np.cumsum(self.fitted) - 1, -1), self.search.coordinates.slope(p)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Ends (Q,) of the coordinates."""
+        ends = self.search.coordinates
+        return ends.lower[self.fitted], ends.upper[self.fitted]
+
+    def accepted(self, state: gauss_newton.State, model: gauss_newton.Model) -> None:
+        """Make the point of a model the best one of the search. Raises Stop when the error is small enough."""
+        if self.search.prior:
+            self.search.prior = replace(self.search.prior, tau=state.tau)
+        self.search.settle(self.parameters(model.y), model.cost)
+
+    def passed(self, state: gauss_newton.State, model: gauss_newton.Model) -> None:
+        """Tell of an iteration on fewer frames."""
+        self.search.advance(self.parameters(model.y), self.objective.rmse(model.cost))
+        self.search.tell()
+
+    def problem(
+        self, least: float = 0.0, patience: gauss_newton.Patience = gauss_newton.PATIENT
+    ) -> gauss_newton.Problem:
+        """What Gauss–Newton minimises, until a step would save less than the fraction `least` of the cost."""
+        return gauss_newton.Problem(self.model, self.cost, *self.bounds, self.residuals(), least, patience)
+
+    def cost(self, y: Array) -> float:
+        """The cost at y; infinite where the simulation diverges. Raises Stop as a visit of the search does."""
+        p = self.parameters(y)
+        cost = self.search.measure(p, self.objective)
+        self.remember(p, cost)
+        return cost
+
+    def remember(self, p: Array, cost: float) -> None:
+        """Make parameters (P,) of that cost the best point where they are: of all frames, and of the cost alone; with a
+        prior the lowest cost need not be what is looked for.
+        """
+        believed = self.search.prior is not None and bool(np.isfinite(self.search.prior.tau).any())
+        if self.objective is self.search.objective and not believed and cost < self.search.best_cost:
+            self.search.settle(p, cost)
+
+    def residuals(self) -> int:
+        """Number of residuals that a parameter can change."""
+        return sum(residual_count(run) for run in self.objective.runs)
+
+    def model(self, y: Array) -> gauss_newton.Model:
+        """The cost near y: its residuals, linear in the coordinates. Raises Diverged."""
+        self.search.spend()
+        p = self.parameters(y)
+        column, factor = self.columns(p)
+        H, g, cost = np.zeros((self.size, self.size)), np.zeros(self.size), 0.0
+        for run in self.objective.runs:
+            acting = np.where(self.acts(run), column, -1)
+            own, place = np.unique(acting[acting >= 0], return_inverse=True)
+            if not len(own):
+                cost += self.objective.cost_of_run(run, p)
+                continue
+            local = np.full(len(p), -1, np.int32)
+            local[acting >= 0] = place
+            part, slope, value = run_model(run, self.objective, p, local, factor)
+            H[np.ix_(own, own)] += part
+            g[own] += slope
+            cost += value
+        return gauss_newton.Model(y, cost, H, g)
+
+    def acts(self, run: Run) -> Flags:
+        """Which parameters (P,) act in a run."""
+        acts = np.zeros(len(self.fitted), bool)
+        for block in self.objective.blocks:
+            acts[block.part] = block.cloth in (run.cloth, None)
+        return acts
+
+    def operations(self) -> float:
+        """Operations of one dense model, roughly."""
+        total = 0.0
+        for run in self.objective.runs:
+            rows, count = 3.0 * run.system.vertex.free.sum(), float((self.acts(run) & self.fitted).sum())
+            solve = rows * (rows if rows <= DENSE else 40.0 * np.sqrt(rows)) * count
+            total += run.steps * (2.0 * solve + rows * count**2)
+        return total
+
+    def fits(self) -> bool:
+        """Whether the dense model fits into what the objective may hold."""
+        needed = 8 * MATRICES * self.size**2
+        for run in self.objective.runs:
+            wide = 3 * int(run.system.vertex.free.sum()) * int((self.acts(run) & self.fitted).sum())
+            steps = 1 + min(normal.chunk_steps(wide), run.steps)
+            needed += 8 * CHUNKS * steps * wide + (0 if run.comparison.distances is not None else matrix_bytes(run))
+        return needed <= self.objective.room
+
+    def prior(self, centre: Array, tau: float | None) -> Prior:
+        """The belief that values scatter around the coordinates `centre` (Q,), by τ, which is learned where None."""
+        place = np.cumsum(self.fitted) - 1
+        groups = []
+        for block in self.objective.blocks:
+            own = np.flatnonzero(self.fitted[block.part]) + block.start
+            if (block.mode == "L" and block.name in FABRIC) or tau is not None:
+                groups.append(place[own])
+        return first(centre, [group for group in groups if len(group)], tau)
+
+
+def residual_count(run: Run) -> int:
+    """Residuals of a run that are not of the initial state or of fixed vertices."""
+    if run.comparison.distances is not None:
+        return 3 * int(passing(run).movable.sum())
+    x = np.broadcast_to(run.system.x0, (run.steps + 1, *run.system.x0.shape))
+    touched = run.comparison.jacobian(np.array(x))[:, free_columns(run)]
+    return int((np.diff(touched.indptr) > 0).sum())
+
+
+def matrix_bytes(run: Run) -> int:
+    """Bytes of ∂r/∂x of a run as a sparse matrix, while it is made, roughly."""
+    return ENTRY * int(run.comparison.entries)
+
+
+def passing(run: Run) -> Passing:
+    """The residuals of a run that compares squared distances."""
+    return Passing(run.comparison.goal, run.system.vertex.free, run.comparison.distances or 1.0)
+
+
+def free_columns(run: Run) -> NDArray[np.intp]:
+    """Places of the coordinates of the free vertices, after every step, in x (T + 1, n, 3)."""
+    free = np.repeat(run.system.vertex.free, 3)
+    steps = run.steps
+    every = np.arange(1, steps + 1)[:, None] * len(free) + np.flatnonzero(free)
+    return every.reshape(-1)
+
+
+def run_model(
+    run: Run, objective: Objective, p: Array, column: Indices, factor: Array
+) -> tuple[Array, Array, float]:
+    """H, g and the cost of one run at p (P,), by the columns of `column` (P,), with derivatives multiplied by `factor`
+    (P,). Raises Diverged.
+    """
+    told, comparison = tally(run.comparison), run.comparison
+    system, tape = objective.tell(run, p, told, plan=objective.plan(run))
+    count = int(column.max(initial=-1)) + 1
+    blocks = [block for block in objective.blocks if block.cloth in (run.cloth, None)]
+    wanted = columns(system, blocks, column, factor, count)
+    size = (3 * int(system.vertex.free.sum()), count)
+    few = partial(tangents, system, tape, wanted, objective.tolerance)
+    steps = few if count <= FEW else partial(sweep, system, tape, wanted)
+    if isinstance(told, Measured):
+        by_position = comparison.jacobian_of(told.states)[:, free_columns(run)]
+        H, g = normal.accumulate(by_position, comparison.residual_of(told.states), steps(), size)
+    else:
+        seen = passing(run)
+        H, g = normal.accumulate_passing(seen, steps(seen.see), size)
+    return H, g, told.value

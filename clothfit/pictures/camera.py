@@ -1,0 +1,182 @@
+"""From a motion to a flat picture: a camera, and the faces it sees as shaded polygons, farthest first.
+
+The camera looks along `forward` and projects in parallel onto `right` and `up`, so that a sphere is a disc:
+
+    u = right · x,    v = up · x,    depth = forward · x    (m; larger is farther)
+
+Scenes are left-handed with y up, as the Unity editor's: looking along +z, +x is to the right, `right` = y × `forward`.
+Faces are drawn one over another from the farthest on (the painter's algorithm), each in one colour: the light comes
+from the upper left of the camera, and a face's normal is the mean of those at its corners, which looks smooth. A face
+with a corner that is not a number is left out. M. Newell, R. Newell, T. Sancha, A solution to the hidden surface
+problem, 1972.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags, Indices
+
+YAWS, PITCH = (30.0, -30.0, 60.0, -60.0, 0.0), 24.0
+"""Degrees: the directions of view that are tried, from +z towards +x, and how far down the camera looks."""
+
+BETTER = 1.15
+"""A direction must show so many times the cloth to be taken instead of one that stands before it."""
+
+LIGHT = (-0.45, 0.65, -0.6)
+"""Towards the light, along right, up and forward."""
+
+MARGIN = 0.06
+"""Free space around the motion, as a fraction of its size."""
+
+LOOKS = 12
+"""Frames at which the directions are compared."""
+
+
+class Camera(NamedTuple):
+    """Where a picture is seen from, and what of the plane of projection it shows."""
+
+    right: Array  # (3,), unit vectors
+    up: Array
+    forward: Array
+    low: Array  # (2,) m, the lower left corner
+    high: Array  # (2,) m, the upper right corner
+
+    @property
+    def aspect(self) -> float:
+        """Height by width."""
+        size = self.high - self.low
+        return float(size[1] / size[0])
+
+
+class Faces(NamedTuple):
+    """What a camera sees of K faces, farthest first."""
+
+    corners: Array  # (K, 3, 2) m, on the plane of projection
+    depth: Array  # (K,) m, of the middle
+    shade: Array  # (K,) how much light falls on it, 0 … 1
+    outside: Flags  # (K,) whether the face turns the side to the camera that its normal points to
+    which: Indices  # (K,) of the triangles
+
+
+def looking(yaw: float, pitch: float) -> tuple[Array, Array, Array]:
+    """Right, up and forward (3,) of a camera that is turned by `yaw` from +z towards +x and looks down by `pitch`,
+    in degrees.
+    """
+    turn, tilt = np.radians(yaw), np.radians(pitch)
+    forward = np.array([np.sin(turn) * np.cos(tilt), -np.sin(tilt), np.cos(turn) * np.cos(tilt)])
+    right = np.array([np.cos(turn), 0.0, -np.sin(turn)])
+    return right, np.cross(forward, right), forward
+
+
+def direction(x: Array, triangles: Indices) -> tuple[Array, Array, Array]:
+    """Right, up and forward (3,) of the camera for a motion x (F, n, 3), NaN where nothing is known: of some directions
+    the one that shows the most of the cloth.
+    """
+    frames = x[np.unique(np.linspace(0, len(x) - 1, LOOKS).round().astype(int))]
+    best, most = looking(YAWS[0], PITCH), 0.0
+    for yaw in YAWS:
+        axes = looking(yaw, PITCH)
+        shown = sum(float(np.nansum(np.abs(_areas(_along(frame, axes), triangles)))) for frame in frames)
+        if shown > (BETTER if most else 1.0) * most:
+            best, most = axes, shown
+    return best
+
+
+def facing(x: Array) -> Camera:
+    """The camera that looks at points x (n, 3) from where they lie the flattest."""
+    known = x[np.isfinite(x).all(axis=1)]
+    _, _, axes = np.linalg.svd(known - known.mean(axis=0), full_matrices=False)
+    forward = axes[-1] if len(known) > 2 else np.array([0.0, 0.0, 1.0])
+    forward = forward if forward @ (0.0, -1.0, 1.0) >= 0 else -forward
+    upright = np.array([0.0, 1.0, 0.0]) if abs(forward[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
+    right = np.cross(upright, forward)
+    right /= np.linalg.norm(right)
+    return framed((right, np.cross(forward, right), forward), known)
+
+
+def framed(axes: tuple[Array, Array, Array], points: Array) -> Camera:
+    """A camera along right, up and forward that shows all points (n, 3), with some room around them."""
+    flat = _along(points[np.isfinite(points).all(axis=1)], axes)[:, :2]
+    low, high = (flat.min(axis=0), flat.max(axis=0)) if len(flat) else (np.zeros(2), np.zeros(2))
+    room = MARGIN * max(float((high - low).max()), 1e-9)
+    return Camera(*axes, low - room, high + room)
+
+
+def shaped(seen: Camera, least: float, most: float) -> Camera:
+    """The same with more to see at the sides, or above and below, where height by width is out of these bounds."""
+    width, height = seen.high - seen.low
+    more = 0.5 * np.array([max(height / most - width, 0.0), max(least * width - height, 0.0)])
+    return seen._replace(low=seen.low - more, high=seen.high + more)
+
+
+def project(seen: Camera, x: Array) -> Array:
+    """Right, up and depth (…, 3) of positions (…, 3), m."""
+    return _along(x, (seen.right, seen.up, seen.forward))
+
+
+def faces(seen: Camera, x: Array, triangles: Indices) -> Faces:
+    """The faces of positions x (n, 3) that are known and have an area, farthest first."""
+    flat = project(seen, x)
+    known = np.isfinite(flat[triangles]).all(axis=(1, 2))
+    kept, normal = triangles[known], normals(flat, triangles[known])
+    size = np.linalg.norm(normal, axis=1)
+    kept, normal, index = kept[size > 0], normal[size > 0], np.flatnonzero(known)[size > 0]
+    own = -np.sign(normal[:, 2])  # 1: the normal points to the camera
+    smooth = smoothed(normal, kept, len(x)) * np.where(own == 0, 1.0, own)[:, None]
+    light = np.array(LIGHT) / np.linalg.norm(LIGHT)
+    shade = 0.5 + 0.5 * smooth @ light
+    corners = flat[kept]
+    depth = corners[:, :, 2].mean(axis=1)
+    order = np.argsort(-depth, kind="stable")
+    return Faces(corners[order, :, :2], depth[order], shade[order], own[order] > 0, index[order])
+
+
+def normals(x: Array, triangles: Indices) -> Array:
+    """Normals (T, 3) of faces, as long as twice their area."""
+    a, b, c = (x[triangles[:, corner]] for corner in range(3))
+    return np.cross(b - a, c - a)
+
+
+def smoothed(normal: Array, triangles: Indices, count: int) -> Array:
+    """Unit normals (T, 3), each the mean of those at the corners, which are the means of the faces' there."""
+    at = np.zeros((count, 3))
+    for corner in range(3):
+        np.add.at(at, triangles[:, corner], normal)
+    mean = at[triangles].sum(axis=1)
+    length = np.linalg.norm(mean, axis=1, keepdims=True)
+    own = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    smooth = np.where(length > 0, mean / np.where(length > 0, length, 1.0), own)
+    across = (smooth * own).sum(axis=1, keepdims=True) <= 0  # a sharp fold
+    return np.asarray(np.where(across, own, smooth))
+
+
+def thinned(x: Array, triangles: Indices, most: int) -> Indices:
+    """About `most` triangles at most (K, 3) between some of the vertices x (n, 3), which stand for those near them; all
+    where there are not more.
+
+    Vertices in one cube of a grid are taken together (J. Rossignac, P. Borrel, Multi-resolution 3D approximations,
+    1993); the grid is made coarser until few enough triangles are left.
+    """
+    kept, size = triangles, np.sqrt(np.linalg.norm(normals(x, triangles), axis=1).sum() / max(most, 1))
+    low = np.nanmin(x, axis=0)
+    while len(kept) > most and size > 0:
+        cells = np.floor((np.nan_to_num(x) - low) / size).astype(np.int64)
+        _, first, own = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+        corners = first[own.reshape(-1)][triangles]
+        apart = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
+        _, one = np.unique(np.sort(corners[apart], axis=1), axis=0, return_index=True)
+        kept, size = corners[apart][np.sort(one)], 1.2 * size
+    return kept
+
+
+def _along(x: Array, axes: tuple[Array, Array, Array]) -> Array:
+    return np.asarray(x @ np.stack(axes, axis=1))
+
+
+def _areas(flat: Array, triangles: Indices) -> Array:
+    a, b, c = (flat[triangles[:, corner]] for corner in range(3))
+    (u, v), (p, q) = (b - a)[:, :2].T, (c - a)[:, :2].T
+    return np.asarray(u * q - v * p)

@@ -1,0 +1,137 @@
+"""Charts of a motion and of a fit, drawn with matplotlib: energy, convergence, error over time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.base.messages import metres
+from clothfit.motion.energy import Energy
+from clothfit.pictures.filmstrip import INK, QUIET
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from clothfit.optimise.search import Progress
+
+BLUE, ORANGE, GREEN, PURPLE, RED, SKY = "#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9"
+WINDOW = "#0072b2"
+HIGH = 20.0  # points of a title above its chart: room for a legend between
+FLOOR = 1e-15  # m: what is less is rounding, and has no place on a logarithmic axis
+
+ENERGIES = (
+    ("kinetic", ORANGE), ("elastic", BLUE), ("gravity", PURPLE), ("contact", SKY), ("total", INK),
+    ("dissipated", RED),
+)  # fmt: skip
+
+
+def convergence(axes: Axes, history: Sequence[Progress]) -> None:
+    """The error after each evaluation: of the best point over all frames, and of the window where that is shorter."""
+    from matplotlib.ticker import MaxNLocator
+
+    named(axes, "convergence", "evaluations of the cost", "RMSE")
+    if not history:
+        nothing(axes, "known without a search")
+        return
+    x = np.array([one.evaluations for one in history], float)
+    y = np.array([max(one.rmse, FLOOR) for one in history])
+    logarithmic(axes, y)
+    part = [one for one in history if 0 < one.window < one.frames and one.window_rmse > FLOOR]
+    if part:
+        axes.plot([one.evaluations for one in part], [one.window_rmse for one in part], ".", color=ORANGE, markersize=5,
+                  label="in a window of fewer frames")  # fmt: skip
+    axes.step(x, y, where="post", color=BLUE, linewidth=1.6, marker="o" if len(x) < 60 else "", markersize=3.5,
+              label="best, all frames")  # fmt: skip
+    axes.annotate(metres(float(y[-1])), (x[-1], y[-1]), xytext=(-4, 6), textcoords="offset points", fontsize=8,
+                  color=INK, ha="right")  # fmt: skip
+    if part:
+        above(axes)
+    if x[0] == x[-1]:
+        axes.set_xlim(x[0] - 1.0, x[0] + 1.0)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def error(axes: Axes, times: Array, rmse: Array, largest: Array, fitted: float, horizon: float | None = None) -> None:
+    """The error of each frame at `times` (F,), s: root mean square and largest, m; `fitted` is the end, s, of the
+    frames that were fitted, `horizon` that of a longer comparison.
+    """
+    named(axes, "distance to the target", "time, s", "m")
+    logarithmic(axes, np.concatenate([rmse, largest]))
+    axes.plot(times, shown(largest), color=SKY, linewidth=1.1, label="largest")
+    axes.plot(times, shown(rmse), color=BLUE, linewidth=1.7, label="root mean square")
+    axes.axvspan(float(times[0]), fitted, color=WINDOW, alpha=0.07, linewidth=0, label="fitted frames", zorder=0)
+    if horizon is not None:
+        axes.axvline(horizon, color=RED, linestyle=(0, (5, 3)), linewidth=1.4, clip_on=False, label="horizon")
+    above(axes)
+    axes.set_xlim(float(times[0]), max(float(times[-1]), fitted) + 1e-9)
+
+
+def shown(values: Array) -> Array:
+    """What a logarithmic axis can show of some values; NaN elsewhere."""
+    return np.where(values > FLOOR, values, np.nan)
+
+
+def above(axes: Axes) -> None:
+    """The legend between the title and the chart."""
+    axes.legend(fontsize=7.5, frameon=False, ncols=8, loc="lower left", bbox_to_anchor=(-0.01, 1.0), columnspacing=1.2,
+                handlelength=1.4, borderaxespad=0.0, handletextpad=0.5)  # fmt: skip
+
+
+def energies(axes: Axes, energy: Energy) -> None:
+    """What is stored at each frame, and what is missing of the start and of the work of the wind."""
+    named(axes, "energy", "time, s", "J")
+    for name, colour in ENERGIES:
+        values = getattr(energy, name)
+        if np.abs(values).max() > 1e-12 * energy.scale:
+            heavy = name == "total"
+            axes.plot(energy.times, values, color=colour, linewidth=2.0 if heavy else 1.3, label=name, zorder=3 + heavy)
+    if energy.wind.any():
+        axes.plot(energy.times, energy.wind, color=GREEN, linewidth=1.3, linestyle=":", label="work of the wind")
+    above(axes)
+    axes.set_xlim(float(energy.times[0]), float(energy.times[-1]) + 1e-9)
+
+
+def text(axes: Axes, title: str, lines: Sequence[str]) -> None:
+    """Some lines instead of a chart."""
+    axes.set_axis_off()
+    axes.set_title(title, loc="left", fontsize=10, color=INK, pad=HIGH)
+    axes.text(0.0, 0.97, "\n".join(lines), transform=axes.transAxes, va="top", fontsize=9, color=INK, linespacing=1.6)
+
+
+def named(axes: Axes, title: str, x: str, y: str) -> None:
+    """Title, names of the axes, and a faint grid."""
+    axes.set_title(title, loc="left", fontsize=10, color=INK, pad=HIGH)
+    axes.set_xlabel(x, fontsize=8.5, color=INK)
+    axes.set_ylabel(y, fontsize=8.5, color=INK)
+    axes.tick_params(labelsize=8)
+    axes.grid(which="major", color="#e4e6ea", linewidth=0.7)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def logarithmic(axes: Axes, values: Array) -> None:
+    """A logarithmic axis of lengths, m, in units of their size, where any is above 0."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    own = values[np.isfinite(values) & (values > FLOOR)]
+    if not len(own):
+        nothing(axes, "no difference")
+        return
+    axes.set_yscale("log")
+    decades = np.log10(own.max() / own.min())
+    parts = (1.0,) if decades > 2.5 else (1.0, 2.0, 5.0)
+    axes.yaxis.set_major_locator(LogLocator(subs=parts, numticks=9))
+    told: Callable[[float, int | None], str] = lambda value, _: metres(value)  # noqa: E731
+    axes.yaxis.set_major_formatter(FuncFormatter(told))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.set_ylabel("")
+    axes.set_ylim(0.6 * float(own.min()), 1.7 * float(own.max()))
+
+
+def nothing(axes: Axes, why: str) -> None:
+    """A word in an empty chart."""
+    axes.set(xticks=[], yticks=[])
+    axes.annotate(why, (0.5, 0.5), xycoords="axes fraction", ha="center", fontsize=9, color=QUIET)

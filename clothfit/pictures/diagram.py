@@ -1,0 +1,157 @@
+"""The work–precision diagram: what accuracy each second buys, as a picture. Needs matplotlib, the extra `plot`.
+
+Both axes are logarithmic: seconds of computing per simulated second to the right, error upwards; lower left is better.
+One line per integrator and number of Newton iterations, over its steps, at the scene's own tolerance; the other
+tolerances are faint. The colours are those of M. Okabe and K. Ito, which all kinds of eyes tell apart, and each line
+has a marker of its own as well.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+from clothfit.base.messages import counted, metres
+from clothfit.evaluation.work_precision import Row, WorkPrecision
+from clothfit.pictures.picture_file import save
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SIZE = (9.2, 5.2)  # inches
+INK, QUIET, GOAL = "#222222", "#767676", "#a01c1c"
+STYLES = {"explicit": ("#e69f00", "^"), "symplectic": ("#0072b2", "o")}
+NEWTON_STYLES = (("#009e73", "s"), ("#cc79a7", "D"), ("#d55e00", "v"), ("#56b4e9", "P"))
+
+
+class Line(NamedTuple):
+    """Rows that differ in their steps alone."""
+
+    label: str
+    colour: str
+    marker: str
+    rows: list[Row]  # that are done
+    main: bool  # at the scene's own tolerance, or with none
+
+
+def save_diagram(found: WorkPrecision, path: str | os.PathLike[str], error: float | None = None) -> None:
+    """Write the diagram to a .png, .svg or .pdf, whole or not at all, with a line at the `error`, m, that is asked for.
+
+    Raises InvalidInput when it cannot be made or written.
+    """
+    save(path, partial(draw, found, error))
+
+
+def draw(found: WorkPrecision, error: float | None = None) -> Figure:
+    """The diagram as a figure of its own, without a window and without pyplot's list of figures."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=SIZE, layout="constrained")
+    axes = figure.add_subplot(xscale="log", yscale="log")
+    floor = lowest(found)
+    for line in lines(found):
+        draw_line(axes, line, floor)
+    axes.plot([], [], color=QUIET, marker="s", markersize=3, linewidth=0.7, alpha=0.5, label="faint: other tolerances")
+    draw_front(axes, found, floor)
+    frame(axes, found)
+    draw_levels(axes, found, error, floor)
+    draw_own(axes, found, floor)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), fontsize=8.5, frameon=False, borderaxespad=0.0)
+    return figure
+
+
+def lines(found: WorkPrecision) -> Iterator[Line]:
+    """The lines of the diagram, faint ones first, so that the others lie above them."""
+    kinds = list(dict.fromkeys(row.setting.kind for row in found.rows))
+    iterations = sorted({newton for _, _, newton in kinds if newton is not None})
+    for kind in sorted(kinds, key=lambda kind: kind[1] in (None, found.tolerance)):
+        name, tolerance, newton = kind
+        rows = [row for row in found.rows if row.setting.kind == kind and row.status == "done"]
+        colour, marker = STYLES.get(name) or NEWTON_STYLES[iterations.index(newton or 1) % len(NEWTON_STYLES)]
+        label = name if newton is None else f"{name}, {counted(newton, 'iteration', 'iterations')}"
+        if rows:
+            yield Line(label, colour, marker, rows, tolerance in (None, found.tolerance))
+
+
+def lowest(found: WorkPrecision) -> float:
+    """Where an error of 0, which a logarithm does not know, is drawn: below all others, m."""
+    positive = [row.error for row in found.rows if row.error]
+    return 0.5 * min(positive) if positive else 1e-6
+
+
+def draw_line(axes: Axes, line: Line, floor: float) -> None:
+    """A line, its markers, and its name for the legend where it is a main one."""
+    x = [row.cost_and_error[0] for row in line.rows]
+    y = [max(row.cost_and_error[1], floor) for row in line.rows]
+    if line.main:
+        axes.plot(x, y, color=line.colour, marker=line.marker, markersize=6, linewidth=1.6, label=line.label, zorder=3,
+                  markeredgecolor="white", markeredgewidth=0.8)
+    else:
+        axes.plot(x, y, color=line.colour, marker=line.marker, markersize=3, linewidth=0.7, alpha=0.35, zorder=2)
+
+
+def draw_front(axes: Axes, found: WorkPrecision, floor: float) -> None:
+    """The Pareto-best rows: the steps below which no setting comes, and the names of their steps."""
+    best = sorted((row for row in found.rows if row.pareto), key=lambda row: row.cost_and_error)
+    if not best:
+        return
+    x = [row.cost_and_error[0] for row in best]
+    y = [max(row.cost_and_error[1], floor) for row in best]
+    axes.step(x, y, where="post", color=INK, linewidth=6, alpha=0.13, zorder=1, label="Pareto-best")
+    before = ""
+    for row, a, b in zip(best, x, y, strict=True):
+        name = row.setting.step_name
+        if name != before:  # others of the same step lie close by, where a name would cover the first one's
+            axes.annotate(name, (a, b), xytext=(-5, -11), textcoords="offset points", fontsize=8, color=INK, ha="right",
+                          zorder=5)
+        before = name
+
+
+def frame(axes: Axes, found: WorkPrecision) -> None:
+    """Axes with units, grid, title and legend."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    frames = len(found.reference.positions)
+    axes.set_title(f"{found.scene}: speed against error", loc="left", fontsize=12, fontweight="bold", color=INK)
+    axes.set_title(f"{frames} frames, h = {1e3 * found.delta:.4g} ms", loc="right", fontsize=9, color=QUIET)
+    axes.set_xlabel("seconds of computing per simulated second")
+    axes.set_ylabel("distance to the motion of h → 0, root mean square, m")
+    axes.grid(which="major", color="#dddddd", linewidth=0.7)
+    axes.grid(which="minor", color="#f1f1f1", linewidth=0.5)
+    for axis, parts in ((axes.xaxis, (1.0, 2.0, 5.0)), (axes.yaxis, (1.0,))):
+        axis.set_major_locator(LogLocator(subs=parts, numticks=20))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.margins(x=0.08, y=0.1)
+    if found.nearest is None:
+        axes.set(xlim=(1e-3, 1.0), ylim=(1e-4, 1.0))  # a logarithm of nothing has no limits of its own
+
+
+def draw_levels(axes: Axes, found: WorkPrecision, error: float | None, floor: float) -> None:
+    """The error that is asked for, and that of the reference: a line where it is near the others, else a word."""
+    if error is not None:
+        axes.axhline(error, color=GOAL, linewidth=1.2, linestyle=(0, (6, 3)), zorder=2,
+                     label=f"asked for: {metres(error)}")
+    own = found.reference.error
+    told = f"the reference's own error: {metres(own)}"
+    if own > 0.1 * floor:
+        axes.axhline(own, color=QUIET, linewidth=1.2, linestyle=":", zorder=2, label=told)
+    else:
+        zeros = "; errors of 0 are drawn at the lower edge" if any(row.error == 0 for row in found.rows) else ""
+        axes.annotate(f"↓ {told}{zeros}", (0.01, 0.015), xycoords="axes fraction", fontsize=8, color=QUIET)
+
+
+def draw_own(axes: Axes, found: WorkPrecision, floor: float) -> None:
+    """A ring around the scene's own setting."""
+    if found.own.status != "done":
+        return
+    x, y = found.own.cost_and_error[0], max(found.own.cost_and_error[1], floor)
+    axes.plot([x], [y], marker="o", markersize=14, fillstyle="none", color=INK, zorder=6)
+    ground = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
+    axes.annotate("the scene's own", (x, y), xytext=(10, 10), textcoords="offset points", fontsize=9, color=INK,
+                  fontweight="bold", zorder=6, bbox=ground)

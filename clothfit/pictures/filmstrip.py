@@ -1,0 +1,94 @@
+"""A filmstrip: frames of a motion side by side, drawn with matplotlib, the extra `plot`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.pictures.polygons import GREEN, Patches, Stage, bare, painted, pins, sightings, wind
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import SubFigure
+
+FRAMES = 6
+"""In a strip."""
+
+FACES = 6000
+"""Of a frame, at most; larger meshes are thinned."""
+
+VECTORS = 3000
+"""Polygons of a frame up to which a .svg or .pdf holds them as such, and not as dots."""
+
+DOT = 1.8  # points: a vertex
+
+GROUND, INK, QUIET, PIN = "#f3f5f8", "#222222", "#767676", "#c22f2f"
+
+
+def strip(figure: SubFigure, on: Stage, times: Array, x: Array, over: Array | None = None) -> list[Axes]:
+    """Draw some frames of a motion x (F, n, 3), at `times` (F,) s, with the target `over` (F, n, 3) it."""
+    shown = chosen(len(x))
+    panels: Any = figure.subplots(1, len(shown), squeeze=False)
+    figure.subplots_adjust(left=0.012, right=0.988, bottom=0.09, top=0.98, wspace=0.03)
+    for axes, frame in zip(panels[0], shown, strict=True):
+        still(axes, on, int(frame), x[frame], None if over is None else over[frame])
+        axes.set_xlabel(f"{times[frame]:.2f} s", fontsize=9, color=QUIET, labelpad=3)
+    draw_wind(panels[0][0], on)
+    return list(panels[0])
+
+
+def chosen(frames: int) -> Sequence[int]:
+    """Which of so many frames are in a strip: the first, the last, and some equally far apart between."""
+    return [int(i) for i in np.unique(np.linspace(0, frames - 1, FRAMES).round())]
+
+
+def still(axes: Axes, on: Stage, frame: int, x: Array, over: Array | None) -> None:
+    """Draw a frame with positions x (n, 3) into axes of its own."""
+    layers = painted(on, frame, x, over)
+    dots = sum(len(layer.corners) for layer in layers) > VECTORS
+    for layer in layers:
+        if len(layer.corners):
+            draw_patches(axes, layer, dots)
+    alone, colours = bare(on, frame, x)
+    axes.scatter(alone[:, 0], alone[:, 1], s=(2.0 * DOT) ** 2, c=colours, linewidths=0, zorder=2)
+    if over is not None:
+        dots_at = sightings(on, frame, over)
+        axes.plot(dots_at[:, 0], dots_at[:, 1], "o", color=GREEN, markersize=DOT, markeredgewidth=0, zorder=3)
+    at = pins(on, frame, x)
+    axes.plot(at[:, 0], at[:, 1], "o", color=PIN, markersize=DOT + 0.6, markeredgewidth=0, zorder=3)
+    blank(axes, on)
+
+
+def draw_patches(axes: Axes, layer: Patches, dots: bool) -> None:
+    """Paint polygons one after another: opaque ones with edges, so that nothing shines through between them."""
+    from matplotlib.collections import PolyCollection
+
+    colours = [(r, g, b, layer.opacity) for r, g, b in layer.colours.tolist()]
+    edges = {"edgecolors": colours, "linewidths": 0.35} if layer.opacity == 1.0 else {"linewidths": 0.0}
+    drawn = PolyCollection(list(layer.corners), facecolors=colours, zorder=2, **edges)
+    drawn.set_rasterized(dots)
+    axes.add_collection(drawn, autolim=False)
+
+
+def blank(axes: Axes, on: Stage) -> None:
+    """Axes without numbers, of the camera's view."""
+    axes.set(xlim=(on.camera.low[0], on.camera.high[0]), ylim=(on.camera.low[1], on.camera.high[1]), xticks=[],
+             yticks=[], aspect="equal", facecolor=GROUND)  # fmt: skip
+    axes.spines[:].set_visible(False)
+
+
+def draw_wind(axes: Axes, on: Stage) -> None:
+    """An arrow along the wind in the corner of a picture, and how fast it is."""
+    blows = wind(on)
+    if blows is None:
+        return
+    way, speed = blows
+    size = on.camera.high - on.camera.low
+    middle = on.camera.low + size * (0.17, 0.13)
+    half = 0.09 * float(size.min()) * way
+    style = {"arrowstyle": "-|>", "color": QUIET, "linewidth": 1.2}
+    axes.annotate("", tuple(middle + half), tuple(middle - half), arrowprops=style, zorder=4)
+    axes.annotate(f"wind {speed:.3g} m/s", (0.34, 0.13), xycoords="axes fraction", fontsize=7, color=QUIET, va="center")

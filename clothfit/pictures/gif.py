@@ -1,0 +1,202 @@
+"""A motion as a looping GIF, drawn with Pillow, at the speed of the clock.
+
+Each frame is painted at twice its size and made smaller, which smooths the edges. A GIF counts time in hundredths of a
+second and viewers do not show a frame for less than two; frames are left out so that what is shown lies `INTERVAL`
+apart, or more where there would be too many. A motion too short to be seen is slowed down, and says so. All frames
+share one palette.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Indices
+from clothfit.pictures.polygons import (
+    CLOTHS,
+    GREEN,
+    Colour,
+    Patches,
+    Stage,
+    bare,
+    good_frames,
+    painted,
+    pins,
+    sightings,
+    stage,
+    wind,
+)
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+    from PIL.ImageDraw import ImageDraw
+
+    from clothfit.scene.scene import Scene
+
+WIDTH, FINER = 480, 2
+"""Pixels of a frame, and by how much finer it is painted."""
+
+FACES = 5000
+"""Of a frame, at most; larger meshes are thinned."""
+
+INTERVAL, MOST = 0.04, 150
+"""Seconds between frames, at least, and frames, at most."""
+
+LEAST, SLOWED = 0.5, 2.0
+"""Seconds: a motion below the first is shown in the second."""
+
+PAUSE = 0.6
+"""Seconds that the last frame stays."""
+
+COLOURS = 96
+SHAPE = (0.45, 1.0)  # height by width, at least and at most
+GROUND, INK, QUIET = (243, 245, 248), (70, 74, 82), (150, 154, 162)
+NAMES = (("target", GREEN), ("fitted", CLOTHS[0]))
+PIN, SEEN = (194, 47, 47), (22, 150, 72)  # fixed vertices, and those of a target that is seen in part
+
+
+class Film(NamedTuple):
+    """Which frames are shown, and for how long."""
+
+    frames: list[int]
+    durations: list[int]  # ms, multiples of 10
+    speed: float  # 1: that of the clock
+
+
+def film(times: Array) -> Film:
+    """The frames to show of those at `times` (F,), s."""
+    length = float(times[-1] - times[0])
+    speed = 1.0 if length >= LEAST or length == 0 else length / SLOWED
+    shown = (times - times[0]) / speed
+    interval = max(INTERVAL, float(shown[-1]) / MOST)
+    frames = [0]
+    for frame in range(1, len(times)):
+        if shown[frame] - shown[frames[-1]] >= 0.999 * interval:
+            frames.append(frame)
+    ends = [*shown[frames[1:]], shown[frames[-1]] + PAUSE]
+    marks = np.diff(np.round(100 * np.array([0.0, *ends])).astype(int))
+    return Film(frames, [10 * max(2, int(mark)) for mark in marks], speed)
+
+
+def animation(scene: Scene, times: Array, x: Array, over: Array | None = None, width: int = WIDTH) -> bytes:
+    """The GIF of a motion x (F, n, 3), m, at `times` (F,), s, with the target `over` (F, n, 3) it, NaN where unknown.
+
+    It ends before a motion that diverges has lost itself.
+    """
+    good = max(1, good_frames(x))
+    times, x, over = times[:good], x[:good], None if over is None else over[:good]
+    from PIL import Image
+
+    on = stage(scene, [x] if over is None else [x, over], FACES, SHAPE)
+    cut = film(times)
+    pictures = [picture(on, times, frame, x, over, width, cut.speed) for frame in cut.frames]
+    colours = palette(pictures)
+    first, *rest = (one.quantize(palette=colours, dither=Image.Dither.NONE) for one in pictures)
+    buffer = io.BytesIO()
+    first.save(
+        buffer, "GIF", save_all=True, append_images=rest, duration=cut.durations, loop=0, optimize=False, disposal=1
+    )
+    return buffer.getvalue()
+
+
+def palette(pictures: list[Image]) -> Image:
+    """An image whose palette suits all pictures: that of some of them side by side, and the colours of small marks."""
+    from PIL import Image
+
+    some = [pictures[i] for i in np.unique(np.linspace(0, len(pictures) - 1, 6).round().astype(int))]
+    width, height = some[0].size
+    sheet = Image.new("RGB", (width, height * len(some)))
+    for row, one in enumerate(some):
+        sheet.paste(one, (0, row * height))
+    marks = [part for colour in (PIN, SEEN, *(ink(colour) for _, colour in NAMES)) for part in colour]
+    found = sheet.quantize(COLOURS, method=Image.Quantize.MEDIANCUT).getpalette() or []
+    made = Image.new("P", (1, 1))
+    made.putpalette(found[: 3 * COLOURS] + marks)
+    return made
+
+
+def picture(
+    on: Stage, times: Array, frame: int, x: Array, over: Array | None, width: int = WIDTH, speed: float = 1.0
+) -> Image:
+    """One frame of a motion x (F, n, 3), with the target `over` (F, n, 3) it."""
+    from PIL import Image, ImageDraw
+
+    fine = FINER * width
+    image = Image.new("RGB", (fine, round(fine * on.camera.aspect)), GROUND)
+    for layer in painted(on, frame, x[frame], None if over is None else over[frame]):
+        top = image.copy() if layer.opacity < 1.0 else image
+        for corners, colour in polygons(on, layer, fine):
+            ImageDraw.Draw(top).polygon(corners, fill=colour)
+        image = top if layer.opacity == 1.0 else Image.blend(image, top, layer.opacity)
+    draw = ImageDraw.Draw(image)
+    for (u, v), colour in zip(*(part.tolist() for part in bare_pixels(on, frame, x[frame], fine)), strict=True):
+        draw.ellipse((u - 6, v - 6, u + 6, v + 6), fill=tuple(colour))
+    marks = [(pins(on, frame, x[frame]), PIN, 5.0)]
+    if over is not None:
+        marks.insert(0, (sightings(on, frame, over[frame]), SEEN, 3.5))
+    for places, colour, radius in marks:
+        for u, v in pixels(on, places, fine).tolist():
+            draw.ellipse((u - radius, v - radius, u + radius, v + radius), fill=colour)
+    write(draw, image.size, on, times, frame, over is not None, speed)
+    return image.resize((width, round(width * on.camera.aspect)), Image.Resampling.BOX)
+
+
+def bare_pixels(on: Stage, frame: int, x: Array, width: int) -> tuple[Array, Indices]:
+    """Pixels (K, 2) and colours (K, 3), 0 … 255, of the vertices that no face shows."""
+    places, colours = bare(on, frame, x)
+    return pixels(on, places, width), np.round(255 * colours).astype(np.int32)
+
+
+def polygons(on: Stage, layer: Patches, width: int) -> Iterator[tuple[list[tuple[float, float]], tuple[int, ...]]]:
+    """Corners in pixels and colours 0 … 255."""
+    flat = pixels(on, layer.corners, width).tolist()
+    colours = np.round(255 * layer.colours).astype(int).tolist()
+    for corners, colour in zip(flat, colours, strict=True):
+        yield [(u, v) for u, v in corners], tuple(colour)
+
+
+def pixels(on: Stage, flat: Array, width: int) -> Array:
+    """Pixels (…, 2), downwards, of places in the picture (…, 2), m."""
+    scale = width / float(on.camera.high[0] - on.camera.low[0])
+    return np.asarray(scale * (flat - (on.camera.low[0], on.camera.high[1])) * (1.0, -1.0))
+
+
+def write(
+    draw: ImageDraw, size: tuple[int, int], on: Stage, times: Array, frame: int, target: bool, speed: float
+) -> None:
+    """The time, how far it is, what is green, and the wind."""
+    from PIL import ImageFont
+
+    width, height = size
+    font = ImageFont.load_default(0.027 * width)
+    slowed = "" if speed == 1.0 else f", {1 / speed:.3g} times slower"
+    draw.text((0.025 * width, 0.022 * width), f"{times[frame]:.2f} s{slowed}", font=font, fill=INK)
+    if target:
+        for right, (name, colour) in zip((0.975, 0.865), NAMES, strict=True):
+            draw.text((right * width, 0.022 * width), name, font=font, fill=ink(colour), anchor="ra")
+    way = (times[frame] - times[0]) / max(times[-1] - times[0], 1e-300)
+    draw.rectangle((0, height - 5, width, height), fill=(226, 229, 234))
+    draw.rectangle((0, height - 5, float(way) * width, height), fill=QUIET)
+    blows = wind(on)
+    if blows is not None:
+        arrow(draw, np.array([0.075 * width, height - 0.085 * width]), 0.05 * width * blows[0] * (1.0, -1.0))
+        place = (0.14 * width, height - 0.085 * width)
+        draw.text(place, f"wind {blows[1]:.3g} m/s", font=font, fill=QUIET, anchor="lm")
+
+
+def ink(colour: Colour) -> tuple[int, ...]:
+    """A colour in which words can be read."""
+    return tuple(round(200 * part) for part in colour)
+
+
+def arrow(draw: ImageDraw, middle: Array, half: Array) -> None:
+    """An arrow around a place (2,), half as long as `half` (2,), in pixels."""
+    tip, tail = middle + half, middle - half
+    length = max(float(np.linalg.norm(half)), 1e-9)
+    along = half / length * min(12.0, 2.0 * length)
+    across = 0.5 * along[::-1] * (1.0, -1.0)
+    draw.line([*tail, *(tip - along)], fill=QUIET, width=4)
+    draw.polygon([tuple(tip), tuple(tip - along + across), tuple(tip - along - across)], fill=QUIET)

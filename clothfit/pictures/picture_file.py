@@ -1,0 +1,57 @@
+"""Files of pictures: which kinds there are, whether they can be made and written, and the writing.
+
+Pictures need matplotlib or Pillow, which come with the extra `plot`; whether they are there is asked before long work.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from clothfit.base.errors import InvalidInput
+from clothfit.base.writing import check_writable, write_atomically
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PLOTS, GIF = ("png", "svg", "pdf"), ("gif",)
+DOTS = 150  # dots per inch of a .png
+FACES = ["DejaVu Sans"]  # comes with matplotlib, so that a picture does not depend on the machine's fonts
+STYLE = {"font.family": FACES, "svg.hashsalt": "clothfit", "svg.fonttype": "path"}
+
+
+def check(path: str | os.PathLike[str], kinds: Sequence[str] = PLOTS) -> str:
+    """The format that a path's extension names, when a picture can be made and written there. Raises InvalidInput."""
+    name = os.fspath(path)
+    kind = os.path.splitext(name)[1].lower().removeprefix(".")
+    if kind not in kinds:
+        *others, last = (f".{one}" for one in kinds)
+        ends = f"{', '.join(others)} or {last}" if others else last
+        raise InvalidInput(f"{name}: a picture's name ends in {ends}")
+    check_writable(path)
+    library, module = ("Pillow", "PIL") if kind in GIF else ("matplotlib", "matplotlib")
+    try:
+        import_module(module)
+    except ImportError:
+        raise InvalidInput(
+            f"{name}: a picture needs {library}; install it with: pip install 'clothfit[plot]'"
+        ) from None
+    return kind
+
+
+def save(path: str | os.PathLike[str], draw: Callable[[], Figure]) -> None:
+    """Write what `draw` draws to a .png, .svg or .pdf, whole or not at all; the same figure gives the same file.
+
+    Raises InvalidInput when it cannot be made or written.
+    """
+    kind = check(path)
+    from matplotlib import rc_context
+
+    buffer = io.BytesIO()
+    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    with rc_context(STYLE):  # type: ignore[arg-type]  # its stubs know the keys as literals only
+        draw().savefig(buffer, format=kind, dpi=DOTS, metadata=undated.get(kind))
+    write_atomically(path, buffer.getvalue())

@@ -1,0 +1,125 @@
+"""The pictures of the commands `simulate`, `estimate` and `evaluate`: a filmstrip, below it charts and maps.
+
+Each is a matplotlib figure of its own, without a window and without pyplot's list of figures; `picture.save` writes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from clothfit.base.arrays import Array
+from clothfit.motion.energy import Energy
+from clothfit.pictures import charts, maps
+from clothfit.pictures import filmstrip as film
+from clothfit.pictures.filmstrip import FACES, FRAMES, INK, QUIET
+from clothfit.pictures.overlay import Overlay
+from clothfit.pictures.polygons import good_frames, stage
+from clothfit.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+    from clothfit.optimise.search import Progress
+
+WIDTH, HEAD, LEGEND, ROW = 12.0, 0.42, 0.2, 3.0  # inches: of all, of the title, what is below it, and of a row
+CHART_SHARE, MAP_SHARE, TEXT_SHARE = 1.25, 1.1, 0.85  # of the width of a row
+
+
+IN_A_ROW = 3
+"""Charts and maps, at most, that stand in one row."""
+
+
+class Part(NamedTuple):
+    """Something in a row below the filmstrip."""
+
+    draw: Callable[[Axes], None]
+    share: float = CHART_SHARE
+
+
+def simulation(scene: Scene, times: Array, x: Array, energy: Energy | None = None) -> Figure:
+    """The picture of a motion x (F, n, 3), m, at `times` (F,), s."""
+    rows = [] if energy is None else [[Part(lambda axes: charts.energies(axes, energy))]]
+    steps = f"{len(times)} frames, h = {1e3 * scene.delta:.4g} ms"
+    return composed(scene, times, x, None, f"{scene.name}: simulated", steps, rows)
+
+
+def estimation(over: Overlay, told: str, history: Sequence[Progress], fitted: float) -> Figure:
+    """The picture of a fit: the fitted motion over the target, convergence, error and the values that were found.
+
+    `told`: how it ended, in a few words; `fitted`: the end, s, of the frames that were fitted.
+    """
+    drawn = [
+        Part(lambda axes: charts.convergence(axes, history)),
+        Part(lambda axes: charts.error(axes, over.times, over.rmse, over.largest, fitted)),
+    ]
+    return compared(over, f"{over.scene.name}: fitted", told, drawn, values(over.scene, None))
+
+
+def evaluation(over: Overlay, truth: Scene, told: str, fitted: float, horizon: float) -> Figure:
+    """The picture of a fitted scene beside the true one: both motions, their distance, the deviation of the values.
+
+    `fitted`, `horizon`: the ends, s, of the frames that are fitted, and of the longer comparison.
+    """
+    errors = (over.times, over.rmse, over.largest, fitted, horizon)
+    drawn = [Part(lambda axes: charts.error(axes, *errors), 2.0 * CHART_SHARE)]
+    return compared(over, f"{over.scene.name} against {truth.name}", told, drawn, values(over.scene, truth))
+
+
+def compared(over: Overlay, title: str, told: str, drawn: list[Part], maps: list[Part]) -> Figure:
+    """A fitted motion with the target over it, charts and maps: in one row where there is room."""
+    rows = [[*drawn, *maps]] if len(drawn) + len(maps) <= IN_A_ROW else [drawn, maps]
+    return composed(over.scene, over.times, over.own, over.goal, title, told, rows)
+
+
+def values(scene: Scene, truth: Scene | None) -> list[Part]:
+    """What shows the values of a scene, or how far they are from the true ones."""
+    drawn = [Part(partial(maps.draw, shown=one), MAP_SHARE) for one in maps.maps(scene, truth)]
+    lines = maps.single_values(scene, truth)
+    return [*drawn, Part(partial(charts.text, title="values", lines=lines), TEXT_SHARE)] if lines else drawn
+
+
+def composed(
+    scene: Scene, times: Array, x: Array, over: Array | None, title: str, told: str, rows: Sequence[Sequence[Part]]
+) -> Figure:
+    """A filmstrip of x (F, n, 3), with the target `over` (F, n, 3) it, and rows of parts below."""
+    from matplotlib.figure import Figure
+
+    good = max(1, good_frames(x))
+    times, x, over = times[:good], x[:good], None if over is None else over[:good]
+    on = stage(scene, [x] if over is None else [x, over], FACES)
+    top = HEAD if over is None else HEAD + LEGEND
+    strip = (WIDTH / FRAMES - 0.06) * on.camera.aspect + 0.33
+    sizes = [top, strip, *[ROW] * len(rows)]
+    figure = Figure(figsize=(WIDTH, sum(sizes)), facecolor="white")
+    bands: Any = figure.subfigures(len(sizes), 1, height_ratios=sizes, squeeze=False)
+    head(bands[0, 0], top, title, told, over is not None)
+    film.strip(bands[1, 0], on, times, x, over)
+    for band, parts in zip(bands[2:, 0], rows, strict=True):
+        place(band, parts)
+    return figure
+
+
+def place(band: SubFigure, parts: Sequence[Part]) -> None:
+    """Draw the parts of a row side by side; a row of maps alone is not stretched to the whole width."""
+    shares = [part.share for part in parts]
+    free = 0.0 if max(shares) >= CHART_SHARE else max(0.0, IN_A_ROW * MAP_SHARE - sum(shares))
+    widths = [*shares, free] if free else shares
+    right = 0.985 if shares[-1] >= CHART_SHARE else 0.94  # colour bars and words stand out beyond
+    grid = band.add_gridspec(1, len(widths), width_ratios=widths, left=0.062, right=right,
+                             bottom=0.165, top=0.845, wspace=0.24)  # fmt: skip
+    for column, part in enumerate(parts):
+        part.draw(band.add_subplot(grid[0, column]))
+
+
+def head(band: SubFigure, height: float, title: str, told: str, target: bool) -> None:
+    """The title, what was found, and what is green."""
+    line = 1.0 - 0.6 * HEAD / height
+    band.text(0.012, line, title, fontsize=13, fontweight="bold", color=INK, va="center")
+    band.text(0.988, line, told, fontsize=9, color=QUIET, va="center", ha="right")
+    if target:
+        below = 0.5 * LEGEND / height
+        band.text(0.012, below, "solid: fitted", fontsize=9, color="#4669a8", va="center")
+        band.text(0.09, below, "translucent green: target", fontsize=9, color="#1a8f4a", va="center")

@@ -1,0 +1,1 @@
+"""TODO: what is in scene, in which order, how to add one."""

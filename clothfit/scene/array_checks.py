@@ -1,0 +1,231 @@
+"""The long arrays of a scene: from JSON lists to NumPy arrays, and whether they make sense.
+
+A list is checked as a whole (the set of its types, then array comparisons), and item by item only to name
+what is wrong. Indices in messages are those of the list in the file, so `springs[3]` is the second end of the second
+spring. Every function appends its sentences to `problems`, at most a handful per list.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from itertools import chain
+from operator import itemgetter
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.messages import counted, shown
+from clothfit.scene.kinds import KIND, Kind
+
+HANDFUL = 5
+NUMBERS = {int, float}  # exactly these types: a bool is an int to isinstance
+
+
+class Arrays(NamedTuple):
+    """The long arrays of one object: n vertices, S springs, T triangles."""
+
+    positions: Array  # (n, 3) m
+    fixed: Flags  # (n,) the vertex does not move
+    mass: Array  # (n,) kg
+    springs: Indices  # (S, 2) vertices
+    stiffness: Array  # (S,) N/m
+    triangles: Indices  # (T, 3) vertices
+    velocity: Array  # (n, 3) m/s, 0 where the file has none
+    rest: Array  # (S,) m, the lengths at `positions` where the file has none
+
+
+def arrays(fields: dict[str, Any], place: str, problems: list[str]) -> Arrays | None:
+    """Turn the lists of one object into arrays; None when there is something wrong with them.
+
+    `fields` has passed the check of the structure and has its defaults; `place` is `objects[0]`.
+    """
+    before = len(problems)
+    n = len(fields["vertPos"])
+    if n == 0:
+        problems.append(f"{place}.vertPos: is empty; an object needs at least one vertex")
+    positions = vectors(fields["vertPos"], f"{place}.vertPos", problems)
+    fixed = flags(fields["vertIsFixed"], f"{place}.vertIsFixed", problems)
+    mass = numbers(fields["vertMass"], f"{place}.vertMass", problems)
+    springs = vertices(fields["springs"], n, 2, f"{place}.springs", problems)
+    stiffness = numbers(fields["springStiffness"], f"{place}.springStiffness", problems)
+    triangles = vertices(fields["triangles"], n, 3, f"{place}.triangles", problems)
+    velocity = vectors(fields["vertVel"], f"{place}.vertVel", problems) if "vertVel" in fields else np.zeros((n, 3))
+    rest = None
+    if given := "springRestLength" in fields:
+        rest = numbers(fields["springRestLength"], f"{place}.springRestLength", problems)
+    _check_counts(fields, place, problems)
+    for kind, values in (("mass", mass), ("stiffness", stiffness), ("rest", rest)):
+        check_range(values, KIND[kind], f"{place}.{KIND[kind].field}", problems)
+    if positions is not None and springs is not None:
+        check_lengths(positions, springs, f"{place}.springs", problems)
+        rest = rest if given or len(problems) > before else lengths(positions, springs)
+    made = (positions, fixed, mass, springs, stiffness, triangles, velocity, rest)
+    return None if len(problems) > before else Arrays(*made)  # type: ignore[arg-type]  # None only with a problem
+
+
+def vectors(values: list[Any], place: str, problems: list[str]) -> Array | None:
+    """Turn a list of {x, y, z} into an array (n, 3)."""
+    try:
+        flat = list(chain.from_iterable(map(itemgetter("x", "y", "z"), values)))
+    except (KeyError, TypeError):  # an item that is no object or lacks a component
+        flat = [None]
+    if set(map(type, flat)) <= NUMBERS:
+        array = _doubles(flat)
+        if np.isfinite(array).all():
+            return array.reshape(-1, 3)
+    wrong = list(chain.from_iterable(_vector_problems(value, f"{place}[{i}]") for i, value in enumerate(values)))
+    problems.extend(wrong[:HANDFUL])
+    _tell_rest(len(wrong), problems)
+    return None
+
+
+def numbers(values: list[Any], place: str, problems: list[str]) -> Array | None:
+    """Turn a list of numbers into an array (n,); all must be finite."""
+    if not set(map(type, values)) <= NUMBERS:
+        wrong = [i for i, value in enumerate(values) if type(value) not in NUMBERS]
+        _report(wrong, place, lambda i: f"{shown(values[i])} is not a number", problems)
+        return None
+    array = _doubles(values)
+    return array if check_finite(array, place, problems) else None
+
+
+def flags(values: list[Any], place: str, problems: list[str]) -> Flags | None:
+    """Turn a list of true and false into an array (n,)."""
+    if not set(map(type, values)) <= {bool}:
+        wrong = [i for i, value in enumerate(values) if type(value) is not bool]
+        _report(wrong, place, lambda i: f"{shown(values[i])} is not true or false", problems)
+        return None
+    return np.array(values, dtype=np.bool_)
+
+
+def vertices(values: list[Any], n: int, size: int, place: str, problems: list[str]) -> Indices | None:
+    """Turn a flat list of indices below n, in groups of `size`, into an array (len / size, size)."""
+    if not set(map(type, values)) <= {int}:
+        wrong = [i for i, value in enumerate(values) if type(value) is not int]
+        _report(wrong, place, lambda i: f"{shown(values[i])} is not an index (a whole number)", problems)
+        return None
+    try:
+        array = np.array(values, dtype=np.int64)
+    except OverflowError:
+        array = np.array([value if 0 <= value < n else -1 for value in values], dtype=np.int64)
+    wrong = np.flatnonzero((array < 0) | (array >= n)).tolist()
+    has = f"the object has {counted(n, 'vertex', 'vertices')}"
+    _report(wrong, place, lambda i: f"vertex {shown(values[i])} does not exist ({has})", problems)
+    group = {2: "pairs", 3: "triples"}[size]
+    if len(values) % size:
+        problems.append(f"{place}: {len(values)} indices do not make {group}; a multiple of {size} is needed")
+    return None if wrong or len(values) % size else array.astype(np.int32).reshape(-1, size)
+
+
+def check_finite(array: Array, place: str, problems: list[str]) -> bool:
+    """Check that every number is finite."""
+    wrong = np.flatnonzero(~np.isfinite(array)).tolist()
+    _report(wrong, place, lambda i: _not_finite(array[i]), problems)
+    return not wrong
+
+
+def check_range(values: Array | None, kind: Kind, place: str, problems: list[str]) -> None:
+    """Check that all values of a kind, where there are any, are such as it can have: above 0, or 0 or more."""
+    if values is not None and kind.valid != "any number":
+        wrong = np.flatnonzero(values <= 0 if kind.valid == "above 0" else values < 0).tolist()
+        unit = kind.unit
+        _report(wrong, place, lambda i: f"the {kind.title} {float(values[i])} {unit} must be {kind.valid}", problems)
+
+
+def lengths(positions: Array, springs: Indices) -> Array:
+    """Lengths (S,), m, of springs (S, 2) between vertices at `positions` (n, 3)."""
+    edge = positions[springs[:, 0]] - positions[springs[:, 1]]
+    return np.asarray(np.sqrt((edge * edge).sum(axis=1)))
+
+
+def check_lengths(positions: Array, springs: Indices, place: str, problems: list[str]) -> None:
+    """Check that every spring (S, 2) joins two vertices and has a rest length above 0 and finite."""
+    a, b = springs[:, 0], springs[:, 1]
+    same = a == b
+    _report_springs(same, springs, place, "vertex {0} is joined to itself; a spring needs two vertices", problems)
+    with np.errstate(over="ignore", under="ignore"):
+        edges = positions[a] - positions[b]
+        length = np.sqrt(np.einsum("si,si->s", edges, edges))
+    here = "vertices {0} and {1} lie at the same place; a spring needs a rest length above 0"
+    _report_springs((length == 0) & ~same, springs, place, here, problems)
+    far = "vertices {0} and {1} are too far apart; the spring's rest length is not finite"
+    _report_springs(~np.isfinite(length), springs, place, far, problems)
+
+
+def new_values(
+    values: npt.ArrayLike, shape: int | tuple[int, ...], place: str, problems: list[str]
+) -> Array | None:
+    """Copy given values of a kind into an array of that shape, of finite numbers."""
+    shape = (shape,) if isinstance(shape, int) else shape
+    try:
+        array = np.asarray(values)
+    except ValueError:  # rows of different lengths
+        array = np.empty((0,) * 9)
+    if array.shape != shape or array.dtype.kind not in "fiu":
+        needed = "a number" if shape == () else f"{' × '.join(map(str, shape))} numbers"
+        problems.append(f"{place}: an array of {array.dtype} of shape {array.shape} is not {needed}")
+        return None
+    copy = array.astype(np.float64)
+    return copy if check_finite(copy.reshape(-1), place, problems) else None
+
+
+def _check_counts(fields: dict[str, Any], place: str, problems: list[str]) -> None:
+    vertices, ends = counted(len(fields["vertPos"]), "vertex", "vertices"), len(fields["springs"])
+    springs = counted(ends // 2, "spring", "springs")
+    needed = [(name, len(fields["vertPos"]), vertices) for name in ("vertIsFixed", "vertMass", "vertVel")]
+    if ends % 2 == 0:
+        needed += [(name, ends // 2, springs) for name in ("springStiffness", "springRestLength")]
+    for name, count, owners in needed:
+        if name in fields and len(fields[name]) != count:
+            has = counted(len(fields[name]), "value", "values")
+            problems.append(f"{place}.{name}: {has} for {owners}; one each is needed")
+
+
+def _vector_problems(value: Any, place: str) -> Iterable[str]:
+    if not isinstance(value, dict):
+        yield f"{place}: {shown(value)} is not a vector (an object with x, y and z)"
+        return
+    for axis in "xyz":
+        if axis not in value:
+            yield f"{place}.{axis}: is missing; a vector needs x, y and z"
+        elif type(value[axis]) not in NUMBERS:
+            yield f"{place}.{axis}: {shown(value[axis])} is not a number"
+        elif not np.isfinite(component := _doubles([value[axis]])[0]):
+            yield f"{place}.{axis}: {_not_finite(component)}"
+
+
+def _not_finite(value: np.float64) -> str:
+    return f"{shown(float(value))} is not a finite number within the range of doubles"
+
+
+def _doubles(values: list[Any]) -> Array:
+    try:
+        return np.array(values, dtype=np.float64)
+    except OverflowError:  # an integer beyond the range of doubles; reported as not finite
+        return np.array([_double(value) for value in values])
+
+
+def _double(value: float) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return float("inf") if value > 0 else float("-inf")
+
+
+def _report(wrong: Sequence[int], place: str, sentence: Callable[[int], str], problems: list[str]) -> None:
+    problems.extend(f"{place}[{i}]: {sentence(i)}" for i in wrong[:HANDFUL])
+    _tell_rest(len(wrong), problems)
+
+
+def _report_springs(wrong: Flags, springs: Indices, place: str, sentence: str, problems: list[str]) -> None:
+    pairs = springs[wrong][:HANDFUL].tolist()
+    starts = (2 * np.flatnonzero(wrong)[:HANDFUL]).tolist()  # index in the flat list
+    problems.extend(f"{place}[{i}]: {sentence.format(*pair)}" for i, pair in zip(starts, pairs, strict=True))
+    _tell_rest(int(wrong.sum()), problems)
+
+
+def _tell_rest(count: int, problems: list[str]) -> None:
+    if count > HANDFUL:
+        problems[-1] += f" (and {count - HANDFUL} more in this list)"

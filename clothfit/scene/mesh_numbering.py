@@ -1,0 +1,79 @@
+"""The numbering of the mesh that an object of a scene was made from, where welding changed it.
+
+A motion from the tool that drew the mesh has the mesh's vertices. An optional field of the object tells which vertex of
+the object each of them became, `"meshVertices": [0, 1, 2, 1, -1]`: the fourth was joined to the second, the fifth
+left out. As any field that the front end does not know, it stays in the file.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from clothfit.base.arrays import Indices
+from clothfit.base.errors import InvalidScene
+from clothfit.scene.scene import Scene
+
+FIELD = "meshVertices"
+
+
+def numberings(scene: Scene) -> list[Indices | None]:
+    """Of each object the vertex (n_mesh,) that each vertex of its mesh became, −1 for none; None where the scene does
+    not say, and the two have the same numbers. Raises InvalidScene when a field cannot be one.
+    """
+    if f'"{FIELD}"' not in scene.source.text:  # parsing takes as long as loading
+        return [None] * len(scene.cloths)
+    objects = json.loads(scene.source.text)["objects"]
+    return [_numbering(item.get(FIELD), i, scene) for i, item in enumerate(objects)]
+
+
+def picks(scene: Scene) -> Indices | None:
+    """For each vertex of the scene, all objects one after another, the first vertex of their meshes, one after another,
+    that it was; None where nothing was renumbered. Raises InvalidScene as `numberings`.
+
+    Positions (frames, points, 3) of the meshes become those of the scene by `positions[:, picks(scene)]`, if there are
+    `sum(mesh_counts(scene))` of them.
+    """
+    found = numberings(scene)
+    if all(numbering is None for numbering in found):
+        return None
+    chosen, begin = [], 0
+    for numbering, count in zip(found, scene.vertex_counts, strict=True):
+        own = np.arange(count, dtype=np.int32) if numbering is None else numbering
+        became, first = np.unique(own, return_index=True)
+        chosen.append(begin + first[became >= 0])
+        begin += len(own)
+    return np.concatenate(chosen).astype(np.int32)
+
+
+def mesh_counts(scene: Scene) -> tuple[int, ...]:
+    """How many vertices each object's mesh has. Raises InvalidScene as `numberings`."""
+    counts = zip(numberings(scene), scene.vertex_counts, strict=True)
+    return tuple(count if numbering is None else len(numbering) for numbering, count in counts)
+
+
+def unwelded(scene: Scene, positions: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Positions (frames, vertices, 3) of the scene, or other values of its vertices, as those (frames, points, 3) of
+    its meshes, for tools that have these; what was left out, being in no triangle, goes with its object's first vertex.
+    Raises InvalidScene as `numberings`.
+    """
+    chosen, begin = [], 0
+    for numbering, count in zip(numberings(scene), scene.vertex_counts, strict=True):
+        own = np.arange(count, dtype=np.int32) if numbering is None else numbering
+        chosen.append(begin + np.maximum(own, 0))
+        begin += count
+    return positions[:, np.concatenate(chosen)]
+
+
+def _numbering(values: Any, index: int, scene: Scene) -> Indices | None:
+    if values is None:
+        return None
+    n = scene.vertex_counts[index]
+    whole = isinstance(values, list) and set(map(type, values)) <= {int}
+    if not whole or not {*range(n)} <= {*values} <= {*range(-1, n)}:
+        place = f"objects[{index}].{FIELD}"
+        raise InvalidScene(f"{place}: is no list that names each of the {n} vertices; take the field away", scene.name)
+    return np.array(values, np.int32)

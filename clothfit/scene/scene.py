@@ -1,0 +1,261 @@
+"""The scene: what the JSON of the front end says, checked, as arrays in SI units; loading and saving it.
+
+A scene is immutable; a fit makes new ones with other values. Each remembers the text it came from, and saving changes
+nothing in that text but the numbers that differ. The camelCase names of the file end here and in `checks` and `kinds`:
+the rest of the package knows these fields.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.errors import InvalidScene
+from clothfit.base.writing import write_atomically
+from clothfit.scene import array_checks as checks
+from clothfit.scene import schema as structure
+from clothfit.scene.kinds import CLOTH_KINDS, KIND, LETTERED, SCENE_KINDS, Kind
+from clothfit.scene.splice import Optional, splice
+from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read
+
+SPHERE = 1  # colliders[].type
+INTEGRATORS = ("explicit", "symplectic", "implicit")  # names of the values of integrationMethod
+LETTERS: dict[str | bool, str] = {"n": "n", "g": "G", "l": "L", False: "n", True: "G"}
+
+
+@dataclass(frozen=True, eq=False)
+class Cloth:
+    """One object of a scene: n vertices, S springs, T triangles. The arrays are read-only."""
+
+    positions: Array  # (n, 3) initial world positions, m
+    fixed: Flags  # (n,) the vertex does not move
+    mass: Array  # (n,) kg, above 0
+    springs: Indices  # (S, 2) the vertices each spring joins
+    stiffness: Array  # (S,) N/m, 0 or more
+    triangles: Indices  # (T, 3) the corners of each face
+    drag: float  # air drag of the faces, kg/(m^6 s), 0 or more
+    damping: float  # alpha: node damping alpha m, spring damping (alpha/2) k
+    settings: str  # what to fit, masses then stiffnesses: n nothing, G one value, L one per element
+    velocity: Array  # (n, 3) at the start, m/s; fixed vertices ignore theirs
+    rest: Array  # (S,) rest lengths, m, above 0
+    fits: Mapping[str, str]  # what else to fit: name of a kind to G or L
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            if isinstance(array := getattr(self, field.name), np.ndarray):
+                array.setflags(write=False)
+
+    def mode(self, name: str) -> str:
+        """How a kind, by its name, is fitted: n not at all, G one value, L one per element."""
+        return self.settings[LETTERED.index(name)] if name in LETTERED else self.fits.get(name, "n")
+
+    @cached_property
+    def lengths(self) -> Array:
+        """Lengths (S,) of the springs at the initial positions, m, read-only."""
+        lengths = checks.lengths(self.positions, self.springs)
+        lengths.setflags(write=False)
+        return lengths
+
+    def default(self, kind: Kind) -> npt.ArrayLike:
+        """What an object has whose file does not say anything of an optional kind."""
+        return self.lengths if kind.name == "rest" else np.zeros_like(getattr(self, kind.name))
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere:
+    """A fixed sphere that the cloths cannot enter."""
+
+    centre: Array  # (3,) m, read-only
+    radius: float  # m, above 0
+
+    def __post_init__(self) -> None:
+        self.centre.setflags(write=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A valid scene."""
+
+    title: str
+    method: int  # 0 explicit, 1 symplectic, 2 implicit Euler
+    delta: float  # time step, s
+    tolerance: float  # of the linear solver, relative to the right-hand side
+    frames: int  # compared when fitting, the initial one included
+    newton_iterations: int  # per implicit step; 1 is the linearised step
+    wind: Array  # (3,) m/s, read-only
+    gravity: Array  # (3,) m/s², read-only
+    fits: Mapping[str, str]  # what to fit of the scene as a whole: name of a kind to G
+    cloths: tuple[Cloth, ...]  # at least one, in file order
+    spheres: tuple[Sphere, ...]
+    warnings: tuple[str, ...]  # what the file asks for and nobody does, one sentence each
+    name: str  # of the file, for messages
+    source: Source  # original text, for saving
+
+    def __post_init__(self) -> None:
+        self.wind.setflags(write=False)
+        self.gravity.setflags(write=False)
+
+    @property
+    def vertex_counts(self) -> tuple[int, ...]:
+        """Number of vertices of each cloth."""
+        return tuple(len(cloth.mass) for cloth in self.cloths)
+
+    def mode(self, name: str) -> str:
+        """How a kind of the scene as a whole, by its name, is fitted: n not at all, G its value."""
+        return self.fits.get(name, "n")
+
+    def default(self, kind: Kind) -> npt.ArrayLike:
+        """What a scene has whose file does not say anything of a kind."""
+        return _vector(structure.defaults("scene")[kind.field])
+
+    def with_values(
+        self, masses: Sequence[npt.ArrayLike], stiffnesses: Sequence[npt.ArrayLike], **others: Any
+    ) -> Scene:
+        """Make a new scene with other masses, kg (n,), and stiffnesses, N/m (S,), of each of its cloths.
+
+        `others` are values of other kinds, by their names in `clothfit.scene.kinds`: those of objects as one item per
+        cloth (`damping`, `drag`: a number; `velocity`: (n, 3); `rest`: (S,)), those of the scene (`wind`, `gravity`) as
+        (3,). Raises InvalidScene when a shape differs, or a value is not finite or not such as its kind can have.
+        """
+        if not len(masses) == len(stiffnesses) == len(self.cloths):
+            given = f"{len(masses)} arrays of masses and {len(stiffnesses)} of stiffnesses"
+            raise InvalidScene(f"objects: {given} for {len(self.cloths)} objects; one each is needed", self.name)
+        for name, each in others.items():
+            if name not in KIND:
+                raise InvalidScene(f"there is no kind {name!r}; there are {', '.join(KIND)}", self.name)
+            if KIND[name] not in SCENE_KINDS and len(each) != len(self.cloths):
+                raise InvalidScene(f"{name}: {len(each)} items for {len(self.cloths)} objects are given", self.name)
+        problems: list[str] = []
+        own = {"mass": masses, "stiffness": stiffnesses, **others}
+        shared = {kind.name: own.pop(kind.name) for kind in SCENE_KINDS if kind.name in own}
+        cloths = []
+        for i, cloth in enumerate(self.cloths):
+            values = {name: each[i] for name, each in own.items()}
+            cloths.append(replace(cloth, **_checked(cloth, values, f"objects[{i}].", problems)))
+        changed = _checked(self, shared, "", problems)
+        if problems:
+            raise InvalidScene(problems, self.name)
+        return replace(self, cloths=tuple(cloths), **changed)
+
+
+def load(path_or_file: Readable) -> Scene:
+    """Load a scene from a path, an open text or binary file, or a dict with the fields of the file.
+
+    Raises InvalidScene, and nothing else, when it cannot be read or breaks the format.
+    """
+    name = name_of(path_or_file)
+    source = read(path_or_file)
+    parsed = parse(source, name)
+    problems = structure.problems_of(parsed.document)
+    if problems:
+        raise InvalidScene(problems, name)
+    document = {**structure.defaults("scene"), **parsed.document}
+    cloths = tuple(_cloth(item, f"objects[{i}]", problems) for i, item in enumerate(document["objects"]))
+    if parsed.constants and not problems:  # one in a field that is not ours
+        problems.append(constant_problem(source))
+    if problems:
+        raise InvalidScene(problems, name)
+    return _scene(document, tuple(cloth for cloth in cloths if cloth), name, source)
+
+
+def save(scene: Scene, path_or_file: str | os.PathLike[str] | IO[str] | IO[bytes]) -> None:
+    """Save a scene to a path, whole or not at all, or to an open text or binary file.
+
+    Raises InvalidInput when the path cannot be written; the errors of an open file are passed on.
+    """
+    data = dumps(scene)
+    if isinstance(path_or_file, (str, os.PathLike)):
+        write_atomically(path_or_file, data)
+        return
+    file: IO[Any] = path_or_file
+    try:
+        file.write(data)
+    except TypeError:  # a text file; its encoding is its own business
+        file.write(data.removeprefix(scene.source.mark).decode(scene.source.encoding))
+
+
+def dumps(scene: Scene) -> bytes:
+    """Give the text of a scene: the one it came from, but for the values that differ."""
+    objects = [{kind.field: _plain(cloth, kind) for kind in CLOTH_KINDS} for cloth in scene.cloths]
+    whole = {kind.field: _plain(scene, kind) for kind in SCENE_KINDS}
+    return scene.source.encode(splice(scene.source.text, objects, whole))
+
+
+def _checked(owner: Cloth | Scene, values: Mapping[str, Any], place: str, problems: list[str]) -> dict[str, Any]:
+    """Turn given values of kinds, by name, into what their owner has; what is wrong goes to `problems`."""
+    made: dict[str, Any] = {}
+    for name, given in values.items():
+        kind, old = KIND[name], getattr(owner, name)
+        value = checks.new_values(given, np.shape(old), f"{place}{kind.field}", problems)
+        checks.check_range(value if value is None else value.reshape(-1), kind, f"{place}{kind.field}", problems)
+        made[name] = float(value) if isinstance(old, float) and value is not None else value
+    return made
+
+
+def _plain(owner: Cloth | Scene, kind: Kind) -> Any:
+    """A kind's value as JSON holds it; optional where the file may do without, needed where it is not the default."""
+    value = np.asarray(getattr(owner, kind.name))
+    plain: Any = value.tolist()
+    if kind.components == 3:
+        rows = [dict(zip("xyz", row, strict=True)) for row in value.reshape(-1, 3).tolist()]
+        plain = rows if value.ndim == 2 else rows[0]
+    if kind.name in LETTERED:
+        return plain
+    return Optional(plain, not np.array_equal(value, owner.default(kind)))
+
+
+def _scene(document: dict[str, Any], cloths: tuple[Cloth, ...], name: str, source: Source) -> Scene:
+    colliders = document["colliders"]
+    planes = [i for i, item in enumerate(colliders) if item["type"] != SPHERE]
+    more = f" (and {len(planes) - 1} more)" if len(planes) > 1 else ""
+    return Scene(
+        title=document["title"].encode(errors="replace").decode(),  # "\ud800" in JSON is a text nobody can print
+        method=document["integrationMethod"],
+        delta=float(document["delta"]),
+        tolerance=float(document["tolerance"]),
+        frames=document["optimizationIterations"],
+        newton_iterations=document["forwardSubSteps"],
+        wind=_vector(document["windVel"]),
+        gravity=_vector(document["gravity"]),
+        fits=_fits(document["fit"], SCENE_KINDS),
+        cloths=cloths,
+        spheres=tuple(_sphere(item) for item in colliders if item["type"] == SPHERE),
+        warnings=tuple(f"colliders[{i}]: planes are ignored, as in the editor{more}" for i in planes[:1]),
+        name=name,
+        source=source,
+    )
+
+
+def _cloth(item: dict[str, Any], place: str, problems: list[str]) -> Cloth | None:
+    item = {**structure.defaults("object"), **item}
+    arrays = checks.arrays(item, place, problems)
+    if arrays is None:
+        return None
+    return Cloth(
+        **arrays._asdict(),
+        drag=float(item["dragCoefficient"]),
+        damping=float(item["damping"]),
+        settings="".join(LETTERS[letter.lower()] for letter in item["optimizationSettings"]),
+        fits=_fits(item["fit"], CLOTH_KINDS),
+    )
+
+
+def _fits(asked: dict[str, str | bool], kinds: Sequence[Kind]) -> dict[str, str]:
+    """The modes, by names of kinds, of what a `fit` asks for."""
+    letters = {name: LETTERS[letter.lower() if isinstance(letter, str) else letter] for name, letter in asked.items()}
+    return {kind.name: letters[kind.field] for kind in kinds if letters.get(kind.field, "n") != "n"}
+
+
+def _sphere(item: dict[str, Any]) -> Sphere:
+    return Sphere(_vector(item["pos"]), float(item["scale"]["x"]) / 2)
+
+
+def _vector(item: dict[str, Any]) -> Array:
+    return np.array([item["x"], item["y"], item["z"]], dtype=np.float64)

@@ -1,0 +1,137 @@
+"""The structure of a scene document: which fields there are, of which type, the scalars within their bounds.
+
+The rules are those of `schemas/scene.schema.json`, and so are the defaults. A schema validator takes seconds on the
+long arrays of a large cloth, so these are cut out here, from document and schema alike: only that they are lists is
+checked. Their items are checked by `checks.py`. The validator is loaded only for what does not obviously conform.
+Two types are meant more strictly than JSON Schema does: a number is finite and within the range of doubles, a whole
+number is written without a decimal point.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+from functools import cache
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from clothfit.base.messages import named, place, shown
+from clothfit.scene.conforms import TYPES as TYPE_TESTS
+from clothfit.scene.conforms import conforms
+
+LONG = (
+    "vertPos", "vertIsFixed", "vertMass", "vertVel", "springs", "springStiffness", "springRestLength", "triangles",
+)  # fmt: skip
+MOST_PROBLEMS = 20
+TYPES = {
+    "array": "a list",
+    "boolean": "true or false",
+    "integer": "a whole number (without a decimal point)",
+    "number": "a number",
+    "object": "an object",
+    "string": "text in quotes",
+}
+
+
+def problems_of(document: Any) -> list[str]:
+    """List what is wrong with the structure, each as "place: what is wrong"; at most one per place."""
+    found: dict[str, str] = {}
+    outline, schema = _outline(document), _schema_of_outlines()
+    if conforms(outline, schema, schema):
+        return []
+    for error in islice(_validator().iter_errors(outline), MOST_PROBLEMS):
+        for where, sentence in _problems(error):
+            found.setdefault(where, f"{where}: {sentence}")
+    return list(found.values())
+
+
+def defaults(kind: str) -> dict[str, Any]:
+    """Give the default of each optional field of the "scene", an "object" or a "collider"."""
+    schema = _schema() if kind == "scene" else _schema()["$defs"][kind]
+    return {name: field["default"] for name, field in schema["properties"].items() if "default" in field}
+
+
+def fields(kind: str) -> set[str]:
+    """Names of the fields that the "scene", an "object" or a "collider" may have."""
+    schema = _schema() if kind == "scene" else _schema()["$defs"][kind]
+    return set(schema["properties"])
+
+
+def schema_path() -> Path:
+    """Find the published schema: inside an installed package, beside the package in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    places = [folder / "schemas" / "scene.schema.json" for folder in (package, package.parent)]
+    return next((path for path in places if path.is_file()), places[0])
+
+
+@cache
+def _schema() -> dict[str, Any]:
+    schema: dict[str, Any] = json.loads(schema_path().read_text("utf-8"))
+    return schema
+
+
+@cache
+def _validator() -> Any:
+    import jsonschema  # type: ignore[import-untyped]  # here because importing it takes longer than reading a scene
+
+    base = jsonschema.Draft202012Validator
+    checker = base.TYPE_CHECKER.redefine("number", lambda _, value: TYPE_TESTS["number"](value))
+    checker = checker.redefine("integer", lambda _, value: TYPE_TESTS["integer"](value))
+    return jsonschema.validators.extend(base, type_checker=checker)(_schema_of_outlines())
+
+
+@cache
+def _schema_of_outlines() -> dict[str, Any]:
+    schema: dict[str, Any] = copy.deepcopy(_schema())
+    schema["$defs"]["object"]["properties"].update({name: {"type": "array"} for name in LONG})
+    return schema
+
+
+def _outline(document: Any) -> Any:
+    """Copy a document without the items of its long arrays."""
+    if not isinstance(document, dict) or not isinstance(document.get("objects"), list):
+        return document
+    return {**document, "objects": [_short(item) for item in document["objects"]]}
+
+
+def _short(item: Any) -> Any:
+    if not isinstance(item, dict):
+        return item
+    return {key: [] if key in LONG and isinstance(value, list) else value for key, value in item.items()}
+
+
+def _problems(error: Any) -> list[tuple[str, str]]:
+    """Put an error of the validator into our words: pairs of place and sentence."""
+    path = list(error.absolute_path)
+    if error.validator == "required":  # the validator does not say which field it means; all of them, then
+        missing = [name for name in error.validator_value if name not in error.instance]
+        return [(place([*path, name]), "is missing, and it has no default") for name in missing]
+    if error.validator == "additionalProperties":  # only a `fit` has a closed list of fields
+        known = error.schema["properties"]
+        strange = [name for name in error.instance if name not in known]
+        return [(place([*path, named(name)]), f"cannot be fitted; {', '.join(known)} can") for name in strange]
+    return [(place(path), _sentence(error.validator, error.validator_value, error.instance))]
+
+
+def _sentence(rule: str, bound: Any, value: Any) -> str:
+    match rule:
+        case "type" if bound == "number" and type(value) in (int, float):
+            return f"{shown(value)} is not a finite number within the range of doubles"
+        case "type":
+            return f"{shown(value)} is not {TYPES[bound]}"
+        case "enum":
+            return f"{shown(value)} is not one of {', '.join(map(shown, bound))}"
+        case "exclusiveMinimum":
+            return f"{shown(value)} is too small; it must be above {bound}"
+        case "exclusiveMaximum":
+            return f"{shown(value)} is too large; it must be below {bound}"
+        case "minimum":
+            return f"{shown(value)} is too small; it must be at least {bound}"
+        case "maximum":
+            return f"{shown(value)} is too large; it must be at most {bound}"
+        case "minItems":
+            return f"is empty; at least {bound} is needed"
+        case "pattern" | "maxLength":
+            return f"{shown(value)} is not two letters of n, G, L (masses, then stiffnesses)"
+    return f"{shown(value)} breaks the rule {rule} {shown(bound)}"
