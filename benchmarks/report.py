@@ -19,7 +19,7 @@ import numpy as np
 import clothfit
 from clothfit.meshes.mesh import object_document, plane
 from clothfit.motion.motion import as_motion
-from clothfit.report import report_page
+from clothfit.report.page import report_page
 
 ARGUMENTS = [
     "--no-sandbox", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",

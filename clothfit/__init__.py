@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from clothfit.motion.files import load_motion, save_motion
     from clothfit.motion.motion import Motion, as_motion, simulate
     from clothfit.objective.objective import Objective, cost_and_gradient
-    from clothfit.report import report_page
+    from clothfit.report.page import report_page
     from clothfit.scene.fit_vector import parameters, with_parameters
     from clothfit.scene.scene import Cloth, Scene, load, save
 
@@ -60,7 +60,7 @@ _HOME = {
     "cost_and_gradient": "objective.objective",
     "WorkPrecision": "evaluation.work_precision",
     "work_precision": "evaluation.work_precision",
-    "report_page": "report",
+    "report_page": "report.page",
     "parameters": "scene.fit_vector",
     "with_parameters": "scene.fit_vector",
     "Cloth": "scene.scene",

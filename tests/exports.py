@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scenes import cloth, document, load_text
 
-from clothfit.export import exported
+from clothfit.export.tools import exported
 from clothfit.meshes import mesh
 from clothfit.scene.scene import Scene
 

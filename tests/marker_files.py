@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from clothfit.formats import RIGHT
 from clothfit.formats.animation import Animation
-from clothfit.formats.axes import Axes
+from clothfit.formats.axes import RIGHT, Axes
 
 INTEL, DEC, MIPS = 84, 85, 86
 

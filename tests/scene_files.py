@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from clothfit.formats import RIGHT
 from clothfit.formats.animation import Animation
+from clothfit.formats.axes import RIGHT
 
 COMPONENTS = {"int8": 5120, "uint8": 5121, "int16": 5122, "uint16": 5123, "uint32": 5125, "float32": 5126}
 KINDS = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}

@@ -11,7 +11,7 @@ from provoked import SMALL
 from scenes import cloth, write_scene
 
 from clothfit.cli import run
-from clothfit.export import TOOLS, exported
+from clothfit.export.tools import TOOLS, exported
 from clothfit.export.topology import roles
 from clothfit.meshes import mesh
 

@@ -11,7 +11,7 @@ from exports import built, content, of, two
 from scenes import cloth
 
 from clothfit import load
-from clothfit.export import exported
+from clothfit.export.tools import exported
 from clothfit.export.weights import painted
 
 

@@ -8,7 +8,7 @@ from exports import ROUNDING, built, content, of, two
 from scenes import cloth, document, load_text
 
 from clothfit import simulate
-from clothfit.export import exported
+from clothfit.export.tools import exported
 from clothfit.export.topology import roles
 
 POINTS, PRIMITIVES = "pointattributes", "primitiveattributes"

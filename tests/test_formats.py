@@ -12,9 +12,10 @@ import clothfit
 from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import write_atomically
 from clothfit.cli import run
-from clothfit.formats import FORMATS, glb
+from clothfit.formats import glb
 from clothfit.formats.axes import Axes
 from clothfit.formats.convention import Convention, Reading
+from clothfit.formats.registry import FORMATS
 
 SCENE = clothfit.load(trial("nG", 12))
 MOTION = clothfit.simulate(SCENE)

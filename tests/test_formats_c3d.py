@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from marker_files import TWO, check, motion
 
-from clothfit.formats import RIGHT, c3d
-from clothfit.formats.axes import Axes
+from clothfit.formats import c3d
+from clothfit.formats.axes import RIGHT, Axes
 
 NAN = np.nan
 MILLI = Axes("z", "right", 0.001)

@@ -16,8 +16,9 @@ import trimesh
 from scene_files import wave
 
 from clothfit.base.errors import InvalidMotion
-from clothfit.formats import RIGHT, glb
+from clothfit.formats import glb
 from clothfit.formats.animation import Animation
+from clothfit.formats.axes import RIGHT
 
 CORNERS, FACES = made.CORNERS.astype(float), made.FACES
 HALF = np.sqrt(0.5)

@@ -9,9 +9,9 @@ import pytest
 from marker_files import check, motion
 
 from clothfit.base.errors import InvalidMotion
-from clothfit.formats import RIGHT, c3d, marker_table, trc
+from clothfit.formats import c3d, marker_table, trc
 from clothfit.formats.animation import Animation
-from clothfit.formats.axes import Axes
+from clothfit.formats.axes import RIGHT, Axes
 
 NAN = np.nan
 MODULES = {"c3d": c3d, "trc": trc, "csv": marker_table}

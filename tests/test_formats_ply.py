@@ -7,8 +7,9 @@ import pytest
 import trimesh
 
 from clothfit import InvalidInput, InvalidMotion
-from clothfit.formats import RIGHT, format_of, module_of
+from clothfit.formats.axes import RIGHT
 from clothfit.formats.ply import read
+from clothfit.formats.registry import format_of, module_of
 
 HEADER = """ply
 format {} 1.0

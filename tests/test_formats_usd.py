@@ -14,9 +14,9 @@ from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.writing import write_atomically
-from clothfit.formats import RIGHT, usd, usd_reader
+from clothfit.formats import usd, usd_reader
 from clothfit.formats.animation import Animation
-from clothfit.formats.axes import Axes
+from clothfit.formats.axes import RIGHT, Axes
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 2, 0]])
 FRAMES = np.stack([CORNERS + f for f in range(3)])

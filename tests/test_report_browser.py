@@ -11,8 +11,8 @@ from scenes import even, sphere
 
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import simulate
-from clothfit.report import report_page
 from clothfit.report.log import Log, Point
+from clothfit.report.page import report_page
 from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="the motions need compilation")

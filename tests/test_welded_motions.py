@@ -8,7 +8,8 @@ import trimesh
 
 from clothfit import InvalidMotion, load, load_motion, save_motion, simulate
 from clothfit.cli import run
-from clothfit.formats import foreign, module_of, pc2
+from clothfit.formats import pc2
+from clothfit.formats.registry import foreign, module_of
 from clothfit.meshes import mesh
 from clothfit.meshes.mesh_file import read_mesh
 from clothfit.motion.files import for_tools

@@ -77,7 +77,7 @@ def command(
 
 def place(in_path: str, out_path: str, others: tuple[str | None, ...]) -> shared.Output:
     """Where the motion goes, checked. Raises InvalidInput."""
-    from clothfit.formats import format_of
+    from clothfit.formats.registry import format_of
 
     if out_path != shared.STREAM:
         format_of(out_path)
@@ -96,7 +96,7 @@ def mesh_faces(path: str) -> tuple[int, Indices]:
 
 def of_scene(loaded: Loaded, scene: Scene, out: shared.Output) -> Loaded:
     """The same with the scene's faces; for another program by the vertices of the mesh that it knows."""
-    from clothfit.formats import foreign
+    from clothfit.formats.registry import foreign
     from clothfit.motion.files import for_tools, triangles_of
 
     found = foreign(out.path)
@@ -125,8 +125,8 @@ def written(
     console: Console,
 ) -> dict[str, Any]:
     """Write the motion; what --json says of that."""
-    from clothfit.formats import foreign
     from clothfit.formats.axes import SCENE
+    from clothfit.formats.registry import foreign
     from clothfit.motion.files import archive
 
     count = 0 if faces is None else len(faces)

@@ -12,7 +12,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
 from clothfit.cli import shared
 from clothfit.cli.console import Console
-from clothfit.export import TOOLS
+from clothfit.export.tools import TOOLS
 
 if TYPE_CHECKING:
     from clothfit.scene.scene import Cloth, Scene
@@ -42,7 +42,7 @@ def command(fitted_path: str, tool: str, path: str | None, as_json: bool, consol
     """
     scene = shared.read_scene(fitted_path, console)
     folder = folder_of(path, fitted_path, tool)
-    from clothfit.export import exported
+    from clothfit.export.tools import exported
 
     made = exported(scene, tool)
     make(folder)

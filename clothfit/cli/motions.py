@@ -84,7 +84,7 @@ def read(
     path: str, scene: Scene, reading: Reading, console: Console, told: list[dict[str, Any]] | None = None
 ) -> Motion:
     """Load a motion of the scene from a path or standard input; what was assumed is said, and added to `told`."""
-    from clothfit.formats import foreign
+    from clothfit.formats.registry import foreign
 
     assumed = foreign(path) is not None or not reading.plain
     loaded = load(path, scene, reading, console, assumed)
@@ -133,7 +133,7 @@ def check(
     """Check, before long work, that a motion of so many frames (None: not known yet) can be written, with or without
     `gaps`, and not over any of the `inputs`. Raises InvalidInput.
     """
-    from clothfit.formats import foreign
+    from clothfit.formats.registry import foreign
     from clothfit.motion.files import check_gaps, check_place, sources
 
     found = foreign(out.path)
@@ -168,7 +168,7 @@ def write(
     extra: Mapping[str, Array] | None = None,
 ) -> None:
     """Write a motion of the scene to its file or files, with other arrays beside it where they can hold any."""
-    from clothfit.formats import foreign
+    from clothfit.formats.registry import foreign
     from clothfit.motion.files import for_tools
 
     found = foreign(out.path)
@@ -191,7 +191,7 @@ def write_foreign(
     timed: bool = True,
 ) -> Axes:
     """Write a motion as another program has it; says and returns which axes it got."""
-    from clothfit.formats import foreign
+    from clothfit.formats.registry import foreign
     from clothfit.motion import files as motion_files
 
     found = foreign(out.path)

@@ -54,7 +54,7 @@ class Item:
 
     def motion(self, path: str, own: str | None) -> File | Motion:
         """The content of a motion's file; where only this process can read it, the motion."""
-        from clothfit.formats import foreign
+        from clothfit.formats.registry import foreign
 
         if foreign(path) is None and self.files.reading.plain:
             return self.file(path)

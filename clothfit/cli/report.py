@@ -92,7 +92,7 @@ def write(
     out: shared.Output,
 ) -> tuple[Shown, int]:
     """Make the page and write it; tells what it shows, and its size, bytes."""
-    from clothfit.report import made
+    from clothfit.report.page import made
     from clothfit.report.showing import shown
 
     show = shown(truth, fitted, target, frames)

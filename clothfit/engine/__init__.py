@@ -1,1 +1,7 @@
-"""TODO: what is in engine, in which order, how to add one."""
+"""The engine: a System of arrays, its forces, one step, and step after step.
+
+solve/ (linear systems) → forces/ → system → step/ → rollout (steps in one compiled loop) → tape (a motion in parts).
+Each imports only what stands before it. fallbacks counts what a step needed beyond the ordinary, stability says how
+long a step may be.
+To add a force: see the page of `forces`; an integrator: see the page of `step`.
+"""

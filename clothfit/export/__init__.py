@@ -1,24 +1,7 @@
-"""Fitted masses and stiffnesses as other cloth tools take them: one module per tool, each a function of a scene.
+"""Fitted masses and stiffnesses as other cloth tools take them: one module per tool.
 
-`files(scene)` gives the names and the content of the files. What the numbers stand for in the tool, and what of a scene
-has no counterpart there, is said in `docs/export.md`. Numbers are written in full precision, so they read back as they
-are; the same scene gives the same bytes.
+tools lists them; tables (CSV), obi (Unity), blender and vellum (Houdini) write; topology and weights are what they
+share.
+To add a tool: a module with `files(scene) -> {name: content}`, a line in `tools.TOOLS`, and what its numbers mean in
+`docs/export.md`.
 """
-
-from __future__ import annotations
-
-from collections.abc import Callable
-from importlib import import_module
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from clothfit.scene.scene import Scene
-
-TOOLS = {"csv": "tables", "obi": "obi", "blender": "blender", "vellum": "vellum"}
-"""Names of the tools to the modules that write for them."""
-
-
-def exported(scene: Scene, tool: str) -> dict[str, bytes]:
-    """The files for a tool of `TOOLS`: names to contents."""
-    files: Callable[[Scene], dict[str, bytes]] = import_module(f"clothfit.export.{TOOLS[tool]}").files
-    return files(scene)

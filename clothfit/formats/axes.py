@@ -29,6 +29,9 @@ class Axes(NamedTuple):
 
 SCENE = Axes("y", "left", 1.0)
 
+RIGHT = Axes("y", "right", 1.0)
+"""What most other programs use."""
+
 
 def to_scene(points: Array, axes: Axes) -> Array:
     """Points (…, 3) of a file in the scene's axes, m."""

@@ -21,8 +21,8 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.memory import human
 from clothfit.base.writing import Data
-from clothfit.formats import RIGHT
 from clothfit.formats.animation import Animation
+from clothfit.formats.axes import RIGHT
 from clothfit.formats.demands import times_of
 from clothfit.formats.files import check_room, name_of
 from clothfit.formats.gltf import BIN_CHUNK, JSON_CHUNK, MAGIC, Document

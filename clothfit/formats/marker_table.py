@@ -23,8 +23,9 @@ import numpy as np
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import shown
 from clothfit.base.writing import Data
-from clothfit.formats import RIGHT, motive
+from clothfit.formats import motive
 from clothfit.formats.animation import Animation
+from clothfit.formats.axes import RIGHT
 from clothfit.formats.demands import seen, times_of
 from clothfit.formats.files import check_room, name_of
 from clothfit.formats.markers import UNITS, labels_of, text_of, unit_of

@@ -15,8 +15,8 @@ import numpy as np
 
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.writing import Data
-from clothfit.formats import RIGHT
 from clothfit.formats.animation import Animation
+from clothfit.formats.axes import RIGHT
 from clothfit.formats.point_cache import opened, put
 
 HEADER = struct.Struct(">ii")

@@ -22,8 +22,8 @@ import numpy as np
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.writing import Data
-from clothfit.formats import RIGHT
 from clothfit.formats.animation import Animation
+from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import COPIES, check_room, content, name_of
 
 ANY = "*"

@@ -15,8 +15,8 @@ from functools import partial
 
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.writing import Data
-from clothfit.formats import RIGHT
 from clothfit.formats.animation import Animation
+from clothfit.formats.axes import RIGHT
 from clothfit.formats.point_cache import opened, put
 
 MAGIC = b"POINTCACHE2\0"

@@ -17,8 +17,8 @@ import numpy as np
 from clothfit.base import memory
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidMotion
-from clothfit.formats import RIGHT
 from clothfit.formats.animation import Animation
+from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import check_room, content, name_of
 
 NUMBERS = {

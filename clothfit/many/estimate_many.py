@@ -193,7 +193,7 @@ def packed_goal(main: Path | Scene, motion: Any, scene: Path | Scene | None = No
 
 def packed_motion(path: Path, scene: Path | Scene) -> File | Motion:
     """A motion as it travels: another program's may be many files, and is read here. Raises InvalidInput."""
-    from clothfit.formats import foreign
+    from clothfit.formats.registry import foreign
 
     if foreign(path) is None:
         return read(path)

@@ -9,8 +9,9 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
-from clothfit.formats import foreign, module_of, obj, suffix_of
+from clothfit.formats import obj
 from clothfit.formats.axes import Axes, facing, to_scene
+from clothfit.formats.registry import foreign, module_of, suffix_of
 from clothfit.meshes.mesh import Mesh
 
 FAR = 1e9

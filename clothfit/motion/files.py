@@ -18,10 +18,11 @@ from clothfit.base import npz
 from clothfit.base.arrays import Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import Data, write_atomically
-from clothfit.formats import FORMATS, Format, foreign, module_of, obj
+from clothfit.formats import obj
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import SCENE, Axes, facing, from_scene
 from clothfit.formats.convention import Convention, Reading
+from clothfit.formats.registry import FORMATS, Format, foreign, module_of
 from clothfit.motion import motion as own
 from clothfit.motion.foreign import load
 from clothfit.motion.motion import Motion

@@ -21,11 +21,11 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.messages import counted
 from clothfit.base.steady import steady
-from clothfit.formats import Format, foreign, module_of
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import SCENE, Axes, facing, to_scene
 from clothfit.formats.convention import Reading
 from clothfit.formats.files import name_of, refused
+from clothfit.formats.registry import Format, foreign, module_of
 from clothfit.motion.alignment import Likeness, likeness
 from clothfit.motion.markers import Matches, initial, matched
 from clothfit.motion.motion import Motion, check_motion

@@ -22,8 +22,8 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import meant
 from clothfit.engine.system import System
 from clothfit.objective.loss import Loss
-from clothfit.objective.measures import Maker, Measure
 from clothfit.objective.measures.edge_length import EdgeLength
+from clothfit.objective.measures.measure import Maker, Measure
 from clothfit.objective.measures.position import Position
 from clothfit.objective.measures.spectrum import Spectrum
 from clothfit.objective.measures.velocity import Velocity

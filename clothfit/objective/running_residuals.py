@@ -12,7 +12,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.engine.rollout import Rollout
-from clothfit.objective.measures import matrix
+from clothfit.objective.measures.measure import matrix
 from clothfit.objective.running_cost import Frames
 from clothfit.objective.target import Target, sample
 

@@ -1,51 +1,6 @@
 """A page that shows a fitted scene: the motion beside its target in 3-D, charts, parameters.
 
-The path: two scenes and perhaps a motion → `showing` (what is compared, frame by frame) → `contents` (all that the page
-tells, arrays packed by `packing`, the fit's way from `log`) → `assembly` (the HTML file, from the parts in `web/`).
+showing (what is compared, frame by frame) → contents (all that the page tells, arrays packed by packing, the fit's way
+from log) → assembly (the HTML file, from the parts in `web/`) → page (the function that users call).
+To add a chart: its numbers in contents, and a module in `web/`.
 """
-
-from __future__ import annotations
-
-from collections.abc import Sequence
-from typing import Any
-
-from clothfit.motion.motion import Motion
-from clothfit.report.assembly import page
-from clothfit.report.contents import content
-from clothfit.report.log import Log
-from clothfit.report.showing import Shown, shown
-from clothfit.scene.scene import Scene
-
-
-def report_page(
-    truth: Scene,
-    fitted: Scene,
-    target: Motion | None = None,
-    *,
-    frames: int | None = None,
-    log: Log | None = None,
-    commands: Sequence[str] = (),
-    inputs: Sequence[tuple[str, str]] = (),
-) -> bytes:
-    """The page, HTML in UTF-8, of a fitted scene beside the true one, or a target motion where one is given.
-
-    `frames` counts the initial state (default: those of `evaluate`, fewer of large scenes); `log` is how the fit went;
-    `commands` are shown as what repeats it, with `inputs`, names and SHA-256 of what was read.
-    Raises InvalidInput when scenes or target do not fit, Diverged when a motion has no second frame.
-    """
-    show = shown(truth, fitted, target, frames)
-    return made(truth, fitted, target, show, log, commands, inputs)
-
-
-def made(
-    truth: Scene,
-    fitted: Scene,
-    target: Motion | None,
-    show: Shown,
-    log: Log | None = None,
-    commands: Sequence[str] = (),
-    inputs: Sequence[tuple[str, str]] = (),
-) -> bytes:
-    """The same of motions that are simulated already."""
-    told: dict[str, Any] = content(truth, fitted, show, log or Log(), None if target is None else target.name)
-    return page({**told, "commands": list(commands), "inputs": [list(pair) for pair in inputs]})

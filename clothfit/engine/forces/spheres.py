@@ -19,7 +19,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes import mul, pack, splat
+from clothfit.kernels.lanes.operations import mul, pack, splat
 from clothfit.scene.scene import Sphere
 
 STIFFNESS = 1000.0  # κ, N/m

@@ -1,4 +1,4 @@
-"""All forces of a cloth together: the functions of `forces/__init__`, on a System."""
+"""All forces of a cloth together: the functions that the page of this folder lists, on a System."""
 
 from __future__ import annotations
 

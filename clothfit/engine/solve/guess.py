@@ -15,7 +15,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, aligned
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes import add, fma, load, load3, store, store3, sub, sum3
+from clothfit.kernels.lanes.operations import add, fma, load, load3, store, store3, sub, sum3
 
 TERMS = 6
 """Differences that a guess may be the sum of: more gain little at tolerances of 1e-5 to 1e-10."""

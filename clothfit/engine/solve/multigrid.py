@@ -22,7 +22,7 @@ from clothfit.base.arrays import Array, Indices, staggered
 from clothfit.engine.solve import sparse, ssor
 from clothfit.engine.solve.sparse import BlockMatrix, Pattern, times
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes import add, clear3, fma, load, splat, store, sub, sum3
+from clothfit.kernels.lanes.operations import add, clear3, fma, load, splat, store, sub, sum3
 
 BOOST = 1.6
 """γ; with 1.4 … 1.8 the iterations differ by one."""

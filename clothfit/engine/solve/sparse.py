@@ -19,7 +19,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices, aligned
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes import (
+from clothfit.kernels.lanes.operations import (
     add,
     fma,
     load,

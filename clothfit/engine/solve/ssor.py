@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from clothfit.engine.solve.sparse import times, times_spread
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes import (
+from clothfit.kernels.lanes.operations import (
     add,
     clear3,
     fma,

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array, aligned
 from clothfit.kernels.cache import config
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes import exchange, pause, read_shared, write_shared
+from clothfit.kernels.lanes.operations import exchange, pause, read_shared, write_shared
 
 SERVES, POSTED, CLAIMED, DONE = 0, 8, 16, 24
 """Places of the flags, a cache line apart: 1 while a second thread serves; how many phases were posted so far, of how

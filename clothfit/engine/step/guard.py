@@ -20,7 +20,7 @@ from clothfit.engine.forces import total
 from clothfit.engine.forces.spheres import contact
 from clothfit.engine.system import IMPLICIT
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes import add, fma, load3, mul, splat, sum3
+from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, sum3
 from clothfit.kernels.lanes.products import dot, vector
 from clothfit.kernels.vectors import combine
 

@@ -27,9 +27,9 @@ from clothfit.base.arrays import Array
 from clothfit.engine.forces import total
 from clothfit.engine.solve import cg, guess, linear, sparse
 from clothfit.engine.system import System
-from clothfit.kernels import lanes
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes import fma, load3, mul, splat, store3, sum3
+from clothfit.kernels.lanes.operations import add as add_lanes
+from clothfit.kernels.lanes.operations import fma, load3, mul, splat, store3, sum3
 from clothfit.kernels.lanes.products import dot, vector
 from clothfit.kernels.vectors import add, add_mass, add_rows_dot, combine, copy, hold_fixed
 
@@ -97,9 +97,9 @@ def add_momentum(vertex, v, b):
     for i in range(len(vertex.mass)):
         v_i = load3(v, i)
         p_i = mul(splat(vertex.mass[i]), v_i)
-        momentum = lanes.add(momentum, p_i)
+        momentum = add_lanes(momentum, p_i)
         twice = fma(p_i, v_i, twice)
-        store3(lanes.add(load3(b, i), p_i) if vertex.free[i] else splat(0.0), b, i)
+        store3(add_lanes(load3(b, i), p_i) if vertex.free[i] else splat(0.0), b, i)
     return 0.5 * sum3(twice), dot(vector(vertex.gravity), momentum)
 
 

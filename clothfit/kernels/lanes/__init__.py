@@ -1,39 +1,5 @@
-"""Four numbers at once: the vector registers of the processor, for rows of 3×3 blocks and for 3-vectors.
+"""Four numbers at once: compiled intrinsics, their NumPy twin, and what is made of both.
 
-A compiler does not turn loops over three components into vector instructions, so the kernels say it: a 3-vector is
-loaded into the first three of four lanes, and a block times a vector is three fused multiply-adds, one per column.
-What is fused is named here, product by product, so no result depends on what a compiler makes of its surroundings.
-
-    load(a, i, j)      a[i, j … j + 3]                   store(v, a, i, j)
-    load3(a, i)        a[i, 0 … 2], and 0                store3(v, a, i)       without touching what follows
-    splat(x)           x x x x                           pack(x, y, z, w)      x y z w
-    spread0/1/2(v)     one lane in all four              lane0/1/2(v)          one lane as a number
-    add sub mul        lane by lane                      fma(a, b, c)          a b + c, rounded once
-    sum3(v)            v₀ + v₁ + v₂                      clear3(v)             v with 0 in lane 3
-    turn(v)            v₁ v₂ v₀ v₃, for cross products     xyzz xxxy zyyz zxyy(v)   the components so named
-    read_shared(a, i), write_shared(a, i, x)             an int64 of (n,) that two threads look at
-    exchange(a, i, old, new)                             the same, set only where it is `old`; whether it was
-    pause(long)                                          between two looks
-
-Indices are not checked. With NUMBA_DISABLE_JIT=1 the same functions work on NumPy arrays of four numbers.
+compiled and plain have the same functions; operations chooses between them; products are those of 3-vectors.
+To add an operation: write it in compiled and plain, name it in operations, and compare the two in the tests.
 """
-
-from __future__ import annotations
-
-from typing import Any
-
-import numba
-
-from clothfit.kernels.lanes import compiled, plain
-
-config: Any = numba.config  # numba has no types
-chosen: Any = plain if config.DISABLE_JIT else compiled
-
-load, store, load3, store3 = chosen.load, chosen.store, chosen.load3, chosen.store3
-splat, pack, clear3, turn = chosen.splat, chosen.pack, chosen.clear3, chosen.turn
-spread0, spread1, spread2 = chosen.spread0, chosen.spread1, chosen.spread2
-lane0, lane1, lane2, sum3 = chosen.lane0, chosen.lane1, chosen.lane2, chosen.sum3
-add, sub, mul, fma = chosen.add, chosen.sub, chosen.mul, chosen.fma
-xyzz, xxxy, zyyz, zxyy = chosen.xyzz, chosen.xxxy, chosen.zyyz, chosen.zxyy
-read_shared, write_shared = chosen.read_shared, chosen.write_shared
-exchange, pause = chosen.exchange, chosen.pause

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes import mul, pack, sub, sum3, turn
+from clothfit.kernels.lanes.operations import mul, pack, sub, sum3, turn
 
 
 @kernel

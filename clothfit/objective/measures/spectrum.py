@@ -23,7 +23,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidMotion
 from clothfit.engine.system import System
-from clothfit.objective.measures import coordinates, matrix
+from clothfit.objective.measures.measure import coordinates, matrix
 from clothfit.objective.target import TIME_SLACK, Target
 
 if TYPE_CHECKING:

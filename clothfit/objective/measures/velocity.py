@@ -12,7 +12,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.engine.system import System
-from clothfit.objective.measures import both, coordinates, marked, matrix
+from clothfit.objective.measures.measure import both, coordinates, marked, matrix
 from clothfit.objective.target import Target
 
 if TYPE_CHECKING:

@@ -1,0 +1,85 @@
+"""The formats of motion files that there are, by their suffix.
+
+A module of a format has
+
+    read(path) -> Animation                      raises InvalidMotion, naming the file and what is wrong with it
+    encoded(path, animation) -> {path: data}     the files to write, in the axes the animation has; of a sequence many
+
+and loads its library when one of them is called. The numbers in a file are foreign: what it says of sizes is judged
+by how long it is before memory is taken, and whatever a library raises becomes an InvalidMotion.
+"""
+
+from __future__ import annotations
+
+import os
+from importlib import import_module
+from typing import Any, NamedTuple
+
+from clothfit.base.errors import InvalidInput
+from clothfit.formats.axes import RIGHT, Axes
+
+
+class Format(NamedTuple):
+    """A format of files that hold motions."""
+
+    name: str  # as people call it
+    suffixes: tuple[str, ...]  # in lower case
+    module: str  # in this package
+    axes: Axes  # where the file does not tell
+    writes: bool = True  # whether it can be written
+    times: bool = True  # whether it tells when its frames are
+    markers: bool = False  # whether it holds markers, which need not be all vertices and may have gaps
+    faces: bool = True  # whether it has a place for them
+    extra: str | None = None  # the optional extra of this package that installs what it needs
+    library: str | None = None  # which library that is
+
+
+FORMATS = (
+    Format("OBJ sequence", (".obj",), "obj", RIGHT, times=False),
+    Format("PC2 point cache", (".pc2",), "pc2", RIGHT, times=False, faces=False),
+    Format("MDD point cache", (".mdd",), "mdd", RIGHT, faces=False),
+    Format("USD", (".usd", ".usda", ".usdc"), "usd", RIGHT, extra="usd", library="pxr"),
+    Format("glTF", (".glb",), "glb", RIGHT),
+    Format("PLY mesh", (".ply",), "ply", RIGHT, writes=False, times=False),
+    Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), markers=True, faces=False),
+    Format("TRC markers", (".trc",), "trc", Axes("y", "right", 0.001), markers=True, faces=False),
+    Format("CSV markers", (".csv",), "marker_table", RIGHT, markers=True, faces=False),
+)
+"""Besides `.npz` and `.npy`, which are this program's own (`motion`), in the scene's axes.
+
+Point caches know neither axes nor unit: they move the vertices of a mesh that is kept in another file, mostly OBJ.
+"""
+
+NATIVE = (".npz", ".npy")
+
+
+def format_of(path: str | os.PathLike[str]) -> Format | None:
+    """The format of a file by its suffix; None for this program's own. Raises InvalidInput for any other suffix."""
+    found = foreign(path)
+    if found is None and suffix_of(path) not in NATIVE:
+        known = ", ".join([NATIVE[0], *(suffix for each in FORMATS for suffix in each.suffixes)])
+        raise InvalidInput(f"{os.fspath(path)}: motions are not kept in files of that suffix; known are {known}")
+    return found
+
+
+def foreign(path: object) -> Format | None:
+    """The format of another program's file by its suffix; None for all else, in which this program's may be."""
+    suffix = suffix_of(path) if isinstance(path, (str, os.PathLike)) else ""
+    return next((each for each in FORMATS if suffix in each.suffixes), None)
+
+
+def suffix_of(path: str | os.PathLike[str]) -> str:
+    """The suffix of a file's name, in lower case."""
+    return os.path.splitext(os.fsdecode(path))[1].lower()
+
+
+def module_of(found: Format) -> Any:
+    """The module that reads and writes a format. Raises InvalidInput when its library is not there."""
+    if found.library is not None:
+        try:
+            import_module(found.library)
+        except ImportError:
+            need = f"{found.name} needs {found.library}; install it with: pip install 'clothfit[{found.extra}]'"
+            raise InvalidInput(need) from None
+    return import_module(f"clothfit.formats.{found.module}")
+

@@ -1,0 +1,88 @@
+"""What of a motion is compared: objectives, one file each, and what they have in common.
+
+An objective looks at the states s (F, n, 3) of one cloth at the times of the target's F frames (`target.sample`) and
+says in R groups of c numbers each how they differ from the target's. It is a class, made from (goal, system, name): a
+Target, the cloth's System and the name of the motion for messages; with
+
+    residual(s)     d (R, c), 0 where s is the target
+    pullback(s, r)  Jᵀ r (F, n, 3) for r (R, c), J = ∂d/∂s
+    jacobian(s)     J as a sparse matrix (R·c, F·n·3), rows and columns in the order of the arrays
+    groups          R
+    reach           how many vertices at how many times a group depends on
+    linear          whether J is the same for all s
+    weights         (R,), how often each group counts; None where all count once
+    seen            (n,), the vertices that are compared at some time after the initial state
+
+J is exact. A group is what a robust loss takes the norm of; a weight stands outside of the loss, so that 2 is the same
+as seeing a thing twice.
+
+To add an objective: write such a class in a file of its own, and give `cost.OBJECTIVES` a line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothfit.base.arrays import Array, Flags
+from clothfit.engine.system import System
+from clothfit.objective.target import Target
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+
+Integers: TypeAlias = NDArray[np.integer[Any]]
+
+
+class Measure(Protocol):
+    """One objective for one cloth and one target."""
+
+    groups: int
+    reach: int
+    linear: bool
+    weights: Array | None
+    seen: Flags
+
+    def residual(self, s: Array) -> Array:
+        """d (R, c) of the states s (F, n, 3)."""
+
+    def pullback(self, s: Array, r: Array) -> Array:
+        """Jᵀ r (F, n, 3) for r (R, c)."""
+
+    def jacobian(self, s: Array) -> csr_array:
+        """J (R·c, F·n·3)."""
+
+
+Maker = Callable[[Target, System, str], Measure]
+
+
+def both(weights: Array, other: Array) -> Array:
+    """The weight of a difference of two things of these weights.
+
+    Weights are as inverse variances, and variances add; times two, so that two of one weight have that weight.
+    """
+    return np.asarray(2.0 * weights * other / (weights + other))
+
+
+def marked(pairs: Integers, n: int) -> Flags:
+    """Flags (n,), set at the vertices that are listed."""
+    flags = np.zeros(n, bool)
+    flags[pairs] = True
+    return flags
+
+
+def coordinates(frame: Integers, vertex: Integers, n: int) -> Integers:
+    """Columns (R, 3) of the coordinates of vertices (R,) in frames (R,)."""
+    return np.asarray(3 * (frame * n + vertex)[:, None] + np.arange(3))
+
+
+def matrix(rows: Integers, columns: Integers, values: Array, shape: tuple[int, int]) -> csr_array:
+    """A sparse matrix from its entries, arrays of one shape."""
+    from scipy.sparse import csr_array
+
+    entries = [np.ravel(part) for part in np.broadcast_arrays(values, rows, columns)]
+    return csr_array((entries[0], (entries[1], entries[2])), shape=shape)
