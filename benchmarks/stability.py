@@ -17,11 +17,11 @@ import numpy as np
 
 from clothfit.base import threads
 from clothfit.base.arrays import Array
-from clothfit.base.errors import Diverged
-from clothfit.engine.remedies import NONE
+from clothfit.engine.fallbacks import NONE
 from clothfit.engine.rollout import Rollout, rollout, velocity
 from clothfit.engine.system import System
 from clothfit.motion import divergence
+from clothfit.motion.divergence import Diverged
 from clothfit.motion.energy import CONTACT, GRAVITY, WIND, account
 from clothfit.objective.objective import Objective
 from hard_cases import CASES, Case, bounds_objective

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from importlib import import_module
 
-__version__ = "0.1.0"
+from clothfit.base.version import __version__ as __version__
 
 TYPE_CHECKING = False  # what `typing` calls so is true for type checkers only, but takes 10 ms to import
 if TYPE_CHECKING:
     from typing import Any
 
-    from clothfit.base.errors import ClothfitError, Diverged, InvalidInput, InvalidMotion, InvalidScene
+    from clothfit.base.errors import ClothfitError, InvalidInput, InvalidMotion, InvalidScene
     from clothfit.evaluation.evaluate import Evaluation, evaluate
     from clothfit.evaluation.work_precision import WorkPrecision, work_precision
     from clothfit.fit.estimate import estimate
@@ -25,9 +25,11 @@ if TYPE_CHECKING:
     from clothfit.meshes.mesh_file import read_mesh
     from clothfit.meshes.new_scene import new_scene
     from clothfit.motion.degrade import degrade
+    from clothfit.motion.divergence import Diverged
     from clothfit.motion.energy import Energy, energies
     from clothfit.motion.files import load_motion, save_motion
-    from clothfit.motion.motion import Motion, as_motion, simulate
+    from clothfit.motion.motion import Motion, as_motion
+    from clothfit.motion.simulate import simulate
     from clothfit.objective.objective import Objective, cost_and_gradient
     from clothfit.report.page import report_page
     from clothfit.scene.fit_vector import parameters, with_parameters

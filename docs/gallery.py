@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 from PIL import Image, ImageDraw, ImageFont, ImageSequence
 
-from clothfit.cli import run
-from clothfit.cli.help import wrapped
+from clothfit.cli.common.help import wrapped
+from clothfit.cli.program import run
 from clothfit.pictures.gif import GROUND, INK, palette
 
 DOCS = Path(__file__).resolve().parent

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from clothfit.cli import run
+from clothfit.cli.program import run
 
 DOCS = Path(__file__).resolve().parent
 SCENE = DOCS.parent / "examples" / "flag.json"

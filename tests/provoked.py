@@ -22,7 +22,7 @@ import pytest
 from archives import DAMAGED
 from scenes import MISSING, changed, even, trial
 
-from clothfit.cli import run
+from clothfit.cli.program import run
 from clothfit.fit import estimate as fitting
 from clothfit.optimise import checkpoint
 from clothfit.optimise.checkpoint import FORMAT, Record, checksum, decoded, encoded
@@ -131,7 +131,7 @@ def growing(patch: Any) -> None:
             os.utime(self.name)
             return super().read(size)
 
-    patch.setattr("clothfit.base.steady.open", lambda path, mode: Saved(path), raising=False)
+    patch.setattr("clothfit.base.reading.open", lambda path, mode: Saved(path), raising=False)
 
 
 def unlikely(_: Any) -> None:
@@ -146,7 +146,7 @@ def unlikely(_: Any) -> None:
 
 def full(patch: Any) -> None:
     """Standard output on a device without room."""
-    patch.setattr("clothfit.cli.shared.sys.stdout", SimpleNamespace(buffer=Full(), isatty=lambda: False))
+    patch.setattr("clothfit.cli.common.shared.sys.stdout", SimpleNamespace(buffer=Full(), isatty=lambda: False))
 
 
 class Full(io.BytesIO):
@@ -382,7 +382,7 @@ COMMANDS: dict[str, Case] = {
         Case("simulate scene.json -o -"), "sys.stdout.isatty", lambda: True
     ),
     "changed while the fit ran, so it is left as it is; the result is in …": patched(
-        fit("--in-place"), "clothfit.cli.shared.unchanged", lambda scene, path: False
+        fit("--in-place"), "clothfit.cli.common.shared.unchanged", lambda scene, path: False
     ),
     "…; then repeat the command with --resume: … is kept": Case(
         fit("--checkpoint c --start 0.01").arguments, prepare=closing

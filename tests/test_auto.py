@@ -10,7 +10,8 @@ from clothfit.fit import auto
 from clothfit.fit.auto import FIRST_WINDOW, by_gauss_newton, by_momentum, find, first_window, is_near, window_lengths
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import Motion, as_motion, simulate
+from clothfit.motion.motion import Motion, as_motion
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search, Stop
 from clothfit.scene.fit_vector import identifiable, parameters

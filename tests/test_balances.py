@@ -6,7 +6,8 @@ from physics import METHODS, TIGHT, ball, scene, xyz
 from scenes import cloth
 
 from clothfit.engine.system import all_elements, with_elements
-from clothfit.motion.motion import Motion, simulate
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.balances import Track, balances, smoothed, summed_twice, track
 

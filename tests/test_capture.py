@@ -7,7 +7,8 @@ from scenes import cloth, document, even
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import check_capture
 from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import Motion, simulate
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import load
 
 MOTION = simulate(load(even("nn", 21, 6, 6)))

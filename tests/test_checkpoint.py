@@ -13,7 +13,8 @@ import pytest
 from scenes import environment, even, load_text, needs_full_disk, started, trial, write_scene
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli import checkpoints, run
+from clothfit.cli.fitting import checkpoints
+from clothfit.cli.program import run
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import save_motion

@@ -7,7 +7,7 @@ import pytest
 from scenes import environment, needs_full_disk, started, trial, write_scene
 
 from clothfit import __version__
-from clothfit.cli import COMMANDS, group, run
+from clothfit.cli.program import COMMANDS, group, run
 
 
 def said(capsys, *arguments):

@@ -6,7 +6,7 @@ import numba
 import pytest
 from scenes import cloth, document, sphere, started, trial, write_scene
 
-from clothfit.cli import run
+from clothfit.cli.program import run
 from clothfit.objective.objective import Objective
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of motions are slow without compilation")

@@ -14,11 +14,11 @@ import pytest
 from scenes import trial, write_scene
 
 import clothfit
-from clothfit.cli import run
-from clothfit.cli.console import Console
-from clothfit.cli.files import Files
-from clothfit.cli.plan import planned
-from clothfit.cli.sequences import gathered
+from clothfit.cli.common.console import Console
+from clothfit.cli.common.files import Files
+from clothfit.cli.common.sequences import gathered
+from clothfit.cli.fitting.plan import planned
+from clothfit.cli.program import run
 from clothfit.formats import obj
 from clothfit.formats.convention import Reading
 from clothfit.many.estimate_many import packed_goals

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from scenes import cloth, document, even, sphere, write_scene
 
-from clothfit.cli import run
+from clothfit.cli.program import run
 from clothfit.motion.energy import energies
-from clothfit.motion.motion import load_motion, simulate
+from clothfit.motion.motion import load_motion
+from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import load
 
 NAMES = ("kinetic", "elastic", "gravity", "contact", "wind", "damping", "drag", "total", "dissipated", "numerical")

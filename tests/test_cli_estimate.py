@@ -16,7 +16,7 @@ import pytest
 from scenes import cloth, document, environment, even, needs_full_disk, started, tokens, trial, write_scene
 
 import clothfit.scene.scene
-from clothfit.cli import run
+from clothfit.cli.program import run
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.motion.motion import load_motion, save_motion
 from clothfit.scene.scene import load

@@ -7,8 +7,8 @@ import numba
 import pytest
 from scenes import cloth, document, even, trial, write_scene
 
-from clothfit.cli import run
-from clothfit.cli.console import COMPILING
+from clothfit.cli.common.console import COMPILING
+from clothfit.cli.program import run
 from clothfit.evaluation import work_precision as precision
 from clothfit.evaluation.setting import grid
 from clothfit.scene.scene import load

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scenes import needs_full_disk, trial, write_scene
 
-from clothfit.cli import run
-from clothfit.cli.console import Console
-from clothfit.cli.fit_log import KEYS, FitLog, earlier
+from clothfit.cli.common.console import Console
+from clothfit.cli.fitting.fit_log import KEYS, FitLog, earlier
+from clothfit.cli.program import run
 from clothfit.optimise.search import Progress
 
 FIT = ["--method", "gauss-newton", "--start", "0.05"]

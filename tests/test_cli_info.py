@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scenes import MISSING, changed, cloth, document, sphere, started, trial, write_scene
 
-from clothfit.cli import run
+from clothfit.cli.program import run
 from clothfit.cli.validate import split
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
@@ -142,7 +142,8 @@ def test_problems_are_split_into_place_and_message(sentence, place):
 
 
 def test_validate_loads_no_compiler():
-    call = "import sys; from clothfit.cli import run; run(['validate', sys.argv[1]]); print('numba' in sys.modules)"
+    call = "import sys; from clothfit.cli.program import run; run(['validate', sys.argv[1]]); "
+    call += "print('numba' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", call, SIDE], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"
 

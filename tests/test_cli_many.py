@@ -12,8 +12,8 @@ import numba
 import pytest
 from scenes import environment, even, trial, write_scene
 
-from clothfit.cli import run
-from clothfit.cli.files import filled
+from clothfit.cli.common.files import filled
+from clothfit.cli.program import run
 from clothfit.fit.estimate import record_target
 from clothfit.many.job import run as do
 from clothfit.motion.motion import save_motion
@@ -61,7 +61,7 @@ class Here:
 @pytest.fixture
 def in_this_process(monkeypatch):
     """No processes, which take seconds to start: only what is written and told is looked at."""
-    monkeypatch.setattr("clothfit.cli.many.chosen_pool", lambda *arguments: Here())
+    monkeypatch.setattr("clothfit.cli.fitting.many.chosen_pool", lambda *arguments: Here())
 
 
 def files(folder):
@@ -172,7 +172,7 @@ def test_patterns_name_stem_and_folder_and_files_that_are_there_keep_their_names
 
 
 def test_one_scene_needs_no_processes_and_help_no_numbers():
-    code = "import sys; from clothfit.cli import run; run({}); print([m for m in {} if m in sys.modules])"
+    code = "import sys; from clothfit.cli.program import run; run({}); print([m for m in {} if m in sys.modules])"
     for arguments, heavy in (["estimate", "--help"], ["joblib", "numpy"]), (["estimate", "none.json"], ["joblib"]):
         call = [sys.executable, "-c", code.format(arguments, heavy)]
         done = subprocess.run(call, capture_output=True, text=True, env=environment(), check=True)

@@ -11,7 +11,7 @@ import trimesh
 from scenes import environment, started
 
 from clothfit import load, read_mesh
-from clothfit.cli import group, run
+from clothfit.cli.program import group, run
 from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh
 from clothfit.scene.mesh_numbering import numberings

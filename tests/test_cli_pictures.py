@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from scenes import names, trial, write_scene
 
-from clothfit.cli import run
+from clothfit.cli.program import run
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed; no picture is drawn")
 pytest.importorskip("PIL", reason="Pillow is not installed; no animation is drawn")

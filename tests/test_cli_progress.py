@@ -6,7 +6,7 @@ import math
 import pytest
 from rich.console import Console
 
-from clothfit.cli.progress import BARS, LONGEST, Pace, Shown, duration, pace, plain, sparkline, stage
+from clothfit.cli.common.progress import BARS, LONGEST, Pace, Shown, duration, pace, plain, sparkline, stage
 from clothfit.optimise.search import Progress
 
 

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from scenes import MISSING, changed, cloth, document, even, kind, needs_full_disk, sphere, started, trial, write_scene
 
-from clothfit.cli import run
-from clothfit.engine.remedies import Remedies
-from clothfit.motion.motion import load_motion, simulate
+from clothfit.cli.program import run
+from clothfit.engine.fallbacks import Fallbacks
+from clothfit.motion.motion import load_motion
+from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import load
 
 NAMED = ("schema_version", "command", "scene", "frames", "vertices", "seconds", "output", "diverged", "dump")
-KEYS = {*NAMED, *Remedies._fields}
+KEYS = {*NAMED, *Fallbacks._fields}
 SCENE = trial("nG", 6, 3, 3)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenes import cloth, document, started, trial, write_scene
 
-from clothfit.cli import run
+from clothfit.cli.program import run
 from clothfit.fit.estimate import record_target
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import load_motion

@@ -14,7 +14,7 @@ import pytest
 from scenes import environment, trial, write_scene
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli import run
+from clothfit.cli.program import run
 from clothfit.many.cluster import Cluster
 from clothfit.many.estimate_many import estimate_many, fit_all
 from clothfit.many.job import Job, read

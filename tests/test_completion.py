@@ -9,7 +9,7 @@ import pytest
 from click.shell_completion import get_completion_class
 from scenes import environment
 
-from clothfit.cli import COMMANDS, group, run
+from clothfit.cli.program import COMMANDS, group, run
 
 VARIABLE = "_CLOTHFIT_COMPLETE"
 

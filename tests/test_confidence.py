@@ -11,7 +11,8 @@ from scipy import stats
 from clothfit.fit.estimate import OWN, estimate, record_target
 from clothfit.fit.null_space import inverse_beside, null_space
 from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import as_motion, simulate
+from clothfit.motion.motion import as_motion
+from clothfit.motion.simulate import simulate
 from clothfit.optimise import trajectory
 from clothfit.optimise.scipy_methods import METHODS
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters

@@ -7,8 +7,11 @@ import sys
 import numba
 import pytest
 
-from clothfit.cli import console, run
-from clothfit.cli.console import Console, metres
+from clothfit.base.messages import metres
+from clothfit.cli.common import console
+from clothfit.cli.common.console import Console
+from clothfit.cli.common.progress import progress
+from clothfit.cli.program import run
 from clothfit.optimise.search import Progress
 
 
@@ -92,7 +95,7 @@ def test_plain_progress_is_a_line_now_and_then(capsys, monkeypatch):
     clock = iter([0.0, 1.0, 5.0, 9.0, 10.5])
     with monkeypatch.context() as patch:
         patch.setattr(console.time, "perf_counter", lambda: next(clock))
-        with Console(began=0.0).progress() as show:
+        with progress(Console(began=0.0)) as show:
             for evaluations in (1, 2, 3, 4):
                 show(step(evaluations))
     out, err = capsys.readouterr()
@@ -105,14 +108,14 @@ def test_plain_progress_is_a_line_now_and_then(capsys, monkeypatch):
 
 
 def test_quiet_has_no_progress(capsys):
-    with Console(quiet=True).progress() as show:
+    with progress(Console(quiet=True)) as show:
         assert show is None
     assert capsys.readouterr() == ("", "")
 
 
 def test_a_terminal_has_a_bar_that_leaves_no_trace(monkeypatch, capsys):
     terminal = on_terminal(monkeypatch)
-    with Console().progress() as show:
+    with progress(Console()) as show:
         show(step(1)), show(step(40))
     shown = terminal.getvalue()
     assert "\x1b[" in shown
@@ -124,7 +127,7 @@ def test_a_terminal_has_a_bar_that_leaves_no_trace(monkeypatch, capsys):
 
 def test_an_interrupt_passes_through_the_bar_and_gives_the_cursor_back(monkeypatch):
     terminal = on_terminal(monkeypatch)
-    bar = Console().progress()
+    bar = progress(Console())
     bar.__enter__()(step(1))
     assert not bar.__exit__(KeyboardInterrupt, KeyboardInterrupt(), None)
     assert "\x1b[?25h" in terminal.getvalue()

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scenes import even
 
-from clothfit.motion.motion import simulate
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.scipy_methods import METHODS, minimise, options
 from clothfit.optimise.search import Search, Stop

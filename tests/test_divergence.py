@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from physics import METHODS, scene, thing
 
-from clothfit.base.errors import Diverged
 from clothfit.engine import tape
 from clothfit.engine.rollout import FAR, rollout, velocity
 from clothfit.engine.system import build
-from clothfit.motion.divergence import KEPT, LONG, dump, overstretched_from, worst
-from clothfit.motion.motion import simulate
+from clothfit.motion.divergence import KEPT, LONG, Diverged, dump, overstretched_from, worst
+from clothfit.motion.simulate import simulate
 
 STIFF = {"mass": 0.5, "stiffness": 2e4, "fixed": [0]}
 

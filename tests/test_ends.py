@@ -12,8 +12,8 @@ import pytest
 from scenes import environment, names, trial, write_scene
 
 import clothfit
-from clothfit.base import temporary
-from clothfit.cli import run
+from clothfit.base import writing
+from clothfit.cli.program import run
 
 unix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals, pipes and limits")
 SECONDS = 50
@@ -82,13 +82,13 @@ def test_two_runs_with_one_output_leave_one_of_both_results(folder):
 
 @unix
 def test_what_a_killed_run_left_goes_with_the_next_and_nothing_else_does(folder, monkeypatch):
-    left, foreign = f"{temporary.prefix()}{'0' * 16}.tmp", f".clothfit-another0-{'0' * 16}.tmp"
+    left, foreign = f"{writing.prefix()}{'0' * 16}.tmp", f".clothfit-another0-{'0' * 16}.tmp"
     for name in (left, foreign, ".clothfit-mine.tmp"):
         Path(name).write_bytes(b"half")
-    temporary._swept.clear()
-    with temporary.create(str(folder)) as alive:
+    writing._swept.clear()
+    with writing.create(str(folder)) as alive:
         assert not Path(left).exists()
-        temporary._swept.clear()
+        writing._swept.clear()
         assert run(["simulate", "scene.json", "-q", "-o", "x.npz"]) == 0
         assert Path(alive.name).exists()  # somebody is writing it
     assert sorted(set(names()) - {os.path.basename(alive.name)}) == sorted(
@@ -98,7 +98,7 @@ def test_what_a_killed_run_left_goes_with_the_next_and_nothing_else_does(folder,
 
 @unix
 def test_a_new_file_that_is_taken_for_left_behind_is_made_again(folder, monkeypatch):
-    lock, taken = temporary.lock, []
+    lock, taken = writing.lock, []
 
     def late(number, wait):
         if not taken:  # in the moment before it is locked
@@ -106,7 +106,7 @@ def test_a_new_file_that_is_taken_for_left_behind_is_made_again(folder, monkeypa
             os.unlink(taken[0])
         return lock(number, wait)
 
-    monkeypatch.setattr(temporary, "lock", late)
+    monkeypatch.setattr(writing, "lock", late)
     assert run(["simulate", "scene.json", "-q", "-o", "x.npz"]) == 0
     assert len(taken) == 1
     assert names() == ["scene.json", "x.npz"]

@@ -12,7 +12,8 @@ from clothfit.engine.forces import spheres, springs, total, vertex, wind
 from clothfit.engine.system import all_elements, build, with_elements
 from clothfit.motion.degrade import degrade
 from clothfit.motion.energy import energies
-from clothfit.motion.motion import Motion, simulate
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
 
 STILL = {"windVel": xyz((0, 0, 0))}
 NO_WEIGHT = {"gravity": xyz((0, 0, 0))}

@@ -14,7 +14,7 @@ from staged import STAGED
 from unasked import PYTHON
 
 from clothfit.base.errors import ClothfitError
-from clothfit.cli import run
+from clothfit.cli.program import run
 
 TESTS = Path(__file__).resolve().parent
 ROWS = {row.message: row for row in rows()}

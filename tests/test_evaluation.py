@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 from scenes import cloth, document, even, trial
 
-from clothfit.base.errors import Diverged, InvalidInput
+from clothfit.base.errors import InvalidInput
 from clothfit.evaluation.evaluate import evaluate
 from clothfit.fit.estimate import FIT_TOLERANCE
 from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import Motion, simulate
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
 

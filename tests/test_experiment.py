@@ -10,7 +10,8 @@ from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.derivative.verify import check
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.fit.start import neutral_start
-from clothfit.motion.motion import Motion, simulate
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
 from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import blocks, parameters, with_parameters

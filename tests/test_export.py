@@ -10,7 +10,7 @@ from exports import ROUNDING, built, content, of, two
 from provoked import SMALL
 from scenes import cloth, write_scene
 
-from clothfit.cli import run
+from clothfit.cli.program import run
 from clothfit.export.tools import TOOLS, exported
 from clothfit.export.topology import roles
 from clothfit.meshes import mesh

@@ -13,9 +13,10 @@ import pytest
 from scenes import environment, even, names, needs_full_disk, write_scene
 
 import clothfit
-from clothfit.cli import run
+from clothfit.cli.program import run
 from clothfit.fit import estimate as fit
-from clothfit.many import compiled
+from clothfit.kernels.cache import is_cold
+from clothfit.many import warmup
 
 unix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals, pipes and limits")
 NOBODY = 65534
@@ -37,8 +38,8 @@ WRITERS = [("out.npz", ["simulate", "scene.json"]), ("out.json", ["estimate", "s
 @unix
 @pytest.mark.parametrize(("name", "command"), WRITERS, ids=[command[0] for _, command in WRITERS])
 def test_where_there_is_no_room_the_old_file_stays_whole(folder, name, command):
-    if compiled.cold():
-        compiled.warm()  # what is compiled would not fit into the limit either
+    if is_cold():
+        warmup.warm()  # what is compiled would not fit into the limit either
     Path(name).write_bytes(b"old")
     # A limit on the size of files is met in the middle of writing, as the end of a disk is.
     call = ["sh", "-c", 'ulimit -f 1; exec "$0" -m clothfit "$@"', sys.executable, *command, "-q", "-o", name]
@@ -198,7 +199,7 @@ def test_a_file_that_changes_while_it_is_read_is_refused(folder, monkeypatch, ca
     def opened(path, mode):
         return Growing(path) if path == changing else open(path, mode)
 
-    monkeypatch.setattr("clothfit.base.steady.open", opened, raising=False)
+    monkeypatch.setattr("clothfit.base.reading.open", opened, raising=False)
     assert run(["estimate", "scene.json", "--target", "target.npz"]) == 3
     told = capsys.readouterr().err
     assert told.startswith(f"error: {changing}: cannot be read")
@@ -211,7 +212,7 @@ def test_a_scene_that_somebody_saved_meanwhile_is_left_alone(folder, monkeypatch
     scenes = ["scene.json", *[argument for argument in more if argument.endswith(".json")]]
     for name in scenes:
         write_scene(folder, even("nG", 5), name)
-    from clothfit.cli import shared
+    from clothfit.cli.common import shared
 
     before, checked = Path("scene.json").read_bytes(), shared.unchanged
 

@@ -6,12 +6,14 @@ import pytest
 from scenes import changed, cloth, document, even, load_text, trial
 
 import clothfit
-from clothfit.base.errors import Diverged, InvalidInput, InvalidMotion
+from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.fit import estimate as module
 from clothfit.fit.estimate import METHODS, OWN, RMSE_TOLERANCE, estimate, record_target
 from clothfit.fit.start import neutral_start
 from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import Motion, simulate
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective, cost_and_gradient
 from clothfit.scene.fit_vector import LOWER, UPPER, identifiable, parameters, with_parameters
 from clothfit.scene.scene import dumps, load

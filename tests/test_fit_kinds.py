@@ -8,11 +8,11 @@ import pytest
 from physics import xyz
 from scenes import cloth, document, load_text, write_scene
 
-from clothfit import cli
 from clothfit.base.errors import InvalidInput
+from clothfit.cli.program import run
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.fit.start import neutral
-from clothfit.motion.motion import simulate
+from clothfit.motion.simulate import simulate
 from clothfit.scene.fit_vector import identifiable, parameters, with_parameters
 from clothfit.scene.scene import dumps
 
@@ -139,14 +139,14 @@ def test_the_command_names_the_scene_and_gives_null(tmp_path, capsys):
     own, whole = CASES["wind"]
     path = write_scene(tmp_path, document(cloth(3, 3, **own), optimizationIterations=20, **whole))
     out = str(tmp_path / "fitted.json")
-    assert cli.run(["estimate", path, "-o", out, "--json", "-v"]) == 0
+    assert run(["estimate", path, "-o", out, "--json", "-v"]) == 0
     told = capsys.readouterr()
     assert "fitting scene wind (G) over 20 frames" in told.err
     (block,) = json.loads(told.out)["parameters"]
     assert (block["object"], block["name"], block["mode"], block["count"]) == (None, "wind", "G", 3)
-    assert cli.run(["evaluate", path, out, "--json"]) == 0
+    assert run(["evaluate", path, out, "--json"]) == 0
     (deviation,) = json.loads(capsys.readouterr().out)["parameters"]
     assert deviation["object"] is None
     assert deviation["max_relative_deviation"] < 1e-4  # an RMSE below 1e-8 m
-    assert cli.run(["evaluate", path, out]) == 0
+    assert run(["evaluate", path, out]) == 0
     assert "scene wind (G)" in capsys.readouterr().err

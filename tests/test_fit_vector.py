@@ -5,7 +5,7 @@ import pytest
 from physics import ball, scene, thing
 
 from clothfit.base.errors import InvalidInput, InvalidScene
-from clothfit.motion.motion import simulate
+from clothfit.motion.simulate import simulate
 from clothfit.scene.fit_vector import (
     blocks,
     elements,

@@ -8,7 +8,7 @@ import pytest
 from scenes import environment, names
 
 from clothfit.base import memory
-from clothfit.cli import run
+from clothfit.cli.program import run
 
 SECONDS = 50
 

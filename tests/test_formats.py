@@ -11,7 +11,7 @@ from scenes import trial, write_scene
 import clothfit
 from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import write_atomically
-from clothfit.cli import run
+from clothfit.cli.program import run
 from clothfit.formats import glb
 from clothfit.formats.axes import Axes
 from clothfit.formats.convention import Convention, Reading

@@ -11,7 +11,8 @@ from clothfit.base.errors import InvalidInput
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.fit.holdout import seen, split
 from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import as_motion, simulate
+from clothfit.motion.motion import as_motion
+from clothfit.motion.simulate import simulate
 from clothfit.objective.experiment import experiments
 from clothfit.scene.fit_vector import parameters
 

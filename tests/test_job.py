@@ -12,7 +12,8 @@ from scenes import even, trial, write_scene
 from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.many import compiled
+from clothfit.kernels.cache import is_cold
+from clothfit.many import warmup
 from clothfit.many.cluster import stop, work
 from clothfit.many.job import NOT_STARTED, File, Job, failed, read, run
 from clothfit.motion.motion import save_motion
@@ -90,12 +91,12 @@ def test_on_a_cluster_a_batch_that_was_ended_begins_nothing_more_and_others_go_o
 
 
 def test_whether_fits_are_compiled_is_known_from_the_cache(tmp_path, monkeypatch):
-    compiled.warm()
-    assert not compiled.cold()
+    warmup.warm()
+    assert not is_cold()
     monkeypatch.setattr("clothfit.kernels.cache.folders", lambda: (tmp_path / "none",))
-    assert compiled.cold()
+    assert is_cold()
 
 
 def test_the_small_cloth_is_a_scene():
-    scene = load(compiled.small_cloth())
+    scene = load(warmup.small_cloth())
     assert np.all(scene.cloths[0].rest > 0)

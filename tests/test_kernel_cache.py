@@ -12,7 +12,7 @@ import pytest
 from scenes import environment, started, trial, write_scene
 
 import clothfit
-from clothfit.cli.console import COMPILING
+from clothfit.cli.common.console import COMPILING
 from clothfit.kernels import cache as kernel_cache
 from clothfit.kernels.cache import KernelCache
 

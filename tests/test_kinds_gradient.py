@@ -7,7 +7,7 @@ from physics import METHODS, TIGHT, ball, scene, sheet, xyz
 from scenes import cloth
 
 from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, check
-from clothfit.motion.motion import simulate
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective, cost_and_gradient
 from clothfit.scene.fit_vector import blocks, parameters, with_parameters
 

@@ -11,7 +11,7 @@ from scenes import cloth, even
 from clothfit.fit import auto
 from clothfit.fit.estimate import record_target
 from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import simulate
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.matrix_free import FAR, Residuals
 from clothfit.optimise.prior import none

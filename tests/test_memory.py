@@ -6,7 +6,8 @@ import pytest
 
 from clothfit.base import memory
 from clothfit.base.errors import InvalidInput
-from clothfit.base.memory import LIVE, Plan, budget, human, least, left, parse, plan
+from clothfit.base.memory import budget, human, left, parse
+from clothfit.engine.snapshots import LIVE, Plan, least, plan
 
 STATE, SNAPSHOT = 200, 500
 

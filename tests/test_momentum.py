@@ -6,9 +6,10 @@ import pytest
 from physics import METHODS, TIGHT, ball, scene, xyz
 from scenes import cloth
 
-from clothfit.base.errors import Diverged
 from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import Motion, simulate
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise import momentum
 from clothfit.optimise.momentum import TREATMENTS, Treatment

@@ -12,8 +12,10 @@ from physics import METHODS, ball, scene, thing, xyz
 from scenes import cloth
 
 import clothfit.scene.scene
-from clothfit.base.errors import Diverged, InvalidInput, InvalidMotion
-from clothfit.motion.motion import Motion, as_motion, check_motion, load_motion, save_motion, simulate
+from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import Motion, as_motion, check_motion, load_motion, save_motion
+from clothfit.motion.simulate import simulate
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 TWO = scene(cloth(2, 2), cloth(3, 2), optimizationIterations=4)

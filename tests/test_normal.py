@@ -8,7 +8,8 @@ from scenes import cloth
 
 from clothfit.derivative.columns import columns
 from clothfit.derivative.sensitivity import sweep
-from clothfit.motion.motion import Motion, simulate
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise import normal_equations as normal
 from clothfit.optimise.trajectory import free_columns

@@ -6,10 +6,12 @@ import pytest
 from physics import METHODS, TIGHT, ball, scene, thing, xyz
 from scenes import cloth
 
-from clothfit.base.errors import Diverged, InvalidInput, InvalidMotion
+from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, central_difference_error, check
 from clothfit.engine.rollout import rollout
-from clothfit.motion.motion import as_motion, simulate
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import as_motion
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective, cost_and_gradient
 from clothfit.scene.fit_vector import blocks, parameters, with_parameters
 

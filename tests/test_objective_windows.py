@@ -6,7 +6,8 @@ from physics import TIGHT
 from scenes import even, trial
 
 from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import Motion, simulate
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import load

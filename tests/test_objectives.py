@@ -11,7 +11,8 @@ from clothfit.derivative.verify import check
 from clothfit.engine.system import build
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import Motion, simulate
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
 from clothfit.objective.comparison import OBJECTIVES, Comparison
 from clothfit.objective.measures.spectrum import basis
 from clothfit.objective.objective import Objective

@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scenes import cloth, document, even
 
 from clothfit import evaluate, parameters, with_parameters
-from clothfit.motion.motion import as_motion, simulate
+from clothfit.motion.motion import as_motion
+from clothfit.motion.simulate import simulate
 from clothfit.pictures.overlay import distances, overlaid
 from clothfit.scene.scene import load
 

@@ -96,7 +96,7 @@ def test_a_wheel_carries_the_licence_and_the_command(wheel):
     info = f"clothfit-{clothfit.__version__}.dist-info"
     with zipfile.ZipFile(wheel) as archive:
         assert archive.read(f"{info}/licenses/LICENSE") == (ROOT / "LICENSE").read_bytes()
-        assert b"clothfit = clothfit.cli:main" in archive.read(f"{info}/entry_points.txt")
+        assert b"clothfit = clothfit.__main__:main" in archive.read(f"{info}/entry_points.txt")
         assert b"License-Expression: MIT" in archive.read(f"{info}/METADATA")
 
 

@@ -10,12 +10,13 @@ from physics import scene, thing
 from scenes import cloth, document
 
 import clothfit
-from clothfit.base.errors import Diverged, InvalidInput
+from clothfit.base.errors import InvalidInput
 from clothfit.evaluation import work_precision as precision
 from clothfit.evaluation.richardson import Reference, converged
 from clothfit.evaluation.setting import Setting, grid, own
 from clothfit.evaluation.trial import Trial, judge
 from clothfit.evaluation.work_precision import WorkPrecision, front, known_frames, table, work_precision
+from clothfit.motion.divergence import Diverged
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from clothfit.cli import run
+from clothfit.cli.program import run
 
 ROOT = Path(__file__).resolve().parent.parent
 CUT = "[…]"

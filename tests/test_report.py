@@ -11,10 +11,11 @@ from scenes import cloth, document, even, sphere, trial, write_scene
 
 from clothfit import report_page
 from clothfit.base.errors import InvalidInput
-from clothfit.cli import run
+from clothfit.cli.program import run
 from clothfit.evaluation.evaluate import evaluate
 from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import as_motion, save_motion, simulate
+from clothfit.motion.motion import as_motion, save_motion
+from clothfit.motion.simulate import simulate
 from clothfit.report.assembly import WEB, page
 from clothfit.report.log import intervals, read_log
 from clothfit.report.packing import (

@@ -10,7 +10,7 @@ from browsers import SIZE, browser, differing, opened, pixels
 from scenes import even, sphere
 
 from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import simulate
+from clothfit.motion.simulate import simulate
 from clothfit.report.log import Log, Point
 from clothfit.report.page import report_page
 from clothfit.scene.scene import load

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from physics import ball, scene, thing, xyz
 
-from clothfit.base.errors import Diverged, InvalidInput
+from clothfit.base.errors import InvalidInput
 from clothfit.evaluation.richardson import Halving, converged, extent, per_frame, root_mean_square
-from clothfit.motion.motion import simulate
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.simulate import simulate
 
 STILL = {"gravity": xyz((0, 0, 0))}
 

@@ -6,7 +6,7 @@ import pytest
 from physics import TIGHT, scene, xyz
 from scenes import cloth, even
 
-from clothfit.motion.motion import simulate
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.scan import POINTS, Course, brackets, coarse_first, is_minimum, scan, scannable
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters

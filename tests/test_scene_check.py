@@ -6,13 +6,14 @@ import pytest
 from physics import METHODS, ball, scene, sheet, thing, xyz
 from scenes import cloth, trial
 
-from clothfit.base.errors import Diverged, InvalidInput
+from clothfit.base.errors import InvalidInput
 from clothfit.derivative import verify
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
 from clothfit.inspection.contacts import Switch, contacts, first_switch
 from clothfit.inspection.gradient_check import check_scene, default_frames
-from clothfit.motion.motion import simulate
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load

@@ -10,8 +10,7 @@ import clothfit
 from clothfit import InvalidInput, InvalidScene
 from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh
-from clothfit.meshes.new_scene import new_scene
-from clothfit.meshes.scene_text import text
+from clothfit.meshes.new_scene import new_scene, text
 from clothfit.scene.conforms import conforms
 from clothfit.scene.schema import schema_path
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scenes import even, trial
 
-from clothfit.base.errors import Diverged
-from clothfit.motion.motion import simulate
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import HEIGHT, STALL_EVALUATIONS, Search, Stop
 from clothfit.scene.fit_vector import LOWER, UPPER, identifiable, parameters

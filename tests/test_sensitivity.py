@@ -8,7 +8,7 @@ from clothfit.derivative import sensitivity
 from clothfit.derivative.columns import columns
 from clothfit.derivative.sensitivity import solver, sweep, tangents
 from clothfit.engine.step import implicit
-from clothfit.motion.motion import simulate
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters
 

@@ -6,7 +6,7 @@ import pytest
 from physics import TIGHT, scene, xyz
 from scenes import cloth
 
-from clothfit.motion.motion import simulate
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.common_factors import Shared
 from clothfit.optimise.search import Search

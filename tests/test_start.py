@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scenes import changed, document, even, trial
 
-from clothfit.fit.fabric import proportions
-from clothfit.fit.start import WINDOW, fabric, neighbours, neutral, neutral_start
-from clothfit.motion.motion import Motion, simulate
+from clothfit.fit.start import WINDOW, fabric, neighbours, neutral, neutral_start, proportions
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.scene.scene import load

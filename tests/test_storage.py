@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 from scenes import document, load_text, trial, write_scene
 
-from clothfit.base import memory
-from clothfit.base.errors import Diverged, InvalidInput
-from clothfit.cli import run
+from clothfit.base.errors import InvalidInput
+from clothfit.base.memory import human
+from clothfit.cli.program import run
+from clothfit.engine import snapshots
 from clothfit.engine.rollout import state_bytes
 from clothfit.fit import auto
 from clothfit.fit.estimate import estimate
-from clothfit.motion.motion import as_motion, simulate
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import as_motion
+from clothfit.motion.simulate import simulate
 from clothfit.objective import objective as objectives
 from clothfit.objective.memory_needs import snapshot_bytes
 from clothfit.objective.objective import Objective, cost_and_gradient
@@ -35,7 +38,7 @@ def tightest(made, motion, **options):
     """A budget in which a few states fit beside what is held anyway."""
     aim = Objective(made, motion, memory=PLENTY, **options)
     system = aim.runs[0].system
-    return aim.needs.held + memory.least(aim.steps, state_bytes(system), snapshot_bytes(system))
+    return aim.needs.held + snapshots.least(aim.steps, state_bytes(system), snapshot_bytes(system))
 
 
 @pytest.mark.parametrize("newton", [1, 3])
@@ -65,7 +68,7 @@ def test_frames_between_steps_and_several_cloths():
     made = with_parameters(truth, 1.2 * parameters(truth))
     aim = Objective(made, motion, memory=PLENTY)
     systems = [run.system for run in aim.runs]
-    tight = aim.needs.held + max(memory.least(aim.steps, state_bytes(s), snapshot_bytes(s)) for s in systems)
+    tight = aim.needs.held + max(snapshots.least(aim.steps, state_bytes(s), snapshot_bytes(s)) for s in systems)
     found, expected = (cost_and_gradient(made, motion, memory=size) for size in (tight, PLENTY))
     assert Objective(made, motion, memory=tight).needs.snapshots > 0
     assert found[0] == expected[0]
@@ -110,7 +113,7 @@ def test_too_little_memory_is_refused_with_what_is_needed():
         with pytest.raises(InvalidInput) as caught:
             work()
         assert str(caught.value).startswith("memory: 30 kB is too little: the targets take ")
-        assert str(caught.value).endswith(f"needs {memory.human(tight)} in all")
+        assert str(caught.value).endswith(f"needs {human(tight)} in all")
 
 
 def test_a_motion_that_diverges_in_a_late_part_is_told():

@@ -7,11 +7,11 @@ from physics import KINDS, TIGHT, gentle
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Elements
-from clothfit.base.memory import Plan, least, plan
 from clothfit.derivative import adjoint
 from clothfit.derivative.adjoint import whole
 from clothfit.engine import rollout, tape
 from clothfit.engine.rollout import state_bytes
+from clothfit.engine.snapshots import Plan, least, plan
 from clothfit.engine.tape import Tape
 
 STEPS = 13

@@ -10,7 +10,8 @@ from clothfit.base.errors import InvalidMotion
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
 from clothfit.motion.motion import Motion
-from clothfit.objective.target import frame_places, interpolation, sample, snapped, target
+from clothfit.motion.times import frame_places, interpolation, snapped
+from clothfit.objective.target import sample, target
 
 RNG = np.random.default_rng(21)
 DELTA = 0.02

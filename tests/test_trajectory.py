@@ -6,10 +6,10 @@ import pytest
 from physics import METHODS, TIGHT, scene, xyz
 from scenes import cloth, even, trial
 
-from clothfit.base.errors import Diverged
 from clothfit.derivative import sensitivity
 from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import simulate
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.gauss_newton import State
 from clothfit.optimise.prior import FIRST

@@ -8,7 +8,7 @@ from scenes import cloth
 from clothfit.base.errors import InvalidInput
 from clothfit.derivative import verify
 from clothfit.derivative.verify import central_difference_error, check, dot_product_error, scaled, taylor_order
-from clothfit.motion.motion import simulate
+from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters, with_parameters
 

@@ -31,7 +31,7 @@ from clothfit.kernels.cache import KernelCache
 from clothfit.engine.step import implicit
 from clothfit.engine.system import build
 from clothfit.many.warmup import NEVER, use_everything
-from clothfit.cli import run
+from clothfit.cli.program import run
 use_everything(lambda part: None, small=True)
 asked, load = [], KernelCache.load_overload
 def note(self, sig, context):
@@ -104,7 +104,7 @@ def test_where_it_cannot_keep_anything_it_fails(tmp_path):
         "import clothfit.many.warmup as w, clothfit.kernels.cache as k, numba, sys; from pathlib import Path;"
         "k.folders = lambda: (Path(sys.argv[1]) / 'kernels-now',);"
         "f = numba.njit(lambda x: x); f._cache = k.KernelCache(f.py_func); w.SMALL = {'one': lambda: f(1)};"
-        "from clothfit.cli import run; sys.exit(run(['warmup', '--small']))"
+        "from clothfit.cli.program import run; sys.exit(run(['warmup', '--small']))"
     )
     (tmp_path / "file").write_text("")
     call = [sys.executable, "-c", code, str(tmp_path / "file")]

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from clothfit import InvalidMotion, load, load_motion, save_motion, simulate
-from clothfit.cli import run
+from clothfit.cli.program import run
 from clothfit.formats import pc2
 from clothfit.formats.registry import foreign, module_of
 from clothfit.meshes import mesh

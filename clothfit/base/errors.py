@@ -6,12 +6,6 @@ does not converge is a result with a status, not an exception.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from clothfit.motion.divergence import Fault
-    from clothfit.motion.motion import Motion
-
 
 class ClothfitError(Exception):
     """Base of all errors that a user can act on; `exit_code` is what a command ends with."""
@@ -42,21 +36,3 @@ class InvalidScene(InvalidInput):
 
 class InvalidMotion(InvalidInput):
     """A motion file or array that does not fit the format or the scene."""
-
-
-class Diverged(ClothfitError):
-    """The simulation left the finite numbers.
-
-    `step` is the first step that cannot be used (1 = the first, 0 where no single one is to blame); `motion`, where
-    there is one, holds the frames before it, and `fault` the last states of the cloth that diverged.
-    """
-
-    exit_code = 4
-
-    def __init__(
-        self, message: str, step: int, motion: Motion | None = None, fault: Fault | None = None
-    ) -> None:
-        self.step = step
-        self.motion = motion
-        self.fault = fault
-        super().__init__(message)

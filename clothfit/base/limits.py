@@ -6,6 +6,9 @@ import math
 
 from clothfit.base.errors import InvalidInput
 
+FARTHEST = 1e12
+"""A vertex farther than this many metres from the origin (sum of its coordinates) counts as diverged."""
+
 
 def checked_tolerance(tolerance: float | None, default: float) -> float:
     """The relative tolerance to solve to. Raises InvalidInput unless it is above 0 and below 1."""

@@ -1,20 +1,11 @@
-"""How much memory a fit may use, and how it gets along with less: which states it keeps.
-
-A reverse sweep needs the states of a motion in the opposite order. Where all of them do not fit, snapshots are kept
-and the steps between two of them computed again when their turn comes: with one level of snapshots every step is
-computed twice, with L levels at most L + 1 times, and m^L stretches need only L m snapshots. A. Griewank, Achieving
-logarithmic growth of temporal and spatial complexity in reverse automatic differentiation, Optimization Methods and
-Software 1, 1992.
-"""
+"""How much memory there is, and sizes as people write them."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
 
 from clothfit.base.errors import InvalidInput
 
@@ -35,17 +26,6 @@ LIMITS = (
 
 LITTLE = 16_000_000
 """Bytes that a process gets which got its libraries."""
-
-LIVE = 3
-"""Snapshots that are in hand while steps are computed, beside those that are kept."""
-
-
-class Plan(NamedTuple):
-    """Which states of a motion are kept."""
-
-    length: int  # steps whose states are held at a time
-    strides: tuple[int, ...] = ()  # steps between snapshots, from coarse to fine; the last is `length`
-    snapshots: int | None = None  # kept at a time; None: every state is kept, or none is needed again
 
 
 def parse(size: int | str) -> int:
@@ -131,30 +111,15 @@ def human(size: float) -> str:
     return f"{size:.3g} GB"
 
 
-def plan(steps: int, state: int, snapshot: int, most: float) -> Plan | None:
-    """How to keep `steps` states of `state` bytes within `most` bytes, with the fewest steps computed again; a snapshot
-    has `snapshot` bytes. None where that cannot be.
+def check_memory(frames: int, vertices: int, iterations: int) -> None:
+    """Raise InvalidInput, with the figure, when a motion with its velocities cannot be kept in the memory that is free;
+    0 `iterations`: the positions alone.
     """
-    if steps * state <= most:
-        return Plan(max(steps, 1), (max(steps, 1),))
-    return next((found for found in plans(steps) if size(found, state, snapshot) <= most), None)
-
-
-def plans(steps: int) -> Iterator[Plan]:
-    """All plans with snapshots, those that compute the fewest steps again first."""
-    for levels in range(1, max(steps - 1, 1).bit_length() + 1):
-        for parts in range(2, steps + 1):
-            length = -(-steps // parts**levels)
-            yield Plan(length, tuple(length * parts**i for i in reversed(range(levels))), levels * parts)
-            if length == 1:
-                break
-
-
-def size(found: Plan, state: int, snapshot: int) -> int:
-    """Bytes that a plan holds."""
-    return found.length * state + (0 if found.snapshots is None else (LIVE + found.snapshots) * snapshot)
-
-
-def least(steps: int, state: int, snapshot: int) -> int:
-    """Bytes with which a motion of so many steps can be swept back."""
-    return min([steps * state, *(size(found, state, snapshot) for found in plans(steps))])
+    needed = 24 * (1 + iterations) * frames * vertices
+    most = missing(needed)
+    if most is not None:
+        count = str(frames) if frames < 10**15 else f"more than {10**15:.0e}"
+        raise InvalidInput(
+            f"{count} frames of {vertices} vertices take {human(min(needed, 10**30))}, "
+            f"{human(most)} of memory are free; use fewer frames (--steps, --fps, optimizationIterations)"
+        )

@@ -1,6 +1,8 @@
 """Files from anybody: no more of them is read than a limit, whatever they are and say.
 
-A device never ends, a pipe does not tell how long it is, and a file may be as large as a disk, or grow meanwhile.
+A device never ends, a pipe does not tell how long it is, and a file may be as large as a disk, or grow meanwhile. A
+file that is replaced in one step is read as it was; one that is written over in place could be read half old and half
+new, and half a motion may look like a whole one.
 """
 
 from __future__ import annotations
@@ -8,17 +10,20 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import IO, Any
 
 from clothfit.base import memory
 from clothfit.base.memory import human
-from clothfit.base.steady import CHANGED
 
 MOST_TEXT = 500_000_000
 """Bytes of a scene: several times what the largest have."""
 
 PIECE = 1 << 24
 """Bytes to read at a time where nobody knows how many there are."""
+
+CHANGED = "it changed while it was read; try again"
 
 
 def whole(file: IO[Any], most: int | None = None) -> Any:
@@ -53,3 +58,15 @@ def _size(file: IO[Any]) -> int:
     except (AttributeError, OSError, ValueError):  # a file in memory
         return 0
     return found.st_size if stat.S_ISREG(found.st_mode) else 0
+
+
+@contextmanager
+def unchanged(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
+    """Open a file to read it in the block. Raises OSError, also where it changed meanwhile."""
+    with open(path, "rb") as file:
+        before = os.fstat(file.fileno())
+        yield file
+        after = os.fstat(file.fileno())
+    changed = (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns)
+    if changed and stat.S_ISREG(before.st_mode):
+        raise OSError(errno.EBUSY, CHANGED, os.fspath(path))

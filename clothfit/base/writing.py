@@ -2,23 +2,37 @@
 
 The data goes to a new file in the same folder, is forced to the disk, and then takes the final name in one step.
 Whatever happens before that step, what was there stays. Devices and pipes (`/dev/stdout`) have no such
-step and are written directly. What a killed process left of its new file, a later one takes away (`temporary`).
+step and are written directly.
+A process that is killed while it writes leaves its new file behind, under a name of its own and never under a final
+one. Whoever writes holds a lock on the file, which the system gives up when the process ends, however it ends. So a
+file of this kind whose lock can be had has no writer any more, and a later process takes it away. Locks are only
+trusted on the machine that made the file, whose name is part of the file's.
 """
 
 from __future__ import annotations
 
+import hashlib
 import io
 import os
+import platform
+import re
+import secrets
 import stat
 from collections.abc import Callable
 from contextlib import suppress
 from typing import IO, TypeAlias
 
-from clothfit.base import temporary
 from clothfit.base.errors import InvalidInput
+
+try:
+    import fcntl
+except ImportError:  # Windows: nothing is locked, and nothing taken away
+    fcntl = None  # type: ignore[assignment]
 
 Data: TypeAlias = bytes | Callable[[IO[bytes]], object]
 """What to write: bytes, or a function that writes them to a file, so that they need not be in memory."""
+
+_swept: set[str] = set()  # folders, each once in the life of a process
 
 
 def write_atomically(path: str | os.PathLike[str], data: Data) -> None:
@@ -77,7 +91,7 @@ def put(data: Data, stream: IO[bytes]) -> None:
 
 
 def _replace(path: str, data: Data, mode: int | None) -> None:
-    file = temporary.create(os.path.dirname(path))
+    file = create(os.path.dirname(path))
     try:
         with file:
             file.write(data) if isinstance(data, bytes) else data(file)
@@ -102,3 +116,50 @@ def _mode(path: str | os.PathLike[str]) -> int | None:
 
 def _refusal(path: str | os.PathLike[str], reason: str) -> InvalidInput:
     return InvalidInput(f"cannot write {os.fspath(path)}: {reason}")
+
+
+def create(folder: str) -> IO[bytes]:
+    """Open a new file in a folder, locked until it is closed, with the permissions that the umask says.
+
+    What killed processes left there is taken away first. Raises OSError.
+    """
+    if folder not in _swept:
+        _swept.add(folder)
+        sweep(folder)
+    while True:
+        file = open(os.path.join(folder, f"{prefix()}{secrets.token_hex(8)}.tmp"), "xb")  # noqa: SIM115
+        lock(file.fileno(), wait=True)
+        if os.fstat(file.fileno()).st_nlink or fcntl is None:
+            return file
+        file.close()  # another process took it for left behind, in the moment before it was locked
+
+
+def sweep(folder: str) -> None:
+    """Take away what killed processes of this machine left in a folder; where that fails, it stays."""
+    with suppress(OSError):
+        for name in os.listdir(folder):
+            if re.fullmatch(re.escape(prefix()) + r"[0-9a-f]{16}\.tmp", name):
+                remove_stale(os.path.join(folder, name))
+
+
+def remove_stale(path: str) -> None:
+    """Take a file away unless somebody writes it."""
+    with suppress(OSError), open(path, "r+b") as file:
+        if lock(file.fileno(), wait=False):
+            os.unlink(path)
+
+
+def lock(number: int, wait: bool) -> bool:
+    """Lock an open file until it is closed; whether that was possible."""
+    if fcntl is None:
+        return False
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except OSError:  # somebody has it, or the file system knows no locks
+        return False
+    return True
+
+
+def prefix() -> str:
+    """How the names of these files begin on this machine."""
+    return f".clothfit-{hashlib.sha256(platform.node().encode()).hexdigest()[:8]}-"

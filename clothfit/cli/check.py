@@ -9,8 +9,8 @@ import click
 
 from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.base.messages import counted, owned
-from clothfit.cli import motions, shared
-from clothfit.cli.console import Console
+from clothfit.cli.common import motions, shared
+from clothfit.cli.common.console import Console
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Reading

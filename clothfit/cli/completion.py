@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import click
 
-from clothfit.cli import shared
-from clothfit.cli.console import Console
+from clothfit.cli.common import shared
+from clothfit.cli.common.console import Console
 
 SHELLS = ("bash", "zsh", "fish")
 

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli import motions, shared
-from clothfit.cli.console import Console, metres
+from clothfit.base.messages import metres
+from clothfit.cli.common import motions, shared
+from clothfit.cli.common.console import Console
 from clothfit.formats.convention import Convention, Reading
 
 if TYPE_CHECKING:

@@ -9,10 +9,14 @@ import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import owned
-from clothfit.cli import estimate_report, goals, motions, pictures, shared, trust
-from clothfit.cli.console import Console
-from clothfit.cli.files import Files
-from clothfit.cli.watching import Watching
+from clothfit.cli.common import motions, pictures, shared
+from clothfit.cli.common import stability_warnings as trust
+from clothfit.cli.common.console import Console
+from clothfit.cli.common.files import Files
+from clothfit.cli.common.progress import progress
+from clothfit.cli.fitting import estimate_report
+from clothfit.cli.fitting import target_options as goals
+from clothfit.cli.fitting.recording import Watching
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Reading
@@ -160,7 +164,7 @@ def command(
     page = estimate_report.chosen(report_path, scene_paths, single, files)
     if not single:
         refuse_to_watch({**pictures.given, "--log": log})
-        from clothfit.cli import many
+        from clothfit.cli.fitting import many
 
         return many.fit(scene_paths, files, options, many.Effort(starts, seed, jobs, cluster), console, as_json)
     watching = Watching(pictures, log)
@@ -182,7 +186,7 @@ def fit_one(
     out = files.output(scene_path)
     if page:
         page.output(scene_path, files, out)
-    from clothfit.cli import checkpoints, outcomes
+    from clothfit.cli.fitting import checkpoints, outcomes
     from clothfit.fit import estimate as fit
     from clothfit.scene.fit_vector import blocks
 
@@ -198,7 +202,7 @@ def fit_one(
     console.detail(f"fitting {flagged or 'nothing'} over {scene.frames} frames")
     trust.warn_of_steps(scene, scene.frames, console)
     console.announce_compilation()
-    with console.progress() as show:
+    with progress(console) as show:
         found = fit.estimate(
             scene,
             targets or None,

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.base.errors import Diverged
-from clothfit.base.messages import owned
-from clothfit.cli import evaluate_speed, motions, pictures, shared, trust
-from clothfit.cli.console import Console, metres
+from clothfit.base.messages import metres, owned
+from clothfit.cli.common import motions, pictures, shared
+from clothfit.cli.common import stability_warnings as trust
+from clothfit.cli.common.console import Console
+from clothfit.cli.evaluating import evaluate_speed
+from clothfit.motion.divergence import Diverged
 
 if TYPE_CHECKING:
     from clothfit.evaluation.evaluate import Evaluation

@@ -10,8 +10,8 @@ import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
-from clothfit.cli import shared
-from clothfit.cli.console import Console
+from clothfit.cli.common import shared
+from clothfit.cli.common.console import Console
 from clothfit.export.tools import TOOLS
 
 if TYPE_CHECKING:

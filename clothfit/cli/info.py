@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base.messages import counted, owned
-from clothfit.cli import shared
-from clothfit.cli.console import Console
+from clothfit.cli.common import shared
+from clothfit.cli.common.console import Console
 
 if TYPE_CHECKING:
     from clothfit.inspection.forecast import Forecast

@@ -9,9 +9,10 @@ import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
-from clothfit.cli import shared, trust
-from clothfit.cli.console import Console
-from clothfit.cli.new_options import PLANE, Asked, numbers, understood
+from clothfit.cli.common import shared
+from clothfit.cli.common import stability_warnings as trust
+from clothfit.cli.common.console import Console
+from clothfit.cli.common.new_options import PLANE, Asked, numbers, understood
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Flags, Indices

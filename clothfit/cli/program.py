@@ -24,10 +24,10 @@ from clothfit.base import interrupts
 from clothfit.base.errors import ClothfitError
 from clothfit.base.interrupts import REQUESTS, SAME_REQUEST
 from clothfit.base.messages import harmless
-from clothfit.cli.help import ExamplesFirst
-from clothfit.cli.sequences import gathered
-from clothfit.cli.shared import loudness
-from clothfit.cli.usage import slip
+from clothfit.cli.common.help import ExamplesFirst
+from clothfit.cli.common.sequences import gathered
+from clothfit.cli.common.shared import loudness
+from clothfit.cli.common.usage import slip
 
 _last_request = -SAME_REQUEST
 

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.base.errors import Diverged
-from clothfit.base.messages import counted
-from clothfit.cli import motions, shared, trust
-from clothfit.cli.console import Console, metres
-from clothfit.cli.repeat import command_line
+from clothfit.base.messages import counted, metres
+from clothfit.cli.common import motions, shared
+from clothfit.cli.common import stability_warnings as trust
+from clothfit.cli.common.command_line import command_line
+from clothfit.cli.common.console import Console
+from clothfit.motion.divergence import Diverged
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Reading

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clothfit.base.errors import Diverged, InvalidInput
-from clothfit.cli import energy_table, motions, pictures, shared, trust
-from clothfit.cli.console import Console
+from clothfit.base.errors import InvalidInput
+from clothfit.cli.common import energy_table, motions, pictures, shared
+from clothfit.cli.common import stability_warnings as trust
+from clothfit.cli.common.console import Console
+from clothfit.motion.divergence import Diverged
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Convention

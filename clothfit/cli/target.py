@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import click
 
 from clothfit.base.limits import check_capture
-from clothfit.cli import motions, shared, trust
-from clothfit.cli.console import Console, metres
+from clothfit.base.messages import metres
+from clothfit.cli.common import motions, shared
+from clothfit.cli.common import stability_warnings as trust
+from clothfit.cli.common.console import Console
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Convention

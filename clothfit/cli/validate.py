@@ -10,8 +10,8 @@ from typing import Any
 import click
 
 from clothfit.base.errors import InvalidInput, InvalidScene
-from clothfit.cli import shared
-from clothfit.cli.console import Console
+from clothfit.cli.common import shared
+from clothfit.cli.common.console import Console
 
 PLACE = re.compile(r"(top level|line \d+, column \d+|(?:[\w.\[\]]|\"[^\"]*\")+): (.*)", re.DOTALL)
 """Where something is wrong, before what is."""

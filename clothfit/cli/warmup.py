@@ -8,8 +8,8 @@ import time
 import click
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli import shared
-from clothfit.cli.console import Console
+from clothfit.cli.common import shared
+from clothfit.cli.common.console import Console
 
 
 @shared.command("warmup")

@@ -12,18 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base import interrupts, memory
+from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.base.errors import InvalidInput
+from clothfit.base.limits import FARTHEST
+from clothfit.base.memory import check_memory
 from clothfit.engine.solve import cg, guess
 from clothfit.engine.step import guard, implicit, transition
 from clothfit.engine.system import IMPLICIT, System, clamped
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import copy
-
-FAR = 1e12
-"""A vertex farther than this many metres from the origin (sum of its coordinates) counts as diverged."""
-
 
 STRETCH = 20_000
 """Vertices × steps between two looks for an interrupt: about 10 ms."""
@@ -127,20 +124,6 @@ def stretches(steps: int, n: int) -> Iterator[tuple[int, int]]:
         yield first, min(first + length, steps)
 
 
-def check_memory(frames: int, vertices: int, iterations: int) -> None:
-    """Raise InvalidInput, with the figure, when a motion with its velocities cannot be kept in the memory that is free;
-    0 `iterations`: the positions alone.
-    """
-    needed = 24 * (1 + iterations) * frames * vertices
-    most = memory.missing(needed)
-    if most is not None:
-        count = str(frames) if frames < 10**15 else f"more than {10**15:.0e}"
-        raise InvalidInput(
-            f"{count} frames of {vertices} vertices take {memory.human(min(needed, 10**30))}, "
-            f"{memory.human(most)} of memory are free; use fewer frames (--steps, --fps, optimizationIterations)"
-        )
-
-
 @kernel
 def velocity(part, t):
     """Velocity (n, 3) before step t of a Rollout."""
@@ -209,6 +192,6 @@ def finite(x):
     """Whether all coordinates are numbers of a sensible size."""
     for i in range(len(x)):
         size = abs(x[i, 0]) + abs(x[i, 1]) + abs(x[i, 2])
-        if not size < FAR:  # so that NaN counts as well
+        if not size < FARTHEST:  # so that NaN counts as well
             return False
     return True

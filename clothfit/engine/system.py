@@ -51,7 +51,7 @@ def build(scene: Scene, index: int, air: bool = False) -> System:
         vertex=vertex.build(cloth.mass, cloth.fixed, cloth.damping, scene.gravity),
         springs=springs.build(np.array(cloth.springs), cloth.rest, cloth.stiffness, cloth.damping, slot),
         faces=wind.build(np.array(cloth.triangles), cloth.drag, scene.wind, air or cloth.mode("drag") != "n"),
-        spheres=spheres.build(scene.spheres),
+        spheres=spheres.build([s.centre for s in scene.spheres], [s.radius for s in scene.spheres]),
         pattern=pattern,
         coarser=multigrid.coarsenings(pattern, len(cloth.fixed)),
     )

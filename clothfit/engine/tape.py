@@ -16,9 +16,10 @@ import numpy as np
 from clothfit.base import memory
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
-from clothfit.base.memory import Plan, human
-from clothfit.engine.remedies import NONE
+from clothfit.base.memory import human
+from clothfit.engine.fallbacks import NONE
 from clothfit.engine.rollout import STRETCH, Rollout, empty, fill, iterations_of, state_bytes, velocity
+from clothfit.engine.snapshots import Plan
 from clothfit.engine.solve.guess import Past
 from clothfit.engine.step import implicit
 from clothfit.engine.system import System

@@ -10,11 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.base.errors import Diverged, InvalidInput
-from clothfit.engine.rollout import check_memory
+from clothfit.base.errors import InvalidInput
+from clothfit.base.memory import check_memory
 from clothfit.fit.estimate import FIT_TOLERANCE
-from clothfit.motion.motion import Motion, check_counts, checked_motion, simulate_cloths
-from clothfit.objective.target import frame_places, sample
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import Motion, check_counts, checked_motion
+from clothfit.motion.simulate import simulate_cloths
+from clothfit.motion.times import frame_places
+from clothfit.objective.target import sample
 from clothfit.objective.target import target as target_of
 from clothfit.scene.fit_vector import blocks, fitted_cloths, identifiable, parameters
 from clothfit.scene.scene import Scene

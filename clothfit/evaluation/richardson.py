@@ -26,10 +26,12 @@ from functools import partial
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.base.errors import Diverged, InvalidInput
-from clothfit.engine.rollout import check_memory, rollout
+from clothfit.base.errors import InvalidInput
+from clothfit.base.memory import check_memory
+from clothfit.engine.rollout import rollout
 from clothfit.engine.system import IMPLICIT, build
 from clothfit.evaluation.runge_kutta import record
+from clothfit.motion.divergence import Diverged
 from clothfit.scene.scene import Scene
 
 FINEST = 2**14  # steps per frame: beyond, rounding grows faster than the error falls

@@ -19,8 +19,9 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
+from clothfit.base.limits import FARTHEST
 from clothfit.engine.forces import total
-from clothfit.engine.rollout import FAR, stretches
+from clothfit.engine.rollout import stretches
 from clothfit.engine.system import System
 from clothfit.kernels.kernel import kernel
 
@@ -35,7 +36,7 @@ def record(system: System, delta: float, frames: int, substeps: int) -> Array | 
         for first, last in stretches(substeps, 4 * len(x)):
             advance(system, x, v, delta / substeps, last - first, work)
             interrupts.check()
-        if not np.abs(x).max(initial=0.0) < FAR:  # NaN as well
+        if not np.abs(x).max(initial=0.0) < FARTHEST:  # NaN as well
             return None
         positions[frame] = x
     return positions

@@ -37,8 +37,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.base.errors import Diverged
 from clothfit.fit.null_space import inverse_beside, null_space
+from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.objective.running_cost import Distances, Measured
 from clothfit.optimise import momentum, trajectory

@@ -25,7 +25,8 @@ from clothfit.fit import holdout as holdouts
 from clothfit.fit.confidence import Confidence, confidence
 from clothfit.fit.result import Fit, result
 from clothfit.fit.start import fabric, neutral, neutral_start
-from clothfit.motion.motion import Motion, simulate, simulate_cloths
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate, simulate_cloths
 from clothfit.objective.experiment import Targets, experiments
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.objective import Objective

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.base.errors import Diverged, InvalidInput
+from clothfit.base.errors import InvalidInput
+from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
+from clothfit.motion.times import frame_places
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
-from clothfit.objective.target import frame_places
 from clothfit.scene.fit_vector import fitted_cloths
 from clothfit.scene.scene import Scene
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.base.errors import Diverged
-from clothfit.engine.remedies import NONE, Remedies
+from clothfit.engine.fallbacks import NONE, Fallbacks
 from clothfit.fit.confidence import Confidence
 from clothfit.fit.holdout import HeldOut
+from clothfit.motion.divergence import Diverged
 from clothfit.objective.memory_needs import Needs
 from clothfit.optimise.search import Search
 from clothfit.scene.block import Block
@@ -63,7 +63,7 @@ class Fit:
     prior: list[Scatter] | None = None  # None: the result does without
     holdout: HeldOut | None = None  # None: nothing was kept out
     memory: Needs | None = None  # what was foreseen
-    remedies: Remedies = NONE  # what the steps of the fitted motion needed beyond the ordinary
+    remedies: Fallbacks = NONE  # what the steps of the fitted motion needed beyond the ordinary
 
 
 def result(

@@ -9,8 +9,7 @@ from contextlib import contextmanager
 from clothfit.base import memory
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.memory import human
-from clothfit.base.reading import MOST_TEXT, whole
-from clothfit.base.steady import steady
+from clothfit.base.reading import MOST_TEXT, unchanged, whole
 
 COPIES = 2
 """Of all positions, that are in memory while they are turned into the scene's axes."""
@@ -39,7 +38,7 @@ def refused(path: str | os.PathLike[str]) -> Iterator[None]:
 
 def content(path: str | os.PathLike[str], most: int | None = MOST_TEXT) -> bytes:
     """All that is in a file of at most `most` bytes (None: what fits into memory). Raises InvalidMotion."""
-    with refused(path), steady(path) as file:
+    with refused(path), unchanged(path) as file:
         data: bytes = whole(file, most)
         return data
 

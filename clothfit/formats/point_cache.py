@@ -16,7 +16,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
-from clothfit.base.steady import steady
+from clothfit.base.reading import unchanged
 from clothfit.formats.files import COPIES, check_room, name_of, refused
 
 
@@ -59,7 +59,7 @@ class Cache:
 @contextmanager
 def opened(path: str | os.PathLike[str]) -> Iterator[Cache]:
     """A cache to read in the block. Raises InvalidMotion on whatever goes wrong with the file."""
-    with refused(path), steady(path) as file:
+    with refused(path), unchanged(path) as file:
         yield Cache(file, path)
 
 

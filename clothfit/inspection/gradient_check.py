@@ -31,7 +31,8 @@ from clothfit.inspection.ladder import (
     ladder,
     taylor,
 )
-from clothfit.motion.motion import Motion, simulate_cloths
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate_cloths
 from clothfit.objective.objective import Objective
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import blocks, fitted_cloths, parameters, with_parameters

@@ -22,10 +22,10 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.base.errors import Diverged
 from clothfit.derivative.verify import ABOVE_NOISE, DIFFERENCE, FEWEST_RUNGS, NOISE_STEPS, ORDER
 from clothfit.engine.tape import Tape
 from clothfit.inspection.contacts import contacts, first_switch
+from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run, check
 from clothfit.objective.running_cost import tally

@@ -46,7 +46,8 @@ PREFIX = "kernels-"
 MARK = b"clothfit kernel 1\n"  # what a file begins with; then the SHA-256 of the rest
 DAY = 24 * 3600.0  # s
 # files with types and constants that kernels use, but no kernel
-TYPES = ("base/arrays.py", "engine/system.py", "derivative/stencil.py")
+TYPES = ("base/arrays.py", "base/limits.py", "engine/system.py", "derivative/stencil.py")
+GRADIENT = "derivative.adjoint.sweep_back-*"  # files of the cache that any fit by gradients leaves
 config: Any = numba.config  # numba has no types
 
 
@@ -222,3 +223,8 @@ class KernelCache(FunctionCache):
         code = self._py_func.__code__
         name = f"{self._py_func.__module__.removeprefix('clothfit.')}.{code.co_name}"
         return file_name(name, code.co_firstlineno, self._variant, key)
+
+
+def is_cold() -> bool:
+    """Whether fits would have to be compiled first."""
+    return not config.DISABLE_JIT and not any(any(folder.glob(GRADIENT)) for folder in usable())

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from clothfit import __version__
 from clothfit.base.errors import ClothfitError, InvalidInput
-from clothfit.base.steady import steady
+from clothfit.base.reading import unchanged
 from clothfit.scene.text import name_of
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def read(path: str | os.PathLike[str]) -> File:
     from clothfit.base.npz import content
 
     try:
-        with steady(path) as file:
+        with unchanged(path) as file:
             return File(content(file), name_of(path))
     except (OSError, ValueError) as error:
         raise InvalidInput(f"{name_of(path)}: cannot be read: {getattr(error, 'strerror', None) or error}") from None

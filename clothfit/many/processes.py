@@ -17,9 +17,10 @@ from functools import partial
 from typing import Any
 
 from clothfit.base.interrupts import REQUESTS
+from clothfit.kernels.cache import is_cold
 from clothfit.many.batch import PREPARATION
-from clothfit.many.compiled import cold, warm
 from clothfit.many.job import FAULT, Died, Job, Outcome
+from clothfit.many.warmup import warm
 from clothfit.many.worker import prepare, work
 
 LIBRARIES = ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "BLIS_NUM", "VECLIB_MAXIMUM", "NUMBA_NUM", "NUMEXPR_NUM")
@@ -49,7 +50,7 @@ class Processes:
 
     def prepare(self, done: Callable[[int], None]) -> bool:
         """Let one process compile what all need, where that has not been done on this machine."""
-        missing = self.width > 1 and cold()
+        missing = self.width > 1 and is_cold()
         if missing:
             self._begin(PREPARATION, warm, None, done)
         return missing

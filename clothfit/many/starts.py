@@ -13,7 +13,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.limits import checked_tolerance
 from clothfit.fit.estimate import FIT_TOLERANCE, choose_start
-from clothfit.motion.motion import simulate_cloths
+from clothfit.motion.simulate import simulate_cloths
 from clothfit.objective.experiment import Targets
 from clothfit.scene.fit_vector import blocks, bounds, fitted_cloths, identifiable, parameters, with_parameters
 from clothfit.scene.scene import Scene

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,7 +15,6 @@ import numpy.typing as npt
 from clothfit.base.arrays import Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.meshes.mesh import Mesh, object_document
-from clothfit.meshes.scene_text import text
 from clothfit.scene.kinds import CLOTH_KINDS, KIND, LETTERED, SCENE_KINDS
 from clothfit.scene.mesh_numbering import FIELD
 from clothfit.scene.scene import INTEGRATORS, SPHERE, Scene, load
@@ -105,3 +105,22 @@ def _sphere(x: float, y: float, z: float, radius: float) -> dict[str, Any]:
 def _vector(xyz: Sequence[float]) -> dict[str, float]:
     x, y, z = map(float, xyz)
     return {"x": x, "y": y, "z": z}
+
+
+def text(document: dict[str, Any]) -> str:
+    """Write a scene, its fields in their order."""
+    made = {name: _objects(value) if name == "objects" else _compact(value) for name, value in document.items()}
+    lines = [f'"{name}": {value}' for name, value in made.items()]
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def _objects(cloths: list[dict[str, Any]]) -> str:
+    return "[" + ", ".join("{\n" + ",\n".join(map(_field, cloth.items())) + "\n}" for cloth in cloths) + "]"
+
+
+def _field(item: tuple[str, Any]) -> str:
+    return f'  "{item[0]}": {_compact(item[1])}'
+
+
+def _compact(value: Any) -> str:
+    return json.dumps(value, separators=(",", ":"))

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from clothfit.base.limits import check_capture
-from clothfit.engine.rollout import check_memory
+from clothfit.base.memory import check_memory
 from clothfit.motion.motion import Motion
-from clothfit.objective.target import TIME_SLACK, interpolated, snapped
+from clothfit.motion.times import TIME_SLACK, interpolated, snapped
 
 MOST = 1e18
 """Frames, more than any memory holds."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from clothfit.base import npz
 from clothfit.base.arrays import Array, Indices
-from clothfit.base.errors import Diverged
+from clothfit.base.errors import ClothfitError
 from clothfit.base.writing import Data
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.stability import advice
@@ -50,6 +50,24 @@ class Fault(NamedTuple):
     def vertex(self) -> int:
         """The one that left first."""
         return worst(self.states.x[-1], self.states.v[-2])
+
+
+class Diverged(ClothfitError):
+    """The simulation left the finite numbers.
+
+    `step` is the first step that cannot be used (1 = the first, 0 where no single one is to blame); `motion`, where
+    there is one, holds the frames before it, and `fault` the last states of the cloth that diverged.
+    """
+
+    exit_code = 4
+
+    def __init__(
+        self, message: str, step: int, motion: Motion | None = None, fault: Fault | None = None
+    ) -> None:
+        self.step = step
+        self.motion = motion
+        self.fault = fault
+        super().__init__(message)
 
 
 def worst(x: Array, v: Array) -> int:

@@ -20,7 +20,7 @@ from clothfit.base import npz
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.messages import counted
-from clothfit.base.steady import steady
+from clothfit.base.reading import unchanged
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import SCENE, Axes, facing, to_scene
 from clothfit.formats.convention import Reading
@@ -126,7 +126,7 @@ def load(
     name = name_of(path_or_file) if name is None else name
     found = foreign(path_or_file)
     if found is None and scene is None and os.path.exists(path_or_file) and not os.path.isfile(path_or_file):
-        with refused(path_or_file), steady(path_or_file) as file:  # a pipe, which cannot be looked into first
+        with refused(path_or_file), unchanged(path_or_file) as file:  # a pipe, which cannot be looked into first
             return _native(io.BytesIO(npz.content(file)), scene, reading, name)
     if found is None:
         return _native(path_or_file, scene, reading, name)

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import IO, Any, Protocol
 
 import numpy as np
@@ -20,16 +20,12 @@ from numpy.typing import NDArray
 
 from clothfit.base import memory, npz
 from clothfit.base.arrays import Array, Flags
-from clothfit.base.errors import InvalidInput, InvalidMotion
-from clothfit.base.limits import checked_tolerance
+from clothfit.base.errors import InvalidMotion
+from clothfit.base.limits import FARTHEST
 from clothfit.base.memory import human
-from clothfit.base.steady import steady
+from clothfit.base.reading import unchanged
 from clothfit.base.writing import Data, put, write_atomically
-from clothfit.engine.remedies import NONE, Remedies
-from clothfit.engine.rollout import FAR, check_memory
-from clothfit.engine.system import build
-from clothfit.engine.tape import Tape
-from clothfit.motion.divergence import Fault, last_states, outcome, with_bad
+from clothfit.engine.fallbacks import NONE, Fallbacks
 from clothfit.scene.scene import Scene
 
 ARRAYS = ("positions", "times", "vertex_counts", "observed", "weights")
@@ -60,7 +56,7 @@ class Motion:
     vertex_counts: tuple[int, ...]  # vertices of each object
     observed: Flags | None = None  # (frames, vertices); None: everything was seen
     name: str = "motion"  # for messages
-    remedies: Remedies = NONE  # what its steps needed beyond the ordinary
+    remedies: Fallbacks = NONE  # what its steps needed beyond the ordinary
     weights: Array | None = None  # (frames, vertices), 0 or more: how often each position counts; None: once
 
     def of(self, cloth: int) -> Array:
@@ -80,47 +76,6 @@ class Motion:
     def _part(self, cloth: int) -> slice:
         start = sum(self.vertex_counts[:cloth])
         return slice(start, start + self.vertex_counts[cloth])
-
-
-def simulate(scene: Scene, frames: int | None = None, tolerance: float | None = None) -> Motion:
-    """Move the cloths of a scene as the editor's engine does.
-
-    `frames` counts the initial state (default: the scene's); `tolerance` is that of the linear solver (default: the
-    scene's). Raises Diverged, with the frames that are good as its `motion`, when a position is no longer a number.
-    """
-    return simulate_cloths(scene, range(len(scene.cloths)), frames, tolerance)
-
-
-def simulate_cloths(
-    scene: Scene, cloths: Collection[int], frames: int | None = None, tolerance: float | None = None
-) -> Motion:
-    """Move some of the cloths of a scene, as `simulate` does; the others count as not observed."""
-    accuracy = checked_tolerance(tolerance, scene.tolerance)
-    count = scene.frames if frames is None else frames
-    if count < 1:
-        raise InvalidInput(f"frames: {count} is not possible, at least 1 is (the initial state)")
-    counts = scene.vertex_counts
-    check_memory(count, sum(counts), 0)
-    if not scene.delta * (count - 1) < np.inf:
-        raise InvalidInput(f"{scene.name}: delta: {count - 1} steps of {scene.delta:g} s do not end at a finite time")
-    positions = np.full((count, sum(counts), 3), np.nan)
-    motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
-    remedies, good, fault = NONE, count - 1, None
-    for index in cloths:
-        tape, last = Tape(build(scene, index), count - 1, accuracy), None
-        for part in tape.forward():
-            motion.of(index)[part.first : part.first + part.steps + 1] = part.x
-            last = last_states(part, last)
-        remedies = remedies.together(tape.remedies)
-        if tape.fault is not None and last is not None and tape.good < good:
-            good, fault = tape.good, Fault(index, with_bad(last, tape.fault, tape.fault_velocity))
-    moved = np.repeat([index in cloths for index in range(len(counts))], counts)
-    observed = None if moved.all() else np.broadcast_to(moved, (good + 1, len(moved))).copy()
-    positions, times = positions[: good + 1], motion.times[: good + 1]
-    motion = replace(motion, positions=positions, times=times, observed=observed, remedies=remedies)
-    if fault is not None:
-        raise outcome(scene, motion, fault)
-    return motion
 
 
 def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]) -> None:
@@ -154,7 +109,7 @@ def load_motion(
         name = os.path.basename(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else "motion"
     try:
         if isinstance(path_or_file, (str, os.PathLike)):
-            with steady(path_or_file) as file:
+            with unchanged(path_or_file) as file:
                 arrays = _arrays(file if file.seekable() else io.BytesIO(npz.content(file)), scene, name)
         else:  # a stream cannot be sought, an archive must be
             arrays = _arrays(io.BytesIO(npz.content(path_or_file)), scene, name)
@@ -264,12 +219,13 @@ def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Mo
         observed = None
     positions = np.ascontiguousarray(positions, np.float64)
     for frame in range(frames):  # one by one: an array as large as `positions` would take as much memory again
-        bad = ~(np.abs(positions[frame]) < FAR).all(axis=1)  # NaN as well
+        bad = ~(np.abs(positions[frame]) < FARTHEST).all(axis=1)  # NaN as well
         if observed is not None:
             bad &= observed[frame]
         if bad.any():
             vertex = int(np.argmax(bad))
-            wrong = f"lies {FAR:g} m away or more" if np.isfinite(positions[frame, vertex]).all() else "is not finite"
+            finite = np.isfinite(positions[frame, vertex]).all()
+            wrong = f"lies {FARTHEST:g} m away or more" if finite else "is not finite"
             require(False, f"positions[{frame}, {vertex}]", f"{wrong}, though not marked as unobserved")
     weights = checked_weights(arrays["weights"], (frames, total), name) if "weights" in arrays else None
     return Motion(positions, times, counts, observed, name, weights=weights)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from clothfit.base import npz
 from clothfit.base.arrays import Indices
-from clothfit.base.steady import steady
+from clothfit.base.reading import unchanged
 
 NAMES = ("positions", "times", "vertex_counts", "triangles")
 
@@ -36,7 +36,7 @@ def described(path_or_file: str | os.PathLike[str] | io.BytesIO) -> Described:
             return found
         if not os.path.isfile(path_or_file):  # a pipe gives what is in it once
             return NOTHING
-        with steady(path_or_file) as file:
+        with unchanged(path_or_file) as file:
             return _told(file)
     except (*npz.FAULTS, KeyError, IndexError, TypeError):
         return NOTHING

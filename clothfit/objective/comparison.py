@@ -21,13 +21,14 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import meant
 from clothfit.engine.system import System
+from clothfit.motion.times import interpolation
 from clothfit.objective.loss import Loss
 from clothfit.objective.measures.edge_length import EdgeLength
 from clothfit.objective.measures.measure import Maker, Measure
 from clothfit.objective.measures.position import Position
 from clothfit.objective.measures.spectrum import Spectrum
 from clothfit.objective.measures.velocity import Velocity
-from clothfit.objective.target import Target, accumulate, interpolation, sample
+from clothfit.objective.target import Target, accumulate, sample
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base import memory
 from clothfit.base.errors import InvalidInput
-from clothfit.base.memory import Plan, human
+from clothfit.base.memory import human
+from clothfit.engine import snapshots
 from clothfit.engine.rollout import state_bytes
+from clothfit.engine.snapshots import Plan
 from clothfit.engine.step import implicit
 from clothfit.engine.system import System
 from clothfit.motion.motion import Motion
@@ -63,14 +64,14 @@ def needs(runs: Sequence[Run], targets: Sequence[Motion], budget: int) -> Needs:
     for run in runs:
         steps, state, snapshot = run.steps, state_bytes(run.system), snapshot_bytes(run.system)
         most = max(most, steps * state)
-        found = memory.plan(steps, state, snapshot, budget - held)
+        found = snapshots.plan(steps, state, snapshot, budget - held)
         if found is None or found.snapshots is not None:
             room = COUNTED * budget - held - DIRECT * len(run.system.x0)
-            found = memory.plan(steps, state, snapshot, max(room, memory.least(steps, state, snapshot))) or found
-            if found is not None and held + memory.size(found, state, snapshot) > budget:
+            found = snapshots.plan(steps, state, snapshot, max(room, snapshots.least(steps, state, snapshot))) or found
+            if found is not None and held + snapshots.size(found, state, snapshot) > budget:
                 found = None
         if found is None:
-            least = held + memory.least(steps, state, snapshot)
+            least = held + snapshots.least(steps, state, snapshot)
             raise InvalidInput(
                 f"memory: {human(budget)} is too little: the targets take {human(held)}, and a fit of {steps} steps of "
                 f"{len(run.system.x0)} vertices needs {human(least)} in all"

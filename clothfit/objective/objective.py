@@ -15,15 +15,16 @@ from typing import Any
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.base.errors import Diverged
 from clothfit.base.limits import checked_tolerance
-from clothfit.base.memory import Plan, budget
+from clothfit.base.memory import budget
 from clothfit.derivative import adjoint
 from clothfit.derivative.adjoint import Slope, Story
-from clothfit.engine.remedies import NONE, Remedies
+from clothfit.engine.fallbacks import NONE, Fallbacks
 from clothfit.engine.rollout import Rollout
+from clothfit.engine.snapshots import Plan
 from clothfit.engine.system import System, build
 from clothfit.engine.tape import Tape
+from clothfit.motion.divergence import Diverged
 from clothfit.objective import memory_needs as storage
 from clothfit.objective.comparison import Comparison, objective_weights
 from clothfit.objective.experiment import Experiment, Targets, experiments
@@ -256,7 +257,7 @@ class Objective:
             if block.cloth in (run.cloth, None):
                 gradient[block.part] += block.reduce(getattr(grad, block.name))
 
-    def remedies(self, p: Array) -> Remedies:
+    def remedies(self, p: Array) -> Fallbacks:
         """What the steps of the motions of p (P,) need beyond the ordinary. Raises Diverged."""
         found = NONE
         for run in self.runs:

@@ -6,11 +6,11 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.base.errors import Diverged
-from clothfit.base.memory import Plan
 from clothfit.engine.rollout import Rollout, empty, rollout
+from clothfit.engine.snapshots import Plan
 from clothfit.engine.system import System, with_elements
 from clothfit.engine.tape import Tape
+from clothfit.motion.divergence import Diverged
 from clothfit.objective.comparison import Comparison
 from clothfit.objective.running_cost import Tally, tally
 from clothfit.scene.fit_vector import elements

@@ -17,8 +17,9 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.engine.rollout import Rollout
+from clothfit.motion.times import interpolation
 from clothfit.objective.comparison import NOTHING, Comparison
-from clothfit.objective.target import Target, accumulate, interpolation, sample
+from clothfit.objective.target import Target, accumulate, sample
 
 COPIES = 6
 """Arrays (F, n, 3) that an objective works with beside the target, where it is not a sum of squared distances."""

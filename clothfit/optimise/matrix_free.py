@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.base.errors import Diverged
 from clothfit.derivative import adjoint
+from clothfit.motion.divergence import Diverged
 from clothfit.objective.running_cost import Measured, tally
 from clothfit.optimise.prior import Prior, variance
 from clothfit.optimise.trajectory import ENTRY, Trajectory

@@ -15,8 +15,8 @@ from itertools import pairwise, product
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.base.memory import Plan
 from clothfit.engine.rollout import Rollout
+from clothfit.engine.snapshots import Plan
 from clothfit.engine.tape import Tape
 from clothfit.objective.comparison import Comparison
 from clothfit.objective.objective import Objective

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.base.errors import Diverged
+from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.optimise.coordinates import Coordinates
 from clothfit.optimise.journal import Journal

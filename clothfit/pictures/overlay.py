@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.base.errors import Diverged
 from clothfit.fit.estimate import FIT_TOLERANCE
-from clothfit.motion.motion import Motion, simulate
-from clothfit.objective.target import frame_places, interpolated
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
+from clothfit.motion.times import frame_places, interpolated
 from clothfit.scene.fit_vector import fitted_cloths
 from clothfit.scene.scene import Scene
 

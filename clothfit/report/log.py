@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
-from clothfit.base.reading import whole
-from clothfit.base.steady import steady
+from clothfit.base.reading import unchanged, whole
 from clothfit.scene.text import name_of
 
 MOST_BYTES = 200_000_000
@@ -49,7 +48,7 @@ def read_log(path: str | os.PathLike[str]) -> Log:
     """Read a log. Raises InvalidInput when it cannot be read or no line of it is one of a fit."""
     name = name_of(path)
     try:
-        with steady(path) as file:
+        with unchanged(path) as file:
             text = whole(file, MOST_BYTES).decode("utf-8-sig", errors="replace")
     except (OSError, ValueError) as error:
         raise InvalidInput(f"{name}: the log cannot be read: {getattr(error, 'strerror', None) or error}") from None

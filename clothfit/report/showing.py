@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.engine.rollout import check_memory
+from clothfit.base.memory import check_memory
 from clothfit.evaluation.evaluate import HORIZON, Evaluation, check_same_objects, deviations, distance, finite_part
 from clothfit.motion.motion import Motion, check_counts, checked_motion
-from clothfit.objective.target import frame_places, interpolated
+from clothfit.motion.times import frame_places, interpolated
 from clothfit.scene.fit_vector import fitted_cloths
 from clothfit.scene.scene import Scene
 

@@ -27,8 +27,7 @@ from clothfit.base import memory
 from clothfit.base.errors import InvalidScene
 from clothfit.base.memory import human
 from clothfit.base.messages import named, place
-from clothfit.base.reading import MOST_TEXT, whole
-from clothfit.base.steady import steady
+from clothfit.base.reading import MOST_TEXT, unchanged, whole
 
 Readable = str | os.PathLike[str] | IO[str] | IO[bytes] | dict[str, Any]
 
@@ -147,7 +146,7 @@ def _content(origin: Readable) -> str | bytes:
     if isinstance(origin, dict):
         return json.dumps(origin)
     if isinstance(origin, (str, os.PathLike)):
-        with steady(origin) as file:
+        with unchanged(origin) as file:
             data: bytes = whole(file, MOST_TEXT)
             return data
     if not hasattr(origin, "read"):

@@ -10,17 +10,16 @@ With P = I − n nᵀ:  ∂δ/∂y = n,  ∂n/∂y = P/δ.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from clothfit.base.arrays import Array
 from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import mul, pack, splat
-from clothfit.scene.scene import Sphere
 
 STIFFNESS = 1000.0  # κ, N/m
 
@@ -32,10 +31,9 @@ class Spheres(NamedTuple):
     radius: Array  # r, (C,), m
 
 
-def build(colliders: Sequence[Sphere]) -> Spheres:
-    """The spheres of a scene."""
-    centres = np.array([sphere.centre for sphere in colliders], float).reshape(-1, 3)
-    return Spheres(centres, np.array([sphere.radius for sphere in colliders], float))
+def build(centres: npt.ArrayLike, radii: npt.ArrayLike) -> Spheres:
+    """Spheres at some centres (C, 3), m, with radii (C,), m; C may be 0."""
+    return Spheres(np.array(centres, float).reshape(-1, 3), np.array(radii, float))
 
 
 @kernel

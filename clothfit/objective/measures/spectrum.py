@@ -23,8 +23,9 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidMotion
 from clothfit.engine.system import System
+from clothfit.motion.times import TIME_SLACK
 from clothfit.objective.measures.measure import coordinates, matrix
-from clothfit.objective.target import TIME_SLACK, Target
+from clothfit.objective.target import Target
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

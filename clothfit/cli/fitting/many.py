@@ -12,11 +12,14 @@ from typing import Any, NamedTuple
 import click
 
 from clothfit.base.errors import ClothfitError
-from clothfit.cli import checkpoints, outcomes, shared, trust
-from clothfit.cli.console import Console, metres
-from clothfit.cli.files import Files
-from clothfit.cli.plan import Item, planned
-from clothfit.cli.table import rows, summaries
+from clothfit.base.messages import metres
+from clothfit.cli.common import shared
+from clothfit.cli.common import stability_warnings as trust
+from clothfit.cli.common.console import Console
+from clothfit.cli.common.files import Files
+from clothfit.cli.fitting import checkpoints, outcomes
+from clothfit.cli.fitting.plan import Item, planned
+from clothfit.cli.fitting.table import rows, summaries
 from clothfit.many.estimate_many import Result, chosen_pool, fit_all, limited
 from clothfit.many.job import INTERRUPTED, NOT_STARTED, Job
 
@@ -76,10 +79,10 @@ def job(item: Item, effort: Effort, options: dict[str, Any], number: int) -> Job
 
 def tell_compilation(pool: Any, count: int, console: Console) -> None:
     """Say so when the processes have to compile first."""
-    from clothfit.many.compiled import cold
+    from clothfit.kernels.cache import is_cold
     from clothfit.many.processes import Processes
 
-    if isinstance(pool, Processes) and cold():
+    if isinstance(pool, Processes) and is_cold():
         console.say("compiling for this machine: the first fits do so once, for 20 to 40 seconds …")
 
 

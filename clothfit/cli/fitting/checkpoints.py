@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli import shared
-from clothfit.cli.console import Console
+from clothfit.cli.common import shared
+from clothfit.cli.common.console import Console
 from clothfit.optimise.checkpoint import Checkpoint
 
 SUFFIX = ".checkpoint"

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import click
 
 from clothfit.base.errors import InvalidInput
-from clothfit.base.messages import counted
-from clothfit.cli import shared
-from clothfit.cli.console import Console, metres
+from clothfit.base.messages import counted, metres
+from clothfit.cli.common import shared
+from clothfit.cli.common.console import Console
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array

@@ -9,8 +9,10 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli import shared, speed_table
-from clothfit.cli.console import PLAIN_INTERVAL, Console
+from clothfit.cli.common import shared
+from clothfit.cli.common.console import Console
+from clothfit.cli.common.progress import PLAIN_INTERVAL
+from clothfit.cli.evaluating import speed_table
 
 if TYPE_CHECKING:
     from clothfit.evaluation.fit_methods import FitRow

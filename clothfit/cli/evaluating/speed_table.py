@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from clothfit.base.messages import counted, metres
-from clothfit.cli.console import Console
+from clothfit.cli.common.console import Console
 
 if TYPE_CHECKING:
     from clothfit.evaluation.fit_methods import FitRow

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from clothfit.base.messages import metres
-from clothfit.cli.console import PLAIN_INTERVAL
+from clothfit.cli.common.console import Console
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 RECENT = 10.0
 """Seconds over which the pace is taken."""
+
+PLAIN_INTERVAL = 5.0
+"""Seconds between plain lines."""
 
 BARS = "▁▂▃▄▅▆▇█"
 WIDEST, LONGEST = 76, 40  # characters of the panel, and of the curve of the RMSE
@@ -81,6 +84,18 @@ def duration(seconds: float) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60} min"
 
 
+@contextmanager
+def progress(console: Console) -> Iterator[Callable[[Progress], None] | None]:
+    """Show the progress of a fit while the block runs; gives what to call with it, None where the console is quiet."""
+    if console.quiet:
+        yield None
+    elif console.animated:
+        with live() as show:
+            yield show
+    else:
+        yield plain(console.say)
+
+
 def plain(say: Callable[[str], None]) -> Callable[[Progress], None]:
     """What tells a line every few seconds."""
     last, known = [time.perf_counter()], Pace()
@@ -98,10 +113,10 @@ def plain(say: Callable[[str], None]) -> Callable[[Progress], None]:
 @contextmanager
 def live() -> Iterator[Callable[[Progress], None]]:
     """Show a panel on standard error while the block runs; nothing of it stays."""
-    from rich.console import Console
+    from rich.console import Console as Terminal
     from rich.live import Live
 
-    console = Console(stderr=True)
+    console = Terminal(stderr=True)
     shown = Shown(min(console.width, WIDEST))
     with Live(console=console, transient=True, refresh_per_second=8, get_renderable=shown.panel):
         yield shown.see

@@ -15,8 +15,8 @@ import os
 from typing import IO, TYPE_CHECKING, Any
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli import shared
-from clothfit.cli.console import Console
+from clothfit.cli.common import shared
+from clothfit.cli.common.console import Console
 
 if TYPE_CHECKING:
     from clothfit.optimise.search import Progress

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from clothfit.cli.console import Console
+from clothfit.cli.common.console import Console
 
 if TYPE_CHECKING:
     from clothfit.motion.motion import Motion

@@ -21,9 +21,9 @@ from clothfit import __version__
 from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.base.interrupts import REQUESTS, SAME_REQUEST, handle
 from clothfit.base.limits import checked_tolerance
-from clothfit.cli.console import Console
-from clothfit.cli.help import ExamplesFirst, Sections
-from clothfit.cli.usage import complete_files
+from clothfit.cli.common.console import Console
+from clothfit.cli.common.help import ExamplesFirst, Sections
+from clothfit.cli.common.usage import complete_files
 from clothfit.scene.text import name_of
 
 if TYPE_CHECKING:

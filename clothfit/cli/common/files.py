@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli import goals, shared
+from clothfit.cli.common import shared
+from clothfit.cli.fitting import target_options as goals
 from clothfit.formats.convention import Reading
 
 

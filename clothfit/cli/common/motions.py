@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli import shared
-from clothfit.cli.console import Console
+from clothfit.cli.common import shared
+from clothfit.cli.common.console import Console
 from clothfit.formats.convention import CHOICES, Convention, Reading
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ import os
 from typing import TYPE_CHECKING, Any
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli import motions, shared
-from clothfit.cli.console import Console
+from clothfit.cli.common import motions, shared
+from clothfit.cli.common.console import Console
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Reading

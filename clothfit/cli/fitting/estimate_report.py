@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli import outcomes, report, shared
-from clothfit.cli.console import Console
-from clothfit.cli.files import Files, filled
-from clothfit.cli.repeat import command_line
+from clothfit.cli import report
+from clothfit.cli.common import shared
+from clothfit.cli.common.command_line import command_line
+from clothfit.cli.common.console import Console
+from clothfit.cli.common.files import Files, filled
+from clothfit.cli.fitting import outcomes
 
 if TYPE_CHECKING:
     from clothfit.fit.result import Fit

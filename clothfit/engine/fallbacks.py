@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from clothfit.engine.rollout import Rollout
+if TYPE_CHECKING:
+    from clothfit.engine.rollout import Rollout
 
 
-class Remedies(NamedTuple):
+class Fallbacks(NamedTuple):
     """How many linear systems or steps needed what."""
 
     direct_solves: int = 0  # a factorisation, as conjugate gradients did not come to the tolerance
     clamped_steps: int = 0  # a positive definite matrix in place of their own (`system.clamped`)
     shortened_steps: int = 0  # to be shortened, as they would have added energy (`step.guard`)
 
-    def with_those_of(self, part: Rollout) -> Remedies:
+    def with_those_of(self, part: Rollout) -> Fallbacks:
         """These and those of a part of a motion."""
-        return Remedies(
+        return Fallbacks(
             self.direct_solves + int(part.solves[:, 1].sum()),
             self.clamped_steps + int(part.clamped.sum()),
             self.shortened_steps + int((part.theta < 1.0).sum()),
         )
 
-    def together(self, other: Remedies) -> Remedies:
+    def together(self, other: Fallbacks) -> Fallbacks:
         """These and others."""
-        return Remedies(*(a + b for a, b in zip(self, other, strict=True)))
+        return Fallbacks(*(a + b for a, b in zip(self, other, strict=True)))
 
     def sentences(self, steps: int) -> list[str]:
         """What a user should know of a motion, or motions, of so many steps in all."""
@@ -46,5 +47,5 @@ class Remedies(NamedTuple):
         return found
 
 
-NONE = Remedies()
+NONE = Fallbacks()
 """Of ordinary steps."""

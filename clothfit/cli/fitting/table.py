@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from clothfit.base.errors import ClothfitError
-from clothfit.cli import motions, outcomes
-from clothfit.cli.console import metres
-from clothfit.cli.plan import Item
+from clothfit.base.messages import metres
+from clothfit.cli.common import motions
+from clothfit.cli.fitting import outcomes
+from clothfit.cli.fitting.plan import Item
 from clothfit.many.estimate_many import Result
 from clothfit.many.job import Outcome
 

@@ -1,6 +1,6 @@
-"""What commands say, all of it on standard error: messages, tables, progress. Standard output is for data.
+"""What commands say, all of it on standard error: messages and tables. Standard output is for data.
 
-Colour and animation only on a terminal, and not where NO_COLOR is set; elsewhere a plain line every few seconds.
+Colour only on a terminal, and not where NO_COLOR is set.
 """
 
 from __future__ import annotations
@@ -8,18 +8,11 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from clothfit.base.messages import harmless
-from clothfit.base.messages import metres as metres
-
-if TYPE_CHECKING:
-    from clothfit.optimise.search import Progress
-
-PLAIN_INTERVAL = 5.0  # s between plain progress lines
 
 COMPILING = "compiling for this machine: a command's first use does so once, for 10 to 25 seconds …"
 _listening: list[object] = []  # to compilations
@@ -79,21 +72,6 @@ class Console:
             event.unregister("numba:compile", _listening.pop())
         _listening.append(_first_compilation(self, message))
         event.register("numba:compile", _listening[0])
-
-    @contextmanager
-    def progress(self) -> Iterator[Callable[[Progress], None] | None]:
-        """Show the progress of a fit while the block runs; gives what to call with it."""
-        if self.quiet:
-            yield None
-        elif self.animated:
-            from clothfit.cli.progress import live
-
-            with live() as show:
-                yield show
-        else:
-            from clothfit.cli.progress import plain
-
-            yield plain(self.say)
 
 
 def _first_compilation(console: Console, message: str) -> object:

@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from clothfit.cli.console import Console
-from clothfit.cli.files import filled
-from clothfit.cli.pictures import Goal, Pictures
+from clothfit.cli.common.console import Console
+from clothfit.cli.common.files import filled
+from clothfit.cli.common.pictures import Goal, Pictures
 
 if TYPE_CHECKING:
-    from clothfit.cli.fit_log import FitLog
+    from clothfit.cli.fitting.fit_log import FitLog
     from clothfit.fit.result import Fit
     from clothfit.optimise.search import Progress
     from clothfit.scene.scene import Scene
@@ -35,7 +35,7 @@ class Watching:
 
     def check(self, used: tuple[str | None, ...], resume: bool, console: Console) -> None:
         """Raise InvalidInput, before long work, where a file cannot be made, or is one of those `used` otherwise."""
-        from clothfit.cli.fit_log import log_of
+        from clothfit.cli.fitting.fit_log import log_of
 
         self.pictures.check(*used)
         self.log = log_of(self.log_path, (*used, *self.pictures.files), resume, console)

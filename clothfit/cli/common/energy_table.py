@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from clothfit.cli.console import Console
+from clothfit.cli.common.console import Console
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from clothfit.base.errors import Diverged
-from clothfit.base.messages import counted, owned
-from clothfit.cli import shared
-from clothfit.cli.account import account, indices
-from clothfit.cli.console import Console, metres
+from clothfit.base.messages import counted, metres, owned
+from clothfit.cli.common import shared
+from clothfit.cli.common.console import Console
+from clothfit.cli.fitting.parameter_line import account, indices
 from clothfit.many.job import CODES
+from clothfit.motion.divergence import Diverged
 
 if TYPE_CHECKING:
-    from clothfit.cli.fit_log import FitLog
+    from clothfit.cli.fitting.fit_log import FitLog
     from clothfit.fit.result import Fit
     from clothfit.scene.scene import Scene
 

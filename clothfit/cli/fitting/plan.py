@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base.errors import ClothfitError, InvalidInput
-from clothfit.cli import checkpoints, goals, motions, shared
-from clothfit.cli.console import Console
-from clothfit.cli.files import Files, default_name
+from clothfit.cli.common import motions, shared
+from clothfit.cli.common.console import Console
+from clothfit.cli.common.files import Files, default_name
+from clothfit.cli.fitting import checkpoints
+from clothfit.cli.fitting import target_options as goals
 from clothfit.many.job import File, Goal, Job, loaded, read
 from clothfit.optimise.checkpoint import Checkpoint
 

@@ -1,0 +1,3 @@
+"""The version of the program, said here only."""
+
+__version__ = "0.1.0"
