@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from scenes import trial, write_scene
+from helpers.scenes import trial, write_scene
 
 from clothfit.base import threads
 

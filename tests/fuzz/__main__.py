@@ -139,7 +139,7 @@ def watched() -> bool:
     except ImportError:
         return False
     with atheris.instrument_imports(include=["clothfit"]):
-        for name in ("scene", "npz"):
+        for name in ("scene.scene", "base.npz"):
             import_module(f"clothfit.{name}")
     return True
 

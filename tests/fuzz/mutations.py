@@ -18,7 +18,7 @@ from random import Random
 from typing import Any
 
 import numpy as np
-from scenes import cloth, document, sphere
+from helpers.scenes import cloth, document, sphere
 
 NUMBERS = [
     0, -0.0, 1, -1, 2, 3, 0.5, 1e-5, 1e300, -1e300, 1e-300, 5e-324, 1.7e308, 1e154, 1e-160, 1e12, 1e19, 2**31 - 1,

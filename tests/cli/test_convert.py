@@ -1,0 +1,245 @@
+"""`clothfit convert`, and motions of other programs in the other commands."""
+
+import json
+import os
+import shlex
+import struct
+import sys
+import threading
+from io import BytesIO
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers.scenes import trial, write_scene
+
+import clothfit
+from clothfit.cli.common.console import Console
+from clothfit.cli.common.files import Files
+from clothfit.cli.common.sequences import gathered
+from clothfit.cli.fitting.plan import planned
+from clothfit.cli.program import run
+from clothfit.formats import obj
+from clothfit.formats.convention import Reading
+from clothfit.many.estimate_many import packed_goals
+
+TRIANGLES = [[0, 1, 2], [2, 1, 3]]
+
+
+@pytest.fixture
+def say(folder, capsys):
+    """Runs a command, all in one string, in a folder with a scene; gives exit code, output, messages."""
+
+    def told(line):
+        code = run(shlex.split(line))
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return told
+
+
+def points(frames=4):
+    return np.random.default_rng(0).normal(size=(frames, 4, 3))
+
+
+def summary(say, line):
+    code, out, err = say(f"{line} --json")
+    assert code == 0, err
+    return json.loads(out)
+
+
+# --- convert
+
+
+def test_from_npz_through_all_formats_and_back(say, folder):
+    """With faces: of the input, and kept in .npz."""
+    np.savez("a.npz", positions=points(), times=0.1 * np.arange(4), triangles=np.array(TRIANGLES))
+    assert say("convert a.npz 'b_*.obj' --to-up z --to-scale 0.01")[0] == 0
+    assert len(list(folder.glob("b_*.obj"))) == 4
+    assert say("convert 'b_*.obj' c.npz --up z --scale 0.01 --fps 10")[0] == 0
+    found = np.load("c.npz")
+    np.testing.assert_allclose(found["positions"], points(), rtol=4e-16)  # two roundings by the unit
+    np.testing.assert_allclose(found["times"], 0.1 * np.arange(4))
+    assert found["triangles"].tolist() == TRIANGLES
+    assert say("convert c.npz d.pc2")[0] == say("convert d.pc2 e.mdd --fps 10")[0] == 0
+    assert say("convert e.mdd f.npz")[0] == 0
+    # half of the last of float32's 24 bits, of numbers below 4
+    np.testing.assert_allclose(np.load("f.npz")["positions"], points(), rtol=0, atol=4 * 2.0**-24)
+
+
+def test_the_summary_tells_of_both_files(say, folder):
+    np.savez("a.npz", positions=points())
+    told = summary(say, "convert a.npz b.mdd --handedness right --fps 90 --to-up z --frames 1:")
+    assert (told["frames"], told["points"], told["output"]) == (3, 4, "b.mdd")
+    assert told["seconds"] == pytest.approx(2 / 90)
+    (read,) = told["reading"]
+    assert [read[name] for name in ("file", "format", "up", "handedness", "scale")] == ["a.npz", "npz", "y", "right", 1]
+    written = told["written"]
+    assert [written[name] for name in ("up", "handedness", "scale", "faces")] == ["z", "right", 1, 0]
+    assert 0 < written["largest_rounding"] <= 4 * 2.0**-24
+    back = np.frombuffer((folder / "b.mdd").read_bytes()[20:], ">f4").reshape(3, 4, 3)
+    x, y, z = np.moveaxis(points()[1:], -1, 0)
+    np.testing.assert_array_equal(back, np.stack([x, -z, y], -1).astype(np.float32))
+
+
+def test_what_the_shell_makes_of_a_sequence_is_a_sequence(say, folder):
+    np.savez("a.npz", positions=points())
+    say("convert a.npz 'b2_*.obj'")
+    names = [f"b2_{i:04d}.obj" for i in range(4)]
+    assert summary(say, f"convert {' '.join(names)} c.pc2")["frames"] == 4
+    whole = [*names, "x", str(folder / "b2_0000.obj")]
+    assert gathered(["--target", *whole]) == ["--target", "b2_*.obj", *whole[4:]]
+    assert gathered(names[:3]) == names[:3]  # not all of them
+    assert gathered([*names, "z.obj"]) == [*names, "z.obj"]
+    assert gathered([]) == []
+
+
+def test_a_file_without_times_gives_an_npz_without(say, folder):
+    np.savez("a.npz", positions=points())
+    say("convert a.npz b.pc2")
+    _, _, err = say("convert b.pc2 c.npz")
+    assert "without times, as IN has none (--fps)" in err
+    assert "times" not in np.load("c.npz")
+    _, _, err = say("convert b.pc2 c.mdd")
+    assert "30 frames a second assumed" in err
+    assert struct.unpack(">4f", (folder / "c.mdd").read_bytes()[8:24])[1] == np.float32(1 / 30)
+
+
+def test_faces_come_from_the_mesh_else_the_scene_else_the_file(say):
+    scene = clothfit.load("scene.json")
+    clothfit.save_motion(clothfit.simulate(scene), "a.npz")
+    assert summary(say, "convert a.npz b.pc2")["written"]["faces"] == 0
+    assert summary(say, "convert a.npz 'b_*.obj' --scene scene.json")["written"]["faces"] == 18
+    with open("m.obj", "wb") as file:
+        file.write(b"v 0 0 0\n" * 16 + b"f 1 2 3\n")
+    assert summary(say, "convert a.npz 'b_*.obj' --scene scene.json --mesh m.obj")["written"]["faces"] == 1
+    assert summary(say, "convert 'b_*.obj' 'c_*.obj'")["written"]["faces"] == 1
+
+
+def test_standard_input_is_an_npz(say, monkeypatch):
+    file = BytesIO()
+    np.savez(file, positions=points())
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=BytesIO(file.getvalue())))
+    assert summary(say, "convert - b.pc2 --up z")["points"] == 4
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes")
+def test_a_pipe_is_an_npz(say, folder):
+    np.savez("a.npz", positions=points())
+    os.mkfifo("pipe")
+    writer = threading.Thread(target=(folder / "pipe").write_bytes, args=((folder / "a.npz").read_bytes(),))
+    writer.start()
+    assert summary(say, "convert pipe b.pc2")["points"] == 4
+    writer.join()
+
+
+def test_inputs_are_never_written_over(say, folder):
+    np.savez("a.npz", positions=points())
+    say("convert a.npz 'b_*.obj'")
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    for line in ("a.npz a.npz", "'b_*.obj' 'b_*.obj'", "b_0001.obj 'b_*.obj'", "b_0001.obj b_0001.obj",
+                 "a.npz scene.json.obj --scene scene.json", "b_0000.obj a.obj --mesh a.obj"):  # fmt: skip
+        assert say(f"convert {line}")[0] == 3
+        assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize("suffix", ["npz", "obj", "pc2", "mdd", "dat"])
+@pytest.mark.parametrize("data", [b"", b"\0" * 64, b"\xff\xfe" * 64, b"v 1 2\n", b"PK\3\4" + b"\0" * 64])
+def test_garbage_costs_one_message(say, folder, suffix, data):
+    (folder / f"a.{suffix}").write_bytes(data)
+    code, out, err = say(f"convert a.{suffix} b.pc2")
+    assert (code, out, err.count("\n")) == (3, "", 1)
+    assert err.startswith(f"error: a.{suffix}: ")
+    assert not (folder / "b.pc2").exists()
+
+
+# --- the other commands
+
+
+def test_a_fit_to_a_cache_is_the_fit_to_the_motion(say):
+    """To float32: the cache's positions are rounded by 6e-8 relative, and the stiffness follows."""
+    say("target scene.json -o a.npz")
+    say("target scene.json -o a.pc2")
+    start = "--start 60 --no-intervals"
+    exact = summary(say, f"estimate scene.json --target a.npz -o exact.json {start}")
+    told = summary(say, f"estimate scene.json --target a.pc2@scene.json -o rounded.json {start}")
+    assert "reading" not in exact
+    assert [told["reading"][0][name] for name in ("file", "frames", "up")] == ["a.pc2", 5, "y"]
+    values = [clothfit.load(name).cloths[0].stiffness for name in ("exact.json", "rounded.json")]
+    # Below 4 m coordinates are rounded by 1.2e-7 m; the cloth, which hardly moves in 5 frames, shows by 0.5 mm what
+    # a stiffness of 30 % more does.
+    np.testing.assert_allclose(*values, rtol=0.3 * 2.0**-23 / 5e-4)
+    assert told["rmse"] == pytest.approx(exact["rmse"], abs=3 * 2.0**-24)
+    for line in ("evaluate scene.json rounded.json --target a.pc2", "check scene.json --target a.pc2 --steps 3"):
+        assert summary(say, line)["reading"][0]["format"] == "PC2 point cache"
+
+
+def test_many_scenes_have_their_own_caches(say, folder):
+    """Read here, as a fit elsewhere is given no files."""
+    for name, frames in (("one", 4), ("two", 5)):
+        write_scene(folder, trial("nG", frames), f"{name}.json")
+        say(f"simulate {name}.json -o '{name}_*.obj' --up z")
+    files = Files(("{stem}_*.obj",), None, "out/", False, None, False, Reading(up="z"))
+    items = planned(("one.json", "two.json"), files, 2, True, Console(quiet=True))
+    for item, frames in zip(items, (4, 5), strict=True):
+        first, second = (item.job(number, 0, {}).goals for number in (0, 1))
+        assert len(first[0][0].times) == frames
+        assert second == first  # the next start is given the same motion
+        assert [each["file"] for each in item.told] == [f"{item.path[:3]}_*.obj"]
+    (goal,) = packed_goals("two_*.obj", "two.json")
+    assert (len(goal[0].times), goal[1]) == (5, None)
+
+
+def test_a_simulation_goes_where_its_suffix_says(say, folder):
+    code, _, err = say("simulate scene.json -o 'a_*.obj' --up z --scale 0.01 --energy -q")
+    assert (code, err) == (0, "")
+    assert len(list(folder.glob("a_*.obj"))) == 5
+    _, _, err = say("simulate scene.json -o a.pc2")
+    assert "a.pc2: PC2 point cache, y up, right-handed, metres; it has no times: there are 50 frames a second" in err
+    say("simulate scene.json")
+    expected = clothfit.load_motion("scene.motion.npz", clothfit.load("scene.json")).positions
+    found = obj.read("a_*.obj").positions
+    np.testing.assert_allclose(found, 100 * np.stack([-expected[..., 0], -expected[..., 2], expected[..., 1]], -1))
+
+
+def test_a_place_that_cannot_be_is_found_before_the_work(say, monkeypatch):
+    monkeypatch.setattr(clothfit, "simulate", None)
+    for name in ("a.obj", "nowhere/a_*.obj", "a_*_*.obj"):
+        code, _, err = say(f"simulate scene.json -o '{name}'")
+        assert (code, err.count("\n")) == (3, 1)
+
+
+def test_a_map_is_an_input(say):
+    for line in ("convert a.trc map.csv --map map.csv", "estimate scene.json --target a.trc --map map.csv -o map.csv"):
+        with open("map.csv", "w") as file:
+            file.write("marker,object,vertex\n")
+        code, _, err = say(line)
+        assert (code, "map.csv: it is an input, which is never written over" in err) == (3, True)
+
+
+def test_weights_that_are_lost_are_told(say):
+    np.savez("a.npz", positions=points(), weights=np.ones(4))
+    assert "warning: b.pc2: has no place for weights; .npz has" in say("convert a.npz b.pc2")[2]
+
+
+def test_an_npz_in_other_axes_is_doubted_too(say):
+    say("target scene.json -o a.npz")
+    arrays = dict(np.load("a.npz"))
+    np.savez("b.npz", **{**arrays, "positions": arrays["positions"] * [-1, 1, 1]})
+    assert "--handedness right would fit" in say("evaluate scene.json scene.json --target b.npz")[2]
+    assert "warning" not in say("evaluate scene.json scene.json --target b.npz --handedness right")[2]
+
+
+def test_a_doubt_is_a_warning(say):
+    say("simulate scene.json -o a.pc2 --up z")
+    _, _, err = say("evaluate scene.json scene.json --target a.pc2")
+    warning = next(line for line in err.splitlines() if line.startswith("warning"))
+    assert "RMS) away from where the scene begins; --up z would fit" in warning
+
+
+def test_the_rate_of_a_target_is_its_own(say):
+    """`target --fps` is how often it is recorded, in whatever format."""
+    told = summary(say, "target scene.json --fps 100 -o a.mdd")
+    assert told["frames"] == 9
+    _, _, err = say("convert a.mdd b.npz")
+    assert "100 frames a second by its own times" in err

@@ -1,0 +1,113 @@
+"""`clothfit simulate --energy`: the table, what the motion file keeps, the summary."""
+
+import io
+import json
+
+import numpy as np
+import pytest
+from helpers.scenes import cloth, document, even, sphere, write_scene
+
+from clothfit.cli.program import run
+from clothfit.motion.energy import energies
+from clothfit.motion.motion import load_motion
+from clothfit.motion.simulate import simulate
+from clothfit.scene.scene import load
+
+NAMES = ("kinetic", "elastic", "gravity", "contact", "wind", "damping", "drag", "total", "dissipated", "numerical")
+STORED = {"kinetic", "elastic", "gravity", "contact", "total"}
+FLOWS = {"wind", "damping", "drag", "numerical", "dissipated"}
+PLAIN = {"dragCoefficient": 0.0, "damping": 0.0}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def made(folder, *objects, **fields):
+    return write_scene(folder, document(*objects, optimizationIterations=31, **fields))
+
+
+def table(text):
+    """Header and rows of the table, split into cells."""
+    lines = [line.split() for line in text.splitlines()]
+    start = next(i for i, cells in enumerate(lines) if cells[:2] == ["frame", "time"])
+    return lines[start], [cells for cells in lines[start + 1 :] if cells[0].isdigit()]
+
+
+def test_the_table_has_what_there_is_and_the_file_keeps_every_frame(folder, capsys):
+    path = made(folder, windVel={"x": 1.0, "y": 0.0, "z": 0.5}, colliders=[sphere(0.3)])
+    assert run(["simulate", path, "--energy"]) == 0
+    out, err = capsys.readouterr()
+    assert out == ""
+    header, rows = table(err)
+    assert header == [
+        "frame", "time", "kinetic", "elastic", "gravity", "contact", "total", "wind", "damping", "drag", "numerical",
+    ]  # fmt: skip
+    assert [row[0] for row in rows] == [str(3 * i) for i in range(11)]
+    expected = energies(load(path), simulate(load(path)))
+    assert float(rows[-1][header.index("total") + 1]) == float(f"{expected.total[-1]:.4g}")  # the time is two cells
+    with np.load("scene.motion.npz", allow_pickle=False) as kept:
+        assert {name.removeprefix("energy_") for name in kept.files if name.startswith("energy_")} == set(NAMES)
+        for name in NAMES:
+            np.testing.assert_array_equal(kept[f"energy_{name}"], getattr(expected, name))
+    assert load_motion("scene.motion.npz", load(path)).positions.shape == (31, 12, 3)  # a target like any other
+
+
+def test_what_is_nothing_throughout_has_no_column(folder, capsys):
+    assert run(["simulate", made(folder, cloth(**PLAIN)), "--energy"]) == 0
+    header, rows = table(capsys.readouterr().err)
+    assert header == ["frame", "time", "kinetic", "elastic", "gravity", "total", "numerical"]
+    assert rows[0] == ["0", "0", "s", "0", "0", "0", "0", "0"]
+
+
+def test_the_last_line_tells_of_gain(folder, capsys):
+    pair = cloth(2, 2, **PLAIN, springStiffness=[100.0] * 5)
+    found = {}
+    for method in (0, 2):
+        assert run(["simulate", made(folder, pair, integrationMethod=method, delta=0.005), "--energy"]) == 0
+        found[method] = capsys.readouterr().err.splitlines()[-1]
+    assert found[2] == "the total never rises over a step beyond what the wind gives it"
+    assert found[0].startswith("the total rises by up to ")
+
+
+def test_the_summary(folder, capsys):
+    path = made(folder)
+    assert run(["simulate", path, "--energy", "--json", "-q"]) == 0
+    out, err = capsys.readouterr()
+    told = json.loads(out)["energy"]
+    assert err == ""
+    assert set(told) == {"start", "end", *FLOWS, "largest_rise", "largest_rise_frame", "scale"}
+    assert set(told["start"]) == set(told["end"]) == STORED
+    expected = energies(load(path), simulate(load(path)))
+    assert told["end"]["total"] == expected.total[-1]
+    assert told["numerical"] == expected.numerical[-1]
+    assert (told["largest_rise"], told["largest_rise_frame"]) == expected.largest_rise
+
+
+def test_without_the_option_nothing_changes(folder, capsys):
+    path = made(folder)
+    assert run(["simulate", path, "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert "energy" not in json.loads(out)
+    assert "energy" not in err
+    with np.load("scene.motion.npz", allow_pickle=False) as kept:
+        assert set(kept.files) == {"positions", "times", "vertex_counts"}
+
+
+def test_to_standard_output(folder, capsysbinary):
+    assert run(["simulate", made(folder), "--energy", "-q", "-o", "-"]) == 0
+    with np.load(io.BytesIO(capsysbinary.readouterr().out), allow_pickle=False) as kept:
+        assert kept["energy_total"].shape == (31,)
+
+
+def test_a_motion_that_diverges_shows_its_energy_until_then(folder, capsys):
+    path = write_scene(folder, even("nn", 50, integrationMethod=0, springStiffness=[1e4] * 33))
+    assert run(["simulate", path, "--energy"]) == 4
+    err = capsys.readouterr().err
+    assert err.splitlines()[-1].startswith("error: scene.json: the simulation diverged at step ")
+    _, rows = table(err)
+    with np.load("scene.motion.npz", allow_pickle=False) as kept:
+        assert len(kept["energy_total"]) == len(kept["positions"]) == int(rows[-1][0]) + 1
+        assert kept["energy_kinetic"][-1] > 1e6  # what ended it

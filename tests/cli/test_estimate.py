@@ -1,0 +1,481 @@
+"""`clothfit estimate`: the file it writes, the exit codes, interrupts, pipes, the live bar, the reference scene."""
+
+import json
+import os
+import pty
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+from helpers.paths import SIDE
+from helpers.scenes import cloth, document, environment, even, needs_full_disk, started, tokens, trial, write_scene
+
+from clothfit.cli.program import run
+from clothfit.fit.estimate import estimate, record_target
+from clothfit.motion.motion import load_motion, save_motion
+from clothfit.scene.scene import load
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+
+KEYS = {"schema_version", "command", "scene", "status", "method", "cost", "rmse", "frames", "evaluations", "seconds"}
+KEYS |= {"parameters", "output", "warnings", "rank", "sigma", "prior", "holdout", "memory"}
+PARAMETER_KEYS = {"object", "name", "mode", "count", "at_bound", "unidentifiable", "unmoved", "interval"}
+DOWNHILL = ["--method", "l-bfgs-b"]  # begins at the start, and takes its time
+LONG = trial("LL", 60, 8, 8)  # takes minutes to fit to the last digit
+
+
+def refuse(constant):
+    raise AssertionError(f"{constant} is not JSON")
+
+
+@pytest.fixture
+def path(tmp_path):
+    """A small scene whose masses are flagged."""
+    return write_scene(tmp_path, trial("Ln"))
+
+
+def estimated(capsys, *arguments):
+    """Exit code and summary of a fit in this process."""
+    code = run(["estimate", *arguments, "--json"])
+    return code, json.loads(capsys.readouterr().out, parse_constant=refuse)
+
+
+def files(folder):
+    return sorted(item.name for item in Path(folder).iterdir())
+
+
+def differing(old, new):
+    """Indices of the tokens in which two texts differ; the texts have equally many."""
+    a, b = tokens(old), tokens(new)
+    assert len(a) == len(b)
+    return [i for i, (one, other) in enumerate(zip(a, b, strict=True)) if one != other]
+
+
+def span(text, key, occurrence=0):
+    """Indices of the tokens of the list after an occurrence of a key."""
+    listed = tokens(text)
+    start = [i for i, token in enumerate(listed) if token == f'"{key}"'][occurrence]
+    return range(start, listed.index("]", start))
+
+
+# --- the result
+
+
+def test_the_fitted_scene_goes_beside_the_scene(path, tmp_path, capsys):
+    code, summary = estimated(capsys, path)
+    assert (code, files(tmp_path)) == (0, ["scene.fitted.json", "scene.json"])
+    assert set(summary) == KEYS
+    assert (summary["schema_version"], summary["status"], summary["method"]) == (1, "converged", "auto")
+    assert summary["output"] == str(tmp_path / "scene.fitted.json")
+    (block,) = summary["parameters"]
+    told = {"object": 0, "name": "mass", "mode": "L", "count": 16, "at_bound": [], "unidentifiable": [0, 3]}
+    assert block == {**told, "unmoved": [], "interval": block["interval"]}
+    assert set(block) == PARAMETER_KEYS
+    assert [i for i, ends in enumerate(block["interval"]) if ends is None] == [0, 3]
+    assert all(len(ends) == 2 and 0 < ends[0] <= ends[1] for ends in block["interval"] if ends)
+    assert (summary["rank"], summary["prior"], summary["holdout"]) == (14, None, None)
+    assert summary["sigma"] < 1e-8  # m, without noise
+    fitted, truth = (load(name).cloths[0].mass for name in (summary["output"], path))
+    np.testing.assert_allclose(np.delete(fitted, [0, 3]), np.delete(truth, [0, 3]), rtol=1e-4)  # RMSE below 1e-8 m
+
+
+@pytest.mark.parametrize(
+    ("name", "fitted"),
+    [
+        ("a.txt", "a.fitted.txt"),
+        ("a.v2.json", "a.v2.fitted.json"),
+        ("plain", "plain.fitted"),
+        ("ä b.json", "ä b.fitted.json"),
+    ],
+)
+def test_the_default_name_keeps_stem_and_suffix(tmp_path, monkeypatch, name, fitted):
+    monkeypatch.chdir(tmp_path)
+    write_scene(tmp_path, even("nG", 5, 3, 3), name)
+    assert run(["estimate", name, "-q"]) == 0
+    assert files(tmp_path) == sorted([name, fitted])
+
+
+def test_messages_name_the_outcome_and_what_is_not_revealed(path, capsys):
+    assert run(["estimate", path]) == 0
+    out, err = capsys.readouterr()
+    first, second = err.splitlines()[-2:]
+    assert out == ""
+    outcome = r"converged: RMSE [\d.]+ nm over 20 frames, \d+ evaluations? in [\d.]+ s → .*scene.fitted.json"
+    assert re.fullmatch(outcome, first)
+    told = r"objects\[0\] mass: 16 values, ±[\d.e+-]+ % \(median 95 % interval\), 2 not shown by the motion: 0, 3"
+    assert re.fullmatch(told, second)
+
+
+def test_a_noisy_fit_tells_intervals_prior_and_holdout(path, tmp_path, capsys):
+    target = str(tmp_path / "noisy.npz")
+    assert run(["target", path, "--noise", "0.001", "-o", target, "-q"]) == 0
+    options = ["--target", target, "--holdout", "0.25", "--prior", "0.3"]
+    code, summary = estimated(capsys, path, *options)
+    assert (code, summary["frames"]) == (0, 15)
+    assert summary["prior"] == [{"object": 0, "name": "mass", "tau": 0.3}]
+    held = summary["holdout"]
+    assert (held["of"], held["fraction"], held["observations"]) == ("frames", 0.25, 80)
+    assert 1e-3 < held["rmse"] < 3e-3  # noise of 1 mm in three directions
+    assert summary["sigma"] == pytest.approx(1e-3, rel=0.2)  # of some 600 residuals: 3 % is one standard error
+    assert run(["estimate", path, *options, "--holdout-of", "vertices"]) == 0
+    err = capsys.readouterr().err
+    assert re.search(r"\nholdout: RMSE [\d.]+ mm over 80 positions kept out of the fit\n", err)
+    assert re.search(r"\nobjects\[0\] mass: 16 values, ±[\d.]+ % \(median 95 % interval\), ", err)
+
+
+def test_without_intervals(path, capsys):
+    code, summary = estimated(capsys, path, "--no-intervals")
+    assert (code, summary["rank"], summary["sigma"]) == (0, None, None)
+    assert summary["parameters"][0]["interval"] == [None] * 16
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--prior", "much", "prior: 'much' is not possible"),
+        ("--holdout", "1.5", "holdout: the fraction 1.5 is not possible"),
+        ("--holdout-of", "days", "holdout: there is nothing called 'days'"),
+    ],
+)
+def test_options_of_confidence_that_cannot_be(path, option, value, message, capsys):
+    assert run(["estimate", path, option, value]) == 3
+    assert message in capsys.readouterr().err
+
+
+def test_quiet_says_nothing(path, capsys):
+    assert run(["estimate", path, "-q"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_value_at_a_bound_is_a_warning(tmp_path, capsys):
+    made = write_scene(tmp_path, even("nG", springStiffness=[3e4] * 33))
+    run(["estimate", made, "--start", "10"])
+    assert "warning: objects[0] stiffness: 1 of 1 at a bound: 0\n" in capsys.readouterr().err
+
+
+def test_a_spent_budget_is_code_5_and_the_best_is_written(path, tmp_path, capsys):
+    code, summary = estimated(capsys, path, "--max-evaluations", "3", "--start", "1", *DOWNHILL)
+    assert (code, summary["status"], summary["evaluations"]) == (5, "limit", 3)
+    assert load(summary["output"]).cloths[0].mass.tolist() != load(path).cloths[0].mass.tolist()
+
+
+def test_a_looser_goal_is_reached_sooner(path, capsys):
+    code, summary = estimated(capsys, path, "--rmse", "1e-3", "--start", "1", *DOWNHILL)
+    assert (code, summary["status"]) == (0, "converged")
+    assert 1e-8 < summary["rmse"] <= 1e-3
+
+
+# --- the round trip
+
+
+@pytest.mark.parametrize("layout", [{}, {"indent": 2}, {"separators": (",", ":")}])
+@pytest.mark.parametrize("settings", ["Ln", "nL", "Gn", "lG"])
+def test_only_flagged_numbers_differ_in_the_text(tmp_path, layout, settings):
+    strange = [1e-7, -0.0, 12345678901234567890, None, {"vertMass": [1.5]}]
+    extra = {"note": "3.0e1 [1, 2] \"vertMass\": {", "x": strange}
+    flagged = cloth(3, 3, optimizationSettings=settings, **extra)
+    made = document(cloth(3, 3, **extra), flagged, optimizationIterations=5, unknown=extra)
+    path = write_scene(tmp_path, made, **layout)
+    run(["estimate", path, "-q", "--max-evaluations", "2", "--start", "7"])
+    old, new = ((tmp_path / name).read_bytes().decode() for name in ("scene.json", "scene.fitted.json"))
+    places = {"vertMass": span(old, "vertMass", 2), "springStiffness": span(old, "springStiffness", 1)}
+    allowed = [set(part) for part, letter in zip(places.values(), settings, strict=True) if letter != "n"]
+    found = differing(old, new)
+    assert found
+    assert set(found) <= set().union(*allowed)
+
+
+def test_bytes_that_are_not_numbers_stay_too(tmp_path):
+    text = json.dumps(trial("nG", 5, 3, 3), indent=1).replace("\n", "\r\n")
+    text = text.replace('"delta": 0.02', '"delta":\t2.00e-2').replace("0.011", "0.0110000")
+    (tmp_path / "scene.txt").write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert run(["estimate", str(tmp_path / "scene.txt"), "-q", "--start", "3", "--max-evaluations", "2"]) == 5
+    new = (tmp_path / "scene.fitted.txt").read_bytes()
+    assert new.startswith(b"\xef\xbb\xbf{\r\n")
+    found = differing(text, new[3:].decode())
+    assert found
+    assert set(found) <= set(span(text, "springStiffness"))
+
+
+# --- inputs
+
+
+def test_start_and_target_from_files(path, tmp_path, capsys):
+    save_motion(record_target(load(path)), str(tmp_path / "t.npz"))
+    other = write_scene(tmp_path, trial("nn", vertMass=[0.03] * 16), "start.json")
+    guess = write_scene(tmp_path, trial("Ln", vertMass=[0.02] * 16), "guess.json")
+    results = []
+    for options in (["--start", other], ["--start", "0.03"], []):
+        code, summary = estimated(capsys, guess, "--target", str(tmp_path / "t.npz"), *options)
+        fixed = load(summary["output"]).cloths[0].mass[[0, 3]].tolist()
+        results.append((code, summary["status"], fixed))
+    assert results == [(0, "converged", [0.03] * 2)] * 2 + [(0, "converged", [0.02] * 2)]
+
+
+def test_a_target_of_another_scene_is_refused(path, tmp_path, capsys):
+    save_motion(record_target(load(write_scene(tmp_path, even("nG", 5, 3, 3), "b.json"))), str(tmp_path / "t.npz"))
+    assert run(["estimate", path, "--target", str(tmp_path / "t.npz")]) == 3
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert "t.npz: positions: has shape (5, 9, 3), (frames, 16, 3) fits scene.json" in err
+
+
+def two_targets(folder):
+    """A scene to fit, its own target, and one with a scene of its own."""
+    guess = write_scene(folder, even("GG", vertMass=[0.03] * 16, springStiffness=[20.0] * 33), "guess.json")
+    windy = write_scene(folder, even("nn", windVel={"x": 2.0, "y": 0.0, "z": 0.0}), "windy.json")
+    save_motion(record_target(load(even("nn"))), str(folder / "still@1.npz"))
+    save_motion(record_target(load(windy)), str(folder / "wind.npz"))
+    return guess, str(folder / "still@1.npz"), f"{folder / 'wind.npz'}@{windy}"
+
+
+def test_several_targets_each_with_its_scene(tmp_path, monkeypatch, capsys):
+    guess, still, wind = two_targets(tmp_path)
+    code, summary = estimated(capsys, guess, "--target", still, "--target", wind)
+    assert (code, summary["frames"]) == (0, 40)
+    np.testing.assert_allclose(load(summary["output"]).cloths[0].stiffness, 30.0, rtol=1e-4)  # RMSE below 1e-8 m
+    (tmp_path / "wind.npz").rename(tmp_path / "wind@1.npz")
+    monkeypatch.chdir(tmp_path)
+    code, summary = estimated(capsys, guess, "--target", "wind@1.npz@windy.json")
+    assert (code, summary["frames"]) == (0, 20)
+
+
+def test_the_scene_of_a_target_is_not_written_over(tmp_path, capsys):
+    guess, _, wind = two_targets(tmp_path)
+    assert run(["estimate", guess, "--target", wind, "-o", str(tmp_path / "windy.json")]) == 3
+    assert "it is an input" in capsys.readouterr().err
+
+
+def test_what_is_compared_is_an_option(tmp_path, capsys):
+    guess, still, _ = two_targets(tmp_path)
+    options = ["--objective", "position", "--objective", "velocity=0.01", "--loss", "huber", "--loss-scale", "0.02"]
+    code, summary = estimated(capsys, guess, "--target", still, *options)
+    assert (code, summary["status"]) == (0, "converged")
+    same = estimate(
+        load(guess),
+        load_motion(still, load(guess)),
+        objective={"position": 1.0, "velocity": 0.01},
+        loss="huber",
+        loss_scale=0.02,
+    )
+    assert (summary["cost"], summary["rmse"]) == (same.cost, same.rmse)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--objective", "speed"], "objective: there is no 'speed'; use position, velocity, edge-length, spectrum"),
+        (["--objective", "velocity=fast"], "--objective: velocity=fast: the weight is not a number, as in"),
+        (["--objective", "velocity="], "--objective: velocity=: the weight is not a number"),
+        (["--objective", "velocity=-1"], "objective: velocity: a weight of -1 is not possible"),
+        (["--objective", "velocity", "--objective", "velocity=2"], "--objective: velocity is given twice"),
+        (["--loss", "cauchy"], "loss: there is no 'cauchy'; use linear, soft_l1, huber"),
+        (["--loss-scale", "0.1"], "loss scale: the linear loss has none; choose the loss soft_l1 or huber with it"),
+        (["--loss", "huber", "--loss-scale", "0"], "loss scale: 0 m is not possible"),
+        (["--target", "none.npz@scene.json"], "scene.json: cannot be read"),
+    ],
+)
+def test_comparisons_that_cannot_be_are_refused(path, options, message, capsys):
+    assert run(["estimate", path, *options]) == 3
+    assert capsys.readouterr().err.startswith(f"error: {message}")
+
+
+def test_inputs_are_never_written_over(path, tmp_path, capsys):
+    save_motion(record_target(load(path)), str(tmp_path / "t.npz"))
+    (tmp_path / "start.json").write_bytes(Path(path).read_bytes())
+    before = {name: (tmp_path / name).read_bytes() for name in files(tmp_path)}
+    for name in before:
+        inputs = ["--target", str(tmp_path / "t.npz"), "--start", str(tmp_path / "start.json")]
+        assert run(["estimate", path, *inputs, "-o", str(tmp_path / name)]) == 3
+        assert "it is an input" in capsys.readouterr().err
+    assert {name: (tmp_path / name).read_bytes() for name in files(tmp_path)} == before
+
+
+def test_in_place_writes_into_the_scene(path, tmp_path, capsys):
+    old = Path(path).read_text()
+    code, summary = estimated(capsys, path, "--in-place", "--max-evaluations", "2", *DOWNHILL)
+    assert (code, summary["output"], files(tmp_path)) == (5, path, ["scene.json"])
+    found = differing(old, Path(path).read_text())
+    assert found
+    assert set(found) <= set(span(old, "vertMass"))
+
+
+@pytest.mark.parametrize("options", [["-", "--in-place"], ["-", "--target", "-"], ["-", "--start", "-"]])
+def test_what_standard_input_cannot_do_is_refused(options, capsys):
+    assert run(["estimate", *options]) == 3
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_nothing_flagged_is_code_3_and_says_what_to_do(tmp_path, capsys):
+    assert run(["estimate", write_scene(tmp_path, trial("nn"))]) == 3
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("error: scene.json: nothing to fit: no object flags anything; set its optimizationSettings")
+    assert files(tmp_path) == ["scene.json"]
+
+
+def test_an_empty_target_is_refused(path):
+    assert run(["estimate", path, "-q", "--target", ""]) == 3
+
+
+def test_an_empty_start_is_refused(path):
+    assert run(["estimate", path, "-q", "--start", ""]) == 3
+
+
+# --- divergence
+
+
+def test_a_truth_that_diverges_is_code_4(tmp_path, capsys):
+    path = write_scene(tmp_path, even("nG", 60, integrationMethod=0, delta=0.004, springStiffness=[1e3] * 33))
+    assert run(["estimate", path]) == 4
+    assert "diverged at step" in capsys.readouterr().err.splitlines()[-1]
+    assert files(tmp_path) == ["scene.json"]
+
+
+def diverging(folder):
+    """Arguments of a fit that meets no simulation that stays finite."""
+    fields = {"integrationMethod": 0, "delta": 1.0, "damping": 1e3}
+    path = write_scene(folder, even("nG", 40, **fields))
+    still = np.broadcast_to(load(path).cloths[0].positions, (40, 16, 3))
+    np.savez(folder / "t.npz", positions=still, times=np.arange(40.0))
+    return ["estimate", path, "--target", str(folder / "t.npz")]
+
+
+def test_values_that_all_diverge_are_code_4_and_no_file(tmp_path, capsys):
+    assert run(diverging(tmp_path)) == 4
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "no values that were tried gave a simulation that stays finite; nothing is written" in err.splitlines()[-1]
+    assert files(tmp_path) == ["scene.json", "t.npz"]
+
+
+def test_values_that_all_diverge_have_a_summary(tmp_path, capsys):
+    run([*diverging(tmp_path), "--json"])
+    assert json.loads(capsys.readouterr().out)["status"] == "diverged"
+
+
+# --- processes
+
+
+def test_a_chain_of_pipes(path):
+    scene = Path(path).read_bytes()
+    motion = started("target", "-", "-q", input=scene)
+    fitted = started("estimate", path, "-q", "--target", "-", "--start", "0.02", "-o", "-", input=motion.stdout)
+    report = started("evaluate", path, "-", "--json", "--steps", "30", input=fitted.stdout)
+    assert [done.returncode for done in (motion, fitted, report)] == [0, 0, 0]
+    assert [done.stderr for done in (motion, fitted, report)] == [b"", b"", b""]
+    assert json.loads(report.stdout)["rmse"] < 1e-7  # the fit ends below 1e-8
+
+
+def test_from_standard_input_the_scene_goes_to_standard_output_and_the_summary_to_standard_error(path):
+    done = started("estimate", "-", "-q", "--json", input=Path(path).read_bytes())
+    assert done.returncode == 0
+    assert b"\x1b" not in done.stderr
+    assert set(json.loads(done.stderr)) == KEYS
+    assert set(differing(Path(path).read_text(), done.stdout.decode())) <= set(span(Path(path).read_text(), "vertMass"))
+
+
+@needs_full_disk
+def test_a_full_disk_is_code_3(path):
+    done = started("estimate", path, "-q", "-o", "/dev/full")
+    assert (done.returncode, done.stdout) == (3, b"")
+    assert done.stderr == b"error: cannot write /dev/full: No space left on device\n"
+
+
+def on_a_terminal(arguments, until=None, number=None, **wishes):
+    """Run a fit with a terminal as standard error, and send it a signal once something is shown.
+
+    Returns the exit code, the standard output and what the terminal showed.
+    """
+    leader, follower = pty.openpty()
+    changes = {"TERM": "xterm-256color", "COLUMNS": "120", **wishes}
+    call = [sys.executable, "-m", "clothfit", *arguments]
+    process = subprocess.Popen(call, stdout=subprocess.PIPE, stderr=follower, env=environment(**changes))
+    os.close(follower)
+    shown = b""
+    while chunk := read(leader):
+        shown += chunk
+        if until is not None and until in shown:
+            process.send_signal(number)
+            until = None
+    os.close(leader)
+    out = process.stdout.read()
+    process.stdout.close()
+    return process.wait(timeout=50), out, shown.decode()
+
+
+def read(leader):
+    """What a terminal shows next; nothing at its end."""
+    try:
+        return os.read(leader, 4096)
+    except OSError:
+        return b""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_is_code_130_and_the_best_so_far_is_written_whole(tmp_path, number):
+    path = write_scene(tmp_path, LONG)
+    options = ["--start", "1", "--rmse", "0", "--max-evaluations", "1000000", "--json", *DOWNHILL]
+    code, out, shown = on_a_terminal(["estimate", path, *options], b"evaluation 5", number)
+    assert code == 130
+    summary = json.loads(out, parse_constant=refuse)
+    assert summary["status"] == "interrupted"
+    assert summary["evaluations"] >= 5
+    assert files(tmp_path) == ["scene.fitted.json", "scene.json"]
+    stiffness = load(str(tmp_path / "scene.fitted.json")).cloths[0].stiffness
+    assert (stiffness != 1.0).all()
+    assert "Traceback" not in shown
+    assert "\x1b[?25h" in shown  # the cursor is back
+
+
+def test_a_terminal_gets_a_live_bar_and_one_that_wants_no_colour_gets_none(tmp_path):
+    path = write_scene(tmp_path, trial("LL", 20))
+    call = ["estimate", path, "--start", "1", "--max-evaluations", "30", *DOWNHILL]
+    code, out, shown = on_a_terminal(call)
+    assert (code, out) == (5, b"")
+    assert "fitting" in shown
+    assert re.search(r"cost \d\.\d+e[+-]\d\d  RMSE [\d.]+ .?m  evaluation \d+", shown)
+    assert "limit: RMSE" in shown
+    code, out, shown = on_a_terminal(call, NO_COLOR="1")
+    assert (code, out) == (5, b"")
+    assert "\x1b" not in shown
+    assert shown.splitlines()[0].startswith("limit: RMSE")
+
+
+# --- the reference scene
+
+
+@pytest.mark.skipif(not SIDE.is_file(), reason="the reference scene is not beside the checkout")
+def test_the_reference_scene_changes_in_flagged_stiffnesses_only(tmp_path, capsys):
+    path = shutil.copyfile(SIDE, tmp_path / "side.txt")
+    code, summary = estimated(capsys, str(path))
+    old, new = path.read_text(encoding="utf-8"), (tmp_path / "side.fitted.txt").read_text(encoding="utf-8")
+    settings = [cloth.settings for cloth in load(str(path)).cloths]
+    assert (settings, code, summary["status"]) == (["nL", "nn"], 0, "converged")
+    found = differing(old, new)
+    assert len(found) > 700
+    assert set(found) <= set(span(old, "springStiffness"))
+    assert load_motion(record(new, tmp_path), load(str(path))).positions.shape == (100, 288, 3)
+
+
+def record(text, folder):
+    """Simulate a text as a scene; the path of the motion."""
+    (folder / "new.txt").write_text(text, encoding="utf-8")
+    assert run(["simulate", str(folder / "new.txt"), "-q"]) == 0
+    return folder / "new.motion.npz"
+
+
+def test_the_options_have_the_defaults_of_the_library():
+    from clothfit.cli.estimate import command
+    from clothfit.fit import estimate as fit
+
+    defaults = {option.name: option.default for option in command.params}
+    assert (defaults["max_evaluations"], defaults["rmse"]) == (fit.BUDGET, fit.RMSE_TOLERANCE)
+    (tolerance,) = (option for option in command.params if option.name == "tolerance")
+    assert f"[default: {fit.FIT_TOLERANCE:g}]" in tolerance.help

@@ -1,0 +1,177 @@
+"""`clothfit evaluate --speed`: table, advice, summary, picture, what it is given."""
+
+import json
+import re
+
+import numba
+import pytest
+from helpers.scenes import cloth, document, even, trial, write_scene
+
+from clothfit.cli.common.console import COMPILING
+from clothfit.cli.program import run
+from clothfit.evaluation import work_precision as precision
+from clothfit.evaluation.setting import grid
+from clothfit.scene.scene import load
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+
+KEYS = {
+    "schema_version", "command", "scene", "delta", "frames", "simulated_frames", "vertices", "reference", "rows", "own",
+    "requested_error", "recommended", "fits", "plot",
+}  # fmt: skip
+ROW_KEYS = {
+    "integrator", "step", "ratio", "tolerance", "newton_iterations", "status", "runs", "ms_per_step",
+    "seconds_per_simulated_second", "error", "max_error", "own", "pareto",
+}  # fmt: skip
+FIT_KEYS = {"method", "status", "seconds", "evaluations", "rmse", "median_relative_deviation", "pareto"}
+QUICK = ("--speed", "--steps", "10", "--budget", "1")
+
+
+def refuse(constant):
+    raise AssertionError(f"{constant} is not JSON")
+
+
+@pytest.fixture
+def path(tmp_path, monkeypatch):
+    """A scene that flags a stiffness, in the folder that is worked in."""
+    monkeypatch.chdir(tmp_path)
+    write_scene(tmp_path, even("nG", 20))
+    return "scene.json"
+
+
+def test_json_has_the_keys_and_says_nothing_else(path, capsys):
+    assert run(["evaluate", path, *QUICK, "--error", "0.5", "--json"]) == 0
+    out, err = capsys.readouterr()
+    found = json.loads(out, parse_constant=refuse)
+    assert (set(found), err.replace(f"{COMPILING}\n", "")) == (KEYS, "")  # the line of a first use
+    assert {frozenset(row) for row in found["rows"]} == {frozenset(ROW_KEYS)}
+    assert set(found["reference"]) == {"integrator", "step", "order", "error"}
+    assert (found["frames"], found["simulated_frames"], found["vertices"], found["delta"]) == (11, 11, 16, 0.02)
+    assert len(found["rows"]) == len(grid(load(path)))
+    assert [row for row in found["rows"] if row["own"]] == [found["own"]]
+    assert [found["own"][key] for key in ("integrator", "newton_iterations", "step")] == ["implicit", 1, 0.02]
+    near = [row for row in found["rows"] if row["status"] == "done" and row["error"] <= 0.5]
+    assert found["recommended"] == min(near, key=lambda row: row["seconds_per_simulated_second"])
+    assert (found["requested_error"], found["fits"], found["plot"]) == (0.5, None, None)
+
+
+def test_the_table_marks_rows_and_says_what_a_fit_must_use(path, capsys):
+    assert run(["evaluate", path, *QUICK, "--error", "0.5"]) == 0
+    out, err = capsys.readouterr()
+    assert out == ""
+    lines = err.splitlines()
+    assert lines[0].split()[:2] == ["integrator", "step"]
+    assert [line for line in lines if line.startswith("symplectic  h/4 = 5 ms")]
+    assert err.count("the scene's own") == 1
+    assert "Pareto-best" in err
+    assert re.search(r"^\d+ more, with other tolerances", err, re.MULTILINE)
+    assert "root mean square over all vertices and 11 frames; that motion is known to" in err
+    assert "cheapest within 500 mm: " in err
+    assert "the editor plays this scene with implicit steps of h = 20 ms, tolerance 1e-05, 1 Newton iteration" in err
+    assert "a fit must use the same (integrationMethod 2, delta 0.02)" in err
+
+
+def test_verbose_shows_all_rows_and_quiet_none(path, capsys):
+    assert run(["evaluate", path, *QUICK, "-v"]) == 0
+    err = capsys.readouterr().err
+    assert "more, with other tolerances" not in err
+    assert "1e-08" in err
+    assert run(["evaluate", path, *QUICK, "-q"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_an_error_that_none_reaches_is_said(path, capsys):
+    assert run(["evaluate", path, *QUICK, "--error", "1e-12"]) == 0
+    assert "warning: no setting comes within 0.001 nm; the nearest is " in capsys.readouterr().err
+    assert run(["evaluate", path, *QUICK, "--error", "1e-12", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["recommended"] is None
+
+
+def test_what_diverged_is_listed(tmp_path, capsys):
+    stiff = write_scene(tmp_path, trial("nn", 10, springStiffness=[2e3] * 33))
+    assert run(["evaluate", stiff, *QUICK]) == 0
+    assert re.search(r"^diverged: explicit h, h/2", capsys.readouterr().err, re.MULTILINE)
+
+
+def test_a_reference_that_is_not_known_to_the_end_is_said(path, capsys, monkeypatch):
+    monkeypatch.setattr(precision, "known_frames", lambda trials, reference: 6)
+    assert run(["evaluate", path, *QUICK]) == 0
+    assert "frames from 6 on (t = 0.12 s) are not judged" in capsys.readouterr().err
+    assert run(["evaluate", path, *QUICK, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["frames"], found["simulated_frames"]) == (6, 11)
+
+
+def test_fits_are_compared_too(path, capsys):
+    assert run(["evaluate", path, *QUICK, "--fit", "--max-evaluations", "3", "--json"]) == 0
+    fits = json.loads(capsys.readouterr().out)["fits"]
+    assert [fit["method"] for fit in fits] == ["auto", "momentum", "gauss-newton", "l-bfgs-b"]
+    assert {frozenset(fit) for fit in fits} == {frozenset(FIT_KEYS)}
+    assert all(fit["evaluations"] <= 3 for fit in fits)
+    assert run(["evaluate", path, *QUICK, "--fit"]) == 0
+    err = capsys.readouterr().err
+    assert re.search(r"^method +ends +seconds +evaluations +RMSE +median deviation", err, re.MULTILINE)
+    assert re.search(r"^l-bfgs-b +converged", err, re.MULTILINE)
+
+
+def test_a_picture_is_written(path, tmp_path, capsys):
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed; no picture is drawn")
+    assert run(["evaluate", path, *QUICK, "--plot", "speed.svg", "--error", "0.01"]) == 0
+    assert capsys.readouterr().err.endswith("diagram → speed.svg\n")
+    assert (tmp_path / "speed.svg").read_bytes().startswith(b"<?xml")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["scene.json", "speed.svg"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--speed", "fitted.json"], "--speed takes one scene; FITTED does not go with it"),
+        (["--speed", "--target", "t.npz"], "--speed takes one scene; --target does not go with it"),
+        (["--speed", "--max-evaluations", "3"], "--max-evaluations goes with --fit only"),
+        (["fitted.json", "--error", "0.1"], "--error goes with --speed only"),
+        (["--speed", "--gif", "x.gif"], "--speed takes one scene; --gif does not go with it"),
+        (["--fit"], "--fit goes with --speed only"),
+        ([], "missing argument 'FITTED'"),
+    ],
+)
+def test_wrong_usage_is_code_2_and_one_line(path, capsys, arguments, message):
+    assert run(["evaluate", path, *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith(f"error: {message}")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--error", "0"], "--error: 0 m is not possible"),
+        (["--error", "nan"], "--error: nan m is not possible"),
+        (["--budget", "-1"], "--budget: -1 s is not possible"),
+        (["--budget", "inf"], "--budget: inf s is not possible"),
+        (["--steps", "0"], "--steps: 0 is not possible"),
+        (["--fit", "--max-evaluations", "0"], "--max-evaluations: 0 is not possible"),
+        (["--plot", "x.gif"], "x.gif: a picture's name ends in .png, .svg or .pdf"),
+        (["--plot", "-"], "-: a picture's name ends in"),
+        (["--plot", "absent/x.png"], "cannot write absent/x.png: the folder"),
+    ],
+)
+def test_a_wrong_value_is_code_3_and_one_line_and_no_file(path, tmp_path, capsys, arguments, message):
+    assert run(["evaluate", path, "--speed", *arguments]) == 3
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith(f"error: {message}")
+    assert [p.name for p in tmp_path.iterdir()] == ["scene.json"]
+
+
+def test_a_picture_is_never_written_over_the_scene(tmp_path, capsys):
+    path = write_scene(tmp_path, even("nG", 5), "scene.png")
+    before = (tmp_path / "scene.png").read_bytes()
+    assert run(["evaluate", path, "--speed", "--plot", path]) == 3
+    assert "is an input, which is never written over" in capsys.readouterr().err
+    assert (tmp_path / "scene.png").read_bytes() == before
+
+
+def test_nothing_to_fit_is_said_before_long_work(tmp_path, capsys):
+    path = write_scene(tmp_path, document(cloth(), optimizationIterations=5))
+    assert run(["evaluate", path, "--speed", "--fit"]) == 3
+    assert "--fit: no object flags anything to fit" in capsys.readouterr().err

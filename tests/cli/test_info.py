@@ -1,0 +1,164 @@
+"""`clothfit info` and `clothfit validate`: what they print, and for whom."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from helpers.paths import EXAMPLES
+from helpers.scenes import MISSING, changed, cloth, document, sphere, started, trial, write_scene
+
+from clothfit.cli.program import run
+from clothfit.cli.validate import split
+
+SIDE = str(EXAMPLES / "side.json")
+INFO = {"schema_version", "command", "scene", "title", "integrator", "delta", "frames", "duration", "tolerance",
+        "newton_iterations", "wind", "gravity", "spheres", "objects", "flagged", "stability", "memory",
+        "unknown_fields", "warnings"}  # fmt: skip
+
+
+def test_info_speaks_on_standard_error_only(capsys):
+    assert run(["info", SIDE]) == 0
+    out, err = capsys.readouterr()
+    assert out == ""
+    for told in ("side.json: 'side': implicit steps of 0.02 s, 1 Newton iteration, tolerance 1e-05",
+                 "100 frames to compare, 1.98 s", "144, 12 fixed", "726: 385 along edges, 341 bending, 0 others",
+                 "1 (144 vertices)", "7 × 0 × 7 m", "stiffness (L, 726)", "symplectic  0.00538 s            not stable",
+                 "implicit    any                  stable"):  # fmt: skip
+        assert told in err
+
+
+def test_infos_summary(capsys):
+    assert run(["info", str(EXAMPLES / "drape.json"), "--json", "-q"]) == 0
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    assert err == ""
+    assert set(found) == INFO
+    assert found["spheres"] == [{"centre": [0.0, -4.1, 0.0], "radius": 4.0}]
+    assert found["flagged"] == [{"object": 0, "name": "mass", "mode": "G", "count": 1}]
+    assert found["objects"][0]["mass"]["total"] == pytest.approx(4.9, rel=1e-11)  # 0.1 kg/m² of 7 m by 7 m
+    assert found["memory"]["motion"] == 100 * 144 * 24
+    assert found["stability"][2] == {"integrator": "implicit", "limit": None, "stable": True}
+
+
+def test_info_of_several_objects_and_all_that_a_scene_may_have(tmp_path, capsys):
+    objects = [cloth(3, 3, optimizationSettings="Ln", mine=1), cloth(2, 2, vertVel=[{"x": 1, "y": 0, "z": 0}] * 4),
+               *[cloth(2, 2, springRestLength=[1.5] * 5, meshVertices=[0, 1, 2, 3, -1, 0])] * 3]  # fmt: skip
+    balls = [sphere(0.1 * k) for k in range(1, 8)]
+    path = write_scene(tmp_path, document(*objects, colliders=balls, integrationMethod=1, fit={"windVel": "G"}))
+    assert run(["info", path]) == 0
+    err = capsys.readouterr().err
+    for told in ("objects[3]", "objects[4]", "and 2 more spheres", "at the start", "(not those at the start)",
+                 "to fit: scene wind", "objects[2] was welded from a mesh of 6 vertices",
+                 "fields that are kept and not used: objects[0].mine", "symplectic steps of"):  # fmt: skip
+        assert told in err
+
+
+def test_info_through_a_pipe():
+    with open(SIDE, "rb") as scene:
+        done = started("info", "-", "--json", "-q", stdin=scene)
+    assert (done.returncode, json.loads(done.stdout)["scene"]) == (0, "standard input")
+
+
+def test_info_of_what_is_no_scene(tmp_path, capsys):
+    assert run(["info", write_scene(tmp_path, {"delta": 1})]) == 3
+    assert capsys.readouterr().err.startswith("error: scene.json: integrationMethod: is missing")
+    assert run(["info", "absent.json"]) == 3
+
+
+# --- validate
+
+TWO_WRONG = changed(changed(trial("nG", 5), ("objects", 0, "vertMass", 3), -1), ("objects", 0, "springs", 3), 144)
+
+
+def test_valid_scenes_are_said_to_be(capsys):
+    assert run(["validate", SIDE, str(EXAMPLES / "flag.json")]) == 0
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err == f"{SIDE}: valid\n{EXAMPLES / 'flag.json'}: valid\n"
+
+
+def test_every_problem_is_told(tmp_path, capsys):
+    path = write_scene(tmp_path, TWO_WRONG)
+    assert run(["validate", path]) == 3
+    first, second, last = capsys.readouterr().err.splitlines()
+    springs = "objects[0].springs[3]: vertex 144 does not exist (the object has 16 vertices)"
+    mass = "objects[0].vertMass[3]: the mass -1.0 kg must be above 0"
+    assert {first, second} == {f"{path}: {springs}", f"{path}: {mass}"}
+    assert last.startswith("error: scene.json: objects[0].")
+    assert last.endswith(" (and 1 more problem)")
+
+
+def test_a_single_problem_is_told_once(tmp_path, capsys):
+    assert run(["validate", write_scene(tmp_path, changed(trial("nG", 5), ("delta",), 0))]) == 3
+    assert capsys.readouterr().err == "error: scene.json: delta: 0 is too small; it must be above 0\n"
+
+
+def test_one_of_several_is_enough(tmp_path, capsys):
+    path = write_scene(tmp_path, TWO_WRONG)
+    assert run(["validate", SIDE, path, "absent.json", "-q", "--json"]) == 3
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    assert [each["valid"] for each in found["scenes"]] == [True, False, False]
+    assert found["valid"] is False
+    assert len(found["scenes"][1]["problems"]) == 2
+    assert found["scenes"][2]["problems"][0]["place"] is None
+    assert err == f"error: 2 of 3 scenes are not valid: {path}, absent.json\n"
+
+
+def test_the_summary_of_one_scene(tmp_path, capsys):
+    plane = {"type": 0, "pos": {"x": 0, "y": 0, "z": 0}, "scale": {"x": 1, "y": 1, "z": 1}}
+    path = write_scene(tmp_path, document(colliders=[plane]))
+    assert run(["validate", path, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["valid"], found["problems"]) == (True, [])
+    assert found["warnings"] == [{"place": "colliders[0]", "message": "planes are ignored, as in the editor"}]
+
+
+def test_the_numbers_of_a_mesh_are_looked_at(tmp_path, capsys):
+    path = write_scene(tmp_path, changed(trial("nG", 5), ("objects", 0, "meshVertices"), [0]))
+    assert run(["validate", path]) == 3
+    assert "meshVertices: is no list" in capsys.readouterr().err
+
+
+def test_standard_input_is_one_of_them_at_most(capsys):
+    assert run(["validate", "-", "-"]) == 3
+    assert "can be only one of the inputs" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("sentence", "place"),
+    [("objects[0].springs[3]: vertex 144 does not exist", "objects[0].springs[3]"), ("delta: is missing", "delta"),
+     ("line 3, column 7: not JSON: no", "line 3, column 7"), ("top level: [] is not an object", "top level"),
+     ('"my: field".x: appears twice', '"my: field".x'), ("cannot be read: No such file", None),
+     ("the file is empty; a scene is a JSON object", None), ("byte 5 (0xe9) is not UTF-8 text; save", None)],
+)  # fmt: skip
+def test_problems_are_split_into_place_and_message(sentence, place):
+    found = split(sentence)
+    assert found["place"] == place
+    assert sentence == (found["message"] if place is None else f"{place}: {found['message']}")
+
+
+def test_validate_loads_no_compiler():
+    call = "import sys; from clothfit.cli.program import run; run(['validate', sys.argv[1]]); "
+    call += "print('numba' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", call, SIDE], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+
+
+def test_a_scene_without_flags_and_springs(tmp_path, capsys):
+    point = {"vertPos": [{"x": 0, "y": 0, "z": 0}], "vertIsFixed": [False], "vertMass": [1.0], "springs": [],
+             "springStiffness": []}  # fmt: skip
+    assert run(["info", write_scene(tmp_path, document(point)), "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["memory"]["fit"] is None
+    assert "1 without springs" in err
+    assert np.isfinite(json.loads(out)["objects"][0]["mass"]["total"])
+
+
+def test_a_value_that_is_missing_is_a_place_too(tmp_path, capsys):
+    assert run(["validate", write_scene(tmp_path, changed(trial("nG", 5), ("delta",), MISSING)), "--json"]) == 3
+    assert json.loads(capsys.readouterr().out)["problems"] == [
+        {"place": "delta", "message": "is missing, and it has no default"}
+    ]

@@ -1,0 +1,206 @@
+"""`clothfit estimate` of several scenes or from several starts: files, table, JSON, exit codes, refusals, Ctrl-C."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numba
+import pytest
+from helpers.scenes import environment, even, trial, write_scene
+
+from clothfit.cli.common.files import filled
+from clothfit.cli.program import run
+from clothfit.fit.estimate import record_target
+from clothfit.many.job import run as do
+from clothfit.motion.motion import save_motion
+from clothfit.optimise.checkpoint import decoded
+from clothfit.scene.scene import load
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+
+FEW = ["--method", "l-bfgs-b", "--max-evaluations", "6", "--no-intervals"]
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A folder to work in, with two scenes and their targets."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "captures").mkdir()
+    for i, name in enumerate("ab"):
+        path = write_scene(tmp_path, trial("Ln", 15, 4, 3 + i), f"{name}.json")
+        save_motion(record_target(load(path)), f"captures/{name}.npz")
+    return tmp_path
+
+
+class Here:
+    """A pool that does each job at once, in this process."""
+
+    width, retried_alone = 1, True
+
+    def __init__(self):
+        self.found = {}
+
+    def prepare(self, done):
+        return False
+
+    def submit(self, number, job, done):
+        self.found[number] = do(job)
+        done(number)
+
+    def outcome(self, number):
+        return self.found[number]
+
+    def close(self, kill=False):
+        pass
+
+
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """No processes, which take seconds to start: only what is written and told is looked at."""
+    monkeypatch.setattr("clothfit.cli.fitting.many.chosen_pool", lambda *arguments: Here())
+
+
+def files(folder):
+    return sorted(item.name for item in Path(folder).iterdir())
+
+
+def test_each_scene_has_its_target_its_file_its_row_and_the_worst_decides(here, capsys):
+    (here / "bad.json").write_text("{")
+    (here / "captures/bad.npz").touch()
+    call = ["estimate", "a.json", "bad.json", "b.json", "--target", "captures/{stem}.npz", "-o", "new/fitted"]
+    assert run([*call, "--jobs", "1"]) == 3
+    out, err = capsys.readouterr()
+    lines = err.splitlines()
+    message = "error: bad.json: line 1, column 2: the text ends inside a value; is the file complete?"
+    assert out == ""
+    assert lines[0].startswith("1 of 3: a.json: converged, RMSE ")
+    assert lines[1] == f"2 of 3: bad.json: {message}"
+    assert lines[3].split() == ["scene", "status", "RMSE", "frames", "evaluations", "seconds", "output"]
+    assert [line.split()[:2] for line in lines[4:]] == [
+        ["a.json", "converged"], ["bad.json", "failed"], ["b.json", "converged"],
+    ]  # fmt: skip
+    assert lines[4].endswith("new/fitted/a.fitted.json")
+    assert lines[5].endswith(message)
+    assert files("new/fitted") == ["a.fitted.json", "b.fitted.json"]
+    assert run(["estimate", "a.json", "--target", "captures/a.npz", "-q"]) == 0
+    assert (here / "a.fitted.json").read_bytes() == (here / "new/fitted/a.fitted.json").read_bytes()
+
+
+def test_quiet_tells_errors_only_and_json_tells_all(here, in_this_process, capsys):
+    assert run(["estimate", "none.json", "a.json", "--in-place", "--json", "-q", "--jobs", "1", *FEW]) == 3
+    out, err = capsys.readouterr()
+    message = "none.json: cannot be read: No such file or directory"
+    assert err == f"error: none.json: {message}\n"
+    summary = json.loads(out)
+    assert (summary["schema_version"], summary["command"]) == (1, "estimate")
+    assert summary["seconds"] > 0
+    failed, fitted = summary["scenes"]
+    assert failed == {"scene": "none.json", "status": "failed", "output": None, "exit_code": 3, "error": message}
+    assert (fitted["scene"], fitted["output"], fitted["exit_code"], fitted["error"]) == ("a.json", "a.json", 5, None)
+    assert {"status", "method", "cost", "rmse", "frames", "evaluations", "parameters"} <= set(fitted)
+
+
+def test_the_best_start_of_one_scene_is_written_and_all_are_told(here, in_this_process, capsys):
+    guess = write_scene(here, even("nG", 15, 4, 3, springStiffness=[90.0] * len(load("a.json").cloths[0].stiffness)))
+    call = ["estimate", guess, "--target", "captures/a.npz", "--starts", "3", "--jobs", "1", "--json", "-o", "-"]
+    assert run([*call, *FEW]) == 0  # the first converges, the others are ended before
+    out, err = capsys.readouterr()
+    table, told = err.splitlines()[:4], json.loads(err.splitlines()[-1])
+    assert [line.split()[0] for line in table[1:]] == [guess, "2", "3"]
+    costs = [start["cost"] for start in told["starts"]]
+    assert told["cost"] == min(costs) == costs[told["start"] - 1]
+    assert len(set(costs)) == 3
+    assert load(json.loads(out)).cloths[0].stiffness[0] != 90.0
+
+
+def test_checkpoints_are_kept_for_each_scene_and_each_start_and_gone_on_from(here, in_this_process):
+    call = ["estimate", "a.json", "b.json", "--starts", "2", "--jobs", "1", "-q", "--checkpoint", "{stem}.check"]
+    assert run([*call, *FEW]) == 5
+    kept = {"a.2.check", "a.check", "b.2.check", "b.check"}
+    assert kept <= set(files(here))
+    short = (here / "a.fitted.json").read_bytes()
+    (here / "b.check").unlink()  # begins anew
+    more = ["12" if word == "6" else word for word in FEW]
+    assert run([*call, "--resume", *more]) == 5
+    resumed = (here / "a.fitted.json").read_bytes()
+    assert resumed != short
+    assert run(["estimate", "a.json", *call[3:-2], *more]) == 5
+    assert (here / "a.fitted.json").read_bytes() == resumed
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "message"),
+    [
+        (["-o", "one.json"], 2, "-o one.json: 2 scenes need a folder, or a name with {stem}"),
+        (["-o", "a.json"], 2, "-o a.json: 2 scenes need a folder"),
+        (["-o", "-"], 2, "standard input and output (-) are for one scene, not for 2"),
+        (["-"], 2, "standard input and output (-) are for one scene, not for 3"),
+        (["--target", "-"], 2, "standard input and output (-) are for one scene"),
+        (["--checkpoint", "c"], 2, "--checkpoint: 2 scenes need one each: put {stem} into the name"),
+        (["--cluster", "tcp://localhost:1", "--resume"], 2, "--checkpoint and --resume are for fits on this machine"),
+        (["--cluster", "tcp://localhost:1", "--jobs", "2"], 2, "--jobs is for this machine"),
+        (["./a.json"], 3, "a.json and ./a.json would both be written to ./a.fitted.json; use {folder} in -o"),
+        (["a.json", "--in-place"], 3, "a.json and a.json would both be written to a.json"),
+        (["a.fitted.json"], 3, "cannot write a.fitted.json: it is an input, which is never written over"),
+        (["-o", "{stem}.json"], 3, "cannot write a.json: it is an input, which is never written over"),
+        (["-o", "captures/a.npz/x/"], 3, "cannot make the folder captures/a.npz/x/: Not a directory"),
+        (["--starts", "0"], 3, "--starts: 0 is not possible"),
+        (["--seed", "-1"], 3, "--seed: -1 is not possible"),
+        (["--jobs", "0"], 3, "--jobs: 0 is not possible"),
+        (["--method", "magic"], 3, "method: there is no 'magic'"),
+    ],
+)
+def test_what_cannot_be_for_all_is_refused_before_anything_is_begun(here, options, code, message, capsys):
+    before = files(here)
+    assert run(["estimate", "a.json", "b.json", *options]) == code
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith(f"error: {message}")
+    assert files(here) == before
+
+
+def test_patterns_name_stem_and_folder_and_files_that_are_there_keep_their_names(tmp_path):
+    assert filled("c/{stem}.npz", "x/a.v2.json") == "c/a.v2.npz"
+    assert filled("{folder}/c/{stem}.npz", "x/y/a.json") == "x/y/c/a.npz"
+    odd = tmp_path / "{stem}.npz"
+    odd.touch()
+    assert filled(str(odd), "a.json") == str(odd)
+
+
+def test_one_scene_needs_no_processes_and_help_no_numbers():
+    code = "import sys; from clothfit.cli.program import run; run({}); print([m for m in {} if m in sys.modules])"
+    for arguments, heavy in (["estimate", "--help"], ["joblib", "numpy"]), (["estimate", "none.json"], ["joblib"]):
+        call = [sys.executable, "-c", code.format(arguments, heavy)]
+        done = subprocess.run(call, capture_output=True, text=True, env=environment(), check=True)
+        assert done.stdout.splitlines()[-1] == "[]"
+
+
+def has_result(path):
+    """Whether a checkpoint holds a point that was evaluated."""
+    return path.is_file() and decoded(path.read_bytes(), "")[1].best.size > 0
+
+
+def test_ctrl_c_ends_with_the_best_so_far_and_begins_no_more(here):
+    for name in "cde":
+        write_scene(here, trial("LL", 60, 8, 8), f"{name}.json")  # takes minutes to fit to the last digit
+    options = ["--start", "1", "--rmse", "0", "--max-evaluations", "1000000", *FEW[:2], "--json", "--jobs", "2"]
+    call = [sys.executable, "-m", "clothfit", "estimate", "c.json", "d.json", "e.json", *options]
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    checks = ["--checkpoint", "{stem}.check"]
+    process = subprocess.Popen([*call, *checks], env=environment(), start_new_session=True, **streams)
+    until = time.monotonic() + 40
+    while not all(has_result(here / name) for name in ("c.check", "d.check")) and time.monotonic() < until:
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    out, err = process.communicate(timeout=30)
+    assert process.returncode == 130
+    found = [(one["status"], one["exit_code"], one["output"]) for one in json.loads(out)["scenes"]]
+    ended = [("interrupted", 130, f"{name}.fitted.json") for name in "cd"]
+    assert found == [*ended, ("not started", 130, None)]
+    assert {"c.fitted.json", "d.fitted.json"} <= set(files(here))
+    assert "e.fitted.json" not in files(here)
+    assert b"Traceback" not in err

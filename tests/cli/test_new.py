@@ -1,0 +1,305 @@
+"""`clothfit new`: what each option does to the scene, what is told, what is refused."""
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from helpers.paths import DOCS
+from helpers.scenes import environment, started
+
+from clothfit import load, read_mesh
+from clothfit.cli.program import group, run
+from clothfit.meshes import mesh
+from clothfit.meshes.mesh import Mesh
+from clothfit.scene.mesh_numbering import numberings
+
+KEYS = {"schema_version", "command", "scene", "vertices", "triangles", "springs", "mass", "fixed", "renumbered",
+        "problems", "output"}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """A folder to work in."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def made(*options, name="plane.json"):
+    """The scene that the command writes."""
+    assert run(["new", *options, "-q"]) == 0
+    return load(name)
+
+
+def torn_box(path="box.obj"):
+    """A cube of 1 m as a tool writes it that gives each face corners of its own: 12 triangles, 36 vertices."""
+    solid = trimesh.creation.box()
+    points = solid.vertices[solid.faces.reshape(-1)]
+    faces = np.arange(1, 37).reshape(-1, 3)
+    rows = [f"v {x} {y} {z}" for x, y, z in points] + ["f {} {} {}".format(*face) for face in faces]
+    Path(path).write_text("\n".join(rows))
+    return points * [-1, 1, 1]
+
+
+def test_a_plane_by_default(capsys):
+    assert run(["new", "plane"]) == 0
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.splitlines() == [
+        "fixed: none, so it falls",
+        "plane: 144 vertices, 242 triangles, 726 springs, 0.2 kg, 100 frames of 0.02 s → plane.json",
+    ]
+    scene = load("plane.json")
+    (cloth,) = scene.cloths
+    sheet = mesh.plane(10, 1.0)
+    np.testing.assert_array_equal(cloth.positions, sheet.positions)
+    np.testing.assert_array_equal(cloth.springs, mesh.springs(sheet, 50.0).ends)
+    np.testing.assert_array_equal(cloth.stiffness, mesh.springs(sheet, 50.0).stiffness)
+    assert (cloth.settings, cloth.damping, cloth.drag, scene.method) == ("nG", 0.1, 0.1, 2)
+
+
+def test_the_options_of_a_plane():
+    (cloth,) = made("plane", "--size", "2x1", "--divisions", "3", "--upright", "--density", "0.5").cloths
+    np.testing.assert_array_equal(cloth.positions, mesh.plane(3, 2.0, 1.0, upright=True).positions)
+    assert cloth.mass.sum() == pytest.approx(1.0, rel=1e-13)  # kg, 0.5 kg/m² of 2 m²
+
+
+def test_the_options_of_springs():
+    (cloth,) = made("plane", "--stiffness", "80", "--bending", "0.5", "--damping", "0.3", "--drag", "2").cloths
+    np.testing.assert_array_equal(cloth.stiffness, mesh.springs(mesh.plane(10, 1.0), 80.0, 0.5).stiffness)
+    assert (cloth.damping, cloth.drag) == (0.3, 2.0)
+    assert len(made("plane", "--no-bending").cloths[0].springs) == len(mesh.edges(mesh.plane(10, 1.0).triangles))
+
+
+def test_the_drag_of_air_goes_with_the_wind():
+    (still,), (windy,) = (made("plane", "--drag", "air", *wind).cloths for wind in ((), ("--wind", "0,3,4")))
+    assert windy.drag == pytest.approx(5 * still.drag, rel=1e-14)
+    assert still.drag == pytest.approx(1.2 / (8 * (1 / 242) ** 2), rel=1e-9)  # faces of 1/242 m²
+
+
+def test_the_options_of_a_scene():
+    scene = made(
+        "plane", "--sphere", "0,-1,0,0.5", "--sphere", "1,-1,0,0.25", "--wind", "-1,0,2", "--integrator", "symplectic",
+        "--fps", "500", "--frames", "30", "--tolerance", "1e-6", "--title", "my cloth", "-o", "x.txt", name="x.txt",
+    )  # fmt: skip
+    assert [(*each.centre, each.radius) for each in scene.spheres] == [(0, -1, 0, 0.5), (1, -1, 0, 0.25)]
+    assert scene.wind.tolist() == [-1, 0, 2]
+    assert (scene.method, scene.delta, scene.frames, scene.tolerance) == (1, 0.002, 30, 1e-6)
+    assert scene.title == "my cloth"
+    assert made("plane", "--delta", "0.01").delta == 0.01
+
+
+@pytest.mark.parametrize(
+    ("options", "settings", "fits"),
+    [((), "nG", {}), (("--fit", "Ln"), "Ln", {}), (("--fit", "wind"), "nn", {}),
+     (("--fit", "gl", "--fit", "damping", "--fit", "rest=l"), "GL", {"damping": "G", "rest": "L"})],
+)  # fmt: skip
+def test_what_to_fit(options, settings, fits):
+    scene = made("plane", *options)
+    assert (scene.cloths[0].settings, scene.cloths[0].fits) == (settings, fits)
+    assert scene.fits == ({"wind": "G"} if "wind" in options else {})
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [(["--fix-vertices", "0,3-5, 9"], [0, 3, 4, 5, 9]), (["--fix-side", "left"], [0, 4, 8, 12]),
+     (["--fix-side", "left", "--fix-side", "back"], [0, 1, 2, 3, 4, 8, 12]),
+     (["--fix-side", "front=0.34"], list(range(8, 16))),
+     (["--fix-box", "-1,-1,-1:-0.4,1,-0.4", "--fix-box", "0.4,0,0.4:1,1,1"], [0, 15])],
+)  # fmt: skip
+def test_what_is_held_and_told(options, expected, capsys):
+    assert run(["new", "plane", "--divisions", "2", *options]) == 0
+    assert np.flatnonzero(load("plane.json").cloths[0].fixed).tolist() == expected
+    told = f"fixed: {len(expected)} vertices ({', '.join(map(str, expected))})"
+    assert told in capsys.readouterr().err.splitlines()
+
+
+def test_it_is_turned_then_moved_then_held():
+    turned = made("plane", "--divisions", "1", "--rotate", "90,0,0", "--move", "0,2,1", "--fix-side", "top")
+    (cloth,) = turned.cloths
+    # about x, y goes to z and z to -y: the row at the back is the top
+    assert np.flatnonzero(cloth.fixed).tolist() == [0, 1, 2]
+    np.testing.assert_allclose(cloth.positions[0], [-0.5, 2.5, 1.0], atol=1e-15)
+
+
+def test_a_mesh_goes_beside_its_file_with_the_files_numbers(folder):
+    sheet = mesh.plane(3, 1.0)
+    (folder / "sub").mkdir()
+    shape = trimesh.Trimesh(sheet.positions * [-1, 1, 1], sheet.triangles[:, ::-1], process=False)
+    shape.export("sub/cloth.ply", vertex_normal=False)
+    scene = made("sub/cloth.ply", "--scale", "2", "--fix-vertices", "0", name="sub/cloth.json")
+    (cloth,) = scene.cloths
+    np.testing.assert_allclose(cloth.positions, 2 * sheet.positions, atol=2e-7)  # single precision
+    np.testing.assert_array_equal(cloth.triangles, sheet.triangles)
+    np.testing.assert_array_equal(cloth.springs, mesh.springs(sheet, 1.0).ends)
+    assert (np.flatnonzero(cloth.fixed).tolist(), scene.title) == ([0], "cloth")
+
+
+def test_a_sequence_gives_its_first_frame(capsys):
+    torn_box("shot_0007.obj")
+    torn_box("shot_0008.obj")
+    assert run(["new", "shot_*.obj"]) == 0
+    assert "→ shot.json" in capsys.readouterr().err
+    assert len(load("shot.json").cloths[0].mass) == 36
+
+
+# --- problems and welding
+
+
+def test_seams_are_told_and_the_scene_is_made(capsys):
+    torn_box()
+    assert run(["new", "box.obj", "--json"]) == 0
+    out, err = capsys.readouterr()
+    summary = json.loads(out)
+    assert set(summary) == KEYS
+    assert [(each["kind"], each["count"]) for each in summary["problems"]] == [("parts", 12), ("seam", 28)]
+    assert "warning: box.obj: 28 vertices are at the place of another" in err
+    assert "--weld joins them" in err
+
+
+@pytest.mark.parametrize("options", [["box.obj", "--weld"], ["--weld", "box.obj"], ["box.obj", "--weld", "1e-3"]])
+def test_welding_gives_the_cube_its_8_vertices_and_keeps_the_meshs_numbers(options, capsys):
+    points = torn_box()
+    assert run(["new", *options, "--fix-vertices", "35", "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["vertices"], summary["problems"], summary["renumbered"]) == (8, [], True)
+    scene = load("box.json")
+    (numbering,) = numberings(scene)
+    np.testing.assert_array_equal(scene.cloths[0].positions[numbering], points)
+    assert np.flatnonzero(scene.cloths[0].fixed).tolist() == [numbering[35]] == summary["fixed"]
+    assert scene.cloths[0].mass.sum() == pytest.approx(0.2 * 6, rel=1e-12)  # six faces of 1 m²
+
+
+def test_a_mesh_that_needs_no_welding_stays_as_it_is():
+    found = Mesh(*trimesh_plane())
+    trimesh.Trimesh(found.positions, found.triangles, process=False).export("p.obj")
+    scene = made("p.obj", "--weld", name="p.json")
+    assert "meshVertices" not in scene.source.text
+    np.testing.assert_array_equal(scene.cloths[0].positions, read_mesh("p.obj")[0].positions)
+
+
+def trimesh_plane():
+    sheet = mesh.plane(2, 1.0)
+    return sheet.positions, sheet.triangles
+
+
+def test_a_mesh_of_which_no_cloth_can_be_made_is_refused_with_all_that_is_wrong(folder, capsys):
+    Path("bad.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 9 9 9\nf 1 2 3\nf 1 2 2\nf 3 2 1\n")
+    assert run(["new", "bad.obj"]) == 3
+    err = capsys.readouterr().err.splitlines()
+    assert err[-1].startswith("error: bad.obj: no cloth can be made of this mesh: 1 vertex is in no triangle (3)")
+    assert err[-1].endswith("; --weld removes them (and 2 more problems)")
+    assert [line.split(": ")[1][:20] for line in err[-3:-1]] == ["1 triangle names a v", "1 triangle has the c"]
+    assert sorted(path.name for path in folder.iterdir()) == ["bad.obj"]
+    assert len(made("bad.obj", "--weld", name="bad.json").cloths[0].mass) == 3
+
+
+# --- where it goes
+
+
+def test_it_is_written_to_standard_output_where_that_is_asked_for():
+    done = started("new", "plane", "-q", "-o", "-", env=environment())
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert len(json.loads(done.stdout)["objects"][0]["vertMass"]) == 144
+
+
+def test_a_file_that_is_there_is_replaced_but_never_the_mesh(capsys):
+    Path("plane.json").write_text("old")
+    made("plane")
+    torn_box()
+    before = Path("box.obj").read_bytes()
+    assert run(["new", "box.obj", "-o", "box.obj"]) == 3
+    assert "it is an input" in capsys.readouterr().err
+    assert Path("box.obj").read_bytes() == before
+
+
+def test_of_a_sequence_no_file_is_written_over(capsys):
+    for number in (1, 2):
+        torn_box(f"shot_{number}.obj")
+    before = Path("shot_2.obj").read_bytes()
+    assert run(["new", "shot_*.obj", "-o", "shot_2.obj"]) == 3
+    assert "it is an input" in capsys.readouterr().err
+    assert Path("shot_2.obj").read_bytes() == before
+
+
+# --- usage and values
+
+
+@pytest.mark.parametrize(
+    "options",
+    [["plane", "--scale", "2"], ["plane", "--up", "z"], ["plane", "--handedness", "left"], ["plane", "--weld"],
+     ["box.obj", "--size", "2"], ["box.obj", "--divisions", "0"], ["box.obj", "--upright"],
+     ["plane", "--fps", "9", "--delta", "1"], ["plane", "--bending", "0", "--no-bending"], [], ["--weld"]],
+)  # fmt: skip
+def test_options_that_do_not_go_together_are_wrong_usage(options, capsys):
+    torn_box()
+    assert run(["new", *options]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not Path("box.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--size", "2x"), ("--size", "1x2x3"), ("--size", "big"), ("--size", "0"), ("--rotate", "1,2"),
+     ("--move", "1;2;3"), ("--move", "1,2,nan"), ("--fix-box", "0,0,0"), ("--fix-box", "0,0:0,0,0,0"),
+     ("--fix-vertices", "1-"),
+     ("--fix-vertices", "5-2"), ("--divisions", "100000"), ("--fix-vertices", ""),
+     ("--fix-vertices", "a"), ("--fix-vertices", "144"),
+     ("--fix-side", "left=far"), ("--fix-side", "top"), ("--sphere", "0,0,0"), ("--sphere", "0,0,0,0"),
+     ("--wind", "5"), ("--fit", "xx"), ("--fit", "mass"), ("--fit", "wind=L"), ("--fit", "n"), ("--frames", "1"),
+     ("--delta", "0"), ("--density", "0"), ("--divisions", "-1"), ("--integrator", "magic"), ("--tolerance", "2"),
+     ("--stiffness", "nan"), ("--drag", "wind"), ("--drag", "-1")],
+)  # fmt: skip
+def test_a_value_that_cannot_be_is_one_line_and_no_file(option, value, capsys, folder):
+    assert run(["new", "plane", f"{option}={value}"]) == 3
+    assert capsys.readouterr().err.count("\n") == 1
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [(["--size", "1x"], "--size: '1x' is not understood; give it as in 2 or 2x1.5"),
+     (["--size", "1,2"], "--size: '1,2' is not understood; give it as in 2 or 2x1.5"),
+     (["--fix-vertices", "5-2"], "--fix-vertices: '5-2' is not understood; give it as in 0,11,20-30"),
+     (["--divisions", "1000"], "a plane of 1000 divisions would have 1004004 vertices; 1000000 are possible")],
+)  # fmt: skip
+def test_messages_show_what_was_given(options, message, capsys):
+    assert run(["new", "plane", *options]) == 3
+    assert capsys.readouterr().err == f"error: {message}\n"
+
+
+def test_steps_that_will_not_stay_stable_are_told(capsys):
+    assert run(["new", "plane", "--integrator", "explicit"]) == 0
+    assert "will not stay stable" in capsys.readouterr().err
+
+
+PAGE = (DOCS / "new.md").read_text("utf-8")
+
+
+def test_the_page_of_the_command_names_every_option():
+    common = {"--json", "--quiet", "--verbose", "--version"}
+    options = {name for option in group.get_command(None, "new").params for name in option.opts if name[:2] == "--"}
+    assert {name for name in options - common if f"`{name}" not in PAGE} == set()
+
+
+def test_what_the_page_shows_runs():
+    lines = [line for line in PAGE.splitlines() if line.startswith("clothfit new plane")]
+    assert len(lines) == 2
+    for line in lines:
+        assert run([*shlex.split(line, comments=True)[1:], "-q"]) == 0
+    (program,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    exec(program, {})
+    assert load("flag.json").cloths[0].fixed.sum() == 12
+
+
+def test_the_page_names_every_problem():
+    import clothfit.meshes.problems as found
+
+    source = Path(found.__file__).read_text("utf-8")
+    kinds = set(re.findall(r'Problem\("([\w-]+)"|_problem\("([\w-]+)"', source))
+    assert {a or b for a, b in kinds} == {"unused", "collapsed", "flat", "massless", "repeated", "non-manifold",
+                                          "no-length", "orientation", "parts", "seam", "empty"}  # fmt: skip
+    assert all(f"`{a or b}`" in PAGE for a, b in kinds)

@@ -1,0 +1,260 @@
+"""The command line as a whole: help, usage, exit codes, streams that end early, a light start."""
+
+import subprocess
+import sys
+
+import pytest
+from helpers.scenes import environment, needs_full_disk, started, trial, write_scene
+
+from clothfit import __version__
+from clothfit.cli.program import COMMANDS, group, run
+
+
+def said(capsys, *arguments):
+    """Exit code, standard output and standard error of a command in this process."""
+    code = run(list(arguments))
+    return code, *capsys.readouterr()
+
+
+# --- help and version
+
+
+def test_the_group_lists_the_commands_in_the_order_of_a_working_day(capsys):
+    code, out, err = said(capsys, "--help")
+    assert (code, err) == (0, "")
+    shown = [line.split()[0] for line in out.split("Commands:")[1].splitlines() if line.strip()]
+    day = "new info validate simulate target estimate evaluate report check convert export completion warmup"
+    assert shown == list(COMMANDS) == day.split()
+
+
+@pytest.mark.parametrize("command", [[], *[[name] for name in COMMANDS]])
+def test_help_and_version_everywhere(capsys, command):
+    short, long = said(capsys, *command, "-h"), said(capsys, *command, "--help")
+    assert short == long
+    assert short[0] == 0
+    assert short[1].startswith(" ".join(["Usage: clothfit", *command]))
+    code, out, err = said(capsys, *command, "--version")
+    assert (code, err) == (0, "")
+    assert out == f"clothfit, version {__version__}\n"
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_common_options_are_everywhere(capsys, command):
+    _, out, _ = said(capsys, command, "--help")
+    for option in ("--json", "-q, --quiet", "-v, --verbose", "--version", "-h, --help"):
+        assert option in out
+    bare = command in ("completion", "export", "warmup")
+    first = "" if bare else {"new": " plane", "convert": " scene.motion.npz"}.get(command, " scene.json")
+    assert f"\n  clothfit {command}{first}" in out  # an example to copy
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_option_is_explained(command):
+    for option in group.get_command(None, command).params:
+        assert option.param_type_name == "argument" or option.help
+
+
+def test_help_is_quick_because_it_loads_no_numerical_library():
+    for arguments in ([], ["estimate"]):
+        call = [sys.executable, "-X", "importtime", "-m", "clothfit", *arguments, "--help"]
+        done = subprocess.run(call, capture_output=True, text=True, env=environment(), check=True)
+        loaded = {line.rsplit("|", 1)[-1].strip() for line in done.stderr.splitlines()}
+        assert "clothfit.cli" in loaded
+        assert not loaded & {"numba", "scipy", "numpy", "rich", "jsonschema"}
+
+
+@pytest.mark.parametrize("command", ["simulate", "target"])
+def test_help_can_be_redirected_where_text_is_not_utf8(command):
+    assert started(command, "--help", env=environment(PYTHONIOENCODING="cp1252")).returncode == 0
+
+
+# --- usage and values
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["fold"], "no such command 'fold' (see clothfit --help)"),
+        (["simulate"], "missing argument 'SCENE' (see clothfit simulate --help)"),
+        (["evaluate", "a.json"], "missing argument 'FITTED' (see clothfit evaluate --help)"),
+        (["estimate", "a.json", "--fast"], "no such option '--fast'"),
+        (["simulate", "a.json", "b.json"], "got unexpected extra argument (b.json)"),
+        (["simulate", "a.json", "--steps"], "option '--steps' requires an argument"),
+        (["target", "a.json", "--quiet=3"], "option '--quiet' does not take a value"),
+    ],
+)
+def test_wrong_usage_is_code_2_and_one_line(capsys, arguments, message):
+    code, out, err = said(capsys, *arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith(f"error: {message}")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["simulate", "--steps", "many"], "invalid value for '--steps': 'many' is not a valid integer"),
+        (["simulate", "--steps", "1.5"], "invalid value for '--steps'"),
+        (["simulate", "--steps", "0"], "--steps: 0 is not possible"),
+        (["simulate", "--steps", "-3"], "--steps: -3 is not possible"),
+        (["simulate", "--tolerance", "0"], "tolerance: 0 is not possible"),
+        (["simulate", "--tolerance", "1"], "tolerance: 1 is not possible"),
+        (["simulate", "--tolerance", "nan"], "tolerance: nan is not possible"),
+        (["target", "--noise", "-1"], "noise: -1 m is not possible"),
+        (["target", "--noise", "nan"], "noise: nan m is not possible"),
+        (["target", "--noise", "loud"], "invalid value for '--noise'"),
+        (["target", "--observed", "0"], "observed: the fraction 0 is not possible"),
+        (["target", "--observed", "1.1"], "observed: the fraction 1.1 is not possible"),
+        (["target", "--every", "0"], "every: 0 is not possible"),
+        (["target", "--seed", "-1"], "invalid value for '--seed'"),
+        (["target", "--steps", "0"], "--steps: 0 is not possible"),
+        (["estimate", "--max-evaluations", "0"], "--max-evaluations: 0 is not possible"),
+        (["estimate", "--rmse", "-1"], "--rmse: -1 m is not possible"),
+        (["estimate", "--rmse", "nan"], "--rmse: nan m is not possible"),
+        (["estimate", "--tolerance", "2"], "tolerance: 2 is not possible"),
+        (["estimate", "--method", "magic"], "method: there is no 'magic'; use auto, momentum, gauss-newton, l-bfgs-b"),
+        (["estimate", "--start", "nan"], "start: nan is not within the bounds 0.0001 … 10000"),
+        (["estimate", "--start", "1e9"], "start: 1e+09 is not within the bounds"),
+        (["estimate", "--start", "-2"], "start: -2 is not within the bounds"),
+        (["estimate", "--start", "absent.json"], "absent.json: cannot be read: No such file or directory"),
+        (["estimate", "--target", "absent.npz"], "absent.npz: there is no such file"),
+        (["estimate", "--in-place", "-o", "x.json"], "--in-place writes into the scene's file"),
+    ],
+)
+def test_a_wrong_value_is_code_3_and_one_line_and_no_file(capsys, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    write_scene(tmp_path, trial("nG", 5, 3, 3))
+    command, *options = arguments
+    code, out, err = said(capsys, command, "scene.json", *options)
+    assert (code, out, err.count("\n")) == (3, "", 1)
+    assert err.startswith("error: ")
+    assert message in err
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.json"]
+
+
+def test_no_command_shows_the_help_as_it_is(capsys):
+    _, out, err = said(capsys)
+    assert "\n\nCommands:\n" in out + err
+
+
+@pytest.mark.parametrize("option", ["-q", "-v"])
+def test_quiet_and_verbose_go_before_the_command_too(capsys, tmp_path, option):
+    path = write_scene(tmp_path, trial("nG", 5, 3, 3))
+    assert said(capsys, option, "simulate", path)[0] == 0
+
+
+# --- faults and interrupts
+
+
+def broken(error):
+    def simulate(*_):
+        raise error
+
+    return simulate
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "message"),
+    [
+        (ZeroDivisionError("by nothing"), 1, "a fault of the program: ZeroDivisionError: by nothing (set "),
+        (MemoryError(), 1, "out of memory; try fewer frames"),
+        (OSError(5, "Input/output error", "disk"), 3, "disk: Input/output error"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+    ],
+)
+def test_what_goes_wrong_inside_is_one_line(capsys, tmp_path, monkeypatch, error, code, message):
+    monkeypatch.delenv("CLOTHFIT_TRACEBACK", raising=False)
+    monkeypatch.setattr("clothfit.simulate", broken(error), raising=False)
+    found, out, err = said(capsys, "simulate", write_scene(tmp_path, trial("nG", 5, 3, 3)))
+    assert (found, out) == (code, "")
+    assert err.strip().startswith(f"error: {message}")
+    assert "Traceback" not in err
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.json"]
+
+
+def test_a_fault_shows_where_on_demand(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLOTHFIT_TRACEBACK", "1")
+    monkeypatch.setattr("clothfit.simulate", broken(ZeroDivisionError("by nothing")), raising=False)
+    with pytest.raises(ZeroDivisionError):
+        run(["simulate", write_scene(tmp_path, trial("nG", 5, 3, 3))])
+
+
+# --- streams
+
+
+@pytest.fixture
+def small(tmp_path):
+    """The path of a small scene."""
+    return write_scene(tmp_path, trial("nG", 5, 3, 3))
+
+
+def closed_pipe(*arguments):
+    """Run a command whose reader has left before it starts."""
+    call = [sys.executable, "-m", "clothfit", *arguments]
+    process = subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment())
+    process.stdout.close()
+    err = process.stderr.read().decode()
+    process.stderr.close()
+    return process.wait(timeout=50), err
+
+
+WRITERS = [["estimate", "-q", "-o", "-"], ["simulate", "-q", "--json"], ["simulate", "--help"]]
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_reader_that_left_is_no_reason_to_complain(small, writer):
+    code, err = closed_pipe(*writer, small)
+    assert code != 0
+    assert "Traceback" not in err
+    assert "error" not in err
+    assert "Exception" not in err
+
+
+@pytest.mark.parametrize("writer", WRITERS[1:])
+def test_a_reader_that_left_is_not_a_fault_of_the_program(small, writer):
+    assert closed_pipe(*writer, small)[0] != 1
+
+
+@needs_full_disk
+@pytest.mark.parametrize("writer", [["--help"], ["simulate", "-q", "-o", "-"]])
+def test_a_full_disk_behind_standard_output_is_code_3(small, writer):
+    with open("/dev/full", "wb") as full:
+        done = started(*writer, small, stdout=full)
+    assert (done.returncode, done.stderr) == (3, b"error: standard output: No space left on device\n")
+
+
+def without(stream, *arguments):
+    """Run a command from a shell that closes one of the streams."""
+    line = f'exec "$0" -m clothfit "$@" {stream}'
+    call = ["sh", "-c", line, sys.executable, *arguments]
+    return subprocess.run(call, capture_output=True, env=environment(), check=False, timeout=50)
+
+
+def test_a_closed_standard_output_does_not_matter_to_a_file(small, tmp_path):
+    done = without(">&-", "simulate", small)
+    assert (done.returncode, b"Traceback" in done.stderr) == (0, False)
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["new", "plane", "-o", "-"], ["new", "plane", "--json", "-q"]])
+def test_data_for_a_closed_standard_output_is_not_lost_in_silence(arguments, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = without(">&-", *arguments)
+    assert done.returncode == 3
+    assert done.stderr.decode().splitlines()[-1].startswith("error: standard output: ")
+    assert b"Traceback" not in done.stderr
+
+
+def test_with_standard_error_closed_standard_output_holds_data_only(small):
+    assert without("2>&-", "simulate", small).stdout == b""
+
+
+def test_with_standard_error_closed_a_fit_still_runs(small):
+    assert without("2>&-", "estimate", small).returncode == 0
+
+
+def test_a_closed_standard_input_is_an_unreadable_scene(small):
+    assert without("<&-", "simulate", "-", "-o", "x.npz").returncode == 3
+
+
+def test_messages_survive_a_terminal_that_knows_only_ascii(small):
+    done = started("simulate", small, env=environment(PYTHONIOENCODING="ascii"))
+    assert done.returncode == 0

@@ -1,0 +1,125 @@
+"""The reverse and the forward sweep against finite differences of the rollout and against each other."""
+
+import numpy as np
+import pytest
+from helpers import physics
+from helpers.physics import KINDS, TIGHT, gentle, product, relative
+
+from clothfit.base.arrays import Elements
+from clothfit.derivative import adjoint
+from clothfit.engine.rollout import rollout
+from clothfit.engine.system import all_elements, with_elements
+
+STEPS = 6
+VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 2), ("implicit", 5)]
+
+
+def positions(system, change, t):
+    """Positions with all values changed by t · change."""
+    memory, good = rollout(physics.shifted(system, change, t), STEPS, TIGHT)
+    assert good == STEPS
+    return memory.x
+
+
+def swept(system):
+    """A rollout and a random weight on its positions."""
+    memory, good = rollout(system, STEPS, TIGHT)
+    assert good == STEPS
+    return memory, np.random.default_rng(6).normal(size=memory.x.shape)
+
+
+@pytest.mark.parametrize(("method", "newton"), VARIANTS)
+def test_the_tangent_is_the_derivative_of_the_motion(method, newton):
+    system = gentle(method, newton)
+    memory, _ = swept(system)
+    change, t = physics.direction(system), 1e-5
+    measured = (positions(system, change, t) - positions(system, change, -t)) / (2 * t)
+    # rounding of positions 1e-15 / 1e-5 against changes of 1e-3; truncation 1e-10
+    assert relative(adjoint.tangent(system, memory, change, TIGHT), measured) < 1e-6
+
+
+@pytest.mark.parametrize(("method", "newton"), VARIANTS)
+def test_the_gradient_is_the_transpose_of_the_tangent(method, newton):
+    system = gentle(method, newton)
+    memory, weight = swept(system)
+    change = physics.direction(system)
+    forward = adjoint.tangent(system, memory, change, TIGHT)
+    back = product(adjoint.gradient(system, memory, weight, TIGHT, KINDS), change)
+    # solves to 1e-14 over a few steps; relative to the result itself
+    assert abs(np.vdot(weight, forward) - back) < 1e-12 * abs(back)
+
+
+@pytest.mark.parametrize(("method", "newton"), [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 2)])
+def test_each_entry_of_the_gradient_against_a_central_difference(method, newton):
+    system = gentle(method, newton, nx=2, ny=2)
+    memory, weight = swept(system)
+    gradient = adjoint.gradient(system, memory, weight, TIGHT, KINDS)
+    t, scales = 1e-5, all_elements(system)
+    measured = physics.nothing(system)
+    for name in Elements._fields:
+        found, scale = getattr(measured, name), np.where(getattr(scales, name) == 0, 1.0, getattr(scales, name))
+        for i in np.ndindex(found.shape):
+            change = physics.nothing(system)
+            getattr(change, name)[i] = scale[i]
+            gap = positions(system, change, t) - positions(system, change, -t)
+            found[i] = np.vdot(weight, gap) / (2 * t * scale[i])
+    # rounding 1e-15 / 1e-5 against relative derivatives of 1e-4 and more
+    for name in Elements._fields:
+        size = np.abs(getattr(gradient, name)).max()
+        assert size > 0
+        np.testing.assert_allclose(getattr(gradient, name), getattr(measured, name), atol=1e-5 * size)
+
+
+def test_what_nobody_asks_for_is_empty_and_the_rest_is_the_same():
+    system = gentle()
+    memory, weight = swept(system)
+    full = adjoint.gradient(system, memory, weight, TIGHT, KINDS)
+    some = adjoint.gradient(system, memory, weight, TIGHT, ["rest", "wind"])
+    asked = ("mass", "stiffness", "rest", "wind")
+    for name in Elements._fields:
+        expected = getattr(full, name) if name in asked else getattr(full, name)[:0]
+        np.testing.assert_array_equal(getattr(some, name), expected)
+
+
+def test_what_no_motion_reveals_has_no_gradient():
+    system = gentle()
+    memory, weight = swept(system)
+    gradient = adjoint.gradient(system, memory, weight, TIGHT)
+    assert np.flatnonzero(gradient.mass == 0).tolist() == [0, 2]  # the fixed vertices
+    assert np.all(gradient.stiffness != 0)  # no spring joins two of them
+    velocity = adjoint.gradient(system, memory, weight, TIGHT, ["velocity"]).velocity
+    assert np.flatnonzero((velocity == 0).all(axis=1)).tolist() == [0, 2]
+
+
+def test_the_weight_of_the_initial_frame_does_not_count():
+    system = gentle()
+    memory, weight = swept(system)
+    before = adjoint.gradient(system, memory, weight, TIGHT)
+    weight[0] += 1.0
+    after = adjoint.gradient(system, memory, weight, TIGHT)
+    np.testing.assert_array_equal(before.mass, after.mass)
+    np.testing.assert_array_equal(before.stiffness, after.stiffness)
+    assert np.abs(adjoint.tangent(system, memory, physics.direction(system), TIGHT)[0]).max() == 0.0
+
+
+def test_the_gradient_is_linear_in_the_weight():
+    system = gentle()
+    memory, weight = swept(system)
+    one, other = (adjoint.gradient(system, memory, w, TIGHT, KINDS) for w in (weight, np.flip(weight, axis=0)))
+    both = adjoint.gradient(system, memory, 2 * weight - 3 * np.flip(weight, axis=0), TIGHT, KINDS)
+    for name in Elements._fields:
+        expected = 2 * getattr(one, name) - 3 * getattr(other, name)
+        # solves to 1e-14 over a few steps
+        np.testing.assert_allclose(getattr(both, name), expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_a_compressed_cloth_is_swept_through_indefinite_matrices():
+    system = gentle(newton=2, delta=0.02)
+    system = system._replace(springs=system.springs._replace(rest=2.5 * system.springs.rest))
+    system = with_elements(system, Elements(0.1 * system.vertex.mass, system.springs.stiffness))
+    memory, weight = swept(system)
+    assert memory.clamped.any()  # conjugate gradients met negative curvature
+    change = physics.direction(system)
+    forward = adjoint.tangent(system, memory, change, TIGHT)
+    back = product(adjoint.gradient(system, memory, weight, TIGHT, KINDS), change)
+    assert abs(np.vdot(weight, forward) - back) < 1e-10 * abs(back)  # matrices near singular lose digits

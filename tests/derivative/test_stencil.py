@@ -1,0 +1,95 @@
+"""Which vertices act on which, and colours that keep them apart."""
+
+import numpy as np
+import pytest
+from helpers import physics
+from helpers.physics import gentle, thing
+from helpers.scenes import cloth
+
+from clothfit.derivative.stencil import colouring, stencil
+from clothfit.engine.step import explicit
+from clothfit.engine.system import IMPLICIT
+
+
+def distances(system):
+    """Distance (n, n) between all vertices, in springs and sides of faces, by powers of the neighbourhood."""
+    n = len(system.x0)
+    near = np.eye(n, dtype=int)
+    for corners in [*system.springs.ends.tolist(), *system.faces.corners.tolist()]:
+        near[np.ix_(corners, corners)] = 1
+    found, reach = np.full((n, n), n), np.eye(n, dtype=int)
+    for distance in range(n):
+        found = np.where((reach > 0) & (found == n), distance, found)
+        reach = np.minimum(reach @ near, 1)
+    return found
+
+
+SYSTEMS = {
+    "cloth": physics.full(4, 3),
+    "chain": physics.system(thing([(i, 0, 0) for i in range(6)], [(i, i + 1) for i in range(5)])),
+    "one face": physics.system(thing(np.eye(3), triangles=[(0, 1, 2)], dragCoefficient=1.0)),
+    "double springs": physics.system(thing(np.eye(3), [(0, 1), (1, 0), (0, 1), (1, 2)])),
+    "lone vertices": physics.system(thing(np.eye(3))),
+    "not connected": physics.system(thing(np.arange(12.0).reshape(4, 3), [(0, 1), (2, 3)])),
+}
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize("distance", [1, 2])
+def test_the_neighbours_are_those_that_a_spring_or_a_face_joins(name, distance):
+    system = SYSTEMS[name]
+    made, apart = stencil(system, distance), distances(system)
+    for i, row in enumerate(apart):
+        found = made.neighbour[made.start[i] : made.start[i + 1]]
+        assert found.tolist() == np.flatnonzero(row <= 1).tolist()
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize("distance", [1, 2])
+def test_two_of_one_colour_are_farther_apart_than_the_distance(name, distance):
+    system = SYSTEMS[name]
+    made = stencil(system, distance)
+    same = made.color[:, None] == made.color[None, :]
+    np.fill_diagonal(same, False)
+    assert (distances(system)[same] > distance).all()
+    assert sorted(set(made.color.tolist())) == list(range(made.colors))
+
+
+def test_a_chain_takes_one_colour_more_than_the_distance():
+    chain = SYSTEMS["chain"]
+    assert [stencil(chain, distance).colors for distance in (1, 2)] == [2, 3]
+
+
+def test_the_number_of_colours_does_not_grow_with_the_cloth():
+    # greedy: at most one more than the neighbours at distance 2, of which an inner vertex of this pattern has 18
+    assert stencil(gentle(nx=12, ny=12), 2).colors <= 19
+
+
+def test_a_colour_is_the_first_that_is_not_taken():
+    start, neighbour = np.array([0, 2, 4, 6]), np.array([0, 1, 1, 0, 2, 1])
+    assert colouring(start, neighbour).tolist() == [0, 1, 0]
+    assert colouring(np.array([0]), np.zeros(0, int)).tolist() == []
+
+
+def test_no_force_reaches_beyond_the_stencil():
+    system = gentle(nx=5, ny=4)
+    near, v = stencil(system, 2), np.zeros_like(system.x0)
+    still = explicit_force(system, system.x0, v)
+    for i in range(len(system.x0)):
+        moved = system.x0.copy()
+        moved[i] += (0.01, 0.02, -0.03)
+        felt = np.flatnonzero((explicit_force(system, moved, v) != still).any(axis=1))
+        assert set(felt.tolist()) <= set(near.neighbour[near.start[i] : near.start[i + 1]].tolist())
+
+
+def explicit_force(system, x, v):
+    """The velocity after an explicit step: linear in the force."""
+    w = np.zeros_like(x)
+    explicit.step(system, x, v, w)
+    return w
+
+
+def test_what_is_not_felt_is_no_neighbour():
+    still = physics.system(cloth(3, 3, springs=[], springStiffness=[], dragCoefficient=0.0))
+    assert still.method == IMPLICIT
+    assert stencil(still, 2).colors == 1

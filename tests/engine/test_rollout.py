@@ -1,0 +1,283 @@
+"""Whole motions of small systems against closed forms, conservation laws, symmetries and the order of the schemes."""
+
+from itertools import pairwise
+
+import numba
+import numpy as np
+import pytest
+from helpers import physics
+from helpers.physics import GRAVITY, METHODS, TIGHT, ball, gentle, placed, rotation, state, thing, unbound, xyz
+from helpers.scenes import cloth
+
+from clothfit.base.limits import FARTHEST
+from clothfit.engine.rollout import finite, rollout, velocity
+from clothfit.engine.step import implicit, transition
+
+ALL = list(METHODS)
+
+
+def run(system, steps, tolerance=TIGHT):
+    """Positions (steps + 1, n, 3) of a motion that stays finite."""
+    memory, good = rollout(system, steps, tolerance)
+    assert good == steps
+    return memory.x
+
+
+def at_method(method, *objects, **fields):
+    return physics.system(*objects, integrationMethod=METHODS[method], **fields)
+
+
+# Closed forms ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("method", "weights"), [("explicit", -1), ("symplectic", 1), ("implicit", 1)])
+def test_free_fall_of_the_discrete_scheme(method, weights):
+    h, t = 0.02, np.arange(51)
+    x = run(at_method(method, thing([(1, 2, 3)], mass=0.3), delta=h), 50)
+    # v_t = −g h t, so x_t = x₀ − g h² t (t ± 1) / 2, + where the new velocity moves the vertex
+    expected = 2 - GRAVITY * h * h * t * (t + weights) / 2
+    np.testing.assert_allclose(x[:, 0, 1], expected, rtol=0, atol=1e-14 * 50)  # a rounding of numbers up to 12 per step
+    np.testing.assert_array_equal(x[:, 0, [0, 2]], np.broadcast_to([1.0, 3.0], (51, 2)))
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_free_fall_with_node_damping_of_the_discrete_scheme(method):
+    h, alpha, t = 0.02, 1.5, np.arange(51)
+    q = 1 / (1 + h * alpha) if method == "implicit" else 1 - h * alpha
+    x = run(at_method(method, thing([(1, 2, 3)], mass=0.3, damping=alpha), delta=h), 50)
+    # v_t = −(g/α)(1 − qᵗ); the positions add up h v of the step before, or of the step
+    last = t - 1 if method == "explicit" else t
+    first = np.where(last >= 0, (1 - q ** (last + 1.0)) / (1 - q), 0)  # Σ qʲ for j = 0 … last
+    expected = 2 - h * GRAVITY / alpha * (last + 1 - first)
+    np.testing.assert_allclose(x[:, 0, 1], expected, atol=1e-13)  # a rounding per step; the sums cancel to 1e-14
+
+
+def pendulum(method, h, alpha=0.8, k=30.0, m=0.5):
+    """A mass on a vertical spring below a fixed vertex, at rest length 1 m at the start."""
+    one = thing([(0, 0, 0), (0, -1, 0)], [(0, 1)], mass=m, stiffness=k, fixed=[0], damping=alpha)
+    return at_method(method, one, delta=h)
+
+
+def one_step_matrix(method, h, alpha=0.8, k=30.0, m=0.5):
+    """(z, v) → (z, v) of the damped oscillator m z'' = −k z − c z', c = α m + α k / 2, by each scheme."""
+    c = alpha * m + alpha / 2 * k
+    if method == "implicit":
+        new_v = np.array([-h * k, m]) / (m + h * c + h * h * k)
+    else:
+        new_v = np.array([-h * k / m, 1 - h * c / m])
+    moving = np.array([0.0, 1.0]) if method == "explicit" else new_v
+    return np.array([np.array([1.0, 0.0]) + h * moving, new_v])
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_a_spring_is_the_damped_oscillator_of_its_scheme(method):
+    h, steps = 0.01, 60
+    z = run(pendulum(method, h), steps)[:, 1, 1] + 1 + 0.5 * GRAVITY / 30  # measured from equilibrium
+    values, vectors = np.linalg.eig(one_step_matrix(method, h))
+    amplitudes = np.linalg.solve(vectors, np.array([z[0], 0.0], complex))
+    expected = (vectors[0] * amplitudes * values ** np.arange(steps + 1)[:, None]).sum(axis=1).real
+    np.testing.assert_allclose(z, expected, atol=1e-13)  # a rounding of numbers of order 1 per step, decaying
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_a_spring_converges_to_the_continuous_damped_oscillator_with_order_one(method):
+    m, k, alpha, end = 0.5, 30.0, 0.8, 0.4
+    decay = (alpha * m + alpha / 2 * k) / (2 * m)
+    omega = np.emath.sqrt(k / m - decay**2)
+    start = 0.5 * GRAVITY / k
+    exact = (start * np.exp(-decay * end) * (np.cos(omega * end) + decay / omega * np.sin(omega * end))).real
+    h = np.array([1 / 400, 1 / 800, 1 / 1600])
+    errors = [abs(run(pendulum(method, step), round(end / step))[-1, 1, 1] + 1 + start - exact) for step in h]
+    slope = np.polyfit(np.log(h), np.log(errors), 1)[0]
+    assert abs(slope - 1) < 0.1
+
+
+@pytest.mark.parametrize("method", ALL)
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of steps of a cloth are slow without compilation")
+def test_a_swinging_cloth_converges_with_order_one(method):
+    one = cloth(3, 3, size=0.5, damping=0.5, dragCoefficient=0.2, springStiffness=[8.0] * 16, vertMass=[0.1] * 9)
+    end, steps = 0.3, np.array([240, 480, 960, 1920])
+    last = [run(at_method(method, one, delta=end / n, windVel=xyz((1, 0, 2))), n)[-1] for n in steps]
+    # the difference of successive refinements falls like the error
+    gaps = [np.linalg.norm(a - b) for a, b in pairwise(last)]
+    slope = np.polyfit(np.log(1 / steps[:-1]), np.log(gaps), 1)[0]
+    assert abs(slope - 1) < 0.1
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_terminal_velocity_of_a_falling_sheet(method):
+    # a flat sheet of 2 × 2 cells whose masses are in proportion to the faces at each vertex falls without bending
+    one = cloth(3, 3, size=0.5, dragCoefficient=24.0, damping=0.0, vertIsFixed=[False] * 9)
+    corners = np.bincount(one["triangles"])
+    one["vertMass"] = (0.002 * corners).tolist()
+    h, steps = 0.01, 60
+    # per corner of a face: m g = (drag A / 3) |n|² v with A = 1/8, |n| = 2 A
+    drag = 24.0 * 0.125 / 3 * 0.25**2
+    speed, rate = 0.002 * GRAVITY / drag, h * drag / 0.002
+    q = 1 / (1 + rate) if method == "implicit" else 1 - rate
+    x = run(at_method(method, one, delta=h), steps)
+    fall = -np.diff(x[:, :, 1], axis=0) / h
+    t = np.arange(steps) + (0 if method == "explicit" else 1)
+    # the sums of some ten terms, rounded, per step; the sheet would flutter after several hundred steps
+    np.testing.assert_allclose(fall, np.broadcast_to((speed * (1 - q**t))[:, None], fall.shape), atol=1e-11)
+    np.testing.assert_allclose(fall[-1], speed, rtol=2 * q ** (steps - 1.0))  # what is left of the approach
+
+
+def test_a_hanging_chain_comes_to_rest_with_each_tension_the_weight_below():
+    n, k = 5, 40.0
+    mass = 0.1 + 0.05 * np.arange(n)
+    one = thing([(0, -i, 0) for i in range(n)], [(i, i + 1) for i in range(n - 1)], mass=mass, stiffness=k, fixed=[0])
+    x = run(physics.system({**one, "damping": 1.0}, delta=0.1), 300)
+    tension = k * (-np.diff(x[-1, :, 1]) - 1)
+    weight = GRAVITY * mass[::-1].cumsum()[::-1][1:]
+    np.testing.assert_allclose(tension, weight, rtol=1e-10)  # 40 N/m on lengths of 1 m known to 1e-15; settled to less
+    assert np.abs(x[-1] - x[-2]).max() < 1e-13
+
+
+def test_a_vertex_rests_on_a_sphere_at_the_depth_that_carries_its_weight():
+    one = thing([(0.3, 2.0 + 1.0, -0.2)], mass=0.7, damping=5.0)
+    x = run(physics.system(one, delta=0.05, colliders=[ball((0.3, 2.0, -0.2), 1.0)]), 300)
+    depth = 3.0 - x[-1, 0, 1]
+    assert abs(depth - 0.7 * GRAVITY / 1000) < 1e-14  # a few roundings of numbers of order 3
+
+
+# Conservation ---------------------------------------------------------------------------------------------------------
+
+
+def stepped(system, x, v):
+    """Position and velocity one step later."""
+    w, x_new = np.zeros((system.newton_iterations, *x.shape)), np.zeros_like(x)
+    work = implicit.workspace(system)
+    transition.prepare(system, x, v, work)
+    used, *_ = transition.step(system, x, v, v, TIGHT, work, w, x_new)
+    return x_new, w[used - 1]
+
+
+def drifting(method, **fields):
+    """A free damped cloth in empty space, stretched and tumbling; the nodes are not damped."""
+    one = cloth(3, 3, vertIsFixed=[False] * 9, dragCoefficient=0.0, damping=0.3)
+    made = unbound(at_method(method, one, delta=0.005, **fields), damping=0.0)
+    at = state(made, "stretched")
+    return made, at.y, at.u
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_momentum_of_a_free_cloth_without_weight(method):
+    system, x, v = drifting(method)
+    mass = system.vertex.mass[:, None]
+    before = (mass * v).sum(axis=0)
+    for _ in range(10):
+        x, v = stepped(system, x, v)
+    # the forces are internal: rounding, and 1e-14 of the linear solver, per step
+    assert np.abs((mass * v).sum(axis=0) - before).max() < 1e-13 * np.abs(mass * v).sum()
+
+
+def test_angular_momentum_of_a_free_cloth_in_the_symplectic_scheme():
+    system, x, v = drifting("symplectic")
+    mass = system.vertex.mass[:, None]
+    before = np.cross(x, mass * v).sum(axis=0)
+    for _ in range(10):
+        x, v = stepped(system, x, v)
+    # (x + h v⁺) × v⁺ = x × v⁺, and the torques of axial forces cancel: rounding
+    assert np.abs(np.cross(x, mass * v).sum(axis=0) - before).max() < 1e-13 * np.abs(np.cross(x, mass * v)).sum()
+
+
+def test_newton_keeps_momentum_as_well():
+    system, x, v = drifting("implicit", forwardSubSteps=4)
+    mass = system.vertex.mass[:, None]
+    before = (mass * v).sum(axis=0)
+    v = stepped(system, x, v)[1]
+    assert np.abs((mass * v).sum(axis=0) - before).max() < 1e-13 * np.abs(mass * v).sum()
+
+
+# Symmetry -------------------------------------------------------------------------------------------------------------
+
+VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3)]
+
+
+@pytest.mark.parametrize(("method", "newton"), VARIANTS)
+def test_a_scene_turned_about_the_vertical_and_shifted_moves_in_the_same_way(method, newton):
+    system = gentle(method, newton)
+    turn, shift = rotation((0, 1, 0), 0.7), np.array([3.0, -2.0, 5.0])
+    x, turned = run(system, 12), run(placed(system, turn, shift), 12)
+    assert np.abs(x[-1] - x[0]).max() > 0.01
+    np.testing.assert_allclose(turned, x @ turn.T + shift, atol=1e-11)  # roundings of 1e-15, pushed by 1000 N/m
+
+
+@pytest.mark.parametrize(("method", "newton"), VARIANTS)
+def test_without_weight_any_turn_will_do(method, newton):
+    system = unbound(gentle(method, newton))
+    turn, shift = rotation((1, -2, 0.5), 2.1), np.array([-1.0, 4.0, 2.0])
+    x, turned = run(system, 12), run(placed(system, turn, shift), 12)
+    assert np.abs(x[-1] - x[0]).max() > 0.01
+    np.testing.assert_allclose(turned, x @ turn.T + shift, atol=1e-11)  # roundings of 1e-15, pushed by 1000 N/m
+
+
+def test_with_weight_a_turn_about_another_axis_is_another_motion():
+    system = gentle("implicit", 1)
+    turn = rotation((1, 0, 0), 0.7)
+    assert np.abs(run(placed(system, turn, np.zeros(3)), 12) - run(system, 12) @ turn.T).max() > 1e-4
+
+
+# Bookkeeping ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_a_cloth_starts_at_rest_and_its_fixed_vertices_stay(method):
+    system = gentle(method, 1)
+    memory, good = rollout(system, 5, TIGHT)
+    assert good == 5
+    assert np.abs(velocity(memory, 0)).max() == 0.0
+    np.testing.assert_array_equal(memory.x[0], system.x0)
+    np.testing.assert_array_equal(memory.x[:, [0, 2]], np.broadcast_to(system.x0[[0, 2]], (6, 2, 3)))
+
+
+def test_no_steps_is_the_start_alone():
+    system = gentle("implicit", 1)
+    memory, good = rollout(system, 0, TIGHT)
+    assert good == 0
+    np.testing.assert_array_equal(memory.x, system.x0[None])
+
+
+def test_positions_follow_from_the_velocities_kept():
+    system = gentle("implicit", 3)
+    memory, _ = rollout(system, 6, TIGHT)
+    for t in range(6):
+        # one rounding of numbers of order 2
+        moved = system.h * velocity(memory, t + 1)
+        np.testing.assert_allclose(memory.x[t + 1], memory.x[t] + moved, atol=1e-15)
+    assert memory.used.tolist() == [3] * 6
+
+
+def test_the_tolerance_bounds_the_error_and_the_log_counts_the_work():
+    system = gentle("implicit", 1)
+    rough, fine = rollout(system, 5, 1e-3)[0], rollout(system, 5, TIGHT)[0]
+    assert 0 < rough.solves[:, 0].sum() < fine.solves[:, 0].sum()
+    assert 0 < np.abs(rough.x - fine.x).max() < 1e-2
+    assert fine.solves[:, 1].tolist() == [0] * 5
+
+
+# Divergence -----------------------------------------------------------------------------------------------------------
+
+
+def test_an_unstable_motion_stops_at_its_first_bad_step():
+    # explicit Euler on h² k / m = 400: the amplitude grows twentyfold per step
+    stiff = pendulum("explicit", 0.1, alpha=0.0, k=2e4, m=0.5)
+    memory, good = rollout(stiff, 100, TIGHT)
+    assert 2 < good < 100
+    assert np.isfinite(memory.x[: good + 1]).all()
+    assert np.abs(memory.x[: good + 1]).max() < FARTHEST
+    assert not np.abs(memory.x[good + 1]).sum(axis=1).max() < FARTHEST
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, FARTHEST, -2 * FARTHEST])
+def test_far_and_undefined_positions_count_as_diverged(value):
+    x = np.ones((4, 3))
+    assert finite(x)
+    x[2, 1] = value
+    assert not finite(x)
+
+
+def test_far_is_beyond_a_trillion_metres():
+    assert finite(np.full((2, 3), FARTHEST / 4))
+    assert not finite(np.full((2, 3), FARTHEST / 2))  # the sum of the coordinates counts

@@ -1,0 +1,199 @@
+"""How long explicit and symplectic steps may be: frequencies with closed forms, limits, growth, what is told."""
+
+from math import inf, pi, sin, sqrt
+
+import numpy as np
+import pytest
+from helpers import physics
+from helpers.physics import METHODS, ball, scene, thing, xyz
+
+from clothfit.engine.rollout import rollout
+from clothfit.engine.stability import ACCURACY, drag, frequency, growth, limit, longest_step, warning
+from clothfit.engine.system import EXPLICIT, IMPLICIT, SYMPLECTIC, clamped
+
+K, M = 800.0, 0.5  # ω = 40 rad/s
+SPRING = {"mass": M, "stiffness": K, "fixed": [0]}
+
+
+def one_spring(**fields):
+    made = dict(SPRING, **{name: fields.pop(name) for name in ("damping", "fixed") if name in fields})
+    return scene(thing([(0, 0, 0), (0, -1, 0)], [(0, 1)], **made), gravity=xyz((0, 0, 0)), **fields)
+
+
+def system_of(made):
+    return physics.build(made, 0)
+
+
+def near(found, exact):
+    """Whether an estimate of ω, which comes from below, is as good as it should be."""
+    return (1 - ACCURACY) * exact**2 <= found**2 <= (1 + 1e-12) * exact**2
+
+
+# --- the largest frequency
+
+
+def test_one_spring():
+    assert frequency(system_of(one_spring())) == pytest.approx(sqrt(K / M), rel=1e-12)
+    assert frequency(system_of(one_spring(fixed=[]))) == pytest.approx(sqrt(2 * K / M), rel=1e-12)
+
+
+@pytest.mark.parametrize("count", [2, 10, 200])
+def test_a_chain_between_two_walls(count):
+    points = [(i, 0, 0) for i in range(count + 2)]
+    links = [(i, i + 1) for i in range(count + 1)]
+    made = physics.system(thing(points, links, mass=M, stiffness=K, fixed=[0, count + 1]))
+    exact = 2 * sqrt(K / M) * sin(count * pi / (2 * (count + 1)))
+    assert near(frequency(made), exact)
+    assert near(frequency(made, turned=True), exact)  # all springs have one direction
+
+
+@pytest.mark.parametrize("name", physics.STATES)
+@pytest.mark.parametrize("fixed", [(), (0, 4)])
+def test_a_cloth_against_dense_eigenvalues(name, fixed):
+    made = physics.full(4, 4, fixed)  # a sphere holds some of its vertices
+    made = made._replace(x0=physics.state(made, name).y)
+    _, stiff, _ = physics.dense_forces(clamped(made), made.x0, made.v0)
+    kept = np.repeat(made.vertex.free, 3)
+    root = np.sqrt(np.repeat(made.vertex.mass, 3)[kept])
+    exact = np.linalg.eigvalsh(-stiff[np.ix_(kept, kept)] / np.outer(root, root))[-1]
+    assert near(frequency(made), sqrt(exact))
+
+
+def test_springs_of_any_direction_stay_below_the_other_estimate():
+    made = physics.full(5, 5)._replace(spheres=physics.system().spheres)
+    bound = frequency(made, turned=True)
+    rng = np.random.default_rng(0)
+    for size in (0.1, 1.0, 10.0):
+        moved = made._replace(x0=made.x0 + size * rng.normal(size=made.x0.shape))
+        assert frequency(moved) <= bound * sqrt(1 + ACCURACY)
+    line = made._replace(x0=made.x0 * [1.0, 0.0, 0.0] + np.arange(25.0)[:, None] * [1e-3, 0, 0])  # folded together
+    assert near(frequency(line), bound)
+
+
+def test_a_touched_sphere_counts():
+    point = thing([(0, 0.4, 0)], mass=M)
+    assert frequency(physics.system(point)) == 0
+    touched = physics.system(point, colliders=[ball((0, 0, 0), 0.5)])
+    assert frequency(touched) == pytest.approx(sqrt(1000 / M), rel=1e-12)
+    centre = physics.system(thing([(0, 0, 0)], mass=M), colliders=[ball((0, 0, 0), 0.5)])
+    assert frequency(centre) == pytest.approx(sqrt(1000 / M), rel=1e-12)
+
+
+def test_what_is_held_has_no_frequency():
+    made = system_of(one_spring(fixed=[0, 1], integrationMethod=0))
+    assert limit(made)[:2] == (0.0, inf)
+    assert limit(made).growth == 1.0
+
+
+def test_the_air_of_a_single_face():
+    face = thing([(0, 0, 0), (1, 0, 0), (0, 0, 2)], [(0, 1)], [(0, 1, 2)], mass=M, dragCoefficient=0.7)
+    made = physics.system(face)
+    _, _, damped = physics.dense_forces(made, made.x0, made.v0)
+    assert drag(made) == pytest.approx(np.linalg.eigvalsh(-damped)[-1] / M, rel=1e-12)
+
+
+# --- limits and growth of one oscillation
+
+
+def matrix(method, h, omega, d):
+    """What a step makes of (v, x)."""
+    kick = np.array([[1 - h * d, -h * omega**2], [0, 1]])
+    drift = np.array([[1, 0], [h, 1]])
+    return drift @ kick if method == SYMPLECTIC else np.array([[1 - h * d, -h * omega**2], [h, 1]])
+
+
+@pytest.mark.parametrize("method", [EXPLICIT, SYMPLECTIC])
+@pytest.mark.parametrize("d", [0.0, 0.3, 30.0, 80.0, 81.0, 500.0])
+@pytest.mark.parametrize("omega", [0.0, 40.0])
+def test_the_growth_is_the_largest_eigenvalue_and_the_limit_where_it_passes_1(method, d, omega):
+    for h in (1e-3, 0.02, 0.3):
+        exact = np.abs(np.linalg.eigvals(matrix(method, h, omega, d))).max()
+        assert growth(method, h, omega, d) == pytest.approx(exact, rel=1e-7)  # a double eigenvalue has half the digits
+    h = longest_step(method, omega, d, d)
+    assert (h == inf) == (omega == d == 0)
+    assert (h == 0) == (method == EXPLICIT and d == 0 < omega)
+    if 0 < h < inf:
+        assert growth(method, 0.999 * h, omega, d) <= 1 + 1e-12 < growth(method, 1.001 * h, omega, d)
+
+
+def test_damping_between_two_bounds_counts_at_its_worse_one():
+    for method in (EXPLICIT, SYMPLECTIC):
+        each = [longest_step(method, 40.0, d, d) for d in (1.0, 300.0)]
+        assert longest_step(method, 40.0, 1.0, 300.0) == pytest.approx(min(each))
+
+
+@pytest.mark.parametrize(
+    ("method", "damping", "steps"), [("symplectic", 0.0, 30), ("symplectic", 0.5, 70), ("explicit", 0.5, 70)]
+)
+def test_real_steps_below_the_limit_stay_and_those_beyond_grow(method, damping, steps):
+    made = one_spring(integrationMethod=METHODS[method], damping=damping)
+    step = limit(system_of(made)).step
+    sizes = []
+    for part in (0.95, 1.1):
+        moved = system_of(made)._replace(h=part * step)
+        moved.x0[1, 1] -= 1e-9  # m: small enough for the spring to act as a linear one while it grows
+        memory, good = rollout(moved, steps, 1e-5)
+        assert good == steps
+        sizes.append(np.abs(memory.x[-3:, 1, 1] + 1).max())
+    # undamped symplectic steps at 0.95 of the limit swing up to 1/√(1 − 0.95²) = 3.2 times as far as the start
+    assert sizes[0] < 3.3e-9
+    assert sizes[1] > 10 * sizes[0]
+
+
+def test_the_growth_of_explicit_steps_is_what_happens():
+    made = one_spring(integrationMethod=EXPLICIT, delta=0.005)
+    moved = system_of(made)
+    moved.x0[1, 1] -= 1e-6
+    memory, _ = rollout(moved, 100, 1e-5)
+    energy = [0.5 * K * (memory.x[t, 1, 1] + 1) ** 2 + 0.5 * M * (memory.w[t - 1, 0, 1, 1] ** 2) for t in (1, 100)]
+    assert limit(moved).growth == pytest.approx(sqrt(1 + (0.005 * 40) ** 2), rel=1e-12)
+    # an explicit step multiplies the energy of a linear spring by 1 + h² ω²; the spring is linear to 1e-6
+    assert energy[1] / energy[0] == pytest.approx(limit(moved).growth ** (2 * 99), rel=1e-4)
+
+
+# --- what is told
+
+
+def test_the_warning_names_limit_and_growth():
+    made = one_spring(integrationMethod=SYMPLECTIC, delta=0.06)
+    factor = growth(SYMPLECTIC, 0.06, 40.0, 0.0)
+    assert warning(made, 99) == (
+        "scene: objects[0]: symplectic steps of 0.06 s will not stay stable (the limit is 0.05 s): the fastest "
+        f"oscillation, of 40 rad/s, grows {factor:.3g} times per step, 1e{99 * np.log10(factor):.0f} times over 99 "
+        "steps; try a smaller delta or integrationMethod 2 (implicit)"
+    )
+    explicit = warning(one_spring(integrationMethod=EXPLICIT, delta=0.005), 100)
+    assert "(without damping they gain energy however short they are)" in explicit
+    assert f"grows 1.02 times per step, {1.04**50:.2g} times over 100 steps" in explicit
+
+
+def test_no_warning_without_need():
+    assert warning(one_spring(integrationMethod=IMPLICIT, delta=10.0), 10_000) is None
+    assert warning(one_spring(integrationMethod=SYMPLECTIC, delta=0.049), 10_000) is None
+    assert warning(one_spring(integrationMethod=EXPLICIT, delta=0.001), 100) is None  # grows by 8 % in all
+    assert warning(one_spring(integrationMethod=EXPLICIT, delta=0.001), 10_000) is not None
+    assert warning(one_spring(integrationMethod=EXPLICIT, delta=0.001, damping=1.0), 10_000) is None
+
+
+def test_the_worst_cloth_is_named():
+    calm = thing([(0, 0, 0), (0, -1, 0)], [(0, 1)], mass=M, stiffness=1.0, fixed=[0])
+    wild = thing([(0, 0, 0), (0, -1, 0)], [(0, 1)], **SPRING)
+    assert "objects[1]" in warning(scene(calm, wild, integrationMethod=SYMPLECTIC, delta=0.06), 99)
+
+
+@pytest.mark.parametrize("method", [EXPLICIT, SYMPLECTIC])
+@pytest.mark.parametrize(
+    "values",
+    [{"stiffness": 1e308}, {"mass": 1e-308}, {"mass": 1e-308, "stiffness": 1e308}, {"damping": 1e308}, {"mass": 1e308}],
+)
+def test_values_at_the_ends_of_the_numbers_are_no_fault(method, values):
+    made = scene(thing([(0, 0, 0), (0, -1, 0)], [(0, 1)], **{**SPRING, **values}), integrationMethod=method)
+    told = warning(made, 99)
+    assert (told is None) == (values == {"mass": 1e308})
+    assert "nan" not in str(told)
+
+
+def test_air_that_stops_everything_at_once_leaves_no_step():
+    wide = [(0, 0, 0), (1e150, 0, 0), (0, 0, 1e150)]
+    face = thing(wide, [(0, 1)], [(0, 1, 2)], dragCoefficient=1.0)
+    assert limit(physics.system(face, integrationMethod=SYMPLECTIC)).step == 0.0

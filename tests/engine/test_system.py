@@ -1,0 +1,74 @@
+"""From the scene to arrays: every name in its place, and nothing that the scene does not need."""
+
+import numpy as np
+import pytest
+from helpers.physics import ball, scene, xyz
+from helpers.scenes import cloth
+
+from clothfit.base.arrays import Elements
+from clothfit.engine.system import EXPLICIT, IMPLICIT, SYMPLECTIC, all_elements, build, with_elements
+
+MADE = scene(
+    cloth(2, 2), cloth(3, 3, damping=0.6, dragCoefficient=0.2), windVel=xyz((1, 2, 3)), delta=0.01, forwardSubSteps=4
+)
+
+
+def test_every_field_of_the_scene_has_its_place():
+    source, system = MADE.cloths[1], build(MADE, 1)
+    np.testing.assert_array_equal(system.x0, source.positions)
+    assert (system.h, system.method, system.newton_iterations) == (0.01, IMPLICIT, 4)
+    np.testing.assert_array_equal(system.vertex.mass, source.mass)
+    assert system.vertex.damping == 0.6
+    assert system.vertex.gravity.tolist() == [0, -9.81, 0]
+    assert np.flatnonzero(~system.vertex.free).tolist() == [0, 2]
+    np.testing.assert_array_equal(system.springs.ends, source.springs)
+    np.testing.assert_array_equal(system.springs.stiffness, source.stiffness)
+    assert system.springs.damping == 0.3  # α / 2
+    np.testing.assert_array_equal(system.faces.corners, source.triangles)
+    assert system.faces.drag == 0.2
+    assert system.faces.wind.tolist() == [1, 2, 3]
+
+
+def test_the_pattern_joins_the_free_ends_of_the_springs():
+    system = build(MADE, 1)
+    order, row, column, _ = system.pattern
+    pairs = {(int(order[r]), int(column[e])) for r in range(len(order)) for e in range(row[r], row[r + 1])}
+    free = set(range(9)) - {0, 2}
+    assert pairs == {tuple(sorted(pair)) for pair in system.springs.ends.tolist() if set(pair) <= free}
+
+
+@pytest.mark.parametrize("method", [EXPLICIT, SYMPLECTIC, IMPLICIT])
+def test_the_numbers_of_the_methods_are_those_of_the_file(method):
+    assert build(scene(integrationMethod=method), 0).method == method
+
+
+def test_without_drag_there_are_no_faces():
+    assert build(scene(cloth(dragCoefficient=0.0), windVel=xyz((9, 9, 9))), 0).faces.corners.shape == (0, 3)
+
+
+def test_without_colliders_there_are_no_spheres():
+    assert build(scene(), 0).spheres.radius.shape == (0,)
+
+
+def test_planes_are_no_spheres():
+    made = scene(colliders=[{**ball((0, 0, 0), 1.0), "type": 0}, ball((1, 2, 3), 0.25)])
+    spheres = build(made, 0).spheres
+    assert (spheres.centre.tolist(), spheres.radius.tolist()) == ([[1, 2, 3]], [0.25])
+
+
+def test_other_elements_and_nothing_else():
+    system = build(MADE, 1)
+    other = with_elements(system, Elements(np.full(9, 2.0), np.full(16, 3.0)))
+    assert (other.vertex.mass.tolist(), other.springs.stiffness.tolist()) == ([2.0] * 9, [3.0] * 16)
+    assert other.springs.rest is system.springs.rest
+    for mine, its in zip(all_elements(other)[2:], all_elements(system)[2:], strict=True):
+        np.testing.assert_array_equal(mine, its)
+    np.testing.assert_array_equal(system.vertex.mass, MADE.cloths[1].mass)
+
+
+def test_a_system_does_not_share_memory_with_what_it_was_made_from():
+    mass, stiffness = np.ones(9), np.ones(16)
+    other = with_elements(build(MADE, 1), Elements(mass, stiffness))
+    mass[:] = 5.0
+    stiffness[:] = 5.0
+    assert (other.vertex.mass.max(), other.springs.stiffness.max()) == (1.0, 1.0)

@@ -1,0 +1,174 @@
+"""A motion told part by part against the same motion kept whole: everything is the same to the last bit."""
+
+import numpy as np
+import pytest
+from helpers import physics
+from helpers.physics import KINDS, TIGHT, gentle
+
+from clothfit.base import interrupts
+from clothfit.base.arrays import Elements
+from clothfit.derivative import adjoint
+from clothfit.derivative.adjoint import whole
+from clothfit.engine import rollout, tape
+from clothfit.engine.rollout import state_bytes
+from clothfit.engine.snapshots import Plan, least, plan
+from clothfit.engine.tape import Tape
+
+STEPS = 13
+VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3)]
+PLANS = {
+    "every state": Plan(STEPS, (STEPS,)),
+    "each step alone": Plan(1, (1,), STEPS),
+    "pairs": Plan(2, (2,), 7),
+    "the root": Plan(4, (4,), 4),
+    "two levels": Plan(2, (6, 2), 6),
+    "four levels": Plan(1, (8, 4, 2, 1), 8),
+}
+
+
+def kept(system, steps=STEPS):
+    """The whole motion, and a random weight on its positions."""
+    memory, good = rollout.rollout(system, steps, TIGHT)
+    assert good == steps
+    return memory, np.random.default_rng(6).normal(size=memory.x.shape)
+
+
+def told(system, chosen, steps=STEPS):
+    """The same as a tape that was told once."""
+    made = Tape(system, steps, TIGHT, chosen)
+    for _ in made.forward():
+        pass
+    assert made.good == steps
+    return made
+
+
+def states(parts, memory):
+    """Positions, velocities and counts put together from parts, in the shape of a whole motion."""
+    x, w, used, solves, clamped = (np.zeros_like(array) for array in memory[:5])
+    for part in parts:
+        end = part.first + part.steps
+        x[part.first : end + 1] = part.x
+        for array, piece in ((w, part.w), (used, part.used), (solves, part.solves), (clamped, part.clamped)):
+            array[part.first : end] = piece
+    return x, used, solves, clamped, [w[t, : used[t]] for t in range(len(w))]
+
+
+def assert_same(found, expected):
+    for name in Elements._fields:
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
+@pytest.mark.parametrize("chosen", PLANS.values(), ids=PLANS)
+@pytest.mark.parametrize(("method", "newton"), VARIANTS)
+def test_the_derivatives_are_the_same_to_the_last_bit(method, newton, chosen):
+    system = gentle(method, newton)
+    memory, weight = kept(system)
+    made, change = told(system, chosen), physics.direction(system)
+    forward = adjoint.tangent(system, memory, change, TIGHT)
+    back = adjoint.gradient(system, memory, weight, TIGHT, KINDS)
+    for _ in range(2):  # what one sweep leaves behind does not disturb the next
+        assert_same(adjoint.gradient(system, made, weight, TIGHT, KINDS), back)
+        np.testing.assert_array_equal(adjoint.tangent(system, made, change, TIGHT), forward)
+
+
+@pytest.mark.parametrize("chosen", PLANS.values(), ids=PLANS)
+@pytest.mark.parametrize("newton", [1, 3])
+def test_the_states_are_the_same_there_and_back(newton, chosen):
+    system = gentle("implicit", newton)
+    memory, _ = kept(system)
+    made, expected = Tape(system, STEPS, TIGHT, chosen), states([memory], memory)
+    for tell in (made.forward, made.backward, made.forward, made.backward):
+        for found, right in zip(states(tell(), memory), expected, strict=True):
+            for one, other in zip(found, right, strict=True):
+                np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("chosen", PLANS.values(), ids=PLANS)
+def test_no_more_is_held_and_computed_than_the_plan_says(chosen, monkeypatch):
+    counts, most = [], [0]
+    compute = tape.fill
+
+    def counted(system, tolerance, work, part):
+        counts.append(part.steps)
+        return compute(system, tolerance, work, part)
+
+    monkeypatch.setattr(tape, "fill", counted)
+    made = told(gentle(), chosen)
+    assert sum(counts) == STEPS
+    for _ in made.backward():
+        most[0] = max(most[0], len(made._kept))
+    assert sum(counts) <= (len(chosen.strides) + 1) * STEPS
+    assert most[0] <= (chosen.snapshots or 1)
+    assert made._room.steps == chosen.length
+
+
+def test_a_tape_without_a_plan_holds_a_few_steps(monkeypatch):
+    monkeypatch.setattr(tape, "SHORT", 3)
+    monkeypatch.setattr(tape, "STRETCH", 1)
+    system = gentle()
+    memory, _ = kept(system)
+    made = Tape(system, STEPS, TIGHT)
+    assert [(part.first, part.steps) for part in made.forward()] == [(0, 3), (3, 3), (6, 3), (9, 3), (12, 1)]
+    np.testing.assert_array_equal(states(made.forward(), memory)[0], memory.x)
+    assert list(made._kept) == [0]
+
+
+@pytest.mark.parametrize("chosen", PLANS.values(), ids=PLANS)
+def test_a_motion_of_no_steps_is_its_start(chosen):
+    system = gentle()
+    made = Tape(system, 0, TIGHT, chosen)
+    (part,) = made.forward()
+    np.testing.assert_array_equal(part.x, system.x0[None])
+    assert list(made.backward()) == []
+
+
+@pytest.mark.parametrize("length", [1, 7, 100])
+def test_a_motion_that_diverges_late_ends_where_it_does(length):
+    stiff = gentle("explicit", delta=0.01)
+    memory, good = rollout.rollout(stiff, 100, TIGHT)
+    assert 10 < good < 100
+    made = Tape(stiff, 100, TIGHT, Plan(length, (length,)))
+    x = np.full_like(memory.x, np.nan)
+    for part in made.forward():
+        x[part.first : part.first + part.steps + 1] = part.x
+    assert made.good == good
+    np.testing.assert_array_equal(x[: good + 1], memory.x[: good + 1])
+    np.testing.assert_array_equal(made.fault, memory.x[good + 1])
+
+
+def test_an_interrupt_between_parts_does_no_harm(monkeypatch):
+    system = gentle()
+    memory, weight = kept(system)
+    made = told(system, PLANS["two levels"])
+    monkeypatch.setattr(interrupts, "_requested", True)
+    with pytest.raises(KeyboardInterrupt):
+        adjoint.gradient(system, made, weight, TIGHT)
+    monkeypatch.setattr(interrupts, "_requested", False)
+    assert_same(adjoint.gradient(system, made, weight, TIGHT), adjoint.gradient(system, memory, weight, TIGHT))
+
+
+def test_any_budget_gives_the_same_gradient():
+    system, steps = gentle(newton=2), 60
+    memory, weight = kept(system, steps)
+    expected = adjoint.gradient(system, memory, weight, TIGHT)
+    size, snapshot = state_bytes(system), 5 * system.x0.nbytes
+    seen = set()
+    for most in np.linspace(least(steps, size, snapshot), steps * size, 7):
+        chosen = plan(steps, size, snapshot, most)
+        seen.add(len(chosen.strides))
+        assert_same(adjoint.gradient(system, told(system, chosen, steps), weight, TIGHT), expected)
+    assert seen >= {1, 2}
+
+
+def test_a_derivative_may_be_told_part_by_part():
+    system = gentle()
+    memory, weight = kept(system)
+    asked = []
+
+    def slope(part):
+        asked.append(part.first)
+        return whole(weight)(part)
+
+    found = adjoint.gradient(system, told(system, PLANS["pairs"]), slope, TIGHT)
+    assert asked == sorted(asked, reverse=True)
+    assert_same(found, adjoint.gradient(system, memory, weight, TIGHT))

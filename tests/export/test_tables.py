@@ -1,0 +1,156 @@
+"""Values for other tools: what is written reads back, and means there what it means here."""
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+from helpers.exports import ROUNDING, built, content, of, two
+from helpers.provoked import SMALL
+from helpers.scenes import cloth, write_scene
+
+from clothfit.cli.program import run
+from clothfit.export.tools import TOOLS, exported
+from clothfit.export.topology import roles
+from clothfit.meshes import mesh
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Two objects, the first with bending springs."""
+    return two()
+
+
+# --- which spring is what
+
+
+@pytest.mark.parametrize("divisions", [0, 1, 4])
+def test_springs_are_told_apart_as_the_front_end_made_them(divisions):
+    plane = mesh.plane(divisions, 1.0)
+    known = mesh.springs(plane, 50.0).bends
+    (found,) = of(built(divisions)).cloths
+    told = roles(found)
+    assert (told.bending == known).all()
+    assert (told.traction == ~known).all()
+
+
+def test_a_bending_spring_goes_across_its_hinge(scene):
+    found = scene.cloths[0]
+    told = roles(found)
+    faces = {frozenset(face) for face in found.triangles.tolist()}
+    pairs = zip(found.springs[told.bending].tolist(), told.hinges[told.bending].tolist(), strict=True)
+    assert all({frozenset((*hinge, end)) for end in ends} <= faces for ends, hinge in pairs)
+    assert (told.hinges[told.traction] == np.sort(found.springs[told.traction], axis=1)).all()
+
+
+def test_without_faces_nothing_is_told_apart():
+    (found,) = of(cloth(3, 3, triangles=[])).cloths
+    assert set(roles(found).names) == {"other"}
+
+
+def test_a_spring_between_far_vertices_is_neither():
+    (found,) = of(cloth(4, 4, springs=[0, 15, 0, 1], springStiffness=[1, 2])).cloths
+    assert roles(found).names == ["other", "traction"]
+
+
+# --- tables
+
+
+def test_the_tables_hold_every_number_as_it_is(scene):
+    made = exported(scene, "csv")
+    tables = {name: list(csv.DictReader(io.StringIO(data.decode()))) for name, data in made.items()}
+    assert [(row["vertices"], row["springs"]) for row in tables["objects.csv"]] == [
+        (str(len(c.mass)), str(len(c.springs))) for c in scene.cloths
+    ]
+    for number, found in enumerate(scene.cloths):
+        vertices = [row for row in tables["vertices.csv"] if row["object"] == str(number)]
+        springs = [row for row in tables["springs.csv"] if row["object"] == str(number)]
+        assert [float(row["mass"]) for row in vertices] == found.mass.tolist()
+        assert [[float(row[axis]) for axis in "xyz"] for row in vertices] == found.positions.tolist()
+        assert [row["fixed"] == "1" for row in vertices] == found.fixed.tolist()
+        assert [int(row["vertex"]) for row in vertices] == list(range(len(found.mass)))
+        assert [[int(row["a"]), int(row["b"])] for row in springs] == found.springs.tolist()
+        assert [float(row["stiffness"]) for row in springs] == found.stiffness.tolist()
+        assert [float(row["rest_length"]) for row in springs] == found.rest.tolist()
+        assert [row["kind"] for row in springs] == roles(found).names
+        damping = np.array([float(row["damping"]) for row in springs])
+        assert damping == pytest.approx(0.05 * found.stiffness, rel=ROUNDING)
+
+
+# --- Obi
+
+
+def test_every_spring_is_one_constraint_of_obi_with_the_inverse_of_its_stiffness(scene):
+    for found, told in zip(scene.cloths, content(scene, "obi", "obi.json")["objects"], strict=True):
+        springs = told["distance"]["spring"] + told["bend"]["spring"]
+        assert sorted(springs) == list(range(len(found.springs)))
+        compliance = np.array(told["distance"]["compliance"] + told["bend"]["compliance"])
+        assert 1 / compliance == pytest.approx(found.stiffness[springs], rel=ROUNDING)
+        assert told["distance"]["particles"] + told["bend"]["particles"] == found.springs[springs].tolist()
+        assert told["distance"]["restLength"] + told["bend"]["restLength"] == found.rest[springs].tolist()
+
+
+def test_particles_of_obi_carry_their_masses_and_fixed_ones_cannot_move(scene):
+    for found, told in zip(scene.cloths, content(scene, "obi", "obi.json")["objects"], strict=True):
+        assert told["particles"]["mass"] == found.mass.tolist()
+        inverse = np.array(told["particles"]["inverseMass"])
+        assert (inverse[found.fixed] == 0).all()
+        assert 1 / inverse[~found.fixed] == pytest.approx(found.mass[~found.fixed], rel=ROUNDING)
+
+
+def test_an_actor_of_obi_has_the_compliance_of_the_mean_stiffness(scene):
+    found, told = scene.cloths[0], content(scene, "obi", "obi.json")["objects"][0]
+    bends = roles(found).bending
+    assert 1 / told["actor"]["stretchCompliance"] == pytest.approx(found.stiffness[~bends].mean(), rel=ROUNDING)
+    assert 1 / told["actor"]["bendCompliance"] == pytest.approx(found.stiffness[bends].mean(), rel=ROUNDING)
+    assert content(scene, "obi", "obi.json")["objects"][1]["actor"]["bendCompliance"] is None
+
+
+def test_a_spring_without_stiffness_has_no_compliance():
+    weak = of(cloth(2, 2, springStiffness=[0, 1, 2, 3, 4]))
+    assert content(weak, "obi", "obi.json")["objects"][0]["distance"]["compliance"][0] is None
+
+
+# --- all of them
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+def test_the_same_scene_gives_the_same_bytes(scene, tool):
+    assert exported(scene, tool) == exported(scene, tool)
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+def test_odd_objects_are_written_too(tool):
+    lone = cloth(2, 2, springs=[], springStiffness=[], triangles=[])
+    held = cloth(2, 2, vertIsFixed=[True] * 4, damping=0, springStiffness=[0.0] * 5)
+    made = exported(of(lone, held), tool)
+    assert all(data for data in made.values())
+    assert all(b"NaN" not in data and b"Infinity" not in data for data in made.values())
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+def test_the_command_writes_a_folder_and_says_so(tmp_path, monkeypatch, capsys, tool):
+    monkeypatch.chdir(tmp_path)
+    write_scene(tmp_path, SMALL, "a.fitted.json")
+    assert run(["export", "a.fitted.json", "--to", tool, "--json"]) == 0
+    out, err = capsys.readouterr()
+    told = json.loads(out)
+    assert (told["to"], told["output"]) == (tool, f"a.fitted-{tool}")
+    assert sorted(told["files"]) == sorted(path.name for path in (tmp_path / told["output"]).iterdir())
+    assert err.startswith("a.fitted.json: 1 object, 16 vertices, 33 springs → a.fitted-")
+    assert told["objects"][0]["springs"] == {"traction": 33, "bending": 0, "other": 0}
+
+
+def test_the_scene_itself_is_never_written_over(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    before = write_scene(tmp_path, SMALL, "obi.json")
+    text = (tmp_path / "obi.json").read_bytes()
+    assert run(["export", before, "--to", "obi", "-o", "."]) == 3
+    assert "it is an input, which is never written over" in capsys.readouterr().err
+    assert (tmp_path / "obi.json").read_bytes() == text
+
+
+def test_an_unknown_tool_is_named_with_those_there_are(tmp_path, capsys):
+    assert run(["export", write_scene(tmp_path, SMALL), "--to", "maya"]) == 3
+    assert "'maya' is not one of 'csv', 'obi', 'blender', 'vellum'" in capsys.readouterr().err

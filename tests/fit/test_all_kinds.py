@@ -1,0 +1,152 @@
+"""Fits of every kind find the values that made the target; starts, bounds, and what the result tells."""
+
+import json
+
+import numba
+import numpy as np
+import pytest
+from helpers.physics import xyz
+from helpers.scenes import cloth, document, load_text, write_scene
+
+from clothfit.base.errors import InvalidInput
+from clothfit.cli.program import run
+from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.start import neutral
+from clothfit.motion.simulate import simulate
+from clothfit.scene.fit_vector import identifiable, parameters, with_parameters
+from clothfit.scene.scene import dumps
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+
+LENGTHS = load_text(json.dumps(document(cloth(3, 3)))).cloths[0].lengths
+RNG = np.random.default_rng(31)
+WIND = {"windVel": xyz((3, 1, -2))}
+
+# Fields of the one object, fields of the scene.
+CASES = {
+    "damping": ({"fit": {"damping": True}, "damping": 0.6}, {}),
+    "drag": ({"fit": {"dragCoefficient": "G"}, "dragCoefficient": 0.4}, {}),
+    "velocity": ({"fit": {"vertVel": "G"}, "vertVel": [xyz((1, 0.5, -2))] * 9}, {}),
+    "velocities": ({"fit": {"vertVel": "L"}, "vertVel": [xyz(v) for v in RNG.normal(size=(9, 3))]}, {}),
+    "rest factor": ({"fit": {"springRestLength": "G"}, "springRestLength": (0.9 * LENGTHS).tolist()}, {}),
+    "rest lengths": ({"fit": {"springRestLength": "L"}, "springRestLength": RNG.uniform(0.7, 1.2, 16).tolist()}, {}),
+    "wind": ({"dragCoefficient": 0.4}, {"fit": {"windVel": True}, **WIND}),
+    "gravity": ({}, {"fit": {"gravity": True}, "gravity": xyz((1, -7, 2))}),
+    "drag and damping and wind": (
+        {"fit": {"damping": "G", "dragCoefficient": "G"}, "damping": 0.6, "dragCoefficient": 0.4},
+        {"fit": {"windVel": True}, **WIND},
+    ),
+    "stiffness, drag and damping": (
+        {"fit": {"damping": "G", "dragCoefficient": "G"}, "damping": 0.6, "dragCoefficient": 0.4}
+        | {"optimizationSettings": "nG", "springStiffness": [30.0] * 16},
+        WIND,
+    ),
+    "masses and drag": (
+        {"fit": {"dragCoefficient": "G"}, "dragCoefficient": 0.4, "optimizationSettings": "Gn", "vertMass": [0.02] * 9},
+        {},
+    ),
+}
+
+
+def made(case, frames=20, **more):
+    """The scene of a case."""
+    own, whole = CASES[case]
+    return load_text(json.dumps(document(cloth(3, 3, **{**own, **more}), optimizationIterations=frames, **whole)))
+
+
+@pytest.mark.parametrize("method", ["auto", "l-bfgs-b"])
+@pytest.mark.parametrize("case", CASES)
+def test_a_fit_finds_what_is_hidden_from_it(case, method):
+    scene = made(case)
+    found = estimate(scene, method=method)
+    kept = identifiable(scene)
+    assert found.status == "converged"
+    assert found.rmse < 1e-8
+    # 1e-8 m in the positions; the velocity at the start of each vertex is soon damped, so it shows least
+    np.testing.assert_allclose(parameters(found.scene)[kept], parameters(scene)[kept], atol=1e-3)
+
+
+@pytest.mark.parametrize("case", ["wind", "drag", "velocity", "rest lengths"])
+def test_a_fit_to_a_target_starts_from_the_scene_and_its_file_moves_as_the_target(case):
+    truth = made(case)
+    p = parameters(truth)
+    guess = with_parameters(truth, 1.1 * p)
+    target = record_target(truth)
+    found = estimate(guess, target, method="l-bfgs-b")
+    again = load_text(dumps(found.scene))
+    gap = simulate(again, tolerance=1e-10).positions - target.positions
+    assert np.sqrt((gap**2).sum(axis=2).mean()) < 2e-8  # the fit ends at 1e-8
+    (first,) = estimate(guess, target, method="l-bfgs-b", budget=1).parameters
+    assert first.object == (None if case == "wind" else 0)
+
+
+def test_a_hidden_truth_starts_from_values_that_do_not_depend_on_it():
+    scene = made("drag and damping and wind")
+    starts = [
+        parameters(estimate(with_parameters(scene, factor * parameters(scene)), budget=1).scene) for factor in (1, 3)
+    ]
+    np.testing.assert_array_equal(*starts)
+    np.testing.assert_allclose(starts[0], neutral(scene), rtol=1e-14)  # there and back through the coordinates
+    assert neutral(scene).tolist() == [0.1, 1.0, 0.1, 0.1, 0.1]
+
+
+def test_neutral_lengths_are_those_at_the_start_of_the_motion():
+    for case, expected in (("rest factor", [1.0]), ("rest lengths", LENGTHS), ("gravity", [0, -9.81, 0])):
+        np.testing.assert_array_equal(neutral(made(case)), expected)
+
+
+def test_a_number_is_a_start_of_masses_and_stiffnesses_or_of_all():
+    scene = made("masses and drag")
+    target = record_target(scene)
+    p = parameters(estimate(scene, target, start=0.5, method="l-bfgs-b", budget=1).scene)
+    np.testing.assert_allclose(p, [0.5, 0.4], rtol=1e-14)  # there and back through the coordinates
+    p = parameters(estimate(scene, start=0.5, method="l-bfgs-b", budget=1).scene)
+    np.testing.assert_allclose(p, [0.5, 1.0], rtol=1e-14)  # neutral, as the truth is hidden
+    p = parameters(estimate(made("gravity"), start=2.0, method="l-bfgs-b", budget=1).scene)
+    np.testing.assert_allclose(p, [2.0, 2.0, 2.0], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("case", "start", "message"),
+    [
+        ("damping", -1.0, "start: -1 is not within the bounds 0 … 10000"),
+        ("gravity", [0.0, -2e4, 0.0], "start: -20000 is not within the bounds -10000 … 10000"),
+        ("rest factor", 0.0, "start: 0 is not within the bounds 0.0001 … 10000"),
+        ("wind", np.nan, "start: nan is not within the bounds -10000 … 10000"),
+    ],
+)
+def test_a_start_that_cannot_be_is_refused(case, start, message):
+    with pytest.raises(InvalidInput, match=message):
+        estimate(made(case), start=start)
+
+
+def test_a_value_at_its_bound_is_reported():
+    # the target is damped less than not at all: its weight is greater
+    scene = made("damping", damping=0.5)
+    heavier = load_text(json.dumps(document(cloth(3, 3, damping=0.0), gravity=xyz((0, -11, 0)))))
+    found = estimate(scene, simulate(heavier, 20), method="l-bfgs-b")
+    assert found.parameters[0].at_bound == [0]
+    assert parameters(found.scene).tolist() == [0.0]
+
+
+def test_the_common_factor_includes_a_fitted_drag():
+    scene = made("masses and drag", optimizationSettings="GG")
+    (warning,) = estimate(scene, budget=1).warnings
+    assert warning.startswith("objects[0] feels no spheres, so its motion shows masses, stiffnesses and drag only")
+
+
+def test_the_command_names_the_scene_and_gives_null(tmp_path, capsys):
+    own, whole = CASES["wind"]
+    path = write_scene(tmp_path, document(cloth(3, 3, **own), optimizationIterations=20, **whole))
+    out = str(tmp_path / "fitted.json")
+    assert run(["estimate", path, "-o", out, "--json", "-v"]) == 0
+    told = capsys.readouterr()
+    assert "fitting scene wind (G) over 20 frames" in told.err
+    (block,) = json.loads(told.out)["parameters"]
+    assert (block["object"], block["name"], block["mode"], block["count"]) == (None, "wind", "G", 3)
+    assert run(["evaluate", path, out, "--json"]) == 0
+    (deviation,) = json.loads(capsys.readouterr().out)["parameters"]
+    assert deviation["object"] is None
+    assert deviation["max_relative_deviation"] < 1e-4  # an RMSE below 1e-8 m
+    assert run(["evaluate", path, out]) == 0
+    assert "scene wind (G)" in capsys.readouterr().err

@@ -1,0 +1,499 @@
+"""The fit as a whole: what it recovers, what it may not know, what it keeps, how it ends."""
+
+import numba
+import numpy as np
+import pytest
+from helpers.scenes import changed, cloth, document, even, load_text, trial
+
+import clothfit
+from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit.fit import estimate as module
+from clothfit.fit.estimate import METHODS, OWN, RMSE_TOLERANCE, estimate, record_target
+from clothfit.fit.start import neutral_start
+from clothfit.motion.degrade import degrade
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
+from clothfit.objective.objective import Objective, cost_and_gradient
+from clothfit.scene.fit_vector import LOWER, UPPER, identifiable, parameters, with_parameters
+from clothfit.scene.scene import dumps, load
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="thousands of simulations need compilation")
+
+UNSTABLE_ABOVE = 50.0  # N/m: explicit steps of `unstable` explode at a stiffness of 100, not at its own 30
+
+
+def unstable(settings="nG"):
+    """A scene whose explicit steps diverge for the stiffer half of the parameters' range."""
+    return load(even(settings, 60, integrationMethod=0, delta=0.004))
+
+
+def value_of(scene, start):
+    """The cost of one value for all parameters against the scene's own motion."""
+    return Objective(scene, record_target(scene), 1e-10).cost(np.full(len(parameters(scene)), start))
+
+
+@pytest.fixture
+def costs(monkeypatch):
+    """Every cost that is evaluated during a test."""
+    seen = []
+    original = Objective.cost_and_gradient
+
+    def spy(self, p):
+        cost, gradient = original(self, p)
+        seen.append(cost)
+        return cost, gradient
+
+    monkeypatch.setattr(Objective, "cost_and_gradient", spy)
+    return seen
+
+
+# --- what it recovers
+
+
+@pytest.mark.parametrize(("settings", "make"), [("Ln", trial), ("Gn", even), ("nG", even), ("GG", even), ("nL", trial)])
+def test_the_hidden_truth_is_found(settings, make):
+    scene = load(make(settings))
+    found = estimate(scene)
+    assert (found.status, found.method, found.frames) == ("converged", "auto", 20)
+    assert found.rmse <= RMSE_TOLERANCE
+    # Independent of the fit's own bookkeeping; 1e-7: the scene's motion is solved to 1e-10 relative, of metres.
+    gap = simulate(found.scene, tolerance=1e-10).positions - simulate(scene, tolerance=1e-10).positions
+    assert np.sqrt((gap**2).sum(axis=2).mean()) < 1e-7
+
+
+@pytest.mark.parametrize(("settings", "make"), [("Ln", trial), ("Gn", even), ("nG", even)])
+def test_the_parameters_themselves_are_found(settings, make):
+    scene = load(make(settings))
+    kept = identifiable(scene)
+    # 1e-4: what the worst seen parameter moves the cloth by at 1e-8 m, 20 frames of metres and a sensitivity of 1e-3.
+    np.testing.assert_allclose(parameters(estimate(scene).scene)[kept], parameters(scene)[kept], rtol=1e-4)
+
+
+def test_both_flagged_objects_are_found_each_by_its_own():
+    first = even("nG")["objects"][0]
+    second = changed(changed(first, ("springStiffness",), [90.0] * 33), ("optimizationSettings",), "Gn")
+    scene = load(document(first, second, optimizationIterations=20))
+    found = estimate(scene)
+    np.testing.assert_allclose(parameters(found.scene), [30.0, 0.02], rtol=1e-4)  # as above
+    assert [(block.object, block.name, block.mode, block.count) for block in found.parameters] == [
+        (0, "stiffness", "G", 1),
+        (1, "mass", "G", 1),
+    ]
+
+
+def test_only_the_flagged_object_is_moved():
+    wild = cloth(3, 3, springStiffness=[1e9] * 16, optimizationSettings="nn")
+    scene = load(document(wild, even("nG")["objects"][0], optimizationIterations=60, integrationMethod=0, delta=0.004))
+    with pytest.raises(Diverged):
+        simulate(scene)
+    found = estimate(scene)
+    assert found.status == "converged"
+    np.testing.assert_allclose(parameters(found.scene), 30.0, rtol=1e-4)  # as above
+    assert found.scene.cloths[0].stiffness.tolist() == [1e9] * 16
+
+
+@pytest.mark.parametrize("degraded", [{"observed": 0.5}, {"every": 2}, {"observed": 0.4, "every": 3, "seed": 5}])
+def test_a_target_with_gaps_is_enough(degraded):
+    scene = load(even("GG"))
+    target = degrade(record_target(scene), **degraded)
+    found = estimate(scene, target, start=1.0)
+    assert (found.status, found.frames) == ("converged", len(target.times))
+    np.testing.assert_allclose(parameters(found.scene), [0.02, 30.0], rtol=1e-4)  # as above
+
+
+def test_a_noisy_target_is_fitted_down_to_the_noise():
+    scene, noise = load(even("GG")), 1e-4
+    target = degrade(record_target(scene), noise, seed=1)
+    found = estimate(scene, target, start=1.0)
+    assert found.status == "converged"
+    # The minimum lies below the truth's cost. 1.05: the mean of 960 squares scatters by sqrt(2 / 960) = 4.6 %, its
+    # root by half of that.
+    assert found.cost <= Objective(scene, target, 1e-10).cost(parameters(scene))
+    assert noise * np.sqrt(3) / 1.05 < found.rmse < noise * np.sqrt(3) * 1.05
+    np.testing.assert_allclose(parameters(found.scene), [0.02, 30.0], rtol=0.1)  # noise 1e-4 of a motion of 0.1 m
+
+
+def test_a_longer_target_is_compared_only_as_far_as_the_scene_says():
+    scene = load(even("nG", 20))
+    target = record_target(scene, 40)
+    target.positions[20:] += 1.0
+    found = estimate(scene, target, start=10.0)
+    assert (found.status, found.frames) == ("converged", 20)
+
+
+# --- what it may not know
+
+
+@pytest.mark.parametrize("settings", ["Ln", "nG", "LL"])
+def test_hidden_values_are_known_through_the_target_only(settings):
+    scene = load(trial(settings))
+    target = record_target(scene)
+    other = with_parameters(scene, 3.0 * parameters(scene) + 0.5)
+    first, second = (estimate(s, target, start=0.7, budget=15) for s in (scene, other))
+    np.testing.assert_array_equal(parameters(first.scene), parameters(second.scene))
+    assert (first.cost, first.status, first.evaluations) == (second.cost, second.status, second.evaluations)
+
+
+# --- where it starts
+
+
+@pytest.mark.parametrize("kind", ["number", "integer", "one", "array", "list", "scene", "other flags"])
+def test_every_kind_of_start(kind):
+    scene = load(even("nL"))
+    doubled = load(even("nL", springStiffness=[60.0] * 33))
+    starts = {
+        "number": 60.0,
+        "integer": 60,
+        "one": [60.0],
+        "array": np.full(33, 60.0),
+        "list": [60.0] * 33,
+        "scene": doubled,
+        "other flags": load(even("Gn", springStiffness=[60.0] * 33)),
+    }
+    found = estimate(scene, start=starts[kind], method="l-bfgs-b", budget=1)  # which begins at the start
+    # Of the start nothing but the rounding of log and exp may be lost before the first evaluation.
+    np.testing.assert_allclose(parameters(found.scene), 60.0, rtol=1e-14)
+    assert found.cost == pytest.approx(value_of(scene, 60.0), rel=1e-10)
+
+
+def test_with_a_target_it_starts_from_the_scenes_own_values():
+    scene = load(trial("LG"))
+    target = record_target(load(even("nn")))
+    for method in ("l-bfgs-b", "gauss-newton"):
+        found = estimate(scene, target, method=method, budget=1)
+        np.testing.assert_allclose(parameters(found.scene), parameters(scene), rtol=1e-14)  # rounding of log and exp
+
+
+@pytest.mark.parametrize("method", ["l-bfgs-b", "gauss-newton"])
+def test_without_a_target_it_does_not(method):
+    scene = load(trial("LG"))
+    found = estimate(scene, method=method, budget=1)
+    kept = identifiable(scene)
+    assert np.abs(np.log(parameters(found.scene) / parameters(scene)))[kept].min() > 1e-3
+    np.testing.assert_array_equal(parameters(found.scene)[~kept], parameters(scene)[~kept])  # no motion can tell them
+    assert found.cost > 0
+
+
+def test_a_start_outside_of_the_bounds_taken_from_a_scene_is_moved_to_them():
+    scene = load(even("nG", springStiffness=[0.0] * 33))
+    found = estimate(scene, record_target(load(even("nn"))))
+    np.testing.assert_allclose(parameters(found.scene), 30.0, rtol=1e-4)  # as above
+
+
+# --- methods
+
+
+@pytest.mark.parametrize("settings", ["Gn", "GG"])
+@pytest.mark.parametrize("method", [*OWN, *METHODS])
+def test_every_method_reduces_the_cost(method, settings):
+    scene = load(even(settings, 10, 3, 3))
+    found = estimate(scene, start=3.0, method=method, budget=60)
+    assert found.method == method
+    assert found.evaluations <= 60
+    assert found.cost < 0.5 * value_of(scene, 3.0)  # far less than any of them does, far more than rounding
+    assert ((parameters(found.scene) >= LOWER) & (parameters(found.scene) <= UPPER)).all()
+
+
+@pytest.mark.parametrize("method", [name for name, takes in METHODS.items() if takes["bounds"]])
+def test_methods_with_bounds_find_one_value(method):
+    found = estimate(load(even("Gn", 10, 3, 3)), start=3.0, method=method)
+    np.testing.assert_allclose(parameters(found.scene), 0.02, rtol=1e-3)  # some of them end on tolerances of their own
+
+
+# --- what it keeps, what it says
+
+
+def test_what_no_motion_reveals_keeps_its_start_and_is_listed():
+    scene = load(trial("LL", vertIsFixed=[i < 4 for i in range(16)]))
+    start = np.linspace(0.01, 0.05, 16).tolist() + np.linspace(10.0, 40.0, 33).tolist()
+    found = estimate(scene, start=start, budget=10)
+    lost = [s for s, ends in enumerate(scene.cloths[0].springs.tolist()) if max(ends) < 4]
+    assert [block.unidentifiable for block in found.parameters] == [[0, 1, 2, 3], lost]
+    assert len(lost) == 3
+    kept = [*range(4), *(16 + s for s in lost)]
+    p = parameters(found.scene)
+    assert p[kept].tolist() == np.array(start)[kept].tolist()
+    assert (np.delete(p, kept) != np.delete(start, kept)).all()
+
+
+@pytest.mark.parametrize("settings", ["GG", "LL", "nG"])
+def test_a_cloth_that_cannot_move_has_nothing_to_find(settings):
+    scene = load(even(settings, vertIsFixed=[True] * 16))
+    found = estimate(scene, start=7.0)
+    assert [len(block.unidentifiable) for block in found.parameters] == [block.count for block in found.parameters]
+    assert [block.at_bound for block in found.parameters] == [[] for _ in found.parameters]
+    assert (parameters(found.scene) == 7.0).all()
+    assert found.cost == 0.0
+
+
+@pytest.mark.parametrize(("true", "bound"), [(3e4, UPPER), (1e-6, LOWER)])
+def test_a_value_at_a_bound_is_reported(true, bound):
+    scene = load(even("nG", springStiffness=[true] * 33, damping=0.5))
+    found = estimate(scene, start=10.0)
+    assert found.parameters[0].at_bound == [0]
+    assert parameters(found.scene) == pytest.approx(bound, rel=1e-9)  # rounding of log and exp
+
+
+def test_what_is_not_flagged_stays_bit_for_bit():
+    scene = load(trial("nL", springStiffness=[0.1 + s / 3 for s in range(33)], vertMass=[0.1 / 3] * 16))
+    found = estimate(scene, start=5.0, budget=5)
+    assert found.scene.cloths[0].mass.tobytes() == scene.cloths[0].mass.tobytes()
+    old, new = dumps(scene).decode(), dumps(found.scene).decode()
+    head = old.index('"springStiffness"')
+    tail = old.index('"triangles"')
+    assert new[:head] == old[:head]
+    assert new.endswith(old[tail:])
+    assert load_text(new).cloths[0].stiffness.tolist() == parameters(found.scene).tolist()
+
+
+@pytest.mark.parametrize("method", ["l-bfgs-b", "powell", "slsqp", "cobyla"])
+@pytest.mark.parametrize("budget", [1, 7])
+def test_a_spent_budget_gives_the_best_point(costs, method, budget):
+    found = estimate(load(trial("LL")), start=1.0, method=method, budget=budget)
+    assert (found.status, found.evaluations, len(costs)) == ("limit", budget, budget)
+    assert found.cost == min(costs)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_result_is_the_best_point_that_was_evaluated(costs, method):
+    scene = load(even("GG", 10, 3, 3))
+    target = record_target(scene)
+    found = estimate(scene, target, start=3.0, method=method, budget=40)
+    assert found.cost == min(costs)
+    # The cost belongs to the scene that is returned; 1e-9: the same linear systems, up to log and exp of the values.
+    assert Objective(scene, target, 1e-10).cost(parameters(found.scene)) == pytest.approx(found.cost, rel=1e-9)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_an_interrupt_gives_the_best_so_far(costs, method):
+    def interrupt(progress):
+        assert progress.evaluations <= 4
+        raise_at[progress.evaluations]()
+
+    def stop():
+        raise KeyboardInterrupt
+
+    raise_at = {1: int, 2: int, 3: int, 4: stop}
+    found = estimate(load(even("GG", 10, 3, 3)), start=3.0, method=method, report=interrupt)
+    assert (found.status, found.evaluations) == ("interrupted", 4)
+    assert found.cost == min(costs) < costs[0]
+
+
+def test_progress_is_told_after_every_evaluation():
+    told = []
+    found = estimate(load(trial("Ln")), start=1.0, budget=12, report=told.append)
+    assert [progress.evaluations for progress in told] == list(range(1, found.evaluations + 1))
+    assert {progress.budget for progress in told} == {12}
+    assert (np.diff([progress.cost for progress in told]) <= 0).all()
+    assert (told[-1].cost, told[-1].rmse) == (found.cost, found.rmse)
+
+
+def test_a_looser_end_is_reached_sooner():
+    scene = load(trial("Ln"))
+    loose, tight = (estimate(scene, start=1.0, method="l-bfgs-b", rmse_tolerance=end) for end in (1e-3, 1e-8))
+    assert loose.status == tight.status == "converged"
+    assert tight.rmse <= 1e-8 < loose.rmse <= 1e-3
+    assert loose.evaluations < tight.evaluations
+
+
+# --- simulations that diverge
+
+
+@pytest.mark.parametrize("start", [None, 1.0, 20.0])
+def test_values_that_diverge_do_not_stop_a_fit(start):
+    scene = unstable()
+    with pytest.raises(Diverged):
+        simulate(with_parameters(scene, [2 * UNSTABLE_ABOVE]))
+    found = estimate(scene, start=start)
+    assert found.status == "converged"
+    np.testing.assert_allclose(parameters(found.scene), 30.0, rtol=1e-4)  # as above
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("settings", ["nL", "GG"])
+def test_no_method_raises_where_values_diverge(method, settings):
+    scene = unstable(settings)
+    found = estimate(scene, start=1.0, method=method, budget=30)
+    assert np.isfinite(found.cost)
+    assert found.cost <= value_of(scene, 1.0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_start_that_diverges_is_never_an_exception(method):
+    found = estimate(unstable(), start=1000.0, method=method, budget=30)
+    assert found.status in ("diverged", "converged", "limit")
+    assert (found.status == "diverged") == np.isinf(found.cost)
+
+
+def test_from_a_start_that_diverges_the_fit_steps_back():
+    assert estimate(unstable(), start=1000.0).status == "converged"
+
+
+def test_a_truth_that_diverges_is_an_exception():
+    scene = load(even("nG", 60, integrationMethod=0, delta=0.004, springStiffness=[1000.0] * 33))
+    with pytest.raises(Diverged, match=r"diverged at step \d+"):
+        estimate(scene)
+
+
+@pytest.mark.parametrize(("settings", "start"), [("Ln", UPPER), ("nL", LOWER)])
+def test_a_plateau_at_a_bound_is_not_called_converged(settings, start):
+    scene = load(even(settings))
+    cost, _ = cost_and_gradient(with_parameters(scene, np.full(len(parameters(scene)), start)), record_target(scene))
+    found = estimate(scene, start=start)
+    assert found.cost < 0.01 * cost or found.status != "converged"
+
+
+# --- what it refuses
+
+
+def shifted_times(motion, by):
+    return Motion(motion.positions, motion.times + by, motion.vertex_counts)
+
+
+WRONG_TARGETS = {
+    "initial frame only": (lambda m: Motion(m.positions[:1], m.times[:1], (16,)), "shows nothing after the start"),
+    "nothing seen": (lambda m: Motion(m.positions, m.times, (16,), np.zeros((20, 16), bool)), "shows nothing"),
+    "other vertices": (lambda m: Motion(m.positions[:, :12], m.times, (12,)), "vertices"),
+    "before the start": (lambda m: shifted_times(m, -0.02), r"times\[0\]: -0.02 s is before the start"),
+    "after the end": (lambda m: shifted_times(m, 9.0), "shows nothing after the start"),
+    "no weight": (lambda m: Motion(m.positions, m.times, (16,), weights=np.zeros((20, 16))), "shows nothing"),
+}
+
+
+@pytest.mark.parametrize("kind", WRONG_TARGETS)
+def test_a_target_that_does_not_fit_is_refused(kind):
+    scene = load(even("nG"))
+    change, message = WRONG_TARGETS[kind]
+    with pytest.raises((InvalidInput, InvalidMotion), match=message):
+        estimate(scene, change(record_target(scene)))
+
+
+@pytest.mark.parametrize(
+    ("start", "message"),
+    [
+        (2 * UPPER, "start: 20000 is not within the bounds"),
+        (0.0, "start: 0 is not within the bounds"),
+        (-1.0, "start: -1 is not within the bounds"),
+        (np.nan, "start: nan is not within the bounds"),
+        (np.inf, "start: inf is not within the bounds"),
+        ([1.0] * 32 + [1e5], "start: 100000 is not within the bounds"),
+        ([1.0] * 32, "start: 32 values given, scene has 33 parameters"),
+        (np.ones((33, 1)), "start: 33 values given"),
+        ([], "start: 0 values given"),
+    ],
+)
+def test_a_start_that_cannot_be_is_refused(start, message):
+    with pytest.raises(InvalidInput, match=message):
+        estimate(load(even("nL")), start=start)
+
+
+def test_a_start_scene_of_other_objects_is_refused():
+    with pytest.raises(InvalidInput, match=r"objects\[0\] has 16 values of stiffness, 33 are needed"):
+        estimate(load(even("nL")), start=load(even("nL", nx=3, ny=3)))
+
+
+def test_nothing_flagged_and_unknown_methods_are_refused():
+    with pytest.raises(InvalidInput, match=r"nothing to fit.*optimizationSettings"):
+        estimate(load(even("nn")))
+    with pytest.raises(InvalidInput, match="there is no 'newton'; use auto, momentum, gauss-newton, l-bfgs-b"):
+        estimate(load(even("nG")), method="newton")
+
+
+def test_a_budget_of_nothing_is_refused():
+    with pytest.raises(InvalidInput):
+        estimate(load(even("nG")), budget=0)
+
+
+def test_a_bare_array_is_a_target_with_a_frame_per_step():
+    scene = load(even("nG"))
+    target = record_target(scene)
+    found, same = (estimate(scene, goal, start=10.0) for goal in (target.positions, target))
+    assert (found.cost, found.evaluations) == (same.cost, same.evaluations)
+    with pytest.raises(InvalidMotion, match=r"positions: has shape \(20, 12, 3\)"):
+        estimate(scene, target.positions[:, :12], start=10.0)
+
+
+def test_the_record_is_solved_as_tightly_as_the_fit():
+    scene = load(trial("Ln"))
+    tight = simulate(scene, tolerance=module.FIT_TOLERANCE).positions
+    np.testing.assert_array_equal(record_target(scene).positions, tight)
+    assert len(record_target(scene, 7).times) == 7
+    assert clothfit.estimate is estimate
+
+
+# --- what it warns of
+
+
+def test_a_common_factor_of_masses_and_stiffnesses_is_named():
+    fields = {"triangles": [], "dragCoefficient": 0.0}
+    (warning,) = estimate(load(even("GG", **fields)), budget=2).warnings
+    assert warning.startswith("objects[0] feels neither air nor spheres, so its motion shows masses and stiffnesses")
+    assert estimate(load(even("nG", **fields)), budget=2).warnings == []
+    assert estimate(load(even("GG")), budget=2).warnings == []
+
+
+def test_starting_values_outside_of_the_bounds_are_named():
+    scene = load(even("nG", springStiffness=[1e5] * 33))
+    (warning,) = estimate(scene, record_target(scene), budget=2).warnings
+    assert warning.startswith("objects[0] stiffness: 1 of 1 starting values lie outside the bounds 0.0001 … 10000")
+
+
+def test_an_interrupt_before_there_is_a_result_passes_on(monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    for name, method in (("cost_and_gradient", "l-bfgs-b"), ("cost_or_infinity", "auto")):
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr(Objective, name, interrupted)
+            estimate(load(even("nG")), method=method)
+
+
+def test_a_motion_made_by_hand_is_checked():
+    scene = load(even("nG"))
+    motion = record_target(scene)
+    with pytest.raises(InvalidMotion, match=r"positions\[0, 0\]: is not finite"):
+        estimate(scene, Motion(np.full_like(motion.positions, np.nan), motion.times, (16,)))
+    with pytest.raises(InvalidMotion, match="is too many steps away"):
+        estimate(scene, Motion(motion.positions, np.append(motion.times[:-1], 1e9), (16,)))
+
+
+def test_a_target_that_begins_late_has_a_start_of_its_own():
+    scene = load(even("nG", 80))
+    motion = record_target(scene)
+    late = Motion(motion.positions[50:], motion.times[50:], (16,))
+    assert 10.0 < neutral_start(scene, late, 80)[0] < 90.0
+
+
+# --- what a target does not show
+
+
+def two_cloths(settings):
+    one = even(settings)["objects"][0]
+    return load(document(one, changed(one, ("vertMass",), [0.05] * 16), optimizationIterations=20))
+
+
+def test_what_the_target_does_not_show_is_listed_and_kept():
+    scene = two_cloths("Ln")
+    motion = record_target(scene)
+    seen = np.ones(motion.positions.shape[:2], bool)
+    seen[:, 16:] = False
+    half = Motion(motion.positions, motion.times, (16, 16), seen)
+    found = estimate(scene, half, start=0.03)
+    assert [len(block.unidentifiable) for block in found.parameters] == [2, 16]
+    assert found.scene.cloths[1].mass.tolist() == [0.03] * 16
+    np.testing.assert_allclose(found.scene.cloths[0].mass[4:], 0.02, rtol=1e-4)  # RMSE below 1e-8 m
+
+
+def test_a_target_that_shows_only_what_is_fixed_is_refused():
+    scene = load(even("Ln"))
+    motion = record_target(scene)
+    seen = np.broadcast_to(scene.cloths[0].fixed, motion.positions.shape[:2]).copy()
+    with pytest.raises(InvalidInput, match="shows nothing after the start that can move"):
+        estimate(scene, Motion(motion.positions, motion.times, (16,), seen))
+
+
+def test_one_value_for_a_cloth_that_cannot_move_leaves_its_values_alone():
+    scene = load(trial("GG", vertIsFixed=[True] * 16))
+    found = estimate(scene, record_target(scene))
+    np.testing.assert_array_equal(found.scene.cloths[0].mass, scene.cloths[0].mass)

@@ -1,0 +1,308 @@
+"""GLB files: made by hand and read, written and read by others, damaged."""
+
+import base64
+import functools
+import itertools
+import json
+import operator
+import random
+import re
+
+import numpy as np
+import pygltflib
+import pytest
+import trimesh
+from helpers import scene_files as made
+from helpers.scene_files import wave
+
+from clothfit.base.errors import InvalidMotion
+from clothfit.formats import glb
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import RIGHT
+
+CORNERS, FACES = made.CORNERS.astype(float), made.FACES
+HALF = np.sqrt(0.5)
+
+
+@pytest.fixture
+def read(tmp_path):
+    def reading(data):
+        path = tmp_path / "a.glb"
+        path.write_bytes(data)
+        return glb.read(path)
+
+    return reading
+
+
+def written(animation):
+    (data,) = glb.encoded("a.glb", animation).values()
+    return data
+
+
+def test_a_mesh_made_by_hand_is_read_as_it_is(read):
+    found = read(made.whole(*made.parts()))
+    assert found.times is None
+    assert found.axes == RIGHT
+    np.testing.assert_array_equal(found.positions, CORNERS[None])
+    np.testing.assert_array_equal(found.triangles, FACES)
+
+
+# By the specification a point is scaled, turned, moved, and then the same by the node above.
+def test_transforms_apply_from_the_node_upwards(read):
+    turn = [0, 0, HALF, HALF]  # a quarter about z
+    lower = {"mesh": 0, "scale": [2, 2, 2], "rotation": turn, "translation": [1, 0, 0]}
+    upper = {"children": [1], "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 5, 1]}  # up by 5 in z
+    found = read(made.whole(*made.parts([upper, lower])))
+    x, y, z = 2 * CORNERS.T
+    expected = np.stack([1 - y, x, z + 5], axis=1)
+    np.testing.assert_allclose(found.positions[0], expected, atol=1e-15)  # the root of a half is rounded
+
+
+def test_a_mirrored_node_keeps_the_front_of_its_faces(read):
+    found = read(made.whole(*made.parts([{"mesh": 0, "scale": [-1, 1, 1]}])))
+    np.testing.assert_array_equal(found.positions[0], CORNERS * [-1, 1, 1])
+    np.testing.assert_array_equal(found.triangles, FACES[:, ::-1])
+
+
+def test_targets_are_added_by_their_weights(read):
+    targets = np.random.default_rng(0).normal(size=(2, 4, 3)).astype(np.float32)
+    weights = np.array([[0, 0], [0.5, -1], [1, 2]], np.float32)
+    found = read(made.moved("weights", [0, 1, 3], weights.reshape(-1), targets=targets))
+    np.testing.assert_array_equal(found.times, [0, 1, 3])
+    expected = CORNERS + np.einsum("fk,knc->fnc", weights.astype(float), targets.astype(float))
+    np.testing.assert_allclose(found.positions, expected, rtol=0, atol=1e-15)  # a sum of three, in another order
+
+
+@pytest.mark.parametrize("kind", ["STEP", "CUBICSPLINE"])
+def test_of_other_interpolations_the_keys_are_the_frames(read, kind):
+    weights = np.array([0.0, 0.25, 1.0])
+    tangents = np.array([7.0, 8.0, 9.0])
+    values = weights if kind == "STEP" else np.stack([tangents, weights, -tangents], axis=1).reshape(-1)
+    found = read(made.moved("weights", [0, 1, 2], values, kind, targets=[np.ones((4, 3))]))
+    np.testing.assert_array_equal(found.positions, CORNERS + weights[:, None, None])
+    assert "the keys are the frames" in found.notes[0]
+
+
+def test_a_node_that_moves_moves_its_mesh(read):
+    found = read(made.moved("translation", [0, 2], np.array([[0, 0, 0], [1, 2, 3]])))
+    np.testing.assert_array_equal(found.positions, np.stack([CORNERS, CORNERS + [1, 2, 3]]))
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "uint32"])
+def test_indices_of_all_types(read, dtype):
+    document, numbers = made.parts()
+    document["meshes"][0]["primitives"][0]["indices"] = numbers.add([3, 1, 2], dtype)
+    np.testing.assert_array_equal(read(made.whole(document, numbers)).triangles, [[3, 1, 2]])
+
+
+@pytest.mark.parametrize(("mode", "faces"), [(5, [[0, 1, 2], [1, 3, 2]]), (6, [[1, 2, 0], [2, 3, 0]]), (0, None)])
+def test_strips_fans_and_points(read, mode, faces):
+    document, numbers = made.parts(mode=mode)
+    del document["meshes"][0]["primitives"][0]["indices"]
+    found = read(made.whole(document, numbers))
+    assert (None if found.triangles is None else found.triangles.tolist()) == faces
+
+
+def test_interleaved_numbers(read):
+    document, numbers = made.parts()
+    rows = np.hstack([CORNERS, np.full((4, 3), 9.0)]).astype(np.float32)
+    view = numbers.view(rows.tobytes(), byteStride=24)
+    numbers.accessors[0]["bufferView"] = view
+    np.testing.assert_array_equal(read(made.whole(document, numbers)).positions[0], CORNERS)
+
+
+def test_integers_that_stand_for_fractions(read):
+    document, numbers = made.parts()
+    values = np.array([[127, -127, -128], [0, 64, 1], [1, 2, 3], [4, 5, 6]])
+    position = numbers.add(values, "int8", normalized=True)
+    document["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = position
+    found = read(made.whole(document, numbers, extensionsRequired=["KHR_mesh_quantization"]))
+    np.testing.assert_array_equal(found.positions[0], np.maximum(values / 127, -1))
+
+
+@pytest.mark.parametrize("based", [True, False])
+def test_sparse_numbers(read, based):
+    document, numbers = made.parts()
+    indices, values = np.array([1, 3], np.uint16), np.array([[7, 7, 7], [8, 8, 8]], np.float32)
+    sparse = {
+        "count": 2,
+        "indices": {"bufferView": numbers.view(indices.tobytes()), "componentType": 5123},
+        "values": {"bufferView": numbers.view(values.tobytes())},
+    }
+    numbers.accessors[0]["sparse"] = sparse
+    if not based:
+        del numbers.accessors[0]["bufferView"]
+    expected = CORNERS * based
+    expected[[1, 3]] = values
+    np.testing.assert_array_equal(read(made.whole(document, numbers)).positions[0], expected)
+
+
+def test_numbers_within_the_document(read):
+    document, numbers = made.parts()
+    uri = "data:application/octet-stream;base64," + base64.b64encode(numbers.data).decode()
+    document["buffers"] = [{"byteLength": len(numbers.data), "uri": uri}]
+    np.testing.assert_array_equal(read(made.container(document)).positions[0], CORNERS)
+
+
+def test_primitives_follow_each_other_and_share_their_vertices(read):
+    document, numbers = made.parts()
+    first = document["meshes"][0]["primitives"][0]
+    other = {"attributes": {"POSITION": numbers.add(CORNERS + 1)}, "indices": first["indices"]}
+    document["meshes"][0]["primitives"] += [{**first, "material": 1}, other]
+    found = read(made.whole(document, numbers))
+    np.testing.assert_array_equal(found.positions[0], np.concatenate([CORNERS, CORNERS + 1]))
+    np.testing.assert_array_equal(found.triangles, np.concatenate([FACES, FACES, FACES + 4]))
+
+
+def test_meshes_that_keep_their_shape_are_left_out_beside_one_that_does_not(read):
+    data = made.moved("weights", [0, 1], [0, 1], nodes=[{"mesh": 0}, {"mesh": 1}], targets=[CORNERS])
+    size = int.from_bytes(data[12:16], "little")
+    document = json.loads(data[20 : 20 + size])
+    document["scenes"] = [{"nodes": [1, 0]}]
+    document["meshes"].append({"primitives": [{"attributes": {"POSITION": 0}}]})
+    found = read(made.container(document, data[28 + size :]))
+    np.testing.assert_array_equal(found.positions, [CORNERS, 2 * CORNERS])
+    assert "1 of its meshes have no animated shape" in found.notes[0]
+
+
+def test_round_trip_to_the_tolerance_that_is_told(read):
+    motion = wave()
+    data = written(motion)
+    found = read(data)
+    largest = np.linalg.norm(found.positions - motion.positions, axis=2).max()
+    told = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])["meshes"][0]["extras"]
+    assert largest <= glb.TOLERANCE
+    assert told["largestError"] == pytest.approx(largest, rel=1e-6)  # the same numbers, added in another order
+    assert told["targets"] == len(told["targetNames"])
+    np.testing.assert_array_equal(found.triangles, motion.triangles)
+    np.testing.assert_allclose(found.times, motion.times, rtol=6e-8)  # float32
+
+
+@pytest.mark.parametrize("frames", [1, 2])
+def test_short_and_still_motions(read, frames):
+    motion = wave(frames)
+    still = Animation(np.repeat(motion.positions[:1], frames, axis=0), RIGHT, motion.times, None)
+    found = read(written(still))
+    np.testing.assert_array_equal(found.positions, still.positions.astype(np.float32))
+    assert found.triangles is None
+
+
+def test_times_before_zero_are_shifted_as_gltf_has_none(read):
+    motion = wave(5)
+    found = read(written(Animation(motion.positions, RIGHT, motion.times - 1, motion.triangles)))
+    np.testing.assert_allclose(found.times, motion.times, atol=1e-7)  # float32 of numbers up to 1
+
+
+# What pygltflib finds is put together by hand, as the specification has it.
+def test_pygltflib_finds_base_targets_and_weights(tmp_path):
+    motion = wave()
+    path = tmp_path / "a.glb"
+    path.write_bytes(written(motion))
+    other = pygltflib.GLTF2().load(str(path))
+
+    def array(index, width):
+        described = other.accessors[index]
+        view = other.bufferViews[described.bufferView]
+        start = view.byteOffset + (described.byteOffset or 0)
+        values = np.frombuffer(other.binary_blob(), np.float32, described.count * width, start)
+        return values.astype(float).reshape(-1, width)
+
+    mesh, animation = other.meshes[other.nodes[0].mesh], other.animations[0]
+    primitive, sampler = mesh.primitives[0], animation.samplers[0]
+    targets = np.stack([array(each["POSITION"], 3) for each in primitive.targets])
+    weights = array(sampler.output, 1).reshape(-1, len(targets))
+    positions = array(primitive.attributes.POSITION, 3) + np.einsum("fk,knc->fnc", weights, targets)
+    assert animation.channels[0].target.path == "weights"
+    assert np.linalg.norm(positions - motion.positions, axis=2).max() <= glb.TOLERANCE
+    np.testing.assert_allclose(array(sampler.input, 1)[:, 0], motion.times, rtol=6e-8)
+
+
+def test_trimesh_finds_the_first_frame_and_the_faces(tmp_path):
+    motion = wave()
+    path = tmp_path / "a.glb"
+    path.write_bytes(written(motion))
+    mesh = trimesh.load(path, process=False).to_mesh()
+    np.testing.assert_array_equal(mesh.vertices, motion.positions[0].astype(np.float32))
+    np.testing.assert_array_equal(mesh.faces, motion.triangles)
+
+
+def test_trimesh_writes_a_mesh_that_is_read(read):
+    box = trimesh.creation.box((1, 2, 3))
+    found = read(box.export(file_type="glb"))
+    np.testing.assert_array_equal(found.positions[0], box.vertices)
+    np.testing.assert_array_equal(found.triangles, box.faces)
+
+
+VALUES = [0, 1, -1, 7, 2**31, 10**30, 1.5, 1e308, True, None, "a", "VEC3", [], {}, [0] * 3, [1] * 16, 5121]
+
+
+def places(value, path=()):
+    """The paths of all values in a document."""
+    members = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    return [inner for key, item in members for inner in [(*path, key), *places(item, (*path, key))]]
+
+
+def other(text, chance):
+    """A document in which a value is another one, or gone."""
+    document = json.loads(text)
+    *above, last = chance.choice(places(document))
+    owner = functools.reduce(operator.getitem, above, document)
+    if chance.randrange(3):
+        owner[last] = chance.choice(VALUES)
+    else:
+        del owner[last]
+    return json.dumps(document).encode()
+
+
+def damaged(data, chance):
+    """A file that is cut off, or has other bytes, or something else in its document."""
+    size = int.from_bytes(data[12:16], "little")
+    kind = chance.randrange(4)
+    if kind == 3:
+        return made.container(other(data[20 : 20 + size], chance), data[28 + size :])
+    if kind == 0:
+        return data[: chance.randrange(len(data))]
+    changed = bytearray(data[20 : 20 + size])
+    if kind == 1:
+        start, end = chance.choice([each.span() for each in re.finditer(rb"-?\d+(\.\d+)?", bytes(changed))])
+        others = [b"0", b"-1", b"1e999", b"4294967296", b"true", b"null", b'"a"', b"[1]", b"{}", b"1.5", b"7"]
+        changed[start:end] = chance.choice(others)
+    else:
+        place = chance.randrange(size)
+        changed[place : place + 2] = chance.choice([b"", b"\0", b"\xff", b"[", b"}", b'"', b",,"])
+    return made.container(bytes(changed), data[28 + size :])
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_damaged_files_are_refused_or_read_and_nothing_else(read, seed):
+    chance = random.Random(seed)
+    nodes = [{"children": [1]}, {"mesh": 0, "scale": [1, 2, 3]}]
+    turning = made.moved("rotation", [0, 1], np.ones((2, 4)), nodes=nodes)
+    goods = written(wave(6, count=8)), turning
+    refused = 0
+    for i in range(200):
+        try:
+            found = read(damaged(goods[i % 2], chance))
+            assert np.isfinite(found.positions).all()
+        except InvalidMotion:
+            refused += 1
+    assert refused > 100  # so that damage was done
+
+
+# A file of some hundred bytes that promises the memory of a building.
+@pytest.mark.parametrize(("count", "viewless"), list(itertools.product([2**31, 2**39], [False, True])))
+def test_counts_are_held_against_the_file(read, count, viewless):
+    document, numbers = made.parts()
+    numbers.accessors[0]["count"] = count
+    if viewless:
+        del numbers.accessors[0]["bufferView"]
+    with pytest.raises(InvalidMotion, match=r"a\.glb: "):
+        read(made.whole(document, numbers))
+
+
+def test_one_array_named_many_times_is_held_against_the_memory(read, monkeypatch):
+    monkeypatch.setattr("clothfit.base.memory.missing", lambda needed: 10**5 if needed > 10**5 else None)
+    document, numbers = made.parts([{"mesh": 0}] * 800)
+    document["scenes"] = [{"nodes": list(range(800))}]
+    with pytest.raises(InvalidMotion, match="keep fewer frames"):
+        read(made.whole(document, numbers))

@@ -1,0 +1,174 @@
+"""The tests of a gradient on scenes: hard ones pass, faults are found, and kinks are named instead of blamed."""
+
+import numba
+import numpy as np
+import pytest
+from helpers.physics import METHODS, ball, scene, sheet, thing, xyz
+from helpers.scenes import cloth, trial
+
+from clothfit.base.errors import InvalidInput
+from clothfit.derivative import verify
+from clothfit.engine.rollout import rollout
+from clothfit.engine.system import build
+from clothfit.inspection.contacts import Switch, contacts, first_switch
+from clothfit.inspection.gradient_check import check_scene, default_frames
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.simulate import simulate
+from clothfit.objective.objective import Objective
+from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.scene import load
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of motions are slow without compilation")
+
+ON_A_BALL = {"windVel": xyz((2, 1, 0)), "colliders": [ball((1, -0.72, 1), 0.75)], "optimizationIterations": 40}
+KINDS = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "G"}
+ZEROS = cloth(3, 3, fit=KINDS, damping=0.0, dragCoefficient=0.0)
+HARD = {
+    "contact": scene(sheet("LL"), **ON_A_BALL),
+    "contact, several iterations": scene(sheet("LL"), forwardSubSteps=3, **ON_A_BALL),
+    "contact, explicit": scene(sheet("LL"), integrationMethod=METHODS["explicit"], delta=0.002, **ON_A_BALL),
+    "contact, symplectic": scene(sheet("LL"), integrationMethod=METHODS["symplectic"], delta=0.002, **ON_A_BALL),
+    "crushed": scene(cloth(3, 3, optimizationSettings="nL", springRestLength=[3.0] * 16), optimizationIterations=40),
+    "passing rest length": scene(sheet("LL", springRestLength=[0.99] * 16), optimizationIterations=60),
+    "stiff": scene(cloth(3, 3, optimizationSettings="LL", springStiffness=[1e7] * 16), optimizationIterations=40),
+    "uneven masses": scene(cloth(3, 3, optimizationSettings="LL", vertMass=[1e-4] * 4 + [100.0] * 5)),
+    "springs of no stiffness": scene(cloth(3, 3, optimizationSettings="LL", springStiffness=[0.0] * 5 + [30.0] * 11)),
+    "nothing flagged": scene(cloth(3, 3)),
+    "values that are 0": load({**trial("nn", 30), "fit": {"windVel": True}, "objects": [ZEROS]}),
+}
+
+
+@pytest.mark.parametrize("name", list(HARD))
+def test_the_gradient_is_right_in_hard_places(name):
+    found = check_scene(HARD[name])
+    assert found.verdict == "passed"
+    assert found.tests[0].verdict == "passed"
+    assert found.flagged == (name != "nothing flagged")
+
+
+RIGHT = Objective.add_pullback
+
+
+def faulty(objective, run, system, memory, by_position, gradient):
+    """Half of the gradient is wrong by one part in ten thousand."""
+    RIGHT(objective, run, system, memory, by_position, gradient)
+    gradient[: len(gradient) // 2] *= 1.0001
+
+
+@pytest.mark.parametrize("name", [name for name in HARD if name != "values that are 0"])
+def test_a_fault_is_found_there_as_well(name, monkeypatch):
+    monkeypatch.setattr(Objective, "add_pullback", faulty)
+    found = check_scene(HARD[name])
+    assert found.verdict == "failed"
+    assert "failed" in [test.verdict for test in found.tests[:2]]
+    assert found.tests[2].verdict == "failed"
+
+
+# --- contacts that switch
+
+
+def dropped(mass):
+    """A vertex on a spring that swings down onto a sphere; its mass says when it enters."""
+    pair = thing(
+        [(0, 0, 0), (1, 0, 0)], [(0, 1)], mass=[0.1, mass], stiffness=8.0, fixed=(0,), optimizationSettings="Ln"
+    )
+    return scene(pair, colliders=[ball((0.4, -1.3, 0), 0.5)], optimizationIterations=60)
+
+
+def touched(mass):
+    system = build(dropped(mass), 0)
+    return contacts(system, rollout(system, 59, 1e-14)[0])
+
+
+def edge():
+    """A mass next to which, to rounding, a contact switches."""
+    low, high = 0.1, 0.2
+    first = touched(low)
+    assert first_switch(first, touched(high)) is not None
+    for _ in range(48):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if np.array_equal(first, touched(middle)) else (low, middle)
+    return low
+
+
+@pytest.mark.parametrize("distance", [1e-3, 1e-5])
+def test_near_a_contact_that_switches_shorter_steps_are_judged(distance):
+    made = dropped(edge() * (1 - distance))
+    found = check_scene(made)
+    assert found.verdict == "passed"
+    assert 0 < found.reach < 10 * distance  # of its own value the mass changes by less than the step
+    assert found.left_out.startswith(f"steps above {found.reach:.1g} of the values are left out: contacts switch (")
+    truth = simulate(with_parameters(made, 1.1 * parameters(made)))
+    assert not verify.check(Objective(made, truth), parameters(made)).passed  # as it takes all of them
+
+
+def test_at_a_contact_that_switches_there_is_a_kink_and_nothing_is_blamed():
+    found = check_scene(dropped(edge() * (1 - 1e-9)))
+    assert (found.verdict, found.reach) == ("unclear", 0.0)
+    kink = "the cost has a kink here, within 1e-07 of the values: contacts switch (objects[0] vertex 1 at sphere 0, "
+    assert found.why.startswith(kink)
+    assert found.tests[2].verdict == "passed"  # the sweeps do not mind
+
+
+def test_contacts_are_those_where_forces_are_taken():
+    system = build(HARD["contact, several iterations"], 0)
+    part, _ = rollout(system, 20, 1e-12)
+    found = contacts(system, part)
+    assert found.shape == (20, 3, 1, 9)
+    centre, radius = system.spheres.centre[0], system.spheres.radius[0]
+    for t in (0, 7, 19):
+        for k in range(part.used[t]):
+            y = part.x[t] + (system.h * part.w[t, k - 1] if k else 0.0)
+            np.testing.assert_array_equal(found[t, k, 0], np.linalg.norm(y - centre, axis=1) < radius)
+        assert not found[t, part.used[t] :].any()
+
+
+def test_the_first_switch_is_the_earliest():
+    a = np.zeros((5, 2, 3, 4), bool)
+    b = a.copy()
+    b[3, 0, 1, 2] = b[4, 0, 0, 0] = True
+    assert first_switch(a, b) == Switch(4, 2, 1)
+    assert first_switch(a, a.copy()) is None
+    assert str(Switch(4, 2, 1)) == "vertex 2 at sphere 1, step 4"
+
+
+# --- targets and lengths
+
+
+def test_a_large_cloth_is_looked_at_over_fewer_steps():
+    small, large = (cloth(n, n, optimizationSettings="Gn") for n in (3, 40))
+    assert default_frames(scene(small)) == 100
+    assert default_frames(scene(large)) == 30_000 // 1600 + 1
+    assert default_frames(scene(large, optimizationIterations=4)) == 4
+
+
+def test_a_target_is_compared_with():
+    made = HARD["contact"]
+    target = simulate(with_parameters(made, 1.3 * parameters(made)), 20)
+    found = check_scene(made, target, 15)
+    assert (found.verdict, found.frames) == ("passed", 15)
+    assert found.tests != check_scene(made, None, 15).tests
+
+
+def test_the_outcome_is_repeatable_and_the_direction_drawn():
+    made = HARD["contact"]
+    assert check_scene(made) == check_scene(made)
+    assert check_scene(made, seed=1).tests != check_scene(made).tests
+
+
+def test_what_shows_no_motion_cannot_be_checked_with():
+    made = HARD["contact"]
+    with pytest.raises(InvalidInput, match=r"shows nothing after the start that can move, within 1 frames"):
+        check_scene(made, simulate(made, 1), 1)
+
+
+def test_what_changes_nothing_is_unclear():
+    """Masses in free fall, and a cloth that is held everywhere."""
+    falling = scene(thing([(0, 5, 0), (1, 5, 0)], optimizationSettings="Ln"), optimizationIterations=10)
+    held = scene(cloth(3, 3, optimizationSettings="LL", vertIsFixed=[True] * 9), optimizationIterations=10)
+    assert [check_scene(made).verdict for made in (falling, held)] == ["unclear", "unclear"]
+
+
+def test_a_scene_that_diverges_cannot_be_checked():
+    with pytest.raises(Diverged):
+        check_scene(scene(sheet("LL", springStiffness=[1e6] * 16), integrationMethod=0, delta=0.05))

@@ -1,0 +1,278 @@
+"""Compiled code on disk: found again, never wrong, never in the way."""
+
+import os
+import shutil
+import stat
+import subprocess
+import sys
+import threading
+
+import numba
+import pytest
+from helpers.scenes import environment, started, trial, write_scene
+
+import clothfit
+from clothfit.cli.common.console import COMPILING
+from clothfit.kernels import cache as kernel_cache
+from clothfit.kernels.cache import KernelCache
+
+compiles = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+has_owners = pytest.mark.skipif(not hasattr(os, "getuid"), reason="this system's folders have no owners")
+
+
+@pytest.fixture
+def places(tmp_path, monkeypatch):
+    """Three folders of our own: of the package (or NUMBA_CACHE_DIR), of the user, the temporary one."""
+    made = tuple(tmp_path / name / "kernels-now" for name in ("first", "user", "temporary"))
+    for folder in made[1:]:
+        folder.parent.mkdir(mode=0o700)
+    monkeypatch.setattr(kernel_cache, "folders", lambda: made)
+    monkeypatch.setattr(KernelCache, "failed", False)
+    monkeypatch.setattr(KernelCache, "used", KernelCache.used)  # put back afterwards
+    return made
+
+
+def block(folder):
+    """Have a file stand where a folder is wanted: nothing can be written there, not by root either."""
+    if folder.parent.is_dir():
+        folder.parent.rmdir()
+    folder.parent.write_text("")
+
+
+# --- which folders
+
+
+def chosen(monkeypatch, **settings):
+    """The folders that are tried with these environment variables; None takes one away."""
+    monkeypatch.setattr(kernel_cache.config, "CACHE_DIR", settings.pop("NUMBA_CACHE_DIR", ""))
+    for name, value in settings.items():
+        monkeypatch.delenv(name, raising=False) if value is None else monkeypatch.setenv(name, value)
+    kernel_cache.folders.cache_clear()
+    try:
+        return kernel_cache.folders()
+    finally:
+        kernel_cache.folders.cache_clear()
+
+
+def test_the_package_comes_first_then_the_user_then_the_temporary_folder(monkeypatch, tmp_path):
+    monkeypatch.setattr(kernel_cache.tempfile, "tempdir", str(tmp_path / "tmp"))
+    package, user, temporary = chosen(monkeypatch, XDG_CACHE_HOME=str(tmp_path / "own"))
+    assert package.parent == kernel_cache.PACKAGE / "__pycache__"
+    assert user.parent == tmp_path / "own" / "clothfit"
+    assert temporary.parent.parent == tmp_path / "tmp"
+    assert len({folder.name for folder in (package, user, temporary)}) == 1
+
+
+def test_the_folder_that_the_user_names_takes_the_place_of_the_package(monkeypatch, tmp_path):
+    first, *_ = chosen(monkeypatch, NUMBA_CACHE_DIR=str(tmp_path))
+    assert first.parent == tmp_path
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows knows the user's folder by itself")
+def test_without_a_home_the_user_has_no_folder(monkeypatch):
+    monkeypatch.setattr(kernel_cache.os.path, "expanduser", lambda path: path)  # as where nobody has that number
+    found = chosen(monkeypatch, XDG_CACHE_HOME=None, LOCALAPPDATA=None)
+    assert len(found) == 2
+    assert all(folder.is_absolute() for folder in found)
+
+
+def test_other_sources_have_another_folder(monkeypatch, tmp_path):
+    own = chosen(monkeypatch)[0]
+    (tmp_path / "changed.py").write_text("# kernel\n")
+    monkeypatch.setattr(kernel_cache, "sources", lambda: [tmp_path / "changed.py"])
+    other = chosen(monkeypatch)[0]
+    assert other.name != own.name
+    assert other.parent == own.parent
+
+
+# --- reading and writing
+
+
+def test_what_is_kept_is_found_again_and_no_other_file_is_there(places):
+    assert kernel_cache.save("f-1", b"content") == places[0]
+    assert kernel_cache.load("f-1") == (places[0], b"content")
+    assert kernel_cache.load("f-2") is None
+    assert [path.name for path in places[0].iterdir()] == ["f-1"]
+
+
+@pytest.mark.parametrize("damage", [lambda d: d[:-1], lambda d: d[:10], lambda d: b"", lambda d: d[:-1] + b"?"])
+def test_a_damaged_file_counts_as_absent_and_is_written_anew(places, damage):
+    kernel_cache.save("f", b"content")
+    path = places[0] / "f"
+    path.write_bytes(damage(path.read_bytes()))
+    assert kernel_cache.load("f") is None
+    kernel_cache.save("f", b"content")
+    assert kernel_cache.load("f") == (places[0], b"content")
+
+
+@pytest.mark.parametrize("blocked", [1, 2])
+def test_where_one_folder_cannot_be_written_the_next_one_is(places, blocked):
+    for folder in places[:blocked]:
+        block(folder)
+    assert kernel_cache.save("f", b"content") == places[blocked]
+    assert kernel_cache.load("f") == (places[blocked], b"content")
+
+
+def test_what_an_image_brings_along_is_read_by_users_who_cannot_write_there(places, monkeypatch):
+    kernel_cache.save("f", b"from the image")
+    write = kernel_cache._write
+
+    def refused(path, data):
+        if path.parent == places[0]:
+            raise PermissionError(13, "Permission denied")
+        write(path, data)
+
+    monkeypatch.setattr(kernel_cache, "_write", refused)
+    assert kernel_cache.load("f") == (places[0], b"from the image")
+    assert kernel_cache.save("g", b"new") == places[1]
+
+
+def test_where_nothing_can_be_written_the_first_reason_is_told(places):
+    for folder in places:
+        block(folder)
+    with pytest.raises(OSError, match="first"):
+        kernel_cache.save("f", b"content")
+
+
+def test_an_interrupted_write_leaves_nothing(places, monkeypatch):
+    kernel_cache.save("f", b"content")
+    monkeypatch.setattr(kernel_cache.os, "replace", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        kernel_cache.save("g", b"content")
+    assert [path.name for path in places[0].iterdir()] == ["f"]
+
+
+def test_programs_that_write_at_once_leave_one_whole_file(places):
+    contents = [bytes([i]) * 100_000 for i in range(8)]
+    threads = [threading.Thread(target=kernel_cache.save, args=("f", content)) for content in contents]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert kernel_cache.load("f")[1] in contents
+    assert [path.name for path in places[0].iterdir()] == ["f"]
+
+
+@has_owners
+def test_a_folder_that_others_can_write_to_is_not_trusted(places):
+    block(places[0])
+    kernel_cache.save("f", b"content")
+    os.chmod(places[1].parent, 0o777)
+    assert kernel_cache.load("f") is None
+    assert kernel_cache.save("f", b"content") == places[2]
+
+
+@has_owners
+def test_a_link_to_a_folder_is_not_trusted(places, tmp_path):
+    block(places[0])
+    places[1].parent.rmdir()
+    (tmp_path / "elsewhere").mkdir()
+    places[1].parent.symlink_to(tmp_path / "elsewhere")
+    assert kernel_cache.save("f", b"content") == places[2]
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() != 0, reason="only root can give a folder away")
+def test_a_folder_of_somebody_else_is_not_trusted(places):
+    block(places[0])
+    os.chown(places[1].parent, 12345, 12345)
+    assert kernel_cache.save("f", b"content") == places[2]
+
+
+@has_owners
+def test_the_users_folder_is_made_for_the_user_alone(places):
+    block(places[0])
+    places[1].parent.rmdir()
+    kernel_cache.save("f", b"content")
+    assert stat.S_IMODE(places[1].parent.stat().st_mode) == 0o700
+
+
+@pytest.mark.parametrize(("named", "left"), [("", ["kernels-new", "kernels-now"]), ("/named", None)])
+def test_folders_of_other_sources_are_removed_when_they_are_old_and_ours(places, monkeypatch, named, left):
+    monkeypatch.setattr(kernel_cache.config, "CACHE_DIR", named)
+    for name, age in (("kernels-old", 2 * kernel_cache.DAY), ("kernels-new", 0.5 * kernel_cache.DAY)):
+        folder = places[0].parent / name
+        folder.mkdir(parents=True)
+        then = kernel_cache.time.time() - age
+        os.utime(folder, (then, then))
+    kernel_cache.save("f", b"content")
+    found = sorted(path.name for path in places[0].parent.iterdir())
+    assert found == (left or ["kernels-new", "kernels-now", "kernels-old"])
+
+
+# --- functions
+
+
+def compiled(function):
+    """The function, compiled as kernels are, and its cache."""
+    made = numba.njit(function)
+    made._cache = KernelCache(function)
+    return made
+
+
+def doubled(x):
+    return x + x
+
+
+@compiles
+def test_a_function_is_compiled_once_for_each_type(places):
+    first, second = compiled(doubled), compiled(doubled)
+    for value in (2, 2.5):
+        assert first(value) == second(value) == 2 * value
+    assert (sum(first.stats.cache_misses.values()), sum(second.stats.cache_misses.values())) == (2, 0)
+    assert sum(second.stats.cache_hits.values()) == 2
+    assert len(list(places[0].iterdir())) == 2
+
+
+def times(k):
+    return lambda x: k * x
+
+
+@compiles
+def test_functions_of_one_name_and_line_are_told_apart_by_what_they_hold(places):
+    makers = [compiled(times(k)) for k in (2, 3)]
+    assert [maker(5) for maker in makers] == [10, 15]
+
+
+@compiles
+def test_where_nothing_can_be_kept_it_runs_and_says_so_once(places, monkeypatch):
+    heard = []
+    monkeypatch.setattr(kernel_cache, "tell", heard.append)
+    for folder in places:
+        block(folder)
+    function = compiled(doubled)
+    assert [function(value) for value in (2, 2.5)] == [4, 5.0]
+    assert len(heard) == 1
+    assert heard[0].startswith(f"compiled code cannot be kept, so every start compiles again: {places[0]}: ")
+
+
+@compiles
+def test_from_python_that_is_a_warning(places):
+    for folder in places:
+        block(folder)
+    with pytest.warns(RuntimeWarning, match="cannot be kept"):
+        kernel_cache._warn("compiled code cannot be kept")
+
+
+def test_importing_writes_nothing(tmp_path):
+    call = [sys.executable, "-c", "import clothfit.fit.estimate, clothfit.evaluation.evaluate"]
+    subprocess.run(call, env=environment(NUMBA_CACHE_DIR=str(tmp_path)), check=True)
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- commands
+
+
+@compiles
+def test_a_command_mends_a_damaged_cache_says_that_it_compiles_and_then_says_it_no_more(tmp_path):
+    """All that is kept is copied, so that only the one damaged function is compiled."""
+    scene = write_scene(tmp_path, trial("nG", 5, 3, 3))
+    clothfit.simulate(clothfit.load(scene))  # so that it is compiled
+    kept = KernelCache.used
+    shutil.copytree(kept, tmp_path / "cache" / kept.name)
+    files = [*(tmp_path / "cache" / kept.name).glob("engine.rollout.run-*")]
+    for file in files:
+        file.write_bytes(file.read_bytes()[:-100])
+    runs = [started("simulate", scene, env=environment(NUMBA_CACHE_DIR=str(tmp_path / "cache"))) for _ in range(2)]
+    assert [run.returncode for run in runs] == [0, 0]
+    assert [run.stderr.decode().count(COMPILING) for run in runs] == [1, 0]
+    assert len(files) == len([*(tmp_path / "cache" / kept.name).glob("engine.rollout.run-*")])  # written anew

@@ -1,0 +1,57 @@
+"""Compiled code: the same answers whether compiled just now or taken from the cache, and never from old sources."""
+
+import ast
+import os
+import subprocess
+import sys
+
+import numba
+import pytest
+from helpers.paths import TESTS
+
+from clothfit.kernels import cache as kernel_cache
+
+BITS = """
+import hashlib, sys
+sys.path.insert(0, sys.argv[1])
+from helpers.scenes import trial
+from clothfit import cost_and_gradient, load, parameters, simulate, with_parameters
+scene = load(trial("LL", 12, 5, 5))
+motion = simulate(scene)
+cost, gradient = cost_and_gradient(with_parameters(scene, 1.1 * parameters(scene)), motion)
+print(cost.hex(), hashlib.sha256(motion.positions.tobytes() + gradient.tobytes()).hexdigest())
+"""
+
+
+def imports(path):
+    """The modules of this package that a file imports when it runs, as paths."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        names = []
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("clothfit"):
+            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        for name in names:
+            file = kernel_cache.PACKAGE.joinpath(*name.split(".")[1:]).with_suffix(".py")
+            found |= {file} if file.is_file() else set()
+    return found
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_compiled_now_or_cached_the_bits_are_the_same(tmp_path):
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    call = [sys.executable, "-c", BITS, str(TESTS)]
+    first, second = (subprocess.check_output(call, text=True, env=environment) for _ in range(2))
+    assert first == second
+
+
+def test_the_cache_depends_on_every_file_that_kernels_use():
+    sources = set(kernel_cache.sources())
+    kernels = {path for path in sources if "@kernel" in path.read_text("utf-8")}
+    used = set().union(*map(imports, kernels))
+    # What is not compiled along: what serves the Python side.
+    fit = ["scene/kinds", "scene/block", "scene/fit_vector", "derivative/columns", "objective/objective"]
+    base = ["base/errors", "base/memory", "base/interrupts"]
+    names = [*base, "scene/scene", "motion/motion", "engine/tape", *fit, "optimise/bounded"]
+    python_only = {kernel_cache.PACKAGE / f"{name}.py" for name in names}
+    assert used - python_only <= sources
+    assert len(kernels) > 10

@@ -1,0 +1,108 @@
+"""Many scenes in processes: the same bytes as one by one, whatever their number; a process that is killed."""
+
+import os
+import signal
+from functools import partial
+
+import numba
+import pytest
+from helpers.scenes import trial, write_scene
+
+import clothfit
+from clothfit.base.errors import InvalidInput
+from clothfit.fit.estimate import estimate, record_target
+from clothfit.many.estimate_many import estimate_many, fit_all, result
+from clothfit.many.job import Job, Outcome, read
+from clothfit.many.processes import Processes
+from clothfit.many.starts import numbered
+from clothfit.scene.scene import dumps, load
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+
+FEW = {"method": "l-bfgs-b", "budget": 8}
+SOME = {"budget": 9, "intervals": False}
+
+
+@pytest.fixture
+def paths(tmp_path):
+    """Three scenes of different sizes."""
+    return [write_scene(tmp_path, trial("LL", 20, 4, 4 + i), f"{i}.json") for i in range(3)]
+
+
+def test_results_are_those_of_single_fits_to_the_last_bit_whatever_the_number_of_processes(paths, tmp_path):
+    scenes = [load(path) for path in paths[:2]]
+    motions = [clothfit.degrade(record_target(scene), noise=1e-3, seed=1) for scene in scenes]
+    fits = [
+        [estimate(scene, motion, numbered(scene, motion, None, start, 5), **SOME) for start in range(2)]
+        for scene, motion in zip(scenes, motions, strict=True)
+    ]
+    for jobs, given in ((1, scenes), (2, paths)):
+        told = []
+        many = [*given[:2], str(tmp_path / "none.json")]
+        results = estimate_many(
+            many, [*motions, None], starts=2, seed=5, jobs=jobs, done=lambda i, r, told=told: told.append(i), **SOME
+        )
+        assert sorted(told) == [0, 1, 2]
+        assert [[o.fit.cost for o in r.outcomes] for r in results[:2]] == [[fit.cost for fit in own] for own in fits]
+        for one, own in zip(results, fits, strict=False):
+            cheapest = min(own, key=lambda fit: fit.cost)
+            assert dumps(one.fit.scene) == dumps(cheapest.scene)
+            assert own[one.best] is cheapest
+        assert (results[2].exit_code, results[2].fit) == (3, None)
+        assert results[2].error == "none.json: cannot be read: No such file or directory"
+
+
+class Killing(Processes):
+    """Kills the processes that do some jobs, each so many times."""
+
+    def __init__(self, width, times):
+        super().__init__(width)
+        self.times, self.begun = times, []
+
+    def submit(self, number, job, done):
+        super().submit(number, job, done)
+        self.begun.append(number)
+        if self.times.get(number):
+            self.times[number] -= 1
+            for pid in list(self._busy[number]._processes):
+                os.kill(pid, signal.SIGKILL)
+
+
+def test_a_killed_process_costs_time_only_and_one_that_is_killed_again_is_a_fault(paths):
+    died, pool = [], Killing(2, {0: 2, 1: 1})
+    makers = [partial(lambda path, number: Job(read(path), number=number, options=FEW), path) for path in paths]
+    results = fit_all(makers, 1, pool, died=died.append)
+    assert (sorted(died), sorted(pool.begun)) == ([0, 1], [0, 0, 1, 1, 2])
+    assert [r.exit_code for r in results] == [1, 5, 5]
+    assert results[0].error == "the process that fitted it died, out of memory or killed, and again when it was alone"
+    expected = [dumps(estimate(load(path), **FEW).scene) for path in paths[1:]]
+    assert [dumps(r.fit.scene) for r in results[1:]] == expected
+
+
+def test_no_result_is_better_than_a_usable_one_and_ties_go_to_the_first():
+    class Fit:
+        status, cost = "limit", 2.0
+
+    class Cheaper(Fit):
+        cost = 1.0
+
+    bad, some, low = Outcome(None, 4, "no"), Outcome(Fit(), 5), Outcome(Cheaper(), 5)
+    assert result([bad, some, low, low]).best == 2
+    assert result([bad, some, some]).best == 1
+    assert (result([bad, bad]).best, result([bad, bad]).error) == (0, "no")
+    assert result([some, Outcome(None, 130, "not started")]).exit_code == 130
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"starts": 0}, "starts: 0 is not possible"),
+        ({"seed": -1}, "seed: -1 is not possible"),
+        ({"jobs": 0}, "jobs: 0 is not possible"),
+        ({"targets": []}, "targets: 0 are given for 1 scenes"),
+        ({"cluster": "here"}, "--cluster: here is no address of a scheduler"),
+    ],
+)
+def test_arguments_that_cannot_be(options, message):
+    with pytest.raises(InvalidInput, match=message):
+        estimate_many(["a.json"], **options)

@@ -1,0 +1,253 @@
+"""The accounts of energy: closed forms, the very forces of the steps, and what each integrator does to the total."""
+
+import numba
+import numpy as np
+import pytest
+from helpers.physics import GRAVITY, METHODS, STATES, ball, full, scene, sheet, state, thing, unbound, xyz
+from helpers.scenes import cloth
+
+import clothfit.motion.energy
+from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit.engine.forces import spheres, springs, total, vertex, wind
+from clothfit.engine.system import all_elements, build, with_elements
+from clothfit.motion.degrade import degrade
+from clothfit.motion.energy import energies
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
+
+STILL = {"windVel": xyz((0, 0, 0))}
+NO_WEIGHT = {"gravity": xyz((0, 0, 0))}
+SLOW = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="thousands of steps are slow without compilation")
+RISE = 1e-12
+"""Of the most energy in one place: sums of some hundred terms, and differences of positions over a step."""
+
+
+def potential(system, y):
+    return springs.energy(system.springs, y) + vertex.energy(system.vertex, y) + spheres.energy(system.spheres, y)
+
+
+def force(system, y, u):
+    f = np.zeros_like(y)
+    total.add_force(system, y, u, f)
+    return f
+
+
+def account(made, frames, **options):
+    return energies(made, simulate(made, frames, tolerance=1e-13, **options))
+
+
+# --- the forces that the steps use
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_the_force_of_a_cloth_at_rest_in_still_air_is_minus_the_gradient_of_its_energy(name):
+    system = full(**STILL)
+    y, t = state(system, name).y, 1e-6
+    measured = np.zeros_like(y)
+    for place in np.ndindex(*y.shape):
+        d = np.zeros_like(y)
+        d[place] = t
+        measured[place] = (potential(system, y - d) - potential(system, y + d)) / (2 * t)
+    f = force(system, y, np.zeros_like(y))
+    # rounding of energies of some 1000 J over 2e-6 m
+    np.testing.assert_allclose(measured, f, atol=1e-6 * max(1.0, np.abs(f).max()))
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_what_is_not_potential_is_wind_damping_and_drag(name):
+    system = full()
+    at = state(system, name)
+    still = with_elements(system, all_elements(system)._replace(wind=np.zeros(3)))
+    conservative = np.vdot(force(still, at.y, np.zeros_like(at.y)), at.w)
+    blown, dragged = wind.powers(system.faces, at.y, at.u, at.w)
+    damped = vertex.damping_power(system.vertex, at.y, at.u, at.w)
+    damped += springs.damping_power(system.springs, at.y, at.u, at.w)
+    f = force(system, at.y, at.u)
+    assert abs(conservative + blown + dragged + damped - np.vdot(f, at.w)) < 1e-12 * np.abs(f * at.w).sum()
+
+
+def test_damping_and_drag_only_take():
+    system = full()
+    for name in STATES[1:]:
+        at = state(system, name)
+        assert vertex.damping_power(system.vertex, at.y, at.u, at.u) < 0
+        assert springs.damping_power(system.springs, at.y, at.u, at.u) < 0
+        assert wind.powers(system.faces, at.y, at.u, at.u)[1] < 0
+
+
+# --- closed forms
+
+
+def test_a_stretched_spring_holds_half_k_times_its_stretch_squared():
+    pair = thing([(0, 0, 0), (1.5, 0, 0), (0, 3, 0)], [(0, 1), (1, 2)], stiffness=[8.0, 2.0], fixed=(0, 1, 2))
+    pair["springRestLength"] = [1.0, 4.0]
+    found = account(scene(pair), 3)
+    expected = 0.5 * 8.0 * 0.5**2 + 0.5 * 2.0 * (np.hypot(1.5, 3.0) - 4.0) ** 2
+    np.testing.assert_allclose(found.elastic, expected, rtol=1e-14)
+    np.testing.assert_array_equal(found.total, found.elastic)
+    assert np.abs(found.dissipated).max() == 0.0
+
+
+def test_a_vertex_in_a_sphere_holds_half_kappa_times_its_depth_squared():
+    one = thing([(0, 0.9, 0), (0, 2, 0)], fixed=(0, 1))
+    found = account(scene(one, colliders=[ball((0, 0, 0), 1.0)]), 2)
+    np.testing.assert_allclose(found.contact, 0.5 * 1000.0 * 0.1**2, rtol=1e-13)
+
+
+@pytest.mark.parametrize(("method", "sign"), [("explicit", 1), ("symplectic", -1), ("implicit", -1)])
+def test_free_fall_gains_or_loses_half_m_g_h_squared_a_step(method, sign):
+    # v_k = −g h k; y_k = −g h² k (k ∓ 1)/2: kinetic and potential energy differ by ± ½ m g² h² k
+    h, m, k = 0.01, 0.3, np.arange(51)
+    drop = scene(thing([(0, 5, 0)], mass=m), integrationMethod=METHODS[method], delta=h)
+    found = account(drop, len(k))
+    fallen = 0.5 * GRAVITY * h**2 * k * (k - sign)
+    np.testing.assert_allclose(found.kinetic, 0.5 * m * (GRAVITY * h * k) ** 2, atol=1e-12)
+    np.testing.assert_allclose(found.gravity, -m * GRAVITY * fallen, atol=1e-12)
+    np.testing.assert_allclose(found.total, sign * 0.5 * m * (GRAVITY * h) ** 2 * k, atol=1e-12)
+    np.testing.assert_allclose(found.numerical, -found.total, atol=1e-12)
+
+
+def test_a_damped_vertex_loses_to_damping_and_to_the_implicit_step():
+    # v⁺ = v/(1 + α h): damping takes h α m v⁺², the step ½ m (v⁺ − v)²
+    h, m, alpha = 0.05, 0.3, 1.7
+    one = thing([(0, 0, 0)], mass=m, damping=alpha, vertVel=[xyz((2, 0, 0))])
+    found = account(scene(one, delta=h, **NO_WEIGHT), 30)
+    v = 2.0 / (1 + alpha * h) ** np.arange(30)
+    np.testing.assert_allclose(found.kinetic, 0.5 * m * v**2, atol=1e-13)
+    np.testing.assert_allclose(np.diff(found.damping), h * alpha * m * v[1:] ** 2, atol=1e-13)
+    np.testing.assert_allclose(np.diff(found.numerical), 0.5 * m * np.diff(v) ** 2, atol=1e-13)
+
+
+@SLOW
+@pytest.mark.parametrize(("method", "newton"), [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 8)])
+def test_what_no_force_takes_is_of_the_first_order_of_the_step(method, newton):
+    """So work and damping are counted right, whatever the integrator: the rest must go with h."""
+    left, taken = [], []
+    for k in (2, 4, 8):
+        fields = {"integrationMethod": METHODS[method], "forwardSubSteps": newton, "delta": 0.002 / k}
+        found = account(scene(sheet(dragCoefficient=3.0), windVel=xyz((5, 3, -4)), **fields), 100 * k + 1)
+        left.append(found.numerical[-1])
+        taken.append([found.wind[-1], found.damping[-1], found.drag[-1]])
+    # halved with the step, but for terms of second order
+    np.testing.assert_allclose(np.array(left[:2]) / left[1:], 2.0, atol=0.3)
+    np.testing.assert_allclose(taken[1], taken[2], rtol=0.1)
+    assert np.abs(taken[2]).min() > 3 * abs(left[2])  # so one of them left out would show
+
+
+# --- what the integrators do
+
+
+def swing(method, h, **fields):
+    """A cloth that swings without any loss but the integrator's."""
+    made = cloth(3, 3, dragCoefficient=0.0, damping=0.0, vertMass=[0.1] * 9, **fields)
+    return scene(made, integrationMethod=METHODS[method], delta=h)
+
+
+@SLOW
+@pytest.mark.parametrize("kind", ["pendulum", "cloth"])
+def test_the_symplectic_method_keeps_the_energy_within_bounds_over_20000_steps(kind):
+    h = 0.005
+    pendulum = thing([(0, 0, 0), (1, 0.2, 0)], [(0, 1)], mass=0.2, stiffness=40.0, fixed=(0,))
+    made = {"pendulum": scene(pendulum, integrationMethod=1, delta=h), "cloth": swing("symplectic", h)}[kind]
+    found = energies(made, simulate(made, 20_001))
+    # the method keeps H + (h/2) v·f + O(h²), and h v·f is the change of the kinetic energy
+    bound = 0.5 * np.abs(np.diff(found.kinetic)).max()
+    assert np.abs(found.total - found.total[0]).max() < 1.2 * bound  # it starts at v = 0; a fifth for O(h²)
+    # with the kinetic energy of half a step later the first order is gone: nearly constant, and without drift
+    kept = 0.5 * (found.kinetic[:-1] + found.kinetic[1:]) + (found.total - found.kinetic)[:-1]
+    assert np.ptp(kept) < 0.3 * bound
+    means = kept.reshape(20, 1000).mean(axis=1)
+    # the first time the cloth swings as a whole, later in all its modes
+    assert np.abs(means[1:10].mean() - means[10:].mean()) < 0.01 * bound
+
+
+@SLOW
+def test_the_explicit_method_gains_what_the_implicit_one_loses():
+    found = {method: account(swing(method, 0.002), 2000) for method in METHODS}
+    assert found["explicit"].numerical[-1] < -5 * abs(found["symplectic"].numerical[-1])
+    assert found["implicit"].numerical[-1] > 5 * abs(found["symplectic"].numerical[-1])
+
+
+IMPLICIT = {
+    "falling cloth": swing("implicit", 0.02),
+    "long steps": swing("implicit", 0.1),
+    "stiff": swing("implicit", 0.02, springStiffness=[1e4] * 16),
+    "soft": swing("implicit", 0.02, springStiffness=[0.5] * 16),
+    "in motion, in air, damped": scene(sheet(), **STILL),
+    "newton": scene(sheet(), forwardSubSteps=4, **STILL),
+    "stretched": scene(sheet(springRestLength=[0.6] * 16), **STILL, **NO_WEIGHT),
+    "pendulum": scene(thing([(0, 0, 0), (1, 0, 0)], [(0, 1)], mass=0.2, stiffness=40.0, fixed=(0,))),
+    "two cloths": scene(cloth(3, 3), cloth(2, 2, vertIsFixed=[False] * 4)),
+}
+
+
+@SLOW
+@pytest.mark.parametrize("name", list(IMPLICIT))
+def test_the_implicit_method_never_gains_energy_without_input(name):
+    found = account(IMPLICIT[name], 1001)
+    assert found.largest_rise[0] <= RISE * found.scale, (name, found.largest_rise, found.scale)
+    assert found.total[-1] < found.total[0]
+    assert np.abs(found.wind).max() == 0.0
+    assert np.diff(found.damping).min() >= 0.0
+    assert np.diff(found.drag).min() >= 0.0
+    for part in (found.kinetic, found.elastic, found.contact):
+        assert part.min() >= 0.0
+
+
+# --- motions
+
+
+def test_objects_add_up_and_the_length_of_the_looks_changes_nothing(monkeypatch):
+    objects = [sheet(), cloth(2, 2)]
+    both = account(scene(*objects), 20)
+    apart = [account(scene(one), 20) for one in objects]
+    for name in ("kinetic", "elastic", "gravity", "damping", "drag", "total", "numerical"):
+        summed = sum(getattr(one, name) for one in apart)
+        np.testing.assert_allclose(getattr(both, name), summed, atol=1e-12)
+    for method in METHODS:
+        made = scene(sheet(), integrationMethod=METHODS[method], delta=0.002)
+        motion = simulate(made, 20)
+        whole = energies(made, motion)
+        for size in (1, 30, 9 * 19):
+            monkeypatch.setattr(clothfit.motion.energy, "AT_ONCE", size)
+            parts = energies(made, motion)
+            for name in ("kinetic", "damping", "drag", "total"):
+                np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
+        monkeypatch.undo()
+
+
+@pytest.mark.parametrize("method", list(METHODS))
+@pytest.mark.parametrize("frames", [1, 2])
+def test_the_shortest_motions(method, frames):
+    made = scene(sheet(), integrationMethod=METHODS[method], delta=0.002)
+    found = account(made, frames)
+    assert found.total.shape == (frames,)
+    free = ~made.cloths[0].fixed
+    start = 0.5 * (made.cloths[0].mass[free, None] * made.cloths[0].velocity[free] ** 2).sum()
+    np.testing.assert_allclose(found.kinetic[0], start, rtol=1e-11)  # positions of 1 m, differences of 1 mm
+    if frames == 1:
+        assert found.largest_rise == (0.0, 0)
+
+
+def test_the_last_velocity_of_explicit_steps_is_that_of_the_next_position():
+    made = scene(sheet(), integrationMethod=0, delta=0.002)
+    short, long = account(made, 10), account(made, 11)
+    np.testing.assert_allclose(short.kinetic, long.kinetic[:10], rtol=1e-10)
+
+
+def test_a_motion_that_does_not_show_every_step_is_refused():
+    made = scene(sheet())
+    motion = simulate(made, 9)
+    with pytest.raises(InvalidInput, match=r"need every vertex, and a frame after every step of 0\.02 s"):
+        energies(made, degrade(motion, 0.0, 1.0, 2, 0))
+    with pytest.raises(InvalidInput, match="need every vertex"):
+        energies(made, degrade(motion, 0.0, 0.5, 1, 0))
+    with pytest.raises(InvalidMotion, match="its objects have"):
+        energies(made, Motion(motion.positions[:, :4], motion.times, (4,)))
+
+
+def test_a_spring_of_no_length_pulls_at_nothing_but_holds_its_energy():
+    pair = thing([(0, 0, 0), (1, 0, 0)], [(0, 1)], stiffness=10.0)
+    made, y = unbound(build(scene(pair), 0)), np.zeros((2, 3))
+    assert springs.energy(made.springs, y) == 0.5 * 10.0
+    assert np.abs(force(made, y, y)).max() == 0.0

@@ -1,0 +1,240 @@
+"""Motions of any format, as those of a scene: axes, unit, rate, frames, what is assumed and what is doubted."""
+
+import io
+from itertools import product
+
+import numpy as np
+import pytest
+from helpers.scenes import cloth, document, trial
+
+import clothfit
+from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import Axes, from_scene
+from clothfit.formats.convention import Convention, Reading
+from clothfit.motion import files as motion_files
+from clothfit.motion import foreign
+
+SCENE = clothfit.load(trial("nG", 5))
+MOTION = clothfit.simulate(SCENE)
+EXACT = {"a_*.obj": 0.0, "a.pc2": 2.0**-24, "a.mdd": 2.0**-24}
+"""Formats, and the largest relative error of rounding to their numbers: half of the last of float32's 24 bits."""
+
+AXES = [Axes(up, hand, scale) for up, hand, scale in product("yz", ("left", "right"), (1.0, 0.01))]
+
+
+def convention(axes):
+    return Convention(axes.scale, axes.up, axes.handedness)
+
+
+def reading(axes, **others):
+    return Reading(axes.scale, axes.up, axes.handedness, **others)
+
+
+@pytest.fixture
+def there(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+# --- there and back
+
+
+@pytest.mark.parametrize("name", EXACT)
+@pytest.mark.parametrize("axes", AXES)
+def test_a_motion_comes_back_in_any_axes(there, name, axes):
+    clothfit.save_motion(MOTION, name, SCENE, convention(axes))
+    found = clothfit.load_motion(name, SCENE, reading=reading(axes))
+    most = np.abs(MOTION.positions).max()
+    # 1e-15: the unit costs two roundings
+    np.testing.assert_allclose(found.positions, MOTION.positions, rtol=0, atol=most * (EXACT[name] + 1e-15))
+    np.testing.assert_allclose(found.times, MOTION.times, rtol=1e-7)
+    assert (found.vertex_counts, found.observed) == (MOTION.vertex_counts, None)
+
+
+def test_the_axes_of_obj_are_y_up_and_right_handed(there):
+    clothfit.save_motion(MOTION, "a_*.obj", SCENE)
+    first = (there / "a_0000.obj").read_text().splitlines()
+    x, y, z = SCENE.cloths[0].positions[5].tolist()
+    assert first[5] == f"v {-x!r} {y!r} {z!r}"
+    a, b, c = SCENE.cloths[0].triangles[0].tolist()
+    assert f"f {c + 1} {b + 1} {a + 1}" in first  # the mirror turns faces round
+
+
+def test_faces_keep_their_front(there):
+    clothfit.save_motion(MOTION, "a_*.obj", SCENE, Convention(up="z"))
+    found = foreign.load("a_*.obj", None, Reading(up="z"))
+    np.testing.assert_array_equal(found.triangles, motion_files.triangles_of(SCENE))
+
+
+def test_files_without_a_known_suffix_are_this_programs(there):
+    for name in ("a.npz", "a.dat", "a"):
+        clothfit.save_motion(MOTION, name)
+        np.testing.assert_array_equal(clothfit.load_motion(name, SCENE).positions, MOTION.positions)
+    file = io.BytesIO()
+    clothfit.save_motion(MOTION, file)
+    np.testing.assert_array_equal(clothfit.load_motion(io.BytesIO(file.getvalue()), SCENE).times, MOTION.times)
+
+
+@pytest.mark.parametrize("axes", AXES)
+def test_npz_may_be_in_other_axes_too(there, axes):
+    np.savez("a.npz", positions=from_scene(MOTION.positions, axes))
+    found = clothfit.load_motion("a.npz", SCENE, reading=reading(axes, fps=10, frames="1:4"))
+    np.testing.assert_allclose(found.positions, MOTION.positions[1:4], atol=1e-15)
+    np.testing.assert_allclose(found.times, [0.1, 0.2, 0.3])
+
+
+# --- times and frames
+
+
+def test_frames_keep_their_times(there):
+    clothfit.save_motion(MOTION, "a.pc2")
+    found = clothfit.load_motion("a.pc2", SCENE, reading=Reading(frames="-2:"))
+    np.testing.assert_array_equal(found.times, MOTION.times[-2:])
+    assert len(found.positions) == 2
+
+
+@pytest.mark.parametrize(
+    ("read", "given", "times", "rate"),
+    [
+        (None, None, [0, 0.02, 0.04], "one frame per time step of 0.02 s"),
+        (None, 10.0, [0, 0.1, 0.2], "10 frames a second as given"),
+        ([0, 0.5, 1], None, [0, 0.5, 1], "2 frames a second by its own times"),
+        ([0, 0.5, 1], 10.0, [0, 0.1, 0.2], "10 frames a second as given"),
+        ([1, 1.5, 2.5], None, [0, 0.5, 1.5], "by its own times"),
+    ],
+)
+def test_times_are_given_or_the_files_or_the_scenes(there, monkeypatch, read, given, times, rate):
+    made = Animation(MOTION.positions[:3], Axes("y", "left"), None if read is None else np.array(read, float))
+    pretend(monkeypatch, made)
+    found = foreign.load("a.pc2", SCENE, Reading(fps=given))
+    np.testing.assert_allclose(found.motion.times, times)
+    assert rate in found.account.rate
+
+
+def test_samples_between_frames_count_by_the_rate(there, monkeypatch):
+    pretend(monkeypatch, Animation(MOTION.positions[:3], Axes("y", "left"), spacing=0.5))
+    np.testing.assert_allclose(foreign.load("a.pc2", SCENE, Reading(fps=10)).motion.times, [0, 0.05, 0.1])
+
+
+def pretend(monkeypatch, animation):
+    """Let every file hold this."""
+
+    class Module:
+        @staticmethod
+        def read(path):
+            return animation
+
+    monkeypatch.setattr(foreign, "module_of", lambda found: Module)
+
+
+# --- gaps
+
+
+def test_what_was_not_seen_is_not_observed(there, monkeypatch):
+    positions = MOTION.positions.copy()
+    positions[2, 3] = np.nan
+    pretend(monkeypatch, Animation(positions, Axes("y", "left")))
+    found = clothfit.load_motion("a.pc2", SCENE)
+    assert np.argwhere(~found.observed).tolist() == [[2, 3]]
+
+
+def test_gaps_need_a_format_that_has_them(there):
+    gaps = clothfit.as_motion(SCENE, MOTION.positions, observed=np.arange(16) > np.zeros((5, 1)))
+    with pytest.raises(InvalidInput, match=r"PC2 point cache has no place for positions that were not seen"):
+        clothfit.save_motion(gaps, "a.pc2")
+    assert list(there.iterdir()) == []
+
+
+# --- doubts
+
+
+def account(there, positions, axes=None, **said):
+    """What is told of a motion that lies in those axes in a file that is read with what is said."""
+    motion_files.save_motion(clothfit.as_motion(SCENE, positions), "a.pc2", None, convention(axes or Axes()))
+    return foreign.load("a.pc2", SCENE, Reading(**said)).account
+
+
+def test_a_motion_that_begins_as_the_scene_does_is_not_doubted(there):
+    found = account(there, MOTION.positions)
+    assert (found.doubts, found.start.distance < 1e-6) == ([], True)
+
+
+@pytest.mark.parametrize("axes", [each for each in AXES if each != Axes()])
+def test_other_axes_are_noticed_and_named(there, axes):
+    found = account(there, MOTION.positions, axes)
+    said = [f"--{name} {value}" for name, value in axes._asdict().items() if value != getattr(Axes(), name)]
+    (doubt,) = found.doubts
+    assert doubt.endswith(f"away from where the scene begins; {' '.join(said)} would fit")
+
+
+def test_another_place_and_another_order_are_noticed(there):
+    assert account(there, MOTION.positions + [5.0, 0, -2]).start.advice == "it is moved by (5, 0, -2) m"
+    other = np.random.default_rng(0).permutation(16)
+    assert account(there, MOTION.positions[:, other]).start.advice == "its vertices would fit in another order"
+    noise = np.random.default_rng(0).normal(size=MOTION.positions.shape)
+    assert account(there, MOTION.positions + noise).start.advice is None
+
+
+def test_later_frames_are_not_compared_with_the_start(there):
+    assert account(there, MOTION.positions + 5, frames="1:").start is None
+
+
+def test_the_account_tells_what_was_assumed(there):
+    found = account(there, MOTION.positions, fps=25.0)
+    assert str(found) == (
+        "a.pc2: PC2 point cache, 5 frames of 16 points, 25 frames a second as given; y up, right-handed, metres"
+    )
+    told = found.summary()
+    assert {name: told[name] for name in ("file", "format", "up", "handedness", "scale", "frames", "points")} == {
+        "file": "a.pc2", "format": "PC2 point cache", "up": "y", "handedness": "right", "scale": 1.0,
+        "frames": 5, "points": 16,
+    }  # fmt: skip
+
+
+# --- what does not fit
+
+
+def test_another_number_of_vertices_is_told_with_both(there):
+    other = clothfit.load(document(cloth(), cloth()))
+    clothfit.save_motion(MOTION, "a.pc2")
+    with pytest.raises(InvalidMotion, match=r"a\.pc2: has 16 vertices, scene has 24; .* the mesh that the scene"):
+        clothfit.load_motion("a.pc2", other)
+
+
+def test_frames_of_all_objects_are_in_file_order(there):
+    scene = clothfit.load(document(cloth(), cloth(nx=3)))
+    motion = clothfit.simulate(scene, 2)
+    clothfit.save_motion(motion, "a_*.obj", scene)
+    assert clothfit.load_motion("a_*.obj", scene).vertex_counts == (12, 9)
+    assert motion_files.triangles_of(scene).max() == 20
+
+
+@pytest.mark.parametrize(
+    "said",
+    [{"scale": 0.0}, {"scale": np.inf}, {"fps": -1.0}, {"up": "x"}, {"handedness": "up"}, {"frames": "3"},
+     {"frames": "a:b"}, {"frames": "0:1:2"}],
+)  # fmt: skip
+def test_what_cannot_be_said(said):
+    with pytest.raises(InvalidInput):
+        Reading(**said)
+
+
+# --- hostile files
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".pc2", ".mdd", ".OBJ"])
+@pytest.mark.parametrize("data", [b"", b"\0" * 99, b"\xff" * 99, b"POINTCACHE2\0" + b"\x7f" * 99, b"PK\3\4", b"v "])
+def test_garbage_under_each_suffix_is_refused(there, suffix, data):
+    (there / f"a{suffix}").write_bytes(data)
+    with pytest.raises(InvalidMotion, match=f"^a{suffix}: "):
+        clothfit.load_motion(f"a{suffix}", SCENE)
+
+
+def test_a_longer_sequence_is_not_left_behind(there):
+    clothfit.save_motion(MOTION, "a_*.obj", SCENE)
+    shorter = clothfit.as_motion(SCENE, MOTION.positions[:3])
+    with pytest.raises(InvalidInput, match=r"a_0003\.obj is there, which would be read as a frame of it"):
+        clothfit.save_motion(shorter, "a_*.obj", SCENE)
+    assert len(clothfit.load_motion("a_*.obj", SCENE).times) == 5
+    clothfit.save_motion(MOTION, "a_*.obj", SCENE)  # the same again is written over

@@ -1,0 +1,134 @@
+"""Several targets: their costs add up, each with its own scene, and together they show more than one."""
+
+import numba
+import numpy as np
+import pytest
+from helpers.physics import scene, xyz
+from helpers.scenes import cloth, even, trial
+
+from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit.derivative.verify import check
+from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.start import neutral_start
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
+from clothfit.objective.experiment import experiments
+from clothfit.objective.objective import Objective
+from clothfit.scene.fit_vector import blocks, parameters, with_parameters
+from clothfit.scene.scene import load
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+
+MAIN = load(even("LG"))
+MAIN_MASS = blocks(MAIN)[0]
+WINDY = load(even("nn", 30, delta=0.01, windVel=xyz((2, 0, 1)), vertIsFixed=[i in (0, 12) for i in range(16)]))
+
+
+def truth(made, factor=1.2):
+    """The motion of other values than the scene's."""
+    flagged = experiments(MAIN, (record_target(made), made))[0].scene
+    return simulate(with_parameters(flagged, factor * parameters(flagged)), tolerance=1e-14)
+
+
+def test_the_cost_is_the_sum_of_the_costs():
+    one, two = truth(MAIN), truth(WINDY)
+    p = parameters(MAIN)
+    both = Objective(MAIN, [one, (two, WINDY)])
+    apart = [Objective(MAIN, one), Objective(MAIN, (two, WINDY))]
+    values, gradients = zip(*(objective.cost_and_gradient(p) for objective in apart), strict=True)
+    value, gradient = both.cost_and_gradient(p)
+    assert value == both.cost(p) == both.cost_of(0, p) == sum(values)
+    np.testing.assert_allclose(gradient, sum(gradients), rtol=1e-13)  # another order of summation
+    assert (both.frames, both.observations) == (50, 50 * 16)
+    assert min(values) > 0
+
+
+def test_the_gradient_with_several_experiments():
+    objective = Objective(MAIN, [truth(MAIN), (truth(WINDY), WINDY), truth(MAIN, 0.9)])
+    assert check(objective, parameters(MAIN), seed=3).passed
+    assert len(objective.runs) == 3
+
+
+def test_a_target_twice_costs_twice():
+    goal, p = truth(MAIN), parameters(MAIN)
+    assert Objective(MAIN, [goal, goal]).cost(p) == 2 * Objective(MAIN, goal).cost(p)
+
+
+def test_each_experiment_has_its_own_forces_and_the_same_parameters():
+    p = 1.3 * parameters(MAIN)
+    objective = Objective(MAIN, (truth(WINDY), WINDY))
+    (run,) = objective.runs
+    flagged = experiments(MAIN, (truth(WINDY), WINDY))[0].scene
+    expected = simulate(with_parameters(flagged, p), tolerance=1e-14)
+    np.testing.assert_array_equal(objective.roll(run, p)[1].x, expected.positions)
+    np.testing.assert_array_equal(run.changed(p).vertex.mass, p[:16])
+
+
+def test_what_is_not_flagged_is_the_experiments_own():
+    heavy = load(even("nn", vertMass=[0.05] * 16))
+    made = load(even("nG"))
+    objective = Objective(made, (record_target(heavy), heavy))
+    assert objective.runs[0].changed(np.array([7.0])).vertex.mass.tolist() == [0.05] * 16
+    assert objective.runs[0].changed(np.array([7.0])).springs.stiffness.tolist() == [7.0] * 33
+
+
+def test_what_one_experiment_cannot_show_another_can():
+    # the corners are fixed in the main scene, others in the windy one
+    one, two = truth(MAIN), truth(WINDY)
+    assert Objective(MAIN, one).unidentifiable(MAIN_MASS) == [0, 3]
+    assert Objective(MAIN, (two, WINDY)).unidentifiable(MAIN_MASS) == [0, 12]
+    both = Objective(MAIN, [one, (two, WINDY)])
+    assert both.unidentifiable(MAIN_MASS) == [0]
+    assert np.flatnonzero(~both.identifiable).tolist() == [0]
+
+
+def test_two_half_targets_are_a_whole_one():
+    motion = truth(MAIN)
+    left = np.broadcast_to(np.arange(16) % 4 < 2, (20, 16))
+    halves = [Motion(motion.positions, motion.times, (16,), seen) for seen in (left, ~left)]
+    p = parameters(MAIN)
+    both, whole = Objective(MAIN, halves), Objective(MAIN, motion)
+    assert both.cost(p) == pytest.approx(whole.cost(p), rel=1e-13)  # another order of summation
+    assert both.seen[0].all()
+    assert (both.observations, both.position_rmse(p)) == (20 * 16, pytest.approx(whole.position_rmse(p), rel=1e-13))
+
+
+def test_a_fit_to_two_experiments_finds_what_both_share():
+    made = load(even("GG"))
+    goals = [record_target(made), (record_target(WINDY), WINDY)]
+    found = estimate(made, goals, start=[0.03, 20.0], method="l-bfgs-b")
+    assert (found.status, found.frames) == ("converged", 50)
+    np.testing.assert_allclose(parameters(found.scene), [0.02, 30.0], rtol=1e-4)  # RMSE below 1e-8 m
+
+
+def test_each_experiment_is_compared_as_far_as_its_scene_says():
+    short = load(even("nn", 8))
+    found = estimate(load(even("nG")), [record_target(MAIN, 60), (record_target(short, 60), short)], budget=1)
+    assert found.frames == 20 + 8
+
+
+def test_the_neutral_start_looks_at_all_experiments():
+    blind = Motion(np.full((20, 16, 3), np.nan), 0.02 * np.arange(20), (16,), np.zeros((20, 16), bool))
+    made = load(even("nG"))
+    start = neutral_start(made, [blind, (record_target(WINDY), WINDY)], 20)
+    assert 20.0 < start[0] < 45.0  # the grid's finest step is an eighth of a decade
+
+
+@pytest.mark.parametrize(
+    ("targets", "error", "message"),
+    [
+        (list, InvalidInput, "target: none is given"),
+        (lambda: (record_target(WINDY), load(even("nn", nx=5))), InvalidInput, r"its objects have .* those of scene"),
+        (lambda: [record_target(MAIN), np.zeros((3, 5, 3))], InvalidMotion, r"positions: has shape \(3, 5, 3\)"),
+        (lambda: (record_target(load(trial("nn", nx=3))), WINDY), InvalidMotion, "its objects have"),
+    ],
+)
+def test_targets_that_do_not_fit_are_refused(targets, error, message):
+    with pytest.raises(error, match=message):
+        Objective(MAIN, targets())
+
+
+def test_the_scenes_need_the_same_springs():
+    other = scene(cloth(4, 4, springs=[0, 1], springStiffness=[1.0]))
+    with pytest.raises(InvalidInput, match=r"\[\(16, 1\)\]"):
+        Objective(MAIN, (record_target(MAIN), other))

@@ -1,0 +1,179 @@
+"""What an objective holds, and fits that must do with less: the same result to the last bit, or a word."""
+
+import json
+
+import numba
+import numpy as np
+import pytest
+from helpers.scenes import document, load_text, trial, write_scene
+
+from clothfit.base.errors import InvalidInput
+from clothfit.base.memory import human
+from clothfit.cli.program import run
+from clothfit.engine import snapshots
+from clothfit.engine.rollout import state_bytes
+from clothfit.fit import auto
+from clothfit.fit.estimate import estimate
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import as_motion
+from clothfit.motion.simulate import simulate
+from clothfit.objective import objective as objectives
+from clothfit.objective.memory_needs import snapshot_bytes
+from clothfit.objective.objective import Objective, cost_and_gradient
+from clothfit.scene.fit_vector import parameters, with_parameters
+
+SLOW = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="fits are slow without compilation")
+FRAMES = 80
+PLENTY = 10**9
+OBJECTIVES = ["position", "velocity", "edge-length", "spectrum", {"position": 2.0, "edge-length": 0.5}]
+
+
+def guess(settings="nL", **fields):
+    """A scene to fit, off its target, and the target."""
+    truth = load_text(json.dumps(trial(settings, FRAMES, **fields)))
+    return with_parameters(truth, 1.2 * parameters(truth)), simulate(truth, tolerance=1e-10)
+
+
+def tightest(made, motion, **options):
+    """A budget in which a few states fit beside what is held anyway."""
+    aim = Objective(made, motion, memory=PLENTY, **options)
+    system = aim.runs[0].system
+    return aim.needs.held + snapshots.least(aim.steps, state_bytes(system), snapshot_bytes(system))
+
+
+@pytest.mark.parametrize("newton", [1, 3])
+@pytest.mark.parametrize("objective", OBJECTIVES, ids=str)
+def test_cost_and_gradient_are_the_same_to_the_last_bit(objective, newton):
+    made, motion = guess(forwardSubSteps=newton)
+    tight = tightest(made, motion, objective=objective)
+    aim = Objective(made, motion, memory=tight, objective=objective)
+    assert aim.needs.snapshots > 0
+    assert len(aim.plan(aim.runs[0]).strides) > 1
+    found = cost_and_gradient(made, motion, memory=tight, objective=objective)
+    expected = cost_and_gradient(made, motion, memory=PLENTY, objective=objective)
+    assert found[0] == expected[0] == aim.cost(parameters(made))
+    np.testing.assert_array_equal(found[1], expected[1])
+    p, direction = parameters(made), np.linspace(-1, 1, len(found[1]))
+    whole = Objective(made, motion, memory=PLENTY, objective=objective)
+    np.testing.assert_array_equal(aim.tangent(p, direction), whole.tangent(p, direction))
+
+
+def test_frames_between_steps_and_several_cloths():
+    cloths = [trial(settings, nx=nx)["objects"][0] for settings, nx in (("LL", 4), ("nG", 3), ("nn", 2))]
+    truth = load_text(json.dumps(document(*cloths, optimizationIterations=FRAMES)))
+    x = simulate(truth, tolerance=1e-10).positions
+    seen = np.random.default_rng(2).random((100, x.shape[1])) < 0.6
+    doubled, times = np.repeat(x, 2, axis=0)[:100] + 0.01, 0.7 * truth.delta * np.arange(100)
+    motion = as_motion(truth, doubled, times, seen, np.linspace(1, 2, x.shape[1]))
+    made = with_parameters(truth, 1.2 * parameters(truth))
+    aim = Objective(made, motion, memory=PLENTY)
+    systems = [run.system for run in aim.runs]
+    tight = aim.needs.held + max(snapshots.least(aim.steps, state_bytes(s), snapshot_bytes(s)) for s in systems)
+    found, expected = (cost_and_gradient(made, motion, memory=size) for size in (tight, PLENTY))
+    assert Objective(made, motion, memory=tight).needs.snapshots > 0
+    assert found[0] == expected[0]
+    np.testing.assert_array_equal(found[1], expected[1])
+
+
+@SLOW
+@pytest.mark.parametrize(
+    ("settings", "method"), [("nL", "l-bfgs-b"), ("nL", "gauss-newton"), ("GG", "gauss-newton"), ("LL", "auto")]
+)
+def test_a_fit_in_little_memory_is_the_same_fit(settings, method):
+    made, motion = guess(settings)
+    noisy = as_motion(made, motion.positions + np.random.default_rng(4).normal(scale=1e-3, size=motion.positions.shape))
+    tight = tightest(made, as_motion(made, noisy.positions[: FRAMES - FRAMES // 5]))
+    found, expected = (
+        estimate(made, noisy, method=method, budget=12, memory=size, holdout=0.2) for size in (tight, PLENTY)
+    )
+    assert (found.memory.snapshots or 0) > 0
+    assert expected.memory.snapshots is None
+    assert (found.cost, found.status, found.sigma) == (expected.cost, expected.status, expected.sigma)
+    np.testing.assert_array_equal(parameters(found.scene), parameters(expected.scene))
+    assert found.holdout == expected.holdout
+    assert [block.interval for block in found.parameters] == [block.interval for block in expected.parameters]
+
+
+def test_what_is_foreseen():
+    made, motion = guess()
+    needs = Objective(made, motion, memory="1GB").needs
+    n, steps = 16, FRAMES - 1
+    state = 24 * n * 2 + 21  # a position, a velocity, three counters, a flag and the part that was taken
+    assert needs.held >= motion.positions.nbytes + 16 * FRAMES  # … and what was observed
+    assert needs.foreseen == needs.held + steps * state
+    assert needs.summary() == {"foreseen": needs.foreseen, "budget": 10**9, "snapshots": None}
+    robust = Objective(made, motion, memory="1GB", loss="huber").needs
+    assert robust.held >= needs.held + 5 * motion.positions.nbytes
+
+
+def test_too_little_memory_is_refused_with_what_is_needed():
+    made, motion = guess()
+    tight = tightest(made, motion)
+    for work in (lambda: cost_and_gradient(made, motion, memory=30_000), lambda: estimate(made, motion, memory="30kB")):
+        with pytest.raises(InvalidInput) as caught:
+            work()
+        assert str(caught.value).startswith("memory: 30 kB is too little: the targets take ")
+        assert str(caught.value).endswith(f"needs {human(tight)} in all")
+
+
+def test_a_motion_that_diverges_in_a_late_part_is_told():
+    made, motion = guess(integrationMethod=1, delta=0.002)
+    tight = tightest(made, motion)
+    stiff = with_parameters(made, 400.0 * parameters(made))
+    steps = []
+    for size in (tight, PLENTY):
+        with pytest.raises(Diverged) as caught:
+            cost_and_gradient(stiff, motion, memory=size)
+        steps.append((caught.value.step, str(caught.value)))
+    assert steps[0] == steps[1]
+    assert steps[0][0] > 5
+
+
+@SLOW
+def test_the_matrix_free_fit_in_little_memory_is_the_same(monkeypatch):
+    made, motion = guess()
+    monkeypatch.setattr(auto, "LARGEST", 0.0)
+    found, expected = (
+        estimate(made, motion, method="gauss-newton", budget=8, memory=size, intervals=False)
+        for size in (tightest(made, motion), PLENTY)
+    )
+    assert (found.memory.snapshots or 0) > 0
+    assert (found.cost, found.evaluations) == (expected.cost, expected.evaluations)
+    np.testing.assert_array_equal(parameters(found.scene), parameters(expected.scene))
+
+
+@SLOW
+def test_matrices_that_do_not_fit_give_way_with_a_word(monkeypatch):
+    made, motion = guess("LL")
+    monkeypatch.setattr(objectives, "SMALL", 0)
+    found = estimate(made, motion, budget=30, memory=tightest(made, motion))
+    assert any(text.startswith("too little memory for the balance of momentum") for text in found.warnings)
+    assert any(text.startswith("too little memory for the matrices") for text in found.warnings)
+    assert any(text.startswith("no intervals") for text in found.warnings)
+    assert found.rmse < 0.5 * Objective(made, motion).rmse(Objective(made, motion).cost(parameters(made)))
+    with pytest.raises(InvalidInput, match="too little for the balance of momentum"):
+        estimate(made, motion, method="momentum", memory=tightest(made, motion))
+
+
+@SLOW
+def test_the_command_says_what_is_foreseen(tmp_path, capsys):
+    path = write_scene(tmp_path, trial("nL", FRAMES))
+    assert run(["estimate", path, "--json", "--no-intervals"]) == 0
+    told = capsys.readouterr()
+    assert "foreseen" not in told.err
+    needs = json.loads(told.out)["memory"]
+    assert (needs["snapshots"], needs["budget"] > 10**6) == (None, True)
+    assert run(["estimate", path, "-v", "--memory", "1GB", "--no-intervals"]) == 0
+    assert "; budget 1 GB\n" in capsys.readouterr().err
+    tight = needs["foreseen"] - 100
+    assert run(["estimate", path, "--memory", str(tight), "--json", "--no-intervals"]) == 0
+    told = capsys.readouterr()
+    assert " and computes the others again\n" in told.err
+    assert json.loads(told.out)["memory"]["snapshots"] > 0
+
+
+@pytest.mark.parametrize("size", ["lots", "0"])
+def test_the_command_refuses_a_size_that_is_none(tmp_path, capsys, size):
+    path = write_scene(tmp_path, trial("nG", FRAMES))
+    assert run(["estimate", path, "--memory", size]) == 3
+    assert capsys.readouterr().err.startswith(f"error: memory: '{size}' is not")

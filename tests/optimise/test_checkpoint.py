@@ -1,0 +1,506 @@
+"""Checkpoints: the file, the journal in it, and fits that go on to the same result, wherever they were ended."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numba
+import numpy as np
+import pytest
+from helpers.scenes import environment, even, load_text, needs_full_disk, started, trial, write_scene
+
+from clothfit.base.errors import InvalidInput
+from clothfit.cli.fitting import checkpoints
+from clothfit.cli.program import run
+from clothfit.fit.estimate import estimate, record_target
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import save_motion
+from clothfit.objective.experiment import experiments
+from clothfit.objective.objective import Objective
+from clothfit.optimise import checkpoint as module
+from clothfit.optimise import journal
+from clothfit.optimise.checkpoint import Checkpoint, Content, Record, decoded, encoded, identity
+from clothfit.optimise.journal import Journal
+from clothfit.optimise.trajectory import Trajectory
+from clothfit.scene.fit_vector import parameters
+from clothfit.scene.scene import load
+
+needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+
+NUMBERS = {"start": np.array([1.0, 2.0]), "cost": np.array(3.0), "none": np.zeros((0, 2))}
+CONTENT = Content(12.5, np.array([0.5, 1.0, np.inf]), [Record(n, values, "a word") for n, values in NUMBERS.items()])
+SAME = {"scene": "#1", "method": "auto"}
+
+
+def same(one, other):
+    """Whether two contents are equal to the bit."""
+    assert (one.seconds, one.best.tobytes()) == (other.seconds, other.best.tobytes())
+    pairs = list(zip(one.records, other.records, strict=True))
+    assert [(a.name, a.text, a.values.shape) for a, _ in pairs] == [(b.name, b.text, b.values.shape) for _, b in pairs]
+    assert [a.values.tobytes() for a, _ in pairs] == [b.values.tobytes() for _, b in pairs]
+
+
+# --- the file
+
+
+def test_a_file_gives_back_every_bit(tmp_path):
+    file = Checkpoint(tmp_path / "fit.checkpoint")
+    file.write(SAME, CONTENT)
+    same(file.read(SAME), CONTENT)
+    assert os.listdir(tmp_path) == ["fit.checkpoint"]
+
+
+def test_every_damage_is_noticed():
+    data = encoded(SAME, CONTENT)
+    same(decoded(data, "x")[1], CONTENT)
+    damaged = [data[:i] + bytes([data[i] ^ 1]) + data[i + 1 :] for i in range(len(data))]
+    for broken in [*damaged, *(data[:i] for i in range(len(data))), data + b"\0"]:
+        with pytest.raises(InvalidInput, match="x: is damaged: its checksum is wrong"):
+            decoded(broken, "x")
+
+
+def test_a_file_of_another_kind_is_neither_read_nor_replaced(tmp_path):
+    path = tmp_path / "scene.json"
+    path.write_text("{}")
+    for action in (lambda: Checkpoint(path).check(), lambda: Checkpoint(path).read(SAME)):
+        with pytest.raises(InvalidInput, match=r"scene\.json: is not a checkpoint that this clothfit can read"):
+            action()
+    assert path.read_text() == "{}"
+
+
+def test_what_cannot_be_read_is_told(tmp_path):
+    with pytest.raises(InvalidInput, match="x: there is no such checkpoint to resume from"):
+        Checkpoint(tmp_path / "x").read(SAME)
+    with pytest.raises(InvalidInput, match="it is a folder"):
+        Checkpoint(tmp_path).check()
+    with pytest.raises(InvalidInput, match="is not a file"):
+        Checkpoint(tmp_path).read(SAME)
+
+
+def test_only_what_this_fit_has_written_is_removed(tmp_path):
+    path = tmp_path / "c"
+    Checkpoint(path).write(SAME, CONTENT)
+    Checkpoint(path).remove()
+    assert path.exists()
+    file = Checkpoint(path)
+    file.read(SAME)
+    file.remove()
+    assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    ("there", "said"),
+    [
+        ({"scene": "#2", "method": "auto"}, "another scene"),
+        ({"scene": "#1", "method": "bfgs"}, "method: bfgs there, auto now"),
+        ({"scene": "#2", "method": "bfgs"}, "another scene; method: bfgs there, auto now"),
+        ({"scene": "#1"}, "method: nothing there, auto now"),
+        ({**SAME, "more": "1.0"}, "more: 1.0 there, nothing now"),
+    ],
+)
+def test_what_differs_is_named(tmp_path, there, said):
+    Checkpoint(tmp_path / "c").write(there, CONTENT)
+    with pytest.raises(InvalidInput) as caught:
+        Checkpoint(tmp_path / "c").read(SAME)
+    assert str(caught.value) == f"{tmp_path / 'c'}: belongs to another fit: {said}"
+
+
+def test_the_identity_tells_fits_apart():
+    scene, other = load(even("nG")), load(even("nG", windVel={"x": 1.0, "y": 0.0, "z": 0.0}))
+    still = np.zeros((20, 16, 3))
+    goals = [None, *(experiments(scene, t) for t in (still, still[:10], still + 1.0, [still] * 2, (still, other)))]
+    starts = [None, 1.0, np.ones(1), np.full(1, 2.0), load(even("nG", springStiffness=[2.0] * 33))]
+    options = [{"loss": "linear"}, {"loss": "huber"}, {"loss": "huber", "loss_scale": 0.1}]
+    found = [identity(scene, goal, None) for goal in goals]
+    found += [identity(scene, None, start) for start in starts[1:]]
+    found += [identity(scene, None, None, **option) for option in options]
+    found += [identity(other, None, None)]
+    texts = [json.dumps(each, sort_keys=True) for each in found]
+    assert len(set(texts)) == len(texts)
+    assert identity(scene, None, 1) == identity(scene, None, 1.0)
+
+
+# --- the journal
+
+
+class Counted:
+    """Something to compute, and how often it was."""
+
+    def __init__(self, value):
+        self.value, self.count = np.array(value), 0
+
+    def __call__(self):
+        self.count += 1
+        return self.value
+
+
+def test_without_a_file_all_is_computed():
+    notes, what = Journal(), Counted(1.0)
+    assert [float(notes.recall("a", what)) for _ in range(3)] == [1.0] * 3
+    assert (what.count, notes.records, notes.repeating) == (3, [], False)
+
+
+def test_what_is_known_is_not_computed(tmp_path):
+    file, what = Checkpoint(tmp_path / "c"), Counted([1.0, 2.0])
+    before = Journal(file, SAME)
+    before.recall("a", what)
+    before.recall("b", what, np.ones(2))
+    before.write()
+    after = Journal(file, SAME, file.read(SAME))
+    for name, point in (("a", None), ("b", np.ones(2))):
+        assert after.repeating
+        np.testing.assert_array_equal(after.recall(name, what, point), [1.0, 2.0])
+    assert (what.count, after.repeating, after.warnings) == (2, False, [])
+    after.recall("c", what)
+    assert what.count == 3
+
+
+@pytest.mark.parametrize(("name", "point"), [("other", np.ones(2)), ("a", np.full(2, 1.0 + 1e-15))])
+def test_another_way_is_computed_from_where_it_parts(tmp_path, name, point):
+    notes, what = Journal(Checkpoint(tmp_path / "c"), SAME), Counted(1.0)
+    for _ in range(3):
+        notes.recall("a", what, np.ones(2))
+    again = Journal(notes.file, SAME, Content(0.0, np.zeros(0), notes.records))
+    again.recall("a", what, np.ones(2))
+    again.recall(name, what, point)
+    assert (what.count, len(again.records), again.repeating, len(again.warnings)) == (4, 2, False, 1)
+
+
+def test_what_was_answered_can_be_changed_without_harm(tmp_path):
+    notes = Journal(Checkpoint(tmp_path / "c"), SAME)
+    notes.recall("a", Counted([1.0]))
+    again = Journal(notes.file, SAME, Content(0.0, np.zeros(0), notes.records))
+    again.recall("a", Counted([5.0]))[:] = 7.0
+    assert again.records[0].values == [1.0]
+
+
+def test_it_is_written_at_once_then_rarely_and_when_asked(tmp_path, monkeypatch):
+    monkeypatch.setattr(journal, "EVERY", np.inf)
+    notes = Journal(Checkpoint(tmp_path / "c"), SAME)
+    counts = []
+    for _ in range(3):
+        notes.recall("a", Counted(1.0))
+        counts.append(len(notes.file.read(SAME).records))
+    notes.write()
+    assert [*counts, len(notes.file.read(SAME).records)] == [1, 1, 1, 3]
+
+
+def test_a_short_fit_writes_nothing(tmp_path):
+    notes = Journal(Checkpoint(tmp_path / "c", after=60.0), SAME)
+    notes.recall("a", Counted(1.0))
+    notes.write()
+    assert not notes.file.written
+    long = Journal(notes.file, SAME, Content(61.0, np.zeros(0), ()))
+    long.recall("a", Counted(1.0))
+    assert notes.file.written
+
+
+def test_a_disk_that_is_full_is_a_warning_until_there_is_room(tmp_path, monkeypatch):
+    def full(*_):
+        raise InvalidInput("no space")
+
+    notes = Journal(Checkpoint(tmp_path / "c"), SAME)
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "write_atomically", full)
+        notes.recall("a", Counted(1.0))
+        notes.write()
+        assert notes.warnings == ["the checkpoint is not up to date: no space"]
+    notes.write()
+    assert notes.warnings == []
+    assert len(notes.file.read(SAME).records) == 1
+
+
+# --- fits
+
+
+def noisy(settings, frames=20, noise=1e-3, **fields):
+    """A first guess and a noisy target of the truth."""
+    truth = load(trial(settings, frames))
+    guess = load(trial(settings, frames, springStiffness=[20.0] * 33, vertMass=[0.03] * 16, **fields))
+    return guess, degrade(record_target(truth), noise, seed=1)
+
+
+CASES = {
+    "auto per spring": ("nL", "auto", 40, None, 1e-3),
+    "held by the prior": ("nL", "auto", 20, None, 1e-2),  # its end costs more than a point on the way there
+    "auto with a scan": ("nG", "auto", 20, None, 1e-2),
+    "windows": ("LL", "gauss-newton", 40, 1.0, 1e-3),
+    "hidden truth": ("LL", "gauss-newton", 20, None, None),
+    "l-bfgs-b": ("nL", "l-bfgs-b", 10, None, 1e-3),
+    "nelder-mead": ("nG", "nelder-mead", 10, 25.0, 1e-3),
+}
+
+
+def arguments(case):
+    """Scene, target, start and method of a case."""
+    settings, method, frames, start, noise = CASES[case]
+    if noise is None:
+        return load(trial(settings, frames)), None, start, method
+    return *noisy(settings, frames, noise), start, method
+
+
+def equal(found, whole):
+    """That two fits are the same but for the time they took; bit by bit, as the same is computed in the same order."""
+    for name in ("status", "method", "cost", "rmse", "frames", "evaluations", "parameters", "warnings"):
+        assert getattr(found, name) == getattr(whole, name)
+    assert parameters(found.scene).tobytes() == parameters(whole.scene).tobytes()
+
+
+def until_the_end(limit, *given, **options):
+    """A fit that is interrupted at the latest after `limit` reports, and resumed until it ends; and how often."""
+    for count in range(1000):
+        reports = iter(range(limit - 1))
+
+        def report(_progress, reports=reports):
+            if next(reports, None) is None:
+                raise KeyboardInterrupt
+
+        found = estimate(*given, report=report, resume=count > 0, **options)
+        if found.status != "interrupted":
+            return found, count
+    raise AssertionError("it does not end")
+
+
+@needs_compilation
+@pytest.mark.parametrize("case", CASES)
+def test_a_fit_that_is_interrupted_wherever_it_reports_comes_to_the_same_end(tmp_path, case):
+    given = arguments(case)
+    whole = estimate(*given, budget=100)
+    # 2: a fit that goes on reports the point it starts from, then the next one
+    found, count = until_the_end(2, *given, budget=100, checkpoint=tmp_path / "c")
+    equal(found, whole)
+    assert count > 0
+    assert found.seconds > 0
+
+
+@needs_compilation
+@pytest.mark.parametrize("case", ["auto per spring", "held by the prior", "windows", "l-bfgs-b"])
+def test_every_file_that_a_kill_could_leave_leads_to_the_same_end(tmp_path, monkeypatch, case):
+    given = arguments(case)
+    kept = []
+    original = Checkpoint.write
+
+    def write(self, same, content):
+        original(self, same, content)
+        kept.append((tmp_path / "c").read_bytes())
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Checkpoint, "write", write)
+        patch.setattr(journal, "EVERY", 0.0)  # at every record
+        patch.setattr(journal, "SHARE", 0.0)
+        whole = estimate(*given, budget=60, checkpoint=tmp_path / "c")
+    equal(whole, estimate(*given, budget=60))
+    assert len(kept) > 20
+    for data in [*kept[:: max(1, len(kept) // 10)], *kept[-4:]]:
+        (tmp_path / "c").write_bytes(data)
+        equal(estimate(*given, budget=60, checkpoint=tmp_path / "c", resume=True), whole)
+
+
+@needs_compilation
+@pytest.mark.parametrize("case", ["auto per spring", "l-bfgs-b"])
+def test_a_spent_budget_can_be_raised(tmp_path, case):
+    given = arguments(case)
+    whole = estimate(*given, budget=80)
+    short = estimate(*given, budget=15, checkpoint=tmp_path / "c")
+    assert (short.status, short.evaluations) == ("limit", 15)
+    equal(estimate(*given, budget=80, checkpoint=tmp_path / "c", resume=True), whole)
+
+
+@needs_compilation
+@pytest.mark.parametrize("options", [{"budget": 2}, {"rmse_tolerance": 1.0}])
+def test_a_resumed_fit_is_never_worse_than_what_it_resumes(tmp_path, options):
+    given = arguments("l-bfgs-b")
+    whole = estimate(*given, budget=30, checkpoint=tmp_path / "c")
+    found = estimate(*given, **{"budget": 30, **options}, checkpoint=tmp_path / "c", resume=True)
+    assert found.cost == whole.cost
+
+
+@needs_compilation
+@pytest.mark.parametrize("case", CASES)
+def test_a_fit_that_had_ended_is_told_again_without_computing(tmp_path, monkeypatch, case):
+    given = arguments(case)
+    whole = estimate(*given, budget=100, checkpoint=tmp_path / "c", intervals=False)
+    costs, models = [], []
+    for name, calls in (("cost", costs), ("cost_and_gradient", costs)):
+        monkeypatch.setattr(Objective, name, counting(getattr(Objective, name), calls))
+    monkeypatch.setattr(Trajectory, "model", counting(Trajectory.model, models))
+    found = estimate(*given, budget=100, checkpoint=tmp_path / "c", resume=True, intervals=False)
+    monkeypatch.undo()
+    equal(found, whole)
+    # Is the start finite? And for SciPy's methods: is the best point on a plateau, looked for around it twice.
+    assert len(costs) <= 1 + 2 * (whole.status != "limit")
+    # That the budget is spent shows only after it: one model is made, a second one refused.
+    assert len(models) <= 2 * (whole.status == "limit")
+
+
+def counting(original, calls):
+    """A function that notes its calls."""
+
+    def called(*given):
+        calls.append(1)
+        return original(*given)
+
+    return called
+
+
+@needs_compilation
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"method": "bfgs"}, "method: gauss-newton there, bfgs now"),
+        ({"start": 3.0}, "start: 2.0 there, 3.0 now"),
+        ({"target": np.zeros((20, 16, 3))}, "another target"),
+        ({"scene": load_text(json.dumps(even("nG", delta=0.01)))}, "another scene"),
+        ({"prior": "none", "loss": "huber"}, "prior: auto there, none now; loss: linear there, huber now"),
+        ({"tolerance": 1e-9}, "tolerance: 1e-10 there, 1e-09 now"),
+        ({"objective": {"velocity": 2}}, "objective: position there, velocity=2.0 now"),
+    ],
+)
+def test_only_the_same_fit_is_resumed(tmp_path, changes, said):
+    scene = load(even("nG"))
+    given = {"scene": scene, "target": record_target(scene), "start": 2.0, "method": "gauss-newton"}
+    estimate(**given, budget=2, checkpoint=tmp_path / "c")
+    before = (tmp_path / "c").read_bytes()
+    with pytest.raises(InvalidInput) as caught:
+        estimate(**{**given, **changes}, checkpoint=tmp_path / "c", resume=True)
+    assert str(caught.value).endswith(f"c: belongs to another fit: {said}")
+    assert (tmp_path / "c").read_bytes() == before
+
+
+@needs_compilation
+def test_resuming_needs_a_checkpoint():
+    with pytest.raises(InvalidInput, match="resume: a checkpoint is needed"):
+        estimate(load(even("nG")), resume=True)
+
+
+@needs_full_disk
+@needs_compilation
+def test_a_fit_goes_on_without_room_for_its_checkpoint():
+    found = estimate(load(even("nG")), start=2.0, checkpoint="/dev/full")
+    assert found.status == "converged"
+    assert found.warnings == ["the checkpoint is not up to date: cannot write /dev/full: No space left on device"]
+
+
+# --- the command
+
+
+@pytest.fixture
+def files(tmp_path):
+    """A guess and a target, as paths."""
+    scene, target = noisy("nL", 40)
+    path = write_scene(tmp_path, trial("nL", 40, springStiffness=[20.0] * 33, vertMass=[0.03] * 16))
+    save_motion(target, str(tmp_path / "t.npz"))
+    assert load(path).vertex_counts == scene.vertex_counts
+    return path, str(tmp_path / "t.npz")
+
+
+def summary(capsys, *arguments):
+    """Exit code, summary and messages of a fit in this process."""
+    code = run(["estimate", *arguments, "--json"])
+    out, err = capsys.readouterr()
+    return code, json.loads(out), err
+
+
+@needs_compilation
+def test_an_explicit_checkpoint_is_kept(tmp_path, files, capsys):
+    path, target = files
+    kept = str(tmp_path / "c")
+    whole = summary(capsys, path, "--target", target)[1]
+    code, short, said = summary(capsys, path, "--target", target, "--checkpoint", kept, "--max-evaluations", "30")
+    assert (code, short["status"]) == (5, "limit")
+    assert f"to go on, repeat the command with --resume and more --max-evaluations: {kept}" in said
+    code, found, said = summary(capsys, path, "--target", target, "--checkpoint", kept, "--resume")
+    assert code == 0
+    different = {"seconds": 0, "memory": None}  # what is free differs from moment to moment
+    assert {**found, **different} == {**whole, **different}
+    assert "--resume" not in said
+    assert os.path.exists(kept)
+
+
+@needs_compilation
+def test_a_long_fit_keeps_one_beside_its_output_until_it_has_ended(tmp_path, files, capsys, monkeypatch):
+    path, target = files
+    beside = tmp_path / "scene.fitted.json.checkpoint"
+    assert summary(capsys, path, "--target", target, "--max-evaluations", "30")[0] == 5
+    assert not beside.exists()  # shorter than a minute
+    assert run(["estimate", path, "--target", target, "--resume"]) == 3
+    assert "scene.fitted.json.checkpoint: there is no such checkpoint to resume from" in capsys.readouterr().err
+    monkeypatch.setattr(checkpoints, "LONG", 0.0)
+    assert summary(capsys, path, "--target", target, "--max-evaluations", "30")[0] == 5
+    assert beside.exists()
+    assert summary(capsys, path, "--target", target, "--resume")[0] == 0
+    assert not beside.exists()
+
+
+@needs_compilation
+def test_a_fit_in_place_leaves_no_checkpoint_for_a_scene_that_is_gone(files, tmp_path, capsys, monkeypatch):
+    path, target = files
+    monkeypatch.setattr(checkpoints, "LONG", 0.0)
+    assert summary(capsys, path, "--target", target, "--in-place", "--max-evaluations", "30")[0] == 5
+    assert sorted(os.listdir(tmp_path)) == ["scene.json", "t.npz"]
+
+
+@needs_compilation
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--checkpoint", "{scene}"], "--checkpoint: {scene}: must be a file of its own, not an input or the output"),
+        (["--checkpoint", "{out}", "-o", "{out}"], "--checkpoint: {out}: must be a file of its own, not an input or"),
+        (["--checkpoint", "-"], "--checkpoint: -: must be a file of its own"),
+        (["--checkpoint", "{other}"], "{other}: is not a checkpoint that this clothfit can read"),
+        (["-o", "-", "--resume"], "--resume: the output is no file, so none is kept beside it; name one with"),
+        (["--checkpoint", "{damaged}", "--resume"], "{damaged}: is damaged: its checksum is wrong"),
+    ],
+)
+def test_places_that_cannot_be_are_refused(tmp_path, options, said, capsys):
+    scene = write_scene(tmp_path, even("nG", 5, 3, 3))
+    names = {"scene": scene, "out": str(tmp_path / "out"), "other": str(tmp_path / "o"), "damaged": str(tmp_path / "d")}
+    (tmp_path / "o").write_text("my notes")
+    (tmp_path / "d").write_bytes(encoded(SAME, CONTENT)[:-1])
+    assert run(["estimate", scene, *(option.format(**names) for option in options)]) == 3
+    assert capsys.readouterr().err.startswith(f"error: {said.format(**names)}")
+    assert sorted(os.listdir(tmp_path)) == ["d", "o", "scene.json"]
+
+
+@needs_compilation
+def test_a_file_in_the_place_of_the_default_checkpoint_stays(tmp_path, capsys):
+    scene = write_scene(tmp_path, even("nG", 5, 3, 3))
+    (tmp_path / "scene.fitted.json.checkpoint").write_text("my notes")
+    assert run(["estimate", scene]) == 0
+    assert "warning: no checkpoint is kept: " in capsys.readouterr().err
+    assert (tmp_path / "scene.fitted.json.checkpoint").read_text() == "my notes"
+
+
+@needs_compilation
+def test_killed_at_any_instant_a_fit_comes_to_the_same_end(tmp_path, files):
+    path, target = files
+    kept, out = tmp_path / "c", tmp_path / "out.json"
+    call = ["estimate", path, "--target", target, "--checkpoint", str(kept), "-q", "-o", str(out)]
+    whole = started(*call)
+    assert whole.returncode == 0
+    expected, _ = out.read_bytes(), kept.unlink()
+    random = np.random.default_rng(0)
+    for _ in range(3):
+        before = stamp(kept)
+        process = subprocess.Popen([sys.executable, "-m", "clothfit", *call, *resumed(kept)], env=environment())
+        while stamp(kept) == before and process.poll() is None:
+            time.sleep(1e-3)
+        time.sleep(float(random.uniform(0.0, 0.3)))
+        process.send_signal(signal.SIGKILL)
+        process.wait(timeout=50)
+        decoded(kept.read_bytes(), "c")
+    assert started(*call, "--resume").returncode == 0
+    assert out.read_bytes() == expected
+
+
+def stamp(path):
+    """What is different of a file when it has been replaced."""
+    return (path.stat().st_ino, path.stat().st_mtime_ns) if path.exists() else None
+
+
+def resumed(kept):
+    """The option with which a fit goes on that has been killed before."""
+    return ["--resume"] if kept.exists() else []

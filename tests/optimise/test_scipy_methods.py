@@ -1,0 +1,44 @@
+"""SciPy's minimisers on the search: what they are told, and that they leave the end to it."""
+
+import numba
+import numpy as np
+import pytest
+from helpers.scenes import even
+
+from clothfit.motion.simulate import simulate
+from clothfit.objective.objective import Objective
+from clothfit.optimise.scipy_methods import METHODS, minimise, options
+from clothfit.optimise.search import Search, Stop
+from clothfit.scene.scene import load
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_one_goes_down_within_its_budget_and_the_bounds(method):
+    made = load(even("GG", 8, 3, 3))
+    search = Search(Objective(made, simulate(made), 1e-10), np.array([0.05, 10.0]), 1e-9, 25)
+    first = search.objective.cost(search.best)
+    with pytest.raises(Stop) as stop:
+        raise Stop(minimise(search, method))
+    assert stop.value.status in ("converged", "stalled", "limit")
+    assert search.evaluations <= 25
+    assert search.best_cost < 0.5 * first
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_no_tolerance_ends_it_before_the_search_does(method):
+    told = options(method, 123)
+    ends = {name: value for name, value in told.items() if name.endswith("tol") or name == "tol"}
+    assert all(value <= 1e-10 for value in ends.values())
+    limits = [told[name] for name in ("maxiter", "maxfun") if name in told]
+    assert limits
+    assert min(limits) > 123
+
+
+def test_without_bounds_of_its_own_the_values_are_clipped():
+    made = load(even("nG", 8, 3, 3, springStiffness=[3e4] * 16))
+    search = Search(Objective(made, simulate(made), 1e-10), np.array([9e3]), 0.0, 20)
+    with pytest.raises(Stop):
+        raise Stop(minimise(search, "bfgs"))
+    assert search.best[0] <= 1e4

@@ -1,0 +1,184 @@
+"""The model of a whole motion's cost: its slope, its Jacobian, its residuals, its prior."""
+
+import numba
+import numpy as np
+import pytest
+from helpers.physics import METHODS, TIGHT, scene, xyz
+from helpers.scenes import cloth, even, trial
+
+from clothfit.derivative import sensitivity
+from clothfit.motion.degrade import degrade
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.simulate import simulate
+from clothfit.objective.objective import Objective
+from clothfit.optimise.gauss_newton import State
+from clothfit.optimise.prior import FIRST
+from clothfit.optimise.search import Search
+from clothfit.optimise.trajectory import Trajectory, free_columns, residual_count
+from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.scene import load
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="dozens of simulations are slow without compilation")
+
+FITS = {"damping": "G", "vertVel": "G", "springRestLength": "L"}
+SETTINGS = {
+    "LL": [cloth(3, 3, optimizationSettings="LL")],
+    "several": [
+        cloth(3, 3, optimizationSettings="GL", fit=FITS),
+        cloth(2, 3, optimizationSettings="nn"),
+        cloth(2, 2, optimizationSettings="nG"),
+    ],
+    "one": [cloth(3, 3, optimizationSettings="nG")],
+}
+
+
+def trajectory(kind, objective="position", method="implicit", loss="linear", **fields):
+    """A search of a scene against the degraded motion of other parameters, and its coordinates."""
+    delta = 0.02 if method == "implicit" else 0.002
+    whole = {"windVel": True} if kind == "several" else {}
+    made = scene(
+        *SETTINGS[kind],
+        optimizationIterations=9,
+        windVel=xyz((3, 1, -2)),
+        integrationMethod=METHODS[method],
+        delta=delta,
+        fit=whole,
+        **fields,
+    )
+    p = parameters(made)
+    motion = simulate(with_parameters(made, 1.2 * p), tolerance=TIGHT)
+    if objective != "spectrum":
+        motion = degrade(motion, observed=0.8, seed=2)
+    scale = None if loss == "linear" else 1e-3
+    aim = Objective(made, motion, TIGHT, objective=objective, loss=loss, loss_scale=scale)
+    return Trajectory(Search(aim, p, 0.0, 10**6), aim)
+
+
+def at(part):
+    return part.y(part.search.best)
+
+
+VARIANTS = [
+    *(("LL", objective, "implicit", "linear") for objective in ("position", "velocity", "edge-length", "spectrum")),
+    *(("LL", "position", method, "linear") for method in ("explicit", "symplectic")),
+    ("several", "position", "implicit", "linear"),
+    ("several", {"position": 1.0, "edge-length": 3.0}, "implicit", "linear"),
+    ("LL", "position", "implicit", "huber"),
+    ("one", "position", "implicit", "linear"),
+]
+
+
+@pytest.mark.parametrize(("kind", "objective", "method", "loss"), VARIANTS, ids=str)
+def test_g_is_half_the_slope_of_the_cost(kind, objective, method, loss):
+    part = trajectory(kind, objective, method, loss)
+    y, t = at(part), 1e-5
+    model = part.model(y)
+    assert model.cost == pytest.approx(part.cost(y), rel=1e-12)  # the same motion
+    direction = np.random.default_rng(1).normal(size=part.size)
+    measured = (part.cost(y + t * direction) - part.cost(y - t * direction)) / (2 * t)
+    # Central difference: error t² and rounding 1e-16 / t, relative, a few digits lost in distances
+    assert 2 * model.g @ direction == pytest.approx(measured, rel=1e-6)
+
+
+@pytest.mark.parametrize(("kind", "objective", "method"), [(*v[:3],) for v in VARIANTS if v[3] == "linear"], ids=str)
+def test_h_is_that_of_the_residuals_slopes(kind, objective, method):
+    part = trajectory(kind, objective, method)
+    y, t = at(part), 1e-5
+
+    def residuals(y):
+        p = part.search.parameters(y)
+        runs = part.objective.runs
+        return np.concatenate([run.comparison.residual(part.objective.roll(run, p)[1].x) for run in runs])
+
+    J = np.stack([(residuals(y + t * e) - residuals(y - t * e)) / (2 * t) for e in np.eye(part.size)], axis=1)
+    H = part.model(y).H
+    # rounding of positions, 1e-15 / 1e-5, against slopes of 1e-2; error t² = 1e-10
+    np.testing.assert_allclose(H, J.T @ J, atol=1e-6 * np.abs(H).max())
+
+
+def test_a_sweep_for_each_of_a_few_and_one_for_many_are_the_same(monkeypatch):
+    part = trajectory("LL")
+    model = part.model(at(part))
+    for module in (sensitivity, __import__("clothfit.optimise.trajectory", fromlist=["FEW"])):
+        monkeypatch.setattr(module, "FEW", 10**6)
+    other = part.model(at(part))
+    assert not np.array_equal(other.H, model.H)
+    np.testing.assert_allclose(other.H, model.H, atol=1e-12 * np.abs(model.H).max())  # solves to 1e-14
+    np.testing.assert_allclose(other.g, model.g, atol=1e-12 * np.abs(model.g).max())
+
+
+def test_what_cannot_be_identified_has_no_coordinate():
+    part = trajectory("LL")
+    assert part.size == part.fitted.sum() == 9 - 2 + 16
+    problem = part.problem()
+    assert len(problem.lower) == len(problem.upper) == part.size
+    assert (problem.lower < at(part)).all()
+    assert (problem.upper > at(part)).all()
+
+
+def test_a_model_where_the_simulation_diverges_raises_and_the_cost_is_infinite():
+    made = load(even("nG", 60, integrationMethod=0, delta=0.004))
+    aim = Objective(made, simulate(made), TIGHT)
+    part = Trajectory(Search(aim, np.array([30.0]), 0.0, 100), aim)
+    far = part.y(np.array([1e4]))
+    assert part.cost(far) == np.inf
+    with pytest.raises(Diverged):
+        part.model(far)
+
+
+def test_every_cost_and_every_model_is_an_evaluation():
+    part = trajectory("one")
+    part.cost(at(part))
+    part.model(at(part))
+    assert part.search.evaluations == 2
+
+
+def test_of_all_frames_the_best_is_remembered_of_fewer_none():
+    part = trajectory("one")
+    Trajectory(part.search, part.objective.until(5)).cost(at(part))
+    assert part.search.best_cost == np.inf
+    first = part.cost(at(part) + 0.3)
+    second = part.cost(at(part) + 0.5)
+    assert part.search.best_cost == min(first, second)
+
+
+def test_accepted_points_are_the_searchs():
+    part = trajectory("one")
+    model = part.model(at(part) + 0.1)
+    part.accepted(State(model.y, 1.0, (), 1), model)
+    assert part.search.best_cost == model.cost
+    np.testing.assert_allclose(part.search.y, model.y, rtol=1e-13)  # rounding of log and exp
+
+
+def test_the_residuals_are_those_that_a_parameter_can_change():
+    made = load(trial("LL", 9, 3, 3))
+    motion = degrade(simulate(made), observed=0.7, seed=1)
+    (run,) = Objective(made, motion).runs
+    shown = run.comparison.goal.observed[1:, ~made.cloths[0].fixed]
+    assert residual_count(run) == 3 * shown.sum()
+    part = Trajectory(Search(Objective(made, motion), parameters(made), 0.0, 10), Objective(made, motion))
+    assert part.residuals() == 3 * shown.sum()
+
+
+def test_the_columns_of_free_coordinates():
+    (run,) = Objective(load(trial("LL", 4, 3, 3)), simulate(load(trial("LL", 4, 3, 3)))).runs
+    x = np.arange(4 * 9 * 3).reshape(4, 9, 3)
+    np.testing.assert_array_equal(free_columns(run), x[1:, run.system.vertex.free].reshape(-1))
+
+
+def test_the_prior_groups_what_scatters_around_a_fabric():
+    part = trajectory("several")
+    sizes = [16, 16]  # stiffnesses and rest lengths of the first cloth; one value each does not scatter
+    prior = part.prior(at(part), None)
+    assert [len(group) for group in prior.groups] == sizes
+    assert prior.tau == (FIRST,) * 2
+    names = np.concatenate([[b.name] * b.count for b in part.objective.blocks])[part.fitted]
+    assert [set(names[group]) for group in prior.groups] == [{"stiffness"}, {"rest"}]
+    every = part.prior(at(part), 0.2)
+    assert sorted(np.concatenate(every.groups).tolist()) == list(range(part.size))
+    assert set(every.tau) == {0.2}
+
+
+def test_operations_grow_with_what_is_asked():
+    few, many = trajectory("one").operations(), trajectory("LL").operations()
+    assert 0 < few < many

@@ -1,0 +1,131 @@
+"""The benchmarks compare equals: every peer computes the motion and the gradient that this program does."""
+
+import json
+import sys
+from importlib import import_module
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers.paths import BENCHMARKS
+from helpers.scenes import load_text, sphere, trial, write_scene
+
+import clothfit
+
+TIGHT = 1e-13
+WINDY = {"windVel": {"x": 3.0, "y": 1.0, "z": -2.0}, "dragCoefficient": 0.5}
+LIBRARIES = ("numba", "scipy", "jax", "torch", "warp")
+
+
+@pytest.fixture(autouse=True)
+def benchmarks(monkeypatch):
+    """The folder of the scripts on the path, as when they are run; their short names are forgotten afterwards."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    yield
+    own = {path.stem for path in BENCHMARKS.glob("*.py")} | {"peers"}
+    for name in [name for name in sys.modules if name.split(".")[0] in own]:
+        del sys.modules[name]
+
+
+def scene():
+    """A windy cloth that begins with a push."""
+    push = [{"x": 0.1 * i, "y": 0.2, "z": -0.1} for i in range(16)]
+    return load_text(json.dumps(trial("nL", frames=7, vertVel=push, **WINDY)))
+
+
+def peer(name, of):
+    pytest.importorskip(name)
+    file = import_module("measure").PEERS[name]
+    return import_module(f"peers.{file}").Peer(import_module("peers.problem").problem(of))
+
+
+@pytest.mark.parametrize("name", LIBRARIES)
+def test_a_peer_moves_the_cloth_as_this_program_does(name):
+    of = scene()
+    positions = peer(name, of).steps(6, TIGHT)
+    # Solves to 1e-13 of momenta of about 1 m/s, 6 steps: 1e-13 m; a thousand times as much for rounding and condition.
+    assert positions == pytest.approx(clothfit.simulate(of, tolerance=TIGHT).positions, abs=1e-10)
+
+
+@pytest.mark.parametrize("name", [name for name in LIBRARIES if name != "scipy"])
+def test_a_peer_has_the_gradient_that_this_program_has(name):
+    of = scene()
+    target = clothfit.simulate(of, tolerance=TIGHT)
+    k = 1.2 * clothfit.parameters(of)
+    cost, gradient = clothfit.cost_and_gradient(clothfit.with_parameters(of, k), target, TIGHT)
+    found, slope = peer(name, of).cost_and_gradient(k, target.positions, TIGHT)
+    # Solves to 1e-13 in both; the rest is what the systems' condition, below 1e3, may make of it.
+    assert found == pytest.approx(cost, rel=1e-10)
+    assert slope == pytest.approx(gradient, rel=1e-9, abs=1e-9 * np.abs(gradient).max())
+
+
+def test_this_program_is_measured_by_the_same_functions():
+    of = scene()
+    this = import_module("peers.this_program").Peer(of)
+    target = clothfit.simulate(of, tolerance=TIGHT)
+    assert (this.steps(6, TIGHT) == target.positions).all()
+    k = 1.2 * clothfit.parameters(of)
+    cost, gradient = this.cost_and_gradient(k, target.positions, TIGHT)
+    wanted, slope = clothfit.cost_and_gradient(clothfit.with_parameters(of, k), target, TIGHT)
+    assert cost == wanted
+    assert (gradient == slope).all()
+
+
+def test_peers_refuse_what_they_leave_out():
+    with pytest.raises(ValueError, match="no spheres"):
+        import_module("peers.problem").problem(load_text(json.dumps(trial("nL", colliders=[sphere()]))))
+
+
+def test_a_program_that_computes_something_else_is_not_quoted(tmp_path, monkeypatch, capsys):
+    speed, module = import_module("speed"), import_module("peers.scipy_peer")
+    path = Path(write_scene(tmp_path, trial("nL", frames=4)))
+    speed.programs_table(path, ["scipy"], 1)
+    assert "| SciPy |" in capsys.readouterr().out
+    right = module.Peer.steps
+    monkeypatch.setattr(module.Peer, "steps", lambda self, n, tolerance: right(self, n, tolerance) + 1e-6)
+    speed.programs_table(path, ["scipy"], 1)
+    printed = capsys.readouterr()
+    assert "| clothfit |" in printed.out
+    assert "| SciPy |" not in printed.out
+    assert "SciPy: left out" in printed.err
+
+
+def test_programs_run_in_turn_after_one_run_that_does_not_count():
+    calls = []
+    works = {name: lambda name=name: calls.append(name) for name in "ab"}
+    seconds = import_module("measure").in_turn(works, 3)
+    assert calls == list("ab") * 4
+    assert {name: len(each) for name, each in seconds.items()} == {"a": 3, "b": 3}
+
+
+def test_grids_are_of_one_cloth():
+    grids = import_module("grids")
+    for side in (4, 9):
+        (cloth,) = grids.grid(side, 5).cloths
+        assert len(cloth.mass) == side**2
+        assert cloth.mass.sum() == pytest.approx(4.9)
+        assert np.ptp(cloth.positions, axis=0) == pytest.approx([7.0, 0.0, 7.0])
+        assert cloth.fixed.sum() == side
+        bending = cloth.stiffness == 12.5
+        # Every triangle has three springs; one along each of the 3 c² + 2 c edges of c² cells, the others bend.
+        cells = side - 1
+        assert (~bending).sum() == 3 * cells**2 + 2 * cells
+        assert bending.sum() == 3 * cells**2 - 2 * cells
+        assert (cloth.stiffness[~bending] == 50.0).all()
+
+
+def test_the_exponent_is_that_of_a_power_law():
+    exponent = import_module("scaling").exponent
+    assert exponent({32: 1.0, **{side: 7.0 * side**3 for side in (64, 128, 256)}}) == "vertices^1.50 from 64² to 256²"
+    assert exponent({32: 1.0, 64: 2.0}) == ""
+
+
+def test_the_table_of_grids(capsys):
+    given = SimpleNamespace(steps=2, rounds=1, peers=["scipy"], no_gradient=False, clock="cpu")
+    scaling = import_module("scaling")
+    found, step, gradient = scaling.run(given, 5)
+    rows = [scaling.cells(name, program, step, gradient) for name, program in found.items()]
+    assert [row[0] for row in rows] == ["clothfit", "SciPy"]
+    assert [row[3] for row in rows] != ["–", "–"]
+    assert rows[1][4:] == ["–", "–"]

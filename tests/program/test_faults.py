@@ -1,0 +1,230 @@
+"""What machines, systems and other people do to a run: files stay whole, the message names the file and the reason."""
+
+import io
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import threading
+from pathlib import Path
+
+import pytest
+from helpers.scenes import environment, even, names, needs_full_disk, write_scene
+
+import clothfit
+from clothfit.cli.program import run
+from clothfit.fit import estimate as fit
+from clothfit.kernels.cache import is_cold
+from clothfit.many import warmup
+
+unix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals, pipes and limits")
+NOBODY = 65534
+SECONDS = 50
+
+
+@pytest.fixture
+def folder(folder):
+    """The folder with a recording of the scene."""
+    assert run(["target", "scene.json", "-o", "target.npz", "-q"]) == 0
+    return folder
+
+
+# --- places that cannot be written
+
+WRITERS = [("out.npz", ["simulate", "scene.json"]), ("out.json", ["estimate", "scene.json"])]
+
+
+@unix
+@pytest.mark.parametrize(("name", "command"), WRITERS, ids=[command[0] for _, command in WRITERS])
+def test_where_there_is_no_room_the_old_file_stays_whole(folder, name, command):
+    if is_cold():
+        warmup.warm()  # what is compiled would not fit into the limit either
+    Path(name).write_bytes(b"old")
+    # A limit on the size of files is met in the middle of writing, as the end of a disk is.
+    call = ["sh", "-c", 'ulimit -f 1; exec "$0" -m clothfit "$@"', sys.executable, *command, "-q", "-o", name]
+    done = subprocess.run(call, capture_output=True, env=environment(), check=False, timeout=SECONDS)
+    assert (done.returncode, done.stdout) == (3, b"")
+    assert done.stderr == f"error: cannot write {name}: File too large\n".encode()
+    assert Path(name).read_bytes() == b"old"
+    assert names() == sorted([name, "scene.json", "target.npz"])
+
+
+@needs_full_disk
+def test_a_full_device_is_named(folder, capsys):
+    for _, command in WRITERS:
+        assert run([*command, "-q", "-o", "/dev/full"]) == 3
+        assert capsys.readouterr().err == "error: cannot write /dev/full: No space left on device\n"
+
+
+@unix
+@pytest.mark.parametrize(("mode", "reason"), [(0o555, "is not writable"), (0o000, "Permission denied")])
+def test_a_folder_without_rights_is_told_before_the_work(folder, capsys, monkeypatch, mode, reason):
+    monkeypatch.setattr(clothfit, "simulate", lambda *_: pytest.fail("it began to work"))
+    with tempfile.TemporaryDirectory() as closed:
+        os.chmod(closed, mode)
+        root = os.geteuid() == 0
+        scene = Path("scene.json").read_text("utf-8")
+        monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(scene.encode())))
+        if root:
+            os.setresuid(NOBODY, NOBODY, 0)
+        try:
+            code = run(["simulate", "-", "-o", f"{closed}/x.npz"])
+        finally:
+            if root:
+                os.setresuid(0, 0, 0)
+        err = capsys.readouterr().err
+        assert (code, err.count("\n")) == (3, 1)
+        assert err.startswith(f"error: cannot write {closed}/x.npz: ")
+        assert reason in err
+
+
+def test_a_folder_that_vanishes_during_the_work_is_told(folder, capsys, monkeypatch):
+    Path("out").mkdir()
+    simulate = clothfit.simulate
+
+    def vanishing(*arguments):
+        Path("out").rmdir()
+        return simulate(*arguments)
+
+    monkeypatch.setattr(clothfit, "simulate", vanishing)
+    assert run(["simulate", "scene.json", "-o", "out/x.npz"]) == 3
+    assert re.fullmatch(r"error: cannot write out/x.npz: the folder .*out does not exist\n", capsys.readouterr().err)
+
+
+def test_where_the_result_cannot_be_written_the_checkpoint_is_named(folder, capsys, monkeypatch):
+    Path("out").mkdir()
+    command = ["estimate", "scene.json", "--target", "target.npz", "--start", "1", "--checkpoint", "c"]
+    command += ["-o", "out/x.json", "-q"]
+    estimate = fit.estimate
+
+    def vanishing(*arguments, **options):
+        found = estimate(*arguments, **options)
+        Path("out").rmdir()
+        return found
+
+    with monkeypatch.context() as patch:
+        patch.setattr(fit, "estimate", vanishing)
+        assert run(command) == 3
+    told = r"error: cannot write out/x.json: .*; then repeat the command with --resume: c is kept\n"
+    assert re.fullmatch(told, capsys.readouterr().err)
+    Path("out").mkdir()
+    assert run([*command, "--resume"]) == 0
+    resumed = Path("out/x.json").read_bytes()
+    assert run(command) == 0
+    assert Path("out/x.json").read_bytes() == resumed
+
+
+# --- pipes
+
+
+def fed(pipe, data):
+    """Write to a pipe in the background."""
+    os.mkfifo(pipe)
+    threading.Thread(target=lambda: Path(pipe).write_bytes(data), daemon=True).start()
+
+
+@unix
+def test_scenes_and_motions_come_through_pipes(folder):
+    fed("scene", Path("scene.json").read_bytes())
+    fed("target", Path("target.npz").read_bytes())
+    assert run(["estimate", "scene", "--target", "target", "-q", "-o", "piped.json"]) == 0
+    assert run(["estimate", "scene.json", "--target", "target.npz", "-q", "-o", "plain.json"]) == 0
+    assert Path("piped.json").read_bytes() == Path("plain.json").read_bytes()
+
+
+@unix
+def test_a_pipe_is_no_place_for_a_checkpoint(folder, capsys):
+    os.mkfifo("pipe")
+    assert run(["estimate", "scene.json", "--checkpoint", "pipe"]) == 3
+    told = "error: pipe: is a pipe, which keeps nothing; name a file for the checkpoint\n"
+    assert capsys.readouterr().err == told
+    assert names() == ["pipe", "scene.json", "target.npz"]
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="this system has no device without end")
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        ("simulate /dev/zero -o x", "zero: cannot be read: it has more than the 1 MB that can be read"),
+        ("check /dev/zero", "zero: cannot be read: it has more than the 1 MB that can be read"),
+        ("estimate scene.json -o x --target /dev/zero", "zero: cannot be read as .npz or .npy (it is neither)"),
+        ("estimate scene.json -o x --start /dev/zero", "zero: cannot be read: it has more than the 1 MB that can be"),
+        ("estimate scene.json -o x --resume --checkpoint /dev/zero", "/dev/zero: is not a file, so there is no"),
+        ("estimate scene.json -o x --starts 2 --target /dev/zero", "zero: cannot be read: it has more than the 1 MB"),
+        ("estimate /dev/zero absent.json -o out/", "/dev/zero: error: zero: cannot be read: it has more than the 1 MB"),
+    ],
+)
+def test_a_device_without_end_is_left(folder, capsys, monkeypatch, command, told):
+    monkeypatch.setattr("clothfit.scene.text.MOST_TEXT", 10**6)  # else it takes as long as half a gigabyte does
+    monkeypatch.setattr("clothfit.base.npz.MOST_TEXT", 10**6)
+    assert run(command.split()) == 3
+    assert told in capsys.readouterr().err
+    assert set(names()) - {"out"} == {"scene.json", "target.npz"}
+
+
+@unix
+@pytest.mark.parametrize(
+    ("command", "closed"),
+    [(["target", "-o", "-"], ("stdout",)), (["evaluate", "scene.json", "--json"], ("stdout", "stderr"))],
+)
+def test_readers_that_left_are_no_fault_of_the_program(folder, command, closed):
+    call = [sys.executable, "-m", "clothfit", command[0], "scene.json", *command[1:], "-q"]
+    process = subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment())
+    for stream in closed:
+        getattr(process, stream).close()
+    err = b"" if "stderr" in closed else process.stderr.read()
+    assert (process.wait(SECONDS), err) == (3, b"")
+
+
+# --- inputs that others change
+
+
+class Growing(io.FileIO):
+    """A file to which somebody writes once while it is read."""
+
+    grown = False
+
+    def read(self, size=-1):
+        data = super().read(size)
+        if not self.grown:
+            self.grown = True
+            with open(self.name, "ab") as file:
+                file.write(b" ")
+        return data
+
+
+@pytest.mark.parametrize("changing", ["scene.json", "target.npz"])
+def test_a_file_that_changes_while_it_is_read_is_refused(folder, monkeypatch, capsys, changing):
+    def opened(path, mode):
+        return Growing(path) if path == changing else open(path, mode)
+
+    monkeypatch.setattr("clothfit.base.reading.open", opened, raising=False)
+    assert run(["estimate", "scene.json", "--target", "target.npz"]) == 3
+    told = capsys.readouterr().err
+    assert told.startswith(f"error: {changing}: cannot be read")
+    assert "it changed while it was read; try again" in told
+    assert names() == ["scene.json", "target.npz"]
+
+
+@pytest.mark.parametrize("more", [[], ["--starts", "1", "other.json"]])
+def test_a_scene_that_somebody_saved_meanwhile_is_left_alone(folder, monkeypatch, capsys, more):
+    scenes = ["scene.json", *[argument for argument in more if argument.endswith(".json")]]
+    for name in scenes:
+        write_scene(folder, even("nG", 5), name)
+    from clothfit.cli.common import shared
+
+    before, checked = Path("scene.json").read_bytes(), shared.unchanged
+
+    def saved(scene, path):
+        Path("scene.json").write_bytes(b"somebody's work")
+        return checked(scene, path)
+
+    monkeypatch.setattr(shared, "unchanged", saved)
+    assert run(["estimate", *scenes, "--in-place", "--jobs", "1", "-q"]) == 3
+    told = "changed while the fit ran, so it is left as it is; the result is in scene.fitted.json"
+    assert f"scene.json: {told}\n" in capsys.readouterr().err
+    assert Path("scene.json").read_bytes() == b"somebody's work"
+    Path("same.json").write_bytes(before)
+    assert run(["estimate", "same.json", "-q"]) == 0
+    assert Path("scene.fitted.json").read_bytes() == Path("same.fitted.json").read_bytes()

@@ -1,0 +1,218 @@
+"""Input from anybody leads to a documented exit code and one short message: by the list, and by mutation."""
+
+import io
+import json
+import math
+import os
+import tracemalloc
+from pathlib import Path
+from random import Random
+
+import jsonschema
+import numpy as np
+import pytest
+from fuzz.__main__ import Report, generated
+from fuzz.cases import CODES, COMMANDS, FOREIGN, Case, case, checkpoint_bytes, foreign_bytes, judged, tried, workplace
+from fuzz.mutations import motion, motion_bytes, scene, scene_bytes
+from helpers.scenes import changed, load_text
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from clothfit.base import memory
+from clothfit.base.errors import InvalidMotion, InvalidScene
+from clothfit.base.limits import FARTHEST
+from clothfit.motion.motion import load_motion
+from clothfit.scene import schema as structure
+from clothfit.scene import text as source
+from clothfit.scene.scene import dumps
+
+TEXT = json.dumps(scene())
+chances = st.randoms(use_true_random=False)
+many = settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _workplace(tmp_path_factory):
+    with workplace(str(tmp_path_factory.mktemp("hostile")), warm=False):
+        yield
+
+
+def refused(data, kind="scene"):
+    """What is said of a file that must be refused."""
+    verdict = tried(Case(kind, COMMANDS[kind][0], data), slow=math.inf)  # what is compiled meanwhile takes its time
+    assert (verdict.code, verdict.faults) == (3, ())
+    return verdict.message
+
+
+# --- by the list
+
+BROKEN = {
+    "deep": (TEXT[:-1] + ', "x": ' + "[" * 65 + "]" * 65 + "}", "nested too deeply to be a scene (more than 64"),
+    "very deep": ("[" * 10**6, "the JSON is nested too deeply"),
+    "repeated keys by the thousand": ('{"a": [' + '{"b": 1, "b": 2},' * 20_000 + "1]}", "the key b appears more than"),
+    "too many steps": (TEXT.replace('"optimizationIterations": 4', '"optimizationIterations": 1e10'), "whole number"),
+    "more than 32 bits": (
+        TEXT.replace('"optimizationIterations": 4', f'"optimizationIterations": {10**30}'),
+        "is too large; it must be at most 2147483647",
+    ),
+    "iterations": (
+        TEXT.replace('"forwardSubSteps": 1', '"forwardSubSteps": 2000000000'),
+        "of memory, ",
+    ),
+    "time": (TEXT.replace('"delta": 0.02', '"delta": 1e308'), "delta: 2 steps of 1e+308 s do not end at a finite time"),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), BROKEN.values(), ids=list(BROKEN))
+def test_scenes_that_are_too_much_are_refused(text, message):
+    assert message in refused(text.encode())
+
+
+def test_as_many_levels_as_are_allowed_are_read():
+    nested = TEXT[:-1] + ', "x": ' + "[" * 63 + '"]]\\"[[{{"' + "]" * 63 + ', "y": "' + "[{" * 99 + '"}'
+    assert dumps(load_text(nested)).decode() == nested
+
+
+def test_brackets_in_strings_do_not_hide_those_outside():
+    hidden = TEXT[:-1] + ', "x": ["' + "]" * 99 + '\\\\", ' + "[" * 70 + "]" * 71 + "}"
+    with pytest.raises(InvalidScene, match="nested too deeply"):
+        load_text(hidden)
+
+
+def test_a_scene_larger_than_any_is_refused_unread(tmp_path):
+    path = tmp_path / "sparse.json"
+    with open(path, "wb") as file:
+        os.truncate(file.fileno(), 10**12)
+    verdict = judged(("simulate", str(path), "-o", "out.npz"), slow=math.inf)
+    assert verdict.message == (
+        "error: sparse.json: cannot be read: it has more than the 500 MB that can be read\n"
+    )
+    assert (verdict.code, verdict.faults) == (3, ())
+
+
+def test_the_memory_that_a_scene_takes_is_foreseen(monkeypatch):
+    monkeypatch.setattr(memory, "free", lambda: 10_000)
+    with pytest.raises(InvalidScene, match=r"to read it takes about .* kB of memory, 10 kB are free"):
+        source.parse(source.Source(TEXT), "x")
+
+
+def test_what_is_foreseen_is_enough():
+    """Parsed values never take more than is foreseen of them; three kinds of text, from long lists to short ones."""
+    for text in ("[" + "1.5," * 9999 + "1]", "[" + "[]," * 9999 + "1]", json.dumps(scene()["objects"] * 20)):
+        needed = sum(size * text.count(mark) for mark, size in source.BYTES.items()) + source.COPIES * len(text)
+        tracemalloc.start()
+        source.parse(source.Source(text), "x")
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < 1.1 * needed
+
+
+def test_a_motion_is_only_read_where_it_fits_into_memory(monkeypatch):
+    file, own = io.BytesIO(), load_text(TEXT)
+    np.savez(file, **motion())
+    monkeypatch.setattr(memory, "free", lambda: 1000)
+    Path("motion.npz").write_bytes(file.getvalue())
+    with pytest.raises(InvalidMotion, match=r"takes 1\.45 kB of memory, 1 kB are free; keep fewer frames"):
+        load_motion("motion.npz", own)
+
+
+def test_names_that_cannot_be_are_refused():
+    for name in ("a\0b", "x" * 5000, "", "\udcff", "@", "a@", "@a"):
+        for arguments in (("--target", name), ("--start", name), ("--target", f"good.npz@{name}")):
+            verdict = judged(("estimate", "good.json", *arguments, "-o", "out.json"), slow=math.inf)
+            assert verdict.code == 3
+            assert verdict.message.splitlines()[-1].startswith("error: ")
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        (("--starts", "1000000000"), "--starts: 1000000000 is not possible, at most 10000 is"),
+        (("--loss", "huber", "--loss-scale", "1e300"), "loss scale: 1e+300 m is not possible, it must be within"),
+    ],
+)
+def test_options_that_ask_for_too_much_are_refused(option, message):
+    verdict = judged(("estimate", "good.json", "-o", "out.json", *option), slow=math.inf)
+    assert verdict.code == 3
+    assert message in verdict.message
+
+
+def test_planes_by_the_thousand_get_one_warning():
+    crowd = changed(scene(), ("colliders",), scene()["colliders"][1:] * 1000)
+    assert load_text(json.dumps(crowd)).warnings == (
+        "colliders[0]: planes are ignored, as in the editor (and 999 more)",
+    )
+
+
+# --- by mutation
+
+
+def assert_faultless(case):
+    verdict = tried(case, slow=math.inf)
+    assert verdict.code in CODES
+    assert verdict.faults == ()
+
+
+@many
+@given(chances)
+def test_mutated_scenes(chance):
+    assert_faultless(Case("scene", chance.choice(COMMANDS["scene"]), scene_bytes(chance)))
+
+
+@many
+@given(chances)
+def test_mutated_motions(chance):
+    assert_faultless(Case("motion", COMMANDS["motion"][0], motion_bytes(chance)))
+
+
+@settings(many, max_examples=40)
+@given(chances)
+def test_mutated_motions_of_other_programs(chance):
+    suffix = chance.choice(FOREIGN)
+    assert_faultless(Case("foreign", chance.choice(COMMANDS["foreign"]), foreign_bytes(chance, suffix), suffix))
+
+
+@settings(many, max_examples=20)
+@given(chances)
+def test_mutated_checkpoints(chance):
+    assert_faultless(Case("checkpoint", COMMANDS["checkpoint"][0], checkpoint_bytes(chance)))
+
+
+@settings(many, max_examples=150)
+@given(chances)
+def test_a_scene_that_is_taken_obeys_the_schema_and_can_be_saved(chance):
+    data = scene_bytes(chance)
+    try:
+        taken = load_text(data)
+    except InvalidScene:
+        return
+    document = json.loads(taken.source.text)
+    jsonschema.Draft202012Validator(json.loads(structure.schema_path().read_text())).validate(document)
+    for cloth in taken.cloths:
+        for array in (cloth.positions, cloth.mass, cloth.stiffness, cloth.rest, cloth.velocity):
+            assert np.isfinite(array).all()
+        assert ((cloth.springs >= 0) & (cloth.springs < len(cloth.mass))).all()
+    assert dumps(taken) == data
+
+
+@settings(many, max_examples=150)
+@given(chances)
+def test_a_motion_that_is_taken_fits_its_scene(chance):
+    taken_of = load_text(TEXT)
+    try:
+        taken = load_motion(io.BytesIO(motion_bytes(chance)), taken_of)
+    except InvalidMotion:
+        return
+    frames, vertices, _ = taken.positions.shape
+    assert (vertices, taken.positions.dtype) == (13, np.float64)
+    seen = np.ones((frames, vertices), bool) if taken.observed is None else taken.observed
+    assert (np.abs(taken.positions[seen]) < FARTHEST).all()
+    assert (np.diff(taken.times) > 0).all()
+
+
+def test_the_generator_gives_the_same_cases_again(tmp_path):
+    first, second = ([case(Random(f"0-{i}")) for i in range(30)] for _ in range(2))
+    assert first == second
+    report = Report(tmp_path / "faults")
+    generated(report, seed=0, count=30, seconds=0.0)
+    assert (report.count, set(report.codes) <= set(CODES)) == (30, True)

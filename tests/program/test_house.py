@@ -1,0 +1,122 @@
+"""The rules of docs/architecture.md, read from the syntax trees: what may import what, and how large a folder is."""
+
+import ast
+from collections import Counter
+from graphlib import TopologicalSorter
+
+import pytest
+from helpers.paths import ROOT
+
+from clothfit.cli.program import COMMANDS
+
+PACKAGE = ROOT / "clothfit"
+
+FOLDERS = [
+    "base", "kernels", "scene", "formats", "meshes", "engine", "motion", "derivative", "objective", "optimise", "fit",
+    "evaluation", "inspection", "many", "pictures", "report", "export", "cli",
+]  # fmt: skip
+"""From the bottom to the top: the path of the data."""
+
+ENGINE = ["solve", "forces", "system", "step", "rollout", "tape"]
+"""The floors of the engine, from the bottom to the top; what is not here imports as it likes within the engine."""
+
+LARGEST = 16
+"""Modules of a folder that is read as one idea; there are as many formats as there are."""
+
+
+def name_of(path):
+    """Dotted name of a module below the package; "" is the package itself."""
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def imports(source, known):
+    """Modules of the package that a source imports, anywhere in it, also for types only."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names if alias.name.split(".")[0] == "clothfit"}
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "clothfit":
+            full = {f"{node.module}.{alias.name}" for alias in node.names}
+            found |= {name if name.partition(".")[2] in known else node.module for name in full}
+    return {name.partition(".")[2] for name in found}
+
+
+MODULES = {name_of(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+IMPORTS = {name: imports(path.read_text("utf-8"), MODULES) for name, path in MODULES.items()}
+FACE = {"", "__main__"}  # the public names: below nothing, so that it may load everything; commands use it
+
+
+def height(name, order):
+    """The place of a module's first part in an order; None where it has none."""
+    first = name.split(".")[0]
+    return order.index(first) if first in order else None
+
+
+def upward(name, used, order=FOLDERS):
+    """What of a module's imports stands above it in an order of folders."""
+    own = height(name, order)
+    heights = {module: height(module, order) for module in used}
+    return sorted(module for module, other in heights.items() if None not in (own, other) and other > own)
+
+
+def below(name, folder):
+    """A module's name within a folder."""
+    return name.removeprefix(f"{folder}.")
+
+
+@pytest.mark.parametrize("name", sorted(set(MODULES) - FACE))
+def test_a_module_imports_only_folders_that_stand_before_its_own(name):
+    assert upward(name, IMPORTS[name]) == []
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_there_is_no_circle_within_a_folder(folder):
+    inside = {name for name in MODULES if name == folder or name.startswith(f"{folder}.")}
+    graph = {name: (IMPORTS[name] & inside) - {name} for name in inside}
+    assert len(list(TopologicalSorter(graph).static_order())) == len(inside)  # CycleError names the circle
+
+
+def test_every_file_stands_in_a_folder_that_the_list_names():
+    assert {name.split(".")[0] for name in MODULES} - FACE == set(FOLDERS)
+    assert {name for name, path in MODULES.items() if path.parent == PACKAGE} == FACE
+
+
+@pytest.mark.parametrize("name", [name for name in MODULES if name.startswith("engine.")])
+def test_the_engine_has_floors(name):
+    inside = {below(module, "engine") for module in IMPORTS[name] if module.startswith("engine.")}
+    assert upward(below(name, "engine"), inside, ENGINE) == []
+
+
+def test_a_folder_is_small_enough_to_be_read_as_one_idea():
+    counts = Counter(path.parent for path in MODULES.values() if path.name != "__init__.py")
+    assert {folder.name for folder, count in counts.items() if count > LARGEST} <= {"formats"}
+
+
+@pytest.mark.parametrize("path", [path for path in MODULES.values() if path.name == "__init__.py"][1:], ids=name_of)
+def test_the_page_of_a_folder_says_what_is_there_and_imports_nothing(path):
+    tree = ast.parse(path.read_text("utf-8"))
+    assert [type(node) for node in tree.body] == [ast.Expr]
+    assert len((ast.get_docstring(tree) or "").split("\n")) >= 4
+
+
+def test_the_files_of_the_command_line_are_the_commands():
+    assert {path.stem for path in (PACKAGE / "cli").glob("*.py")} == {"__init__", "program", *COMMANDS}
+
+
+def test_there_are_no_relative_imports():
+    trees = [ast.parse(path.read_text("utf-8")) for path in MODULES.values()]
+    assert [node.module for tree in trees for node in ast.walk(tree) if getattr(node, "level", 0)] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "source", "found"),
+    [
+        ("scene.scene", "from clothfit.motion import motion", ["motion.motion"]),
+        ("engine.system", "def later():\n    from clothfit.fit.start import fabric", ["fit.start"]),
+        ("base.errors", "if TYPE_CHECKING:\n    import clothfit.objective.objective", ["objective.objective"]),
+        ("objective.comparison", "from clothfit.scene.scene import Scene", []),
+    ],
+)
+def test_an_import_from_above_is_found(name, source, found):
+    assert upward(name, imports(source, MODULES)) == found

@@ -1,0 +1,37 @@
+"""Ctrl-C while the program is still loading: one line, the code of an interrupt, no traceback."""
+
+import signal
+import subprocess
+import sys
+
+import pytest
+from helpers.scenes import environment, trial, write_scene
+
+# Sends the signal at the moment when a module is about to be imported.
+START = """
+import os, sys
+from importlib.abc import MetaPathFinder
+class Interrupt(MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name == sys.argv[1]:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), int(sys.argv[2]))
+sys.meta_path.insert(0, Interrupt())
+from clothfit.cli import main
+main(sys.argv[3:])
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+@pytest.mark.parametrize(
+    ("module", "kind"),
+    [("clothfit.cli.program", signal.SIGINT), ("click", signal.SIGTERM), ("click", signal.SIGINT),
+     ("clothfit.cli.simulate", signal.SIGINT), ("numpy", signal.SIGINT), ("numba", signal.SIGINT)],
+)  # fmt: skip
+def test_an_interrupt_while_loading_is_one_line(tmp_path, module, kind):
+    scene = write_scene(tmp_path, trial("nG", 5, 3, 3))
+    call = [sys.executable, "-c", START, module, str(int(kind)), "simulate", scene]
+    done = subprocess.run(call, capture_output=True, env=environment(), check=False, timeout=50)
+    assert (done.returncode, done.stdout) == (130, b"")
+    assert done.stderr.lstrip() == b"error: interrupted\n"  # click may end the line that a terminal shows ^C on
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.json"]

@@ -1,0 +1,121 @@
+"""What is installed: the schema is found in a checkout and from a wheel, and a wheel holds the package and no more."""
+
+import os
+import re
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+from helpers.paths import ROOT
+
+import clothfit
+from clothfit.scene import schema as structure
+
+PACKAGE = ROOT / "clothfit"
+WHERE = (
+    "import clothfit.scene.schema as s; print(s.schema_path()); "
+    "print(s.defaults('scene')['optimizationIterations'])"
+)
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """A wheel of this checkout, built without an environment of its own."""
+    builder = pytest.importorskip("hatchling.builders.wheel", reason="hatchling is not installed; no wheel is built")
+    folder = tmp_path_factory.mktemp("wheel")
+    (path,) = builder.WheelBuilder(str(ROOT)).build(directory=str(folder), versions=["standard"])
+    return Path(path)
+
+
+@pytest.fixture(scope="module")
+def sdist(tmp_path_factory):
+    """A source distribution of this checkout."""
+    builder = pytest.importorskip("hatchling.builders.sdist", reason="hatchling is not installed; no sdist is built")
+    (path,) = builder.SdistBuilder(str(ROOT)).build(directory=str(tmp_path_factory.mktemp("sdist")))
+    return Path(path)
+
+
+@pytest.fixture(scope="module")
+def names(wheel):
+    """The files in the wheel."""
+    with zipfile.ZipFile(wheel) as archive:
+        return archive.namelist()
+
+
+def project():
+    return tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+
+
+def test_the_schema_is_found():
+    assert structure.schema_path().is_file()
+
+
+def test_the_schema_of_a_checkout_is_the_one_beside_the_package():
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", WHERE], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [str(ROOT / "schemas" / "scene.schema.json"), "100"]
+
+
+def test_the_version_is_written_once_and_as_the_build_reads_it():
+    source = (PACKAGE / "__init__.py").read_text("utf-8")
+    assert re.findall(r'^__version__ = "(.+)"$', source, re.MULTILINE) == [clothfit.__version__]
+    assert "version" in project()["dynamic"]
+
+
+def test_the_entry_point_exists():
+    module, _, name = project()["scripts"]["clothfit"].partition(":")
+    assert callable(getattr(__import__(module, fromlist=[name]), name))
+
+
+def test_the_package_says_that_it_is_typed():
+    assert (PACKAGE / "py.typed").is_file()
+
+
+def test_a_wheel_holds_every_module_the_schema_and_the_marker(names):
+    modules = {f"clothfit/{path.relative_to(PACKAGE).as_posix()}" for path in PACKAGE.rglob("*.py")}
+    assert modules | {"clothfit/py.typed", "clothfit/schemas/scene.schema.json"} <= set(names)
+
+
+def test_a_wheel_holds_the_parts_of_a_report(names):
+    web = PACKAGE / "report" / "web"
+    parts = {f"clothfit/report/web/{path.relative_to(web).as_posix()}" for path in web.rglob("*") if path.is_file()}
+    assert len(parts) > 15
+    assert parts <= set(names)
+
+
+def test_a_wheel_holds_nothing_else(names):
+    assert {name.split("/")[0] for name in names} == {"clothfit", f"clothfit-{clothfit.__version__}.dist-info"}
+    assert [name for name in names if "test" in name.lower() or "__pycache__" in name] == []
+
+
+def test_a_wheel_carries_the_licence_and_the_command(wheel):
+    info = f"clothfit-{clothfit.__version__}.dist-info"
+    with zipfile.ZipFile(wheel) as archive:
+        assert archive.read(f"{info}/licenses/LICENSE") == (ROOT / "LICENSE").read_bytes()
+        assert b"clothfit = clothfit.__main__:main" in archive.read(f"{info}/entry_points.txt")
+        assert b"License-Expression: MIT" in archive.read(f"{info}/METADATA")
+
+
+def test_the_schema_is_found_from_an_unpacked_wheel(wheel, tmp_path):
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(tmp_path)
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", WHERE], env=environment, cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines() == [str(tmp_path / "clothfit" / "schemas" / "scene.schema.json"), "100"]
+
+
+def test_a_source_distribution_holds_what_is_needed_to_build_test_and_try(sdist):
+    with tarfile.open(sdist) as archive:
+        found = {name.partition("/")[2] for name in archive.getnames()}
+    assert {
+        "pyproject.toml", "README.md", "CHANGELOG.md", "LICENSE", "Makefile", "clothfit/py.typed",
+        "schemas/scene.schema.json", "examples/make.py", "examples/side.json", "tests/scenes.py", "tests/test_mesh.py",
+    } <= found  # fmt: skip
+    folders = {"clothfit", "schemas", "examples", "tests", "docs", "benchmarks"}  # docs: the README shows a picture
+    assert {name.split("/")[0] for name in found if "/" in name} == folders

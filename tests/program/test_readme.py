@@ -1,0 +1,93 @@
+"""What the README and the pages of docs/ show is what happens: their commands, the output, the README's Python."""
+
+import re
+import shlex
+import shutil
+
+import numba
+import pytest
+from helpers.paths import ROOT
+
+from clothfit.cli.program import run
+
+CUT = "[…]"
+BEST = "Pareto-best"
+METRES = {"nm": 1e-9, "µm": 1e-6, "mm": 1e-3, "m": 1.0}
+PAGES = {path.name: path.read_text("utf-8") for path in sorted((ROOT / "docs").glob("*.md"))}
+PAGES = {"first": (ROOT / "README.md").read_text("utf-8"), **PAGES}
+SHOWN = re.compile(r"^\$ clothfit (.*)\n((?:(?!\$).*\n)*)", re.MULTILINE)  # a command and what it prints
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="fits of 144 vertices need compilation")
+
+
+def blocks(language, page="first"):
+    """The code blocks of one language on a page, with commands that are broken into lines in one."""
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGES[page].replace(" \\\n    ", " "), re.DOTALL | re.MULTILINE)
+
+
+def commands(page):
+    """The commands that a page shows, without the program's name, and what it says that they print."""
+    return [shown for block in blocks("console", page) for shown in SHOWN.findall(block)]
+
+
+def shape(text):
+    """A text without its numbers, its units of length, its column widths, and what depends on the speed of the machine:
+    progress, and which settings are the Pareto-best (`undominated`).
+    """
+    lines = [line for line in text.splitlines() if not re.match(r" *[\d.]+ s  cost ", line) and line.strip()]
+    lines = [re.sub(r"\d[\d.e+-]* (nm|µm|mm|m)\b", "# m", line) for line in lines if "compiling" not in line]
+    lines = [re.sub(rf"{BEST}(, )?", "", line) for line in lines]
+    lines = [re.sub(r" +", " ", re.sub(r"\d[\d.e+-]*", "#", line)).strip() for line in lines]
+    ended = [line for line in lines if line.startswith("# of #: ")]  # of scenes fitted at a time, in any order
+    return [*sorted(ended), *(line for line in lines if line not in ended)]
+
+
+def undominated(text):
+    """Whether no setting of a table of speeds that is marked as the best is slower and less exact than another."""
+    unit = f"({'|'.join(METRES)})"
+    found = re.findall(rf"^\w.* ([\d.e-]+) +([\d.e-]+) {unit} +[\d.e-]+ {unit}(.*)$", text, re.MULTILINE)
+    rows = [(float(cost), float(error) * METRES[unit], BEST in marks) for cost, error, unit, _, marks in found]
+    best = [(cost, error) for cost, error, marked in rows if marked]
+    return best != [] and not any(c < cost and e < error for cost, error in best for c, e, _ in rows)
+
+
+@pytest.fixture
+def checkout(tmp_path, monkeypatch):
+    """A folder with the examples, to work in."""
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)])
+def test_the_commands_of_a_page_print_what_it_says(checkout, capsys, page):
+    for command, told in commands(page):
+        assert run(shlex.split(command)) == 0
+        err = capsys.readouterr().err
+        printed = shape(err)
+        assert BEST not in told or (undominated(told) and undominated(err))
+        if CUT in told:  # lines that depend on the machine are left out
+            assert [line for line in shape(told) if line != CUT and line not in printed] == []
+        else:
+            assert printed == shape(told)
+
+
+def test_the_first_page_shows_all_of_a_day():
+    assert {command.split()[0] for command, _ in commands("first")} >= {"simulate", "target", "estimate", "evaluate"}
+
+
+def test_its_python_runs(checkout, capsys):
+    (block,) = blocks("python")
+    exec(block, {})
+    status, rmse = capsys.readouterr().out.split()
+    assert status == "converged"
+    assert float(rmse) <= 1e-6
+    assert (checkout / "fitted.json").is_file()
+
+
+def test_its_two_commands_are_the_targets_of_the_makefile():
+    (first, *_) = blocks("console")
+    targets = re.findall(r"\$ make (\w+)", first)
+    assert targets == ["demo", "test"]
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    assert all(re.search(rf"^{target}:", makefile, re.MULTILINE) for target in targets)

@@ -1,0 +1,142 @@
+"""Hard cases stay stable: the cheap ones of benchmarks/stability.py, with what must hold; gradients through them."""
+
+import io
+import json
+import sys
+from importlib import import_module
+
+import numba
+import numpy as np
+import pytest
+from helpers.paths import BENCHMARKS
+from helpers.physics import ball, scene, thing
+
+import clothfit
+from clothfit.engine.rollout import rollout
+from clothfit.engine.system import build
+from clothfit.motion.energy import CONTACT, GRAVITY, account
+
+sys.path.insert(0, str(BENCHMARKS))
+try:
+    hard_cases, stability = import_module("hard_cases"), import_module("stability")
+finally:
+    sys.path.remove(str(BENCHMARKS))
+
+CASES = hard_cases.CASES
+STILL = [name for name, case in CASES.items() if not case.windy]
+WINDY = [name for name, case in CASES.items() if case.windy]
+STEPS, TOLERANCE = 100, 1e-5
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="cloths of 144 vertices need compilation")
+
+
+def totals(system, steps=STEPS):
+    """Positions, energy (steps + 1,), J, and the most that is ever in one place, of a motion that stays finite."""
+    memory, good = rollout(system, steps, TOLERANCE)
+    assert good == steps
+    stored = account(system, memory.x)[:, : CONTACT + 1]
+    stored[:, GRAVITY] -= stored[0, GRAVITY]
+    return memory, stored.sum(axis=1), np.abs(stored).max()
+
+
+@pytest.mark.parametrize("name", STILL)
+def test_without_wind_no_frame_gains_more_than_a_hundredth_of_the_energy(name):
+    for system in CASES[name].systems():
+        _, total, scale = totals(system)
+        start = total[0] if total[0] > 0 else scale  # a level cloth at rest starts with none
+        assert np.diff(total).max() <= 0.01 * start  # the bar; measured: below 2e-5
+
+
+@pytest.mark.parametrize("name", WINDY)
+def test_in_wind_it_stays_finite_or_says_where_not(name):
+    found = stability.run(CASES[name].systems(), STEPS + 50)
+    assert (found.good == STEPS + 50) != found.where.startswith("objects[0], vertex ")
+    assert ("crushed" in name) == bool(found.where)
+
+
+CRUSHED = [name for name in CASES if name.startswith("crushed") and "1e5" not in name]
+
+
+@pytest.mark.parametrize("name", CRUSHED)
+def test_a_crushed_cloth_unfolds_and_never_gains(name):
+    system = CASES[name].systems()[0]
+    memory, total, _ = totals(system, 250)  # 5 s
+    assert total[0] > 1000  # J: each spring at a fifth of its length
+    assert np.diff(total).max() <= 1e-6 * total[0]
+    a, b = system.springs.ends.T
+    length = np.linalg.norm(memory.x[-1, a] - memory.x[-1, b], axis=1)
+    assert np.abs(length / system.springs.rest - 1).mean() < 0.05
+
+
+def test_the_step_of_the_format_is_shown_beside_it():
+    systems = CASES["crushed"].systems()
+    plain, own = (stability.run(each, STEPS) for each in ([s._replace(guarded=False) for s in systems], systems))
+    assert plain.rise > 100 * plain.start
+    assert own.rise <= 1e-6 * own.start
+    assert (plain.clamped_steps, plain.shortened_steps) == (0, 0)
+    assert plain.direct_solves > 0 < own.clamped_steps
+
+
+def test_values_at_the_ends_of_the_bounds_are_finite_or_diverged():
+    found = dict(stability.at_bounds())
+    assert set(found) == {"all at the lower ends", "all at the upper ends", "at random ends"}
+    assert not any("WRONG" in told for told in found.values())
+    assert all("finite" in told for told in found.values())
+
+
+def test_the_table(monkeypatch, capsys):
+    for option in ([], ["--json"]):
+        monkeypatch.setattr(sys, "argv", ["stability.py", "--only", "crushed, damped", "--steps", "5", *option])
+        stability.main()
+    head, line, row, told = capsys.readouterr().out.splitlines()
+    assert head.count("|") == line.count("|") == row.count("|") == len(stability.HEAD) + 1
+    assert row.startswith("| crushed, damped | finite |")
+    made = json.loads(told)
+    assert made["case"] == "crushed, damped"
+    assert made["clothfit"]["good"] == made["plain"]["good"] == 5
+
+
+# --- gradients in hard places, of whole scenes
+
+
+def loaded(*objects, frames, **fields):
+    made = hard_cases.document(*objects, optimizationIterations=frames, **fields)
+    return clothfit.load(io.StringIO(json.dumps(made)))
+
+
+PRESSED = hard_cases.pressed(hard_cases.cloth(6), 0.2, 1e-3)
+IN_A_SPHERE = [ball((0, -0.1, 0), 0.4)]
+HARD = {  # a scene, and which of (clamped, shortened) steps it takes
+    "springs pass their rest length": (loaded(hard_cases.pressed(hard_cases.cloth(6), 0.9), frames=20), (False, False)),
+    "in a sphere and out of it": (loaded(hard_cases.cloth(6), frames=12, colliders=IN_A_SPHERE), (False, True)),
+    "on a sphere": (loaded(hard_cases.cloth(6), frames=12, colliders=[ball((0, -0.3, 0), 0.4)]), (False, False)),
+    "compressed, in a sphere": (loaded(PRESSED, frames=12, colliders=IN_A_SPHERE), (True, False)),
+    "shortened": (
+        scene(
+            thing([(0, 0, 0), (1, 0, 0)], [(0, 1)], mass=0.5, stiffness=1e5, fixed=[0], optimizationSettings="LL"),
+            delta=0.2,
+            optimizationIterations=9,
+        ),
+        (False, True),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_the_gradient_is_right_in_hard_places(name):
+    made, remedies = HARD[name]
+    memory, _ = rollout(build(made, 0), made.frames - 1, 1e-12)
+    assert (memory.clamped.any(), (memory.theta < 1).any()) == remedies
+    p = clothfit.parameters(made)
+    target = clothfit.simulate(clothfit.with_parameters(made, 1.1 * p), tolerance=1e-10)
+    _, gradient = clothfit.cost_and_gradient(made, target)
+    d, t = p * np.random.default_rng(1).normal(size=p.shape), 1e-7
+    objective = clothfit.Objective(made, target, tolerance=1e-13)
+    measured = (objective.cost(p + t * d) - objective.cost(p - t * d)) / (2 * t)
+    assert gradient @ d == pytest.approx(measured, rel=1e-5)  # the bar; truncation t² and rounding 1e-16/t
+
+
+def test_contacts_begin_and_end_in_one_of_them():
+    made, _ = HARD["in a sphere and out of it"]
+    x = clothfit.simulate(made).positions
+    inside = np.linalg.norm(x - [0, -0.1, 0], axis=-1) < 0.4
+    assert (inside[:-1] & ~inside[1:]).any()

@@ -1,0 +1,149 @@
+"""The fit vector of a scene: order, reduction, the way back, and what cannot be fitted."""
+
+import numpy as np
+import pytest
+from helpers.physics import ball, scene, thing
+
+from clothfit.base.errors import InvalidInput, InvalidScene
+from clothfit.motion.simulate import simulate
+from clothfit.scene.fit_vector import (
+    blocks,
+    elements,
+    fitted_cloths,
+    hidden,
+    identifiable,
+    parameters,
+    size,
+    unidentifiable,
+    with_parameters,
+)
+
+
+def chain(n, settings, **fields):
+    """n vertices in a row, masses 1 … n, stiffnesses 10, 20 …"""
+    return thing(
+        [(i, 0, 0) for i in range(n)],
+        [(i, i + 1) for i in range(n - 1)],
+        mass=1.0 + np.arange(n),
+        stiffness=10.0 * (1 + np.arange(n - 1)),
+        optimizationSettings=settings,
+        **fields,
+    )
+
+
+MIXED = scene(chain(3, "LG"), chain(4, "nn"), chain(2, "Gn"), chain(4, "nl"))
+
+
+def test_objects_in_order_and_masses_before_stiffnesses():
+    assert parameters(MIXED).tolist() == [1, 2, 3, 15, 1.5, 10, 20, 30]
+    found = [(b.cloth, b.name, b.mode, b.elements, b.start, b.count) for b in blocks(MIXED)]
+    assert found == [
+        (0, "mass", "L", 3, 0, 3),
+        (0, "stiffness", "G", 2, 3, 1),
+        (2, "mass", "G", 2, 4, 1),
+        (3, "stiffness", "L", 3, 5, 3),
+    ]
+    assert size(MIXED) == 8
+    assert fitted_cloths(MIXED) == [0, 2, 3]
+
+
+@pytest.mark.parametrize("settings", ["nn", "nG", "nL", "Gn", "GG", "GL", "Ln", "LG", "LL"])
+def test_every_combination_of_settings(settings):
+    one = scene(chain(4, settings))
+    counts = {"n": 0, "G": 1, "L": None}
+    expected = [counts[letter] if counts[letter] is not None else n for letter, n in zip(settings, (4, 3), strict=True)]
+    assert size(one) == sum(expected) == len(parameters(one))
+
+
+def test_a_flag_on_nothing_has_no_parameters():
+    lonely = scene(thing([(0, 0, 0)], optimizationSettings="GG"))
+    assert [block.name for block in blocks(lonely)] == ["mass"]
+
+
+def test_there_and_back():
+    p = 2.0 + np.arange(8)
+    back = with_parameters(MIXED, p)
+    np.testing.assert_array_equal(parameters(back), p)
+    assert back.cloths[0].stiffness.tolist() == [5, 5]
+    assert back.cloths[0].mass.tolist() == [2, 3, 4]
+    assert back.cloths[2].mass.tolist() == [6, 6]
+    assert back.cloths[2].stiffness.tolist() == [10]  # not flagged
+    assert back.cloths[1].mass.tolist() == MIXED.cloths[1].mass.tolist()
+
+
+def test_elements_of_one_cloth_and_of_a_direction():
+    p = 2.0 + np.arange(8)
+    values = elements(MIXED, 2, p)
+    assert (values.mass.tolist(), values.stiffness.tolist()) == ([6, 6], [10])
+    change = elements(MIXED, 2, p, absent=0.0)
+    assert (change.mass.tolist(), change.stiffness.tolist()) == ([6, 6], [0])
+
+
+def test_the_gradient_of_one_value_is_the_sum_over_the_elements():
+    mass, stiffness, *_ = blocks(MIXED)
+    assert mass.reduce(np.array([1.0, 2, 3])).tolist() == [1, 2, 3]
+    assert stiffness.reduce(np.array([5.0, 7])).tolist() == [12]
+
+
+@pytest.mark.parametrize("p", [np.ones(7), np.ones(9), np.ones((8, 1)), 1.0])
+def test_a_vector_of_another_shape_is_refused(p):
+    with pytest.raises(InvalidInput) as caught:
+        with_parameters(MIXED, p)
+    assert str(caught.value) == f"parameters: shape {np.shape(p)} given, scene has (8,)"
+
+
+@pytest.mark.parametrize(("value", "place"), [(0.0, "objects[0].vertMass[1]"), (np.nan, "objects[0].vertMass[1]")])
+def test_values_that_no_scene_may_have_are_refused(value, place):
+    p = parameters(MIXED)
+    p[1] = value
+    with pytest.raises(InvalidScene) as caught:
+        with_parameters(MIXED, p)
+    assert caught.value.problems[0].startswith(place)
+
+
+def test_parameters_of_one_scene_with_the_flags_of_another():
+    plain = scene(chain(3, "nn"))
+    assert parameters(plain, flags=scene(chain(3, "Ln"))).tolist() == [1, 2, 3]
+    with pytest.raises(InvalidInput) as caught:
+        parameters(plain, flags=scene(chain(4, "Ln")))
+    assert str(caught.value) == "scene: objects[0] has 3 values of mass, 4 are needed"
+    with pytest.raises(InvalidInput):
+        parameters(plain, flags=scene(chain(3, "nn"), chain(2, "Ln")))
+
+
+def test_fixed_masses_and_springs_between_fixed_vertices_are_hidden():
+    one = scene(chain(4, "LL", fixed=[0, 1])).cloths[0]
+    assert hidden(one, "mass", 0).tolist() == [True, True, False, False]
+    assert hidden(one, "stiffness", 0).tolist() == [True, False, False]
+
+
+def test_the_mass_of_a_vertex_that_only_falls_is_hidden_unless_something_pushes_it():
+    points, triangles = [(0, 0, 0), (1, 0, 0), (0, 0, 1), (5, 0, 0)], [(0, 1, 2)]
+    made = {drag: scene(thing(points, triangles=triangles, dragCoefficient=drag)).cloths[0] for drag in (0.0, 0.5)}
+    assert hidden(made[0.0], "mass", 0).tolist() == [True] * 4
+    assert hidden(made[0.5], "mass", 0).tolist() == [False, False, False, True]
+    assert hidden(made[0.0], "mass", 1).tolist() == [False] * 4
+
+
+def test_what_is_hidden_is_not_fitted():
+    one = scene(chain(4, "LL", fixed=[0, 1]))
+    assert [unidentifiable(one, block) for block in blocks(one)] == [[0, 1], [0]]
+    assert identifiable(one).tolist() == [False, False, True, True, False, True, True]
+
+
+def test_one_value_for_all_is_hidden_only_when_all_are():
+    some, every = (scene(chain(2, "GG", fixed=fixed)) for fixed in ([0], [0, 1]))
+    assert identifiable(some).tolist() == [True, True]
+    assert identifiable(every).tolist() == [False, False]
+
+
+def test_hidden_parameters_do_not_move_the_cloth():
+    one = scene(
+        chain(4, "LL", fixed=[0, 1], damping=0.2), optimizationIterations=10, colliders=[ball((3, -0.5, 0), 0.52)]
+    )
+    p = parameters(one)
+    other = np.where(identifiable(one), p, 2 * p)
+    first, second = (simulate(with_parameters(one, q)).positions for q in (p, other))
+    np.testing.assert_array_equal(first, second)
+    third = simulate(with_parameters(one, 2 * other)).positions
+    assert np.abs(first - third).max() > 1e-6
