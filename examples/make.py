@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from clothfit.base.arrays import Flags
-from clothfit.meshes import scene_text
+from clothfit.meshes import new_scene
 from clothfit.meshes.mesh import Mesh, object_document, plane
 
 FOLDER = Path(__file__).resolve().parent
@@ -102,7 +102,7 @@ def vector(xyz: tuple[float, ...]) -> dict[str, float]:
 
 def text(document: dict[str, Any]) -> str:
     """Write a scene as JSON."""
-    return scene_text.text(rounded(document))
+    return new_scene.text(rounded(document))
 
 
 def rounded(value: Any) -> Any:

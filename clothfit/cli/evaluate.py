@@ -12,7 +12,6 @@ from clothfit.cli.common import motions, pictures, shared
 from clothfit.cli.common import stability_warnings as trust
 from clothfit.cli.common.console import Console
 from clothfit.cli.evaluating import evaluate_speed
-from clothfit.motion.divergence import Diverged
 
 if TYPE_CHECKING:
     from clothfit.evaluation.evaluate import Evaluation
@@ -120,6 +119,8 @@ def compare(
         show(report, console)
     pictures.evaluated(truth, fitted, target, horizon, report, console)
     if report.diverged:
+        from clothfit.motion.divergence import Diverged
+
         raise Diverged(f"{report.diverged}; the horizon ends before that", report.horizon.frames)
     return 0
 

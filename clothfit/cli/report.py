@@ -16,7 +16,6 @@ from clothfit.cli.common import motions, shared
 from clothfit.cli.common import stability_warnings as trust
 from clothfit.cli.common.command_line import command_line
 from clothfit.cli.common.console import Console
-from clothfit.motion.divergence import Diverged
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Reading
@@ -78,6 +77,8 @@ def command(
     if as_json:
         shared.print_json("report", summary(show, size, out) | motions.told_of(told), out)
     if show.evaluation.diverged:
+        from clothfit.motion.divergence import Diverged
+
         raise Diverged(f"{show.evaluation.diverged}; the frames before are shown", len(show.times))
     return 0
 

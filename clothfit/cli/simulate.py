@@ -11,10 +11,10 @@ from clothfit.base.errors import InvalidInput
 from clothfit.cli.common import energy_table, motions, pictures, shared
 from clothfit.cli.common import stability_warnings as trust
 from clothfit.cli.common.console import Console
-from clothfit.motion.divergence import Diverged
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Convention
+    from clothfit.motion.divergence import Diverged
     from clothfit.motion.energy import Energy
     from clothfit.motion.motion import Motion
     from clothfit.scene.scene import Scene
@@ -59,6 +59,7 @@ def command(
     dump = dump_of(dump_path, scene_path, out)
     pictures.check(scene_path, out.path, dump_path)
     import clothfit
+    from clothfit.motion.divergence import Diverged
 
     trust.warn_of_steps(scene, frames, console)
     console.announce_compilation()

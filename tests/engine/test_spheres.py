@@ -6,14 +6,13 @@ from helpers import physics
 from helpers.physics import STATES, ball, full, pushforward_error, relative, state, step_terms, times, transpose_error
 
 from clothfit.engine.forces import spheres
-from clothfit.scene.scene import Sphere
 
 SYSTEM = full(colliders=[ball((1.0, -0.3, 1.0), 0.8), ball((0.5, 0.4, 1.5), 0.9)])
 SPHERES = SYSTEM.spheres
 
 
 def test_the_push_is_1000_newton_per_metre_of_depth_outward():
-    one = spheres.build([Sphere(np.array([1.0, 2.0, 3.0]), 0.5)])
+    one = spheres.build([[1.0, 2.0, 3.0]], [0.5])
     y = np.array([[1.3, 2.0, 3.0], [1.0, 2.0, 2.6], [1.6, 2.0, 3.0], [1.0, 2.0, 3.0]])
     f = physics.total_force(spheres, one, y, np.zeros_like(y))
     # depths 0.2 m and 0.1 m; outside; at the centre, pushed up by the whole radius. y − c is rounded at 1e-16
@@ -76,6 +75,6 @@ def test_at_the_centre_the_derivatives_stay_finite():
 
 
 def test_no_spheres_no_rows():
-    none = spheres.build([])
+    none = spheres.build([], [])
     assert none.centre.shape == (0, 3)
     assert none.radius.shape == (0,)

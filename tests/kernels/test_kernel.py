@@ -51,7 +51,7 @@ def test_the_cache_depends_on_every_file_that_kernels_use():
     # What is not compiled along: what serves the Python side.
     fit = ["scene/kinds", "scene/block", "scene/fit_vector", "derivative/columns", "objective/objective"]
     base = ["base/errors", "base/memory", "base/interrupts"]
-    names = [*base, "scene/scene", "motion/motion", "engine/tape", *fit, "optimise/bounded"]
+    names = [*base, "scene/scene", "motion/motion", "motion/times", "engine/tape", *fit, "optimise/bounded"]
     python_only = {kernel_cache.PACKAGE / f"{name}.py" for name in names}
     assert used - python_only <= sources
     assert len(kernels) > 10

@@ -17,7 +17,7 @@ class Interrupt(MetaPathFinder):
             sys.meta_path.remove(self)
             os.kill(os.getpid(), int(sys.argv[2]))
 sys.meta_path.insert(0, Interrupt())
-from clothfit.cli import main
+from clothfit.__main__ import main
 main(sys.argv[3:])
 """
 

@@ -61,7 +61,7 @@ def test_the_schema_of_a_checkout_is_the_one_beside_the_package():
 
 
 def test_the_version_is_written_once_and_as_the_build_reads_it():
-    source = (PACKAGE / "__init__.py").read_text("utf-8")
+    source = (PACKAGE / "base" / "version.py").read_text("utf-8")
     assert re.findall(r'^__version__ = "(.+)"$', source, re.MULTILINE) == [clothfit.__version__]
     assert "version" in project()["dynamic"]
 
@@ -115,7 +115,8 @@ def test_a_source_distribution_holds_what_is_needed_to_build_test_and_try(sdist)
         found = {name.partition("/")[2] for name in archive.getnames()}
     assert {
         "pyproject.toml", "README.md", "CHANGELOG.md", "LICENSE", "Makefile", "clothfit/py.typed",
-        "schemas/scene.schema.json", "examples/make.py", "examples/side.json", "tests/scenes.py", "tests/test_mesh.py",
+        "schemas/scene.schema.json", "examples/make.py", "examples/side.json", "tests/helpers/scenes.py",
+        "tests/meshes/test_mesh.py",
     } <= found  # fmt: skip
     folders = {"clothfit", "schemas", "examples", "tests", "docs", "benchmarks"}  # docs: the README shows a picture
     assert {name.split("/")[0] for name in found if "/" in name} == folders

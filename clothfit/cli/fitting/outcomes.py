@@ -10,7 +10,6 @@ from clothfit.cli.common import shared
 from clothfit.cli.common.console import Console
 from clothfit.cli.fitting.parameter_line import account, indices
 from clothfit.many.job import CODES
-from clothfit.motion.divergence import Diverged
 
 if TYPE_CHECKING:
     from clothfit.cli.fitting.fit_log import FitLog
@@ -33,6 +32,8 @@ def finish(
         console.warn(f"{scene.name}: {warning}")
     if found.status == "diverged":
         conclude(told | {"output": None}, out, as_json, log)
+        from clothfit.motion.divergence import Diverged
+
         raise Diverged(
             f"{scene.name}: no values that were tried gave a simulation that stays finite; nothing is written", 0
         )
