@@ -1,5 +1,6 @@
 """The pages in docs/: links lead somewhere, the reference of the commands is what the program says."""
 
+import ast
 import io
 import json
 import re
@@ -13,6 +14,7 @@ from helpers.paths import ROOT
 from clothfit import load
 
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "examples").glob("*.md")]
+HOUSE = ROOT / "tests" / "program" / "test_house.py"
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 
 
@@ -80,6 +82,16 @@ def test_the_scene_format_names_every_field_and_shows_a_scene():
     changed = json.loads(scene) | json.loads(flags) | {"objects": json.loads(scene)["objects"]}
     changed["objects"][0] |= json.loads(flags)["objects"][0]
     assert load(io.StringIO(json.dumps(changed))).mode("wind") == "G"
+
+
+def test_the_page_on_the_architecture_names_the_folders_in_order_and_paths_that_exist():
+    page = (ROOT / "docs" / "architecture.md").read_text("utf-8")
+    order = ast.literal_eval(re.search(r"^FOLDERS = (\[.*?\])", HOUSE.read_text("utf-8"), re.DOTALL | re.M)[1])
+    assert re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE) == order
+    paths = re.findall(r"`([\w/]+/[\w.]+)`", page)
+    bases = (ROOT, ROOT / "clothfit")
+    assert [path for path in paths if not any((base / path).exists() for base in bases)] == []
+    assert len(paths) > 20
 
 
 WARNED = (
