@@ -19,11 +19,11 @@ from typing import NoReturn
 
 import click
 
-from clothfit import __version__
 from clothfit.base import interrupts
 from clothfit.base.errors import ClothfitError
 from clothfit.base.interrupts import REQUESTS, SAME_REQUEST
 from clothfit.base.messages import harmless
+from clothfit.base.version import __version__
 from clothfit.cli.common.help import ExamplesFirst
 from clothfit.cli.common.sequences import gathered
 from clothfit.cli.common.shared import loudness

@@ -18,9 +18,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from clothfit import __version__
 from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
+from clothfit.base.version import __version__
 from clothfit.many.job import FAULT, NOT_STARTED, Died, Job, Lost, Outcome, run
 
 CONNECT = 4.0  # s to wait for the scheduler

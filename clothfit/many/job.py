@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from clothfit import __version__
 from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.base.reading import unchanged
+from clothfit.base.version import __version__
 from clothfit.scene.text import name_of
 
 if TYPE_CHECKING:

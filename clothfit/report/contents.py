@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit import __version__
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import counted, metres, owned
+from clothfit.base.version import __version__
 from clothfit.evaluation.evaluate import Deviation, Distance, Evaluation
 from clothfit.report.log import Log, intervals, number
 from clothfit.report.packing import box, packed, packed_errors, packed_flags, packed_positions

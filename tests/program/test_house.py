@@ -44,7 +44,8 @@ def imports(source, known):
 
 MODULES = {name_of(path): path for path in sorted(PACKAGE.rglob("*.py"))}
 IMPORTS = {name: imports(path.read_text("utf-8"), MODULES) for name, path in MODULES.items()}
-FACE = {"", "__main__"}  # the public names: below nothing, so that it may load everything; commands use it
+FACE = {"", "__main__"}
+"""The public names, which load everything: they stand above all folders but the command line, which uses them."""
 
 
 def height(name, order):
@@ -68,6 +69,10 @@ def below(name, folder):
 @pytest.mark.parametrize("name", sorted(set(MODULES) - FACE))
 def test_a_module_imports_only_folders_that_stand_before_its_own(name):
     assert upward(name, IMPORTS[name]) == []
+
+
+def test_only_the_command_line_uses_the_public_names():
+    assert {name.split(".")[0] for name, used in IMPORTS.items() if used & FACE} <= {"cli", "__main__"}
 
 
 @pytest.mark.parametrize("folder", FOLDERS)

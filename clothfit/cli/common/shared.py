@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from clothfit import __version__
 from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.base.interrupts import REQUESTS, SAME_REQUEST, handle
 from clothfit.base.limits import checked_tolerance
+from clothfit.base.version import __version__
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.help import ExamplesFirst, Sections
 from clothfit.cli.common.usage import complete_files
