@@ -16,7 +16,8 @@ from clothfit.base.errors import InvalidInput
 from clothfit.evaluation.work_precision import front
 from clothfit.fit.estimate import check_method, estimate
 from clothfit.fit.result import Fit
-from clothfit.optimise.search import Progress, Stop
+from clothfit.optimise.search import Progress
+from clothfit.optimise.status import Status, Stop
 from clothfit.scene.fit_vector import identifiable, parameters
 from clothfit.scene.scene import Scene
 
@@ -32,7 +33,7 @@ class FitRow:
     """What one method costs and finds; numbers are None where it found nothing."""
 
     method: str
-    status: str  # as in `Fit`: "limit" where the evaluations or the seconds were spent
+    status: Status  # "limit" where the evaluations or the seconds were spent
     seconds: float  # of the whole fit, with the hidden target and the search for a start, without intervals
     evaluations: int
     rmse: float | None  # m, of the positions over the fitted frames
@@ -81,7 +82,7 @@ def timed(scene: Scene, method: str, evaluations: int, seconds: float) -> tuple[
 
     def watch(progress: Progress) -> None:
         if time.perf_counter() - began > seconds:
-            raise Stop("limit")
+            raise Stop(Status.LIMIT)
 
     found = estimate(scene, method=method, budget=evaluations, report=watch, intervals=False)
     return found, time.perf_counter() - began

@@ -27,11 +27,11 @@ from clothfit.objective.objective import Objective
 from clothfit.optimise import matrix_free, momentum
 from clothfit.optimise import scipy_methods as descent
 from clothfit.optimise.common_factors import Shared
-from clothfit.optimise.gauss_newton import PATIENT, Patience
+from clothfit.optimise.gauss_newton import PATIENT, Patience, minimise_resumed
 from clothfit.optimise.prior import Prior, none
-from clothfit.optimise.resumable import minimise
 from clothfit.optimise.scan import is_large, scan, scannable
 from clothfit.optimise.search import Search
+from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import LARGEST, Trajectory
 from clothfit.scene.kinds import LETTERED
 
@@ -72,7 +72,7 @@ class Stage(NamedTuple):
     patience: Patience
 
 
-def find(search: Search, start: Array, others: Callable[[], list[Array]] | None, tau: float | None) -> str:
+def find(search: Search, start: Array, others: Callable[[], list[Array]] | None, tau: float | None) -> Status:
     """Fit by the steps above from `start` (P,); returns the status. Raises Stop.
 
     `others` gives values (P,) to try beside the start; `tau` is the width of the prior, learned where None. The prior
@@ -167,7 +167,7 @@ def one_value_each(search: Search) -> bool:
     return all(block.mode == "G" and block.name in LETTERED for block in fitted)
 
 
-def by_scan(search: Search, start: Array, tau: float | None) -> str:
+def by_scan(search: Search, start: Array, tau: float | None) -> Status:
     """Scan the values of each cloth, and follow the best points down: one value by Brent's method."""
     search.enter("scan")
     if not is_near(search):
@@ -210,7 +210,7 @@ def by_brent(search: Search, p: Array, place: int, bracket: Array) -> None:
     minimize_scalar(cost, bounds=(np.log(bracket[0]), np.log(bracket[2])), method="bounded", options={"xatol": 1e-7})
 
 
-def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, windows: bool = True) -> str:
+def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, windows: bool = True) -> Status:
     """Gauss–Newton from p (P,), in windows of more and more frames where p is far from the target."""
     search.enter("gauss-newton")
     cost = search.visit(p)
@@ -219,7 +219,7 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
         if is_far(search):
             return status
         cost, windows = search.best_cost, False
-    before, status = (search.best_cost, search.best), "stalled"
+    before, status = (search.best_cost, search.best), Status.STALLED
     y: Array | None = None
     prior: Prior | None = None
     for objective, least, iterations, patience in stages(search, is_near(search, cost), windows):
@@ -242,7 +242,7 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
                 status = descent.minimise(search, "l-bfgs-b")
             continue
         accepted = part.accepted if whole else part.passed
-        y, prior, status = minimise(search, part.problem(least, patience), y, prior, accepted, iterations)
+        y, prior, status = minimise_resumed(search, part.problem(least, patience), y, prior, accepted, iterations)
         search.prior = prior
         if not whole:
             search.enter("gauss-newton")
@@ -252,7 +252,7 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
     if before[0] < search.best_cost:
         search.prior = None
         search.settle(before[1], before[0])
-    return "stalled" if status == "converged" and search.on_plateau() else status
+    return Status.STALLED if status == Status.CONVERGED and search.on_plateau() else status
 
 
 def too_many(search: Search) -> bool:
@@ -261,18 +261,19 @@ def too_many(search: Search) -> bool:
     return is_long(search) and operations > LARGEST and any(block.mode == "L" for block in search.objective.blocks)
 
 
-def by_factors(search: Search, p: Array, windows: bool) -> tuple[Array, str]:
+def by_factors(search: Search, p: Array, windows: bool) -> tuple[Array, Status]:
     """Go from p (P,) by one factor for all values of a kind, and where that stays far from the target some steps by the
     values themselves; the best point, and how it ended.
     """
-    y, status = Trajectory(search, search.objective).y(p), "stalled"
+    y, status = Trajectory(search, search.objective).y(p), Status.STALLED
     for objective, least, iterations, patience in stages(search, False, windows)[:-1]:
         part = Shared(search, objective, y)
         z = np.zeros(part.size)
         if not np.isfinite(part.cost(z)):
             break
         search.enter("factors", objective)
-        z, _, status = minimise(search, part.problem(least, patience), z, none(part.size), part.passed, iterations)
+        problem = part.problem(least, patience)
+        z, _, status = minimise_resumed(search, problem, z, none(part.size), part.passed, iterations)
         y = part.all(z)
         search.visit(search.parameters(y))
     if is_far(search):

@@ -34,7 +34,8 @@ from clothfit.optimise import momentum
 from clothfit.optimise.checkpoint import Checkpoint, identity
 from clothfit.optimise.journal import opened
 from clothfit.optimise.scipy_methods import METHODS, minimise
-from clothfit.optimise.search import Progress, Search, Stop
+from clothfit.optimise.search import Progress, Search
+from clothfit.optimise.status import Status, Stop
 from clothfit.scene.fit_vector import blocks, bounds, feels_air, fitted_cloths, identifiable, parameters
 from clothfit.scene.kinds import LETTERED
 from clothfit.scene.scene import Scene
@@ -158,16 +159,18 @@ def estimate(
         known = look(search, status, first, warnings) if intervals else None
         found = result(search, status, method, warnings, start is not None, first, known, seconds)
     found = replace(found, memory=needs)
-    if status not in ("diverged", "interrupted"):  # who has asked for the end waits for no more steps
+    if status not in (Status.DIVERGED, Status.INTERRUPTED):  # who has asked for the end waits for no more steps
         remedies = aim.remedies(parameters(found.scene))
         told = [f"the fitted motion: {text}" for text in remedies.sentences(sum(run.steps for run in aim.runs))]
         found = replace(found, remedies=remedies, warnings=[*found.warnings, *told])
-    if kept_out is None or holdout is None or status == "diverged":
+    if kept_out is None or holdout is None or status == Status.DIVERGED:
         return found
     return replace(found, holdout=holdouts.judged(kept_out, parameters(found.scene), holdout_of, holdout))
 
 
-def run(search: Search, method: str, start: Array, others: Callable[[], list[Array]] | None, tau: float | None) -> str:
+def run(
+    search: Search, method: str, start: Array, others: Callable[[], list[Array]] | None, tau: float | None
+) -> Status:
     """Search by a method until it or the user ends it; returns the status."""
     try:
         with threads.single(), interrupts.heard():
@@ -178,18 +181,18 @@ def run(search: Search, method: str, start: Array, others: Callable[[], list[Arr
         search.take_known()
         if not np.isfinite(search.best_cost):
             raise  # there is no result yet
-        status = "interrupted"
+        status = Status.INTERRUPTED
     finally:
         search.journal.write()
     search.take_known()
-    return status if np.isfinite(search.best_cost) else "diverged"
+    return status if np.isfinite(search.best_cost) else Status.DIVERGED
 
 
-def look(search: Search, status: str, start: Array, warnings: list[str]) -> Confidence | None:
+def look(search: Search, status: Status, start: Array, warnings: list[str]) -> Confidence | None:
     """What the data say of the result of a search that began at `start` (P,); a warning where that is left out."""
-    if status == "diverged" or not search.fitted.any():
+    if status == Status.DIVERGED or not search.fitted.any():
         return None
-    if status == "interrupted":
+    if status == Status.INTERRUPTED:
         warnings.append("no intervals, as the fit was interrupted")
         return None
     try:
@@ -211,7 +214,7 @@ def lettered(scene: Scene) -> Flags:
 
 def found_by(
     search: Search, method: str, start: Array, others: Callable[[], list[Array]] | None, tau: float | None
-) -> str:
+) -> Status:
     """Search by a method; returns the status. Raises Stop."""
     if not search.fitted.any():
         search(search.y)

@@ -13,6 +13,7 @@ from clothfit.fit.holdout import HeldOut
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.memory_needs import Needs
 from clothfit.optimise.search import Search
+from clothfit.optimise.status import Status
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import at_lower, at_upper, blocks, bounds, with_parameters
 from clothfit.scene.scene import Scene
@@ -49,7 +50,7 @@ class Fit:
     """The result of a fit."""
 
     scene: Scene  # with the best parameters found
-    status: str  # "converged", "stalled", "limit", "diverged" or "interrupted"
+    status: Status  # how it ended
     method: str
     cost: float  # G, m² with the default objective; inf when nothing could be evaluated
     rmse: float  # m, of the positions, whatever the objective
@@ -68,7 +69,7 @@ class Fit:
 
 def result(
     search: Search,
-    status: str,
+    status: Status,
     method: str,
     warnings: list[str],
     started: bool,

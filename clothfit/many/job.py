@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.base.reading import unchanged
 from clothfit.base.version import __version__
+from clothfit.optimise.status import Status
 from clothfit.scene.text import name_of
 
 if TYPE_CHECKING:
@@ -24,7 +25,9 @@ if TYPE_CHECKING:
     from clothfit.optimise.checkpoint import Checkpoint
     from clothfit.scene.scene import Scene
 
-CODES = {"converged": 0, "stalled": 5, "limit": 5, "interrupted": 130, "diverged": 4}
+CODES = {
+    Status.CONVERGED: 0, Status.STALLED: 5, Status.LIMIT: 5, Status.INTERRUPTED: 130, Status.DIVERGED: 4,
+}  # fmt: skip
 """Exit codes by the status of a fit."""
 
 FAULT, INTERRUPTED = 1, 130
@@ -86,7 +89,7 @@ class Outcome:
             return self.fit.status
         if self.exit_code == INTERRUPTED:
             return "not started" if self == NOT_STARTED else "interrupted"
-        return "diverged" if self.exit_code == CODES["diverged"] else "failed"
+        return "diverged" if self.exit_code == CODES[Status.DIVERGED] else "failed"
 
 
 NOT_STARTED = Outcome(None, INTERRUPTED, "not started")
@@ -114,7 +117,7 @@ def run(job: Job) -> Outcome:
 def finished(job: Job, fit: Fit) -> Outcome:
     """The outcome of a fit that came to an end."""
     error = None
-    if fit.status == "diverged":
+    if fit.status == Status.DIVERGED:
         error = (
             f"{fit.scene.name}: no values that were tried gave a simulation that stays finite; nothing is written"
         )

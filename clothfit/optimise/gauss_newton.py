@@ -22,7 +22,10 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.optimise import bounded
+from clothfit.optimise.checkpoint import Record
 from clothfit.optimise.prior import Prior
+from clothfit.optimise.search import Search
+from clothfit.optimise.status import Status
 
 LEFT = 1e-2
 """Cost that the rest of the way would save, relative to the variance of a residual, where the fit ends."""
@@ -97,10 +100,8 @@ def minimise(
     state: State | None = None,
     accepted: Callable[[State, Model], None] | None = None,
     iterations: int = 200,
-) -> tuple[Model, Prior, str]:
-    """Go down from y, or from a `state` that `accepted` was given; returns the last model, the prior, and "converged",
-    "stalled" or "limit".
-    """
+) -> tuple[Model, Prior, Status]:
+    """Go down from y, or from a `state` that `accepted` was given; returns the last model, the prior and the status."""
     if state is None:
         state = State(y, FIRST_RADIUS * np.sqrt(max(len(y), 1)), prior.tau, 0)
     prior, radius = replace(prior, tau=state.tau), state.radius
@@ -111,7 +112,7 @@ def minimise(
         if not model.cost > (1.0 - patience.slow) * mark[1]:
             mark = (float(iteration), model.cost)
         elif iteration - mark[0] >= patience.iterations:
-            return model, prior, "converged" if model.cost > (1.0 - patience.flat) * last[1] else "stalled"
+            return model, prior, ended(model.cost > (1.0 - patience.flat) * last[1])
         learned, sigma2 = prior.learned(model.H, model.g, model.y, model.cost, problem.residuals)
         if iteration < LEARNING:
             prior = prior.between(learned)
@@ -122,17 +123,22 @@ def minimise(
         saving = -float(2 * g @ whole + whole @ H @ whole)
         twice = max(saving / model.cost, last[0] / last[1]) if model.cost > 0 and last[1] < np.inf else np.inf
         if saving <= max(LEFT * sigma2, problem.least * model.cost) or twice <= SMALL:
-            return model, prior, "converged"
+            return model, prior, Status.CONVERGED
         last = saving, model.cost
         value = model.cost + prior.value(model.y, sigma2)
         total = partial(penalised, problem, prior, sigma2)
         step, radius, good = descend(total, value, Quadratic(model.y, H, g, lower, upper, whole), radius)
         if not good:
-            return model, prior, "converged" if saving <= patience.flat * model.cost else "stalled"
+            return model, prior, ended(saving <= patience.flat * model.cost)
         model = problem.model(model.y + step)
         if accepted:
             accepted(State(model.y, radius, prior.tau, iteration + 1, mark, last), model)
-    return model, prior, "limit"
+    return model, prior, Status.LIMIT
+
+
+def ended(converged: bool) -> Status:
+    """The status where slow progress ends a fit."""
+    return Status.CONVERGED if converged else Status.STALLED
 
 
 def penalised(problem: Problem, prior: Prior, sigma2: float, y: Array) -> float:
@@ -187,3 +193,77 @@ def descend(
             break
         step, new, radius = wider, beyond, 2.0 * radius
     return step, radius, True
+
+
+RUNNING = "running"
+
+
+class Descent:
+    """One descent, and its place in the journal of the search.
+
+    After each accepted iteration the journal keeps the state and how the search stands, in the place of all that this
+    descent has asked before. A descent that has ended keeps its outcome in the same way.
+    """
+
+    def __init__(self, search: Search, prior: Prior, count: int) -> None:
+        """`count`: Q."""
+        self.search, self.journal, self.place = search, search.journal, search.journal.place
+        self.name, self.widths = f"Gauss-Newton of {count} with {len(prior.tau)}", len(prior.tau)
+
+    def known(self) -> tuple[State, Status | None] | None:
+        """The last state that is known of it, and its status where it has ended; the search then stands as it did.
+
+        Raises Stop.
+        """
+        if not self.journal.follows(self.name):
+            return None
+        record, standing = self.journal.next(self.name), self.journal.next("standing")
+        if record is None or standing is None:
+            return None
+        ended = None if record.text == RUNNING else Status(record.text)  # ValueError where there is none
+        iteration, radius, *marks = record.values[:6].tolist()
+        rest = record.values[6:]
+        self.search.stand(standing.values)
+        tau = tuple(rest[: self.widths].tolist())
+        mark, last = (marks[0], marks[1]), (marks[2], marks[3])
+        return State(rest[self.widths :], radius, tau, int(iteration), mark, last), ended
+
+    def keep(self, state: State, status: str = RUNNING) -> None:
+        """Keep a state; at once where the descent goes on from it."""
+        values = np.array([state.iteration, state.radius, *state.mark, *state.last, *state.tau, *state.y])
+        records = [Record(self.name, values, status), Record("standing", self.search.standing())]
+        self.journal.replace(self.place, records, now=status == RUNNING)
+
+
+def minimise_resumed(
+    search: Search,
+    problem: Problem,
+    y: Array,
+    prior: Prior,
+    accepted: Callable[[State, Model], None] | None = None,
+    iterations: int = 200,
+) -> tuple[Array, Prior, Status]:
+    """Go down from y (Q,) as `minimise` does; returns the last point (Q,), the prior and the status.
+
+    `accepted` may raise Stop.
+    """
+    descent = Descent(search, prior, len(y))
+    known = descent.known()
+    if known and known[1]:
+        return known[0].y, replace(prior, tau=known[0].tau), known[1]
+    state = known[0] if known else None
+    if state is not None:
+        search.history.pop()  # the model at its point is made again, and was counted
+    last = [state or State(y, 0.0, prior.tau, 0)]
+
+    def keep(state: State, model: Model) -> None:
+        last[0] = state
+        try:
+            if accepted:
+                accepted(state, model)
+        finally:  # the search may end here, and be resumed with a larger budget
+            descent.keep(state)
+
+    model, prior, status = minimise(problem, y, prior, state, keep, iterations)
+    descent.keep(replace(last[0], y=model.y, tau=prior.tau), status)
+    return model.y, prior, status

@@ -17,6 +17,7 @@ from clothfit.derivative import adjoint
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.running_cost import Measured, tally
 from clothfit.optimise.prior import Prior, variance
+from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import ENTRY, Trajectory
 from clothfit.scene.fit_vector import elements
 
@@ -53,13 +54,13 @@ def fits(part: Trajectory) -> bool:
     return 8 * VECTORS * part.residuals() + ENTRY * entries + 3 * moves <= part.objective.room
 
 
-def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Array, str]:
-    """Go down from y (Q,); returns the last point and "converged", "stalled" or "limit"."""
+def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Array, Status]:
+    """Go down from y (Q,); returns the last point and how it ended."""
     from scipy.optimize import least_squares
 
     solve: Any = least_squares
     bounds = (part.problem().lower, part.problem().upper)
-    status = "limit"
+    status = Status.LIMIT
     for _ in range(ROUNDS if whole else 1):
         residuals = Residuals(part, prior, y)
         before = float(residuals(y) @ residuals(y))
@@ -71,9 +72,9 @@ def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Arr
         y = found.x
         if whole:
             part.search.visit(part.search.parameters(y))
+        status = Status.CONVERGED if found.status > 0 else Status.LIMIT
         if 2.0 * found.cost > (1.0 - SETTLED) * before:
-            return y, "converged" if found.status > 0 else "limit"
-        status = "converged" if found.status > 0 else "limit"
+            break
     return y, status
 
 

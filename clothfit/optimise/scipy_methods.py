@@ -11,6 +11,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search, cost_and_gradient
+from clothfit.optimise.status import Status
 
 METHODS = {
     "l-bfgs-b": {"gradient": True, "bounds": True},
@@ -32,7 +33,7 @@ SHORT, SETTLED = 40, 1e-3
 """Evaluations of a short descent, and relative reduction of the cost by a step that ends it."""
 
 
-def minimise(search: Search, method: str) -> str:
+def minimise(search: Search, method: str) -> Status:
     """Run a minimiser until it or the search ends it; returns the status. Raises Stop."""
     from scipy import optimize
 
@@ -67,7 +68,7 @@ def options(method: str, budget: int) -> dict[str, Any]:
     return common | own[method]
 
 
-def short(search: Search, objective: Objective, y: Array) -> tuple[Array, str]:
+def short(search: Search, objective: Objective, y: Array) -> tuple[Array, Status]:
     """Some steps of L-BFGS-B down from y (Q,), on an objective that may be solved less tightly than the search's: what
     many values still gain where the model cannot reproduce the target. Returns the point and how it ended.
     """
@@ -89,4 +90,4 @@ def short(search: Search, objective: Objective, y: Array) -> tuple[Array, str]:
         cost, y, jac=True, method="L-BFGS-B", bounds=search.bounds,
         options={"maxfun": SHORT, "maxcor": MEMORY, "ftol": SETTLED, "gtol": 0.0},
     )  # fmt: skip
-    return np.asarray(found.x), "converged" if found.status == 0 else "stalled"
+    return np.asarray(found.x), Status.CONVERGED if found.status == 0 else Status.STALLED

@@ -20,6 +20,7 @@ from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.optimise.coordinates import Coordinates
 from clothfit.optimise.journal import Journal
+from clothfit.optimise.status import Status, Stop
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds
 
 if TYPE_CHECKING:
@@ -45,14 +46,6 @@ every other one down: far from a minimum, the motion may no longer depend on the
 
 HEIGHT = 1e3
 """Height of the bowl at its bottom, relative to the largest cost met; twice that at distance 1 from the best point."""
-
-
-class Stop(Exception):
-    """Ends an optimisation from within the cost; `status` says why."""
-
-    def __init__(self, status: str) -> None:
-        self.status = status
-        super().__init__(status)
 
 
 @dataclass(frozen=True)
@@ -142,7 +135,7 @@ class Search:
     def __call__(self, y: Array) -> tuple[float, Array]:
         """Scaled cost and its gradient (Q,). Raises Stop when the fit is finished or its budget is spent."""
         if self.evaluations >= self.budget:
-            raise Stop("limit")
+            raise Stop(Status.LIMIT)
         p = self.parameters(y)
         answer = self.journal.recall("gradient", partial(cost_and_gradient, self.objective, p), p)
         cost, gradient = float(answer[0]), answer[1:]
@@ -176,7 +169,7 @@ class Search:
     def spend(self) -> None:
         """Count an evaluation. Raises Stop when the budget is spent."""
         if self.evaluations >= self.budget:
-            raise Stop("limit")
+            raise Stop(Status.LIMIT)
         self.history.append(self.best_cost)
 
     def settle(self, p: Array, cost: float) -> None:
@@ -185,7 +178,7 @@ class Search:
         self.advance(p)
         self.tell()
         if self._near():
-            raise Stop("converged")
+            raise Stop(Status.CONVERGED)
 
     def cost(self, y: Array) -> float:
         """Scaled cost alone, for methods without a gradient."""
@@ -247,17 +240,18 @@ class Search:
 
     def _check_end(self) -> None:
         if self._near():
-            raise Stop("converged")
+            raise Stop(Status.CONVERGED)
         if self._slope() <= STATIONARY and not self.on_plateau():
-            raise Stop("converged")
+            raise Stop(Status.CONVERGED)
         if len(self.history) > STALL_EVALUATIONS:
             before = self.history[-1 - STALL_EVALUATIONS]
             if np.isfinite(before) and self.best_cost > (1.0 - STALL_REDUCTION) * before:
                 raise Stop(self.verdict())
 
-    def verdict(self) -> str:
-        """How the search ended, if it ends here: "converged" or "stalled"."""
-        return "converged" if self._near() or (self._slope() <= FLAT and not self.on_plateau()) else "stalled"
+    def verdict(self) -> Status:
+        """How the search ended, if it ends here: converged or stalled."""
+        at_minimum = self._near() or (self._slope() <= FLAT and not self.on_plateau())
+        return Status.CONVERGED if at_minimum else Status.STALLED
 
     def _near(self) -> bool:
         """Whether the error is small enough."""

@@ -16,6 +16,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import counted, metres, owned
 from clothfit.base.version import __version__
 from clothfit.evaluation.evaluate import Deviation, Distance, Evaluation
+from clothfit.optimise.status import Status
 from clothfit.report.log import Log, intervals, number
 from clothfit.report.packing import box, packed, packed_errors, packed_flags, packed_positions
 from clothfit.report.showing import Shown
@@ -24,10 +25,10 @@ from clothfit.scene.fit_vector import blocks, identifiable, parameters
 from clothfit.scene.scene import Scene
 
 STATUS = {
-    "converged": "converged",
-    "stalled": "stalled before its tolerance",
-    "limit": "ended at the limit of evaluations",
-    "interrupted": "interrupted; the best so far",
+    Status.CONVERGED: "converged",
+    Status.STALLED: "stalled before its tolerance",
+    Status.LIMIT: "ended at the limit of evaluations",
+    Status.INTERRUPTED: "interrupted; the best so far",
 }
 """How a fit ended, in words; others are not believed."""
 

@@ -13,7 +13,8 @@ from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import Motion, as_motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.optimise.search import Search, Stop
+from clothfit.optimise.search import Search
+from clothfit.optimise.status import Stop
 from clothfit.scene.fit_vector import identifiable, parameters
 from clothfit.scene.scene import load
 

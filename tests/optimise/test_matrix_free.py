@@ -15,7 +15,8 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.matrix_free import FAR, Residuals
 from clothfit.optimise.prior import none
-from clothfit.optimise.search import Search, Stop
+from clothfit.optimise.search import Search
+from clothfit.optimise.status import Stop
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load

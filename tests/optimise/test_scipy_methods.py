@@ -8,7 +8,8 @@ from helpers.scenes import even
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.scipy_methods import METHODS, minimise, options
-from clothfit.optimise.search import Search, Stop
+from clothfit.optimise.search import Search
+from clothfit.optimise.status import Stop
 from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")

@@ -7,7 +7,8 @@ from helpers.scenes import even, trial
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.optimise.search import HEIGHT, STALL_EVALUATIONS, Search, Stop
+from clothfit.optimise.search import HEIGHT, STALL_EVALUATIONS, Search
+from clothfit.optimise.status import Stop
 from clothfit.scene.fit_vector import LOWER, UPPER, identifiable, parameters
 from clothfit.scene.scene import load
 

@@ -13,6 +13,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted, metres
 from clothfit.cli.common import shared
 from clothfit.cli.common.console import Console
+from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array
@@ -85,7 +86,7 @@ class Pictures:
         """
         if not self.wanted:
             return
-        if found.status == "interrupted":
+        if found.status == Status.INTERRUPTED:
             console.say("nothing is drawn, as the fit was interrupted")
             return
         over = over_target(found, scene, targets[0] if targets else None)

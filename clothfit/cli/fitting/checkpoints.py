@@ -10,12 +10,13 @@ from clothfit.base.errors import InvalidInput
 from clothfit.cli.common import shared
 from clothfit.cli.common.console import Console
 from clothfit.optimise.checkpoint import Checkpoint
+from clothfit.optimise.status import Status
 
 SUFFIX = ".checkpoint"
 
 LONG = 60.0  # s: a fit that nobody asked to be kept is, once it has lasted that long
 
-ENDED = ("converged", "stalled")
+ENDED = (Status.CONVERGED, Status.STALLED)
 """Statuses after which there is nothing to go on with."""
 
 
@@ -68,5 +69,5 @@ def closed(kept: Checkpoint | None, asked: bool, status: str, in_place: bool, co
     if not useful and not asked:
         kept.remove()
     elif useful:
-        more = " and more --max-evaluations" if status == "limit" else ""
+        more = " and more --max-evaluations" if status == Status.LIMIT else ""
         console.say(f"to go on, repeat the command with --resume{more}: {os.fspath(kept.path)}")

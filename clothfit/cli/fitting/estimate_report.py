@@ -16,6 +16,7 @@ from clothfit.cli.common.command_line import command_line
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.files import Files, filled
 from clothfit.cli.fitting import outcomes
+from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
     from clothfit.fit.result import Fit
@@ -48,7 +49,7 @@ class Page:
         console: Console,
     ) -> None:  # fmt: skip
         """Make and write it, after the fitted scene is written."""
-        if found.status == "interrupted":
+        if found.status == Status.INTERRUPTED:
             console.say("no report, as the fit was interrupted; clothfit report makes one")
             return
         from clothfit.report.log import Log, thinned

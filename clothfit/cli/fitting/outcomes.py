@@ -10,6 +10,7 @@ from clothfit.cli.common import shared
 from clothfit.cli.common.console import Console
 from clothfit.cli.fitting.parameter_line import account, indices
 from clothfit.many.job import CODES
+from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
     from clothfit.cli.fitting.fit_log import FitLog
@@ -30,7 +31,7 @@ def finish(
     told = summary(scene, found, out) | (more or {})
     for warning in found.warnings:
         console.warn(f"{scene.name}: {warning}")
-    if found.status == "diverged":
+    if found.status == Status.DIVERGED:
         conclude(told | {"output": None}, out, as_json, log)
         from clothfit.motion.divergence import Diverged
 
