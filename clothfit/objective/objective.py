@@ -86,18 +86,17 @@ class Objective:
         options: dict[str, Any] = {"objective": objective, "loss": loss, "loss_scale": loss_scale}
         self.memory = budget(memory)
         options["memory"] = self.memory
-        self._arguments = (motion, frames, options)
+        self._options = options
         self.tolerance = checked_tolerance(tolerance, TIGHT)
         self.blocks = blocks(scene)
         self.cloths = fitted_cloths(scene)
         self.weights = objective_weights(objective)
         self.loss = loss_named(loss, loss_scale)
-        given = experiments(scene, motion)
-        self._targets = [experiment.motion for experiment in given]
-        ends = list(frames) if isinstance(frames, Sequence) else [frames] * len(given)
+        self.experiments = experiments(scene, motion)
+        self._ends = list(frames) if isinstance(frames, Sequence) else [frames] * len(self.experiments)
         self.runs = tuple(
             self._run(number, experiment, cloth, end)
-            for number, (experiment, end) in enumerate(zip(given, ends, strict=True))
+            for number, (experiment, end) in enumerate(zip(self.experiments, self._ends, strict=True))
             for cloth in self.cloths
         )
 
@@ -107,12 +106,13 @@ class Objective:
         system = build(scene, cloth)
         return Run(cloth, scene, system, Comparison(goal, system, self.weights, self.loss, motion.name), number)
 
-    def until(self, frames: int, tolerance: float | None = None) -> Objective:
-        """The same objective over the first `frames` frames of each experiment, solved to another tolerance."""
-        motion, ends, options = self._arguments
-        given = [ends] * (self.runs[-1].experiment + 1) if ends is None or isinstance(ends, int) else ends
-        shorter = [frames if end is None else min(frames, end) for end in given]
-        return Objective(self.scene, motion, tolerance or self.tolerance, shorter, **options)
+    def until(self, frames: int | Sequence[int], tolerance: float | None = None) -> Objective:
+        """The same objective over the first `frames` frames of each experiment, one number for all or one for each,
+        solved to another tolerance.
+        """
+        wanted = frames if isinstance(frames, Sequence) else [frames] * len(self._ends)
+        shorter = [first if end is None else min(first, end) for first, end in zip(wanted, self._ends, strict=True)]
+        return Objective(self.scene, self.experiments, tolerance or self.tolerance, shorter, **self._options)
 
     @cached_property
     def still(self) -> float:
@@ -122,7 +122,7 @@ class Objective:
     @cached_property
     def needs(self) -> Needs:
         """The memory of a gradient. Raises InvalidInput when it cannot do with what may be held."""
-        return storage.needs(self.runs, self._targets, self.memory)
+        return storage.needs(self.runs, [experiment.motion for experiment in self.experiments], self.memory)
 
     @property
     def room(self) -> float:
