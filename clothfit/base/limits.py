@@ -14,19 +14,19 @@ def checked_tolerance(tolerance: float | None, default: float) -> float:
     """The relative tolerance to solve to. Raises InvalidInput unless it is above 0 and below 1."""
     value = default if tolerance is None else tolerance
     if not 0 < value < 1:
-        raise InvalidInput(f"tolerance: {value:g} is not possible, it must be above 0 and below 1")
+        raise InvalidInput(f"tolerance must be above 0 and below 1; {value:g} was given")
     return value
 
 
 def check_capture(noise: float, observed: float, every: int, fps: float | None = None) -> None:
     """Raise InvalidInput when a capture cannot be like that."""
     if not (math.isfinite(noise) and noise >= 0):
-        raise InvalidInput(f"noise: {noise:g} m is not possible, 0 or more is")
+        raise InvalidInput(f"noise must be at least 0 and finite; {noise:g} m was given")
     if not 0 < observed <= 1:
-        raise InvalidInput(f"observed: the fraction {observed:g} is not possible, it must be above 0 and at most 1")
+        raise InvalidInput(f"observed must be a fraction above 0 and at most 1; {observed:g} was given")
     if every < 1:
-        raise InvalidInput(f"every: {every} is not possible, 1 or more is")
+        raise InvalidInput(f"every must be at least 1; {every} was given")
     if fps is not None and not 0 < fps < math.inf:
-        raise InvalidInput(f"fps: {fps:g} frames per second are not possible, the rate must be above 0 and finite")
+        raise InvalidInput(f"fps must be above 0 and finite; {fps:g} was given")
     if fps is not None and every != 1:
         raise InvalidInput("fps: does not go with every; each says which frames there are")

@@ -35,7 +35,7 @@ def parse(size: int | str) -> int:
         raise InvalidInput(f"memory: {size!r} is not a size; give one such as 200MB, 2GiB or 1.5G")
     value = float(match[1]) * UNITS[match[2].lower()]
     if not 1 <= value < 2**63:
-        raise InvalidInput(f"memory: {size!r} is not possible; a size above 0, such as 200MB, is")
+        raise InvalidInput(f"memory must be between 1 byte and 8 EiB; {size!r} was given")
     return int(value)
 
 

@@ -237,11 +237,11 @@ def tell_needs(console: Console, needs: Needs) -> None:
 def check_values(max_evaluations: int, rmse: float, starts: int, seed: int, jobs: int | None) -> None:
     """Raise InvalidInput on option values that cannot be."""
     if max_evaluations < 1:
-        raise InvalidInput(f"--max-evaluations: {max_evaluations} is not possible, at least 1 is")
+        raise InvalidInput(f"--max-evaluations must be at least 1; {max_evaluations} was given")
     if not rmse >= 0:
-        raise InvalidInput(f"--rmse: {rmse:g} m is not possible, 0 or more is")
+        raise InvalidInput(f"--rmse must be at least 0; {rmse:g} m was given")
     for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
         if value is not None and value < least:
-            raise InvalidInput(f"--{name}: {value} is not possible, at least {least} is")
+            raise InvalidInput(f"--{name} must be at least {least}; {value} was given")
     if starts > MOST_STARTS:
-        raise InvalidInput(f"--starts: {starts} is not possible, at most {MOST_STARTS} is")
+        raise InvalidInput(f"--starts must be at most {MOST_STARTS}; {starts} was given")

@@ -129,7 +129,7 @@ def dump_of(path: str | None, scene_path: str, out: shared.Output) -> shared.Out
     if path is None:
         return None
     if path == shared.STREAM or (not out.is_stream and shared.same_file(path, out.path)):
-        raise InvalidInput(f"--dump: {path} is not possible, a file of its own is needed")
+        raise InvalidInput(f"--dump must be a file of its own; {path} was given")
     return shared.output(path, scene_path, "", ())
 
 

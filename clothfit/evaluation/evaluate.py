@@ -71,7 +71,7 @@ def evaluate(
     check_same_objects(truth, fitted)
     near = truth.frames if frames is None else frames
     if near < 2 or horizon < 2:
-        raise InvalidInput(f"frames: {min(near, horizon)} is too few to compare, at least 2 are needed")
+        raise InvalidInput(f"frames must be at least 2 to compare; {min(near, horizon)} was given")
     compared = fitted_cloths(truth) or range(len(truth.cloths))
     length = max(near, horizon)
     if target is None:

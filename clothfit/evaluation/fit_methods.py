@@ -54,7 +54,7 @@ def compare_methods(
     a value cannot be; Diverged when the scene's own motion diverges.
     """
     if evaluations < 1:
-        raise InvalidInput(f"evaluations: {evaluations} is not possible, at least 1 is")
+        raise InvalidInput(f"evaluations must be at least 1; {evaluations} was given")
     began = time.perf_counter()
     rows = []
     for method in methods:

@@ -131,7 +131,7 @@ def converged(scene: Scene, frames: int, seconds: float = math.inf, goal: float 
     good it is.
     """
     if frames < 2:
-        raise InvalidInput(f"frames: {frames} is too few to compare, at least 2 are needed")
+        raise InvalidInput(f"frames must be at least 2 to compare; {frames} was given")
     check_memory(frames, sum(scene.vertex_counts), KEPT - 1)
     left = seconds
     for integrator, recorder, order in ("Runge-Kutta", explicit, 4), ("implicit", implicit, 1):

@@ -84,7 +84,7 @@ class WorkPrecision:
         Raises InvalidInput unless `error` is a positive length.
         """
         if not 0 < error < math.inf:
-            raise InvalidInput(f"error: {error:g} m is not possible, it must be above 0 and finite")
+            raise InvalidInput(f"error must be above 0 and finite; {error:g} m was given")
         near = [row for row in self.rows if row.cost_and_error[1] + self.reference.error <= error]
         return min(near, key=lambda row: row.cost_and_error, default=None)
 
@@ -102,7 +102,7 @@ def work_precision(
     values that cannot be; Diverged when no steps that fit into the time give a reference.
     """
     if not 0 < seconds < math.inf:
-        raise InvalidInput(f"seconds: {seconds:g} is not possible, it must be above 0 and finite")
+        raise InvalidInput(f"seconds must be above 0 and finite; {seconds:g} was given")
     count = scene.frames if frames is None else frames
     warm_up(scene)
     began = time.perf_counter()

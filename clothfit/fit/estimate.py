@@ -274,7 +274,7 @@ def prior_width(prior: float | str) -> float | None:
     except ValueError:
         width = np.nan
     if not width > 0:
-        raise InvalidInput(f"prior: {prior!r} is not possible; give auto, none, or a width in log parameters above 0")
+        raise InvalidInput(f"prior must be auto, none or a width in log parameters above 0; {prior!r} was given")
     return width
 
 

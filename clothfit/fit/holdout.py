@@ -34,11 +34,11 @@ class HeldOut:
 
 
 def check(fraction: float | None, of: str) -> None:
-    """Raise InvalidInput when a value is not possible."""
+    """Raise InvalidInput unless the fraction is between 0 and 1 and `of` is one of OF."""
     if of not in OF:
         raise InvalidInput(f"holdout: there is nothing called {of!r} to keep out; use {' or '.join(OF)}")
     if fraction is not None and not 0 < fraction < 1:
-        raise InvalidInput(f"holdout: the fraction {fraction:g} is not possible, it must be above 0 and below 1")
+        raise InvalidInput(f"holdout must be a fraction above 0 and below 1; {fraction:g} was given")
 
 
 def split(

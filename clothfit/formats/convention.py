@@ -33,7 +33,7 @@ class Convention:
         positive("scale", self.scale)
         for name, choices in CHOICES.items():
             if (value := getattr(self, name)) not in (None, *choices):
-                raise InvalidInput(f"{name}: {value!r} is not possible, {' and '.join(choices)} are")
+                raise InvalidInput(f"{name} must be {' or '.join(choices)}; {value!r} was given")
 
     def axes(self, default: Axes) -> Axes:
         """The axes that are meant."""
@@ -71,4 +71,4 @@ class Reading(Convention):
 def positive(name: str, value: float | None) -> None:
     """Raise InvalidInput unless a value is above 0 and finite."""
     if value is not None and not 0 < value < math.inf:
-        raise InvalidInput(f"{name}: {value:g} is not possible, it must be above 0 and finite")
+        raise InvalidInput(f"{name} must be above 0 and finite; {value:g} was given")

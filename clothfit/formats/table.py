@@ -99,7 +99,7 @@ def animation_of(
         rate = number(table.told["rate"], f"{table.name}: rate")
         if not rate > 0:
             where = f"{table.name}: rate"
-            raise InvalidMotion(f"{where}: {rate:g} is not possible, it must be above 0 and finite")
+            raise InvalidMotion(f"{where} must be above 0 and finite; {rate:g} was given")
         times = np.arange(len(positions)) / rate
     return seen_by(positions, _axes(table, unit, notes), times, names, notes, table.name)
 

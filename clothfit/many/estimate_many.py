@@ -126,7 +126,7 @@ def check_numbers(starts: int, seed: int, jobs: int | None) -> None:
     """Raise InvalidInput on numbers that cannot be."""
     for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
         if value is not None and value < least:
-            raise InvalidInput(f"{name}: {value} is not possible, at least {least} is needed")
+            raise InvalidInput(f"{name} must be at least {least}; {value} was given")
 
 
 def estimate_many(

@@ -38,7 +38,7 @@ def at_side(positions: Array, side: str, reach: float | None = None) -> Flags:
     if not extent:
         raise InvalidInput(f"fix side: the mesh is flat along {'xyz'[axis]}, so its {side} is all of it; name another")
     if reach is not None and not 0 <= reach < np.inf:
-        raise InvalidInput(f"fix side: a reach of {reach:g} m is not possible, 0 or more is")
+        raise InvalidInput(f"fix side: the reach must be at least 0 and finite; {reach:g} m was given")
     near: Flags = depth >= depth.max() - (NEAR * extent if reach is None else reach)
     return near
 
@@ -49,6 +49,6 @@ def listed(count: int, ranges: Sequence[tuple[int, int]]) -> Flags:
     for first, last in ranges:
         if not 0 <= first <= last < count:
             wrong = last if last >= count else first
-            raise InvalidInput(f"fix vertices: {wrong} is not possible, the mesh has vertices 0 to {count - 1}")
+            raise InvalidInput(f"fix vertices: vertex {wrong} does not exist (the mesh has vertices 0 to {count - 1})")
         chosen[first : last + 1] = True
     return chosen

@@ -63,7 +63,7 @@ def plane(divisions: int, width: float, height: float | None = None, upright: bo
     cells = divisions + 1
     across, along = (max(1, round(cells * side / max(width, height))) for side in (width, height))
     if (count := (across + 1) * (along + 1)) > MOST:
-        raise InvalidInput(f"a plane of {divisions} divisions would have {count} vertices; {MOST} are possible")
+        raise InvalidInput(f"a plane of {divisions} divisions would have {count} vertices; it may have at most {MOST}")
     second, first = np.meshgrid(_axis(along, height), _axis(across, width), indexing="ij")
     zero = np.zeros_like(first)
     axes = (first, second, zero) if upright else (first, zero, second)

@@ -37,7 +37,7 @@ def read_mesh(
     if found is None or suffix not in MESHES:
         raise InvalidInput(f"{name}: meshes are not read from files of that suffix; known are {', '.join(MESHES)}")
     if scale is not None and not 0 < scale < np.inf:
-        raise InvalidInput(f"scale: {scale:g} m is not possible, it must be above 0 and finite")
+        raise InvalidInput(f"scale must be above 0 and finite; {scale:g} m was given")
     animation = module_of(found).read(sources(name)[0])
     told = {"up": up, "handedness": handedness, "scale": scale}
     axes: Axes = animation.axes._replace(**{key: value for key, value in told.items() if value is not None})

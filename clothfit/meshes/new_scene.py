@@ -79,9 +79,9 @@ def new_scene(
 
 def _check(**values: float) -> None:
     for name, value in values.items():
-        least = "above 0" if name == "density" else "0 or more"
+        least = "above 0" if name == "density" else "at least 0"
         if not (math.isfinite(value) and value >= 0) or (least == "above 0" and not value):
-            raise InvalidInput(f"{name}: {value:g} is not possible, it must be {least} and finite")
+            raise InvalidInput(f"{name} must be {least} and finite; {value:g} was given")
 
 
 def _flags(fits: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:

@@ -43,7 +43,7 @@ def together(positions: Array, distance: float) -> Indices:
 
     n = len(positions)
     if not 0 <= distance < np.inf:
-        raise InvalidInput(f"weld: a distance of {distance:g} m is not possible, 0 or more is")
+        raise InvalidInput(f"weld: the distance must be at least 0 and finite; {distance:g} m was given")
     tree = KDTree(positions)
     if tree.count_neighbors(tree, distance) > (MOST_PAIRS + 1) * n:
         raise InvalidInput(f"weld: within {metres(distance)} of most vertices are too many others; give a smaller one")

@@ -238,5 +238,5 @@ def checked_weights(weights: NDArray[Any], shape: tuple[int, int], name: str) ->
     if wrong.any():
         place = [int(i) for i in np.argwhere(wrong)[0]]
         value = values[tuple(place)]
-        raise InvalidMotion(f"{name}: weights{place}: {value:g} is not possible, it must be 0 or more and finite")
+        raise InvalidMotion(f"{name}: weights{place} must be at least 0 and finite; {value:g} was given")
     return np.array(np.broadcast_to(values, shape))

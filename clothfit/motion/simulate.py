@@ -34,7 +34,7 @@ def simulate_cloths(
     accuracy = checked_tolerance(tolerance, scene.tolerance)
     count = scene.frames if frames is None else frames
     if count < 1:
-        raise InvalidInput(f"frames: {count} is not possible, at least 1 is (the initial state)")
+        raise InvalidInput(f"frames must be at least 1 (the initial state); {count} was given")
     counts = scene.vertex_counts
     check_memory(count, sum(counts), 0)
     if not scene.delta * (count - 1) < np.inf:

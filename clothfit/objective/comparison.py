@@ -52,7 +52,7 @@ def objective_weights(objective: str | Mapping[str, float]) -> dict[str, float]:
         if name not in OBJECTIVES:
             raise InvalidInput(f"objective: there is no {name!r}; use {', '.join(OBJECTIVES)}{meant(name, OBJECTIVES)}")
         if not 0 < weight < np.inf:
-            raise InvalidInput(f"objective: {name}: a weight of {weight:g} is not possible, above 0 and finite is")
+            raise InvalidInput(f"objective: {name}: the weight must be above 0 and finite; {weight:g} was given")
     return weights
 
 

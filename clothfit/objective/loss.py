@@ -66,7 +66,7 @@ def loss_named(name: str = "linear", scale: float | None = None) -> Loss:
     if name == "linear":
         raise InvalidInput("loss scale: the linear loss has none; choose the loss soft_l1 or huber with it")
     if not 0 < scale < np.inf:
-        raise InvalidInput(f"loss scale: {scale:g} m is not possible, it must be above 0 and finite")
+        raise InvalidInput(f"loss scale must be above 0 and finite; {scale:g} m was given")
     if not SCALES[0] <= scale <= SCALES[1]:
-        raise InvalidInput(f"loss scale: {scale:g} m is not possible, it must be within {SCALES[0]:g} … {SCALES[1]:g}")
+        raise InvalidInput(f"loss scale must be within {SCALES[0]:g} … {SCALES[1]:g} m; {scale:g} m was given")
     return Loss(name, float(scale))

@@ -110,7 +110,7 @@ def test_a_target_of_ones_own(path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["--steps", "0"], 3, "--steps: 0 is not possible, at least 1 is"),
+        (["--steps", "0"], 3, "--steps must be at least 1; 0 was given"),
         (["--seed", "-1"], 3, "invalid value for '--seed'"),
         (["--memory", "lots"], 3, "memory: 'lots' is not a size"),
         (["--memory", "1kB"], 3, "memory: 1 kB is too little"),

@@ -138,8 +138,8 @@ def test_without_intervals(path, capsys):
 @pytest.mark.parametrize(
     ("option", "value", "message"),
     [
-        ("--prior", "much", "prior: 'much' is not possible"),
-        ("--holdout", "1.5", "holdout: the fraction 1.5 is not possible"),
+        ("--prior", "much", "prior must be auto, none or a width in log parameters above 0; 'much' was given"),
+        ("--holdout", "1.5", "holdout must be a fraction above 0 and below 1; 1.5 was given"),
         ("--holdout-of", "days", "holdout: there is nothing called 'days'"),
     ],
 )
@@ -273,11 +273,11 @@ def test_what_is_compared_is_an_option(tmp_path, capsys):
         (["--objective", "speed"], "objective: there is no 'speed'; use position, velocity, edge-length, spectrum"),
         (["--objective", "velocity=fast"], "--objective: velocity=fast: the weight is not a number, as in"),
         (["--objective", "velocity="], "--objective: velocity=: the weight is not a number"),
-        (["--objective", "velocity=-1"], "objective: velocity: a weight of -1 is not possible"),
+        (["--objective", "velocity=-1"], "objective: velocity: the weight must be above 0 and finite; -1 was given"),
         (["--objective", "velocity", "--objective", "velocity=2"], "--objective: velocity is given twice"),
         (["--loss", "cauchy"], "loss: there is no 'cauchy'; use linear, soft_l1, huber"),
         (["--loss-scale", "0.1"], "loss scale: the linear loss has none; choose the loss soft_l1 or huber with it"),
-        (["--loss", "huber", "--loss-scale", "0"], "loss scale: 0 m is not possible"),
+        (["--loss", "huber", "--loss-scale", "0"], "loss scale must be above 0 and finite; 0 m was given"),
         (["--target", "none.npz@scene.json"], "scene.json: cannot be read"),
     ],
 )

@@ -144,12 +144,12 @@ def test_wrong_usage_is_code_2_and_one_line(path, capsys, arguments, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--error", "0"], "--error: 0 m is not possible"),
-        (["--error", "nan"], "--error: nan m is not possible"),
-        (["--budget", "-1"], "--budget: -1 s is not possible"),
-        (["--budget", "inf"], "--budget: inf s is not possible"),
-        (["--steps", "0"], "--steps: 0 is not possible"),
-        (["--fit", "--max-evaluations", "0"], "--max-evaluations: 0 is not possible"),
+        (["--error", "0"], "--error must be above 0 and finite; 0 m was given"),
+        (["--error", "nan"], "--error must be above 0 and finite; nan m was given"),
+        (["--budget", "-1"], "--budget must be above 0 and finite; -1 s was given"),
+        (["--budget", "inf"], "--budget must be above 0 and finite; inf s was given"),
+        (["--steps", "0"], "--steps must be at least 1; 0 was given"),
+        (["--fit", "--max-evaluations", "0"], "--max-evaluations must be at least 1; 0 was given"),
         (["--plot", "x.gif"], "x.gif: a picture's name ends in .png, .svg or .pdf"),
         (["--plot", "-"], "-: a picture's name ends in"),
         (["--plot", "absent/x.png"], "cannot write absent/x.png: the folder"),

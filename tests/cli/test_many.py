@@ -148,9 +148,9 @@ def test_checkpoints_are_kept_for_each_scene_and_each_start_and_gone_on_from(her
         (["a.fitted.json"], 3, "cannot write a.fitted.json: it is an input, which is never written over"),
         (["-o", "{stem}.json"], 3, "cannot write a.json: it is an input, which is never written over"),
         (["-o", "captures/a.npz/x/"], 3, "cannot make the folder captures/a.npz/x/: Not a directory"),
-        (["--starts", "0"], 3, "--starts: 0 is not possible"),
-        (["--seed", "-1"], 3, "--seed: -1 is not possible"),
-        (["--jobs", "0"], 3, "--jobs: 0 is not possible"),
+        (["--starts", "0"], 3, "--starts must be at least 1; 0 was given"),
+        (["--seed", "-1"], 3, "--seed must be at least 0; -1 was given"),
+        (["--jobs", "0"], 3, "--jobs must be at least 1; 0 was given"),
         (["--method", "magic"], 3, "method: there is no 'magic'"),
     ],
 )

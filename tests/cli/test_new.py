@@ -264,7 +264,7 @@ def test_a_value_that_cannot_be_is_one_line_and_no_file(option, value, capsys, f
     [(["--size", "1x"], "--size: '1x' is not understood; give it as in 2 or 2x1.5"),
      (["--size", "1,2"], "--size: '1,2' is not understood; give it as in 2 or 2x1.5"),
      (["--fix-vertices", "5-2"], "--fix-vertices: '5-2' is not understood; give it as in 0,11,20-30"),
-     (["--divisions", "1000"], "a plane of 1000 divisions would have 1004004 vertices; 1000000 are possible")],
+     (["--divisions", "1000"], "a plane of 1000 divisions would have 1004004 vertices; it may have at most 1000000")],
 )  # fmt: skip
 def test_messages_show_what_was_given(options, message, capsys):
     assert run(["new", "plane", *options]) == 3

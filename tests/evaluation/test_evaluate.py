@@ -145,7 +145,7 @@ def test_other_objects_and_time_steps_are_refused(other, message):
 
 @pytest.mark.parametrize("counts", [{"frames": 1}, {"horizon": 1}, {"frames": 0}, {"horizon": -3}])
 def test_too_few_frames_are_refused(counts):
-    with pytest.raises(InvalidInput, match="at least 2 are needed"):
+    with pytest.raises(InvalidInput, match="frames must be at least 2 to compare"):
         evaluate(TRUTH, TRUTH, **counts)
 
 

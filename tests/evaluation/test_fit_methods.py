@@ -56,7 +56,7 @@ def test_what_cannot_be_is_refused():
         compare_methods(ONE, ["magic"])
     with pytest.raises(InvalidInput, match="nothing to fit"):
         compare_methods(load(trial("nn", 8)))
-    with pytest.raises(InvalidInput, match="at least 1 is"):
+    with pytest.raises(InvalidInput, match="evaluations must be at least 1"):
         compare_methods(ONE, evaluations=0)
 
 

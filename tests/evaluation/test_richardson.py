@@ -147,7 +147,7 @@ def test_a_motion_that_cannot_be_kept_is_refused():
 
 
 def test_no_time_and_no_frames_are_refused():
-    with pytest.raises(InvalidInput, match="at least 2 are needed"):
+    with pytest.raises(InvalidInput, match="frames must be at least 2 to compare"):
         converged(scene(thing([(0, 0, 0)])), 1)
     with pytest.raises(Diverged, match="no steps that fit into the time"):
         converged(scene(thing([(0, 0, 0)])), 5, seconds=0.0)

@@ -93,7 +93,7 @@ def test_the_recommended_is_the_cheapest_that_is_near_enough(found):
 
 @pytest.mark.parametrize("error", [0.0, -1.0, np.nan, np.inf])
 def test_an_error_that_cannot_be_is_refused(found, error):
-    with pytest.raises(InvalidInput, match="it must be above 0 and finite"):
+    with pytest.raises(InvalidInput, match="must be above 0 and finite"):
         found.recommended(error)
 
 
@@ -146,12 +146,12 @@ def test_progress_is_told():
 
 @pytest.mark.parametrize("seconds", [0.0, -1.0, np.nan, np.inf])
 def test_a_time_that_cannot_be_is_refused(seconds):
-    with pytest.raises(InvalidInput, match="it must be above 0 and finite"):
+    with pytest.raises(InvalidInput, match="must be above 0 and finite"):
         work_precision(ONE, seconds=seconds)
 
 
 def test_too_few_frames_and_no_reference_are_errors(monkeypatch):
-    with pytest.raises(InvalidInput, match="at least 2 are needed"):
+    with pytest.raises(InvalidInput, match="frames must be at least 2 to compare"):
         work_precision(ONE, 1)
     monkeypatch.setattr(precision, "REFERENCE_SECONDS", 0.0)
     with pytest.raises(Diverged, match="allow more of it"):

@@ -112,9 +112,9 @@ def test_the_same_vertices_are_kept_out_of_all_targets():
 @pytest.mark.parametrize(
     ("fraction", "of", "message"),
     [
-        (0.0, "frames", "holdout: the fraction 0 is not possible"),
-        (1.0, "frames", "holdout: the fraction 1 is not possible"),
-        (float("nan"), "vertices", "holdout: the fraction nan is not possible"),
+        (0.0, "frames", "holdout must be a fraction above 0 and below 1; 0 was given"),
+        (1.0, "frames", "holdout must be a fraction above 0 and below 1; 1 was given"),
+        (float("nan"), "vertices", "holdout must be a fraction above 0 and below 1; nan was given"),
         (0.2, "springs", "holdout: there is nothing called 'springs'"),
     ],
 )

@@ -12,7 +12,7 @@ COMMANDS: dict[str, Case] = {
     "--report is for one fit of one scene; make the pages of several with clothfit report": Case(
         "estimate scene.json --starts 2 --report page.html"
     ),
-    "--report: - is not possible, a file of its own is needed; clothfit report writes to -": Case(
+    "--report must be a file of its own, not -; clothfit report writes to standard output": Case(
         "estimate scene.json --report -"
     ),
     "--report shows the first --target, which must be of SCENE itself, without @": Case(

@@ -43,14 +43,14 @@ def in_two_steps() -> clothfit.Motion:
 
 PYTHON: dict[str, Callable[[], object]] = {
     "budget: … evaluations are too few, at least 1 is needed": lambda: clothfit.estimate(SCENE, budget=0),
-    "evaluations: … is not possible, at least 1 is": lambda: fit_methods.compare_methods(SCENE, evaluations=0),
-    "frames: … is not possible, at least 1 is (the initial state)": lambda: clothfit.simulate(SCENE, 0),
-    "frames: … is too few to compare, at least 2 are needed": lambda: clothfit.evaluate(SCENE, SCENE, frames=1),
-    "seconds: … is not possible, it must be above 0 and finite": lambda: precision.work_precision(SCENE, seconds=0),
-    "error: … m is not possible, it must be above 0 and finite": lambda: precision.WorkPrecision.recommended(
+    "evaluations must be at least 1; … was given": lambda: fit_methods.compare_methods(SCENE, evaluations=0),
+    "frames must be at least 1 (the initial state); … was given": lambda: clothfit.simulate(SCENE, 0),
+    "frames must be at least 2 to compare; … was given": lambda: clothfit.evaluate(SCENE, SCENE, frames=1),
+    "seconds must be above 0 and finite; … was given": lambda: precision.work_precision(SCENE, seconds=0),
+    "error must be above 0 and finite; … m was given": lambda: precision.WorkPrecision.recommended(
         SimpleNamespace(), 0.0
     ),
-    "… is not possible, at least … is needed": lambda: clothfit.estimate_many([SCENE], starts=0),
+    "… must be at least …; … was given": lambda: clothfit.estimate_many([SCENE], starts=0),
     "targets: … are given for … scenes; give one item for each": lambda: clothfit.estimate_many([SCENE], []),
     "target: none is given; at least one motion is needed": lambda: clothfit.estimate(SCENE, []),
     "objective: none is given; use one or more of …": lambda: clothfit.estimate(SCENE, objective={}),
@@ -60,7 +60,7 @@ PYTHON: dict[str, Callable[[], object]] = {
     "parameters: shape … given, … has (…,)": lambda: clothfit.with_parameters(SCENE, [1.0, 2.0]),
     "objects: … for … objects; one each is needed": lambda: SCENE.with_values([], []),
     "… items for … objects are given": lambda: SCENE.with_values([1], [1], drag=[]),
-    "… is not possible, … are": lambda: clothfit.Reading(up="x"),
+    "… must be …; … was given": lambda: clothfit.Reading(up="x"),
     "there is no kind …; there are …": lambda: SCENE.with_values([1], [1], colour=[1]),
     "an array of … of shape … is not …": lambda: SCENE.with_values([np.ones(2)], [np.ones(SPRINGS)]),
     "the text holds half a surrogate pair; save it as UTF-8": lambda: clothfit.load(io.StringIO('{"a": "\ud800"}')),
@@ -85,7 +85,7 @@ PYTHON: dict[str, Callable[[], object]] = {
     "drag: faces of … m² in air of … m/s have no coefficient; give a number": lambda: mesh.air_drag(
         Mesh(CORNERS, triangles((0, 1, 1))), 1.0
     ),
-    "weld: a distance of … m is not possible, 0 or more is": lambda: together(CORNERS, -1.0),
+    "weld: the distance must be at least 0 and finite; … m was given": lambda: together(CORNERS, -1.0),
     "derivative check: only … of … steps stand above rounding, … are needed; try another direction, or a point where "
     "the cost curves more": lambda: checked(0.0),
     "derivative check: direction of shape … given, p has …": lambda: checked(0.0, np.ones(2)),

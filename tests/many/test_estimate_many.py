@@ -96,9 +96,9 @@ def test_no_result_is_better_than_a_usable_one_and_ties_go_to_the_first():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"starts": 0}, "starts: 0 is not possible"),
-        ({"seed": -1}, "seed: -1 is not possible"),
-        ({"jobs": 0}, "jobs: 0 is not possible"),
+        ({"starts": 0}, "starts must be at least 1; 0 was given"),
+        ({"seed": -1}, "seed must be at least 0; -1 was given"),
+        ({"jobs": 0}, "jobs must be at least 1; 0 was given"),
         ({"targets": []}, "targets: 0 are given for 1 scenes"),
         ({"cluster": "here"}, "--cluster: here is no address of a scheduler"),
     ],

@@ -86,7 +86,7 @@ def test_what_is_no_mesh_is_refused(folder, name, text, message):
 @pytest.mark.parametrize("scale", [0.0, -1.0, np.nan, np.inf])
 def test_a_scale_that_cannot_be_is_refused(folder, scale):
     (folder / "a.obj").write_text(obj(CORNERS))
-    with pytest.raises(InvalidInput, match=r"^scale: "):
+    with pytest.raises(InvalidInput, match=r"^scale must be above 0"):
         read_mesh("a.obj", scale=scale)
 
 

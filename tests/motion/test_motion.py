@@ -60,7 +60,7 @@ def test_a_simulation_has_the_frames_times_and_counts_of_the_scene():
 def test_no_frames_is_no_simulation(frames):
     with pytest.raises(InvalidInput) as caught:
         simulate(TWO, frames=frames)
-    assert str(caught.value) == f"frames: {frames} is not possible, at least 1 is (the initial state)"
+    assert str(caught.value) == f"frames must be at least 1 (the initial state); {frames} was given"
 
 
 @pytest.mark.parametrize("method", list(METHODS))
@@ -274,14 +274,14 @@ BAD = [
     ),
     ({"weights": np.ones(4)}, "weights: has shape (4,) and type float64, (10,) or (4, 10) numbers fit"),
     ({"weights": np.full(10, "a")}, "weights: has shape (10,) and type <U1, (10,) or (4, 10) numbers fit"),
-    ({"weights": -UNSEEN.astype(int)}, "weights[0, 0]: -1 is not possible, it must be 0 or more and finite"),
+    ({"weights": -UNSEEN.astype(int)}, "weights[0, 0] must be at least 0 and finite; -1 was given"),
     (
         {"weights": np.array([1.0] * 9 + [np.nan])},
-        "weights[9]: nan is not possible, it must be 0 or more and finite",
+        "weights[9] must be at least 0 and finite; nan was given",
     ),
     (
         {"weights": np.array([np.inf] + [1.0] * 9)},
-        "weights[0]: inf is not possible, it must be 0 or more and finite",
+        "weights[0] must be at least 0 and finite; inf was given",
     ),
     ({"observed": np.ones((4, 10))}, "observed: has shape (4, 10) and type float64, (4, 10) bool fits"),
 ]

@@ -250,9 +250,9 @@ def test_the_losses_are_those_of_scipy(name):
     [
         ("speed", "objective: there is no 'speed'; use position, velocity, edge-length, spectrum"),
         ({}, "objective: none is given; use one or more of position"),
-        ({"position": 0.0}, "objective: position: a weight of 0 is not possible, above 0 and finite is"),
-        ({"position": 1.0, "velocity": np.nan}, "objective: velocity: a weight of nan is not possible"),
-        ({"velocity": np.inf}, "objective: velocity: a weight of inf is not possible"),
+        ({"position": 0.0}, "objective: position: the weight must be above 0 and finite; 0 was given"),
+        ({"position": 1.0, "velocity": np.nan}, "objective: velocity: the weight must be above 0 and finite; nan"),
+        ({"velocity": np.inf}, "objective: velocity: the weight must be above 0 and finite; inf was given"),
     ],
 )
 def test_objectives_that_cannot_be_are_refused(objective, message):

@@ -172,8 +172,11 @@ def test_the_command_says_what_is_foreseen(tmp_path, capsys):
     assert json.loads(told.out)["memory"]["snapshots"] > 0
 
 
-@pytest.mark.parametrize("size", ["lots", "0"])
-def test_the_command_refuses_a_size_that_is_none(tmp_path, capsys, size):
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [("lots", "memory: 'lots' is not a size"), ("0", "memory must be between 1 byte and 8 EiB; '0' was given")],
+)
+def test_the_command_refuses_a_size_that_is_none(tmp_path, capsys, size, message):
     path = write_scene(tmp_path, trial("nG", FRAMES))
     assert run(["estimate", path, "--memory", size]) == 3
-    assert capsys.readouterr().err.startswith(f"error: memory: '{size}' is not")
+    assert capsys.readouterr().err.startswith(f"error: {message}")

@@ -377,7 +377,7 @@ def test_a_fits_page_does_not_go_where_the_scene_may_go(paths, capsys):
     assert run(["estimate", "scene.json", "-o", "-", "--report", "-"]) == 3
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
-    assert err.startswith("error: --report: - is not possible")
+    assert err.startswith("error: --report must be a file of its own, not -")
 
 
 @needs_compilation

@@ -66,7 +66,7 @@ class Asked:
             if getattr(self, field) is not None and getattr(self, other):
                 raise click.UsageError(f"{name} and {other_name} say the same; give one of them")
         if self.fps is not None and not 0 < self.fps < float("inf"):
-            raise InvalidInput(f"--fps: {self.fps:g} is not possible, it must be above 0 and finite")
+            raise InvalidInput(f"--fps must be above 0 and finite; {self.fps:g} was given")
 
     @property
     def step(self) -> float:

@@ -186,7 +186,7 @@ def motion_data(motion: Motion, extra: Mapping[str, Array] | None = None) -> Dat
 def check_numbers(steps: int | None = None, tolerance: float | None = None) -> None:
     """Check options before the libraries load, which takes longer. Raises InvalidInput on what cannot be."""
     if steps is not None and steps < 1:
-        raise InvalidInput(f"--steps: {steps} is not possible, at least 1 is")
+        raise InvalidInput(f"--steps must be at least 1; {steps} was given")
     if tolerance is not None:
         checked_tolerance(tolerance, tolerance)
 

@@ -67,9 +67,9 @@ def check_values(error: float | None, budget: float | None, max_evaluations: int
     """Raise InvalidInput on option values that cannot be."""
     for name, value, unit in (("--error", error, "m"), ("--budget", budget, "s")):
         if value is not None and not 0 < value < float("inf"):
-            raise InvalidInput(f"{name}: {value:g} {unit} is not possible, it must be above 0 and finite")
+            raise InvalidInput(f"{name} must be above 0 and finite; {value:g} {unit} was given")
     if max_evaluations is not None and max_evaluations < 1:
-        raise InvalidInput(f"--max-evaluations: {max_evaluations} is not possible, at least 1 is")
+        raise InvalidInput(f"--max-evaluations must be at least 1; {max_evaluations} was given")
 
 
 def check_plot(plot: str, scene_path: str) -> None:

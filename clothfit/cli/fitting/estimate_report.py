@@ -75,7 +75,7 @@ def chosen(path: str | None, scenes: tuple[str, ...], single: bool, files: Files
     if path is None:
         return None
     if path == shared.STREAM:
-        raise InvalidInput("--report: - is not possible, a file of its own is needed; clothfit report writes to -")
+        raise InvalidInput("--report must be a file of its own, not -; clothfit report writes to standard output")
     context = click.get_current_context()
     if not single:
         why = "--report is for one fit of one scene; make the pages of several with clothfit report"
