@@ -16,7 +16,7 @@ Flags = NDArray[np.bool_]
 LINE, PAGE = 8, 512
 """Numbers in a cache line of 64 bytes, and in a page of 4096."""
 
-NONE: Array = np.zeros(0)
+NO_NUMBERS: Array = np.zeros(0)
 NO_VECTORS: Array = np.zeros((0, 3))
 
 
@@ -29,12 +29,12 @@ class Elements(NamedTuple):
 
     mass: Array  # (n,), kg, one per vertex
     stiffness: Array  # (S,), N/m, one per spring
-    damping: Array = NONE  # (1,), the object's coefficient α, 1/s at the vertices, s at the springs
-    drag: Array = NONE  # (1,), air drag of the faces, kg/(m⁶ s)
+    damping: Array = NO_NUMBERS  # (1,), the object's coefficient α, 1/s at the vertices, s at the springs
+    drag: Array = NO_NUMBERS  # (1,), air drag of the faces, kg/(m⁶ s)
     velocity: Array = NO_VECTORS  # (n, 3), at the start, m/s
-    rest: Array = NONE  # (S,), rest lengths, m
-    wind: Array = NONE  # (3,), velocity, m/s
-    gravity: Array = NONE  # (3,), m/s²
+    rest: Array = NO_NUMBERS  # (S,), rest lengths, m
+    wind: Array = NO_NUMBERS  # (3,), velocity, m/s
+    gravity: Array = NO_NUMBERS  # (3,), m/s²
 
 
 def aligned(*shape: int) -> Array:

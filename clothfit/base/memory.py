@@ -9,13 +9,13 @@ from pathlib import Path
 
 from clothfit.base.errors import InvalidInput
 
-UNITS = {
+BYTES_PER_UNIT = {
     "": 1, "b": 1, "k": 10**3, "kb": 10**3, "m": 10**6, "mb": 10**6, "g": 10**9, "gb": 10**9, "t": 10**12, "tb": 10**12,
     "ki": 2**10, "kib": 2**10, "mi": 2**20, "mib": 2**20, "gi": 2**30, "gib": 2**30, "ti": 2**40, "tib": 2**40,
 }  # fmt: skip
 """Bytes, in lower case; as on a disk's label, KB is 1000 and KiB 1024."""
 
-SHARE = 0.5
+FIT_SHARE = 0.5
 """Of the free memory, that a fit takes where nobody says how much."""
 
 LIMITS = (
@@ -24,16 +24,16 @@ LIMITS = (
 )
 """Where a container's limit and use stand, in bytes; beside the use, `memory.stat` tells what of it is only cached."""
 
-LITTLE = 16_000_000
+ALWAYS_FREE = 16_000_000
 """Bytes that a process gets which got its libraries."""
 
 
 def parse(size: int | str) -> int:
     """Bytes of a size such as 200MB, 2GiB, 1.5G or a plain number. Raises InvalidInput."""
     match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:e\+?[0-9]+)?)\s*([a-z]*)\s*", str(size), re.IGNORECASE)
-    if match is None or match[2].lower() not in UNITS:
+    if match is None or match[2].lower() not in BYTES_PER_UNIT:
         raise InvalidInput(f"memory: {size!r} is not a size; give one such as 200MB, 2GiB or 1.5G")
-    value = float(match[1]) * UNITS[match[2].lower()]
+    value = float(match[1]) * BYTES_PER_UNIT[match[2].lower()]
     if not 1 <= value < 2**63:
         raise InvalidInput(f"memory must be between 1 byte and 8 EiB; {size!r} was given")
     return int(value)
@@ -41,7 +41,7 @@ def parse(size: int | str) -> int:
 
 def budget(size: int | str | None) -> int:
     """Bytes that a fit may hold: the `size` that is given, else half of what is free. Raises InvalidInput."""
-    return parse(size) if size is not None else int(SHARE * free())
+    return parse(size) if size is not None else int(FIT_SHARE * free())
 
 
 def free() -> int:
@@ -56,7 +56,7 @@ def missing(needed: int) -> int | None:
     """The bytes that are free, where more are `needed`; None where it fits. So little that it always fits is not worth
     a look, which takes as long as some steps of a small cloth.
     """
-    if needed < LITTLE:
+    if needed < ALWAYS_FREE:
         return None
     found = free()
     return found if needed > found else None

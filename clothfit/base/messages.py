@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Iterable
 
-LONGEST = 40  # characters of a value in a message
+LONGEST_VALUE = 40  # characters of a value in a message
 
 ACTING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
 """Characters that control a terminal or turn the direction of writing; lines and tabs may be."""
@@ -19,7 +19,7 @@ def shown(value: object) -> str:
     if isinstance(value, dict):
         return "an object"
     text = json.dumps(value)
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+    return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 3]}..."
 
 
 def harmless(text: str) -> str:
@@ -45,7 +45,7 @@ def owned(cloth: int | None, kind: str) -> str:
 
 def named(key: str) -> str:
     """Write a key as a step of a place: as it is when short and plain, else in quotes, escaped and cut."""
-    return key if key.isidentifier() and key.isascii() and len(key) <= LONGEST else shown(key)
+    return key if key.isidentifier() and key.isascii() and len(key) <= LONGEST_VALUE else shown(key)
 
 
 def metres(value: float) -> str:

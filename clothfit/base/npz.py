@@ -21,23 +21,25 @@ from numpy.typing import NDArray
 from clothfit.base.reading import MOST_TEXT, whole
 from clothfit.base.writing import Data
 
-MAGIC = b"\x93NUMPY"
-PACKED = b"PK"
+NPY_MAGIC = b"\x93NUMPY"
+ZIP_MAGIC = b"PK"
 
 LONGEST_HEADER = 10_000
 """Bytes, as NumPy has it."""
 
-PIECE = 1 << 20
+CHUNK_BYTES = 1 << 20
 """Bytes that are read at a time. An archive's table of contents must fit into it."""
 
-ROOM, RATIO = 64 << 20, 100
-"""An array of more than `ROOM` bytes may be packed `RATIO` times smaller at most: a motion's numbers hardly shrink."""
+UNPACKED_FREELY, LARGEST_RATIO = 64 << 20, 100
+"""An array of more than `UNPACKED_FREELY` bytes may be packed at most `LARGEST_RATIO` times smaller: the numbers of a
+motion hardly shrink.
+"""
 
-DESCR = re.compile(r"""['"]descr['"]\s*:\s*['"]([^'"]{1,30})['"]\s*[,}]""")
-ORDER = re.compile(r"""['"]fortran_order['"]\s*:\s*(True|False)\s*[,}]""")
-SHAPE = re.compile(r"""['"]shape['"]\s*:\s*\(((?:\s*[0-9]{1,18}L?\s*,)*\s*(?:[0-9]{1,18}L?)?\s*)\)\s*[,}]""")
+TYPE_FIELD = re.compile(r"""['"]descr['"]\s*:\s*['"]([^'"]{1,30})['"]\s*[,}]""")
+ORDER_FIELD = re.compile(r"""['"]fortran_order['"]\s*:\s*(True|False)\s*[,}]""")
+SHAPE_FIELD = re.compile(r"""['"]shape['"]\s*:\s*\(((?:\s*[0-9]{1,18}L?\s*,)*\s*(?:[0-9]{1,18}L?)?\s*)\)\s*[,}]""")
 
-TYPE = re.compile(r"[<>=|]?[biufcSUVmM][0-9]{1,9}(?:\[[0-9A-Za-z]{1,9}\])?")
+PLAIN_TYPE = re.compile(r"[<>=|]?[biufcSUVmM][0-9]{1,9}(?:\[[0-9A-Za-z]{1,9}\])?")
 """Types whose items are plain bytes, as NumPy writes them; it knows other names, some of them for pointers."""
 
 FAULTS = (
@@ -51,9 +53,9 @@ def content(file: IO[bytes]) -> bytes:
     without end: no more of it is read than of a text. Raises OSError, with a sentence as its `strerror`.
     """
     first = b""
-    while len(first) < len(MAGIC) and (piece := file.read(len(MAGIC) - len(first))):
+    while len(first) < len(NPY_MAGIC) and (piece := file.read(len(NPY_MAGIC) - len(first))):
         first += piece
-    rest: bytes = whole(file, None if first.startswith((MAGIC, PACKED)) else MOST_TEXT)
+    rest: bytes = whole(file, None if first.startswith((NPY_MAGIC, ZIP_MAGIC)) else MOST_TEXT)
     return first + rest
 
 
@@ -75,13 +77,13 @@ class Stored:
 
     def read(self) -> NDArray[Any]:
         """Its numbers; once only."""
-        if self.nbytes > ROOM and self.nbytes > RATIO * self._packed:
+        if self.nbytes > UNPACKED_FREELY and self.nbytes > LARGEST_RATIO * self._packed:
             raise ValueError(f"{self._packed} bytes unpack to {self.nbytes}; write it with numpy.savez, not compressed")
         array: NDArray[Any] = np.empty(self.shape[::-1] if self._fortran else self.shape, self.dtype)
         room = array.reshape(-1).view(np.uint8) if self.nbytes else np.empty(0, np.uint8)
         done = 0
         while done < len(room):
-            piece = self._stream.read(min(PIECE, len(room) - done))
+            piece = self._stream.read(min(CHUNK_BYTES, len(room) - done))
             if not piece:
                 raise EOFError("it ends early")
             room[done : done + len(piece)] = np.frombuffer(piece, np.uint8)
@@ -101,12 +103,12 @@ def stored(file: IO[bytes], names: Collection[str], only: str) -> dict[str, Stor
 
     Raises one of FAULTS, with a few words, when the file is not in order.
     """
-    first = file.read(len(MAGIC))
+    first = file.read(len(NPY_MAGIC))
     size = file.seek(0, 2)
     file.seek(0)
-    if first == MAGIC:
+    if first == NPY_MAGIC:
         return {only: Stored(file, size, size)}
-    if not first.startswith(PACKED):
+    if not first.startswith(ZIP_MAGIC):
         raise ValueError("it is neither")
     archive = zipfile.ZipFile(_Rationed(file))
     entries = {name: _entry(archive, name) for name in names}
@@ -125,8 +127,8 @@ class _Rationed:
         self.seek, self.tell, self.seekable = file.seek, file.tell, file.seekable
 
     def read(self, size: int = -1) -> bytes:
-        data = self._file.read(min(size, PIECE + 1) if size >= 0 else PIECE + 1)
-        if len(data) > PIECE:
+        data = self._file.read(min(size, CHUNK_BYTES + 1) if size >= 0 else CHUNK_BYTES + 1)
+        if len(data) > CHUNK_BYTES:
             raise zipfile.BadZipFile("it holds too many files to be a motion")
         return data
 
@@ -147,7 +149,7 @@ def _entry(archive: zipfile.ZipFile, name: str) -> zipfile.ZipInfo | None:
 def _header(stream: IO[bytes]) -> tuple[str, int]:
     """The text of a header, and where the numbers begin."""
     start = stream.read(8)
-    if not start.startswith(MAGIC) or len(start) < 8:
+    if not start.startswith(NPY_MAGIC) or len(start) < 8:
         raise ValueError("what it holds is not an array")
     wide = 2 if start[6] == 1 else 4  # bytes of the header's length
     length = int.from_bytes(stream.read(wide), "little")
@@ -158,13 +160,13 @@ def _header(stream: IO[bytes]) -> tuple[str, int]:
 
 def _described(text: str) -> tuple[np.dtype[Any], tuple[int, ...], bool]:
     """Type, shape and whether the first index runs fastest, by a header."""
-    descr, order, shape = (pattern.findall(text) for pattern in (DESCR, ORDER, SHAPE))
+    descr, order, shape = (pattern.findall(text) for pattern in (TYPE_FIELD, ORDER_FIELD, SHAPE_FIELD))
     if descr and "O" in descr[0]:
         raise ValueError("it holds pickled objects")
     if not len(descr) == len(order) == len(shape) == 1:
         raise ValueError("its header does not tell type and shape of plain numbers")
     try:
-        if not TYPE.fullmatch(descr[0]):
+        if not PLAIN_TYPE.fullmatch(descr[0]):
             raise TypeError
         dtype = np.dtype(descr[0])
     except TypeError:

@@ -20,7 +20,7 @@ from clothfit.base.memory import human
 MOST_TEXT = 500_000_000
 """Bytes of a scene: several times what the largest have."""
 
-PIECE = 1 << 24
+UNSIZED_CHUNK = 1 << 24
 """Bytes to read at a time where nobody knows how many there are."""
 
 CHANGED = "it changed while it was read; try again"
@@ -38,7 +38,7 @@ def whole(file: IO[Any], most: int | None = None) -> Any:
     pieces: list[Any] = []
     size = known if known > limit else 0
     while size <= limit:
-        piece = file.read(min(max(known + 1, PIECE), limit + 1 - size))  # so much memory is taken at once
+        piece = file.read(min(max(known + 1, UNSIZED_CHUNK), limit + 1 - size))  # so much memory is taken at once
         if not isinstance(piece, (str, bytes)):
             raise TypeError(f"the file gave {type(piece).__name__} instead of text or bytes")
         pieces.append(piece)

@@ -69,9 +69,9 @@ def command(
     faces = chosen_faces(mesh, loaded, mesh_path)
     told = written(loaded, out, scene, faces, convention, console)
     if as_json:
-        account = loaded.account.summary()
-        summary = {name: account[name] for name in ("frames", "points")}
-        summary |= {"seconds": account["duration"], "reading": [account], **told, "output": out.path}
+        taken = loaded.interpretation.summary()
+        summary = {name: taken[name] for name in ("frames", "points")}
+        summary |= {"seconds": taken["duration"], "reading": [taken], **told, "output": out.path}
         shared.print_json("convert", summary, out)
     return 0
 
@@ -92,7 +92,7 @@ def mesh_faces(path: str) -> tuple[int, Indices]:
     mesh = foreign.load(path, None, Reading(frames=":1"))
     if mesh.triangles is None:
         raise InvalidInput(f"--mesh: {path} has no faces")
-    return mesh.account.points, mesh.triangles
+    return mesh.interpretation.points, mesh.triangles
 
 
 def of_scene(loaded: Loaded, scene: Scene, out: shared.Output) -> Loaded:

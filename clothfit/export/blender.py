@@ -22,24 +22,24 @@ from clothfit.export.topology import roles
 from clothfit.export.weights import Painted, painted
 from clothfit.scene.scene import Cloth, Scene
 
-FORMAT = "clothfit-blender-1"
-UNIT = 0.001**0.5  # τ, s: the time in which Blender's weights are SI's
-BENDING = 0.5  # Blender's default, which stands for the mean here
-MOST = 10_000.0  # of a stiffness in Blender
+BLENDER_FORMAT = "clothfit-blender-1"
+TIME_UNIT = 0.001**0.5  # τ, s: the time in which Blender's weights are SI's
+DEFAULT_BENDING = 0.5  # Blender's default, which stands for the mean here
+LARGEST_STIFFNESS = 10_000.0  # of a stiffness in Blender
 SCRIPT = Path(__file__).with_name("blender_script.py")
-PLACE = 'json.loads("{}")'  # in the script, for the numbers
+DATA_PLACE = 'json.loads("{}")'  # in the script, for the numbers
 
 
 def files(scene: Scene) -> dict[str, bytes]:
     """The numbers as JSON, and the script, with the numbers in it as well."""
     document = {
-        "format": FORMAT,
-        "time_unit": UNIT,
+        "format": BLENDER_FORMAT,
+        "time_unit": TIME_UNIT,
         "gravity": scene.gravity.tolist(),
         "objects": [one(number, cloth) for number, cloth in enumerate(scene.cloths)],
     }
     text = json.dumps(document, allow_nan=False)
-    script = SCRIPT.read_text("utf-8").replace(PLACE, f"json.loads({text!r})")
+    script = SCRIPT.read_text("utf-8").replace(DATA_PLACE, f"json.loads({text!r})")
     return {"blender.json": text.encode(), "blender.py": script.encode()}
 
 
@@ -49,16 +49,16 @@ def one(number: int, cloth: Cloth) -> dict[str, Any]:
     edges = ~role.bending
     length = float(cloth.rest[edges].mean()) if edges.any() else 0.0
     count, mass = len(cloth.mass), float(cloth.mass.mean())
-    traction = painted(count, cloth.springs[edges], UNIT**2 * length * cloth.stiffness[edges])
+    traction = painted(count, cloth.springs[edges], TIME_UNIT**2 * length * cloth.stiffness[edges])
     across = cloth.stiffness[role.bending]
-    scale = BENDING / float(across.mean()) if across.any() else 0.0
+    scale = DEFAULT_BENDING / float(across.mean()) if across.any() else 0.0
     bending = painted(count, role.hinges[role.bending], scale * across)
-    along = 0.5 * cloth.damping * UNIT * float(cloth.stiffness[edges].mean()) if edges.any() else 0.0
+    along = 0.5 * cloth.damping * TIME_UNIT * float(cloth.stiffness[edges].mean()) if edges.any() else 0.0
     return {
         "object": number,
         "vertices": count,
         "mass": mass,
-        "air_damping": min(100.0 * UNIT * cloth.damping * mass, 10.0),
+        "air_damping": min(100.0 * TIME_UNIT * cloth.damping * mass, 10.0),
         "spring_damping": min(along, 50.0),
         "mean_length": length,
         "structural": group(traction),
@@ -72,8 +72,8 @@ def group(found: Painted | None) -> dict[str, Any] | None:
     if found is None:
         return None
     return {
-        "stiffness": min(found.low, MOST),
-        "stiffness_max": min(found.high, MOST),
+        "stiffness": min(found.low, LARGEST_STIFFNESS),
+        "stiffness_max": min(found.high, LARGEST_STIFFNESS),
         "weights": found.weights.tolist(),
         "median_deviation": found.deviation,
         "largest_deviation": found.largest,

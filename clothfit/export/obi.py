@@ -16,13 +16,13 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.export.topology import roles
 from clothfit.scene.scene import Cloth, Scene
 
-FORMAT = "clothfit-obi-1"
+OBI_FORMAT = "clothfit-obi-1"
 
 
 def files(scene: Scene) -> dict[str, bytes]:
     """One file of JSON."""
     objects = [one(number, cloth) for number, cloth in enumerate(scene.cloths)]
-    document = {"format": FORMAT, "units": {"mass": "kg", "compliance": "m/N", "length": "m"}, "objects": objects}
+    document = {"format": OBI_FORMAT, "units": {"mass": "kg", "compliance": "m/N", "length": "m"}, "objects": objects}
     return {"obi.json": json.dumps(document, allow_nan=False).encode()}
 
 

@@ -10,9 +10,9 @@ from collections.abc import Iterable, Sequence
 from clothfit.export.topology import roles
 from clothfit.scene.scene import Scene
 
-OBJECTS = ("object", "vertices", "springs", "triangles", "damping", "drag")
-VERTICES = ("object", "vertex", "x", "y", "z", "fixed", "mass")
-SPRINGS = ("object", "spring", "a", "b", "kind", "rest_length", "stiffness", "damping")
+OBJECT_COLUMNS = ("object", "vertices", "springs", "triangles", "damping", "drag")
+VERTEX_COLUMNS = ("object", "vertex", "x", "y", "z", "fixed", "mass")
+SPRING_COLUMNS = ("object", "spring", "a", "b", "kind", "rest_length", "stiffness", "damping")
 
 
 def files(scene: Scene) -> dict[str, bytes]:
@@ -26,8 +26,11 @@ def files(scene: Scene) -> dict[str, bytes]:
         damping = (0.5 * cloth.damping * cloth.stiffness).tolist()
         columns = (cloth.springs.tolist(), roles(cloth).names, cloth.rest.tolist(), cloth.stiffness.tolist(), damping)
         springs += [(number, s, *ends, *rest) for s, (ends, *rest) in enumerate(zip(*columns, strict=True))]
-    tables = (("objects", OBJECTS, objects), ("vertices", VERTICES, vertices), ("springs", SPRINGS, springs))
-    return {f"{name}.csv": table(head, rows) for name, head, rows in tables}
+    return {
+        "objects.csv": table(OBJECT_COLUMNS, objects),
+        "vertices.csv": table(VERTEX_COLUMNS, vertices),
+        "springs.csv": table(SPRING_COLUMNS, springs),
+    }
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:

@@ -21,7 +21,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.export.topology import roles
 from clothfit.scene.scene import Cloth, Scene
 
-FORMAT = "clothfit-vellum-1"
+VELLUM_FORMAT = "clothfit-vellum-1"
 FLIP = np.array([1.0, 1.0, -1.0])  # from left- to right-handed axes
 
 
@@ -33,7 +33,7 @@ def files(scene: Scene) -> dict[str, bytes]:
         faces = cloth.triangles[:, ::-1]
         made[f"object{number}.cloth.geo"] = geometry(points, {}, faces, closed=True)
         made[f"object{number}.constraints.geo"] = geometry(points, constraints(cloth), cloth.springs, closed=False)
-    summary = {"format": FORMAT, "objects": [one(number, cloth) for number, cloth in enumerate(scene.cloths)]}
+    summary = {"format": VELLUM_FORMAT, "objects": [one(number, cloth) for number, cloth in enumerate(scene.cloths)]}
     return made | {"vellum.json": json.dumps(summary, allow_nan=False).encode()}
 
 
@@ -101,7 +101,7 @@ def geometry(
 
 def attribute(name: str, values: Array | list[str]) -> list[Any]:
     """An attribute of numbers or of words."""
-    return words(name, values) if isinstance(values, list) else numbers(name, values)
+    return strings(name, values) if isinstance(values, list) else numbers(name, values)
 
 
 def numbers(name: str, values: Array) -> list[Any]:
@@ -116,7 +116,7 @@ def numbers(name: str, values: Array) -> list[Any]:
     return [head, ["size", size, "storage", "fpreal64", "defaults", default, "values", content]]
 
 
-def words(name: str, values: list[str]) -> list[Any]:
+def strings(name: str, values: list[str]) -> list[Any]:
     """An attribute of words."""
     known = list(dict.fromkeys(values))
     head = ["scope", "public", "type", "string", "name", name, "options", {}]

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array
-from clothfit.meshes.mesh import BENDING, Mesh, areas
+from clothfit.meshes.mesh import BENDING_SHARE, Mesh, areas
 from clothfit.objective.experiment import Experiment, Targets, experiments
 from clothfit.objective.objective import Objective
 from clothfit.objective.target import first_step, target
@@ -154,7 +154,7 @@ def spring_areas(cloth: Cloth, area: Array) -> Array:
     first, second = order[pairs], order[pairs + 1]
     across = np.sort(np.stack([opposite[first], opposite[second]], axis=1), axis=1)
     bend_key = across[:, 0].astype(np.int64) * n + across[:, 1]
-    bend_area = BENDING * 2.0 * shared[second]
+    bend_area = BENDING_SHARE * 2.0 * shared[second]
     ends = np.sort(cloth.springs, axis=1)
     own = ends[:, 0].astype(np.int64) * n + ends[:, 1]
     traction = summed(key, shared, own)

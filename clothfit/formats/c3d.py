@@ -20,19 +20,17 @@ from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import shown
 from clothfit.base.writing import Data
 from clothfit.formats.animation import Animation
-from clothfit.formats.axes import Axes
-from clothfit.formats.c3d_parameters import BLOCK, INTEGER, INTEL, KEY, REAL, TEXT, Parameters
+from clothfit.formats.axes import UPS, Axes
+from clothfit.formats.c3d_parameters import BLOCK_BYTES, INTEGER, INTEL, KEY, REAL, TEXT, Parameters
 from clothfit.formats.demands import rated, seen
 from clothfit.formats.files import check_room, content, name_of
-from clothfit.formats.markers import UNITS, label, labels_of, seen_by, unit_of
+from clothfit.formats.markers import METRES_PER_UNIT, label, labels_of, seen_by, unit_of
 
-MOST = 65535
+LARGEST_WORD = 65535
 """Largest 16-bit number: points, and frames but for those that the group TRIAL tells."""
 
 OTHERS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
 """Parameters of the group POINT that list labels of what is not a position."""
-
-UPS = {"Y": "y", "Z": "z"}
 
 
 def read(path: str | os.PathLike[str]) -> Animation:
@@ -59,7 +57,7 @@ def _positions(found: Parameters, path: str | os.PathLike[str]) -> Array:
     scale = next(iter(found.values("POINT", "SCALE")), found.real(7))
     width = 4 if scale < 0 else 2  # bytes of a number
     row = 4 * points + found.word(3)
-    start = (found.word(9) - 1) * BLOCK
+    start = (found.word(9) - 1) * BLOCK_BYTES
     there = max(len(found.data) - start, 0) // (width * row) if row and start > 0 else 0
     frames = _frames(found, there)
     if not points or frames < 1 or start <= 0:
@@ -82,7 +80,7 @@ def _frames(found: Parameters, there: int) -> int:
         first, last = (int(low) + 65536 * int(high) for low, high in limits)
         return last - first + 1
     count = found.word(5) - found.word(4) + 1
-    return there if found.word(5) == MOST and there > count else count
+    return there if found.word(5) == LARGEST_WORD and there > count else count
 
 
 def _labels(found: Parameters, count: int) -> list[str]:
@@ -96,16 +94,16 @@ def _labels(found: Parameters, count: int) -> list[str]:
 def _scale(found: Parameters, notes: list[str]) -> float:
     """m per unit."""
     told = next(iter(found.texts("POINT", "UNITS")), "")
-    if told.lower() in UNITS:
-        return UNITS[told.lower()]
+    if told.lower() in METRES_PER_UNIT:
+        return METRES_PER_UNIT[told.lower()]
     notes.append(f"its unit is {shown(told)}, taken for mm" if told else "it does not tell its unit, so it is mm")
-    return UNITS["mm"]
+    return METRES_PER_UNIT["mm"]
 
 
 def _up(found: Parameters, notes: list[str]) -> str:
-    told = next(iter(found.texts("POINT", "Y_SCREEN")), "").upper().removeprefix("+")
+    told = next(iter(found.texts("POINT", "Y_SCREEN")), "").lower().removeprefix("+")
     if told in UPS:
-        return UPS[told]
+        return told
     notes.append("it does not tell which axis is up, so it is z")
     return "z"
 
@@ -122,13 +120,13 @@ def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Dat
     known = np.isfinite(positions).all(axis=2)
     table[known, :3] = positions[known]
     table[~known, 3] = -1
-    data_start = 2 + len(_parameters(animation, rate, unit, 0)) // BLOCK  # first only to know how long they are
+    data_start = 2 + len(_parameters(animation, rate, unit, 0)) // BLOCK_BYTES  # first only to know how long they are
     parameters = _parameters(animation, rate, unit, data_start)
-    if points > MOST or len(parameters) > 255 * BLOCK:
+    if points > LARGEST_WORD or len(parameters) > 255 * BLOCK_BYTES:
         raise InvalidMotion(f"{name_of(path)}: {points} points are more than C3D can name; write another format")
-    last = min(frames, MOST)
+    last = min(frames, LARGEST_WORD)
     header = struct.pack("<BBHHHHHfHHf", 2, KEY, points, 0, 1, last, 0, -1.0, data_start, 0, rate)
-    return {os.fspath(path): header.ljust(BLOCK, b"\0") + parameters + _padded(table.tobytes())}
+    return {os.fspath(path): header.ljust(BLOCK_BYTES, b"\0") + parameters + _padded(table.tobytes())}
 
 
 def _parameters(animation: Animation, rate: float, unit: str, data_start: int) -> bytes:
@@ -140,7 +138,7 @@ def _parameters(animation: Animation, rate: float, unit: str, data_start: int) -
         _reals(1, "SCALE", -1.0),
         _reals(1, "RATE", rate),
         _integers(1, "DATA_START", data_start),
-        _integers(1, "FRAMES", min(frames, MOST)),
+        _integers(1, "FRAMES", min(frames, LARGEST_WORD)),
         _strings(1, "UNITS", [unit], plain=True),
         _strings(1, "X_SCREEN", ["+X"], plain=True),
         _strings(1, "Y_SCREEN", [f"+{animation.axes.up.upper()}"], plain=True),
@@ -154,7 +152,7 @@ def _parameters(animation: Animation, rate: float, unit: str, data_start: int) -
     records += [_group(3, "TRIAL"), _integers(3, "ACTUAL_START_FIELD", 1, 0)]
     records += [_integers(3, "ACTUAL_END_FIELD", frames % 65536, frames // 65536)]
     body = b"".join(records) + b"\0\0"
-    blocks = -(-(len(body) + 4) // BLOCK)
+    blocks = -(-(len(body) + 4) // BLOCK_BYTES)
     return _padded(bytes([1, KEY, min(blocks, 255), INTEL]) + body)
 
 
@@ -186,4 +184,4 @@ def _strings(number: int, name: str, texts: list[str], plain: bool = False) -> b
 
 
 def _padded(data: bytes) -> bytes:
-    return data + bytes(-len(data) % BLOCK)
+    return data + bytes(-len(data) % BLOCK_BYTES)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from clothfit.base.errors import InvalidMotion
 
-BLOCK, KEY = 512, 0x50
+BLOCK_BYTES, KEY = 512, 0x50
 INTEL, DEC, MIPS = 84, 85, 86
 
 TEXT, BYTE, INTEGER, REAL = -1, 1, 2, 4  # types of parameters; their sizes in bytes
@@ -32,7 +32,7 @@ class Parameters:
         self.data, self._name = data, name
         if len(data) < 2 or data[1] != KEY:
             raise InvalidMotion(f"{name}: it is not a C3D file, whose second byte is 0x50")
-        start = (data[0] - 1) * BLOCK
+        start = (data[0] - 1) * BLOCK_BYTES
         self.insist(0 <= start <= len(data) - 4)
         self.processor = data[start + 3]
         if self.processor not in (INTEL, DEC, MIPS):

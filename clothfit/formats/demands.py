@@ -11,7 +11,7 @@ from clothfit.base.errors import InvalidMotion
 from clothfit.formats.animation import Animation
 from clothfit.formats.files import name_of
 
-RATE = 30.0
+ASSUMED_RATE = 30.0
 """Frames per second, where nobody tells and a format must."""
 
 EVEN = 1e-3
@@ -27,14 +27,14 @@ def seen(animation: Animation) -> Array:
 
 def times_of(animation: Animation) -> Array:
     """Times of the frames, s; at RATE where they are not known."""
-    return np.arange(len(animation.positions)) / RATE if animation.times is None else animation.times
+    return np.arange(len(animation.positions)) / ASSUMED_RATE if animation.times is None else animation.times
 
 
 def rate_of(animation: Animation) -> float | None:
     """Frames per second; None where they are not at an even rate."""
     times = times_of(animation)
     if len(times) < 2:
-        return RATE
+        return ASSUMED_RATE
     step = float(times[-1] - times[0]) / (len(times) - 1)
     away = np.abs(times - times[0] - step * np.arange(len(times)))
     return rounded(1 / step) if away.max() <= EVEN * step else None

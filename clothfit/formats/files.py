@@ -11,7 +11,7 @@ from clothfit.base.errors import InvalidMotion
 from clothfit.base.memory import human
 from clothfit.base.reading import MOST_TEXT, unchanged, whole
 
-COPIES = 2
+POSITION_COPIES = 2
 """Of all positions, that are in memory while they are turned into the scene's axes."""
 
 

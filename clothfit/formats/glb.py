@@ -25,7 +25,7 @@ from clothfit.formats.animation import Animation
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.demands import times_of
 from clothfit.formats.files import check_room, name_of
-from clothfit.formats.gltf import BIN_CHUNK, JSON_CHUNK, MAGIC, Document
+from clothfit.formats.gltf import BIN_CHUNK, GLB_MAGIC, JSON_CHUNK, Document
 from clothfit.formats.gltf_meshes import meshes_at
 from clothfit.formats.gltf_scene import animated, placed
 from clothfit.formats.morphs import Morphs, reduced
@@ -33,12 +33,12 @@ from clothfit.formats.morphs import Morphs, reduced
 TOLERANCE = 1e-5
 """Largest error of a position in m, and as a share of the diagonal of the box around the motion."""
 
-MOST = 2**32 - 1
+MOST_GLB_BYTES = 2**32 - 1
 """Bytes of a GLB file: its length is told by 32 bits."""
 
-VERTICES, CORNERS = 34962, 34963  # what a buffer view is for
+ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963  # what a buffer view is for
 FLOAT, UINT = 5126, 5125  # types of components
-POINTS, TRIANGLES = 0, 4  # kinds of primitives
+POINTS_MODE, TRIANGLES_MODE = 0, 4  # kinds of primitives
 
 
 def read(path: str | os.PathLike[str]) -> Animation:
@@ -76,9 +76,9 @@ def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Dat
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     length = 12 + 8 + len(text) + 8 + len(numbers)
-    if length > MOST:
+    if length > MOST_GLB_BYTES:
         raise InvalidMotion(f"{name_of(path)}: {human(length)} are more than a GLB file can have; keep fewer frames")
-    header = struct.pack("<4sII", MAGIC, 2, length)
+    header = struct.pack("<4sII", GLB_MAGIC, 2, length)
     chunks = struct.pack("<I4s", len(text), JSON_CHUNK), text, struct.pack("<I4s", len(numbers), BIN_CHUNK), numbers
     return {os.fspath(path): b"".join([header, *chunks])}
 
@@ -114,11 +114,11 @@ class _Parts:
 def _document(parts: _Parts, morphs: Morphs, animation: Animation) -> dict[str, Any]:
     """The JSON document, but for the length of the buffer."""
     primitive: dict[str, Any] = {
-        "attributes": {"POSITION": parts.add(morphs.base, "VEC3", True, target=VERTICES)},
-        "mode": POINTS if animation.triangles is None else TRIANGLES,
+        "attributes": {"POSITION": parts.add(morphs.base, "VEC3", True, target=ARRAY_BUFFER)},
+        "mode": POINTS_MODE if animation.triangles is None else TRIANGLES_MODE,
     }
     if animation.triangles is not None:
-        primitive["indices"] = parts.add(animation.triangles.astype(np.uint32), "SCALAR", target=CORNERS)
+        primitive["indices"] = parts.add(animation.triangles.astype(np.uint32), "SCALAR", target=ELEMENT_ARRAY_BUFFER)
     mesh: dict[str, Any] = {"name": "cloth", "primitives": [primitive]}
     document: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "clothfit", "extras": {"axes": str(animation.axes)}},
@@ -131,7 +131,8 @@ def _document(parts: _Parts, morphs: Morphs, animation: Animation) -> dict[str, 
     }
     if len(animation.positions) > 1:
         count = len(morphs.targets)
-        primitive["targets"] = [{"POSITION": parts.add(each, "VEC3", True, target=VERTICES)} for each in morphs.targets]
+        shapes = [parts.add(each, "VEC3", True, target=ARRAY_BUFFER) for each in morphs.targets]
+        primitive["targets"] = [{"POSITION": shape} for shape in shapes]
         mesh["weights"] = [0.0] * count
         mesh["extras"] = {
             "targetNames": [f"shape {k}" for k in range(count)],

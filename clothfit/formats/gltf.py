@@ -20,10 +20,10 @@ from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import named, shown
 from clothfit.formats.files import check_room, content, name_of
 
-MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", b"JSON", b"BIN\0"
+GLB_MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", b"JSON", b"BIN\0"
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
+COMPONENT_COUNTS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 
 HARMLESS = ("KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_punctual")
 """Beginnings of the names of extensions that a file may require: they do not change where its vertices are."""
@@ -49,7 +49,7 @@ class Document:
 
     def _chunks(self, data: bytes) -> tuple[bytes, bytes]:
         """The two chunks; the second may be missing."""
-        if data[:4] != MAGIC or len(data) < 20:
+        if data[:4] != GLB_MAGIC or len(data) < 20:
             raise InvalidMotion(f"{self.name}: it is not a GLB file, which begins with glTF; export as .glb")
         version, length = struct.unpack_from("<II", data, 4)
         if version != 2:
@@ -117,7 +117,7 @@ class Document:
         """The numbers (count, width) of an accessor of a type such as VEC3."""
         described, place = self.item("accessors", index), f"accessors[{shown(index)}]"
         self.insist(described.get("type") == kind, described.get("type"), f"the type {kind}", place)
-        count, width = self.whole(described, "count", None), WIDTHS[kind]
+        count, width = self.whole(described, "count", None), COMPONENT_COUNTS[kind]
         self.insist("bufferView" in described or count <= self._size, count, "a count of what can be in a file", place)
         self._taken += 4 * 8 * count * width  # with what is computed from them
         check_room(self._taken, self.path)

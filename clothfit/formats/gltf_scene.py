@@ -14,8 +14,8 @@ from clothfit.base.errors import InvalidMotion
 from clothfit.formats.gltf import Document
 from clothfit.formats.tracks import Track
 
-WIDTHS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3", "weights": "SCALAR"}
-KINDS = ("LINEAR", "STEP", "CUBICSPLINE")
+ANIMATED_TYPES = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3", "weights": "SCALAR"}
+INTERPOLATIONS = ("LINEAR", "STEP", "CUBICSPLINE")
 
 LEVELS = 100
 """Of nodes below one another, at most."""
@@ -81,7 +81,7 @@ def _animation(doc: Document, index: int) -> Tracks:
         place = f"animations[{index}].channels"
         target = doc.typed(doc.typed(channel, dict, "an object", place).get("target"), dict, "an object", place)
         node, what = target.get("node"), target.get("path")
-        if node is None or not isinstance(what, str) or what not in WIDTHS:  # extensions animate other things
+        if node is None or not isinstance(what, str) or what not in ANIMATED_TYPES:  # extensions animate other things
             continue
         doc.item("nodes", node)
         sampler = doc.member(animation, "samplers", channel.get("sampler"), f"animations[{index}].samplers")
@@ -94,9 +94,9 @@ def _track(doc: Document, sampler: dict[str, Any], what: str, place: str) -> Tra
     if not (len(times) and np.isfinite(times).all() and (np.diff(times) > 0).all()):
         where = f"{doc.name}: {place}: times"
         raise InvalidMotion(f"{where}: must be finite and increasing")
-    values = doc.accessor(sampler.get("output"), WIDTHS[what])
+    values = doc.accessor(sampler.get("output"), ANIMATED_TYPES[what])
     kind = sampler.get("interpolation", "LINEAR")
-    doc.insist(kind in KINDS, kind, "a kind of interpolation that glTF has", place)
+    doc.insist(kind in INTERPOLATIONS, kind, "a kind of interpolation that glTF has", place)
     items = len(times) * (3 if kind == "CUBICSPLINE" else 1)
     if not len(values) or len(values) % items or (what != "weights" and len(values) != items):
         raise InvalidMotion(f"{doc.name}: {len(values)} values of an animation do not go with {len(times)} times")

@@ -28,12 +28,12 @@ from clothfit.formats.animation import Animation
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.demands import seen, times_of
 from clothfit.formats.files import check_room, name_of
-from clothfit.formats.markers import UNITS, labels_of, text_of, unit_of
+from clothfit.formats.markers import METRES_PER_UNIT, labels_of, text_of, unit_of
 from clothfit.formats.table import Table, animation_of, table_of
 
-TIMES = ("time", "t", "times", "seconds", "time_s", "timestamp")
-FRAMES = ("frame", "frames", "frame#", "frame number", "frame_number")
-MARKERS = ("marker", "name", "label", "point", "id")
+TIME_COLUMNS = ("time", "t", "times", "seconds", "time_s", "timestamp")
+FRAME_COLUMNS = ("frame", "frames", "frame#", "frame number", "frame_number")
+MARKER_COLUMNS = ("marker", "name", "label", "point", "id")
 
 COORDINATE = re.compile(r"(.*?)[\s_.:\-]?([xyzXYZ])\s*(?:[(\[]\s*([A-Za-z]+)\s*[)\]])?")
 """The name of a column: marker, axis, and the unit in brackets."""
@@ -42,11 +42,11 @@ COORDINATE = re.compile(r"(.*?)[\s_.:\-]?([xyzXYZ])\s*(?:[(\[]\s*([A-Za-z]+)\s*[
 def read(path: str | os.PathLike[str]) -> Animation:
     """The markers of a file; those that were not seen are NaN. Raises InvalidMotion, with the line."""
     name, text = name_of(path), text_of(path)
-    if text.startswith(motive.BEGIN):
+    if text.startswith(motive.FIRST_CELL):
         return motive.parsed(text, name)
     table = table_of(text, name)
-    marker, coordinates = table.column(MARKERS), [table.column((axis,)) for axis in "xyz"]
-    time, frame = table.column(TIMES), table.column(FRAMES)
+    marker, coordinates = table.column(MARKER_COLUMNS), [table.column((axis,)) for axis in "xyz"]
+    time, frame = table.column(TIME_COLUMNS), table.column(FRAME_COLUMNS)
     if marker is None or None in coordinates:
         return _wide(table, time, frame)
     key = frame if time is None else time
@@ -85,7 +85,7 @@ def _columns(table: Table, others: tuple[int | None, ...]) -> tuple[dict[str, di
                 f"{table.name}: column {i + 1}, {shown(each)}, is not time, frame or a coordinate such as hem_x"
             )
         columns.setdefault(match[1], {})[match[2].lower()] = i
-        if (match[3] or "").lower() in UNITS:
+        if (match[3] or "").lower() in METRES_PER_UNIT:
             unit = unit or match[3].lower()
     if not columns:
         raise InvalidMotion(f"{table.name}: its first line names no markers, as in time,hem_x,hem_y,hem_z")

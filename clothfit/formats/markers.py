@@ -16,7 +16,7 @@ from clothfit.formats.animation import Animation
 from clothfit.formats.axes import Axes
 from clothfit.formats.files import check_room, content
 
-UNITS = {
+METRES_PER_UNIT = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
     **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), 0.01),
     **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), 0.001),
@@ -31,10 +31,10 @@ WRITTEN = {1.0: "m", 0.01: "cm", 0.001: "mm"}
 EMPTY = ("", "nan", "na", "n/a", "null", "none", "-")
 """Cells of a table, in lower case, that stand for a gap."""
 
-LONGEST = 60
+LONGEST_LABEL = 60
 """Characters of a label."""
 
-COPIES = 12
+TABLE_COPIES = 12
 """Memory that reading a table takes, as a multiple of its size: a cell may be one comma, a number is 8 bytes."""
 
 
@@ -43,7 +43,7 @@ def text_of(path: str | os.PathLike[str]) -> str:
     of any kind. Raises InvalidMotion.
     """
     data = content(path)
-    check_room(COPIES * len(data), path)
+    check_room(TABLE_COPIES * len(data), path)
     text = _decoded(data)
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
@@ -60,7 +60,7 @@ def _decoded(data: bytes) -> str:
 def label(text: str) -> str:
     """The name of a marker for messages and other files: one line of it, with nothing that a terminal acts upon."""
     plain = "".join(each if each.isprintable() else "?" for each in text.strip())
-    return plain if len(plain) <= LONGEST else f"{plain[: LONGEST - 1]}…"
+    return plain if len(plain) <= LONGEST_LABEL else f"{plain[: LONGEST_LABEL - 1]}…"
 
 
 def labels_of(animation: Animation) -> list[str]:

@@ -18,7 +18,7 @@ from clothfit.base.arrays import Array
 
 Singles = NDArray[np.float32]
 
-PIECE = 4_000_000
+NUMBERS_AT_ONCE = 4_000_000
 """Numbers that are compared at a time."""
 
 
@@ -61,7 +61,7 @@ def reduced(positions: Array, tolerance: float) -> Morphs:
 def _error(positions: Array, morphs: Morphs) -> float:
     """The largest distance between positions and what the shapes give."""
     targets = morphs.targets.reshape(len(morphs.targets), -1).astype(np.float64)
-    step = max(PIECE // max(targets.shape[1], 1), 1)
+    step = max(NUMBERS_AT_ONCE // max(targets.shape[1], 1), 1)
     worst = 0.0
     for first in range(0, len(positions), step):
         there: Any = morphs.weights[first : first + step].astype(np.float64) @ targets

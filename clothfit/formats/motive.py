@@ -16,9 +16,9 @@ import numpy as np
 from clothfit.base.errors import InvalidMotion
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import Axes
-from clothfit.formats.markers import UNITS, number, seen_by
+from clothfit.formats.markers import METRES_PER_UNIT, number, seen_by
 
-BEGIN = "Format Version"
+FIRST_CELL = "Format Version"
 
 OURS = ("marker", "unlabeled marker")
 """Kinds of columns that are read."""
@@ -49,10 +49,10 @@ def parsed(text: str, name: str) -> Animation:
     table = np.frombuffer(values, np.float64).reshape(rows, 1 + 3 * len(triples)).copy()
     told = dict(zip(facts[::2], facts[1::2], strict=False))
     unit, notes = told.get("Length Units", "").lower(), []
-    if unit not in UNITS:
+    if unit not in METRES_PER_UNIT:
         unit = "m"
         notes.append("it does not tell its unit, so it is m")
-    positions, axes = table[:, 1:].reshape(rows, len(triples), 3), Axes("y", "right", UNITS[unit])
+    positions, axes = table[:, 1:].reshape(rows, len(triples), 3), Axes("y", "right", METRES_PER_UNIT[unit])
     return seen_by(positions, axes, table[:, 0], list(triples), notes, name)
 
 

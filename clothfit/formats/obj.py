@@ -24,7 +24,7 @@ from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.writing import Data
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import RIGHT
-from clothfit.formats.files import COPIES, check_room, content, name_of
+from clothfit.formats.files import POSITION_COPIES, check_room, content, name_of
 
 ANY = "*"
 """Stands for the frames' numbers in the name of a sequence."""
@@ -34,15 +34,15 @@ DIGITS = 4
 
 # Possessive quantifiers: no line, however long, is searched more than once.
 VERTEX = re.compile(rb"^[ \t]*+v[ \t]++(\S++)[ \t]++(\S++)[ \t]++(\S++)", re.MULTILINE)
-BEGIN = re.compile(rb"^[ \t]*+v(?=[ \t\n]|\Z)", re.MULTILINE)
-FACE = re.compile(rb"^[ \t]*+f(?=[ \t\n]|\Z)([^\n]*+)", re.MULTILINE)
+VERTEX_LINE = re.compile(rb"^[ \t]*+v(?=[ \t\n]|\Z)", re.MULTILINE)
+FACE_LINE = re.compile(rb"^[ \t]*+f(?=[ \t\n]|\Z)([^\n]*+)", re.MULTILINE)
 
-BULK = 10
+OBJ_COPIES = 10
 """Memory that reading a file takes at most, as a multiple of its size: the text, thrice, and three numbers in 8 bytes
 of `v 0 0 0` or a triangle in 2 of `f 1 1 1 1 1 …`.
 """
 
-LONGEST = 1_000_000
+LONGEST_FACE = 1_000_000
 """Bytes of a line with a face."""
 
 
@@ -58,7 +58,7 @@ def read_frames(paths: Sequence[str], path: str | os.PathLike[str]) -> Animation
     """The files of a sequence, in their order; `path` is what to call it. Raises InvalidMotion."""
     first = _Text(paths[0])
     points, triangles = first.points(), first.triangles()
-    check_room(COPIES * len(paths) * points.nbytes, path)
+    check_room(POSITION_COPIES * len(paths) * points.nbytes, path)
     positions = np.empty((len(paths), *points.shape))
     positions[0] = points
     for frame, each in enumerate(paths[1:], 1):
@@ -151,7 +151,7 @@ class _Text:
     def __init__(self, path: str) -> None:
         self.name = name_of(path)
         data = content(path)
-        check_room(BULK * len(data), path)
+        check_room(OBJ_COPIES * len(data), path)
         data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         self.lines = data  # as an editor counts them
         self.data = data.replace(b"\\\n", b"  ")  # with continued lines in one
@@ -162,7 +162,7 @@ class _Text:
             numbers = np.fromiter(map(float, chain.from_iterable(self._words())), np.float64)
         except ValueError:
             numbers = np.full(1, np.nan)
-        count = len(BEGIN.findall(self.data))
+        count = len(VERTEX_LINE.findall(self.data))
         if not count:
             raise InvalidMotion(f"{self.name}: has no vertices (lines v x y z); is it an OBJ file?")
         if len(numbers) != 3 * count or not np.isfinite(numbers).all():
@@ -175,14 +175,14 @@ class _Text:
 
     def triangles(self) -> Indices:
         """Triangles (T, 3) of its faces, vertices from 0. Raises InvalidMotion."""
-        starts = np.array([match.start() for match in BEGIN.finditer(self.data)])
+        starts = np.array([match.start() for match in VERTEX_LINE.finditer(self.data)])
         flat = array("i")
-        for face in FACE.finditer(self.data):
-            words = face[1][:LONGEST].split(b"#", 1)[0].split()
+        for face in FACE_LINE.finditer(self.data):
+            words = face[1][:LONGEST_FACE].split(b"#", 1)[0].split()
             before = int(np.searchsorted(starts, face.start())) if b"-" in face[1] else 0
             corners = [_corner(word, before) for word in words]
             valid = all(0 <= corner < len(starts) for corner in corners)
-            if not valid or len(corners) < 3 or len(face[1]) > LONGEST:
+            if not valid or len(corners) < 3 or len(face[1]) > LONGEST_FACE:
                 place = f"{self.name}: line {self._line(face.start())}"
                 raise InvalidMotion(f"{place}: a face needs three corners or more, each one of {len(starts)} vertices")
             for b, c in pairwise(corners[1:]):
@@ -197,7 +197,7 @@ class _Text:
 
     def _wrong(self) -> int:
         """The line of the first vertex that is none."""
-        for begin in BEGIN.finditer(self.data):
+        for begin in VERTEX_LINE.finditer(self.data):
             match = VERTEX.match(self.data, begin.start())
             try:
                 good = match is not None and all(np.isfinite(float(word)) for word in match.groups())

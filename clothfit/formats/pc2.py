@@ -19,24 +19,24 @@ from clothfit.formats.animation import Animation
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.point_cache import opened, put
 
-MAGIC = b"POINTCACHE2\0"
-HEADER = struct.Struct("<12siiffi")
-FLOATS = "<f4"
+PC2_MAGIC = b"POINTCACHE2\0"
+PC2_HEADER = struct.Struct("<12siiffi")
+PC2_FLOAT = "<f4"
 
 
 def read(path: str | os.PathLike[str]) -> Animation:
     """A point cache. Raises InvalidMotion."""
     with opened(path) as cache:
-        data = cache.file.read(HEADER.size)
-        if not data.startswith(MAGIC):
+        data = cache.file.read(PC2_HEADER.size)
+        if not data.startswith(PC2_MAGIC):
             raise InvalidMotion(f"{cache.name}: does not begin as a PC2 point cache does (POINTCACHE2)")
-        if len(data) < HEADER.size:
+        if len(data) < PC2_HEADER.size:
             raise InvalidMotion(f"{cache.name}: ends within its header; is it complete?")
-        _, version, points, _, spacing, samples = HEADER.unpack(data)
+        _, version, points, _, spacing, samples = PC2_HEADER.unpack(data)
         if version != 1:
             raise InvalidMotion(f"{cache.name}: is of version {version} of PC2, 1 can be read")
-        cache.check(samples, points, HEADER.size, 0)
-        positions = cache.positions(samples, points, FLOATS)
+        cache.check(samples, points, PC2_HEADER.size, 0)
+        positions = cache.positions(samples, points, PC2_FLOAT)
     if math.isfinite(spacing) and spacing > 0 and spacing != 1:
         return Animation(positions, RIGHT, notes=(f"its samples are {spacing:g} frames apart",), spacing=spacing)
     return Animation(positions, RIGHT)
@@ -45,5 +45,5 @@ def read(path: str | os.PathLike[str]) -> Animation:
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
     """The file of a point cache that begins at frame 0, one sample per frame."""
     samples, points, _ = animation.positions.shape
-    header = HEADER.pack(MAGIC, 1, points, 0.0, 1.0, samples)
-    return {os.fspath(path): partial(put, header=header, positions=animation.positions, dtype=FLOATS)}
+    header = PC2_HEADER.pack(PC2_MAGIC, 1, points, 0.0, 1.0, samples)
+    return {os.fspath(path): partial(put, header=header, positions=animation.positions, dtype=PC2_FLOAT)}

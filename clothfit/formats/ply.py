@@ -21,7 +21,7 @@ from clothfit.formats.animation import Animation
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import check_room, content, name_of
 
-NUMBERS = {
+NUMBER_DTYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
     "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
     "double": "f8", "float64": "f8",
@@ -32,12 +32,12 @@ INDICES = ("vertex_indices", "vertex_index")
 MOST_HEADER = 1 << 16
 """Bytes of a header."""
 
-COPIES = 12
+PLY_COPIES = 12
 """Memory that reading a file takes at most, as a multiple of its size: text becomes numbers of 8 bytes, and these
 triangles.
 """
 
-ROW = 500
+PROPERTY_BYTES = 500
 """Bytes that a property of a row takes, roughly, where rows are read one by one."""
 
 
@@ -62,7 +62,7 @@ class Element:
 def read(path: str | os.PathLike[str]) -> Animation:
     """Read a mesh, its vertices in the file's order, as an animation of one frame. Raises InvalidMotion."""
     data = content(path)
-    check_room(COPIES * len(data), path)
+    check_room(PLY_COPIES * len(data), path)
     try:
         elements, order, begin = _header(data)
         return _animation(_body(data[begin:], elements, order))
@@ -86,10 +86,10 @@ def _header(data: bytes) -> tuple[list[Element], str, int]:
                 order = ORDERS[kind]
             case ["element", name, count] if count.isdigit() and len(count) < 19:
                 elements.append(Element(name, int(count), ()))
-            case ["property", number, name] if elements and number in NUMBERS:
-                _add(elements, Property(name, NUMBERS[number], None))
-            case ["property", "list", count, number, name] if elements and {count, number} <= NUMBERS.keys():
-                _add(elements, Property(name, NUMBERS[number], NUMBERS[count]))
+            case ["property", number, name] if elements and number in NUMBER_DTYPES:
+                _add(elements, Property(name, NUMBER_DTYPES[number], None))
+            case ["property", "list", count, number, name] if elements and {count, number} <= NUMBER_DTYPES.keys():
+                _add(elements, Property(name, NUMBER_DTYPES[number], NUMBER_DTYPES[count]))
             case _:
                 raise ValueError(f"its header has a line that is not understood: {' '.join(words)[:40]!r}")
     if order is None:
@@ -181,7 +181,7 @@ def _uniform(cursor: _Cursor, each: Element) -> dict[str, Any] | None:
 
 def _walked(cursor: _Cursor, each: Element) -> dict[str, Any]:
     """The same, row by row."""
-    if memory.missing(ROW * each.count * len(each.properties)) is not None:
+    if memory.missing(PROPERTY_BYTES * each.count * len(each.properties)) is not None:
         raise ValueError("so many lists of different lengths take more memory than is free")
     columns: dict[str, list[Any]] = {item.name: [] for item in each.properties}
     for _ in range(each.count):

@@ -17,7 +17,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.reading import unchanged
-from clothfit.formats.files import COPIES, check_room, name_of, refused
+from clothfit.formats.files import POSITION_COPIES, check_room, name_of, refused
 
 
 class Cache:
@@ -39,7 +39,7 @@ class Cache:
         if self.size != needed:
             size = f"take {needed} bytes, it has {self.size}"
             raise InvalidMotion(f"{self.name}: {frames} frames of {points} points {size}; is it complete?")
-        check_room(COPIES * 24 * frames * points, self.path)
+        check_room(POSITION_COPIES * 24 * frames * points, self.path)
 
     def numbers(self, count: int, dtype: str) -> Array:
         """The next numbers, as float64."""

@@ -17,9 +17,9 @@ from clothfit.base.messages import shown
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import HANDS, UPS, Axes
 from clothfit.formats.files import check_room
-from clothfit.formats.markers import UNITS, number, seen_by
+from clothfit.formats.markers import METRES_PER_UNIT, number, seen_by
 
-SHORT = ("m", "cm", "mm", "in", "ft")
+UNIT_NAMES = ("m", "cm", "mm", "in", "ft")
 """Units, as messages name them."""
 
 LEAP = 10_000
@@ -124,12 +124,12 @@ def _axes(table: Table, unit: str | None, notes: list[str]) -> Axes:
     told = dict(table.told)
     if unit is not None:
         told.setdefault("unit", unit)
-    choices = {"unit": ("m", SHORT), "up": ("y", UPS), "handedness": ("right", HANDS)}
+    choices = {"unit": ("m", UNIT_NAMES), "up": ("y", UPS), "handedness": ("right", HANDS)}
     missing = ", ".join(f"{key} {default}" for key, (default, _) in choices.items() if key not in told)
     if missing:
         notes.append(f"what it does not tell is taken for {missing}")
     for key, (default, known) in choices.items():
-        if told.get(key, default) not in (*known, *(UNITS if key == "unit" else ())):
+        if told.get(key, default) not in (*known, *(METRES_PER_UNIT if key == "unit" else ())):
             where = f"{table.name}: {key}"
             raise InvalidMotion(f"{where}: {shown(told[key])} is not one of {', '.join(known)}")
-    return Axes(told.get("up", "y"), told.get("handedness", "right"), UNITS[told.get("unit", "m")])
+    return Axes(told.get("up", "y"), told.get("handedness", "right"), METRES_PER_UNIT[told.get("unit", "m")])

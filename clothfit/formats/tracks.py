@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array
 
-CLOSE = 0.9995
+NEARLY_PARALLEL = 0.9995
 """Cosine of the angle between two quaternions from which on the arc is taken for straight: the sine is near 0."""
 
 
@@ -50,9 +50,9 @@ def _arc(a: Array, b: Array, u: Array) -> Array:
     """Between two rotations the shorter way: −b is the same rotation as b."""
     cosine = np.sum(a * b, axis=-1, keepdims=True)
     b, cosine = np.where(cosine < 0, -b, b), np.clip(np.abs(cosine), 0.0, 1.0)
-    angle = np.arccos(np.minimum(cosine, CLOSE))
+    angle = np.arccos(np.minimum(cosine, NEARLY_PARALLEL))
     first, second = np.sin((1 - u) * angle) / np.sin(angle), np.sin(u * angle) / np.sin(angle)
-    near = cosine > CLOSE
+    near = cosine > NEARLY_PARALLEL
     between: Array = np.where(near, 1 - u, first) * a + np.where(near, u, second) * b
     return between
 

@@ -21,9 +21,9 @@ from clothfit.formats.animation import Animation
 from clothfit.formats.axes import Axes
 from clothfit.formats.demands import rate_of, seen, times_of
 from clothfit.formats.files import name_of
-from clothfit.formats.markers import UNITS, labels_of, number, seen_by, text_of, unit_of
+from clothfit.formats.markers import METRES_PER_UNIT, labels_of, number, seen_by, text_of, unit_of
 
-TYPE = "PathFileType"
+FILE_TYPE = "PathFileType"
 FACTS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame",
          "OrigNumFrames")  # fmt: skip
 
@@ -32,8 +32,8 @@ def read(path: str | os.PathLike[str]) -> Animation:
     """The markers of a file; those that were not seen are NaN. Raises InvalidMotion, with the line."""
     name, lines = name_of(path), io.StringIO(text_of(path))
     head = [next(lines, "").rstrip("\r\n").split("\t") for _ in range(5)]
-    if not head[0][0].strip().startswith(TYPE) or len(head[3]) < 3:
-        raise InvalidMotion(f"{name}: it is not a TRC file, which begins with {TYPE} and has the names in line 4")
+    if not head[0][0].strip().startswith(FILE_TYPE) or len(head[3]) < 3:
+        raise InvalidMotion(f"{name}: it is not a TRC file, which begins with {FILE_TYPE} and has the names in line 4")
     facts = {key.strip().lower(): value.strip() for key, value in zip(head[1], head[2], strict=False)}
     names = [each.strip() for each in head[3][2:] if each.strip()]
     width = 2 + 3 * len(names)
@@ -61,10 +61,10 @@ def read(path: str | os.PathLike[str]) -> Animation:
 
 def _scale(unit: str, notes: list[str]) -> float:
     """m per unit."""
-    if unit.lower() in UNITS:
-        return UNITS[unit.lower()]
+    if unit.lower() in METRES_PER_UNIT:
+        return METRES_PER_UNIT[unit.lower()]
     notes.append(f"its unit is {shown(unit)}, taken for mm" if unit else "it does not tell its unit, so it is mm")
-    return UNITS["mm"]
+    return METRES_PER_UNIT["mm"]
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
@@ -75,7 +75,7 @@ def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Dat
     rate = rate_of(animation) or (frames - 1) / float(times[-1] - times[0])
     facts = (repr(rate), repr(rate), frames, len(names), unit, repr(rate), 1, frames)
     lines = [
-        f"{TYPE}\t4\t(X/Y/Z)\t{name_of(path)}",
+        f"{FILE_TYPE}\t4\t(X/Y/Z)\t{name_of(path)}",
         "\t".join(FACTS),
         "\t".join(map(str, facts)),
         "\t".join(["Frame#", "Time", *(cell for each in names for cell in (each, "", ""))]),

@@ -30,10 +30,10 @@ READER = "clothfit.formats.usd_reader"
 ALONE = {"PXR_WORK_THREAD_LIMIT": "1", "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
 """Environment of the process: threads, and what each reserves, would count against its memory."""
 
-PATIENCE, SPEED = 60.0, 1e6
+SHORTEST_TIMEOUT, READ_SPEED = 60.0, 1e6
 """Seconds that reading may take at least, and bytes per second beyond; it takes a hundredth of that."""
 
-CODES = 24.0
+CODES_PER_SECOND = 24.0
 """Time codes per second where frames are not at an even rate; a code may be any number."""
 
 PATH = "/cloth"
@@ -49,7 +49,7 @@ def read(path: str | os.PathLike[str]) -> Animation:
         arrays = os.path.join(folder, "arrays.npz")
         command = [sys.executable, "-P", "-m", READER, copy, arrays, name]
         around = {**os.environ, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)), "TMPDIR": folder}
-        code, told = _run(command, {**around, **ALONE}, PATIENCE + len(data) / SPEED)
+        code, told = _run(command, {**around, **ALONE}, SHORTEST_TIMEOUT + len(data) / READ_SPEED)
         if code == 3 and told:
             raise InvalidMotion(json.loads(told))
         if code:
@@ -100,10 +100,10 @@ def _stage(positions: Array, animation: Animation) -> Any:
     UsdGeom.SetStageUpAxis(stage, animation.axes.up.upper())
     UsdGeom.SetStageMetersPerUnit(stage, animation.axes.scale)
     times, rate = times_of(animation), rate_of(animation)
-    codes = times * (CODES if rate is None else rate)
+    codes = times * (CODES_PER_SECOND if rate is None else rate)
     codes = np.where(np.abs(codes - np.round(codes)) < 1e-6, np.round(codes), codes)  # times are rounded
-    stage.SetTimeCodesPerSecond(CODES if rate is None else rate)
-    stage.SetFramesPerSecond(CODES if rate is None else rate)
+    stage.SetTimeCodesPerSecond(CODES_PER_SECOND if rate is None else rate)
+    stage.SetFramesPerSecond(CODES_PER_SECOND if rate is None else rate)
     if animation.triangles is None:
         shape = UsdGeom.Points.Define(stage, PATH)
     else:

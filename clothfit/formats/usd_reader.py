@@ -23,15 +23,13 @@ from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import named, shown
 from clothfit.formats.animation import Animation
-from clothfit.formats.axes import Axes
+from clothfit.formats.axes import UPS, Axes
 from clothfit.formats.files import check_room
 
 CUT = ("clips", "clipSets")
 """What a prim says of other files beside its references: where values of attributes are."""
 
-UPS = {"Y": "y", "Z": "z"}
-
-ROOM, RATIO = 1 << 29, 100
+OPENING_BYTES, OPENING_RATIO = 1 << 29, 100
 """Bytes that opening a file may take: so many, and so many for each of the file, whose arrays are packed."""
 
 
@@ -128,7 +126,7 @@ def _positions(shapes: Sequence[Any], codes: Sequence[Any], name: str) -> tuple[
         if not frames:
             needed = len(codes) * sum(counts) * 3 * 8 * 3
             check_room(needed, name)
-            limit_memory(ROOM + needed, only_if_limited=True)  # many samples may be one in the file
+            limit_memory(OPENING_BYTES + needed, only_if_limited=True)  # many samples may be one in the file
             mirrored = [bool(np.linalg.det(matrix[:3, :3]) < 0) for matrix in matrices]
         # row vectors: the translation is the last row
         frames.append([p @ m[:3, :3] + m[3, :3] for p, m in zip(points, matrices, strict=True)])
@@ -196,16 +194,16 @@ def _units(stage: Any, moves: bool, name: str, notes: list[str]) -> tuple[Axes, 
 
     up, scale = str(UsdGeom.GetStageUpAxis(stage)), UsdGeom.GetStageMetersPerUnit(stage)
     rate = stage.GetTimeCodesPerSecond()
-    if up not in UPS or not 0 < scale < np.inf or not 0 < rate < np.inf:
+    if up.lower() not in UPS or not 0 < scale < np.inf or not 0 < rate < np.inf:
         told = f"upAxis {shown(up)}, metersPerUnit {scale:g}, timeCodesPerSecond {rate:g}"
         raise InvalidMotion(f"{name}: {told} cannot be; up is Y or Z, and the others are above 0")
     if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
         notes.append(f"it does not tell its unit, so it is {scale:g} m, as USD says")
     if not stage.HasAuthoredMetadata("upAxis"):
-        notes.append(f"it does not tell which axis is up, so it is {UPS[up]}, as USD says")
+        notes.append(f"it does not tell which axis is up, so it is {up.lower()}, as USD says")
     if moves and not any(stage.HasAuthoredMetadata(key) for key in ("timeCodesPerSecond", "framesPerSecond")):
         notes.append(f"it does not tell its rate, so it is {rate:g} frames per second, as USD says")
-    return Axes(UPS[up], "right", float(scale)), float(rate)
+    return Axes(up.lower(), "right", float(scale)), float(rate)
 
 
 def limit_memory(room: int, only_if_limited: bool = False) -> None:
@@ -227,7 +225,7 @@ def main(path: str, arrays: str, name: str) -> int:
     """Read a file into an `.npz` of arrays; 3 where that cannot be, with the reason on standard output."""
     from pxr import Usd, UsdGeom  # noqa: F401  which take some hundred MB of addresses before anything is read
 
-    limit_memory(ROOM + RATIO * os.path.getsize(path))
+    limit_memory(OPENING_BYTES + OPENING_RATIO * os.path.getsize(path))
     try:
         found = parsed(path, name)
     except InvalidMotion as error:

@@ -15,7 +15,7 @@ from clothfit.base.errors import InvalidInput
 SIDES = {"left": (0, -1), "right": (0, 1), "bottom": (1, -1), "top": (1, 1), "back": (2, -1), "front": (2, 1)}
 """Axis and direction of each side."""
 
-NEAR = 1e-3
+SIDE_DEPTH = 1e-3
 """Of a mesh's extent: how far from its end what counts as a side reaches."""
 
 
@@ -39,7 +39,7 @@ def at_side(positions: Array, side: str, reach: float | None = None) -> Flags:
         raise InvalidInput(f"fix side: the mesh is flat along {'xyz'[axis]}, so its {side} is all of it; name another")
     if reach is not None and not 0 <= reach < np.inf:
         raise InvalidInput(f"fix side: the reach must be at least 0 and finite; {reach:g} m was given")
-    near: Flags = depth >= depth.max() - (NEAR * extent if reach is None else reach)
+    near: Flags = depth >= depth.max() - (SIDE_DEPTH * extent if reach is None else reach)
     return near
 
 

@@ -22,9 +22,9 @@ import numpy.typing as npt
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 
-AIR = 1.2  # kg/m³, density of air
-BENDING = 0.25  # a bending spring's share of the object's stiffness
-MOST = 1_000_000  # vertices of a plane: a scene of many more is too long a text to be read again
+AIR_DENSITY = 1.2  # kg/m³, density of air
+BENDING_SHARE = 0.25  # a bending spring's share of the object's stiffness
+MOST_PLANE_VERTICES = 1_000_000  # vertices of a plane: a scene of many more is too long a text to be read again
 
 
 class Mesh(NamedTuple):
@@ -62,8 +62,10 @@ def plane(divisions: int, width: float, height: float | None = None, upright: bo
         raise InvalidInput(f"a plane of {divisions} divisions, {width:g} by {height:g} m: nothing can be made of that")
     cells = divisions + 1
     across, along = (max(1, round(cells * side / max(width, height))) for side in (width, height))
-    if (count := (across + 1) * (along + 1)) > MOST:
-        raise InvalidInput(f"a plane of {divisions} divisions would have {count} vertices; it may have at most {MOST}")
+    if (count := (across + 1) * (along + 1)) > MOST_PLANE_VERTICES:
+        raise InvalidInput(
+            f"a plane of {divisions} divisions would have {count} vertices; it may have at most {MOST_PLANE_VERTICES}"
+        )
     second, first = np.meshgrid(_axis(along, height), _axis(across, width), indexing="ij")
     zero = np.zeros_like(first)
     axes = (first, second, zero) if upright else (first, zero, second)
@@ -128,7 +130,7 @@ def springs(mesh: Mesh, stiffness: float, bending: bool | float = True) -> Sprin
 
     Raises InvalidInput when a spring would have no length.
     """
-    share = BENDING if bending is True else float(bending)
+    share = BENDING_SHARE if bending is True else float(bending)
     met = sides(mesh.triangles)
     bends = met.first != np.arange(len(met.first))
     across = np.sort(np.stack([met.opposite, met.opposite[met.first]], axis=1), axis=1)
@@ -167,7 +169,7 @@ def air_drag(mesh: Mesh, speed: float) -> float:
     Raises InvalidInput where that is no number.
     """
     area = float(np.median(areas(mesh))) if len(mesh.triangles) else 0.0
-    drag = AIR * speed / (8 * area * area) if area * area > 0 else np.inf
+    drag = AIR_DENSITY * speed / (8 * area * area) if area * area > 0 else np.inf
     if not 0 <= drag < np.inf:
         raise InvalidInput(f"drag: faces of {area:g} m² in air of {speed:g} m/s have no coefficient; give a number")
     return drag

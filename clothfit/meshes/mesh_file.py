@@ -14,7 +14,7 @@ from clothfit.formats.axes import Axes, facing, to_scene
 from clothfit.formats.registry import foreign, module_of, suffix_of
 from clothfit.meshes.mesh import Mesh
 
-FAR = 1e9
+FARTHEST_VERTEX = 1e9
 """m from the origin, where a position is no longer known to a micrometre."""
 
 MESHES = (".obj", ".glb", ".ply", ".usd", ".usda", ".usdc")
@@ -44,10 +44,12 @@ def read_mesh(
     if animation.triangles is None or not len(animation.triangles):
         raise InvalidInput(f"{name}: has no faces; a cloth is made of triangles")
     positions = to_scene(np.asarray(animation.positions[0], float), axes)
-    near = (np.abs(positions) <= FAR).all(axis=1)  # False for what is no number
+    near = (np.abs(positions) <= FARTHEST_VERTEX).all(axis=1)  # False for what is no number
     if not near.all():
         wrong = int(near.argmin())
-        raise InvalidInput(f"{name}: vertex {wrong} has no place within {FAR:g} m of the origin; is the unit right?")
+        raise InvalidInput(
+            f"{name}: vertex {wrong} has no place within {FARTHEST_VERTEX:g} m of the origin; is the unit right?"
+        )
     triangles = np.ascontiguousarray(facing(np.asarray(animation.triangles), axes), np.int32)
     return Mesh(positions, triangles), (f"read as {axes}", *animation.notes)
 

@@ -20,10 +20,10 @@ from clothfit.base.messages import counted, metres
 from clothfit.meshes.mesh import Mesh, areas
 from clothfit.meshes.topology import Numbers, across, components, edges, first_of_each, together
 
-SHOWN = 5
+INDICES_SHOWN = 5
 """Indices that a message names."""
 
-TINY = 1e-6
+SAME_PLACE = 1e-6
 """Of the diagonal of a mesh's bounding box: vertices as near as that are meant to be one. Texts of six digits and
 numbers of single precision tell no shorter distances.
 """
@@ -46,7 +46,7 @@ class Problem:
 
 def tiny(mesh: Mesh) -> float:
     """The distance, m, below which vertices are meant to be one."""
-    return TINY * float(np.linalg.norm(np.ptp(mesh.positions, axis=0))) if len(mesh.positions) else 0.0
+    return SAME_PLACE * float(np.linalg.norm(np.ptp(mesh.positions, axis=0))) if len(mesh.positions) else 0.0
 
 
 def problems(mesh: Mesh, distance: float | None = None) -> list[Problem]:
@@ -55,7 +55,7 @@ def problems(mesh: Mesh, distance: float | None = None) -> list[Problem]:
     `distance`, m: vertices as near as that lie at one place (default: `tiny`). Raises InvalidInput where it is so
     large that it says nothing.
     """
-    found = [look(mesh) for look in LOOKS]
+    found = [look(mesh) for look in CHECKS]
     found.append(seams(mesh, tiny(mesh) if distance is None else distance))
     return sorted((problem for problem in found if problem is not None), key=lambda problem: not problem.fatal)
 
@@ -132,10 +132,10 @@ def parts(mesh: Mesh) -> Problem | None:
     sizes, first = components(mesh.triangles[:, [0, 1, 1, 2]].reshape(-1, 2), len(mesh.positions))
     if len(sizes) < 2:
         return None
-    more = ", …" if len(sizes) > SHOWN else ""
-    told = ", ".join(map(str, sizes[:SHOWN])) + more
+    more = ", …" if len(sizes) > INDICES_SHOWN else ""
+    told = ", ".join(map(str, sizes[:INDICES_SHOWN])) + more
     sentence = f"it is in {len(sizes)} parts, of {told} vertices, that nothing holds together"
-    return Problem("parts", len(sizes), tuple(first[:SHOWN].tolist()), sentence, False, False)
+    return Problem("parts", len(sizes), tuple(first[:INDICES_SHOWN].tolist()), sentence, False, False)
 
 
 def seams(mesh: Mesh, distance: float) -> Problem | None:
@@ -146,7 +146,7 @@ def seams(mesh: Mesh, distance: float) -> Problem | None:
     return found and replace(found, fatal=False)
 
 
-LOOKS: tuple[Callable[[Mesh], Problem | None], ...] = (
+CHECKS: tuple[Callable[[Mesh], Problem | None], ...] = (
     empty, unused, collapsed, massless, repeated, crowded, shrunk, flat, turned, parts,
 )  # fmt: skip
 
@@ -177,7 +177,7 @@ def _problem(
     """A problem of what is `wrong`, by indices; None where nothing is. What welding cures is fatal without it."""
     if not len(wrong):
         return None
-    first = tuple(np.unique(wrong)[:SHOWN].tolist())
+    first = tuple(np.unique(wrong)[:INDICES_SHOWN].tolist())
     more = ", …" if len(wrong) > len(first) else ""
     told = sentence.format(counted(len(wrong), *noun), f" ({of}{', '.join(map(str, first))}{more})")
     hint = f"; --weld {cure}" if cure else ""

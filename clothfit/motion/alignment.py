@@ -14,18 +14,16 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import metres
 from clothfit.formats.axes import HANDS, UPS, Axes, from_scene, to_scene
+from clothfit.formats.markers import METRES_PER_UNIT
 
-FAR = 0.05
+DOUBTFUL_DISTANCE = 0.05
 """Of the scene's size: a root of the mean squared distance that is no noise."""
 
-NEAR = 0.2
+MUCH_NEARER = 0.2
 """Of the distance as it is: what is worth to be tried."""
 
-UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048)
-"""Metre, centimetre, millimetre, inch, foot: in m."""
 
-
-class Likeness(NamedTuple):
+class Alignment(NamedTuple):
     """How a motion begins."""
 
     distance: float  # root of the mean squared distance of its vertices from the scene's, m
@@ -33,24 +31,25 @@ class Likeness(NamedTuple):
     advice: str | None  # what would fit better
 
 
-def likeness(points: Array, seen: Flags, start: Array, axes: Axes) -> Likeness:
+def alignment(points: Array, seen: Flags, start: Array, axes: Axes) -> Alignment:
     """Compare a frame (n, 3), m, of which the vertices `seen` (n,) were seen, with the start (n, 3) of the scene.
 
     `axes`: the file's, as assumed.
     """
     points, start = points[seen], start[seen]
     if not len(points):
-        return Likeness(np.nan, None, None)
+        return Alignment(np.nan, None, None)
     distance = apart(points, start)
-    if distance <= FAR * size(start):
-        return Likeness(distance, None, None)
+    if distance <= DOUBTFUL_DISTANCE * size(start):
+        return Alignment(distance, None, None)
     doubt = f"its first frame is {metres(distance)} (RMS) away from where the scene begins"
-    return Likeness(distance, doubt, advice(from_scene(points, axes), start, axes, NEAR * distance))
+    return Alignment(distance, doubt, advice(from_scene(points, axes), start, axes, MUCH_NEARER * distance))
 
 
 def advice(points: Array, start: Array, axes: Axes, bar: float) -> str | None:
     """What would bring points (n, 3), as they are in the file, nearer to the start than `bar`, m."""
-    others = [Axes(up, hand, scale) for up, hand, scale in product(UPS, HANDS, sorted({*UNITS, axes.scale}))]
+    scales = sorted({*METRES_PER_UNIT.values(), axes.scale})
+    others = [Axes(up, hand, scale) for up, hand, scale in product(UPS, HANDS, scales)]
     best = min(others, key=lambda each: (apart(to_scene(points, each), start), differences(each, axes)))
     if apart(to_scene(points, best), start) < bar:
         return f"{options(best, axes)} would fit"

@@ -11,7 +11,7 @@ from clothfit.base.memory import check_memory
 from clothfit.motion.motion import Motion
 from clothfit.motion.times import TIME_SLACK, interpolated, snapped
 
-MOST = 1e18
+MOST_RECORDED_FRAMES = 1e18
 """Frames, more than any memory holds."""
 
 
@@ -62,7 +62,7 @@ def at_rate(motion: Motion, fps: float) -> Motion:
     """
     first, last = float(motion.times[0]), float(motion.times[-1])
     slack = TIME_SLACK * (last - first) / max(len(motion.times) - 1, 1)
-    frames = int(min((last - first + slack) * fps, MOST)) + 1
+    frames = int(min((last - first + slack) * fps, MOST_RECORDED_FRAMES)) + 1
     check_memory(frames, motion.positions.shape[1], 1)
     times = first + np.arange(frames) / fps
     index, fraction = snapped(np.interp(times, motion.times, np.arange(len(motion.times))))

@@ -24,12 +24,12 @@ from clothfit.scene.scene import Scene
 if TYPE_CHECKING:
     from clothfit.motion.motion import Motion
 
-KEPT = 8
+STATES_KEPT = 8
 """Good states that are kept, at most."""
 
 
-LONG = 10.0
-"""No spring of a cloth that can be believed is so many times as long as at rest."""
+OVERSTRETCHED = 10.0
+"""A spring this many times as long as at rest belongs to no believable cloth."""
 
 
 class States(NamedTuple):
@@ -85,7 +85,7 @@ def worst(x: Array, v: Array) -> int:
 
 def last_states(part: Rollout, before: States | None) -> States:
     """The last states of a motion up to the end of a part of it; `before` are those up to its beginning."""
-    first = max(0, part.steps + 1 - KEPT)
+    first = max(0, part.steps + 1 - STATES_KEPT)
     steps = np.arange(first, part.steps + 1, dtype=np.int32)
     after = np.maximum(steps, 1) - 1  # the steps that end there
     v = part.w[after, part.used[after] - 1] if part.steps else part.v[None].copy()
@@ -96,7 +96,7 @@ def last_states(part: Rollout, before: States | None) -> States:
 
 def joined(before: States, own: States) -> States:
     """The last of both, whose ends are the same state."""
-    kept = slice(max(0, len(own.steps) - 1 + len(before.steps) - KEPT), -1)
+    kept = slice(max(0, len(own.steps) - 1 + len(before.steps) - STATES_KEPT), -1)
     return following(States(before.steps[kept], before.x[kept], before.v[kept]), own)
 
 
@@ -123,17 +123,17 @@ def outcome(scene: Scene, motion: Motion, fault: Fault) -> Diverged:
 
 
 def overstretched_from(scene: Scene, cloth: int, x: Array) -> int | None:
-    """The frame from which on, to the end of positions x (frames, n, 3), a spring is longer than `LONG` allows."""
+    """The first frame from which some spring stays overstretched to the end of positions x (frames, n, 3)."""
     ends, rest = scene.cloths[cloth].springs, scene.cloths[cloth].rest
     frame = len(x)
-    while frame and (stretch(x[frame - 1], ends, rest) > LONG).any():
+    while frame and (stretch(x[frame - 1], ends, rest) > OVERSTRETCHED).any():
         frame -= 1
     return frame if frame < len(x) else None
 
 
 def overstretched(step: int) -> str:
     """How to tell that."""
-    return f"from step {step} on springs are more than {LONG:g} times as long as at rest"
+    return f"from step {step} on springs are more than {OVERSTRETCHED:g} times as long as at rest"
 
 
 def stretch(x: Array, ends: Indices, rest: Array) -> Array:

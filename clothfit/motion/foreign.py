@@ -24,9 +24,10 @@ from clothfit.base.reading import unchanged
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import SCENE, Axes, facing, to_scene
 from clothfit.formats.convention import Reading
+from clothfit.formats.demands import ASSUMED_RATE
 from clothfit.formats.files import name_of, refused
 from clothfit.formats.registry import Format, foreign, module_of
-from clothfit.motion.alignment import Likeness, likeness
+from clothfit.motion.alignment import Alignment, alignment
 from clothfit.motion.markers import Matches, initial, matched
 from clothfit.motion.motion import Motion, check_motion
 from clothfit.motion.motion import load_motion as load_native
@@ -34,12 +35,9 @@ from clothfit.motion.native import described
 from clothfit.scene.mesh_numbering import mesh_counts, picks
 from clothfit.scene.scene import Scene
 
-RATE = 30.0
-"""Frames per second of a file without times that belongs to no scene."""
-
 
 @dataclass(frozen=True)
-class Account:
+class Interpretation:
     """What a file was taken to be."""
 
     file: str
@@ -52,7 +50,7 @@ class Account:
     notes: tuple[str, ...] = ()  # sentences on what else was assumed
     matches: Matches | None = None  # of markers
     given: bool = False  # whether a map tells of them
-    start: Likeness | None = None  # to the scene's; None where there is no frame at its time
+    start: Alignment | None = None  # to the scene's; None where there is no frame at its time
 
     def __str__(self) -> str:
         size = f"{counted(self.frames, 'frame', 'frames')} of {counted(self.points, 'point', 'points')}"
@@ -70,7 +68,7 @@ class Account:
 
     def summary(self) -> dict[str, Any]:
         """The same for --json."""
-        start = self.start or Likeness(np.nan, None, None)
+        start = self.start or Alignment(np.nan, None, None)
         told = {
             "file": self.file,
             "format": self.format,
@@ -96,7 +94,7 @@ class Loaded:
     """A motion, and what its file says besides."""
 
     motion: Motion
-    account: Account
+    interpretation: Interpretation
     triangles: Indices | None = None  # (T, 3), points, in the scene's axes; None: it has no faces
     names: tuple[str, ...] | None = None  # of markers, where there is no scene whose vertices they are
     timed: bool = True  # whether the times come from the file, or were given
@@ -108,7 +106,7 @@ class Points:
 
     vertex_counts: tuple[int, ...]
     name: str
-    delta: float = 1 / RATE
+    delta: float = 1 / ASSUMED_RATE
     cloths: tuple[()] = field(default=())
 
 
@@ -158,10 +156,12 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
     _check_count(positions.shape[1], own, name)
     arrays = {"positions": positions, "times": times, "observed": observed}
     motion = _cut(check_motion(arrays, own, name), reading, name)
-    account = Account(name, found.name, axes, len(motion.times), points, _length(motion), rate, tuple(notes), matches,
-                      reading.markers is not None, _start(motion, scene, axes))  # fmt: skip
+    taken = Interpretation(
+        name, found.name, axes, len(motion.times), points, _length(motion), rate, tuple(notes), matches,
+        reading.markers is not None, _start(motion, scene, axes),
+    )  # fmt: skip
     triangles = None if read.triangles is None else facing(read.triangles, axes)
-    return Loaded(motion, account, triangles, read.names if scene is None else None, timed)
+    return Loaded(motion, taken, triangles, read.names if scene is None else None, timed)
 
 
 def _are_markers(read: Animation, found: Format, scene: Scene, reading: Reading) -> bool:
@@ -190,9 +190,11 @@ def _native(path: str | os.PathLike[str] | io.BytesIO, scene: Scene | None, read
     if axes != SCENE:
         motion = replace(motion, positions=to_scene(motion.positions, axes))
     motion = _cut(motion, reading, name)
-    account = Account(name, "npz", axes, len(motion.times), motion.positions.shape[1], _length(motion), rate,
-                      start=_start(motion, scene, axes))  # fmt: skip
-    return Loaded(motion, account, None if triangles is None else facing(triangles, axes), timed=timed)
+    taken = Interpretation(
+        name, "npz", axes, len(motion.times), motion.positions.shape[1], _length(motion), rate,
+        start=_start(motion, scene, axes),
+    )  # fmt: skip
+    return Loaded(motion, taken, None if triangles is None else facing(triangles, axes), timed=timed)
 
 
 def _times(read: Animation, scene: Scene | None, reading: Reading) -> tuple[Array, str, bool]:
@@ -204,7 +206,7 @@ def _times(read: Animation, scene: Scene | None, reading: Reading) -> tuple[Arra
         return read.times, f"{_rate(read.times)} by its own times", True
     if scene is not None:
         return scene.delta * np.arange(len(places), dtype=np.float64), _per_step(scene), False
-    return places / RATE, f"{RATE:g} frames a second assumed", False
+    return places / ASSUMED_RATE, f"{ASSUMED_RATE:g} frames a second assumed", False
 
 
 def _per_step(scene: Scene | None) -> str:
@@ -254,8 +256,8 @@ def _cut(motion: Motion, reading: Reading, name: str) -> Motion:
     return replace(motion, **{key: array[kept] for key, array in arrays.items() if array is not None})
 
 
-def _start(motion: Motion, scene: Scene | None, axes: Axes) -> Likeness | None:
+def _start(motion: Motion, scene: Scene | None, axes: Axes) -> Alignment | None:
     if scene is None or motion.times[0] != 0:
         return None
     seen = np.ones(motion.positions.shape[1], bool) if motion.observed is None else motion.observed[0]
-    return likeness(motion.positions[0], seen, initial(scene), axes)
+    return alignment(motion.positions[0], seen, initial(scene), axes)

@@ -20,9 +20,9 @@ from clothfit.base.messages import counted, metres, shown
 from clothfit.formats.files import content, name_of
 from clothfit.scene.scene import Scene
 
-COLUMNS = ("marker", "object", "vertex")
+MAP_COLUMNS = ("marker", "object", "vertex")
 
-MOST = 10_000_000
+MOST_MAP_BYTES = 10_000_000
 """Bytes of a file that says which marker is which vertex."""
 
 
@@ -52,10 +52,10 @@ class Matches(NamedTuple):
         """What to say of them; `given`: whether a file says which they are."""
         gaps = self.distances
         how = "by the map" if given else "the nearest vertex to each"
-        told = f"{counted(len(self.each), 'marker', 'markers')}, {how}"
+        pairs_from_map = f"{counted(len(self.each), 'marker', 'markers')}, {how}"
         if not len(gaps):
-            return told
-        return f"{told}, {metres(float(np.median(gaps)))} away (median), {metres(float(gaps.max()))} at most"
+            return pairs_from_map
+        return f"{pairs_from_map}, {metres(float(np.median(gaps)))} away (median), {metres(float(gaps.max()))} at most"
 
 
 def initial(scene: Scene) -> Array:
@@ -78,7 +78,7 @@ def matched(
             raise InvalidMotion(f"{name}: no marker is seen in any frame")
         pairs = list(zip(columns, nearest(first[columns], scene), strict=True))
     else:
-        pairs, why = told(path, names, scene), "not in the map"
+        pairs, why = pairs_from_map(path, names, scene), "not in the map"
     check_apart(pairs, names, scene, name if path is None else name_of(path))
     left = [names[i] for i in sorted(set(range(len(names))) - {i for i, _ in pairs})]
     note = f"{why}, and left out: {listed(left)}" if left else None
@@ -117,11 +117,11 @@ def check_apart(pairs: Sequence[tuple[int, int]], names: Sequence[str], scene: S
         markers[vertex] = marker
 
 
-def told(path: str | os.PathLike[str], names: Sequence[str], scene: Scene) -> list[tuple[int, int]]:
+def pairs_from_map(path: str | os.PathLike[str], names: Sequence[str], scene: Scene) -> list[tuple[int, int]]:
     """The pairs of marker and vertex, of all the scene's, that a file tells. Raises InvalidMotion."""
     name = name_of(path)
     try:
-        text = content(path, MOST).decode("utf-8-sig")
+        text = content(path, MOST_MAP_BYTES).decode("utf-8-sig")
         stream = io.StringIO(text, newline=None)  # line ends of any kind
         separator = next((each for each in "\t;" if each in stream.readline()[:1000]), ",")
         stream.seek(0)
@@ -129,9 +129,9 @@ def told(path: str | os.PathLike[str], names: Sequence[str], scene: Scene) -> li
     except (UnicodeDecodeError, csv.Error) as error:
         raise InvalidMotion(f"{name}: is not a text with commas: {error}") from None
     header = [word.strip().lower() for word in rows[0]] if rows else []
-    if not set(COLUMNS) <= set(header):
-        raise InvalidMotion(f"{name}: line 1: the names of the columns are needed: {', '.join(COLUMNS)}")
-    places = [header.index(column) for column in COLUMNS]
+    if not set(MAP_COLUMNS) <= set(header):
+        raise InvalidMotion(f"{name}: line 1: the names of the columns are needed: {', '.join(MAP_COLUMNS)}")
+    places = [header.index(column) for column in MAP_COLUMNS]
     index = {marker: i for i, marker in enumerate(names)}
     starts = np.cumsum([0, *scene.vertex_counts])
     pairs: dict[int, int] = {}

@@ -13,7 +13,7 @@ from clothfit.base import npz
 from clothfit.base.arrays import Indices
 from clothfit.base.reading import unchanged
 
-NAMES = ("positions", "times", "vertex_counts", "triangles")
+DESCRIBED_ARRAYS = ("positions", "times", "vertex_counts", "triangles")
 
 
 class Described(NamedTuple):
@@ -24,26 +24,26 @@ class Described(NamedTuple):
     triangles: Indices | None  # (T, 3), points of all objects, where it has faces
 
 
-NOTHING = Described((0,), True, None)
+NOT_DESCRIBED = Described((0,), True, None)
 
 
 def described(path_or_file: str | os.PathLike[str] | io.BytesIO) -> Described:
     """What a file says; nothing of one that is not in order, of which whoever reads it tells why."""
     try:
         if isinstance(path_or_file, io.BytesIO):
-            found = _told(path_or_file)
+            found = _described(path_or_file)
             path_or_file.seek(0)
             return found
         if not os.path.isfile(path_or_file):  # a pipe gives what is in it once
-            return NOTHING
+            return NOT_DESCRIBED
         with unchanged(path_or_file) as file:
-            return _told(file)
+            return _described(file)
     except (*npz.FAULTS, KeyError, IndexError, TypeError):
-        return NOTHING
+        return NOT_DESCRIBED
 
 
-def _told(file: IO[bytes]) -> Described:
-    stored = npz.stored(file, NAMES, "positions")
+def _described(file: IO[bytes]) -> Described:
+    stored = npz.stored(file, DESCRIBED_ARRAYS, "positions")
     total = stored["positions"].shape[1]
     counts = _whole(stored.get("vertex_counts"), 1)
     fits = counts is not None and (counts >= 0).all() and counts.sum() == total

@@ -20,7 +20,7 @@ from clothfit.base.messages import counted, shown
 from clothfit.scene.kinds import KIND, Kind
 
 HANDFUL = 5
-NUMBERS = {int, float}  # exactly these types: a bool is an int to isinstance
+NUMBER_TYPES = {int, float}  # exactly these types: a bool is an int to isinstance
 
 
 class Arrays(NamedTuple):
@@ -71,7 +71,7 @@ def vectors(values: list[Any], place: str, problems: list[str]) -> Array | None:
         flat = list(chain.from_iterable(map(itemgetter("x", "y", "z"), values)))
     except (KeyError, TypeError):  # an item that is no object or lacks a component
         flat = [None]
-    if set(map(type, flat)) <= NUMBERS:
+    if set(map(type, flat)) <= NUMBER_TYPES:
         array = _doubles(flat)
         if np.isfinite(array).all():
             return array.reshape(-1, 3)
@@ -83,8 +83,8 @@ def vectors(values: list[Any], place: str, problems: list[str]) -> Array | None:
 
 def numbers(values: list[Any], place: str, problems: list[str]) -> Array | None:
     """Turn a list of numbers into an array (n,); all must be finite."""
-    if not set(map(type, values)) <= NUMBERS:
-        wrong = [i for i, value in enumerate(values) if type(value) not in NUMBERS]
+    if not set(map(type, values)) <= NUMBER_TYPES:
+        wrong = [i for i, value in enumerate(values) if type(value) not in NUMBER_TYPES]
         _report(wrong, place, lambda i: f"{shown(values[i])} is not a number", problems)
         return None
     array = _doubles(values)
@@ -190,7 +190,7 @@ def _vector_problems(value: Any, place: str) -> Iterable[str]:
     for axis in "xyz":
         if axis not in value:
             yield f"{place}.{axis}: is missing; a vector needs x, y and z"
-        elif type(value[axis]) not in NUMBERS:
+        elif type(value[axis]) not in NUMBER_TYPES:
             yield f"{place}.{axis}: {shown(value[axis])} is not a number"
         elif not np.isfinite(component := _doubles([value[axis]])[0]):
             yield f"{place}.{axis}: {_not_finite(component)}"

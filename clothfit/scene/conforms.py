@@ -16,7 +16,7 @@ Schema = dict[str, Any]
 
 SAY_NOTHING = frozenset({"$schema", "$id", "$defs", "title", "description", "default", "if"})  # `then`: always
 
-TYPES: dict[str, Callable[[Any], bool]] = {
+TYPE_TESTS: dict[str, Callable[[Any], bool]] = {
     "array": lambda value: type(value) is list,
     "boolean": lambda value: type(value) is bool,
     "integer": lambda value: type(value) is int,
@@ -81,5 +81,5 @@ RULES: dict[str, Callable[[Any, Any, Schema, Schema], bool]] = {
     "properties": _properties,
     "required": lambda value, rule, *_: type(value) is dict and all(name in value for name in rule),
     "then": lambda value, rule, _, root: conforms(value, rule, root),
-    "type": lambda value, rule, *_: TYPES[rule](value),
+    "type": lambda value, rule, *_: TYPE_TESTS[rule](value),
 }

@@ -17,14 +17,14 @@ from pathlib import Path
 from typing import Any
 
 from clothfit.base.messages import named, place, shown
-from clothfit.scene.conforms import TYPES as TYPE_TESTS
+from clothfit.scene.conforms import TYPE_TESTS as TYPE_TESTS
 from clothfit.scene.conforms import conforms
 
-LONG = (
+LONG_ARRAYS = (
     "vertPos", "vertIsFixed", "vertMass", "vertVel", "springs", "springStiffness", "springRestLength", "triangles",
 )  # fmt: skip
 MOST_PROBLEMS = 20
-TYPES = {
+TYPE_NAMES = {
     "array": "a list",
     "boolean": "true or false",
     "integer": "a whole number (without a decimal point)",
@@ -84,7 +84,7 @@ def _validator() -> Any:
 @cache
 def _schema_of_outlines() -> dict[str, Any]:
     schema: dict[str, Any] = copy.deepcopy(_schema())
-    schema["$defs"]["object"]["properties"].update({name: {"type": "array"} for name in LONG})
+    schema["$defs"]["object"]["properties"].update({name: {"type": "array"} for name in LONG_ARRAYS})
     return schema
 
 
@@ -98,7 +98,7 @@ def _outline(document: Any) -> Any:
 def _short(item: Any) -> Any:
     if not isinstance(item, dict):
         return item
-    return {key: [] if key in LONG and isinstance(value, list) else value for key, value in item.items()}
+    return {key: [] if key in LONG_ARRAYS and isinstance(value, list) else value for key, value in item.items()}
 
 
 def _problems(error: Any) -> list[tuple[str, str]]:
@@ -119,7 +119,7 @@ def _sentence(rule: str, bound: Any, value: Any) -> str:
         case "type" if bound == "number" and type(value) in (int, float):
             return f"{shown(value)} is not a finite number within the range of doubles"
         case "type":
-            return f"{shown(value)} is not {TYPES[bound]}"
+            return f"{shown(value)} is not {TYPE_NAMES[bound]}"
         case "enum":
             return f"{shown(value)} is not one of {', '.join(map(shown, bound))}"
         case "exclusiveMinimum":

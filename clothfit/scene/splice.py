@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 
 STRING = r'"[^"\\]*(?:\\.[^"\\]*)*"'
 # One set of first characters lets the search skip long runs of numbers quickly.
-MARK = re.compile(r'["\[\]{}](?:(?<=")[^"\\]*(?:\\.[^"\\]*)*")?', re.DOTALL)
+STRING_OR_BRACKET = re.compile(r'["\[\]{}](?:(?<=")[^"\\]*(?:\\.[^"\\]*)*")?', re.DOTALL)
 ATOM = re.compile(rf"{STRING}|[^\s,:\]}}]+", re.DOTALL)
 BETWEEN = re.compile(r"[ \t\r\n,:]*")  # separators need no telling apart in a valid text
-NUMBER = re.compile(r"-?[0-9][0-9.eE+-]*")
+NUMBER_TOKEN = re.compile(r"-?[0-9][0-9.eE+-]*")
 
 Span = tuple[int, int]
 Edit = tuple[int, int, str]  # from, to, new text
@@ -97,9 +97,9 @@ def _insertion(text: str, start: int, missing: Mapping[str, Any]) -> Edit:
 
 
 def _renumbered(numbers: str, values: Sequence[float]) -> str:
-    tokens = NUMBER.findall(numbers)
+    tokens = NUMBER_TOKEN.findall(numbers)
     new = iter([t if float(t) == value else repr(float(value)) for t, value in zip(tokens, values, strict=True)])
-    return NUMBER.sub(lambda _: next(new), numbers)
+    return NUMBER_TOKEN.sub(lambda _: next(new), numbers)
 
 
 def _members(text: str, start: int) -> Iterator[tuple[str, Span]]:
@@ -127,7 +127,7 @@ def _end(text: str, start: int) -> int:
     if text[start] not in "[{":
         return ATOM.match(text, start).end()  # type: ignore[union-attr]  # a valid text has a value here
     depth = 0
-    for mark in MARK.finditer(text, start):
+    for mark in STRING_OR_BRACKET.finditer(text, start):
         first = text[mark.start()]
         depth += (first in "[{") - (first in "]}")
         if depth == 0:

@@ -32,7 +32,7 @@ from clothfit.base.reading import MOST_TEXT, unchanged, whole
 Readable = str | os.PathLike[str] | IO[str] | IO[bytes] | dict[str, Any]
 
 # The 32-bit marks first: the little-endian one starts with the 16-bit one.
-MARKS = {
+BYTE_ORDER_MARKS = {
     codecs.BOM_UTF8: "utf-8",
     codecs.BOM_UTF32_LE: "utf-32-le",
     codecs.BOM_UTF32_BE: "utf-32-be",
@@ -44,10 +44,10 @@ SAFE_DIGITS = 400  # an integer with more digits is beyond the range of doubles
 MOST_DEPTH = 64
 """Levels of lists and objects in one another; a scene has 5."""
 
-BYTES = {"{": 184, "[": 56, ",": 40}
+VALUE_BYTES = {"{": 184, "[": 56, ",": 40}
 """Memory that an object, a list, and a value with its place in one take, at least, …"""
 
-COPIES = 3
+TEXT_COPIES = 3
 """… and that takes the text, in bytes, with what is cut out of it."""
 
 NO_MARKS = bytes(set(range(256)) - set(b'[]{}"'))
@@ -156,8 +156,8 @@ def _content(origin: Readable) -> str | bytes:
 
 
 def _decoded(content: bytes) -> Source:
-    mark = next((mark for mark in MARKS if content.startswith(mark)), b"")
-    encoding = MARKS.get(mark, "utf-8")
+    mark = next((mark for mark in BYTE_ORDER_MARKS if content.startswith(mark)), b"")
+    encoding = BYTE_ORDER_MARKS.get(mark, "utf-8")
     return Source(content[len(mark) :].decode(encoding), encoding, mark)
 
 
@@ -177,8 +177,8 @@ def _check_nesting(text: str, name: str) -> None:
     if steps.cumsum().max(initial=0) > MOST_DEPTH:
         raise InvalidScene(f"the JSON is nested too deeply to be a scene (more than {MOST_DEPTH} levels)", name)
     counts = {"{": marks.count(b"{"), "[": marks.count(b"["), ",": text.count(",")}
-    needed, free = COPIES * len(text) + sum(BYTES[mark] * counts[mark] for mark in BYTES), memory.free()
-    if needed > free:
+    needed = TEXT_COPIES * len(text) + sum(size * counts[mark] for mark, size in VALUE_BYTES.items())
+    if needed > (free := memory.free()):
         raise InvalidScene(f"to read it takes about {human(needed)} of memory, {human(free)} are free", name)
 
 

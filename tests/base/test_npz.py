@@ -128,7 +128,7 @@ def test_damage_is_noticed_by_the_checksum(method):
 
 
 def test_little_that_unpacks_to_much_is_refused(monkeypatch):
-    monkeypatch.setattr(npz, "ROOM", 100_000)
+    monkeypatch.setattr(npz, "UNPACKED_FREELY", 100_000)
     zeros = npy(header("(100000,)"), bytes(800_000))
     with pytest.raises(ValueError, match=r"bytes unpack to 800000; write it with numpy\.savez, not compressed"):
         read(archive(("a.npy", zeros), method=zipfile.ZIP_DEFLATED))

@@ -5,7 +5,7 @@ import pytest
 from helpers import physics
 from helpers.physics import STATES, dense_forces, full, relative, state
 
-from clothfit.base.arrays import NONE
+from clothfit.base.arrays import NO_NUMBERS
 from clothfit.engine.step import explicit, implicit, transition
 from clothfit.engine.system import EXPLICIT, SYMPLECTIC
 
@@ -73,7 +73,7 @@ def test_the_pushforward_misses_of_the_true_derivative_nothing_but_what_the_forc
         faces=one.faces._replace(corners=one.faces.corners[:0]),
     )
     # the one coefficient of damping belongs to vertices and springs together
-    check_derivative(one, start(one, name), physics.direction(one)._replace(damping=NONE))
+    check_derivative(one, start(one, name), physics.direction(one)._replace(damping=NO_NUMBERS))
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -267,7 +267,9 @@ COMMANDS: dict[str, Case] = {
     "it has more than the …": Case("simulate large", prepare=large),
     "it changed while it was read; try again": Case("simulate scene.json", prepare=growing),
     **{
-        reason: patched(Case("estimate scene.json --target bad.npz", {"bad.npz": data}), "clothfit.base.npz.ROOM", 1000)
+        reason: patched(
+            Case("estimate scene.json --target bad.npz", {"bad.npz": data}), "clothfit.base.npz.UNPACKED_FREELY", 1000
+        )
         for reason, data in DAMAGED.items()
     },
     # text

@@ -64,7 +64,7 @@ COMMANDS: dict[str, Case] = {
     "it has … bytes where its header asks for … or more": ply(TRIANGLE.replace(b"vertex 3", b"vertex 3000000000")),
     "a word in it is no number": ply(TRIANGLE.replace(b"1 0 0", b"1 0 zero")),
     "so many lists of different lengths take more memory than is free": patched(
-        ply(EDGED + b"2 0 1\n"), "clothfit.formats.ply.ROW", 10**15
+        ply(EDGED + b"2 0 1\n"), "clothfit.formats.ply.PROPERTY_BYTES", 10**15
     ),
     "it has no vertices with …": ply(TRIANGLE.replace(b"float y", b"float w")),
     "its faces are no lists of vertices": ply(

@@ -22,7 +22,7 @@ def ended(path: str) -> int:
         signal.alarm(60)
         code = 3
         try:
-            usd_reader.limit_memory(usd_reader.ROOM)
+            usd_reader.limit_memory(usd_reader.OPENING_BYTES)
             usd_reader.parsed(path, "a")
             code = 0
         finally:

@@ -10,7 +10,7 @@ from clothfit.base.limits import FARTHEST
 from clothfit.engine import tape
 from clothfit.engine.rollout import rollout, velocity
 from clothfit.engine.system import build
-from clothfit.motion.divergence import KEPT, LONG, Diverged, dump, overstretched_from, worst
+from clothfit.motion.divergence import OVERSTRETCHED, STATES_KEPT, Diverged, dump, overstretched_from, worst
 from clothfit.motion.simulate import simulate
 
 STIFF = {"mass": 0.5, "stiffness": 2e4, "fixed": [0]}
@@ -39,8 +39,8 @@ def test_the_last_states_are_those_of_the_steps_whatever_the_parts(method, lengt
     memory, good = rollout(build(made, 1), 159, made.tolerance)
     assert (error.step, error.fault.cloth) == (good + 1, 1)
     states = error.fault.states
-    assert good > KEPT
-    assert states.steps.tolist() == [*range(good + 1 - KEPT, good + 1), good + 1]
+    assert good > STATES_KEPT
+    assert states.steps.tolist() == [*range(good + 1 - STATES_KEPT, good + 1), good + 1]
     np.testing.assert_array_equal(states.x, memory.x[states.steps])
     np.testing.assert_array_equal(states.v, [velocity(memory, t) for t in states.steps])
     assert error.fault.vertex == 1
@@ -89,7 +89,7 @@ def test_a_dump_holds_what_its_docstring_says():
 
 def test_from_which_frame_on_springs_are_too_long():
     made = scene(thing([(0, 0, 0), (1, 0, 0)], [(0, 1)]))
-    lengths = np.array([1.0, 2 * LONG, 3.0, LONG, 1.1 * LONG, 1e9])
+    lengths = np.array([1.0, 2 * OVERSTRETCHED, 3.0, OVERSTRETCHED, 1.1 * OVERSTRETCHED, 1e9])
     x = lengths[:, None, None] * np.array([[0, 0, 0], [1.0, 0, 0]])
     assert overstretched_from(made, 0, x) == 4  # from there to the end
     assert overstretched_from(made, 0, x[:4]) is None

@@ -109,7 +109,7 @@ def test_times_are_given_or_the_files_or_the_scenes(there, monkeypatch, read, gi
     pretend(monkeypatch, made)
     found = foreign.load("a.pc2", SCENE, Reading(fps=given))
     np.testing.assert_allclose(found.motion.times, times)
-    assert rate in found.account.rate
+    assert rate in found.interpretation.rate
 
 
 def test_samples_between_frames_count_by_the_rate(there, monkeypatch):
@@ -152,7 +152,7 @@ def test_gaps_need_a_format_that_has_them(there):
 def account(there, positions, axes=None, **said):
     """What is told of a motion that lies in those axes in a file that is read with what is said."""
     motion_files.save_motion(clothfit.as_motion(SCENE, positions), "a.pc2", None, convention(axes or Axes()))
-    return foreign.load("a.pc2", SCENE, Reading(**said)).account
+    return foreign.load("a.pc2", SCENE, Reading(**said)).interpretation
 
 
 def test_a_motion_that_begins_as_the_scene_does_is_not_doubted(there):

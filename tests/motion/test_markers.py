@@ -46,15 +46,15 @@ def written(folder, text):
 def test_markers_belong_to_the_nearest_vertices(monkeypatch):
     markers(monkeypatch, moved())
     found = foreign.load("a.trc", SCENE, Reading())
-    each = found.account.matches.each
+    each = found.interpretation.matches.each
     assert [(match.marker, match.object, match.vertex) for match in each] == [("left", 0, 3), ("right", 1, 2),
                                                                               ("far", 0, 0)]  # fmt: skip
     np.testing.assert_allclose([match.distance for match in each], [0.01, 0.02, 0.03])
     np.testing.assert_allclose(found.motion.positions[:, CHOSEN], moved())
     assert np.flatnonzero(found.motion.observed.any(axis=0)).tolist() == sorted(CHOSEN)
     assert np.isnan(found.motion.positions[:, 1]).all()
-    assert "3 markers, the nearest vertex to each, 20 mm away (median), 30 mm at most" in str(found.account)
-    told = found.account.summary()["markers"]
+    assert "3 markers, the nearest vertex to each, 20 mm away (median), 30 mm at most" in str(found.interpretation)
+    told = found.interpretation.summary()["markers"]
     np.testing.assert_allclose([told["median"], told["largest"]], [0.02, 0.03])
     assert told["each"][1]["vertex"] == 2
 
@@ -65,7 +65,7 @@ def test_a_marker_counts_from_where_it_is_first_seen(monkeypatch):
     positions[2, 0] = START[5]
     markers(monkeypatch, positions)
     found = foreign.load("a.c3d", SCENE, Reading(frames="3:"))
-    assert found.account.matches.each[0].vertex == 5
+    assert found.interpretation.matches.each[0].vertex == 5
     assert found.motion.observed[0, 5]
 
 
@@ -83,7 +83,7 @@ def test_a_marker_that_is_never_seen_is_left_out_and_told(monkeypatch):
     positions = moved()
     positions[:, 2] = np.nan
     markers(monkeypatch, positions)
-    found = foreign.load("a.trc", SCENE, Reading()).account
+    found = foreign.load("a.trc", SCENE, Reading()).interpretation
     assert len(found.matches.each) == 2
     assert 'never seen, and left out: "far"' in found.notes
 
@@ -92,8 +92,8 @@ def test_a_map_says_which_vertices_they_are(monkeypatch, tmp_path):
     markers(monkeypatch, moved())
     path = written(tmp_path, "\ufeffVertex,marker, object ,why\r\n8,right,1,x\r\n\r\n 1 , left , 0\r\n")
     found = foreign.load("a.trc", SCENE, Reading(markers=path))
-    assert [match[:3] for match in found.account.matches.each] == [("left", 0, 1), ("right", 1, 8)]
-    assert found.account.notes == ('not in the map, and left out: "far"',)
+    assert [match[:3] for match in found.interpretation.matches.each] == [("left", 0, 1), ("right", 1, 8)]
+    assert found.interpretation.notes == ('not in the map, and left out: "far"',)
     np.testing.assert_allclose(found.motion.positions[:, [1, 20]], moved()[:, :2])
 
 
@@ -102,7 +102,7 @@ def test_a_map_has_line_ends_of_any_kind(monkeypatch, tmp_path, end):
     markers(monkeypatch, moved())
     (tmp_path / "map.csv").write_bytes(f"marker,object,vertex{end}far,0,1{end}".encode())
     found = foreign.load("a.trc", SCENE, Reading(markers=tmp_path / "map.csv"))
-    assert [match[:3] for match in found.account.matches.each] == [("far", 0, 1)]
+    assert [match[:3] for match in found.interpretation.matches.each] == [("far", 0, 1)]
 
 
 @pytest.mark.parametrize("separator", [";", "\t"])
@@ -110,20 +110,20 @@ def test_a_map_has_separators_as_tables_have(monkeypatch, tmp_path, separator):
     markers(monkeypatch, moved())
     text = "vertex,marker,object\n1,far,0\n".replace(",", separator)
     found = foreign.load("a.trc", SCENE, Reading(markers=written(tmp_path, text)))
-    assert [match[:3] for match in found.account.matches.each] == [("far", 0, 1)]
+    assert [match[:3] for match in found.interpretation.matches.each] == [("far", 0, 1)]
 
 
 def test_markers_without_names_are_counted(monkeypatch, tmp_path):
     markers(monkeypatch, moved(), names=None)
-    assert [m.marker for m in foreign.load("a.csv", SCENE, Reading()).account.matches.each] == ["0", "1", "2"]
+    assert [m.marker for m in foreign.load("a.csv", SCENE, Reading()).interpretation.matches.each] == ["0", "1", "2"]
     path = written(tmp_path, "marker,object,vertex\n2,0,7\n")
-    assert foreign.load("a.csv", SCENE, Reading(markers=path)).account.matches.each[0].vertex == 7
+    assert foreign.load("a.csv", SCENE, Reading(markers=path)).interpretation.matches.each[0].vertex == 7
 
 
 def test_as_many_points_as_vertices_without_names_are_the_vertices(monkeypatch):
     markers(monkeypatch, [START[::-1]], names=None)
     found = foreign.load("a.csv", SCENE, Reading())
-    assert found.account.matches is None
+    assert found.interpretation.matches is None
     np.testing.assert_array_equal(found.motion.positions[0], START[::-1])
 
 
@@ -141,14 +141,14 @@ def test_a_map_also_tells_of_the_points_of_another_mesh(monkeypatch, tmp_path):
 def test_points_with_the_names_of_the_vertices_are_the_vertices(monkeypatch):
     markers(monkeypatch, [START[::-1]], names=tuple(f"v{i}" for i in range(len(START))))
     found = foreign.load("a.c3d", SCENE, Reading())
-    assert found.account.matches is None
+    assert found.interpretation.matches is None
     np.testing.assert_array_equal(found.motion.positions[0], START[::-1])
 
 
 def test_without_a_scene_markers_stay_markers(monkeypatch):
     markers(monkeypatch, moved())
     found = foreign.load("a.trc", None, Reading())
-    assert (found.names, found.motion.positions.shape, found.account.matches) == (NAMES, (4, 3, 3), None)
+    assert (found.names, found.motion.positions.shape, found.interpretation.matches) == (NAMES, (4, 3, 3), None)
 
 
 def test_two_markers_at_one_vertex_are_named(monkeypatch):

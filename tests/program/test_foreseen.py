@@ -20,7 +20,7 @@ FORESEEN = [["simulate", "scene.json"], ["target", "scene.json"], ["evaluate", "
 def test_memory_that_is_not_free_is_refused_with_the_figure_before_the_work(folder, monkeypatch, capsys, command):
     # the scene can be read
     monkeypatch.setattr("clothfit.scene.text.memory", SimpleNamespace(free=lambda: 10**9))
-    monkeypatch.setattr("clothfit.base.memory.LITTLE", 0)  # so little is looked at otherwise
+    monkeypatch.setattr("clothfit.base.memory.ALWAYS_FREE", 0)  # so little is looked at otherwise
     monkeypatch.setattr("clothfit.base.memory.available", lambda: 1000)
     monkeypatch.setattr("clothfit.engine.rollout.run", lambda *_: pytest.fail("it began to work"))
     assert run(command) == 3

@@ -99,7 +99,8 @@ def test_the_memory_that_a_scene_takes_is_foreseen(monkeypatch):
 def test_what_is_foreseen_is_enough():
     """Parsed values never take more than is foreseen of them; three kinds of text, from long lists to short ones."""
     for text in ("[" + "1.5," * 9999 + "1]", "[" + "[]," * 9999 + "1]", json.dumps(scene()["objects"] * 20)):
-        needed = sum(size * text.count(mark) for mark, size in source.BYTES.items()) + source.COPIES * len(text)
+        values = sum(size * text.count(mark) for mark, size in source.VALUE_BYTES.items())
+        needed = values + source.TEXT_COPIES * len(text)
         tracemalloc.start()
         source.parse(source.Source(text), "x")
         peak = tracemalloc.get_traced_memory()[1]

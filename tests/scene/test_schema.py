@@ -136,7 +136,7 @@ def test_every_field_of_the_schema_has_a_description_with_a_unit():
 
 
 def test_the_long_lists_are_lists_of_the_schema():
-    assert set(structure.LONG) <= set(SCHEMA["$defs"]["object"]["properties"])
+    assert set(structure.LONG_ARRAYS) <= set(SCHEMA["$defs"]["object"]["properties"])
 
 
 def test_only_the_required_fields_are_needed_and_the_rest_has_the_defaults_of_the_schema():

@@ -89,7 +89,7 @@ def read(
     assumed = foreign(path) is not None or not reading.plain
     loaded = load(path, scene, reading, console, assumed)
     if assumed and told is not None:
-        told.append(loaded.account.summary())
+        told.append(loaded.interpretation.summary())
     return loaded.motion
 
 
@@ -99,8 +99,8 @@ def load(path: str, scene: Scene | None, reading: Reading, console: Console, ass
 
     loaded = foreign.load(sys.stdin.buffer if path == shared.STREAM else path, scene, reading)
     if assumed:
-        console.say(str(loaded.account))
-    for doubt in loaded.account.doubts:
+        console.say(str(loaded.interpretation))
+    for doubt in loaded.interpretation.doubts:
         console.warn(doubt)
     return loaded
 
