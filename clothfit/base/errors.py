@@ -1,4 +1,4 @@
-"""What can go wrong, as types: each carries one sentence for the user and the exit code of the commands.
+"""The errors, as types: each carries one sentence for the user and the exit code of the commands.
 
 Exit codes: 1 a fault of the program, 2 usage, 3 invalid input, 4 diverged, 5 not converged, 130 interrupted. A fit that
 does not converge is a result with a status, not an exception.
@@ -8,22 +8,22 @@ from __future__ import annotations
 
 
 class ClothfitError(Exception):
-    """Base of all errors that a user can act on; `exit_code` is what a command ends with."""
+    """Base of all errors that a user can act on. `exit_code` is the exit code of a command that ends with it."""
 
     exit_code = 1
 
 
 class InvalidInput(ClothfitError, ValueError):
-    """A scene, a motion, an option value or an output path that cannot be used."""
+    """A scene, a motion, an argument or an output path that cannot be used; also a ValueError. Exit code 3."""
 
     exit_code = 3
 
 
 class InvalidScene(InvalidInput):
-    """A scene that breaks the format.
+    """A scene that breaks the format. Exit code 3.
 
-    `problems` lists every problem found, each as "place: what is wrong and what would be right"; the message
-    itself is the first one, with the count of the others.
+    `problems` lists all problems, each as "place: what is wrong and what would be right". The message is the first of
+    them, with the number of the others.
     """
 
     def __init__(self, problems: str | list[str], name: str = "") -> None:
@@ -35,4 +35,4 @@ class InvalidScene(InvalidInput):
 
 
 class InvalidMotion(InvalidInput):
-    """A motion file or array that does not fit the format or the scene."""
+    """A motion, as a file or an array, that does not fit its format or the scene. Exit code 3."""

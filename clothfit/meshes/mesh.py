@@ -51,11 +51,11 @@ class Springs(NamedTuple):
 
 
 def plane(divisions: int, width: float, height: float | None = None, upright: bool = False) -> Mesh:
-    """Make a rectangle of width × height, m, centred at the origin; as high as wide when no height is given.
+    """Make a rectangle of width × height, m, centred at the origin; a square when no height is given.
 
     The longer side has divisions + 2 vertices, the shorter as many as keep the cells nearest to squares. The vertex
     in column i along x and row j along z (in y when upright) has index columns · j + i.
-    Raises InvalidInput when there are no divisions or no extent.
+    Raises InvalidInput when `divisions` is negative, a side is not above 0, or there would be a million vertices.
     """
     height = width if height is None else height
     if divisions < 0 or not (0 < width < np.inf and 0 < height < np.inf):
@@ -87,7 +87,7 @@ def _cells(across: int, along: int) -> Indices:
 
 
 def areas(mesh: Mesh) -> Array:
-    """Areas of the triangles, (T,), m²."""
+    """Areas (T,) of the triangles, m²."""
     a, b, c = (mesh.positions[mesh.triangles[:, corner]] for corner in range(3))
     normal = np.cross(b - a, c - a)
     halves: Array = 0.5 * np.sqrt((normal * normal).sum(axis=1))
@@ -125,10 +125,10 @@ def edges(triangles: Indices) -> Indices:
 
 
 def springs(mesh: Mesh, stiffness: float, bending: bool | float = True) -> Springs:
-    """Make the springs of an object of this stiffness, N/m; without bending springs, with the front end's, or with
-    bending springs of another share of the stiffness.
+    """Make the springs of an object of stiffness E, N/m.
 
-    Raises InvalidInput when a spring would have no length.
+    `bending` is True for the front end's bending springs, False for none, or their share of E. Raises InvalidInput
+    when a spring would have no length, or more than two triangles share an edge.
     """
     share = BENDING_SHARE if bending is True else float(bending)
     met = sides(mesh.triangles)
@@ -150,9 +150,9 @@ def springs(mesh: Mesh, stiffness: float, bending: bool | float = True) -> Sprin
 
 
 def masses(mesh: Mesh, density: float) -> Array:
-    """Masses (n,) kg of the vertices of a cloth of this density, kg/m².
+    """Masses (n,), kg, of the vertices of a cloth of this density, kg/m².
 
-    Raises InvalidInput when a vertex would have none.
+    Raises InvalidInput when a vertex would have no mass.
     """
     mass = np.zeros(len(mesh.positions))
     np.add.at(mass, mesh.triangles, density * areas(mesh)[:, None] / 3)
@@ -162,11 +162,11 @@ def masses(mesh: Mesh, density: float) -> Array:
 
 
 def air_drag(mesh: Mesh, speed: float) -> float:
-    """The `dragCoefficient`, kg/(m^6 s), with which faces of the mesh feel air of a speed, m/s, as in the world.
+    """The `dragCoefficient`, kg/(m^6 s), with which air of this speed, m/s, pushes the mesh as real air would.
 
-    Air that meets a face of area A pushes it with ½ ϱ c A v², the format with drag · A · (2 A)² · v, so that they are
-    equal for one area and one speed: drag = ϱ c v / (8 A²), with ϱ = 1.2 kg/m³, c = 1 and the median area.
-    Raises InvalidInput where that is no number.
+    Real air pushes a face of area A with ½ ϱ c A v², the format with drag · A · (2 A)² · v. The two are equal for one
+    area and one speed: drag = ϱ c v / (8 A²), with ϱ = 1.2 kg/m³, c = 1 and the median area. Raises InvalidInput where
+    that is not finite.
     """
     area = float(np.median(areas(mesh))) if len(mesh.triangles) else 0.0
     drag = AIR_DENSITY * speed / (8 * area * area) if area * area > 0 else np.inf
@@ -186,11 +186,11 @@ def object_document(
     settings: str = "nn",
     bending: bool | float = True,
 ) -> dict[str, Any]:
-    """Make an object of a scene file, its fields named and in order as the front end writes them.
+    """Make an object of a scene file, with the names and the order of fields that the front end writes.
 
-    `fixed` (n,) says which vertices do not move. Density in kg/m², stiffness in N/m; damping, drag and settings are
-    the file's `damping`, `dragCoefficient` and `optimizationSettings`; bending as in `springs`. Raises InvalidInput
-    when no object can be made of the mesh or `fixed` does not fit it.
+    `fixed` (n,) marks the vertices that do not move. `density` is in kg/m², `stiffness` in N/m; `damping`, `drag` and
+    `settings` are the file's `damping`, `dragCoefficient` and `optimizationSettings`; `bending` is as in `springs`.
+    Raises InvalidInput when no object can be made of the mesh or `fixed` does not fit it.
     """
     held = np.asarray(fixed, dtype=np.bool_)
     if held.shape != (len(mesh.positions),):

@@ -27,10 +27,10 @@ def read_mesh(
     handedness: str | None = None,
     scale: float | None = None,
 ) -> tuple[Mesh, tuple[str, ...]]:
-    """Read a mesh, vertices in the file's order; returns with it sentences on what was assumed.
+    """Read a mesh into the scene's axes and metres; returns it with sentences on what was assumed.
 
-    `up` ("y", "z"), `handedness` ("left", "right") and `scale`, m per unit, where the file's own word, or the
-    convention of its format, is not to be believed. Raises InvalidInput when there is no mesh in the file.
+    Vertices keep the file's order. `up` ("y", "z"), `handedness` ("left", "right") and `scale`, m per unit, replace
+    what the file or its format says. Raises InvalidInput when the file holds no mesh or cannot be read.
     """
     name = os.fspath(path)
     suffix, found = suffix_of(name), foreign(name)

@@ -40,13 +40,15 @@ def new_scene(
     title: str = "scene",
     numbering: Indices | None = None,
 ) -> Scene:
-    """Make a scene of one cloth, as the front end would build it of that mesh.
+    """Make a scene of one cloth, with the springs and masses that the front end would give it.
 
-    `fixed` (n,) says which vertices do not move (default: none). Density in kg/m², stiffness E in N/m; bending: True
-    as the front end, False none, or the bending springs' share of E; damping and drag as in the file. `fit` are the two
-    letters of `optimizationSettings`, `fits` the modes of other kinds by their names in `clothfit.scene.kinds`. Spheres
-    are (x, y, z, radius), m; wind in m/s; delta in s; `frames` are those that a fit compares. `numbering` (n_mesh,)
-    says which vertex each vertex of a mesh that was welded became. Raises InvalidInput when no scene can be made.
+    `fixed` (n,) marks the vertices that do not move (default: none). `density` is in kg/m², `stiffness` E in N/m.
+    `bending` is True for the front end's bending springs, False for none, or their share of E. `damping` and `drag` are
+    those of the file. `fit` is two letters, for masses and stiffnesses: n keeps them, G fits one value, L one each;
+    `fits` gives the letters of other kinds, such as {"wind": "G"}. Spheres are (x, y, z, radius), m. `wind` is in m/s,
+    the time step `delta` in s. A fit compares `frames` frames. `tolerance` is that of the linear solver, relative.
+    `numbering` (vertices of the mesh before welding,) is `Welded.vertices`. Raises InvalidInput when no scene can be
+    made.
     """
     _check(density=density, stiffness=stiffness, bending=float(bending))
     held = np.zeros(len(mesh.positions), bool) if fixed is None else fixed

@@ -1,9 +1,9 @@
-"""What is wrong with a triangle mesh of which a cloth is to be made, and whether a cloth can be made of it.
+"""What is wrong with a triangle mesh, and whether a cloth can be made of it.
 
-A tool that draws meshes splits vertices where texture or normals jump, doubles faces to show both sides, and leaves
-points behind. Springs know nothing of that: a network is torn where two vertices lie at one place, a vertex in no
-triangle has no mass, a spring between two vertices at one place has no length, and of an edge with three triangles it
-is not known what the front end makes.
+Tools split vertices where texture or normals jump, double faces to show both sides, and leave points behind. A network
+of springs suffers from that: it is torn where two vertices lie at one place, a vertex in no triangle has no mass, a
+spring between two vertices at one place has no length, and the front end does not define what it makes of an edge with
+three triangles.
 
 n vertices, T triangles.
 """
@@ -34,26 +34,26 @@ THIN = 1e-12
 
 @dataclass(frozen=True)
 class Problem:
-    """One kind of thing that is wrong."""
+    """A problem of a mesh."""
 
-    kind: str  # for scripts
-    count: int  # of vertices, triangles, edges, parts, as the sentence says
-    first: tuple[int, ...]  # indices of the first few: of vertices or triangles; of parts a vertex each
-    sentence: str
-    fatal: bool  # no scene can be made
-    weldable: bool  # `weld` cures it
+    kind: str  # a word for scripts: "seam", "unused", …
+    count: int  # of the vertices, triangles, edges or parts that the sentence names
+    first: tuple[int, ...]  # indices of the first few vertices or triangles; of parts one vertex each
+    sentence: str  # for people
+    fatal: bool  # whether no scene can be made
+    weldable: bool  # whether `weld` cures it
 
 
 def tiny(mesh: Mesh) -> float:
-    """The distance, m, below which vertices are meant to be one."""
+    """The distance, m, below which two vertices count as one: a millionth of the mesh's diagonal."""
     return SAME_PLACE * float(np.linalg.norm(np.ptp(mesh.positions, axis=0))) if len(mesh.positions) else 0.0
 
 
 def problems(mesh: Mesh, distance: float | None = None) -> list[Problem]:
-    """List what is wrong, what makes a scene impossible first.
+    """List the problems of a mesh, those that make a scene impossible first.
 
-    `distance`, m: vertices as near as that lie at one place (default: `tiny`). Raises InvalidInput where it is so
-    large that it says nothing.
+    Vertices within `distance`, m, of each other count as one place (default: `tiny`). Raises InvalidInput when the
+    distance joins more than seams.
     """
     found = [look(mesh) for look in CHECKS]
     found.append(seams(mesh, tiny(mesh) if distance is None else distance))

@@ -1,7 +1,7 @@
-"""To join the vertices of a mesh that lie at one place, and to leave out what no cloth can have.
+"""Welding joins the vertices of a mesh that lie at one place and removes what no cloth can have.
 
-Triangles that collapse are left out, of those with the same corners all but the first, and vertices in none. The rest
-keeps its order, so that a mesh with nothing to join stays as it is.
+It removes triangles that collapse, triangles with the corners of an earlier one, and vertices in no triangle. The rest
+keeps its order, so a mesh with nothing to join stays as it is.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from clothfit.meshes.topology import first_of_each, together
 
 
 class Welded(NamedTuple):
-    """A mesh that was welded; n vertices before."""
+    """A welded mesh, which had n vertices before."""
 
-    mesh: Mesh
-    vertices: Indices  # (n,), vertex now of each vertex before; −1: it is in no triangle and left out
-    joined: int  # vertices that became part of another
-    triangles: int  # that were left out
+    mesh: Mesh  # the welded one
+    vertices: Indices  # (n,), the new index of each old vertex; −1: it was in no triangle and is removed
+    joined: int  # number of vertices that became part of another
+    triangles: int  # number of triangles that were removed
 
     @property
     def unused(self) -> int:
-        """Vertices that were left out."""
+        """Number of vertices that were removed."""
         return int((self.vertices < 0).sum())
 
     @property
     def renumbered(self) -> bool:
-        """Whether vertices have another index than before."""
+        """Whether some vertex has another index than before."""
         return not np.array_equal(self.vertices, np.arange(len(self.mesh.positions)))
 
 
 def weld(mesh: Mesh, distance: float | None = None) -> Welded:
-    """Join vertices within `distance`, m, of each other (default: what counts as one place); of each lot the first
-    stays where it is. Raises InvalidInput when the distance joins more than seams.
+    """Join vertices within `distance`, m, of each other (default: a millionth of the mesh's diagonal). The first vertex
+    of each group keeps its place. Raises InvalidInput when the distance joins more than seams.
     """
     lot = together(mesh.positions, tiny(mesh) if distance is None else distance)
     triangles = lot[mesh.triangles]

@@ -53,10 +53,10 @@ class Fault(NamedTuple):
 
 
 class Diverged(ClothfitError):
-    """The simulation left the finite numbers.
+    """A simulation that diverged: a position is not finite, or 10¹² m away. Exit code 4.
 
-    `step` is the first step that cannot be used (1 = the first, 0 where no single one is to blame); `motion`, where
-    there is one, holds the frames before it, and `fault` the last states of the cloth that diverged.
+    `step` is the first step that cannot be used (1 is the first; 0 where no single step is to blame). `motion` holds
+    the frames before it and `fault` the last states of the cloth that diverged; both may be None.
     """
 
     exit_code = 4

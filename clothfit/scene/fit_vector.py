@@ -103,10 +103,10 @@ def fitted_cloths(scene: Scene) -> list[int]:
 
 
 def parameters(scene: Scene, flags: Scene | None = None) -> Array:
-    """The flagged parameters (P,): objects in order, kinds in order, the scene's own last; mode G: the mean.
+    """The flagged values (P,), in SI units: of each object in turn its kinds in order, then those of the scene.
 
-    `flags` is the scene whose settings say what is flagged, where that is another one. Raises InvalidInput when the
-    objects of the two differ in size.
+    A value that is flagged with G is the mean. `flags` is the scene whose flags count (default: `scene`). Raises
+    InvalidInput when the objects of the two differ in size.
     """
     parts = [np.zeros(0)]
     for block in blocks(flags or scene):
@@ -126,9 +126,10 @@ def parameters(scene: Scene, flags: Scene | None = None) -> Array:
 
 
 def with_parameters(scene: Scene, p: Sequence[float] | Array, untouched: Collection[Block] = ()) -> Scene:
-    """Make a new scene with the flagged parameters p (P,); blocks that are `untouched` keep the scene's values.
+    """Make a new scene with the flagged values p (P,), in the order of `parameters`.
 
-    Raises InvalidInput (InvalidScene) on a bad shape or value.
+    Blocks in `untouched` keep the scene's values. Raises InvalidInput when p has another shape, InvalidScene when a
+    value is not finite or outside what its kind allows.
     """
     values = check_shape(scene, p)
     flagged = [block for block in blocks(scene) if block not in untouched]

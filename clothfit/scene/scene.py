@@ -41,11 +41,11 @@ class Cloth:
     stiffness: Array  # (S,) N/m, 0 or more
     triangles: Indices  # (T, 3) the corners of each face
     drag: float  # air drag of the faces, kg/(m^6 s), 0 or more
-    damping: float  # alpha: node damping alpha m, spring damping (alpha/2) k
-    settings: str  # what to fit, masses then stiffnesses: n nothing, G one value, L one per element
-    velocity: Array  # (n, 3) at the start, m/s; fixed vertices ignore theirs
+    damping: float  # α: damps a vertex by α m v (α in 1/s), a spring by (α/2) k along its axis (α in s)
+    settings: str  # two letters, masses then stiffnesses: n keeps them, G fits one value, L one per element
+    velocity: Array  # (n, 3) at the start, m/s; those of fixed vertices do nothing
     rest: Array  # (S,) rest lengths, m, above 0
-    fits: Mapping[str, str]  # what else to fit: name of a kind to G or L
+    fits: Mapping[str, str]  # what else to fit: "damping", "drag", "velocity", "rest" to "G" or "L"
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -53,7 +53,7 @@ class Cloth:
                 array.setflags(write=False)
 
     def mode(self, name: str) -> str:
-        """How a kind, by its name, is fitted: n not at all, G one value, L one per element."""
+        """How a kind ("mass", "drag", …) is fitted: "n" not at all, "G" one value, "L" one per element."""
         return self.settings[LETTERED.index(name)] if name in LETTERED else self.fits.get(name, "n")
 
     @cached_property
@@ -64,7 +64,7 @@ class Cloth:
         return lengths
 
     def default(self, kind: Kind) -> npt.ArrayLike:
-        """What an object has whose file does not say anything of an optional kind."""
+        """The values of an optional kind where the file gives none."""
         return self.lengths if kind.name == "rest" else np.zeros_like(getattr(self, kind.name))
 
 
@@ -81,20 +81,20 @@ class Sphere:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A valid scene."""
+    """A valid scene, immutable; `load` and `new_scene` make one. Units are those of SI, axes y up and left-handed."""
 
-    title: str
+    title: str  # for people
     method: int  # 0 explicit, 1 symplectic, 2 implicit Euler
     delta: float  # time step, s
     tolerance: float  # of the linear solver, relative to the right-hand side
-    frames: int  # compared when fitting, the initial one included
+    frames: int  # that a fit compares, the initial one included
     newton_iterations: int  # per implicit step; 1 is the linearised step
     wind: Array  # (3,) m/s, read-only
     gravity: Array  # (3,) m/s², read-only
-    fits: Mapping[str, str]  # what to fit of the scene as a whole: name of a kind to G
+    fits: Mapping[str, str]  # what to fit of the scene as a whole: "wind" or "gravity" to "G"
     cloths: tuple[Cloth, ...]  # at least one, in file order
-    spheres: tuple[Sphere, ...]
-    warnings: tuple[str, ...]  # what the file asks for and nobody does, one sentence each
+    spheres: tuple[Sphere, ...]  # the obstacles
+    warnings: tuple[str, ...]  # what the file asks for but the program ignores, one sentence each
     name: str  # of the file, for messages
     source: Source  # original text, for saving
 
@@ -108,21 +108,21 @@ class Scene:
         return tuple(len(cloth.mass) for cloth in self.cloths)
 
     def mode(self, name: str) -> str:
-        """How a kind of the scene as a whole, by its name, is fitted: n not at all, G its value."""
+        """How "wind" or "gravity" is fitted: "n" not at all, "G" the vector."""
         return self.fits.get(name, "n")
 
     def default(self, kind: Kind) -> npt.ArrayLike:
-        """What a scene has whose file does not say anything of a kind."""
+        """The value of a kind where the file gives none."""
         return _vector(structure.defaults("scene")[kind.field])
 
     def with_values(
         self, masses: Sequence[npt.ArrayLike], stiffnesses: Sequence[npt.ArrayLike], **others: Any
     ) -> Scene:
-        """Make a new scene with other masses, kg (n,), and stiffnesses, N/m (S,), of each of its cloths.
+        """Make a new scene with other masses (n,), kg, and stiffnesses (S,), N/m, one array for each cloth.
 
-        `others` are values of other kinds, by their names in `clothfit.scene.kinds`: those of objects as one item per
-        cloth (`damping`, `drag`: a number; `velocity`: (n, 3); `rest`: (S,)), those of the scene (`wind`, `gravity`) as
-        (3,). Raises InvalidScene when a shape differs, or a value is not finite or not such as its kind can have.
+        `others` are values of other kinds, by their names. Those of objects are one item for each cloth: `damping` and
+        `drag` a number, `velocity` (n, 3), m/s, `rest` (S,), m. Those of the scene, `wind`, m/s, and `gravity`, m/s²,
+        are (3,). Raises InvalidScene when a shape differs, or a value is not finite or outside what its kind allows.
         """
         if not len(masses) == len(stiffnesses) == len(self.cloths):
             given = f"{len(masses)} arrays of masses and {len(stiffnesses)} of stiffnesses"
@@ -148,7 +148,7 @@ class Scene:
 def load(path_or_file: Readable) -> Scene:
     """Load a scene from a path, an open text or binary file, or a dict with the fields of the file.
 
-    Raises InvalidScene, and nothing else, when it cannot be read or breaks the format.
+    Raises InvalidScene when it cannot be read or breaks the format, and no other error.
     """
     name = name_of(path_or_file)
     source = read(path_or_file)
@@ -168,7 +168,8 @@ def load(path_or_file: Readable) -> Scene:
 def save(scene: Scene, path_or_file: str | os.PathLike[str] | IO[str] | IO[bytes]) -> None:
     """Save a scene to a path, whole or not at all, or to an open text or binary file.
 
-    Raises InvalidInput when the path cannot be written; the errors of an open file are passed on.
+    Only numbers that have changed differ from the text that was loaded. Raises InvalidInput when the path cannot be
+    written; errors of an open file pass through.
     """
     data = dumps(scene)
     if isinstance(path_or_file, (str, os.PathLike)):
