@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import clothfit
-from clothfit.cli.common.console import metres
+from clothfit.base.messages import metres
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 

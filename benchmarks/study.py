@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import clothfit
-from clothfit.cli.common.console import metres
+from clothfit.base.messages import metres
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 SETTINGS = ("Gn", "Ln", "nG", "nL")

@@ -134,7 +134,7 @@ def test_the_check_says_that_all_is_up_to_date():
 
 def test_the_generator_writes_what_is_missing_or_stale_and_checks_without_writing(tmp_path, monkeypatch, capsys):
     make = generator()
-    monkeypatch.setattr(make, "EXAMPLES", tmp_path)
+    monkeypatch.setattr(make, "FOLDER", tmp_path)
     monkeypatch.setattr(sys, "argv", ["make.py", "--check"])
     assert make.main() == 1
     assert list(tmp_path.iterdir()) == []
