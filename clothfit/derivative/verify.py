@@ -63,20 +63,20 @@ class Differentiable(Protocol):
 
 
 class Report(NamedTuple):
-    """Outcome of the three checks."""
+    """The outcome of the three checks."""
 
-    order: float  # worst order of the Taylor remainder, 2 when right
-    difference: float  # relative error against one central difference
+    order: float  # lowest order of the Taylor remainder, 2 for a right gradient
+    difference: float  # relative error against a central difference
     product: float  # relative error of the dot-product test
 
     @property
     def passed(self) -> bool:
-        """Whether all three are as good as those of a right derivative."""
+        """Whether all three are as a right derivative has them: above 1.9, below 1e-6, below 1e-12."""
         return self.order > ORDER and self.difference < DIFFERENCE and self.product < PRODUCT
 
 
 def taylor_order(cost: Cost, gradient: Array, p: Array, direction: Array) -> float:
-    """Give the lowest order at which the Taylor remainder falls along the ladder; above 1.9 the gradient is right.
+    """The lowest order at which the Taylor remainder falls along the ladder; above 1.9 the gradient is right.
 
     `gradient` (P,) is that of `cost` at p (P,), `direction` (P,) of any length. Raises InvalidInput when fewer than 3
     steps stand above the rounding of the cost, or when a cost is not finite; errors of the cost pass through.
@@ -98,7 +98,7 @@ def taylor_order(cost: Cost, gradient: Array, p: Array, direction: Array) -> flo
 
 
 def central_difference_error(cost: Cost, gradient: Array, p: Array, direction: Array, step: float = 1e-6) -> float:
-    """Give the relative difference between the slope `gradient`·`direction` and a central difference of `cost`.
+    """The relative difference between the slope `gradient`·`direction` and a central difference of `cost`.
 
     All arrays are (P,); `step` is relative to p. Raises InvalidInput when a cost is not finite.
     """
@@ -108,7 +108,7 @@ def central_difference_error(cost: Cost, gradient: Array, p: Array, direction: A
 
 
 def dot_product_error(tangent: Linear, transpose: Linear, direction: Array, weight: Array) -> float:
-    """Give the relative difference between w·(J d) and (Jᵀ w)·d.
+    """The relative difference between w·(J d) and (Jᵀ w)·d.
 
     `tangent` maps `direction` d to J d, of the shape of `weight` w; `transpose` maps w to Jᵀ w, of the shape of d.
     """
@@ -117,10 +117,10 @@ def dot_product_error(tangent: Linear, transpose: Linear, direction: Array, weig
 
 
 def check(objective: Differentiable, p: Array, seed: int = 0) -> Report:
-    """Run the three checks on an Objective at p (P,), with a random direction relative to p and a random weight.
+    """Run the three checks on an `Objective` at p (P,), with a direction and a weight drawn with `seed`.
 
-    The direction takes the signs of the gradient: a slope in which terms cancel could not be compared to rounding.
-    Raises InvalidInput as `taylor_order` does; errors of the objective, such as Diverged, pass through.
+    The direction takes the signs of the gradient, so that no terms of the slope cancel. Raises InvalidInput as
+    `taylor_order` does; errors of the objective, such as Diverged, pass through.
     """
     p = np.asarray(p, float)
     rng = np.random.default_rng(seed)

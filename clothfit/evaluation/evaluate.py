@@ -36,26 +36,24 @@ class Distance:
 
 @dataclass(frozen=True)
 class Deviation:
-    """Relative deviation |fitted / true − 1| of one kind of parameter of one object, over those that can be
-    identified.
-    """
+    """Relative deviation |fitted / true − 1| of one kind of value of one object, over the identifiable ones."""
 
     object: int | None  # None: of the scene as a whole
-    name: str  # of the kind, as in `clothfit.scene.kinds`: "mass", "stiffness", …
-    mode: str  # "G" or "L"
-    count: int  # parameters, those that cannot be identified included
-    median_relative_deviation: float | None  # None where none can be identified
-    max_relative_deviation: float | None
+    name: str  # of the kind: "mass", "stiffness", …
+    mode: str  # "G" one value for the object, or "L" one per element
+    count: int  # of values, those that are not identifiable included
+    median_relative_deviation: float | None  # None where no value is identifiable
+    max_relative_deviation: float | None  # the same
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Report on a fitted scene."""
+    """How far a fitted scene is from the true one, or from a target."""
 
     fitted: Distance  # over the frames that are fitted
     horizon: Distance  # over a longer run, the fitted frames included
-    parameters: list[Deviation]
-    diverged: str | None = None  # what happened, where the longer run did not stay finite; it then ends before that
+    parameters: list[Deviation]  # against the true values, kind by kind
+    diverged: str | None = None  # what happened, where the longer run diverged; it then ends before that
 
 
 def evaluate(
@@ -63,10 +61,9 @@ def evaluate(
 ) -> Evaluation:
     """Compare a fitted scene with the true one, or with a target motion where one is given.
 
-    `frames` (default: the scene's) and `horizon` count the initial state; a target is compared as far as it reaches,
-    at the times of its frames, every position once unless its weight is 0.
-    Raises InvalidInput when the scenes do not have the same objects or the target others, Diverged when a simulation
-    diverges within the frames that are fitted.
+    `frames` (default: the scene's) and `horizon` count the initial state. A target is compared at the times of its
+    frames, as far as it reaches; each position counts once, unless its weight is 0. Raises InvalidInput when the scenes
+    or the target have other objects, Diverged when a simulation diverges within the fitted frames.
     """
     check_same_objects(truth, fitted)
     near = truth.frames if frames is None else frames

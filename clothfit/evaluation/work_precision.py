@@ -1,5 +1,5 @@
-"""Speed against error: what each way to simulate a scene costs, and how far its motion is from the one that all of
-them approach as h → 0.
+"""Speed against error: what each integrator, step and tolerance costs on a scene, and how far its motion is from the
+one that all of them approach as h → 0.
 
 The error is the distance to that reference (`richardson`), root mean square over all vertices of all cloths and over
 the scene's frames, which are multiples of its delta, the initial one included. The cost is the time of the bare steps
@@ -35,9 +35,9 @@ cloth: it diverged, though its numbers are finite."""
 
 @dataclass(frozen=True)
 class Row:
-    """One setting, what it costs and how far off it is; numbers are None unless it is done."""
+    """One setting, its cost and its error; numbers are None unless the status is "done"."""
 
-    setting: Setting
+    setting: Setting  # integrator, step relative to delta, tolerance, Newton iterations
     step: float  # h, s
     status: str  # "done"; "diverged"; "skipped": did not fit into the time or the memory
     own: bool  # the setting of the scene itself
@@ -58,7 +58,7 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class WorkPrecision:
-    """What accuracy each second buys."""
+    """The cost and the error of each setting."""
 
     scene: str  # its name
     delta: float  # its time step, s
@@ -74,14 +74,14 @@ class WorkPrecision:
 
     @property
     def nearest(self) -> Row | None:
-        """The row of the smallest error; None where no setting came through."""
+        """The row with the smallest error; None where all settings failed."""
         done = [row for row in self.rows if row.status == "done"]
         return min(done, key=lambda row: row.cost_and_error[::-1], default=None)
 
     def recommended(self, error: float) -> Row | None:
-        """The cheapest row whose error, that of the reference added, is no more than `error`, m; None: there is none.
+        """The cheapest row whose error, with that of the reference, is at most `error`, m; None where there is none.
 
-        Raises InvalidInput unless `error` is a positive length.
+        Raises InvalidInput unless `error` is above 0 and finite.
         """
         if not 0 < error < math.inf:
             raise InvalidInput(f"error must be above 0 and finite; {error:g} m was given")
@@ -95,11 +95,11 @@ def work_precision(
     seconds: float = SECONDS,
     report: Callable[[float, str], None] | None = None,
 ) -> WorkPrecision:
-    """Measure the ways to simulate a scene against each other, over `frames` of its frames (default: its own number).
+    """Measure integrators, steps, tolerances and Newton iterations on a scene, over `frames` frames (default: its own).
 
-    It takes about `seconds`, or less. With fewer of them settings are run less often, the dearest are skipped, and the
-    reference is less exact. `report` is told the seconds since the start and what is being done. Raises InvalidInput on
-    values that cannot be; Diverged when no steps that fit into the time give a reference.
+    It takes about `seconds`, or less. With less time, settings run less often, the most expensive are skipped, and the
+    reference is less exact. `report` is called with the seconds since the start and what is being done. Raises
+    InvalidInput on impossible values, Diverged when no steps that fit into the time give a reference.
     """
     if not 0 < seconds < math.inf:
         raise InvalidInput(f"seconds must be above 0 and finite; {seconds:g} was given")

@@ -75,36 +75,32 @@ def estimate(
     memory: int | str | None = None,
     foreseen: Callable[[Needs], None] | None = None,
 ) -> Fit:
-    """Fit the flagged parameters of a scene to a target motion, or to several.
+    """Fit the flagged values of a scene to one target motion or to several.
 
-    Without `target`, the scene's own parameters are the truth: the target is simulated with them, and the fit starts
-    from values that do not depend on them. With one, it starts from the scene's values. `start` changes that: a
-    number for all masses and stiffnesses (for all parameters, where neither are fitted), an array (P,) or a scene
-    whose values to take. `budget` is in evaluations of cost and
-    gradient, `rmse_tolerance` in metres, `tolerance` that of the linear systems; `report` is called after every
-    evaluation. KeyboardInterrupt ends the fit with status "interrupted" and the best so far; before the first
-    evaluation, when there is no result yet, it passes on.
+    `target`, `objective`, `loss`, `loss_scale` and `memory` are those of `Objective`. The fit compares the scene's
+    `frames` of each target; of a target with its own scene, as many as that scene says. Without a target the fit is a
+    trial: the target is simulated with the scene's own values, and the fit starts from values that do not depend on
+    them.
 
-    What is compared is said by `objective`, `loss` and `loss_scale`, and `target` may be a list, as in `Objective`. Of
-    the scene's own targets its `frames` are compared, of one with a scene beside it as many as that scene says. With
-    another objective `rmse_tolerance` is the root mean square of what that compares, in its unit.
+    With a target the fit starts from the scene's values. `start` replaces them: a number for all masses and
+    stiffnesses (for all values, where neither are fitted), an array (P,), or a scene whose values to take. `method` is
+    "auto", "momentum", "gauss-newton", or the name of a minimiser of SciPy. The fit ends after `budget` evaluations of
+    cost and gradient, or below `rmse_tolerance`, m (with other objectives in the unit of what they compare).
+    `tolerance` is that of the linear systems, relative. `report` is called after each evaluation.
 
-    The fit keeps in the file `checkpoint` what it needs to go on after it was killed, and with `resume` goes on from
-    there: to the same result, with evaluations and seconds counted from its beginning. Only `budget`, `rmse_tolerance`
-    and `report` may be others then.
+    `prior` is for the methods "auto" and "gauss-newton": the values of one kind scatter around those of a fabric, as
+    widely as the data say ("auto"), or around the start with this standard deviation of the logarithm; "none" assumes
+    nothing. `holdout` keeps this fraction of the frames, the last ones, or of the vertices (`holdout_of` "vertices")
+    out of the fit, to judge it by. `intervals` False leaves out the 95 % intervals, which take about as long as a step
+    of Gauss–Newton.
 
-    `prior` is what is believed before the data (`clothfit.optimise.prior`) by the methods "auto" and "gauss-newton":
-    that the values of one kind scatter around a fabric's, by as much as the data say ("auto"), or by a given width
-    around the start, in log parameters; "none": nothing. `holdout` keeps that fraction of the frames, the last, or with
-    `holdout_of` "vertices" of the vertices out of the fit and judges it by them. `intervals`: whether to look at what
-    the motion determines (`clothfit.fit.confidence`), which takes as long as a step of Gauss–Newton.
-
-    `memory` is how much the fit may hold, in bytes or as "200MB" (default: half of what is free). Where all states do
-    not fit, some are computed again, which changes no bit of a gradient; where the matrices of a method do not, another
-    takes its place, and a warning says so. `foreseen` is called with what the fit will need, before it begins.
+    With a file as `checkpoint` a fit that was killed goes on from there when `resume` is true; `budget`,
+    `rmse_tolerance` and `report` may differ then. KeyboardInterrupt ends the fit with status "interrupted" and the best
+    result so far; before the first evaluation it passes through. `foreseen` is called with the memory that the fit will
+    need, before it begins. Where matrices do not fit into `memory`, another method takes over, with a warning.
 
     Raises InvalidInput when nothing is flagged, or an argument, the target or the checkpoint does not fit; Diverged
-    when the scene's own motion, needed as target, diverges.
+    when the scene's own motion, needed as the target, diverges.
     """
     check_method(method)
     holdouts.check(holdout, holdout_of)

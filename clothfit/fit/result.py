@@ -1,4 +1,4 @@
-"""What a fit gives back: the fitted scene, and an honest account of it."""
+"""The result of a fit: the fitted scene, how the fit ended, and how far its values can be trusted."""
 
 from __future__ import annotations
 
@@ -24,47 +24,47 @@ UNMOVED = 1e-9
 
 @dataclass(frozen=True)
 class FittedBlock:
-    """What became of one kind of parameter of one object; parameters are counted within the block."""
+    """The fitted values of one kind of one object; the lists hold indices within the block."""
 
     object: int | None  # None: of the scene as a whole
-    name: str  # of the kind, as in `clothfit.scene.kinds`: "mass", "stiffness", …
-    mode: str  # "G" or "L"
-    count: int
-    at_bound: list[int]  # parameters at a bound
-    unidentifiable: list[int]  # parameters that the motion does not determine; what it does not show keeps its start
+    name: str  # of the kind: "mass", "stiffness", "damping", "drag", "velocity", "rest", "wind" or "gravity"
+    mode: str  # "G" one value for the object, or "L" one per element
+    count: int  # of values
+    at_bound: list[int]  # values at a bound of the fit
+    unidentifiable: list[int]  # values that the motion does not determine; those that it does not show keep their start
     unmoved: list[int]  # of the others, those that ended where they started
-    interval: list[tuple[float, float] | None]  # of 95 %, one per parameter, in its unit; None where there is none
+    interval: list[tuple[float, float] | None]  # of 95 %, one per value, in its unit; None where there is none
 
 
 @dataclass(frozen=True)
 class Scatter:
-    """What the prior took for the spread of one kind of parameter of one object."""
+    """The spread that the prior found for one kind of value of one object."""
 
-    object: int | None
-    name: str
-    tau: float  # standard deviation of the coordinates, those of a log kind: relative
+    object: int | None  # None: of the scene as a whole
+    name: str  # of the kind
+    tau: float  # standard deviation, of logarithms for masses, stiffnesses and rest lengths
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
     """The result of a fit."""
 
-    scene: Scene  # with the best parameters found
-    status: Status  # how it ended
-    method: str
+    scene: Scene  # with the best values found
+    status: Status  # how it ended: "converged", "stalled", "limit", "diverged" or "interrupted"
+    method: str  # that was asked for
     cost: float  # G, m² with the default objective; inf when nothing could be evaluated
-    rmse: float  # m, of the positions, whatever the objective
+    rmse: float  # root mean square distance of the positions, m, for any objective
     frames: int  # compared, of all targets together
     evaluations: int  # of cost and gradient
-    seconds: float  # of the search, without the target's simulation, the search for a start and the intervals
-    parameters: list[FittedBlock]
-    warnings: list[str]  # what the user should know about the way there
-    rank: int | None = None  # directions in the space of the parameters that the motion shows; None: not looked at
-    sigma: float | None = None  # standard deviation of a residual; m where positions are compared
-    prior: list[Scatter] | None = None  # None: the result does without
-    holdout: HeldOut | None = None  # None: nothing was kept out
-    memory: Needs | None = None  # what was foreseen
-    remedies: Fallbacks = NONE  # what the steps of the fitted motion needed beyond the ordinary
+    seconds: float  # of the search, without the simulation of the target, the search for a start and the intervals
+    parameters: list[FittedBlock]  # the fitted values, block by block
+    warnings: list[str]  # what the user should know, one sentence each
+    rank: int | None = None  # independent combinations of the values that the motion shows; None: no intervals
+    sigma: float | None = None  # standard deviation of a residual, m where positions are compared
+    prior: list[Scatter] | None = None  # None: the result has no prior
+    holdout: HeldOut | None = None  # None: nothing was kept out of the fit
+    memory: Needs | None = None  # that was predicted, bytes
+    remedies: Fallbacks = NONE  # how many steps of the fitted motion were solved directly, clamped or shortened
 
 
 def result(

@@ -1,7 +1,7 @@
-"""What somebody says of another program's file that it does not say itself, or says wrongly.
+"""What a user says of another program's file where the file does not say it, or is wrong.
 
-Axes, unit, rate, which of its frames are meant, and which vertices its markers are. What nobody says is taken from the
-file, else from its format's convention (`formats`).
+That is: axes, unit, frame rate, which frames to read, and which vertices the markers are. What the user does not say
+comes from the file, else from the convention of its format (`registry`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SLICE = re.compile(r"\s*(-?[0-9]{1,18})?\s*:\s*(-?[0-9]{1,18})?\s*")
 
 @dataclass(frozen=True)
 class Convention:
-    """How the coordinates of a file are meant. None: as the file or its format has it. Raises InvalidInput."""
+    """Axes and unit of a file; None: those of the file or its format. Raises InvalidInput on an impossible value."""
 
     scale: float | None = None  # m per unit of the file, above 0
     up: str | None = None  # "y" or "z": the axis that points up
@@ -36,18 +36,18 @@ class Convention:
                 raise InvalidInput(f"{name} must be {' or '.join(choices)}; {value!r} was given")
 
     def axes(self, default: Axes) -> Axes:
-        """The axes that are meant."""
+        """These axes, with those of `default` where nothing is said."""
         said: dict[str, Any] = {"scale": self.scale, "up": self.up, "handedness": self.handedness}
         return default._replace(**{name: value for name, value in said.items() if value is not None})
 
 
 @dataclass(frozen=True)
 class Reading(Convention):
-    """What is said of a file that is read."""
+    """How to read a file; None: as the file or its format says. Raises InvalidInput on an impossible value."""
 
     fps: float | None = None  # frames per second, above 0; None: as the file says, else one frame per time step
-    frames: str | None = None  # which frames, as A:B of a Python list; they keep their times
-    markers: str | os.PathLike[str] | None = None  # a CSV file: marker, object, vertex; None: the nearest vertices
+    frames: str | None = None  # which frames, as in a slice "A:B" of a list; they keep their times
+    markers: str | os.PathLike[str] | None = None  # a CSV file of marker, object, vertex; None: the nearest vertices
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -56,11 +56,11 @@ class Reading(Convention):
 
     @property
     def plain(self) -> bool:
-        """Whether nothing is said."""
+        """Whether all fields are None."""
         return self == Reading()
 
     def chosen(self) -> slice:
-        """The frames that are meant, of all in the file. Raises InvalidInput."""
+        """The frames to read, as a slice. Raises InvalidInput."""
         match = SLICE.fullmatch(self.frames if self.frames is not None else ":")
         if match is None:
             raise InvalidInput(f"frames: {self.frames!r} is not A:B, such as 0:100, 50: or :-1 (B is left out)")

@@ -49,19 +49,19 @@ LOOSER = 10.0  # times the tolerance of the linear systems, to see what it does
 
 @dataclass(frozen=True)
 class SceneCheck:
-    """Outcome of all tests of a scene."""
+    """Whether the gradient of a scene's cost is right."""
 
-    scene: str
-    frames: int
-    blocks: tuple[Block, ...]  # what the gradient is by
-    flagged: bool  # whether the scene flags that; else masses and stiffnesses were taken
-    tests: tuple[Finding, ...]
-    reach: float  # the longest step, relative, that was short enough; 0: none
-    switch: str  # what longer ones change in the motion; empty: nothing that is known
+    scene: str  # its name
+    frames: int  # that were compared
+    blocks: tuple[Block, ...]  # the values by which the gradient is taken
+    flagged: bool  # whether the scene flags them; else all masses and stiffnesses were taken
+    tests: tuple[Finding, ...]  # Taylor, difference, dot product
+    reach: float  # the longest step, relative to the values, that was short enough; 0: none
+    switch: str  # which contact longer steps switch; empty: none is known
 
     @property
     def verdict(self) -> str:
-        """FAILED where a test is, PASSED where one of the first two is, which see the cost itself, else UNCLEAR."""
+        """Failed if a test failed, passed if Taylor or difference did, which see the cost itself, else unclear."""
         verdicts = [test.verdict for test in self.tests]
         if FAILED in verdicts:
             return FAILED
@@ -69,7 +69,7 @@ class SceneCheck:
 
     @property
     def left_out(self) -> str:
-        """Which steps were too long, and why; empty where none was."""
+        """Which steps were too long, and why; empty where all were short enough."""
         if self.reach == LADDER[-1]:
             return ""
         why = self.switch or "the cost curves too strongly there"
@@ -79,7 +79,7 @@ class SceneCheck:
 
     @property
     def why(self) -> str:
-        """Why it is unclear."""
+        """Why the verdict is "unclear"."""
         return self.left_out if not self.reach else next(test.why for test in self.tests if test.verdict == UNCLEAR)
 
 
@@ -94,9 +94,9 @@ def check_scene(
     """Check the gradient of a scene's cost at its own values, by what it flags; by all masses and stiffnesses where it
     flags nothing.
 
-    `target` is what to compare with (default: the motion of values up to a tenth off, drawn with `seed`); `frames` how
-    many of the scene's frames to look at (default: `default_frames`); `memory` as of an Objective. Raises InvalidInput
-    when the target does not fit, Diverged when the scene's own motion does.
+    `target` is the motion to compare with (default: that of values up to 10 % off, drawn with `seed`). `frames` is how
+    many of the scene's frames to use (default: all, fewer for large cloths). `memory` is that of `Objective`. Raises
+    InvalidInput when the target does not fit or shows nothing, Diverged when the scene's own motion diverges.
     """
     flagged, rng = bool(blocks(scene)), np.random.default_rng(seed)
     if not flagged:

@@ -45,13 +45,13 @@ PASSED, FAILED, UNCLEAR = "passed", "failed", "unclear"
 
 
 class Finding(NamedTuple):
-    """Outcome of one of the tests."""
+    """The outcome of one test."""
 
-    name: str
-    measured: float | None  # None where nothing could be
-    bar: float
-    verdict: str  # PASSED, FAILED or UNCLEAR
-    why: str = ""  # where it is unclear
+    name: str  # "Taylor", "difference" or "dot product"
+    measured: float | None  # the order, or a relative error; None where rounding left nothing to measure
+    bar: float  # that it must be above (Taylor) or below
+    verdict: str  # "passed", "failed" or "unclear"
+    why: str = ""  # it is unclear
 
 
 class Known(NamedTuple):

@@ -30,19 +30,19 @@ Path = str | os.PathLike[str]
 
 @dataclass(frozen=True)
 class Result:
-    """What became of a scene."""
+    """The result of one scene."""
 
     outcomes: list[Outcome]  # one per start
-    best: int  # the start whose outcome is the scene's: of those with a result the one of lowest cost, the first such
+    best: int  # the start with the lowest cost; of several such, the first
 
     @property
     def outcome(self) -> Outcome:
-        """That of the best start."""
+        """The outcome of the best start."""
         return self.outcomes[self.best]
 
     @property
     def fit(self) -> Fit | None:
-        """None where there is none; its status may also be "diverged"."""
+        """The fit of the best start, whose status may also be "diverged"; None where there is none."""
         return self.outcome.fit
 
     @property
@@ -52,7 +52,7 @@ class Result:
 
     @property
     def exit_code(self) -> int:
-        """What a command for this scene alone would end with."""
+        """The exit code of a command for this scene alone."""
         codes = [outcome.exit_code for outcome in self.outcomes]
         return INTERRUPTED if INTERRUPTED in codes else self.outcome.exit_code
 
@@ -141,13 +141,13 @@ def estimate_many(
     done: Callable[[int, Result], None] | None = None,
     **options: Any,
 ) -> list[Result]:
-    """Fit many scenes in processes of their own; a list with a `Result` for each, in their order.
+    """Fit several scenes, each in a process of its own; returns a `Result` for each, in their order.
 
-    `targets`: one item per scene, as `estimate` takes it, with paths where wanted (default: the scenes' own motions).
-    Each scene is fitted from so many `starts` (`clothfit.many.starts`), on `jobs` processes (default: one per core) or
-    on a Dask `cluster`, "tcp://host:port". `done` is called with index and result as soon as a scene is fitted;
-    `options` are those of `estimate`. What goes wrong with a scene is in its result, and never stops the others; so are
-    fits that Ctrl-C ended. Raises InvalidInput when there is no such cluster, or an argument cannot be.
+    `targets` has one item per scene, as `estimate` takes it, or a path (default: the scenes' own motions). Each scene
+    is fitted from `starts` starting points, drawn with `seed`; the one with the lowest cost is its result. The fits run
+    on `jobs` processes (default: one per core), or on a Dask `cluster`, "tcp://host:port". `done` is called with index
+    and result when a scene is fitted. `options` are those of `estimate`. A scene that fails has the error in its result
+    and does not stop the others. Raises InvalidInput when there is no such cluster, or an argument is impossible.
     """
     check_numbers(starts, seed, jobs)
     goals = [None] * len(scenes) if targets is None else list(targets)

@@ -23,11 +23,12 @@ def degrade(
     seed: int = 0,
     fps: float | None = None,
 ) -> Motion:
-    """Add Gaussian noise of `noise` metres per coordinate, show a fraction of the vertices, keep every K-th frame or
-    record `fps` frames per second.
+    """Make a motion look like a capture: noise, unseen vertices, fewer frames.
 
-    Which vertices are seen is drawn once for each object (at least one of each); what is not seen becomes NaN. The same
-    seed gives the same result. Raises InvalidInput when a value is out of range.
+    `noise` is the standard deviation of each coordinate, m. `observed`, above 0 and at most 1, is the fraction of the
+    vertices that are seen, drawn once for each object, at least one of each; the others become NaN. `every` K keeps
+    every K-th frame; `fps` records so many frames per second instead. The same seed gives the same motion. Raises
+    InvalidInput when a value is out of range.
     """
     check_capture(noise, observed, every, fps)
     generator = np.random.default_rng(seed)

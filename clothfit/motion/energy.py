@@ -41,36 +41,36 @@ AT_ONCE = 20_000
 
 @dataclass(frozen=True, eq=False)
 class Energy:
-    """The energy of all cloths of a scene together, (frames,) J each; what is given and taken counts from the start."""
+    """The energy of all cloths of a scene together, (frames,), J. Work and losses are sums from the start on."""
 
     times: Array  # (frames,), s
-    kinetic: Array
-    elastic: Array
-    gravity: Array  # 0 at the start
-    contact: Array
+    kinetic: Array  # ½ m v²
+    elastic: Array  # ½ k (L − L₀)², in the springs
+    gravity: Array  # −m g·x, 0 at the start
+    contact: Array  # in the spheres' push
     wind: Array  # work of the wind until then
-    damping: Array  # taken by the damping of vertices and springs until then
-    drag: Array  # taken by the air that the cloths move through until then
+    damping: Array  # lost to the damping of vertices and springs until then
+    drag: Array  # lost to the air that the cloths move through until then
 
     @property
     def total(self) -> Array:
-        """What is stored (frames,), J."""
+        """The stored energy (frames,), J: kinetic, elastic, gravity and contact."""
         return self.kinetic + self.elastic + self.gravity + self.contact
 
     @property
     def dissipated(self) -> Array:
-        """What is missing of the start and of the work of the wind (frames,), J; negative where there is more."""
+        """Energy at the start plus the work of the wind minus the stored energy (frames,), J."""
         return np.asarray(self.total[0] + self.wind - self.total)
 
     @property
     def numerical(self) -> Array:
-        """What is missing though no force took it (frames,), J: the integrator's; negative where it adds energy."""
+        """Energy that no force took (frames,), J: the integrator's loss, negative where it adds energy."""
         return np.asarray(self.dissipated - self.damping - self.drag)
 
     @property
     def largest_rise(self) -> tuple[float, int]:
-        """By how much, J, what is stored rises most over one step beyond the work of the wind, and the frame after it;
-        0 or less where it never rises.
+        """The largest rise of the stored energy over one step beyond the work of the wind, J, and the frame after that
+        step. The rise is 0 or less where the energy never rises.
         """
         rises = -np.diff(self.dissipated)
         if not len(rises):
@@ -80,15 +80,16 @@ class Energy:
 
     @property
     def scale(self) -> float:
-        """The most that is ever in one place, J: what a rise may be compared with."""
+        """The largest of the stored energies at any time, J: a rise is judged against it."""
         stored = (self.kinetic, self.elastic, self.gravity, self.contact)
         return float(max(np.abs(part).max() for part in stored))
 
 
 def energies(scene: Scene, motion: Motion) -> Energy:
-    """The energy of a simulated motion of a scene, frame by frame.
+    """The energy of a simulated motion, frame by frame.
 
-    The motion must be as `simulate` gives it: every vertex, a frame after every step. Raises InvalidInput otherwise.
+    The motion must be one that `simulate` gives: all vertices, a frame after every step. Raises InvalidInput when it is
+    not.
     """
     check_counts(motion, scene)
     steps = scene.delta * np.arange(len(motion.times))

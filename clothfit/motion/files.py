@@ -36,10 +36,11 @@ def load_motion(
     name: str | None = None,
     reading: Reading = Reading(),  # noqa: B008  it cannot be changed
 ) -> Motion:
-    """Read a motion of `scene` from a file of this program or, by its suffix, of another, and check it.
+    """Read a motion of `scene` from a file, whose suffix names the format, and check it.
 
-    `name`: in messages (default: the file's); `reading`: what the file does not say. An open file is one of this
-    program. Raises InvalidMotion, and InvalidInput where the library is not there that reads it.
+    `reading` says what the file does not. `name` is for messages (default: the file's). An open file must be `.npz` or
+    `.npy`. Raises InvalidMotion when the file cannot be read or does not fit the scene, InvalidInput when the library
+    that reads it is missing.
     """
     if isinstance(path_or_file, (str, os.PathLike)) and (foreign(path_or_file) or not reading.plain):
         return load(path_or_file, scene, reading, name).motion
@@ -52,10 +53,11 @@ def save_motion(
     scene: Scene | None = None,
     convention: Convention = Convention(),  # noqa: B008  it cannot be changed
 ) -> None:
-    """Write a motion as `.npz` or, by the suffix, as other programs have it; each file whole or not at all.
+    """Write a motion as `.npz`, or in the format that the suffix names; each file whole or not at all.
 
-    `scene`: for the faces; `convention`: the axes and unit to write in (default: the format's). An open file becomes
-    `.npz`. Raises InvalidInput when a path cannot be written or the format cannot hold the motion.
+    `scene` gives the faces, for formats that have some. `convention` is the axes and unit to write in (default: the
+    format's). An open file becomes `.npz`. Raises InvalidInput when a path cannot be written or the format cannot hold
+    the motion.
     """
     found = foreign(path_or_file)
     if found is None or not isinstance(path_or_file, (str, os.PathLike)):

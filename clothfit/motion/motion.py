@@ -49,15 +49,15 @@ class Shaped(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Positions of all vertices of a scene at some times."""
+    """Positions of all vertices of a scene at some times, simulated or recorded."""
 
-    positions: Array  # (frames, vertices, 3), m; NaN where not observed
+    positions: Array  # (frames, vertices, 3), m, all objects in file order; NaN where not observed
     times: Array  # (frames,), s, increasing
-    vertex_counts: tuple[int, ...]  # vertices of each object
-    observed: Flags | None = None  # (frames, vertices); None: everything was seen
+    vertex_counts: tuple[int, ...]  # number of vertices of each object
+    observed: Flags | None = None  # (frames, vertices), which positions were seen; None: all
     name: str = "motion"  # for messages
-    remedies: Fallbacks = NONE  # what its steps needed beyond the ordinary
-    weights: Array | None = None  # (frames, vertices), 0 or more: how often each position counts; None: once
+    remedies: Fallbacks = NONE  # how many of its steps were solved directly, clamped or shortened
+    weights: Array | None = None  # (frames, vertices), 0 or more: how often each position counts; None: all once
 
     def of(self, cloth: int) -> Array:
         """Positions (frames, n, 3) of one object."""
@@ -70,7 +70,7 @@ class Motion:
         return self.observed[:, self._part(cloth)]
 
     def weights_of(self, cloth: int) -> Array | None:
-        """How often each position (frames, n) of one object counts; None: once."""
+        """How often each position (frames, n) of one object counts; None: all once."""
         return None if self.weights is None else self.weights[:, self._part(cloth)]
 
     def _part(self, cloth: int) -> slice:
@@ -146,9 +146,12 @@ def as_motion(
     observed: Flags | None = None,
     weights: Array | None = None,
 ) -> Motion:
-    """Make a motion of `scene` from positions (frames, vertices, 3) m, with times (frames,) s (default: one frame a
-    step), what was observed (frames, vertices) (default: everything) and how often each position counts, (vertices,)
-    or (frames, vertices) (default: once). Raises InvalidMotion when they do not fit.
+    """Make a motion of `scene` from arrays.
+
+    `positions` (frames, vertices, 3) are in m, the vertices of all objects in file order; `times` (frames,) in s
+    (default: one frame per step). `observed` (frames, vertices) marks what was seen (default: everything); `weights`,
+    (vertices,) or (frames, vertices), say how often a position counts (default: once). Raises InvalidMotion when an
+    array does not fit the scene.
     """
     given = {"positions": positions, "times": times, "observed": observed, "weights": weights}
     return check_motion({key: np.asarray(value) for key, value in given.items() if value is not None}, scene, "motion")

@@ -19,10 +19,11 @@ from clothfit.scene.scene import Scene
 
 
 def simulate(scene: Scene, frames: int | None = None, tolerance: float | None = None) -> Motion:
-    """Move the cloths of a scene as the editor's engine does.
+    """Simulate a scene with the steps of the editor's engine; the motion has a frame after every step.
 
-    `frames` counts the initial state (default: the scene's); `tolerance` is that of the linear solver (default: the
-    scene's). Raises Diverged, with the frames that are good as its `motion`, when a position is no longer a number.
+    `frames` counts the initial state (default: the scene's); `tolerance` is that of the linear solver, relative
+    (default: the scene's). Raises Diverged, whose `motion` has the good frames, when a position is no longer finite;
+    InvalidInput when an argument is impossible or the motion would not fit into the free memory.
     """
     return simulate_cloths(scene, range(len(scene.cloths)), frames, tolerance)
 

@@ -55,7 +55,7 @@ SMALL = 64_000_000
 
 
 class Objective:
-    """G(p) of one scene and one or more targets; the systems and the targets are prepared once."""
+    """The cost G(p) of one scene against one or more targets, with its gradient; prepared once, for many p (P,)."""
 
     def __init__(
         self,
@@ -69,16 +69,17 @@ class Objective:
         loss_scale: float | None = None,
         memory: int | str | None = None,
     ) -> None:
-        """Compare with the frames of `motion` that lie within the first `frames` of the scene (default: all).
+        """Compare with the frames of `motion` that lie within the first `frames` frames of the scene (default: all).
 
-        `motion` is a Motion or an array (frames, vertices, 3) with one frame per step; a pair of it and the scene it
-        was recorded in; or a list of these, and `frames` then one number for all or one for each. Another scene must
-        have the same objects, but may hold, place, blow and step them as it likes; what is flagged is said by `scene`.
+        `motion` is a Motion or an array (frames, vertices, 3), m, with one frame per step; a pair of one of these and
+        the scene it was recorded in; or a list of these, with one number of `frames` for all or one for each. Another
+        scene must have the same objects; wind, places, fixed vertices and time step may differ. `scene` says what is
+        flagged. The arrays are not copied and must not change.
 
-        `objective` names what is compared, or gives the weight of each that is (`clothfit.objective.comparison`);
-        `loss` and `loss_scale`, in m, say how outliers count (`clothfit.objective.loss`). `memory` is how much may be
-        held (`needs`), in bytes or as "200MB" (default: half of what is free); it changes no result. The arrays of a
-        motion are used as they are, not copied, and must stay so.
+        `objective` is "position", "velocity", "edge-length", "spectrum", or a dict with the weight of each. `loss`,
+        "linear", "soft_l1" or "huber", says how outliers count, `loss_scale`, m, above which length. `tolerance` is
+        that of the linear systems, relative (default: 1e-14). `memory` is how much may be held, in bytes or as "200MB"
+        (default: half of what is free); it changes no result.
 
         Raises InvalidMotion when a motion does not fit its scene or an objective, InvalidInput for other arguments.
         """
@@ -107,8 +108,8 @@ class Objective:
         return Run(cloth, scene, system, Comparison(goal, system, self.weights, self.loss, motion.name), number)
 
     def until(self, frames: int | Sequence[int], tolerance: float | None = None) -> Objective:
-        """The same objective over the first `frames` frames of each experiment, one number for all or one for each,
-        solved to another tolerance.
+        """The same objective over the first `frames` frames, one number for all targets or one for each, solved to
+        another tolerance.
         """
         wanted = frames if isinstance(frames, Sequence) else [frames] * len(self._ends)
         shorter = [first if end is None else min(first, end) for first, end in zip(wanted, self._ends, strict=True)]
@@ -121,7 +122,7 @@ class Objective:
 
     @cached_property
     def needs(self) -> Needs:
-        """The memory of a gradient. Raises InvalidInput when it cannot do with what may be held."""
+        """The memory that a gradient takes. Raises InvalidInput when `memory` is too little."""
         return storage.needs(self.runs, [experiment.motion for experiment in self.experiments], self.memory)
 
     @property
@@ -136,7 +137,7 @@ class Objective:
 
     @property
     def steps(self) -> int:
-        """Number of steps of the longest experiment, as far as it is compared."""
+        """Number of simulated steps of the longest target."""
         return max((run.steps for run in self.runs), default=0)
 
     @property
@@ -151,7 +152,7 @@ class Objective:
 
     @property
     def frames(self) -> int:
-        """Number of frames that are compared, of all experiments together."""
+        """Number of frames that are compared, of all targets together."""
         lengths: dict[int, int] = {}
         for run in self.runs:
             lengths[run.experiment] = max(lengths.get(run.experiment, 0), len(run.comparison.goal.step))
@@ -170,7 +171,7 @@ class Objective:
 
     @property
     def identifiable(self) -> Flags:
-        """Which entries of the fit vector (P,) at least one of the experiments can reveal."""
+        """Which values of the fit vector (P,) at least one of the targets can reveal."""
         kept = np.ones(size(self.scene), bool)
         for block in self.blocks:
             kept[block.start + np.array(self.unidentifiable(block), int)] = False
@@ -186,11 +187,11 @@ class Objective:
         return sorted(lost or ())
 
     def rmse(self, cost: float) -> float:
-        """Root mean square distance, m, of a cost, m²; for other objectives that of what they compare."""
+        """Root mean square distance, m, of a cost, m²; for other objectives in the unit of what they compare."""
         return float(np.sqrt(cost / (sum(run.comparison.total_weight for run in self.runs) or 1.0)))
 
     def position_rmse(self, p: Array) -> float:
-        """Root mean square distance of the observed positions, m, whatever the objective. Raises Diverged."""
+        """Root mean square distance of the observed positions at p (P,), m, for any objective. Raises Diverged."""
         squares = 0.0
         for run in self.runs:
             distances = Distances(run.comparison.goal._replace(weights=np.zeros((0, 0))))
@@ -199,7 +200,7 @@ class Objective:
         return float(np.sqrt(squares / max(self.observations, 1)))
 
     def cost(self, p: Array) -> float:
-        """G(p), m². Raises Diverged."""
+        """G(p), m², for p (P,). Raises Diverged."""
         return sum(self.cost_of_run(run, p) for run in self.runs)
 
     def cost_of(self, cloth: int, p: Array) -> float:
@@ -221,7 +222,7 @@ class Objective:
         return value if np.isfinite(value) else np.inf
 
     def cost_and_gradient(self, p: Array) -> tuple[float, Array]:
-        """G(p), m², and ∂G/∂p (P,). Raises Diverged."""
+        """G(p), m², and its exact gradient ∂G/∂p (P,). Raises Diverged."""
         total, gradient = 0.0, np.zeros(len(check_shape(self.scene, p)))
         for run in self.runs:
             told = tally(run.comparison)
@@ -283,10 +284,10 @@ class Objective:
 def cost_and_gradient(
     scene: Scene, motion: Targets, tolerance: float | None = None, **options: Any
 ) -> tuple[float, Array]:
-    """G, m², of the scene against all frames of `motion`, and its exact derivative (P,) at the scene's parameters.
+    """The cost G of a scene against `motion`, m², and its exact gradient (P,) by the scene's flagged values.
 
-    `tolerance` is that of the linear systems (default: tight enough for 1e-7 relative in the gradient); `motion` and
-    the options objective, loss, loss_scale as in `Objective`. Raises InvalidMotion when the motion does not fit the
-    scene, Diverged when the simulation does not stay finite.
+    `motion`, `tolerance` and the options objective, loss, loss_scale and memory are those of `Objective`; the entries
+    of the gradient are in the order of `parameters`. Raises InvalidMotion when the motion does not fit the scene,
+    InvalidInput for other arguments, Diverged when the simulation does not stay finite.
     """
     return Objective(scene, motion, tolerance, **options).cost_and_gradient(parameters(scene))

@@ -23,11 +23,11 @@ def report_page(
     commands: Sequence[str] = (),
     inputs: Sequence[tuple[str, str]] = (),
 ) -> bytes:
-    """The page, HTML in UTF-8, of a fitted scene beside the true one, or a target motion where one is given.
+    """The page, HTML in UTF-8, that plays a fitted scene over the true one, or over a target where one is given.
 
-    `frames` counts the initial state (default: those of `evaluate`, fewer of large scenes); `log` is how the fit went;
-    `commands` are shown as what repeats it, with `inputs`, names and SHA-256 of what was read.
-    Raises InvalidInput when scenes or target do not fit, Diverged when a motion has no second frame.
+    `frames` counts the initial state (default: those of `evaluate`, fewer for large scenes). `log` is the course of the
+    fit. The page shows `commands`, which repeat the fit, and `inputs`, name and SHA-256 of each file. Raises
+    InvalidInput when scenes or target do not fit, Diverged when a motion has no second frame.
     """
     show = shown(truth, fitted, target, frames)
     return made(truth, fitted, target, show, log, commands, inputs)
