@@ -1,5 +1,6 @@
 # make demo   set up and fit an example: is everything in place?
 # make test   set up and run the tests
+# make quick  set up and run those that neither compile a fit nor start a process: under a minute
 # make fuzz   set up and try hostile input for a minute; more: make fuzz FUZZ='--count 100000', or with --guided
 # make lint   set up and check style and types
 # make docs   write what the documents say of the commands anew
@@ -20,7 +21,7 @@ FUZZ := --seconds 60
 DEMO := examples/corners.json
 FITTED := build/demo/corners.fitted.json
 
-.PHONY: help demo test fuzz lint docs gallery clean
+.PHONY: help demo test quick fuzz lint docs gallery clean
 .DELETE_ON_ERROR:
 
 help:
@@ -35,6 +36,9 @@ demo: $(VENV)/installed
 
 test: $(VENV)/installed-test
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal
+
+quick: $(VENV)/installed-test
+	$(BIN)/python -m pytest -q -m quick -n auto --maxprocesses 4 --dist worksteal
 
 # --guided needs atheris in the environment, of which there are wheels for some systems only; nothing else does.
 fuzz: $(VENV)/installed-test

@@ -11,6 +11,13 @@ from helpers.scenes import trial, write_scene
 from clothfit.base import threads
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark as quick what is not marked as slow, so that `-m quick` selects it."""
+    for item in items:
+        if item.get_closest_marker("slow") is None:
+            item.add_marker("quick")
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _one_thread() -> Iterator[None]:
     """Dense algebra of small matrices on one thread, as in a fit: more of them wait for each other."""
