@@ -3,7 +3,7 @@
 # make quick  set up and run those that neither compile a fit nor start a process: under a minute
 # make fuzz   set up and try hostile input for a minute; more: make fuzz FUZZ='--count 100000', or with --guided
 # make lint   set up and check style and types
-# make docs   write what the documents say of the commands anew
+# make docs   write the pages on the commands and on the public Python names again
 # make gallery  make the films of the documents anew
 # make clean  remove what these made
 #
@@ -50,6 +50,7 @@ lint: $(VENV)/installed-dev
 
 docs: $(VENV)/installed
 	$(BIN)/python docs/commands.py
+	$(BIN)/python docs/python.py
 
 gallery: $(VENV)/installed-plot
 	$(BIN)/python docs/gallery.py
