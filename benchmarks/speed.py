@@ -108,7 +108,8 @@ def scenes_row(path: Path, rounds: int, clock: str) -> str:
     import clothfit
     from clothfit.engine.rollout import rollout
     from clothfit.engine.system import build
-    from clothfit.fit.estimate import FIT_TOLERANCE, record_target
+    from clothfit.fit.estimate import record_target
+    from clothfit.fit.options import FIT_TOLERANCE
 
     scene = clothfit.load(path)
     steps, system = scene.frames - 1, build(scene, 0)

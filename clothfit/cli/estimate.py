@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from clothfit.cli.common.progress import progress
 from clothfit.cli.fitting import estimate_report
 from clothfit.cli.fitting import target_options as goals
 from clothfit.cli.fitting.recording import Watching
+from clothfit.fit.options import FitOptions
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Reading
@@ -145,20 +147,10 @@ def command(
     """
     check_values(max_evaluations, rmse, starts, seed, jobs)
     shared.check_numbers(tolerance=tolerance)
-    options = {  # arguments of `fit.estimate`
-        "method": method,
-        "budget": max_evaluations,
-        "rmse_tolerance": rmse,
-        "tolerance": tolerance,
-        "objective": goals.weights(objectives),
-        "loss": loss,
-        "loss_scale": loss_scale,
-        "prior": prior,
-        "holdout": holdout,
-        "holdout_of": holdout_of,
-        "intervals": not no_intervals,
-        "memory": memory,
-    }
+    options = FitOptions(
+        method, max_evaluations, rmse, tolerance, None, goals.weights(objectives), loss, loss_scale, prior,
+        holdout=holdout, holdout_of=holdout_of, intervals=not no_intervals, memory=memory,
+    )  # fmt: skip
     files = Files(target_paths, start, path, in_place, checkpoint, resume, reading)
     single = len(scene_paths) == 1 and starts == 1 and cluster is None
     page = estimate_report.chosen(report_path, scene_paths, single, files)
@@ -174,7 +166,7 @@ def command(
 def fit_one(
     scene_path: str,
     files: Files,
-    options: dict[str, Any],
+    options: FitOptions,
     watching: Watching,
     page: estimate_report.Page | None,
     console: Console,
@@ -187,10 +179,10 @@ def fit_one(
     if page:
         page.output(scene_path, files, out)
     from clothfit.cli.fitting import checkpoints, outcomes
-    from clothfit.fit import estimate as fit
+    from clothfit.fit import estimate as fitting
     from clothfit.scene.fit_vector import blocks
 
-    fit.check_method(options["method"])
+    options.check()
     watching = watching.of(scene_path)
     others = (scene_path, *files.inputs, out.path, files.checkpoint, page.path if page else None)
     watching.check(others, files.resume, console)
@@ -203,16 +195,11 @@ def fit_one(
     trust.warn_of_steps(scene, scene.frames, console)
     console.announce_compilation()
     with progress(console) as show:
-        found = fit.estimate(
-            scene,
-            targets or None,
-            first,
-            **options,
-            report=page.listening(watching.report(show)) if page else watching.report(show),
-            checkpoint=kept,
-            resume=files.resume,
-            foreseen=partial(tell_needs, console),
+        report = page.listening(watching.report(show)) if page else watching.report(show)
+        own = replace(
+            options, report=report, checkpoint=kept, resume=files.resume, foreseen=partial(tell_needs, console)
         )
+        found = fitting.fit(scene, targets or None, first, own)
     with shared.uninterrupted(), checkpoints.told_if_lost(kept):
         code = outcomes.finish(scene, found, out, console, as_json, motions.told_of(told), watching.log)
         checkpoints.closed(kept, files.checkpoint is not None, found.status, files.in_place, console)

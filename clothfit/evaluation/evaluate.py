@@ -12,7 +12,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import check_memory
-from clothfit.fit.estimate import FIT_TOLERANCE
+from clothfit.fit.options import FIT_TOLERANCE
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, check_counts, checked_motion
 from clothfit.motion.simulate import simulate_cloths

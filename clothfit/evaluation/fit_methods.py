@@ -14,7 +14,8 @@ import numpy as np
 
 from clothfit.base.errors import InvalidInput
 from clothfit.evaluation.work_precision import front
-from clothfit.fit.estimate import check_method, estimate
+from clothfit.fit.estimate import estimate
+from clothfit.fit.options import check_method
 from clothfit.fit.result import Fit
 from clothfit.optimise.search import Progress
 from clothfit.optimise.status import Status, Stop

@@ -17,9 +17,6 @@ from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import fitted_cloths
 from clothfit.scene.scene import Scene
 
-OF = ("frames", "vertices")
-"""What can be kept out: the last frames of each target, or vertices drawn at random, the same in all targets."""
-
 SEED = 0
 
 
@@ -33,21 +30,12 @@ class HeldOut:
     rmse: float  # m, over them; inf where the fitted motion does not stay finite
 
 
-def check(fraction: float | None, of: str) -> None:
-    """Raise InvalidInput unless the fraction is between 0 and 1 and `of` is one of OF."""
-    if of not in OF:
-        raise InvalidInput(f"holdout: there is nothing called {of!r} to keep out; use {' or '.join(OF)}")
-    if fraction is not None and not 0 < fraction < 1:
-        raise InvalidInput(f"holdout must be a fraction above 0 and below 1; {fraction:g} was given")
-
-
 def split(
     scene: Scene, given: Sequence[Experiment], fraction: float, of: str
 ) -> tuple[list[Experiment], list[Experiment]]:
     """The experiments that are fitted, and those of which only what is kept out is seen. Raises InvalidInput where the
     targets show too little to keep something out.
     """
-    check(fraction, of)
     if of == "frames":
         pairs = [split_frames(experiment, fraction) for experiment in given]
     else:

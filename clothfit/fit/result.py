@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,10 +12,11 @@ from clothfit.fit.confidence import Confidence
 from clothfit.fit.holdout import HeldOut
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.memory_needs import Needs
+from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.scene.block import Block
-from clothfit.scene.fit_vector import at_lower, at_upper, blocks, bounds, with_parameters
+from clothfit.scene.fit_vector import at_lower, at_upper, blocks, bounds, parameters, with_parameters
 from clothfit.scene.scene import Scene
 
 UNMOVED = 1e-9
@@ -97,7 +98,20 @@ def result(
         rank=None if known is None else known.rank,
         sigma=None if known is None else known.sigma,
         prior=scatter(search),
+        memory=search.objective.needs,
     )
+
+
+def with_fallbacks(found: Fit, objective: Objective) -> Fit:
+    """The fit with what the steps of its motion needed beyond the ordinary, and the warnings of that; as it is where
+    there is no motion, and after an interrupt, where the user has asked for the end.
+    """
+    if found.status in (Status.DIVERGED, Status.INTERRUPTED):
+        return found
+    fallbacks = objective.remedies(parameters(found.scene))
+    texts = fallbacks.sentences(sum(run.steps for run in objective.runs))
+    warnings = [*found.warnings, *(f"the fitted motion: {text}" for text in texts)]
+    return replace(found, remedies=fallbacks, warnings=warnings)
 
 
 def fitted_block(search: Search, block: Block, start: Array, p: Array, known: Confidence | None) -> FittedBlock:

@@ -7,8 +7,8 @@ long as the machines round alike.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import budget
+from clothfit.fit.options import FitOptions
 from clothfit.many.batch import Batch, Pool
 from clothfit.many.job import INTERRUPTED, File, Goal, Job, Outcome, loaded, read
 
@@ -112,14 +113,13 @@ def chosen_pool(count: int, jobs: int | None, cluster: str | None) -> Pool:
     return Processes(max(1, min(count, jobs or usable_cores())))
 
 
-def limited(options: Mapping[str, Any], pool: Pool) -> dict[str, Any]:
+def limited(options: FitOptions, pool: Pool) -> FitOptions:
     """Options of a fit, where the processes of this machine share the memory that one fit would allow itself."""
     from clothfit.many.processes import Processes
 
-    size = options.get("memory")
-    if size is None and isinstance(pool, Processes):
-        return {**options, "memory": budget(None) // pool.width}
-    return dict(options)
+    if options.memory is None and isinstance(pool, Processes):
+        return replace(options, memory=budget(None) // pool.width)
+    return options
 
 
 def check_numbers(starts: int, seed: int, jobs: int | None) -> None:
@@ -156,7 +156,7 @@ def estimate_many(
     first = start if start is None or isinstance(start, (int, float, np.ndarray)) else packed(start)
 
     pool = chosen_pool(len(scenes) * starts, jobs, cluster)
-    each = limited(options, pool)
+    each = limited(FitOptions(**options, checkpoint=None, resume=False), pool)
 
     def make(index: int, number: int) -> Job:
         return Job(packed(scenes[index]), packed_goals(goals[index], scenes[index]), first, number, seed, each)

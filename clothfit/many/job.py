@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.base.reading import unchanged
 from clothfit.base.version import __version__
+from clothfit.fit.options import FitOptions
 from clothfit.optimise.status import Status
 from clothfit.scene.text import name_of
 
@@ -62,7 +62,7 @@ class Job:
     start: float | Array | File | None = None
     number: int = 0  # of the start (`clothfit.many.starts`)
     seed: int = 0
-    options: Mapping[str, Any] = field(default_factory=dict)  # further arguments of `fit.estimate`
+    options: FitOptions = field(default_factory=FitOptions)
     checkpoint: Checkpoint | None = None
     resume: bool = False
     version: str = __version__  # of the program that made the job
@@ -138,7 +138,7 @@ def failed(error: BaseException) -> Outcome:
 def fitted(job: Job) -> Fit:
     """The fit that a job asks for."""
     from clothfit.base import threads
-    from clothfit.fit.estimate import estimate
+    from clothfit.fit.estimate import fit
     from clothfit.many import starts
 
     if job.version != __version__:
@@ -147,8 +147,8 @@ def fitted(job: Job) -> Fit:
         scene = loaded(job.scene)
         targets = [goal(item, scene) for item in job.goals] or None
         first = loaded(job.start) if isinstance(job.start, File) else job.start
-        start = starts.numbered(scene, targets, first, job.number, job.seed, job.options.get("tolerance"))
-        return estimate(scene, targets, start, **job.options, checkpoint=job.checkpoint, resume=job.resume)
+        start = starts.numbered(scene, targets, first, job.number, job.seed, job.options.tolerance)
+        return fit(scene, targets, start, replace(job.options, checkpoint=job.checkpoint, resume=job.resume))
 
 
 def goal(item: Goal, scene: Scene) -> Recorded | tuple[Recorded, Scene]:

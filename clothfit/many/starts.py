@@ -12,9 +12,11 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.limits import checked_tolerance
-from clothfit.fit.estimate import FIT_TOLERANCE, choose_start
+from clothfit.fit.options import FIT_TOLERANCE
+from clothfit.fit.start import choose_start
 from clothfit.motion.simulate import simulate_cloths
 from clothfit.objective.experiment import Targets
+from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import blocks, bounds, fitted_cloths, identifiable, parameters, with_parameters
 from clothfit.scene.scene import Scene
 
@@ -39,7 +41,7 @@ def numbered(
     hidden = target is None
     if target is None:
         target = simulate_cloths(scene, fitted_cloths(scene), tolerance=checked_tolerance(tolerance, FIT_TOLERANCE))
-    middle = choose_start(scene, target, start, hidden)
+    middle = choose_start(Objective(scene, target), start, hidden)
     return with_parameters(scene, drawn(scene, middle, np.random.default_rng([seed, number])))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.fit.estimate import FIT_TOLERANCE
+from clothfit.fit.options import FIT_TOLERANCE
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate

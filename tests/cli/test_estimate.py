@@ -473,7 +473,7 @@ def record(text, folder):
 
 def test_the_options_have_the_defaults_of_the_library():
     from clothfit.cli.estimate import command
-    from clothfit.fit import estimate as fit
+    from clothfit.fit import options as fit
 
     defaults = {option.name: option.default for option in command.params}
     assert (defaults["max_evaluations"], defaults["rmse"]) == (fit.BUDGET, fit.RMSE_TOLERANCE)

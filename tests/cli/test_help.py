@@ -9,7 +9,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import meant
 from clothfit.cli.common.help import parts, sections, wrapped
 from clothfit.cli.program import COMMANDS, group, run
-from clothfit.fit.estimate import check_method
+from clothfit.fit.options import check_method
 from clothfit.objective.comparison import objective_weights
 from clothfit.objective.loss import loss_named
 

@@ -7,7 +7,7 @@ from helpers.scenes import cloth, document, even, trial
 
 from clothfit.base.errors import InvalidInput
 from clothfit.evaluation.evaluate import evaluate
-from clothfit.fit.estimate import FIT_TOLERANCE
+from clothfit.fit.options import FIT_TOLERANCE
 from clothfit.motion.degrade import degrade
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion

@@ -8,8 +8,9 @@ import pytest
 from helpers.scenes import cloth, document, even, load_text, trial
 from scipy import stats
 
-from clothfit.fit.estimate import OWN, estimate, record_target
+from clothfit.fit.estimate import estimate, record_target
 from clothfit.fit.null_space import inverse_beside, null_space
+from clothfit.fit.options import OWN_METHODS
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import as_motion
 from clothfit.motion.simulate import simulate
@@ -188,7 +189,7 @@ def test_intervals_of_a_cloth_cover_its_masses():
     assert 0.87 <= np.mean(inside) < 1.0
 
 
-@pytest.mark.parametrize("method", [*OWN, *METHODS])
+@pytest.mark.parametrize("method", [*OWN_METHODS, *METHODS])
 def test_every_method_has_intervals(method):
     scene = load(even("nG", 10, 3, 3))
     motion = degrade(record_target(scene), 1e-3, seed=2)

@@ -7,14 +7,15 @@ from helpers.scenes import changed, cloth, document, even, load_text, trial
 
 import clothfit
 from clothfit.base.errors import InvalidInput, InvalidMotion
-from clothfit.fit import estimate as module
-from clothfit.fit.estimate import METHODS, OWN, RMSE_TOLERANCE, estimate, record_target
+from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.options import FIT_TOLERANCE, OWN_METHODS, RMSE_TOLERANCE
 from clothfit.fit.start import neutral_start
 from clothfit.motion.degrade import degrade
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective, cost_and_gradient
+from clothfit.optimise.scipy_methods import METHODS
 from clothfit.scene.fit_vector import LOWER, UPPER, identifiable, parameters, with_parameters
 from clothfit.scene.scene import dumps, load
 
@@ -185,7 +186,7 @@ def test_a_start_outside_of_the_bounds_taken_from_a_scene_is_moved_to_them():
 
 
 @pytest.mark.parametrize("settings", ["Gn", "GG"])
-@pytest.mark.parametrize("method", [*OWN, *METHODS])
+@pytest.mark.parametrize("method", [*OWN_METHODS, *METHODS])
 def test_every_method_reduces_the_cost(method, settings):
     scene = load(even(settings, 10, 3, 3))
     found = estimate(scene, start=3.0, method=method, budget=60)
@@ -416,7 +417,7 @@ def test_a_bare_array_is_a_target_with_a_frame_per_step():
 
 def test_the_record_is_solved_as_tightly_as_the_fit():
     scene = load(trial("Ln"))
-    tight = simulate(scene, tolerance=module.FIT_TOLERANCE).positions
+    tight = simulate(scene, tolerance=FIT_TOLERANCE).positions
     np.testing.assert_array_equal(record_target(scene).positions, tight)
     assert len(record_target(scene, 7).times) == 7
     assert clothfit.estimate is estimate
@@ -462,7 +463,7 @@ def test_a_target_that_begins_late_has_a_start_of_its_own():
     scene = load(even("nG", 80))
     motion = record_target(scene)
     late = Motion(motion.positions[50:], motion.times[50:], (16,))
-    assert 10.0 < neutral_start(scene, late, 80)[0] < 90.0
+    assert 10.0 < neutral_start(Objective(scene, late))[0] < 90.0
 
 
 # --- what a target does not show

@@ -5,7 +5,7 @@ import pytest
 from helpers.physics import scene, thing
 from helpers.scenes import cloth
 
-from clothfit.fit.start import normalised, proportions
+from clothfit.fit.fabric import normalised, proportions
 from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh, areas
 

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from helpers.scenes import changed, document, even, trial
 
-from clothfit.fit.start import WINDOW, fabric, neighbours, neutral, neutral_start, proportions
+from clothfit.fit.coarse_search import COARSE_FRAMES, best_scales, neighbours
+from clothfit.fit.fabric import proportions
+from clothfit.fit.start import fabric, neutral, neutral_start
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
@@ -28,7 +30,7 @@ def test_neighbours_are_the_points_around_within_the_bounds():
 @pytest.mark.parametrize(("settings", "true"), [("Gn", 0.02), ("nG", 30.0), ("Ln", 0.02), ("nL", 30.0)])
 def test_one_value_is_found_to_the_finest_grid(settings, true):
     scene = load(even(settings))
-    starts = neutral_start(scene, simulate(scene), 20)
+    starts = best_scales(Objective(scene, simulate(scene)), [fabric(scene), neutral(scene)])
     assert len(starts) == 2  # in the proportions of a fabric, and all alike
     (start,) = [p for p in starts if len(set(p.tolist())) == 1][:1]
     assert start.shape == parameters(scene).shape
@@ -41,7 +43,7 @@ def test_the_best_pattern_comes_first():
     aim = Objective(scene, motion)
     wild = np.exp(np.random.default_rng(1).normal(size=33))
     for patterns in ([wild, np.ones(33)], [np.ones(33), wild]):
-        starts = neutral_start(scene, motion, 20, patterns)
+        starts = best_scales(aim, patterns)
         assert len(set(starts[0].tolist())) == 1
         assert aim.cost(starts[0]) < aim.cost(starts[1])
         # a pattern is followed up to one factor; rounding
@@ -61,7 +63,7 @@ def test_it_does_not_depend_on_the_flagged_values(settings):
     scene = load(trial(settings))
     motion = simulate(scene)
     others = [with_parameters(scene, p) for p in (7 * parameters(scene), np.ones(len(parameters(scene))))]
-    first, *rest = (neutral_start(s, motion, 20) for s in (scene, *others))
+    first, *rest = (best_scales(Objective(s, motion), [fabric(s), neutral(s)]) for s in (scene, *others))
     for start in rest:
         np.testing.assert_array_equal(start, first)
 
@@ -69,27 +71,27 @@ def test_it_does_not_depend_on_the_flagged_values(settings):
 def test_it_does_depend_on_the_target():
     scene = load(even("nG"))
     targets = [simulate(load(even("nG", springStiffness=[k] * 33))) for k in (3.0, 300.0)]
-    soft, stiff = (neutral_start(scene, target, 20)[0] for target in targets)
+    soft, stiff = (neutral_start(Objective(scene, target)) for target in targets)
     assert stiff[0] > 30 * soft[0]
 
 
 def test_only_the_first_frames_count():
-    scene = load(even("nG", 2 * WINDOW))
+    scene = load(even("nG", 2 * COARSE_FRAMES))
     motion = simulate(scene)
     positions = motion.positions.copy()
-    positions[WINDOW:] += 5.0
+    positions[COARSE_FRAMES:] += 5.0
     later = Motion(positions, motion.times, motion.vertex_counts)
-    starts = [neutral_start(scene, m, 2 * WINDOW)[0] for m in (motion, later)]
+    starts = [neutral_start(Objective(scene, m)) for m in (motion, later)]
     np.testing.assert_array_equal(*starts)
-    positions[WINDOW - 1] += 5.0
-    assert (neutral_start(scene, later, 2 * WINDOW)[0] != starts[0]).any()
+    positions[COARSE_FRAMES - 1] += 5.0
+    assert (neutral_start(Objective(scene, later)) != starts[0]).any()
 
 
 def test_every_cloth_has_its_own():
     one = even("nG")["objects"][0]
     stiff = changed(one, ("springStiffness",), [3000.0] * 33)
     scene = load(document(one, changed(one, ("optimizationSettings",), "nn"), stiff, optimizationIterations=20))
-    first, second = neutral_start(scene, simulate(scene), 20)[0]
+    first, second = neutral_start(Objective(scene, simulate(scene)))
     assert 30.0 / FINEST < first < 30.0 * FINEST
     assert second > 10 * first  # the stiffer, the less the motion tells
 
@@ -100,18 +102,18 @@ def test_what_was_not_seen_does_not_count():
     seen = np.zeros((20, 16), bool)
     seen[:, 15] = True
     positions = np.where(seen[:, :, None], motion.positions, np.nan)
-    start = neutral_start(scene, Motion(positions, motion.times, (16,), seen), 20)[0]
+    start = neutral_start(Objective(scene, Motion(positions, motion.times, (16,), seen)))
     assert 30.0 / FINEST < start[0] < 30.0 * FINEST
 
 
 def test_values_that_diverge_are_passed_over():
     scene = load(even("nG", 30, integrationMethod=0, delta=0.004))
-    start = neutral_start(scene, simulate(scene), 30)[0]
+    start = neutral_start(Objective(scene, simulate(scene)))
     assert 30.0 / FINEST < start[0] < 30.0 * FINEST
 
 
 def test_where_every_value_diverges_it_still_gives_values_within_the_bounds():
     scene = load(even("nG", 40, integrationMethod=0, delta=1.0, damping=1e3))
     still = np.broadcast_to(scene.cloths[0].positions, (40, 16, 3)).copy()
-    start = neutral_start(scene, Motion(still, np.arange(40.0), (16,)), 40)[0]
+    start = neutral_start(Objective(scene, Motion(still, np.arange(40.0), (16,))))
     assert LOWER <= start[0] <= UPPER

@@ -100,14 +100,14 @@ def read_only(patch: Any) -> None:
 
 def closing(patch: Any) -> None:
     """The same, from the end of a fit on."""
-    estimate = fitting.estimate
+    original = fitting.fit
 
-    def closed(*arguments: Any, **options: Any) -> Any:
-        found = estimate(*arguments, **options)
+    def closed(*arguments: Any) -> Any:
+        found = original(*arguments)
         read_only(patch)
         return found
 
-    patch.setattr(fitting, "estimate", closed)
+    patch.setattr(fitting, "fit", closed)
 
 
 def piped(_: Any) -> None:

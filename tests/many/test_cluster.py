@@ -15,6 +15,7 @@ from helpers.scenes import environment, trial, write_scene
 
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
+from clothfit.fit.options import FitOptions
 from clothfit.many.cluster import Cluster
 from clothfit.many.estimate_many import estimate_many, fit_all
 from clothfit.many.job import Job, read
@@ -42,7 +43,8 @@ def paths(tmp_path):
 
 
 def makers(paths, **options):
-    return [partial(lambda path, number: Job(read(path), start=1.0, options=options), path) for path in paths]
+    chosen = FitOptions(**options)
+    return [partial(lambda path, number: Job(read(path), start=1.0, options=chosen), path) for path in paths]
 
 
 class Killing(Cluster):

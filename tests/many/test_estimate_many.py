@@ -11,6 +11,7 @@ from helpers.scenes import trial, write_scene
 import clothfit
 from clothfit.base.errors import InvalidInput
 from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.options import FitOptions
 from clothfit.many.estimate_many import estimate_many, fit_all, result
 from clothfit.many.job import Job, Outcome, read
 from clothfit.many.processes import Processes
@@ -70,7 +71,8 @@ class Killing(Processes):
 
 def test_a_killed_process_costs_time_only_and_one_that_is_killed_again_is_a_fault(paths):
     died, pool = [], Killing(2, {0: 2, 1: 1})
-    makers = [partial(lambda path, number: Job(read(path), number=number, options=FEW), path) for path in paths]
+    options = FitOptions(**FEW)
+    makers = [partial(lambda path, number: Job(read(path), number=number, options=options), path) for path in paths]
     results = fit_all(makers, 1, pool, died=died.append)
     assert (sorted(died), sorted(pool.begun)) == ([0, 1], [0, 0, 1, 1, 2])
     assert [r.exit_code for r in results] == [1, 5, 5]

@@ -110,7 +110,7 @@ def test_each_experiment_is_compared_as_far_as_its_scene_says():
 def test_the_neutral_start_looks_at_all_experiments():
     blind = Motion(np.full((20, 16, 3), np.nan), 0.02 * np.arange(20), (16,), np.zeros((20, 16), bool))
     made = load(even("nG"))
-    start = neutral_start(made, [blind, (record_target(WINDY), WINDY)], 20)
+    start = neutral_start(Objective(made, [blind, (record_target(WINDY), WINDY)]))
     assert 20.0 < start[0] < 45.0  # the grid's finest step is an eighth of a decade
 
 

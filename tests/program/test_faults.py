@@ -14,7 +14,7 @@ from helpers.scenes import environment, even, names, needs_full_disk, write_scen
 
 import clothfit
 from clothfit.cli.program import run
-from clothfit.fit import estimate as fit
+from clothfit.fit import estimate as fitting
 from clothfit.kernels.cache import is_cold
 from clothfit.many import warmup
 
@@ -96,15 +96,15 @@ def test_where_the_result_cannot_be_written_the_checkpoint_is_named(folder, caps
     Path("out").mkdir()
     command = ["estimate", "scene.json", "--target", "target.npz", "--start", "1", "--checkpoint", "c"]
     command += ["-o", "out/x.json", "-q"]
-    estimate = fit.estimate
+    fit = fitting.fit
 
-    def vanishing(*arguments, **options):
-        found = estimate(*arguments, **options)
+    def vanishing(*arguments):
+        found = fit(*arguments)
         Path("out").rmdir()
         return found
 
     with monkeypatch.context() as patch:
-        patch.setattr(fit, "estimate", vanishing)
+        patch.setattr(fitting, "fit", vanishing)
         assert run(command) == 3
     told = r"error: cannot write out/x.json: .*; then repeat the command with --resume: c is kept\n"
     assert re.fullmatch(told, capsys.readouterr().err)

@@ -20,6 +20,7 @@ from clothfit.cli.common.files import Files
 from clothfit.cli.fitting import checkpoints, outcomes
 from clothfit.cli.fitting.plan import Item, planned
 from clothfit.cli.fitting.table import rows, summaries
+from clothfit.fit.options import FitOptions
 from clothfit.many.estimate_many import Result, chosen_pool, fit_all, limited
 from clothfit.many.job import INTERRUPTED, NOT_STARTED, Job
 
@@ -45,13 +46,11 @@ class Failed(ClothfitError):
 
 
 def fit(
-    paths: tuple[str, ...], files: Files, options: dict[str, Any], effort: Effort, console: Console, as_json: bool
+    paths: tuple[str, ...], files: Files, options: FitOptions, effort: Effort, console: Console, as_json: bool
 ) -> int:
     """Fit all scenes; returns the exit code."""
-    from clothfit.fit.estimate import check_method
-
     began = time.perf_counter()
-    check_method(options["method"])
+    options.check()
     if effort.cluster is not None and effort.jobs is not None:
         raise click.UsageError("--jobs is for this machine; a --cluster has its own workers")
     items = planned(paths, files, effort.starts, effort.cluster is None, console)
@@ -72,7 +71,7 @@ def fit(
     return INTERRUPTED if INTERRUPTED in codes else next(code for code in SEVERITY if code in codes)
 
 
-def job(item: Item, effort: Effort, options: dict[str, Any], number: int) -> Job:
+def job(item: Item, effort: Effort, options: FitOptions, number: int) -> Job:
     """The fit of a scene from a start."""
     return item.job(number, effort.seed, options)
 

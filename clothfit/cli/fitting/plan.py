@@ -16,6 +16,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.files import Files, default_name
 from clothfit.cli.fitting import checkpoints
 from clothfit.cli.fitting import target_options as goals
+from clothfit.fit.options import FitOptions
 from clothfit.many.job import File, Goal, Job, loaded, read
 from clothfit.optimise.checkpoint import Checkpoint
 
@@ -37,7 +38,7 @@ class Item:
     motions: dict[tuple[str, str | None], Motion] = field(default_factory=dict)  # other programs', for the next start
     console: Console = field(default_factory=Console)
 
-    def job(self, number: int, seed: int, options: dict[str, object]) -> Job:
+    def job(self, number: int, seed: int, options: FitOptions) -> Job:
         """The fit from a start. Raises InvalidInput when a file cannot be read."""
         if self.refusal:
             raise self.refusal

@@ -1,0 +1,55 @@
+"""The methods of a fit by their names, and how a search by one of them ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from clothfit.base import interrupts, threads
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+from clothfit.fit import auto
+from clothfit.optimise import momentum
+from clothfit.optimise.scipy_methods import METHODS, minimise
+from clothfit.optimise.search import Search
+from clothfit.optimise.status import Status, Stop
+
+
+def run(
+    search: Search, method: str, start: Array, others: Callable[[], list[Array]] | None, tau: float | None
+) -> Status:
+    """Search by a method until it or the user ends it; returns the status."""
+    try:
+        with threads.single(), interrupts.heard():
+            status = found_by(search, method, start, others, tau)
+    except Stop as stop:
+        status = stop.status
+    except KeyboardInterrupt:
+        search.take_known()
+        if not np.isfinite(search.best_cost):
+            raise  # there is no result yet
+        status = Status.INTERRUPTED
+    finally:
+        search.journal.write()
+    search.take_known()
+    return status if np.isfinite(search.best_cost) else Status.DIVERGED
+
+
+def found_by(
+    search: Search, method: str, start: Array, others: Callable[[], list[Array]] | None, tau: float | None
+) -> Status:
+    """Search by a method; returns the status. Raises Stop."""
+    if not search.fitted.any():
+        search(search.y)
+        return search.verdict()
+    if method in METHODS:
+        return minimise(search, method)
+    if method == "momentum":
+        if not momentum.fits(search.objective):
+            raise InvalidInput("memory: too little for the balance of momentum; use another method, or allow more")
+        auto.by_momentum(search, start)
+        return search.verdict()
+    if method == "gauss-newton":
+        return auto.by_gauss_newton(search, start, start, tau)
+    return auto.find(search, start, others, tau)

@@ -1,0 +1,115 @@
+"""The options of a fit: everything that `clothfit.estimate` takes besides the scene, its target and its start.
+
+This module loads no library, so that commands can build and check options before they load any.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from clothfit.base import memory
+from clothfit.base.errors import InvalidInput
+from clothfit.base.limits import checked_tolerance
+from clothfit.base.messages import meant
+
+if TYPE_CHECKING:
+    from clothfit.objective.memory_needs import Needs
+    from clothfit.optimise.checkpoint import Checkpoint
+    from clothfit.optimise.search import Progress
+
+OWN_METHODS = ("auto", "momentum", "gauss-newton")
+"""The methods of this package, besides SciPy's (`scipy_methods.METHODS`)."""
+
+HOLDOUTS = ("frames", "vertices")
+"""What can be kept out: the last frames of each target, or vertices drawn at random, the same in all targets."""
+
+RMSE_TOLERANCE = 1e-8  # m: far below what a file in float32 can hold
+FIT_TOLERANCE = 1e-10  # linear systems, relative
+BUDGET = 1000  # evaluations
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """The options of one fit; `clothfit.estimate` says what each means."""
+
+    method: str = "auto"
+    budget: int = BUDGET  # evaluations of cost and gradient
+    rmse_tolerance: float = RMSE_TOLERANCE  # m, with another objective in the unit of that
+    tolerance: float | None = None  # of the linear systems, relative; None: `FIT_TOLERANCE`
+    report: Callable[[Progress], None] | None = None
+    objective: str | Mapping[str, float] = "position"
+    loss: str = "linear"
+    loss_scale: float | None = None  # m
+    prior: float | str = "auto"
+    checkpoint: str | os.PathLike[str] | Checkpoint | None = None
+    resume: bool = False
+    holdout: float | None = None  # fraction
+    holdout_of: str = "frames"
+    intervals: bool = True
+    memory: int | str | None = None  # bytes, or as "200MB"; None: half of what is free
+    foreseen: Callable[[Needs], None] | None = None
+
+    def check(self) -> None:
+        """Raise InvalidInput when a value is not possible."""
+        check_method(self.method)
+        check_holdout(self.holdout, self.holdout_of)
+        prior_width(self.prior)
+        if self.budget < 1:
+            raise InvalidInput(f"budget: {self.budget} evaluations are too few, at least 1 is needed")
+
+    def checked(self) -> FitOptions:
+        """The same with the tolerance and the bytes that None stands for. Raises InvalidInput."""
+        self.check()
+        tolerance = checked_tolerance(self.tolerance, FIT_TOLERANCE)
+        return replace(self, tolerance=tolerance, memory=memory.budget(self.memory))
+
+    @property
+    def tau(self) -> float | None:
+        """The width of the prior, as in `prior_width`."""
+        return prior_width(self.prior)
+
+    @property
+    def identity(self) -> dict[str, object]:
+        """What must be the same for a fit to be resumed."""
+        return {
+            "method": self.method, "prior": self.prior, "tolerance": self.tolerance, "holdout": self.holdout,
+            "of": self.holdout_of, "objective": self.objective, "loss": self.loss, "loss_scale": self.loss_scale,
+        }  # fmt: skip
+
+
+def check_method(method: str) -> None:
+    """Raise InvalidInput when there is no such method."""
+    if method in OWN_METHODS:
+        return
+    from clothfit.optimise.scipy_methods import METHODS
+
+    if method not in METHODS:
+        known = (*OWN_METHODS, *METHODS)
+        raise InvalidInput(f"method: there is no {method!r}; use {', '.join(known)}{meant(method, known)}")
+
+
+def check_holdout(fraction: float | None, of: str) -> None:
+    """Raise InvalidInput unless the fraction is between 0 and 1 and `of` is one of HOLDOUTS."""
+    if of not in HOLDOUTS:
+        raise InvalidInput(f"holdout: there is nothing called {of!r} to keep out; use {' or '.join(HOLDOUTS)}")
+    if fraction is not None and not 0 < fraction < 1:
+        raise InvalidInput(f"holdout must be a fraction above 0 and below 1; {fraction:g} was given")
+
+
+def prior_width(prior: float | str) -> float | None:
+    """The width τ of a prior: "auto" learns it (None), "none" or 0 leaves it out (inf). Raises InvalidInput."""
+    if prior == "auto":
+        return None
+    if prior in ("none", 0):
+        return math.inf
+    try:
+        width = float(prior)
+    except ValueError:
+        width = math.nan
+    if not width > 0:
+        raise InvalidInput(f"prior must be auto, none or a width in log parameters above 0; {prior!r} was given")
+    return width
