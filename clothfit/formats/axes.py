@@ -1,7 +1,7 @@
 """Axes and units of other tools' files, and the scene's: y up, left-handed, metres, as in Unity.
 
-A file's axes are turned so that y is up, (x, y, z) → (x, z, −y) where z was, and x is negated where they were
-right-handed, as Unity does with the models that it imports. Lengths are multiplied by `scale`, m per unit of the file.
+Where z is up in a file, (x, y, z) becomes (x, z, −y); where its axes are right-handed, x is negated, as Unity does with
+the models that it imports. Lengths are multiplied by `scale`, m per unit of the file.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ UPS, HANDS = ("y", "z"), ("left", "right")
 
 
 class Axes(NamedTuple):
-    """How a file's coordinates are meant."""
+    """The axes and the unit of a file's coordinates."""
 
     up: str = "y"  # the axis that points up, one of UPS
     handedness: str = "right"  # one of HANDS
@@ -30,7 +30,7 @@ class Axes(NamedTuple):
 SCENE = Axes("y", "left", 1.0)
 
 RIGHT = Axes("y", "right", 1.0)
-"""What most other programs use."""
+"""The axes of most other programs."""
 
 
 def to_scene(points: Array, axes: Axes) -> Array:
@@ -54,7 +54,7 @@ def from_scene(points: Array, axes: Axes) -> Array:
 
 
 def facing(triangles: Indices, axes: Axes) -> Indices:
-    """Triangles (T, 3) between a file's axes and the scene's, either way: a mirror image turns their order round, so
+    """Triangles (T, 3) turned from a file's axes to the scene's, or back: a mirror image reverses their corners, so
     that the same side stays the front.
     """
     return triangles[:, ::-1] if axes.handedness == "right" else triangles

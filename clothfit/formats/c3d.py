@@ -1,10 +1,9 @@
 """Markers in C3D files, as motion-capture systems write them.
 
-Each frame has four numbers for each point, either integers or float32: its position, and a residual, below 0 where it
-was not seen; and then analog samples, which are passed over. The file tells its rate, its unit (millimetres where it
-does not), the labels of the points, and which axis is up on the screen (z where it does not); it is right-handed.
-Points that are listed as angles, forces and the like are no positions, and are left out. Files are written with
-float32.
+Each frame has four numbers for each point, either integers or float32: its position, and a residual, below 0 where the
+point was not seen; the analog samples after them are skipped. The file names its rate, its unit (default: millimetres),
+the labels of the points, and the axis that is up on the screen (default: z); it is right-handed. Points that it lists
+as angles, forces and the like are not positions, and are left out. Files are written with float32.
 """
 
 from __future__ import annotations
@@ -17,28 +16,27 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
-from clothfit.base.messages import shown
 from clothfit.base.writing import Data
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import UPS, Axes
 from clothfit.formats.c3d_parameters import BLOCK_BYTES, INTEGER, INTEL, KEY, REAL, TEXT, Parameters
-from clothfit.formats.demands import rated, seen
+from clothfit.formats.demands import rated, with_gaps
 from clothfit.formats.files import check_room, content, name_of
-from clothfit.formats.markers import METRES_PER_UNIT, label, labels_of, seen_by, unit_of
+from clothfit.formats.markers import label, labels_of, marker_animation, scale_of, unit_of
 
 LARGEST_WORD = 65535
-"""Largest 16-bit number: points, and frames but for those that the group TRIAL tells."""
+"""The largest 16-bit number: of points, and of frames unless the group TRIAL counts them."""
 
 OTHERS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
-"""Parameters of the group POINT that list labels of what is not a position."""
+"""Parameters of the group POINT that list the labels of points that are not positions."""
 
 
 def read(path: str | os.PathLike[str]) -> Animation:
-    """The markers of a file; those that were not seen are NaN. Raises InvalidMotion."""
+    """The markers of a file, NaN where they were not seen. Raises InvalidMotion."""
     name = name_of(path)
     found = Parameters(content(path), name)
     notes: list[str] = []
-    with np.errstate(all="ignore"):  # whatever is not a number is a gap
+    with np.errstate(all="ignore"):  # what is not a finite number is a gap
         positions = _positions(found, path)
     names = _labels(found, positions.shape[1])
     others = {label(each) for kind in OTHERS for each in found.texts("POINT", kind)}
@@ -47,8 +45,9 @@ def read(path: str | os.PathLike[str]) -> Animation:
         notes.append(f"{len(names) - len(kept)} of its points are angles, forces or the like and are left out")
     rate = next(iter(found.values("POINT", "RATE")), found.real(11))
     times = np.arange(len(positions)) / rate if 0 < rate < np.inf else None
-    axes = Axes(_up(found, notes), "right", _scale(found, notes))
-    return seen_by(positions[:, kept], axes, times, [names[i] for i in kept], notes, name)
+    unit = next(iter(found.texts("POINT", "UNITS")), "")
+    axes = Axes(_up(found, notes), "right", scale_of(unit, notes))
+    return marker_animation(positions[:, kept], axes, times, [names[i] for i in kept], notes, name)
 
 
 def _positions(found: Parameters, path: str | os.PathLike[str]) -> Array:
@@ -74,7 +73,7 @@ def _positions(found: Parameters, path: str | os.PathLike[str]) -> Array:
 
 
 def _frames(found: Parameters, there: int) -> int:
-    """How many frames are promised. Beyond 65535 the group TRIAL tells, or nobody: then as many as there are."""
+    """How many frames the file promises; beyond 65535 only the group TRIAL can, else all that are `there` count."""
     limits = [found.values("TRIAL", f"ACTUAL_{end}_FIELD") for end in ("START", "END")]
     if all(len(each) == 2 for each in limits):
         first, last = (int(low) + 65536 * int(high) for low, high in limits)
@@ -84,43 +83,34 @@ def _frames(found: Parameters, there: int) -> int:
 
 
 def _labels(found: Parameters, count: int) -> list[str]:
-    """One for each point; more than 255 are in LABELS2, LABELS3 and so on."""
+    """A label for each point; those beyond 255 are in LABELS2, LABELS3 and so on."""
     names: list[str] = []
     for more in ("", *map(str, range(2, 2 + count // 255))):
         names += [label(each) for each in found.texts("POINT", f"LABELS{more}")]
     return [names[i] if i < len(names) and names[i] else f"marker {i + 1}" for i in range(count)]
 
 
-def _scale(found: Parameters, notes: list[str]) -> float:
-    """m per unit."""
-    told = next(iter(found.texts("POINT", "UNITS")), "")
-    if told.lower() in METRES_PER_UNIT:
-        return METRES_PER_UNIT[told.lower()]
-    notes.append(f"its unit is {shown(told)}, taken for mm" if told else "it does not tell its unit, so it is mm")
-    return METRES_PER_UNIT["mm"]
-
-
 def _up(found: Parameters, notes: list[str]) -> str:
-    told = next(iter(found.texts("POINT", "Y_SCREEN")), "").lower().removeprefix("+")
-    if told in UPS:
-        return told
-    notes.append("it does not tell which axis is up, so it is z")
+    up = next(iter(found.texts("POINT", "Y_SCREEN")), "").lower().removeprefix("+")
+    if up in UPS:
+        return up
+    notes.append("it does not say which axis is up, so it is z")
     return "z"
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
-    """The file: float32 as on Intel's processors. Raises InvalidMotion where frames are not at an even rate, or there
-    are more points than the format can number.
+    """The file: float32 as on Intel's processors. Raises InvalidMotion where the rate is not even, or there are more
+    points than the format can number.
     """
     unit, factor = unit_of(animation.axes)
-    positions = seen(animation) * factor
+    positions = with_gaps(animation) * factor
     rate = rated(path, animation)
     frames, points = positions.shape[:2]
     table = np.zeros((frames, points, 4), "<f4")
     known = np.isfinite(positions).all(axis=2)
     table[known, :3] = positions[known]
     table[~known, 3] = -1
-    data_start = 2 + len(_parameters(animation, rate, unit, 0)) // BLOCK_BYTES  # first only to know how long they are
+    data_start = 2 + len(_parameters(animation, rate, unit, 0)) // BLOCK_BYTES  # to know how long they are
     parameters = _parameters(animation, rate, unit, data_start)
     if points > LARGEST_WORD or len(parameters) > 255 * BLOCK_BYTES:
         raise InvalidMotion(f"{name_of(path)}: {points} points are more than C3D can name; write another format")
@@ -130,7 +120,7 @@ def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Dat
 
 
 def _parameters(animation: Animation, rate: float, unit: str, data_start: int) -> bytes:
-    """The section of parameters, of whole blocks."""
+    """The section of parameters, in whole blocks."""
     frames, points = animation.positions.shape[:2]
     records = [
         _group(1, "POINT"),
@@ -161,7 +151,7 @@ def _group(number: int, name: str) -> bytes:
 
 
 def _record(number: int, name: str, kind: int, sizes: list[int], data: bytes) -> bytes:
-    """A parameter: the distance to the next counts from its own place."""
+    """A parameter; the distance to the next one counts from the place of that distance."""
     rest = struct.pack("bB", kind, len(sizes)) + bytes(sizes) + data + b"\0"
     return struct.pack("bb", len(name), number) + name.encode() + struct.pack("<H", len(rest) + 2) + rest
 
@@ -176,7 +166,7 @@ def _reals(number: int, name: str, value: float) -> bytes:
 
 
 def _strings(number: int, name: str, texts: list[str], plain: bool = False) -> bytes:
-    """Strings of one width, filled with spaces; `plain`: the only one, which is no list."""
+    """Strings of one width, filled with spaces; `plain`: a single string, not a list."""
     coded = [text.encode()[:127] for text in texts]
     width = max(1, *map(len, coded)) if coded else 1
     sizes = [width] if plain else [width, len(coded)]

@@ -1,9 +1,9 @@
-"""The header and the parameters of a C3D file: what it says of the numbers that follow.
+"""The header and the parameters of a C3D file, which describe the numbers that follow.
 
 The C3D file format: user guide, Motion Lab Systems 2008. The file consists of blocks of 512 bytes. The first byte is
-the block of the parameters, the second is 0x50; the words after them tell counts and rates. Parameters are in groups,
-one record after another, each with the distance to the next. Numbers are as on the processor that the section names:
-Intel's, DEC's (integers as Intel's, floats as on a VAX), or MIPS's.
+the block of the parameters, the second is 0x50; the words after them hold counts and rates. Parameters are in groups,
+one record after another, each with the distance to the next. Numbers have the form of the processor that the section
+names: Intel, DEC (integers as Intel's, floats as on a VAX), or MIPS.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Values = list[str] | NDArray[Any]
 
 
 class Parameters:
-    """Header and parameters of the bytes of a file. Raises InvalidMotion where they are not in order."""
+    """The header and the parameters in the bytes of a file. Raises InvalidMotion where they are damaged."""
 
     def __init__(self, data: bytes, name: str) -> None:
         self.data, self._name = data, name
@@ -41,7 +41,7 @@ class Parameters:
         self._found = self._read(start + 4)
 
     def insist(self, right: bool) -> None:
-        """Raise InvalidMotion where the file cannot be as it says."""
+        """Raise InvalidMotion unless a condition on the file holds."""
         if not right:
             raise InvalidMotion(f"{self._name}: it is cut off or damaged; export it again")
 
@@ -52,16 +52,16 @@ class Parameters:
         return found
 
     def real(self, number: int) -> float:
-        """A float of the header that begins at a word."""
+        """The float of the header that begins at a word."""
         self.insist(2 * number + 2 <= len(self.data))
         return float(self.reals(2 * (number - 1), 1)[0])
 
     def reals(self, start: int, count: int) -> NDArray[np.float32]:
-        """Floats at a place of the file, as on its processor."""
+        """`count` floats from a place of the file, in the form of its processor."""
         if self.processor != DEC:
             return np.frombuffer(self.data, f"{self.order}f4", count, start).astype(np.float32)
-        words = np.frombuffer(self.data, "<u2", 2 * count, start).reshape(-1, 2).astype(np.uint32)
-        bits = (words[:, 0] << 16) | words[:, 1]  # the word with the exponent is the first, its bias is larger by 2
+        halves = np.frombuffer(self.data, "<u2", 2 * count, start).reshape(-1, 2).astype(np.uint32)
+        bits = (halves[:, 0] << 16) | halves[:, 1]  # the first half has the exponent, whose bias is larger by 2
         return np.where(bits & 0x7F800000, bits.view(np.float32) / 4, np.float32(0.0)).astype(np.float32)
 
     def texts(self, group: str, name: str) -> list[str]:
@@ -95,7 +95,7 @@ class Parameters:
         return {(groups.get(number, ""), name): values for (number, name), values in found.items()}
 
     def _values(self, place: int) -> Values:
-        """The value of the parameter whose type is told at a place."""
+        """The value of the parameter whose type stands at a place."""
         data = self.data
         kind, count = struct.unpack_from("b", data, place)[0], data[place + 1] if place + 1 < len(data) else 0
         sizes = list(data[place + 2 : place + 2 + count])

@@ -1,4 +1,4 @@
-"""What formats demand of an animation that not every one has: times, an even rate; and its gaps as NaN."""
+"""What some formats need of an animation and not every animation has: times, an even rate, and gaps as NaN."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from clothfit.formats.animation import Animation
 from clothfit.formats.files import name_of
 
 ASSUMED_RATE = 30.0
-"""Frames per second, where nobody tells and a format must."""
+"""Frames per second where neither the file nor the user gives a rate."""
 
 EVEN = 1e-3
-"""How far a frame may be from its place, as a share of the time between two, to count as at an even rate."""
+"""How far a frame may be from its place in an even rate, as a share of the time between two frames."""
 
 
-def seen(animation: Animation) -> Array:
-    """The positions, NaN where they were not seen."""
+def with_gaps(animation: Animation) -> Array:
+    """The positions, NaN where they were not observed."""
     if animation.observed is None:
         return animation.positions
     return np.where(animation.observed[..., None], animation.positions, np.nan)
@@ -31,7 +31,7 @@ def times_of(animation: Animation) -> Array:
 
 
 def rate_of(animation: Animation) -> float | None:
-    """Frames per second; None where they are not at an even rate."""
+    """Frames per second; None where the rate is not even."""
     times = times_of(animation)
     if len(times) < 2:
         return ASSUMED_RATE
@@ -41,7 +41,7 @@ def rate_of(animation: Animation) -> float | None:
 
 
 def rated(path: str | os.PathLike[str], animation: Animation) -> float:
-    """Frames per second, for formats that have one number for it. Raises InvalidMotion where there is none."""
+    """Frames per second, for formats with one rate for all frames. Raises InvalidMotion where the rate is not even."""
     rate = rate_of(animation)
     if rate is None:
         raise InvalidMotion(
@@ -51,6 +51,6 @@ def rated(path: str | os.PathLike[str], animation: Animation) -> float:
 
 
 def rounded(rate: float) -> float:
-    """A rate without the rounding of the times that it was found from: 50, not 49.99999999999999."""
+    """A rate without the rounding errors of its times: 50, not 49.99999999999999."""
     plain = float(f"{rate:.9g}")
     return plain if abs(plain - rate) <= 1e-12 * rate else rate

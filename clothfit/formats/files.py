@@ -1,4 +1,4 @@
-"""Foreign files: their bytes, with every failure told as one sentence that names the file."""
+"""Foreign files: their bytes, and every failure as one sentence that names the file."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from clothfit.base.memory import human
 from clothfit.base.reading import MOST_TEXT, unchanged, whole
 
 POSITION_COPIES = 2
-"""Of all positions, that are in memory while they are turned into the scene's axes."""
+"""Copies of all positions in memory while they are turned into the scene's axes."""
 
 
 def name_of(path: str | os.PathLike[str]) -> str:
-    """What to call a file in messages."""
+    """The name of a file in messages."""
     return os.path.basename(os.fspath(path)) or os.fspath(path)
 
 
 @contextmanager
 def refused(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Turn what the block raises of a file that cannot be read into an InvalidMotion."""
+    """Turn an error of the system within the block into an InvalidMotion."""
     try:
         yield
     except InvalidMotion:
@@ -30,21 +30,21 @@ def refused(path: str | os.PathLike[str]) -> Iterator[None]:
     except FileNotFoundError:
         raise InvalidMotion(f"{name_of(path)}: there is no such file") from None
     except IsADirectoryError:
-        raise InvalidMotion(f"{name_of(path)}: is a folder, a file with a motion is needed") from None
-    except (OSError, ValueError) as error:  # ValueError: no possible name
+        raise InvalidMotion(f"{name_of(path)}: is a folder; a file with a motion is needed") from None
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         reason = getattr(error, "strerror", None) or error
         raise InvalidMotion(f"{name_of(path)}: cannot be read: {reason}") from None
 
 
 def content(path: str | os.PathLike[str], most: int | None = MOST_TEXT) -> bytes:
-    """All that is in a file of at most `most` bytes (None: what fits into memory). Raises InvalidMotion."""
+    """The bytes of a file of at most `most` bytes (None: what fits into memory). Raises InvalidMotion."""
     with refused(path), unchanged(path) as file:
         data: bytes = whole(file, most)
         return data
 
 
 def check_room(needed: int, path: str | os.PathLike[str]) -> None:
-    """Raise InvalidMotion where what is in a file takes more bytes than are free."""
+    """Raise InvalidMotion where the content of a file needs more bytes of memory than are free."""
     if (free := memory.missing(needed)) is not None:
         name = name_of(path)
         raise InvalidMotion(f"{name}: takes {human(needed)} of memory, {human(free)} are free; keep fewer frames")

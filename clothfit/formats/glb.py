@@ -1,9 +1,9 @@
 """Motions in GLB files (binary glTF 2.0): the first frame, and morph targets that are added to it by animated weights.
 
-glTF is y up, right-handed and in metres; numbers are float32. A target for each frame would be large and slow, so the
-motion is written on the fewest targets (`morphs`) that keep every vertex within `TOLERANCE`, in the file's unit, or
-within that share of the cloth's size where that is less. What was kept and the largest error stand in the `extras` of
-the mesh. Reading: the frames are the keys of the animation; of several meshes those whose weights are animated are the
+glTF is y up, right-handed and in metres; numbers are float32. A target for each frame would be large and slow, so a
+motion is written with the fewest targets (`morphs`) that keep every vertex within `TOLERANCE`, in the file's unit, or
+within that share of the cloth's size where that is less. The `extras` of the mesh hold their number and the largest
+error. For reading, the frames are the keys of the animation; of several meshes those with animated weights are the
 cloth. Skeletons are not followed.
 """
 
@@ -31,18 +31,18 @@ from clothfit.formats.gltf_scene import animated, placed
 from clothfit.formats.morphs import Morphs, reduced
 
 TOLERANCE = 1e-5
-"""Largest error of a position in m, and as a share of the diagonal of the box around the motion."""
+"""The largest error of a position: in m, and as a share of the diagonal of the box around the motion."""
 
 MOST_GLB_BYTES = 2**32 - 1
-"""Bytes of a GLB file: its length is told by 32 bits."""
+"""Bytes of a GLB file, whose length has 32 bits."""
 
-ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963  # what a buffer view is for
+ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963  # targets of buffer views: vertices, indices
 FLOAT, UINT = 5126, 5125  # types of components
 POINTS_MODE, TRIANGLES_MODE = 0, 4  # kinds of primitives
 
 
 def read(path: str | os.PathLike[str]) -> Animation:
-    """The meshes of a file, one frame when nothing moves. Raises InvalidMotion."""
+    """The meshes of a file; one frame where nothing moves. Raises InvalidMotion."""
     doc = Document(path)
     nodes = list(placed(doc))
     tracks, notes = animated(doc, nodes)
@@ -54,7 +54,7 @@ def read(path: str | os.PathLike[str]) -> Animation:
     if any(track.kind != "LINEAR" for track in tracks.values()):
         notes = (*notes, "between the keys of its animation the motion is not straight; the keys are the frames")
     times = np.unique(np.concatenate([np.zeros(0), *(track.times for track in tracks.values())]))
-    with np.errstate(all="ignore"):  # numbers beyond all sizes are told below
+    with np.errstate(all="ignore"):  # what overflows is reported below
         positions, triangles = meshes_at(doc, moving or nodes, tracks, times if len(times) else np.zeros(1))
     if not np.isfinite(positions).all():
         raise InvalidMotion(f"{doc.name}: some of its positions are not finite numbers")
@@ -63,8 +63,7 @@ def read(path: str | os.PathLike[str]) -> Animation:
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
-    """The file, with the reduced motion. Every position must be known. Raises InvalidMotion where it would be too
-    long."""
+    """The file, with the reduced motion; every position must be known. Raises InvalidMotion where it gets too long."""
     positions = animation.positions
     check_room(4 * positions.nbytes, path)
     size = float(np.linalg.norm(np.ptp(positions.reshape(-1, 3), axis=0)))
@@ -84,7 +83,7 @@ def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Dat
 
 
 class _Parts:
-    """Numbers on their way into the second chunk, with the views and accessors that describe them."""
+    """The numbers for the second chunk, with the views and accessors that describe them."""
 
     def __init__(self) -> None:
         self.pieces: list[bytes] = []
@@ -93,7 +92,7 @@ class _Parts:
         self._length = 0  # a multiple of 4, as all numbers have 4 bytes
 
     def add(self, values: NDArray[Any], kind: str, bounds: bool = False, **view: int) -> int:
-        """Append an array; the index of its accessor."""
+        """Append an array; returns the index of its accessor."""
         data = values.tobytes()
         self.views.append({"buffer": 0, "byteOffset": self._length, "byteLength": len(data), **view})
         self.pieces.append(data)
@@ -112,7 +111,7 @@ class _Parts:
 
 
 def _document(parts: _Parts, morphs: Morphs, animation: Animation) -> dict[str, Any]:
-    """The JSON document, but for the length of the buffer."""
+    """The JSON document, without the length of the buffer."""
     primitive: dict[str, Any] = {
         "attributes": {"POSITION": parts.add(morphs.base, "VEC3", True, target=ARRAY_BUFFER)},
         "mode": POINTS_MODE if animation.triangles is None else TRIANGLES_MODE,
@@ -144,7 +143,7 @@ def _document(parts: _Parts, morphs: Morphs, animation: Animation) -> dict[str, 
 
 
 def _channel(parts: _Parts, weights: NDArray[Any], times: Array) -> dict[str, Any]:
-    """The animation: straight lines between the weights at the times, which glTF wants from 0 on."""
+    """The animation: linear between the weights at the times, which must not be negative in glTF."""
     shifted = (times - min(times[0], 0.0)).astype(np.float32)
     sampler = {"input": parts.add(shifted, "SCALAR", True), "output": parts.add(weights, "SCALAR")}
     return {

@@ -1,7 +1,7 @@
-"""What a GLB file is made of: a JSON document, and beside it the numbers, which its accessors describe.
+"""The parts of a GLB file: a JSON document, and the numbers that its accessors describe.
 
-glTF 2.0 specification, Khronos Group 2021, chapters 3.6 and 4.4; GLB is 12 bytes of header and two chunks. Whatever the
-document says of counts, offsets and indices is held against what is there before an array is made of it.
+glTF 2.0 specification, Khronos Group 2021, chapters 3.6 and 4.4; GLB is 12 bytes of header and two chunks. The reader
+checks all counts, offsets and indices of the document against the numbers that are there before it makes an array.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5
 COMPONENT_COUNTS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 
 HARMLESS = ("KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_punctual")
-"""Beginnings of the names of extensions that a file may require: they do not change where its vertices are."""
+"""Beginnings of the names of extensions that a file may require, as they do not change where its vertices are."""
 
 
 class Document:
-    """A GLB file, of which the parts are asked for by kind and index. Everything in it raises InvalidMotion."""
+    """A GLB file, whose parts are read by kind and index. All its methods raise InvalidMotion."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path, self.name = path, name_of(path)
@@ -53,7 +53,7 @@ class Document:
             raise InvalidMotion(f"{self.name}: it is not a GLB file, which begins with glTF; export as .glb")
         version, length = struct.unpack_from("<II", data, 4)
         if version != 2:
-            raise InvalidMotion(f"{self.name}: it is of glTF version {version}; export version 2")
+            raise InvalidMotion(f"{self.name}: it is glTF version {version}; export version 2")
         found: dict[bytes, bytes] = {}
         place, end = 12, length
         while place + 8 <= end:
@@ -73,13 +73,13 @@ class Document:
                 raise InvalidMotion(f"{self.name}: it needs the extension {what}; export without it, uncompressed")
 
     def insist(self, right: bool, value: Any, what: str, place: str) -> None:
-        """Raise InvalidMotion unless a value, which stands at a place, is what it must be."""
+        """Raise InvalidMotion, with the value at a place and `what` it must be, unless it is right."""
         if not right:
             where = f"{self.name}: {place}"
             raise InvalidMotion(f"{where}: {shown(value)} is not {what}")
 
     def typed(self, value: Any, kind: type, what: str, place: str) -> Any:
-        """A value of the document, when it is of a type; true and false are no numbers."""
+        """A value of the document, which must have a type; true and false are not numbers."""
         self.insist(isinstance(value, kind) and not isinstance(value, bool), value, what, place)
         return value
 
@@ -107,7 +107,7 @@ class Document:
         return value
 
     def numbers(self, owner: dict[str, Any], key: str, default: list[float]) -> Array:
-        """A list of as many finite numbers as the default has."""
+        """A list of finite numbers, as many as in the default."""
         found = owner.get(key, default)
         right = isinstance(found, list) and all(type(each) in (int, float) and abs(each) < 1e30 for each in found)
         self.insist(right and len(found) == len(default), found, f"a list of {len(default)} numbers", key)
@@ -130,7 +130,7 @@ class Document:
         return values
 
     def _replace(self, values: Array, sparse: dict[str, Any], owner: dict[str, Any], place: str) -> None:
-        """Put the items of a sparse accessor that differ into `values`."""
+        """Put the items that a sparse accessor changes into `values`."""
         count = self.whole(sparse, "count", None)
         where = self.typed(sparse.get("indices"), dict, "an object", f"{place}.sparse.indices")
         what = self.typed(sparse.get("values"), dict, "an object", f"{place}.sparse.values")
@@ -140,7 +140,7 @@ class Document:
         values[indices.astype(np.int64)] = self._stored(what, owner, count, values.shape[1], place)
 
     def _stored(self, where: dict[str, Any], form: dict[str, Any], count: int, width: int, place: str) -> Array:
-        """Numbers of a buffer view; integers that stand for fractions become those."""
+        """Numbers (count, width) of a buffer view; normalized integers become fractions."""
         component = self.whole(form, "componentType")
         self.insist(component in COMPONENTS, component, "a type of component that glTF has", place)
         dtype = np.dtype(COMPONENTS[component])
@@ -152,7 +152,7 @@ class Document:
         last = offset + stride * (count - 1) + size if count else 0
         if begin + length > len(buffer) or last > length or stride < size:
             at = f"{self.name}: {place}"
-            raise InvalidMotion(f"{at}: its numbers reach beyond what is there")
+            raise InvalidMotion(f"{at}: its numbers reach beyond the end of the buffer")
         if not count:
             return np.zeros((0, width))
         values = np.ndarray((count, width), dtype, buffer, begin + offset, (stride, dtype.itemsize)).astype(np.float64)
@@ -161,7 +161,7 @@ class Document:
         return values
 
     def _buffer(self, index: Any) -> bytes:
-        """The bytes of a buffer: the second chunk, or what is in the document itself. Other files are not opened."""
+        """The bytes of a buffer, from the second chunk or the document itself. Other files are never opened."""
         described = self.item("buffers", index)
         if index not in self._buffers:
             uri = described.get("uri")

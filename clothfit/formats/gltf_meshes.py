@@ -1,7 +1,7 @@
 """The meshes of a glTF scene at some times: morph targets by their weights, on nodes that may move, as triangles.
 
-Vertices are in the order of the nodes, their meshes and primitives; those of primitives that share their vertices come
-once. A node that mirrors turns its triangles round, so that their front stays outside.
+Vertices are in the order of the nodes, their meshes and primitives; primitives that share vertices give them once. A
+node that mirrors its mesh reverses the corners of the triangles, so that their front stays outside.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def meshes_at(doc: Document, nodes: list[Placed], tracks: Tracks, times: Array) 
 
 
 def _matrix(doc: Document, node: Placed, tracks: Tracks, times: Array) -> Array:
-    """Where a node is at the times: (frames or 1, 4, 4)."""
+    """The matrix of a node at the times: (frames or 1, 4, 4)."""
     product = np.eye(4)[None]
     for index in (*node.above, node.node):
         described = doc.item("nodes", index)
@@ -85,7 +85,7 @@ def _shape(doc: Document, node: int, sources: tuple[int, ...], tracks: Tracks, t
         owner = described if "weights" in described else doc.item("meshes", described["mesh"])
         weights = doc.numbers(owner, "weights", [0.0] * count)[None]
     if weights.shape[1] != count:
-        raise InvalidMotion(f"{doc.name}: {weights.shape[1]} weights do not go with the {count} targets of a mesh")
+        raise InvalidMotion(f"{doc.name}: {weights.shape[1]} weights do not match the {count} targets of a mesh")
     check_room((count + 2 * len(weights)) * base.nbytes, doc.path)
     targets = np.zeros((count, base.size))
     for k, source in enumerate(sources[1:]):
@@ -107,7 +107,7 @@ def _triangles(doc: Document, primitive: dict[str, Any], count: int) -> Indices:
         raise InvalidMotion(f"{doc.name}: a triangle names a vertex beyond the {count} of its mesh")
     i = np.arange(max(len(corners) - 2, 0))
     orders = {
-        4: np.arange(len(corners) // 3 * 3).reshape(-1, 3),  # one after the other
+        4: np.arange(len(corners) // 3 * 3).reshape(-1, 3),  # separate triangles
         5: np.stack([i, i + 1 + i % 2, i + 2 - i % 2], axis=1),  # a strip
         6: np.stack([i + 1, i + 2, 0 * i], axis=1),  # a fan
     }

@@ -1,6 +1,6 @@
-"""What is in a glTF scene: the nodes that have meshes, and the tracks of its animation.
+"""The contents of a glTF scene: the nodes with meshes, and the tracks of its animation.
 
-Nodes hang from one another as a tree. An animation's channels say which track drives which part of which node.
+The nodes form a tree. The channels of an animation say which track drives which part of which node.
 """
 
 from __future__ import annotations
@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple, TypeAlias
 
-import numpy as np
-
 from clothfit.base.errors import InvalidMotion
+from clothfit.formats.animation import increasing
 from clothfit.formats.gltf import Document
 from clothfit.formats.tracks import Track
 
@@ -18,7 +17,7 @@ ANIMATED_TYPES = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3", "w
 INTERPOLATIONS = ("LINEAR", "STEP", "CUBICSPLINE")
 
 LEVELS = 100
-"""Of nodes below one another, at most."""
+"""The most levels of nodes."""
 
 Tracks: TypeAlias = dict[tuple[int, str], Track]
 """By node and what of it is animated, one of WIDTHS."""
@@ -28,7 +27,7 @@ class Placed(NamedTuple):
     """A node with a mesh."""
 
     node: int
-    above: tuple[int, ...]  # the nodes it hangs from, the nearest last
+    above: tuple[int, ...]  # its ancestors, the nearest last
 
 
 def placed(doc: Document) -> Iterator[Placed]:
@@ -51,7 +50,7 @@ def placed(doc: Document) -> Iterator[Placed]:
 
 
 def _tops(doc: Document) -> list[Any]:
-    """The nodes of the scene that hang from no other; without a scene, of all."""
+    """The root nodes of the scene; without a scene, of all nodes."""
     if doc.items(doc.root, "scenes"):
         return doc.items(doc.item("scenes", doc.root.get("scene", 0)), "nodes")
     every = range(len(doc.items(doc.root, "nodes")))
@@ -60,7 +59,7 @@ def _tops(doc: Document) -> list[Any]:
 
 
 def animated(doc: Document, nodes: list[Placed]) -> tuple[Tracks, tuple[str, ...]]:
-    """What is animated, by the first animation that changes shapes, else by the first, and what is to be told."""
+    """The tracks of the first animation that changes shapes, else of the first; and notes on it."""
     count = len(doc.items(doc.root, "animations"))
     skinned = any("skin" in doc.item("nodes", node.node) for node in nodes)
     if not count:
@@ -91,7 +90,7 @@ def _animation(doc: Document, index: int) -> Tracks:
 
 def _track(doc: Document, sampler: dict[str, Any], what: str, place: str) -> Track:
     times = doc.accessor(sampler.get("input"), "SCALAR")[:, 0]
-    if not (len(times) and np.isfinite(times).all() and (np.diff(times) > 0).all()):
+    if not (len(times) and increasing(times)):
         where = f"{doc.name}: {place}: times"
         raise InvalidMotion(f"{where}: must be finite and increasing")
     values = doc.accessor(sampler.get("output"), ANIMATED_TYPES[what])
@@ -99,5 +98,5 @@ def _track(doc: Document, sampler: dict[str, Any], what: str, place: str) -> Tra
     doc.insist(kind in INTERPOLATIONS, kind, "a kind of interpolation that glTF has", place)
     items = len(times) * (3 if kind == "CUBICSPLINE" else 1)
     if not len(values) or len(values) % items or (what != "weights" and len(values) != items):
-        raise InvalidMotion(f"{doc.name}: {len(values)} values of an animation do not go with {len(times)} times")
+        raise InvalidMotion(f"{doc.name}: {len(values)} values of an animation do not match {len(times)} times")
     return Track(times, values.reshape((len(times), 3, -1) if kind == "CUBICSPLINE" else (len(times), -1)), kind)

@@ -3,11 +3,11 @@
     wide    time,hem_x,hem_y,hem_z,…      a line for each frame
     long    time,marker,x,y,z             a line for each marker and frame, in any order
 
-`frame` may stand for `time`; with both, the time counts. Names of coordinates end in x, y, z, after `_`, `.`, `:`, `-`,
-a space or nothing, and may have the unit in brackets. Cells stand between commas, semicolons or tabs, whichever the
-line of names has; where those are not commas, a comma in a number is the decimal one. Lines that begin with # are
-comments; `# unit: mm`, `# up: z`, `# handedness: left` and `# rate: 100` tell what is else metres, y, right, and not
-known. An empty cell, or NaN, is a gap. Numbers are written in full.
+A column `frame` may replace `time`; with both, the time counts. Names of coordinates end in x, y, z, after `_`, `.`,
+`:`, `-`, a space or nothing, and may have the unit in brackets. Commas, semicolons or tabs separate the cells, as in
+the line of names; where they are not commas, a comma in a number is the decimal one. Lines that begin with # are
+comments; `# unit: mm`, `# up: z`, `# handedness: left` and `# rate: 100` replace the defaults metres, y, right, and an
+unknown rate. An empty cell, or NaN, is a gap. Numbers are written in full.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from clothfit.base.writing import Data
 from clothfit.formats import motive
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import RIGHT
-from clothfit.formats.demands import seen, times_of
+from clothfit.formats.demands import times_of, with_gaps
 from clothfit.formats.files import check_room, name_of
 from clothfit.formats.markers import METRES_PER_UNIT, labels_of, text_of, unit_of
 from clothfit.formats.table import Table, animation_of, table_of
@@ -40,7 +40,7 @@ COORDINATE = re.compile(r"(.*?)[\s_.:\-]?([xyzXYZ])\s*(?:[(\[]\s*([A-Za-z]+)\s*[
 
 
 def read(path: str | os.PathLike[str]) -> Animation:
-    """The markers of a file; those that were not seen are NaN. Raises InvalidMotion, with the line."""
+    """The markers of a file, NaN where they were not seen. Raises InvalidMotion, with the line."""
     name, text = name_of(path), text_of(path)
     if text.startswith(motive.FIRST_CELL):
         return motive.parsed(text, name)
@@ -118,13 +118,13 @@ def _long(table: Table, key: int, timed: bool, marker: int, coordinates: list[in
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
-    """The file, a wide table; what is not metres, y up and right-handed stands in comments before it."""
+    """The file, a wide table; comments before it name what is not metres, y up and right-handed."""
     unit, factor = unit_of(animation.axes)
-    positions, times = factor * seen(animation), times_of(animation)
+    positions, times = factor * with_gaps(animation), times_of(animation)
     text = io.StringIO()
-    told = {"unit": unit, "up": animation.axes.up, "handedness": animation.axes.handedness}
+    own = {"unit": unit, "up": animation.axes.up, "handedness": animation.axes.handedness}
     usual = {"unit": "m", "up": RIGHT.up, "handedness": RIGHT.handedness}
-    text.writelines(f"# {key}: {value}\n" for key, value in told.items() if value != usual[key])
+    text.writelines(f"# {key}: {value}\n" for key, value in own.items() if value != usual[key])
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["time", *(f"{each}_{axis}" for each in labels_of(animation) for axis in "xyz")])
     for time, row in zip(times.tolist(), positions.reshape(len(positions), -1).tolist(), strict=True):

@@ -1,4 +1,4 @@
-"""What the formats of markers share: labels, units, text, cells that may be empty, and gaps."""
+"""What the formats of markers share: labels, units, text, empty cells, and gaps."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import shown
-from clothfit.formats.animation import Animation
+from clothfit.formats.animation import Animation, increasing
 from clothfit.formats.axes import Axes
 from clothfit.formats.files import check_room, content
 
@@ -26,21 +26,21 @@ METRES_PER_UNIT = {
 """m per unit, by its name in lower case."""
 
 WRITTEN = {1.0: "m", 0.01: "cm", 0.001: "mm"}
-"""Units that files are written in, by m per unit."""
+"""The units for writing, by m per unit."""
 
 EMPTY = ("", "nan", "na", "n/a", "null", "none", "-")
-"""Cells of a table, in lower case, that stand for a gap."""
+"""Cells of a table, in lower case, that mean a gap."""
 
 LONGEST_LABEL = 60
 """Characters of a label."""
 
 TABLE_COPIES = 12
-"""Memory that reading a table takes, as a multiple of its size: a cell may be one comma, a number is 8 bytes."""
+"""Memory that reading a table takes, as a multiple of its size: a cell may be one comma, a number has 8 bytes."""
 
 
 def text_of(path: str | os.PathLike[str]) -> str:
-    """A text file, in UTF-8, in UTF-16 where it begins so, or else as older programs write it, with line ends
-    of any kind. Raises InvalidMotion.
+    """The text of a file in UTF-8, in UTF-16 with a byte order mark, or else in Latin-1; line ends become newlines.
+    Raises InvalidMotion.
     """
     data = content(path)
     check_room(TABLE_COPIES * len(data), path)
@@ -58,13 +58,13 @@ def _decoded(data: bytes) -> str:
 
 
 def label(text: str) -> str:
-    """The name of a marker for messages and other files: one line of it, with nothing that a terminal acts upon."""
+    """The name of a marker for messages and other files: one line, with ? for what a terminal would act upon."""
     plain = "".join(each if each.isprintable() else "?" for each in text.strip())
     return plain if len(plain) <= LONGEST_LABEL else f"{plain[: LONGEST_LABEL - 1]}…"
 
 
 def labels_of(animation: Animation) -> list[str]:
-    """The names of its points; `v0`, `v1`, … where it has none."""
+    """The names of the points; `v0`, `v1`, … where there are none."""
     if animation.names is None:
         return [f"v{point}" for point in range(animation.positions.shape[1])]
     return [label(name) for name in animation.names]
@@ -74,7 +74,7 @@ def number(cell: str, place: str) -> float:
     """A cell of a table, NaN where it is empty. Raises InvalidMotion, naming the place."""
     try:
         value = float(cell)
-        if math.isfinite(value) and "_" not in cell:  # which Python allows within numbers
+        if math.isfinite(value) and "_" not in cell:  # Python allows it within numbers
             return value
     except ValueError:
         pass
@@ -83,15 +83,15 @@ def number(cell: str, place: str) -> float:
     raise InvalidMotion(f"{place}: {shown(cell)} is not a number")
 
 
-def seen_by(
+def marker_animation(
     positions: Array, axes: Axes, times: Array | None, names: Sequence[str], notes: Sequence[str], name: str
 ) -> Animation:
-    """An animation of markers from positions (frames, markers, 3), NaN in any coordinate of a gap. Raises
-    InvalidMotion where there are none, or the times do not increase.
+    """An animation from positions (frames, markers, 3), where any NaN makes a gap. Raises InvalidMotion where there are
+    no positions, or the times do not increase.
     """
     if not positions.size:
         raise InvalidMotion(f"{name}: there are no markers in it")
-    if times is not None and not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
+    if times is not None and not increasing(times):
         where = f"{name}: times"
         raise InvalidMotion(f"{where}: must be finite and increasing")
     observed: Flags = np.asarray(np.isfinite(positions).all(axis=2))
@@ -100,8 +100,17 @@ def seen_by(
     return Animation(positions, axes, times, None, observed if gaps else None, tuple(map(label, names)), tuple(notes))
 
 
+def scale_of(unit: str, notes: list[str], default: str = "mm") -> float:
+    """m per unit, by the name that a file gives; where that is missing or unknown, `default` and a note on it."""
+    if unit.lower() in METRES_PER_UNIT:
+        return METRES_PER_UNIT[unit.lower()]
+    strange = f"its unit is {shown(unit)}, taken for {default}"
+    notes.append(strange if unit else f"it does not name its unit, so it is {default}")
+    return METRES_PER_UNIT[default]
+
+
 def unit_of(axes: Axes) -> tuple[str, float]:
-    """The unit to write in, by its name, and what positions are multiplied by for it: metres where it has no name."""
+    """The name of the unit to write in, and the factor for positions: metres for a unit without a name."""
     for scale, name in WRITTEN.items():
         if math.isclose(axes.scale, scale, rel_tol=1e-12):
             return name, 1.0

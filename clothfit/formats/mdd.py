@@ -9,39 +9,34 @@ from __future__ import annotations
 
 import os
 import struct
-from functools import partial
 
 import numpy as np
 
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.writing import Data
-from clothfit.formats.animation import Animation
+from clothfit.formats import point_cache
+from clothfit.formats.animation import Animation, increasing
 from clothfit.formats.axes import RIGHT
-from clothfit.formats.point_cache import opened, put
 
 MDD_HEADER = struct.Struct(">ii")
 MDD_FLOAT = ">f4"
 
 
 def read(path: str | os.PathLike[str]) -> Animation:
-    """A point cache; without times where all of them are 0. Raises InvalidMotion."""
-    with opened(path) as cache:
-        data = cache.file.read(MDD_HEADER.size)
-        if len(data) < MDD_HEADER.size:
-            raise InvalidMotion(f"{cache.name}: ends within its header; is it complete?")
-        frames, points = MDD_HEADER.unpack(data)
-        cache.check(frames, points, MDD_HEADER.size, 4)
-        times = cache.numbers(frames, MDD_FLOAT)
-        if frames > 1 and not times.any():  # some programs leave them
-            return Animation(cache.positions(frames, points, MDD_FLOAT), RIGHT)
-        if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
+    """A point cache; it has no times where all of them are 0. Raises InvalidMotion."""
+    with point_cache.opened(path, MDD_FLOAT) as cache:
+        frames, points = cache.header(MDD_HEADER)
+        cache.check(frames, points, 4)
+        times = cache.numbers(frames)
+        known = frames == 1 or times.any()  # some programs leave them 0
+        if known and not increasing(times):
             raise InvalidMotion(f"{cache.name}: its times are not finite and increasing")
-        return Animation(cache.positions(frames, points, MDD_FLOAT), RIGHT, times)
+        return Animation(cache.positions(frames, points), RIGHT, times if known else None)
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
-    """The file of a point cache; with times of 0 where there are none."""
+    """The file of a point cache; its times are 0 where there are none."""
     frames, points, _ = animation.positions.shape
     times = np.zeros(frames) if animation.times is None else animation.times
     header = MDD_HEADER.pack(frames, points) + times.astype(MDD_FLOAT).tobytes()
-    return {os.fspath(path): partial(put, header=header, positions=animation.positions, dtype=MDD_FLOAT)}
+    return point_cache.encoded(path, header, animation.positions, MDD_FLOAT)

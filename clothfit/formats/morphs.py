@@ -2,9 +2,10 @@
 
 The displacements D (frames, 3 n) are projected on the K leading eigenvectors U of their Gram matrix D Dᵀ, the left
 singular vectors of D (Eckart and Young, Psychometrika 1, 1936): w = U_K, d = U_Kᵀ D, the best that K shapes can do in
-the mean square. Of more frames than coordinates it is V of Dᵀ D: w = D V_K, d = V_Kᵀ. K is the smallest by which no
-vertex of any frame is further away than a tolerance, with all numbers rounded as they are stored, to float32. The Gram
-matrix loses half of the digits, but only in the choice of the space: with all vectors the projection is exact.
+the mean square. With more frames than coordinates, the eigenvectors V of Dᵀ D take their place: w = D V_K, d = V_Kᵀ.
+K is the smallest number that keeps every vertex of every frame within a tolerance, with all numbers rounded to float32
+as they are stored. The Gram matrix loses half of the digits, but only in the choice of the space: with all vectors the
+projection is exact.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from clothfit.base.arrays import Array
 Singles = NDArray[np.float32]
 
 NUMBERS_AT_ONCE = 4_000_000
-"""Numbers that are compared at a time."""
+"""Numbers to compare at a time."""
 
 
 class Morphs(NamedTuple):
@@ -32,8 +33,8 @@ class Morphs(NamedTuple):
 
 
 def reduced(positions: Array, tolerance: float) -> Morphs:
-    """The fewest shapes for positions (frames, n, 3), none of them NaN. Where even all of them do not come as close as
-    the tolerance, because of the rounding, all are taken.
+    """The fewest shapes for positions (frames, n, 3) without NaN: all of them where, because of the rounding, even all
+    do not come within the tolerance.
     """
     frames, count = positions.shape[:2]
     base = positions[0].astype(np.float32)
@@ -59,7 +60,7 @@ def reduced(positions: Array, tolerance: float) -> Morphs:
 
 
 def _error(positions: Array, morphs: Morphs) -> float:
-    """The largest distance between positions and what the shapes give."""
+    """The largest distance between the positions and those of the shapes."""
     targets = morphs.targets.reshape(len(morphs.targets), -1).astype(np.float64)
     step = max(NUMBERS_AT_ONCE // max(targets.shape[1], 1), 1)
     worst = 0.0

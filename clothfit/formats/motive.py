@@ -1,8 +1,8 @@
 """Markers in the CSV files that OptiTrack's Motive exports.
 
-The first line has facts, name and value in turn, among them the unit and the rate. Before the table stand lines that
-say of each column what it is of (`Marker`, `Rigid Body`, …), its name, its identity, and whether it is a position or a
-rotation; then Frame, Time (Seconds), X, Y, Z, …. y is up and it is right-handed. Markers are read, bodies are not.
+The first line has facts, name and value in turn, among them the unit and the rate. The lines above the table give each
+column's kind (`Marker`, `Rigid Body`, …), its name, its identity, and whether it is a position or a rotation; then come
+Frame, Time (Seconds), X, Y, Z, …. y is up and the axes are right-handed. Only markers are read.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ import numpy as np
 from clothfit.base.errors import InvalidMotion
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import Axes
-from clothfit.formats.markers import METRES_PER_UNIT, number, seen_by
+from clothfit.formats.markers import marker_animation, number, scale_of
 
 FIRST_CELL = "Format Version"
 
 OURS = ("marker", "unlabeled marker")
-"""Kinds of columns that are read."""
+"""The kinds of columns to read."""
 
 
 def parsed(text: str, name: str) -> Animation:
@@ -47,13 +47,10 @@ def parsed(text: str, name: str) -> Animation:
     except csv.Error as error:
         raise InvalidMotion(f"{name}: it is not a table of cells ({error})") from None
     table = np.frombuffer(values, np.float64).reshape(rows, 1 + 3 * len(triples)).copy()
-    told = dict(zip(facts[::2], facts[1::2], strict=False))
-    unit, notes = told.get("Length Units", "").lower(), []
-    if unit not in METRES_PER_UNIT:
-        unit = "m"
-        notes.append("it does not tell its unit, so it is m")
-    positions, axes = table[:, 1:].reshape(rows, len(triples), 3), Axes("y", "right", METRES_PER_UNIT[unit])
-    return seen_by(positions, axes, table[:, 0], list(triples), notes, name)
+    notes: list[str] = []
+    unit = dict(zip(facts[::2], facts[1::2], strict=False)).get("Length Units", "")
+    axes = Axes("y", "right", scale_of(unit, notes, "m"))
+    return marker_animation(table[:, 1:].reshape(rows, len(triples), 3), axes, table[:, 0], list(triples), notes, name)
 
 
 def _triples(above: list[list[str]]) -> dict[str, int]:

@@ -1,10 +1,9 @@
 """OBJ files, and sequences of them: a file for each frame, `name_0000.obj`, `name_0001.obj`, …, as `name_*.obj`.
 
-Of a file the lines `v x y z` and `f a b c …` are read, the corners as `v`, `v/vt`, `v//vn` or `v/vt/vn`, counted from 1
-or backwards from the last vertex before the line; whatever else stands in it is passed over. Vertices keep the order of
-the file, through all its objects and groups; polygons become fans of triangles. OBJ knows neither axes nor unit nor
-time: y up, right-handed and metres are what most programs write. Numbers are written in full, so that float64 comes
-back as it was.
+The reader takes the lines `v x y z` and `f a b c …`, with corners as `v`, `v/vt`, `v//vn` or `v/vt/vn`, counted from 1
+or backwards from the last vertex before the line, and skips the rest. Vertices keep the order of the file, through all
+its objects and groups; polygons become fans of triangles. OBJ has neither axes nor unit nor time: y up, right-handed
+and metres are what most programs write. Numbers are written in full, so that float64 survives unchanged.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from __future__ import annotations
 import os
 import re
 from array import array
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 from itertools import chain, pairwise
 from typing import IO
@@ -27,10 +26,10 @@ from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import POSITION_COPIES, check_room, content, name_of
 
 ANY = "*"
-"""Stands for the frames' numbers in the name of a sequence."""
+"""The place of the frame number in the name of a sequence."""
 
 DIGITS = 4
-"""Of the frames' numbers, at least."""
+"""The fewest digits of a frame number."""
 
 # Possessive quantifiers: no line, however long, is searched more than once.
 VERTEX = re.compile(rb"^[ \t]*+v[ \t]++(\S++)[ \t]++(\S++)[ \t]++(\S++)", re.MULTILINE)
@@ -38,8 +37,8 @@ VERTEX_LINE = re.compile(rb"^[ \t]*+v(?=[ \t\n]|\Z)", re.MULTILINE)
 FACE_LINE = re.compile(rb"^[ \t]*+f(?=[ \t\n]|\Z)([^\n]*+)", re.MULTILINE)
 
 OBJ_COPIES = 10
-"""Memory that reading a file takes at most, as a multiple of its size: the text, thrice, and three numbers in 8 bytes
-of `v 0 0 0` or a triangle in 2 of `f 1 1 1 1 1 …`.
+"""Memory that reading a file takes at most, as a multiple of its size: three copies of the text, and three numbers from
+the 8 bytes of `v 0 0 0`, or a triangle from 2 bytes of `f 1 1 1 1 1 …`.
 """
 
 LONGEST_FACE = 1_000_000
@@ -47,15 +46,12 @@ LONGEST_FACE = 1_000_000
 
 
 def read(path: str | os.PathLike[str]) -> Animation:
-    """A file, as an animation of one frame, or a sequence, whose frames have the faces of the first.
-
-    Raises InvalidMotion.
-    """
+    """A file, as an animation of one frame, or a sequence, with the faces of its first frame. Raises InvalidMotion."""
     return read_frames(frames_of(path), path)
 
 
 def read_frames(paths: Sequence[str], path: str | os.PathLike[str]) -> Animation:
-    """The files of a sequence, in their order; `path` is what to call it. Raises InvalidMotion."""
+    """The files of a sequence, in their order; `path` names it in messages. Raises InvalidMotion."""
     first = _Text(paths[0])
     points, triangles = first.points(), first.triangles()
     check_room(POSITION_COPIES * len(paths) * points.nbytes, path)
@@ -82,7 +78,7 @@ def frames_of(path: str | os.PathLike[str]) -> list[str]:
     for number, each in sorted(numbered(text)):
         if number in found:
             twice = f"{name_of(found[number])} and {name_of(each)}"
-            raise InvalidMotion(f"{name_of(text)}: {twice} are both frame {number}; take one away")
+            raise InvalidMotion(f"{name_of(text)}: {twice} are both frame {number}; remove one")
         found[number] = each
     if not found:
         raise InvalidMotion(f"{name_of(text)}: there is no file of that name with a number in place of {ANY}")
@@ -95,9 +91,9 @@ def frames_of(path: str | os.PathLike[str]) -> list[str]:
 
 
 def numbered(path: str) -> list[tuple[int, str]]:
-    """The files whose names have a number in place of the *, with it; others of that beginning and end are not meant.
+    """The files whose names have a number in place of the *, as pairs of number and path.
 
-    Raises InvalidMotion where that cannot be told.
+    Raises InvalidMotion where the name has no such place, or the folder cannot be read.
     """
     folder, name = os.path.split(path)
     if ANY in folder or name.count(ANY) != 1:
@@ -146,7 +142,7 @@ def _faces(triangles: Indices | None) -> bytes:
 
 
 class _Text:
-    """The text of one file. Bytes stand where they stood, so that they lead to the number of their line."""
+    """The text of one file, its bytes at their places, so that a place gives the number of its line."""
 
     def __init__(self, path: str) -> None:
         self.name = name_of(path)
@@ -158,8 +154,9 @@ class _Text:
 
     def points(self) -> Array:
         """Positions (n, 3) of its vertices. Raises InvalidMotion."""
+        coordinates = (match.groups() for match in VERTEX.finditer(self.data))
         try:
-            numbers = np.fromiter(map(float, chain.from_iterable(self._words())), np.float64)
+            numbers = np.fromiter(map(float, chain.from_iterable(coordinates)), np.float64)
         except ValueError:
             numbers = np.full(1, np.nan)
         count = len(VERTEX_LINE.findall(self.data))
@@ -170,7 +167,7 @@ class _Text:
         return numbers.reshape(count, 3)
 
     def faces(self) -> int:
-        """Number of lines with faces, roughly: of those as programs write them."""
+        """Roughly the number of lines with faces: those that begin as programs write them."""
         return self.data.count(b"\nf ")
 
     def triangles(self) -> Indices:
@@ -178,9 +175,8 @@ class _Text:
         starts = np.array([match.start() for match in VERTEX_LINE.finditer(self.data)])
         flat = array("i")
         for face in FACE_LINE.finditer(self.data):
-            words = face[1][:LONGEST_FACE].split(b"#", 1)[0].split()
             before = int(np.searchsorted(starts, face.start())) if b"-" in face[1] else 0
-            corners = [_corner(word, before) for word in words]
+            corners = [_corner(word, before) for word in face[1][:LONGEST_FACE].split(b"#", 1)[0].split()]
             valid = all(0 <= corner < len(starts) for corner in corners)
             if not valid or len(corners) < 3 or len(face[1]) > LONGEST_FACE:
                 place = f"{self.name}: line {self._line(face.start())}"
@@ -189,14 +185,11 @@ class _Text:
                 flat.extend((corners[0], b, c))
         return np.array(flat, np.int32).reshape(-1, 3)
 
-    def _words(self) -> Iterator[Iterable[bytes]]:
-        return (match.groups() for match in VERTEX.finditer(self.data))
-
     def _line(self, at: int) -> int:
         return self.lines.count(b"\n", 0, at) + 1
 
     def _wrong(self) -> int:
-        """The line of the first vertex that is none."""
+        """The line of the first invalid vertex."""
         for begin in VERTEX_LINE.finditer(self.data):
             match = VERTEX.match(self.data, begin.start())
             try:
@@ -209,7 +202,7 @@ class _Text:
 
 
 def _corner(word: bytes, before: int) -> int:
-    """The vertex, from 0, that a corner names; −1 where it names none. `before`: vertices in front of its line."""
+    """The vertex, from 0, that a corner names; −1 where it names none. `before`: vertices above its line."""
     try:
         number = int(word.split(b"/", 1)[0])
     except ValueError:

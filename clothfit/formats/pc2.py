@@ -11,32 +11,28 @@ from __future__ import annotations
 import math
 import os
 import struct
-from functools import partial
 
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.writing import Data
+from clothfit.formats import point_cache
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import RIGHT
-from clothfit.formats.point_cache import opened, put
 
 PC2_MAGIC = b"POINTCACHE2\0"
-PC2_HEADER = struct.Struct("<12siiffi")
+PC2_HEADER = struct.Struct("<iiffi")  # behind the magic bytes
 PC2_FLOAT = "<f4"
 
 
 def read(path: str | os.PathLike[str]) -> Animation:
     """A point cache. Raises InvalidMotion."""
-    with opened(path) as cache:
-        data = cache.file.read(PC2_HEADER.size)
-        if not data.startswith(PC2_MAGIC):
+    with point_cache.opened(path, PC2_FLOAT) as cache:
+        if cache.file.read(len(PC2_MAGIC)) != PC2_MAGIC:
             raise InvalidMotion(f"{cache.name}: does not begin as a PC2 point cache does (POINTCACHE2)")
-        if len(data) < PC2_HEADER.size:
-            raise InvalidMotion(f"{cache.name}: ends within its header; is it complete?")
-        _, version, points, _, spacing, samples = PC2_HEADER.unpack(data)
+        version, points, _, spacing, samples = cache.header(PC2_HEADER)
         if version != 1:
             raise InvalidMotion(f"{cache.name}: is of version {version} of PC2, 1 can be read")
-        cache.check(samples, points, PC2_HEADER.size, 0)
-        positions = cache.positions(samples, points, PC2_FLOAT)
+        cache.check(samples, points)
+        positions = cache.positions(samples, points)
     if math.isfinite(spacing) and spacing > 0 and spacing != 1:
         return Animation(positions, RIGHT, notes=(f"its samples are {spacing:g} frames apart",), spacing=spacing)
     return Animation(positions, RIGHT)
@@ -45,5 +41,5 @@ def read(path: str | os.PathLike[str]) -> Animation:
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
     """The file of a point cache that begins at frame 0, one sample per frame."""
     samples, points, _ = animation.positions.shape
-    header = PC2_HEADER.pack(PC2_MAGIC, 1, points, 0.0, 1.0, samples)
-    return {os.fspath(path): partial(put, header=header, positions=animation.positions, dtype=PC2_FLOAT)}
+    header = PC2_MAGIC + PC2_HEADER.pack(1, points, 0.0, 1.0, samples)
+    return point_cache.encoded(path, header, animation.positions, PC2_FLOAT)

@@ -1,8 +1,8 @@
 """Meshes in .ply: text or binary of either byte order, polygons of any number of corners, which become fans.
 
 A header names elements, how many there are of each and which properties each of them has, in the order in which the
-body gives them: numbers, or lists that begin with their length. What is known here are `vertex` with x, y, z and `face`
-with `vertex_indices` (or `vertex_index`); the rest is passed over. G. Turk, The PLY polygon file format, 1994.
+body gives them: numbers, or lists that begin with their length. The reader uses `vertex` with x, y, z and `face` with
+`vertex_indices` (or `vertex_index`) and skips the rest. G. Turk, The PLY polygon file format, 1994.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from clothfit.base import memory
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
-from clothfit.formats.animation import Animation
+from clothfit.formats.animation import Animation, fans
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import check_room, content, name_of
 
@@ -33,12 +33,12 @@ MOST_HEADER = 1 << 16
 """Bytes of a header."""
 
 PLY_COPIES = 12
-"""Memory that reading a file takes at most, as a multiple of its size: text becomes numbers of 8 bytes, and these
+"""Memory that reading a file takes at most, as a multiple of its size: text becomes numbers of 8 bytes, which become
 triangles.
 """
 
 PROPERTY_BYTES = 500
-"""Bytes that a property of a row takes, roughly, where rows are read one by one."""
+"""Bytes that a property of a row takes, roughly, when rows are read one by one."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Property:
 
 @dataclass(frozen=True)
 class Element:
-    """What the header says of a kind of element."""
+    """One kind of element, as the header declares it."""
 
     name: str
     count: int
@@ -78,8 +78,8 @@ def _header(data: bytes) -> tuple[list[Element], str, int]:
     if not lines or lines[0] != ["ply"] or not begin:
         raise ValueError("it has no header")
     order, elements = None, []
-    for words in lines[1:]:
-        match words:
+    for line in lines[1:]:
+        match line:
             case [] | ["comment" | "obj_info", *_]:
                 pass
             case ["format", kind, _] if kind in ORDERS:
@@ -91,9 +91,9 @@ def _header(data: bytes) -> tuple[list[Element], str, int]:
             case ["property", "list", count, number, name] if elements and {count, number} <= NUMBER_DTYPES.keys():
                 _add(elements, Property(name, NUMBER_DTYPES[number], NUMBER_DTYPES[count]))
             case _:
-                raise ValueError(f"its header has a line that is not understood: {' '.join(words)[:40]!r}")
+                raise ValueError(f"its header has a line that is not understood: {' '.join(line)[:40]!r}")
     if order is None:
-        raise ValueError("its header does not tell the format")
+        raise ValueError("its header does not name the format")
     return elements, order, begin
 
 
@@ -102,9 +102,9 @@ def _add(elements: list[Element], item: Property) -> None:
 
 
 def _body(data: bytes, elements: list[Element], order: str) -> dict[tuple[str, str], Any]:
-    """The columns by names of element and property; of a list (lengths, values)."""
-    least = sum(each.count * sum(_least(item, order) for item in each.properties) for each in elements)
-    if least > len(data) + 1:  # text may end without a space
+    """The columns by names of element and property; for a list a pair (lengths, values)."""
+    least = sum(each.count * sum(_fewest_bytes(item, order) for item in each.properties) for each in elements)
+    if least > len(data) + 1:  # text may lack its last space
         raise ValueError(f"it has {len(data)} bytes where its header asks for {least} or more")
     cursor = _Cursor(data, order)
     found: dict[tuple[str, str], Any] = {}
@@ -116,8 +116,8 @@ def _body(data: bytes, elements: list[Element], order: str) -> dict[tuple[str, s
     return found
 
 
-def _least(item: Property, order: str) -> int:
-    """Bytes of a property, at least: in text a digit and a space."""
+def _fewest_bytes(item: Property, order: str) -> int:
+    """The fewest bytes of a property: in text a digit and a space."""
     return np.dtype(item.count or item.number).itemsize if order else 2
 
 
@@ -129,15 +129,15 @@ class _Cursor:
         self.data = data if order else _numbers(data).tobytes()
 
     def type(self, number: str) -> np.dtype[Any]:
-        """How a number is kept here."""
+        """The type of a number in this body."""
         return np.dtype(self.order + number if self.order else "f8")
 
     def has(self, kind: np.dtype[Any], count: int) -> bool:
-        """Whether so many are left."""
+        """Whether `count` numbers are left."""
         return 0 <= count * kind.itemsize <= len(self.data) - self.at
 
     def take(self, kind: np.dtype[Any], count: int) -> Any:
-        """The next so many. Raises ValueError."""
+        """The next `count` numbers. Raises ValueError."""
         if not self.has(kind, count):
             raise ValueError("it ends early")
         values = np.frombuffer(self.data, kind, count, self.at)
@@ -147,15 +147,15 @@ class _Cursor:
 
 def _numbers(data: bytes) -> Array:
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # NumPy's way to say that a word is no number
+        warnings.simplefilter("error", DeprecationWarning)  # NumPy's way to say that a word is not a number
         try:
             return np.fromstring(data, sep=" ")
-        except (DeprecationWarning, ValueError):  # which, depends on the version of NumPy
-            raise ValueError("a word in it is no number") from None
+        except (DeprecationWarning, ValueError):  # which of them depends on the version of NumPy
+            raise ValueError("a word in it is not a number") from None
 
 
 def _uniform(cursor: _Cursor, each: Element) -> dict[str, Any] | None:
-    """The columns where all lists of a property are as long as its first; None where they are not."""
+    """The columns, if all lists of a property are as long as its first; else None."""
     begin, fields = cursor.at, []
     for item in each.properties:
         length = 1
@@ -180,7 +180,7 @@ def _uniform(cursor: _Cursor, each: Element) -> dict[str, Any] | None:
 
 
 def _walked(cursor: _Cursor, each: Element) -> dict[str, Any]:
-    """The same, row by row."""
+    """The columns, read row by row."""
     if memory.missing(PROPERTY_BYTES * each.count * len(each.properties)) is not None:
         raise ValueError("so many lists of different lengths take more memory than is free")
     columns: dict[str, list[Any]] = {item.name: [] for item in each.properties}
@@ -204,21 +204,9 @@ def _animation(content: dict[tuple[str, str], Any]) -> Animation:
     if faces is None:
         return Animation(positions[None], RIGHT)
     if not isinstance(faces, tuple):
-        raise ValueError("its faces are no lists of vertices")
+        raise ValueError("its faces are not lists of vertices")
     lengths, corners = faces
-    triangles = _fans(lengths, corners, len(positions))
-    return Animation(positions[None], RIGHT, triangles=triangles)
-
-
-def _fans(lengths: Indices, corners: Any, n: int) -> Indices:
-    """Triangles (T, 3) of polygons, given by their lengths and all their corners: from the first corner of each."""
-    whole = np.asarray(corners)
-    wrong = np.flatnonzero(~((whole >= 0) & (whole < n) & (whole == np.floor(whole))))
+    wrong = np.flatnonzero(~((corners >= 0) & (corners < len(positions)) & (corners == np.floor(corners))))
     if len(wrong):
-        raise ValueError(f"a face names vertex {whole[wrong[0]]:g}; there are {n}")
-    starts = np.cumsum(lengths) - lengths
-    count = np.maximum(lengths - 2, 0)
-    first = np.repeat(starts, count)
-    step = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    found: Indices = whole.astype(np.int32)[np.stack([first, first + step + 1, first + step + 2], axis=-1)]
-    return found
+        raise ValueError(f"a face names vertex {corners[wrong[0]]:g}; there are {len(positions)}")
+    return Animation(positions[None], RIGHT, triangles=fans(lengths, corners.astype(np.int32)))

@@ -1,12 +1,12 @@
-"""The formats of motion files that there are, by their suffix.
+"""The formats of motion files, by their suffix.
 
-A module of a format has
+The module of a format has
 
     read(path) -> Animation                      raises InvalidMotion, naming the file and what is wrong with it
-    encoded(path, animation) -> {path: data}     the files to write, in the axes the animation has; of a sequence many
+    encoded(path, animation) -> {path: data}     the files to write, in the animation's axes; for a sequence many
 
-and loads its library when one of them is called. The numbers in a file are foreign: what it says of sizes is judged
-by how long it is before memory is taken, and whatever a library raises becomes an InvalidMotion.
+and loads its library only when one of them is called. A file may come from anybody: a reader compares the sizes that it
+claims with its length before taking memory, and turns whatever a library raises into an InvalidMotion.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from clothfit.formats.axes import RIGHT, Axes
 class Format(NamedTuple):
     """A format of files that hold motions."""
 
-    name: str  # as people call it
+    name: str  # in messages
     suffixes: tuple[str, ...]  # in lower case
     module: str  # in this package
-    axes: Axes  # where the file does not tell
+    axes: Axes  # where the file does not name them
     writes: bool = True  # whether it can be written
-    times: bool = True  # whether it tells when its frames are
+    times: bool = True  # whether it has the times of its frames
     markers: bool = False  # whether it holds markers, which need not be all vertices and may have gaps
-    faces: bool = True  # whether it has a place for them
+    faces: bool = True  # whether it can hold faces
     extra: str | None = None  # the optional extra of this package that installs what it needs
     library: str | None = None  # which library that is
 
@@ -45,10 +45,7 @@ FORMATS = (
     Format("TRC markers", (".trc",), "trc", Axes("y", "right", 0.001), markers=True, faces=False),
     Format("CSV markers", (".csv",), "marker_table", RIGHT, markers=True, faces=False),
 )
-"""Besides `.npz` and `.npy`, which are this program's own (`motion`), in the scene's axes.
-
-Point caches know neither axes nor unit: they move the vertices of a mesh that is kept in another file, mostly OBJ.
-"""
+"""The formats of other programs. This program's own, `.npz` and `.npy`, are in `motion`, in the scene's axes."""
 
 NATIVE = (".npz", ".npy")
 
@@ -58,12 +55,12 @@ def format_of(path: str | os.PathLike[str]) -> Format | None:
     found = foreign(path)
     if found is None and suffix_of(path) not in NATIVE:
         known = ", ".join([NATIVE[0], *(suffix for each in FORMATS for suffix in each.suffixes)])
-        raise InvalidInput(f"{os.fspath(path)}: motions are not kept in files of that suffix; known are {known}")
+        raise InvalidInput(f"{os.fspath(path)}: no motion format has that suffix; known are {known}")
     return found
 
 
 def foreign(path: object) -> Format | None:
-    """The format of another program's file by its suffix; None for all else, in which this program's may be."""
+    """The format of another program's file by its suffix; None for any other suffix or object."""
     suffix = suffix_of(path) if isinstance(path, (str, os.PathLike)) else ""
     return next((each for each in FORMATS if suffix in each.suffixes), None)
 
@@ -74,7 +71,7 @@ def suffix_of(path: str | os.PathLike[str]) -> str:
 
 
 def module_of(found: Format) -> Any:
-    """The module that reads and writes a format. Raises InvalidInput when its library is not there."""
+    """The module that reads and writes a format. Raises InvalidInput when its library is not installed."""
     if found.library is not None:
         try:
             import_module(found.library)

@@ -1,4 +1,4 @@
-"""A table of text, as CSV files have it, whatever separates its cells."""
+"""A table of text, as in CSV files: cells between commas, semicolons or tabs, and axes and unit in comments."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from clothfit.base.messages import shown
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import HANDS, UPS, Axes
 from clothfit.formats.files import check_room
-from clothfit.formats.markers import METRES_PER_UNIT, number, seen_by
+from clothfit.formats.markers import METRES_PER_UNIT, marker_animation, number
 
 UNIT_NAMES = ("m", "cm", "mm", "in", "ft")
-"""Units, as messages name them."""
+"""The units that messages list."""
 
 LEAP = 10_000
-"""Frames that may be missing at a place: more is a slip of the pen, and would fill the memory with gaps."""
+"""More frames missing in a row than this are a slip of the pen, and would fill the memory with gaps."""
 
 COMMENT = re.compile(r"#\s*(unit|up|handedness|rate)s?\s*[:=]\s*(\S+)\s*", re.IGNORECASE)
 
 
 class Table(NamedTuple):
-    """A table of which the line of names is read."""
+    """A table whose line of names has been read."""
 
     name: str  # of the file
     header: list[str]
-    rows: Iterator[tuple[int, list[str]]]  # line number and cells, as many as names at least
+    rows: Iterator[tuple[int, list[str]]]  # line number, and at least as many cells as names
     decimal_comma: bool
-    told: dict[str, str]  # what comments say
+    comments: dict[str, str]  # unit, up, handedness and rate, as far as given
 
     def number(self, cell: str, line: int) -> float:
         """A cell as a number, NaN for a gap. Raises InvalidMotion."""
@@ -43,18 +43,18 @@ class Table(NamedTuple):
         return number(text, f"{self.name}: line {line}")
 
     def column(self, names: Sequence[str]) -> int | None:
-        """The column of one of those names, in lower case, whatever its unit; None when there is none."""
+        """The first column with one of the names (in lower case), whatever its unit; None when there is none."""
         plain = [re.sub(r"[(\[].*", "", each).strip().lower() for each in self.header]
         return next((i for i, each in enumerate(plain) if each in names), None)
 
 
 def table_of(text: str, name: str) -> Table:
-    """Find the line of names, and what separates cells. Raises InvalidMotion, also while the rows are read."""
-    stream, told, before, line = io.StringIO(text), {}, 0, ""
+    """Find the line of names and the separator of cells. Raises InvalidMotion, also while the rows are read."""
+    stream, comments, before, line = io.StringIO(text), {}, 0, ""
     for line in stream:
         before += 1
         if match := COMMENT.fullmatch(line.strip()):
-            told[match[1].lower()] = match[2].lower()
+            comments[match[1].lower()] = match[2].lower()
         if line.strip() and not line.startswith("#"):
             break
     separator = next((each for each in "\t;" if each in line), ",")
@@ -64,7 +64,7 @@ def table_of(text: str, name: str) -> Table:
         raise InvalidMotion(f"{name}: it is not a table of cells ({error})") from None
     while header and not header[-1]:
         header.pop()
-    return Table(name, header, _rows(stream, separator, before, len(header), name), separator != ",", told)
+    return Table(name, header, _rows(stream, separator, before, len(header), name), separator != ",", comments)
 
 
 def _rows(stream: io.StringIO, separator: str, before: int, width: int, name: str) -> Iterator[tuple[int, list[str]]]:
@@ -89,26 +89,26 @@ def animation_of(
     names: Sequence[str],
     unit: str | None = None,
 ) -> Animation:
-    """The animation of a table: positions (rows, markers, 3) at times, s, or at numbers of frames, or one after the
-    other; `unit` is what the names of its columns say. Raises InvalidMotion.
+    """The animation of a table: positions (rows, markers, 3) at times, s, or at frame numbers, or one after the other;
+    `unit` is the one in the names of its columns. Raises InvalidMotion.
     """
     notes: list[str] = []
     if times is None and frames is not None:
         positions = _in_place(table, frames, positions)
-    if times is None and "rate" in table.told:
-        rate = number(table.told["rate"], f"{table.name}: rate")
+    if times is None and "rate" in table.comments:
+        rate = number(table.comments["rate"], f"{table.name}: rate")
         if not rate > 0:
             where = f"{table.name}: rate"
             raise InvalidMotion(f"{where} must be above 0 and finite; {rate:g} was given")
         times = np.arange(len(positions)) / rate
-    return seen_by(positions, _axes(table, unit, notes), times, names, notes, table.name)
+    return marker_animation(positions, _axes(table, unit, notes), times, names, notes, table.name)
 
 
 def _in_place(table: Table, frames: Array, positions: Array) -> Array:
-    """Rows at the places that their numbers of frames say; frames that are not there are gaps."""
+    """The rows at the places of their frame numbers; missing frames are gaps."""
     steps = np.diff(frames)
     if not (np.isfinite(frames).all() and (frames == np.round(frames)).all() and ((steps > 0) & (steps < LEAP)).all()):
-        raise InvalidMotion(f"{table.name}: the numbers of frames must be whole and increasing, by less than {LEAP}")
+        raise InvalidMotion(f"{table.name}: frame numbers must be whole and increasing, by less than {LEAP}")
     if not len(frames):
         return positions
     count = frames[-1] - frames[0] + 1
@@ -120,16 +120,14 @@ def _in_place(table: Table, frames: Array, positions: Array) -> Array:
 
 
 def _axes(table: Table, unit: str | None, notes: list[str]) -> Axes:
-    """Axes and unit by the comments, or the unit by the names of the columns; else metres, y up, right-handed."""
-    told = dict(table.told)
-    if unit is not None:
-        told.setdefault("unit", unit)
+    """Axes and unit from the comments, or the unit from the names of the columns; else metres, y up, right-handed."""
+    given = ({} if unit is None else {"unit": unit}) | table.comments
     choices = {"unit": ("m", UNIT_NAMES), "up": ("y", UPS), "handedness": ("right", HANDS)}
-    missing = ", ".join(f"{key} {default}" for key, (default, _) in choices.items() if key not in told)
+    missing = ", ".join(f"{key} {default}" for key, (default, _) in choices.items() if key not in given)
     if missing:
-        notes.append(f"what it does not tell is taken for {missing}")
+        notes.append(f"it does not say, so these are assumed: {missing}")
     for key, (default, known) in choices.items():
-        if told.get(key, default) not in (*known, *(METRES_PER_UNIT if key == "unit" else ())):
+        if given.get(key, default) not in (*known, *(METRES_PER_UNIT if key == "unit" else ())):
             where = f"{table.name}: {key}"
-            raise InvalidMotion(f"{where}: {shown(told[key])} is not one of {', '.join(known)}")
-    return Axes(told.get("up", "y"), told.get("handedness", "right"), METRES_PER_UNIT[told.get("unit", "m")])
+            raise InvalidMotion(f"{where}: {shown(given[key])} is not one of {', '.join(known)}")
+    return Axes(given.get("up", "y"), given.get("handedness", "right"), METRES_PER_UNIT[given.get("unit", "m")])

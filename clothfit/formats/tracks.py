@@ -1,4 +1,4 @@
-"""Values over time between keys, as glTF has them: steps, straight lines, and cubic splines with given tangents.
+"""Values over time between keys, as in glTF: steps, straight lines, and cubic splines with given tangents.
 
 glTF 2.0 specification, appendix C. Rotations are unit quaternions (x, y, z, w), on great arcs between their keys.
 """
@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array
 
 NEARLY_PARALLEL = 0.9995
-"""Cosine of the angle between two quaternions from which on the arc is taken for straight: the sine is near 0."""
+"""Two quaternions whose angle has a larger cosine are joined by a straight line, as the sine is near 0."""
 
 
 class Track(NamedTuple):
-    """Keys of something that is animated."""
+    """The keys of an animated quantity."""
 
     times: Array  # (keys,), s, increasing
     values: Array  # (keys, width); of splines (keys, 3, width): tangent before, value, tangent after
     kind: str  # STEP, LINEAR or CUBICSPLINE
 
     def at(self, times: Array, rotation: bool = False) -> Array:
-        """Values (len(times), width); before the first key and after the last those of the key."""
+        """Values (len(times), width); constant before the first key and after the last."""
         last = len(self.times) - 1
         index = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, last)
         after = np.minimum(index + 1, last)
@@ -47,7 +47,7 @@ class Track(NamedTuple):
 
 
 def _arc(a: Array, b: Array, u: Array) -> Array:
-    """Between two rotations the shorter way: −b is the same rotation as b."""
+    """The rotation between two others, along the shorter way: −b is the same rotation as b."""
     cosine = np.sum(a * b, axis=-1, keepdims=True)
     b, cosine = np.where(cosine < 0, -b, b), np.clip(np.abs(cosine), 0.0, 1.0)
     angle = np.arccos(np.minimum(cosine, NEARLY_PARALLEL))

@@ -1,9 +1,9 @@
-"""Markers in TRC files, text as Motion Analysis and OpenSim have it.
+"""Markers in TRC files, the text format of Motion Analysis and OpenSim.
 
-Cells stand between tabs: a line with the file's type, one with the names of its facts (rate, unit, counts), one with
-the facts, one with the markers' names, one with X1 Y1 Z1 …, mostly an empty one, and then a line for each frame: its
-number, its time in s, and the coordinates, which are empty where a marker was not seen. y is up and it is right-handed,
-as OpenSim has it; the unit is in the facts. Numbers are written in full.
+Tabs separate the cells. The lines are: the file's type, the names of its facts (rate, unit, counts), the facts, the
+markers' names, X1 Y1 Z1 …, mostly an empty one, and then one for each frame: its number, its time in s, and the
+coordinates, which are empty where a marker was not seen. y is up and the axes are right-handed, as in OpenSim; the unit
+is among the facts. Numbers are written in full.
 """
 
 from __future__ import annotations
@@ -15,13 +15,12 @@ from array import array
 import numpy as np
 
 from clothfit.base.errors import InvalidMotion
-from clothfit.base.messages import shown
 from clothfit.base.writing import Data
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import Axes
-from clothfit.formats.demands import rate_of, seen, times_of
+from clothfit.formats.demands import rate_of, times_of, with_gaps
 from clothfit.formats.files import name_of
-from clothfit.formats.markers import METRES_PER_UNIT, labels_of, number, seen_by, text_of, unit_of
+from clothfit.formats.markers import labels_of, marker_animation, number, scale_of, text_of, unit_of
 
 FILE_TYPE = "PathFileType"
 FACTS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame",
@@ -29,7 +28,7 @@ FACTS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigData
 
 
 def read(path: str | os.PathLike[str]) -> Animation:
-    """The markers of a file; those that were not seen are NaN. Raises InvalidMotion, with the line."""
+    """The markers of a file, NaN where they were not seen. Raises InvalidMotion, with the line."""
     name, lines = name_of(path), io.StringIO(text_of(path))
     head = [next(lines, "").rstrip("\r\n").split("\t") for _ in range(5)]
     if not head[0][0].strip().startswith(FILE_TYPE) or len(head[3]) < 3:
@@ -52,25 +51,18 @@ def read(path: str | os.PathLike[str]) -> Animation:
         frames += 1
     table = np.frombuffer(values, np.float64).reshape(frames, width - 1)
     promised = number(facts.get("numframes", ""), f"{name}: line 3")
-    if frames < promised:  # never, where it is not told, which is NaN
+    if frames < promised:  # never true for NaN, where the file promises nothing
         raise InvalidMotion(f"{name}: it ends early: {promised:.0f} frames are promised, {frames} are there")
     notes: list[str] = []
-    axes = Axes("y", "right", _scale(facts.get("units", ""), notes))
-    return seen_by(table[:, 1:].reshape(frames, len(names), 3).copy(), axes, table[:, 0].copy(), names, notes, name)
-
-
-def _scale(unit: str, notes: list[str]) -> float:
-    """m per unit."""
-    if unit.lower() in METRES_PER_UNIT:
-        return METRES_PER_UNIT[unit.lower()]
-    notes.append(f"its unit is {shown(unit)}, taken for mm" if unit else "it does not tell its unit, so it is mm")
-    return METRES_PER_UNIT["mm"]
+    axes = Axes("y", "right", scale_of(facts.get("units", ""), notes))
+    positions = table[:, 1:].reshape(frames, len(names), 3).copy()
+    return marker_animation(positions, axes, table[:, 0].copy(), names, notes, name)
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:
-    """The file; of frames that are not at an even rate the mean rate is told, and each has its time."""
+    """The file. Each frame has its time; the rate is the mean where it is not even."""
     unit, factor = unit_of(animation.axes)
-    positions, times, names = factor * seen(animation), times_of(animation), labels_of(animation)
+    positions, times, names = factor * with_gaps(animation), times_of(animation), labels_of(animation)
     frames = len(positions)
     rate = rate_of(animation) or (frames - 1) / float(times[-1] - times[0])
     facts = (repr(rate), repr(rate), frames, len(names), unit, repr(rate), 1, frames)

@@ -1,9 +1,9 @@
 """Motions in USD files (.usd, .usda, .usdc): a mesh whose points have samples over time.
 
-The file tells its up axis, its unit (metersPerUnit) and how many time codes make a second; it is right-handed. Points
-are float32, as USD has them. Of several meshes those with animated points are read, one after the other by their paths;
-transforms are applied, polygons become fans of triangles. References to other files are not followed. Files are read
-by another process (`usd_reader`, which says why), from a copy that nobody changes.
+The file names its up axis, its unit (metersPerUnit) and how many time codes make a second; it is right-handed. USD
+stores points as float32. Of several meshes the reader takes those with animated points, in the order of their paths; it
+applies transforms, makes fans of triangles from polygons, and follows no references to other files. Another process
+reads the file (`usd_reader` says why), from a copy that nobody changes.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from clothfit.formats.files import content, name_of
 READER = "clothfit.formats.usd_reader"
 
 ALONE = {"PXR_WORK_THREAD_LIMIT": "1", "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
-"""Environment of the process: threads, and what each reserves, would count against its memory."""
+"""Environment of that process: threads, and what each reserves, would count against its memory."""
 
 SHORTEST_TIMEOUT, READ_SPEED = 60.0, 1e6
-"""Seconds that reading may take at least, and bytes per second beyond; it takes a hundredth of that."""
+"""Reading may take this many seconds, and one more for so many bytes; it needs a hundredth of that."""
 
 CODES_PER_SECOND = 24.0
 """Time codes per second where frames are not at an even rate; a code may be any number."""
@@ -42,16 +42,16 @@ PATH = "/cloth"
 def read(path: str | os.PathLike[str]) -> Animation:
     """The animated mesh of a file, one frame when nothing moves. Raises InvalidMotion."""
     name, data = name_of(path), content(path)
-    with tempfile.TemporaryDirectory(prefix="clothfit-") as folder:  # where the library's crash reports go as well
+    with tempfile.TemporaryDirectory(prefix="clothfit-") as folder:  # the library's crash reports go there as well
         copy = os.path.join(folder, "motion" + os.path.splitext(os.fspath(path))[1].lower())
         with open(copy, "wb") as file:
             file.write(data)
         arrays = os.path.join(folder, "arrays.npz")
         command = [sys.executable, "-P", "-m", READER, copy, arrays, name]
         around = {**os.environ, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)), "TMPDIR": folder}
-        code, told = _run(command, {**around, **ALONE}, SHORTEST_TIMEOUT + len(data) / READ_SPEED)
-        if code == 3 and told:
-            raise InvalidMotion(json.loads(told))
+        code, reason = _run(command, {**around, **ALONE}, SHORTEST_TIMEOUT + len(data) / READ_SPEED)
+        if code == 3 and reason:
+            raise InvalidMotion(json.loads(reason))
         if code:
             raise InvalidMotion(f"{name}: the USD library cannot read it; it is damaged, or of another format")
         with np.load(arrays, allow_pickle=False) as loaded:
@@ -59,7 +59,7 @@ def read(path: str | os.PathLike[str]) -> Animation:
 
 
 def _run(command: list[str], around: dict[str, str], seconds: float) -> tuple[int, bytes]:
-    """How a process ends, and its standard output; -1 where it had to be ended."""
+    """The exit code of a process and its standard output; −1 when it took too long."""
     try:
         done = subprocess.run(command, env=around, stdin=subprocess.DEVNULL, capture_output=True, timeout=seconds)
     except subprocess.TimeoutExpired:
@@ -68,7 +68,7 @@ def _run(command: list[str], around: dict[str, str], seconds: float) -> tuple[in
 
 
 def _animation(arrays: dict[str, Any]) -> Animation:
-    up, handedness, scale, *notes = json.loads(str(arrays["told"]))
+    up, handedness, scale, *notes = json.loads(str(arrays["axes_and_notes"]))
     axes = Axes(up, handedness, scale)
     return Animation(arrays["positions"], axes, arrays.get("times"), arrays.get("triangles"), notes=tuple(notes))
 

@@ -1,9 +1,9 @@
 """What is in a USD file, read by a process of its own: `python -m clothfit.formats.usd_reader FILE ARRAYS NAME`.
 
-Pixar's library is written for files that one trusts: damaged ones can abort the process they are read in, or take all
-memory. So the process that works for the user does not read them; this one writes the arrays that it finds to a file,
-or tells on standard output, as JSON, why there are none. Of the file only its own layer is read: what it refers to is
-cut from it first, so that no other file, here or on a network, is opened.
+Pixar's library trusts its files: a damaged one can abort the process that reads it, or take all memory. So the user's
+process does not read them. This process writes the arrays that it finds to a file, or prints, as JSON, why there are
+none. It reads only the file's own layer: it first removes the references, so that the library opens no other file, here
+or on a network.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import named, shown
-from clothfit.formats.animation import Animation
+from clothfit.formats.animation import Animation, fans
 from clothfit.formats.axes import UPS, Axes
 from clothfit.formats.files import check_room
 
 CUT = ("clips", "clipSets")
-"""What a prim says of other files beside its references: where values of attributes are."""
+"""Fields of a prim, beside its references, that name other files: those that hold values of attributes."""
 
 OPENING_BYTES, OPENING_RATIO = 1 << 29, 100
-"""Bytes that opening a file may take: so many, and so many for each of the file, whose arrays are packed."""
+"""Bytes that opening a file may take: a fixed number, and some for each byte of the file, whose arrays are packed."""
 
 
 def parsed(path: str, name: str) -> Animation:
@@ -61,7 +61,7 @@ def parsed(path: str, name: str) -> Animation:
 
 
 def _alone(layer: Any) -> list[str]:
-    """Cut from a layer all that names other files; what is to be told of it."""
+    """Remove from a layer all that names other files; returns the notes on that."""
     others = list(layer.GetCompositionAssetDependencies())
     for each in others:
         layer.UpdateCompositionAssetDependency(each, "")
@@ -90,7 +90,7 @@ def _codes(shapes: Sequence[Any], name: str) -> list[Any]:
 
 
 def _codes_of_places(shapes: Sequence[Any]) -> list[Any]:
-    """The time codes at which what places shapes has samples; the first there is where nothing moves."""
+    """The time codes at which the transforms of shapes have samples; the earliest time where nothing moves."""
     from pxr import Usd, UsdGeom
 
     found: set[float] = set()
@@ -126,7 +126,7 @@ def _positions(shapes: Sequence[Any], codes: Sequence[Any], name: str) -> tuple[
         if not frames:
             needed = len(codes) * sum(counts) * 3 * 8 * 3
             check_room(needed, name)
-            limit_memory(OPENING_BYTES + needed, only_if_limited=True)  # many samples may be one in the file
+            limit_memory(OPENING_BYTES + needed, only_if_limited=True)  # one array may stand for many samples
             mirrored = [bool(np.linalg.det(matrix[:3, :3]) < 0) for matrix in matrices]
         # row vectors: the translation is the last row
         frames.append([p @ m[:3, :3] + m[3, :3] for p, m in zip(points, matrices, strict=True)])
@@ -147,7 +147,7 @@ def _points(prim: Any, code: Any, name: str) -> Array:
 def _all_triangles(
     shapes: Sequence[Any], codes: Sequence[Any], mirrored: Sequence[bool], name: str, notes: list[str]
 ) -> Indices:
-    """Triangles of all shapes, their front where right-handed corners have it."""
+    """Triangles of all shapes, with the front that right-handed corners give them."""
     from pxr import UsdGeom
 
     faces: list[Indices] = [np.zeros((0, 3), np.int32)]
@@ -177,10 +177,7 @@ def _triangles(mesh: Any, codes: Sequence[Any], count: int, name: str) -> Indice
         raise InvalidMotion(f"{place}: its faces need {sizes.sum()} corners and have {len(corners)}")
     if len(corners) and not 0 <= corners.min() <= corners.max() < count:
         raise InvalidMotion(f"{place}: a triangle names a vertex beyond the {count} of its mesh")
-    many = np.maximum(sizes - 2, 0)
-    begin = np.repeat(np.cumsum(sizes) - sizes, many)
-    step = np.arange(many.sum()) - np.repeat(np.cumsum(many) - many, many)
-    return np.stack([corners[begin], corners[begin + step + 1], corners[begin + step + 2]], axis=1).astype(np.int32)
+    return fans(sizes, corners)
 
 
 def _whole(attribute: Any, code: Any) -> NDArray[np.int64]:
@@ -195,20 +192,20 @@ def _units(stage: Any, moves: bool, name: str, notes: list[str]) -> tuple[Axes, 
     up, scale = str(UsdGeom.GetStageUpAxis(stage)), UsdGeom.GetStageMetersPerUnit(stage)
     rate = stage.GetTimeCodesPerSecond()
     if up.lower() not in UPS or not 0 < scale < np.inf or not 0 < rate < np.inf:
-        told = f"upAxis {shown(up)}, metersPerUnit {scale:g}, timeCodesPerSecond {rate:g}"
-        raise InvalidMotion(f"{name}: {told} cannot be; up is Y or Z, and the others are above 0")
+        given = f"upAxis {shown(up)}, metersPerUnit {scale:g}, timeCodesPerSecond {rate:g}"
+        raise InvalidMotion(f"{name}: {given} cannot be; up is Y or Z, and the others are above 0")
     if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
-        notes.append(f"it does not tell its unit, so it is {scale:g} m, as USD says")
+        notes.append(f"it does not name its unit, so it is {scale:g} m, as USD says")
     if not stage.HasAuthoredMetadata("upAxis"):
-        notes.append(f"it does not tell which axis is up, so it is {up.lower()}, as USD says")
+        notes.append(f"it does not say which axis is up, so it is {up.lower()}, as USD says")
     if moves and not any(stage.HasAuthoredMetadata(key) for key in ("timeCodesPerSecond", "framesPerSecond")):
-        notes.append(f"it does not tell its rate, so it is {rate:g} frames per second, as USD says")
+        notes.append(f"it does not name its rate, so it is {rate:g} frames per second, as USD says")
     return Axes(up.lower(), "right", float(scale)), float(rate)
 
 
 def limit_memory(room: int, only_if_limited: bool = False) -> None:
-    """Let this process have no more than so many bytes beside what it has: a damaged file may ask for all there is, and
-    to fill that takes half a minute.
+    """Let this process take no more than `room` bytes more: a damaged file may ask for all memory there is, and filling
+    that takes half a minute.
     """
     with suppress(ImportError, OSError, ValueError, IndexError):
         import resource  # not on Windows
@@ -222,8 +219,8 @@ def limit_memory(room: int, only_if_limited: bool = False) -> None:
 
 
 def main(path: str, arrays: str, name: str) -> int:
-    """Read a file into an `.npz` of arrays; 3 where that cannot be, with the reason on standard output."""
-    from pxr import Usd, UsdGeom  # noqa: F401  which take some hundred MB of addresses before anything is read
+    """Read a file into an `.npz` of arrays; returns 3, with the reason on standard output, when that fails."""
+    from pxr import Usd, UsdGeom  # noqa: F401  they take some hundred MB of addresses before they read anything
 
     limit_memory(OPENING_BYTES + OPENING_RATIO * os.path.getsize(path))
     try:
@@ -231,12 +228,9 @@ def main(path: str, arrays: str, name: str) -> int:
     except InvalidMotion as error:
         print(json.dumps(str(error)))
         return 3
-    told: dict[str, Any] = {"positions": found.positions}
-    if found.times is not None:
-        told["times"] = found.times
-    if found.triangles is not None:
-        told["triangles"] = found.triangles
-    np.savez(arrays, told=json.dumps([*found.axes, *found.notes]), **told)
+    made = {"positions": found.positions, "times": found.times, "triangles": found.triangles}
+    present: dict[str, Any] = {key: array for key, array in made.items() if array is not None}
+    np.savez(arrays, axes_and_notes=json.dumps([*found.axes, *found.notes]), **present)
     return 0
 
 

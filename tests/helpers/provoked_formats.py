@@ -107,19 +107,19 @@ COMMANDS: dict[str, Case] = {
     ),
     "some of its positions are not finite numbers": read("glb", infinite()),
     "it is not a GLB file, which begins with glTF; export as .glb": read("glb", b"hello"),
-    "it is of glTF version …; export version 2": read("glb", scene_files.container({}, version=1)),
+    "it is glTF version …; export version 2": read("glb", scene_files.container({}, version=1)),
     "it is cut off or damaged; export it again": read("glb", scene_files.container({}, length=10_000)),
     "its JSON cannot be read (…)": read("glb", scene_files.container(b"{]}")),
     "it needs the extension …; export without it, uncompressed": glb(
         extensionsRequired=["KHR_draco_mesh_compression"]
     ),
     "…[…] does not exist": glb(scenes=[{"nodes": [7]}]),
-    "its numbers reach beyond what is there": read("glb", longer()),
+    "its numbers reach beyond the end of the buffer": read("glb", longer()),
     "its numbers are in another file; export all into one .glb": glb(buffers=[{"byteLength": 9, "uri": "a.bin"}]),
     "its nodes are not a tree of at most … levels": mesh([{"mesh": 0, "children": [0]}]),
     "a skeleton moves its mesh; bake the motion into shape keys or a point cache": read("glb", skinned()),
-    "… values of an animation do not go with … times": targets([1.0, 2.0, 3.0]),
-    "… weights do not go with the … targets of a mesh": targets([1.0, 2.0, 3.0, 4.0]),
+    "… values of an animation do not match … times": targets([1.0, 2.0, 3.0]),
+    "… weights do not match the … targets of a mesh": targets([1.0, 2.0, 3.0, 4.0]),
     "a target has … vertices, its mesh …": targets(TWO, 3),
     "… are more than a GLB file can have; keep fewer frames": patched(
         Case("convert good.npz out.glb"), "clothfit.formats.glb.MOST_GLB_BYTES", 100
@@ -143,7 +143,7 @@ COMMANDS: dict[str, Case] = {
     "the marker … needs columns for x, y and z": read("csv", b"time,a_x,a_y\n0,1,2\n"),
     "a table with a line for each marker needs a column time or frame": read("csv", b"marker,x,y,z\na,1,2,3\n"),
     "line …: … is there twice in one frame; keep one": read("csv", b"time,marker,x,y,z\n0,a,1,2,3\n0,a,1,2,3\n"),
-    "the numbers of frames must be whole and increasing, by less than …": read(
+    "frame numbers must be whole and increasing, by less than …": read(
         "csv", b"frame,a_x,a_y,a_z\n2,1,2,3\n1,1,2,3\n"
     ),
 }

@@ -62,14 +62,14 @@ def mapped(text: str) -> Case:
 
 
 COMMANDS: dict[str, Case] = {
-    "motions are not kept in files of that suffix; known are …": converted("good.npz a.txt"),
+    "no motion format has that suffix; known are …": converted("good.npz a.txt"),
     "--scale, --up, --handedness, --fps, --frames and --map are about the motion of --target; add that": Case(
         "estimate scene.json --up z"
     ),
     "… needs …; install it with: pip install 'clothfit[…]'": patched(
         Case("simulate scene.json -o a.usd"), "clothfit.formats.registry.import_module", raising(ImportError())
     ),
-    "is a folder, a file with a motion is needed": fitted("a.obj", **{"a.obj/b.obj": CORNER}),
+    "is a folder; a file with a motion is needed": fitted("a.obj", **{"a.obj/b.obj": CORNER}),
     "has no points": converted("empty.npz a.pc2", **{"empty.npz": {"positions": np.zeros((2, 0, 3))}}),
     "has … vertices, … has …; a motion needs all vertices of all objects, in their order: export it from the mesh that "
     "the scene was made of": fitted("a.obj", **{"a.obj": CORNER}),
@@ -96,7 +96,7 @@ COMMANDS: dict[str, Case] = {
     "has other faces than …; is it of another mesh?": sequence(TRIANGLE, TRIANGLE + b"f 1 2 3\n"),
     "a sequence has one …, in the name of its files, in place of their numbers": fitted("a*/b.obj"),
     "there is no file of that name with a number in place of …": fitted("a*.obj"),
-    "… are both frame …; take one away": sequence(CORNER, CORNER, "a01.obj"),
+    "… are both frame …; remove one": sequence(CORNER, CORNER, "a01.obj"),
     "a frame is missing after number …": converted(
         "'a*.obj' b.pc2", **{f"a{number}.obj": CORNER for number in (1, 2, 4)}
     ),
@@ -104,8 +104,8 @@ COMMANDS: dict[str, Case] = {
     "does not begin as a PC2 point cache does (POINTCACHE2)": cache(b"POINTCACHE3"),
     "is of version … of PC2, 1 can be read": cache(PC2[:12] + b"\2" + PC2[13:]),
     "ends within its header; is it complete?": cache(PC2[:20]),
-    "its header tells of …, at least one of each is needed": cache(PC2[:28] + struct.pack("<i3f", 0, 0, 0, 0)),
-    "… frames of … points …; is it complete?": cache(PC2[:-1]),
+    "its header has …; at least one of each is needed": cache(PC2[:28] + struct.pack("<i3f", 0, 0, 0, 0)),
+    "… take … bytes, it has …; is it complete?": cache(PC2[:-1]),
     "frame …, point …: its position is not finite": cache(PC2[:-4] + struct.pack("<f", np.nan)),
     "its times are not finite and increasing": cache(MDD[:12] + struct.pack(">f", -1) + MDD[16:], "a.mdd"),
     "--map: … has all vertices, in their order; leave it out": fitted("good.npz", "--map map.csv"),

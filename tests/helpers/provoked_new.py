@@ -60,14 +60,14 @@ COMMANDS: dict[str, Case] = {
     "cannot be read as .ply: …": ply(TRIANGLE.replace(b"float y", b"float x")),
     "it has no header": ply(b"solid"),
     "its header has a line that is not understood: …": ply(HEADER + b"property complex w\nend_header\n" + CORNERS),
-    "its header does not tell the format": ply(b"ply\nelement vertex 3\nend_header\n"),
+    "its header does not name the format": ply(b"ply\nelement vertex 3\nend_header\n"),
     "it has … bytes where its header asks for … or more": ply(TRIANGLE.replace(b"vertex 3", b"vertex 3000000000")),
-    "a word in it is no number": ply(TRIANGLE.replace(b"1 0 0", b"1 0 zero")),
+    "a word in it is not a number": ply(TRIANGLE.replace(b"1 0 0", b"1 0 zero")),
     "so many lists of different lengths take more memory than is free": patched(
         ply(EDGED + b"2 0 1\n"), "clothfit.formats.ply.PROPERTY_BYTES", 10**15
     ),
     "it has no vertices with …": ply(TRIANGLE.replace(b"float y", b"float w")),
-    "its faces are no lists of vertices": ply(
+    "its faces are not lists of vertices": ply(
         TRIANGLE.replace(b"list uchar int", b"int").replace(b"3 0 1 2", b"0")
     ),
     "a face names vertex …; there are …": ply(TRIANGLE.replace(b"3 0 1 2", b"3 0 1 3")),
