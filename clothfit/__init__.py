@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from clothfit.base.errors import ClothfitError, InvalidInput, InvalidMotion, InvalidScene
+    from clothfit.derivative import verify as verify
     from clothfit.evaluation.evaluate import Evaluation, evaluate
     from clothfit.evaluation.work_precision import WorkPrecision, work_precision
     from clothfit.fit.estimate import estimate
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
     from clothfit.formats.convention import Convention, Reading
     from clothfit.inspection.gradient_check import SceneCheck, check_scene
     from clothfit.many.estimate_many import estimate_many
+    from clothfit.meshes import mesh as mesh
+    from clothfit.meshes import problems
+    from clothfit.meshes import weld as weld
     from clothfit.meshes.mesh_file import read_mesh
     from clothfit.meshes.new_scene import new_scene
     from clothfit.motion.degrade import degrade
@@ -34,6 +38,8 @@ if TYPE_CHECKING:
     from clothfit.report.page import report_page
     from clothfit.scene.fit_vector import parameters, with_parameters
     from clothfit.scene.scene import Cloth, Scene, load, save
+
+    mesh_problems = problems
 
 _HOME = {
     "degrade": "motion.degrade",
@@ -120,14 +126,16 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name in _MODULES:
-        return import_module(f"clothfit.{_MODULES[name]}")
-    if name not in _HOME:
-        raise AttributeError(f"module 'clothfit' has no attribute {name!r}")
-    value = getattr(import_module(f"clothfit.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+if not TYPE_CHECKING:  # to them it would be an attribute for every name, of no type
+
+    def __getattr__(name: str) -> Any:
+        if name in _MODULES:
+            return import_module(f"clothfit.{_MODULES[name]}")
+        if name not in _HOME:
+            raise AttributeError(f"module 'clothfit' has no attribute {name!r}")
+        value = getattr(import_module(f"clothfit.{_HOME[name]}"), name)
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:
