@@ -16,7 +16,7 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Elements
 from clothfit.engine.rollout import Rollout, velocities, velocity
-from clothfit.engine.solve import cg, guess
+from clothfit.engine.solve import guess, linear
 from clothfit.engine.step import implicit, transition
 from clothfit.engine.system import System, clamped, zeros
 from clothfit.engine.tape import Tape
@@ -44,7 +44,7 @@ def gradient(
     for segment in memory.backward():
         for part in reversed(segment.parts()):
             after, by_position = memory.steps - part.first, slope(part)
-            with cg.helped(work.A, work.cg):
+            with linear.served(work.A, work.solver):
                 for begin, end in reversed(alike(part)):
                     form = safe if part.clamped[begin] else system
                     state = x_bar, v_bar
@@ -86,7 +86,7 @@ class Sweep:
     def through(self, part: Rollout) -> Array:
         """Change of the positions (T, n, 3) after each step of the next part of the motion."""
         change = np.empty_like(part.x[1:])
-        with cg.helped(self.work.A, self.work.cg):
+        with linear.served(self.work.A, self.work.solver):
             for begin, end in alike(part):
                 form = self.safe if part.clamped[begin] else self.system
                 state = self.dx, self.dv

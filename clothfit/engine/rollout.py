@@ -16,7 +16,7 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.limits import FARTHEST
 from clothfit.base.memory import check_memory
-from clothfit.engine.solve import cg, guess
+from clothfit.engine.solve import guess, linear
 from clothfit.engine.step import guard, implicit, transition
 from clothfit.engine.system import IMPLICIT, System, clamped
 from clothfit.kernels.kernel import kernel
@@ -102,7 +102,7 @@ def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]
 def fill(system: System, tolerance: float, work: implicit.Workspace, part: Rollout) -> int:
     """Compute the steps of a part whose x[0], v and first are set; returns how many are good."""
     safe = clamped(system)
-    with cg.helped(work.A, work.cg):
+    with linear.served(work.A, work.solver):
         for begin, end in stretches(part.steps, len(system.x0)):
             done, refused = begin, False
             while done < end:

@@ -13,7 +13,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Elements, Flags
 from clothfit.engine.forces import spheres, springs, vertex, wind
-from clothfit.engine.solve import multigrid, sparse
+from clothfit.engine.solve import sparse
 from clothfit.scene.scene import Scene
 
 EXPLICIT, SYMPLECTIC, IMPLICIT = 0, 1, 2
@@ -34,7 +34,6 @@ class System(NamedTuple):
     faces: wind.Faces
     spheres: spheres.Spheres
     pattern: sparse.Pattern  # of the step's matrix
-    coarser: tuple[multigrid.Coarsening, multigrid.Coarsening]  # and of its coarser levels, for very large cloths
 
 
 def build(scene: Scene, index: int, air: bool = False) -> System:
@@ -53,7 +52,6 @@ def build(scene: Scene, index: int, air: bool = False) -> System:
         faces=wind.build(np.array(cloth.triangles), cloth.drag, scene.wind, air or cloth.mode("drag") != "n"),
         spheres=spheres.build([s.centre for s in scene.spheres], [s.radius for s in scene.spheres]),
         pattern=pattern,
-        coarser=multigrid.coarsenings(pattern, len(cloth.fixed)),
     )
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numba.core import event
 from numba.core.registry import CPUDispatcher, cpu_target
 
-from clothfit.engine.solve import cg, sparse
+from clothfit.engine.solve import cg_two_threads, sparse
 from clothfit.engine.step import implicit
 from clothfit.engine.system import build
 from clothfit.evaluation import runge_kutta
@@ -102,12 +102,12 @@ def compilations() -> Iterator[list[str]]:
 @contextmanager
 def called(large: bool, very_large: bool) -> Iterator[None]:
     """Within, every cloth is taken for a large or a very large one, or none is."""
-    before = sparse.LARGE, sparse.VERY_LARGE
-    sparse.LARGE, sparse.VERY_LARGE = (FEW if large else NEVER), (FEW if very_large else NEVER)
+    before = sparse.TWO_THREADS_FROM, sparse.MULTIGRID_FROM
+    sparse.TWO_THREADS_FROM, sparse.MULTIGRID_FROM = (FEW if large else NEVER), (FEW if very_large else NEVER)
     try:
         yield
     finally:
-        sparse.LARGE, sparse.VERY_LARGE = before
+        sparse.TWO_THREADS_FROM, sparse.MULTIGRID_FROM = before
 
 
 def strip_scene(settings: str = "LL", kinds: dict[str, str] | None = None, **fields: Any) -> Scene:
@@ -176,9 +176,9 @@ def large(very: bool) -> None:
     with called(large=True, very_large=very):
         gradients()
         work = implicit.workspace(build(strip_scene(), 0))
-        if work.cg.team is not None:
-            serve: Any = cg.serve  # would be called where there is a second processor only
-            serve.compile((numba.typeof(work.A), numba.typeof(work.cg)))
+        if work.solver.second is not None:
+            serve: Any = cg_two_threads.serve  # would be called where there is a second processor only
+            serve.compile(tuple(map(numba.typeof, (work.A, work.solver.cg, work.solver.second))))
         estimate(strip_scene(), method="momentum", budget=1, intervals=False)
         estimate(strip_scene(kinds=KINDS, fit=EVERYWHERE), method="gauss-newton", budget=2, intervals=False)
 

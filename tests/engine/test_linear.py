@@ -5,12 +5,12 @@ import pytest
 from helpers.physics import dense_matrix
 from helpers.ring import ALL, ENDS, FREE, N, dense_solution, matrix, right_side
 
-from clothfit.engine.solve import cg, linear, sparse
+from clothfit.engine.solve import linear, sparse
 
 
 def solve(A, b, tolerance=1e-12):
     w = np.zeros((N, 3))
-    return w, linear.solve(A, b, tolerance, cg.workspace(A), w, True)[:2]
+    return w, linear.solve(A, b, tolerance, linear.workspace(A), w, True)[:2]
 
 
 def test_a_positive_definite_system_needs_no_factorisation():
@@ -41,7 +41,7 @@ def test_an_ill_conditioned_system_is_solved_when_the_iterations_run_out_or_befo
 
 def test_an_indefinite_system_is_refused_unless_it_is_to_be_solved_anyhow():
     A, b, w = matrix(), right_side(), np.zeros((N, 3))
-    work = cg.workspace(A)
+    work = linear.workspace(A)
     A.upper[:] *= -30.0
     assert linear.solve(A, b, 1e-12, work, w, False)[1:] == (0, False)
     again = matrix()
@@ -51,7 +51,7 @@ def test_an_indefinite_system_is_refused_unless_it_is_to_be_solved_anyhow():
 
 def test_numbers_beyond_all_bounds_do_not_spoil_the_next_solve():
     A, b, w = matrix(), right_side(), np.zeros((N, 3))
-    work = cg.workspace(A)
+    work = linear.workspace(A)
     linear.solve(A, np.full_like(b, 1e308), 1e-12, work, w, False)
     w[:] = 0.0
     assert linear.solve(A, b, 1e-12, work, w, False)[1:] == (0, True)
@@ -94,5 +94,5 @@ def test_a_matrix_that_is_not_finite_gives_no_numbers(value):
 def test_a_cloth_without_free_vertices_is_solved():
     w = np.zeros((N, 3))
     A = sparse.zeros(sparse.pattern(ENDS, np.zeros(N, bool))[0], N)
-    assert linear.solve(A, np.zeros((N, 3)), 1e-12, cg.workspace(A), w, True) == (0, 0, True)
+    assert linear.solve(A, np.zeros((N, 3)), 1e-12, linear.workspace(A), w, True) == (0, 0, True)
     assert np.abs(w).max() == 0.0

@@ -17,14 +17,14 @@ ENDS = scrambled(joined(SIDE), N)
 
 @pytest.fixture(autouse=True)
 def _few_are_many(monkeypatch):
-    """As if some vertices were very many: coarser levels, and rows in three shares."""
-    monkeypatch.setattr(sparse, "VERY_LARGE", 10)
-    monkeypatch.setattr(sparse, "LARGE", 10)
+    """As if some vertices were very many: coarser levels, and rows in one subdomain."""
+    monkeypatch.setattr(sparse, "MULTIGRID_FROM", 10)
+    monkeypatch.setattr(sparse, "TWO_THREADS_FROM", 10)
 
 
-def levels(A, n=N):
+def levels(A):
     """The levels and coarsenings of a matrix, filled."""
-    made = multigrid.hierarchy(A, multigrid.coarsenings(sparse.Pattern(*A[:4]), n))
+    made = multigrid.hierarchy(A)
     assert multigrid.prepare(made.levels, made.coarsenings)
     return made
 
@@ -42,7 +42,7 @@ def three(small):
 
 def test_every_vertex_is_in_one_aggregate_with_its_neighbours():
     A = matrix(ENDS, FREE)
-    first, second = multigrid.coarsenings(sparse.Pattern(*A[:4]), N)
+    first, second = multigrid.hierarchy(A).coarsenings
     assert (first.aggregate[~FREE] == -1).all()
     for coarsening, vertices in ((first, np.flatnonzero(FREE)), (second, first.pattern.order)):
         sizes = belongs(coarsening, vertices).sum(axis=1)
@@ -57,11 +57,8 @@ def test_every_vertex_is_in_one_aggregate_with_its_neighbours():
 
 
 def test_a_small_matrix_has_no_coarser_levels(monkeypatch):
-    monkeypatch.setattr(sparse, "VERY_LARGE", 10_000)
-    A = matrix(ENDS, FREE)
-    coarser = multigrid.coarsenings(sparse.Pattern(*A[:4]), N)
-    assert [len(each.aggregate) for each in coarser] == [0, 0]
-    assert cg.workspace(A, coarser).hierarchy is None
+    monkeypatch.setattr(sparse, "MULTIGRID_FROM", 10_000)
+    assert multigrid.hierarchy(matrix(ENDS, FREE)) is None
 
 
 def test_a_coarse_matrix_is_the_triple_product():
@@ -141,7 +138,7 @@ def test_a_cycle_leaves_the_residual_of_what_it_found():
 
 def solve(A, b, w, tolerance=1e-12):
     """Iterations and direct solves for A w = b, by multigrid."""
-    work = cg.workspace(A, multigrid.coarsenings(sparse.Pattern(*A[:4]), len(b)))
+    work = linear.workspace(A)
     assert work.hierarchy is not None
     return linear.solve(A, b, tolerance, work, w, True)[:2]
 
@@ -181,9 +178,9 @@ def test_refinement_hardly_adds_iterations(monkeypatch):
         b = right_side(free_but(side * side, 0, side - 1))
         by_cycles.append(solve(A, b, np.zeros_like(b), 1e-8))
         with monkeypatch.context() as patch:
-            patch.setattr(sparse, "LARGE", 10_000)
-            one_share = physical(side)
-        by_sweeps.append(cg.solve(one_share, b, 1e-8, 1000, cg.workspace(one_share), np.zeros_like(b)))
+            patch.setattr(sparse, "TWO_THREADS_FROM", 10_000)
+            one = physical(side)
+        by_sweeps.append(cg.solve(one, b, 1e-8, 1000, cg.workspace(len(b)), np.zeros_like(b)))
     assert [direct for _, direct in by_cycles] == [0, 0]
     assert [ended for _, ended in by_sweeps] == [cg.CONVERGED] * 2
     # half the distance between vertices: up to twice the sweeps for the same way

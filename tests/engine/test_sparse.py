@@ -105,12 +105,12 @@ def test_the_cloth_matrix_is_symmetric_and_has_no_rows_of_fixed_vertices():
 
 
 def laid_out(ends, free):
-    """A pattern, checked: every free vertex has one row, shares follow each other, columns are later than rows."""
+    """A pattern, checked: every free vertex has one row, subdomains follow each other, columns are later than rows."""
     made, slot = sparse.pattern(ends, free)
-    order, row, column, shares = made
+    order, row, column, subdomains = made
     assert sorted(order.tolist()) == np.flatnonzero(free).tolist()
-    assert shares.reshape(-1)[1:-1:2].tolist() == shares.reshape(-1)[2::2].tolist()
-    assert (shares[0, 0], shares[2, 1]) == (0, len(order))
+    assert subdomains.reshape(-1)[1:-1:2].tolist() == subdomains.reshape(-1)[2::2].tolist()
+    assert (subdomains[0, 0], subdomains[2, 1]) == (0, len(order))
     place = np.full(len(free), -1)
     place[order] = np.arange(len(order))
     of_slot = np.stack([np.repeat(np.arange(len(order)), np.diff(row)), place[column]], axis=1)
@@ -122,8 +122,8 @@ def laid_out(ends, free):
 
 
 def across(made, of_slot):
-    """How many slots join the first share and the second."""
-    middle, end = made.shares[1]
+    """How many slots join the first subdomain and the second."""
+    middle, end = made.subdomains[1]
     return int(((of_slot[:, 0] < middle) & (middle <= of_slot[:, 1]) & (of_slot[:, 1] < end)).sum())
 
 
@@ -135,12 +135,12 @@ def width(of_slot):
 @pytest.mark.parametrize("side", [4, 9, 20])
 @pytest.mark.parametrize("mixed", [False, True])
 @pytest.mark.parametrize("fixed", [(), (0, 3), range(4, 8)])
-def test_two_shares_of_a_large_cloth_are_not_joined(monkeypatch, side, mixed, fixed):
-    monkeypatch.setattr(sparse, "LARGE", 10)
+def test_two_subdomains_of_a_large_cloth_are_not_joined(monkeypatch, side, mixed, fixed):
+    monkeypatch.setattr(sparse, "TWO_THREADS_FROM", 10)
     ends, free = matrices.joined(side), matrices.free_but(side * side, *fixed)
     made, of_slot = laid_out(matrices.scrambled(ends, side * side) if mixed else ends, free)
     assert across(made, of_slot) == 0
-    sizes = np.diff(made.shares, axis=1).reshape(-1)
+    sizes = np.diff(made.subdomains, axis=1).reshape(-1)
     assert sizes[0] == len(made.order) // 2
     assert sizes[2] <= 3 * side  # a spring reaches two rows of the grid, and one vertex, far
 
@@ -149,11 +149,11 @@ def test_a_small_cloth_is_one_share_in_the_order_of_its_vertices():
     ends, free = matrices.scrambled(matrices.joined(5), 25), matrices.free_but(25, 3, 9)
     made, _ = laid_out(ends, free)
     assert made.order.tolist() == np.flatnonzero(free).tolist()
-    assert made.shares.tolist() == [[0, 23], [23, 23], [23, 23]]
+    assert made.subdomains.tolist() == [[0, 23], [23, 23], [23, 23]]
 
 
 def test_the_numbers_of_the_vertices_hardly_matter_to_a_large_cloth(monkeypatch):
-    monkeypatch.setattr(sparse, "LARGE", 10)
+    monkeypatch.setattr(sparse, "TWO_THREADS_FROM", 10)
     side, free = 20, np.ones(400, bool)
     ends = matrices.joined(side)
     mixed = matrices.scrambled(ends, 400)
@@ -168,7 +168,7 @@ def test_the_numbers_of_the_vertices_hardly_matter_to_a_large_cloth(monkeypatch)
 @pytest.mark.parametrize("free", [np.zeros(12, bool), np.arange(12) < 1, np.arange(12) % 2 == 0, np.ones(12, bool)])
 @pytest.mark.parametrize("large", [1, 10])
 def test_vertices_without_springs_have_rows_without_slots(monkeypatch, free, large):
-    monkeypatch.setattr(sparse, "LARGE", large)
+    monkeypatch.setattr(sparse, "TWO_THREADS_FROM", large)
     chain = np.stack([np.arange(11), np.arange(1, 12)], axis=1).astype(np.int32)
     made, of_slot = laid_out(chain[~free[chain].all(axis=1)], free)
     assert made.row.tolist() == [0] * (free.sum() + 1)
@@ -176,13 +176,13 @@ def test_vertices_without_springs_have_rows_without_slots(monkeypatch, free, lar
 
 
 def test_separate_pieces_are_shared_out_as_well(monkeypatch):
-    monkeypatch.setattr(sparse, "LARGE", 10)
+    monkeypatch.setattr(sparse, "TWO_THREADS_FROM", 10)
     one = matrices.joined(5)
     ends = np.concatenate([one, one + 25, one + 50])
     free = matrices.free_but(78, 7, 30)  # three vertices belong to no piece
     made, of_slot = laid_out(matrices.scrambled(ends, 78), free)
     assert across(made, of_slot) == 0
-    assert (np.diff(made.shares, axis=1)[:2] > 0).all()
+    assert (np.diff(made.subdomains, axis=1)[:2] > 0).all()
 
 
 @pytest.mark.parametrize("large", [10, 10_000])
@@ -190,7 +190,7 @@ def test_the_product_does_not_depend_on_the_order_of_sweep(monkeypatch, large):
     ends, free = matrices.scrambled(matrices.joined(6), 36), matrices.free_but(36, 5, 17)
     x = RNG.normal(size=(36, 3))
     expected = (dense_matrix(matrices.matrix(ends, free)) @ x.reshape(-1)).reshape(36, 3)
-    monkeypatch.setattr(sparse, "LARGE", large)
+    monkeypatch.setattr(sparse, "TWO_THREADS_FROM", large)
     A = matrices.matrix(ends, free)
     # sums of some 40 products of order 10
     np.testing.assert_allclose(times(A, x), expected, atol=1e-12)

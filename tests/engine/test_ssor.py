@@ -1,4 +1,4 @@
-"""The passes over rows against dense triangular matrices, all rows at once and in three shares."""
+"""The passes over rows against dense triangular matrices, all rows at once and in three subdomains."""
 
 from typing import NamedTuple
 
@@ -18,10 +18,10 @@ WHOLE, SPLIT = "whole", "split"
 
 
 class Case(NamedTuple):
-    """A matrix, its shares and its parts in the order of sweep."""
+    """A matrix, its subdomains and its parts in the order of sweep."""
 
     A: sparse.BlockMatrix
-    shares: np.ndarray
+    subdomains: np.ndarray
     inverse: np.ndarray  # D̂⁻¹
     D: np.ndarray
     lower: np.ndarray  # D̂ + L
@@ -30,14 +30,14 @@ class Case(NamedTuple):
 
 @pytest.fixture(params=[WHOLE, SPLIT])
 def case(request, monkeypatch):
-    """The same matrix with the same order of sweep, its rows in one share or in three."""
-    monkeypatch.setattr(sparse, "LARGE", 10)
+    """The same matrix with the same order of sweep, its rows in one subdomain or in three."""
+    monkeypatch.setattr(sparse, "TWO_THREADS_FROM", 10)
     A = matrix(scrambled(joined(SIDE), N), FREE)
     m, inverse = len(A.order), aligned(N + 1, 8)
-    assert (np.diff(A.shares, axis=1) > 0).all()
+    assert (np.diff(A.subdomains, axis=1) > 0).all()
     assert sparse.invert_diagonal(A, OMEGA, inverse)
     whole = np.array([[0, m], [m, m], [m, m]], np.int32)
-    return Case(A, {WHOLE: whole, SPLIT: A.shares}[request.param], inverse, *parts(A, OMEGA))
+    return Case(A, {WHOLE: whole, SPLIT: A.subdomains}[request.param], inverse, *parts(A, OMEGA))
 
 
 def vector(seed):
@@ -60,17 +60,17 @@ def flat(case, v):
 
 
 def forward(case, run, start=None):
-    """The sum over the shares of run(share, own), with own = start (or 0) at first: as two threads do it."""
+    """The sum over the subdomains of run(subdomain, own), with own = start (or 0) at first: as two threads do it."""
     own, far = np.zeros((2, N, 4))
-    for share, memory in zip(case.shares, (own, far, own), strict=True):
+    for subdomain, memory in zip(case.subdomains, (own, far, own), strict=True):
         if start is not None:
-            ssor.copy_rows(case.A, share, start, memory)
+            ssor.copy_rows(case.A, subdomain, start, memory)
     total = 0.0
-    for s, share in enumerate(case.shares):
+    for s, subdomain in enumerate(case.subdomains):
         if s == 2:
-            ssor.gather(case.A, share, far, own)
-        total += run(share, far if s == 1 else own) or 0.0
-    assert (far[case.A.order[case.shares[2, 0] :]] == 0.0).all()  # taken over, for the next pass
+            ssor.gather(case.A, subdomain, far, own)
+        total += run(subdomain, far if s == 1 else own) or 0.0
+    assert (far[case.A.order[case.subdomains[2, 0] :]] == 0.0).all()  # taken over, for the next pass
     return total
 
 
@@ -81,7 +81,7 @@ def close(a, b):
 
 def test_residual(case):
     x, b, r = vector(1), vector(2), blank()
-    rr = forward(case, lambda share, own: ssor.residual(case.A, share, x, own, r), b)
+    rr = forward(case, lambda subdomain, own: ssor.residual(case.A, subdomain, x, own, r), b)
     expected = flat(case, b) - in_order(case.A) @ flat(case, x)
     close(flat(case, r), expected)
     close(rr, expected @ expected)
@@ -89,15 +89,15 @@ def test_residual(case):
 
 def test_lower_triangular_solve(case):
     b, r = vector(1), blank()
-    forward(case, lambda share, own: ssor.solve_lower(case.A, share, case.inverse, own, r), b)
+    forward(case, lambda subdomain, own: ssor.solve_lower(case.A, subdomain, case.inverse, own, r), b)
     close(flat(case, r), np.linalg.solve(case.lower, flat(case, b)))
 
 
 def upward(case, beta, z, p):
-    """p = z + β p, t and own of solve_upper, the third share first."""
+    """p = z + β p, t and own of solve_upper, the third subdomain first."""
     t, own, kappa = blank(), blank(), 2.0 / OMEGA - 1.0
     for s in (2, 0, 1):
-        ssor.solve_upper(case.A, case.shares[s], case.inverse, kappa, beta, z, p, t, own)
+        ssor.solve_upper(case.A, case.subdomains[s], case.inverse, kappa, beta, z, p, t, own)
     return t, own
 
 
@@ -116,8 +116,8 @@ def test_two_triangular_solves_are_the_preconditioned_matrix(case):
     p, q = vector(1), blank()
     t, start = upward(case, 0.0, p.copy(), p)
 
-    def run(share, own):
-        return ssor.apply_lower(case.A, share, case.inverse, p, t, own, q)
+    def run(subdomain, own):
+        return ssor.apply_lower(case.A, subdomain, case.inverse, p, t, own, q)
 
     curvature = forward(case, run, start)
     expected = np.linalg.solve(case.lower, in_order(case.A) @ np.linalg.solve(case.upper, flat(case, p)))
@@ -127,14 +127,14 @@ def test_two_triangular_solves_are_the_preconditioned_matrix(case):
 
 def test_the_true_residual_from_the_preconditioned_one(case):
     r = vector(1)
-    squared = forward(case, lambda share, own: ssor.squared_residual(case.A, share, 1.0 / OMEGA, r, own))
+    squared = forward(case, lambda subdomain, own: ssor.squared_residual(case.A, subdomain, 1.0 / OMEGA, r, own))
     close(squared, np.linalg.norm(case.lower @ flat(case, r)) ** 2)
 
 
 def test_steps_along_a_direction(case):
     t, q, x, r, z = vector(1), vector(2), vector(3), vector(4), blank()
     moved, left = flat(case, x) + 0.3 * flat(case, t), flat(case, r) - 0.3 * flat(case, q)
-    rz = sum(ssor.advance(case.A, share, 0.3, 1.0 / OMEGA, t, q, x, r, z) for share in case.shares)
+    rz = sum(ssor.advance(case.A, subdomain, 0.3, 1.0 / OMEGA, t, q, x, r, z) for subdomain in case.subdomains)
     close(flat(case, x), moved)
     close(flat(case, r), left)
     close(flat(case, z), case.D @ left / OMEGA)
@@ -143,7 +143,7 @@ def test_steps_along_a_direction(case):
 
 def test_weights(case):
     r, z = vector(1), blank()
-    rz = sum(ssor.weigh(case.A, share, 0.5, r, z) for share in case.shares)
+    rz = sum(ssor.weigh(case.A, subdomain, 0.5, r, z) for subdomain in case.subdomains)
     close(flat(case, z), 0.5 * case.D @ flat(case, r))
     close(rz, 0.5 * flat(case, r) @ case.D @ flat(case, r))
 
@@ -151,14 +151,14 @@ def test_weights(case):
 def test_vectors_come_in_and_go_out_as_they_are(case):
     b, w = right_side(FREE, 1), right_side(FREE, 2) + GUARD * ~FREE[:, None]
     x, own, out = blank(), blank(), np.full((N, 3), GUARD)
-    bb = sum(ssor.enter(case.A, share, b, w, x, own) for share in case.shares)
+    bb = sum(ssor.enter(case.A, subdomain, b, w, x, own) for subdomain in case.subdomains)
     close(bb, np.vdot(b, b))
     assert flat(case, x).tolist() == w[case.A.order].reshape(-1).tolist()
     assert flat(case, own).tolist() == b[case.A.order].reshape(-1).tolist()
     ssor.leave(case.A, x, out)
     assert out.tolist() == w.tolist()
-    for share in case.shares:
-        ssor.clear(case.A, share, own)
+    for subdomain in case.subdomains:
+        ssor.clear(case.A, subdomain, own)
     assert (flat(case, own) == 0.0).all()
 
 
@@ -176,8 +176,8 @@ def test_the_relaxation_factor_is_nearer_2_the_lighter_the_masses():
 
 def test_the_relaxation_factor_by_its_formula():
     A = matrix(joined(SIDE), np.ones(N, bool))
-    share = 3.0 * N / np.trace(in_order(A))  # the masses beside the diagonal: springs add up to 0 over a row
-    assert ssor.omega(A) == pytest.approx(2.0 / (1.0 + share**0.2), rel=1e-12)  # sums of some hundred numbers
+    q = 3.0 * N / np.trace(in_order(A))  # the masses beside the diagonal: springs add up to 0 over a row
+    assert ssor.omega(A) == pytest.approx(2.0 / (1.0 + q**0.2), rel=1e-12)  # sums of some hundred numbers
 
 
 def test_the_relaxation_factor_of_extremes():

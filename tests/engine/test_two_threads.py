@@ -8,37 +8,37 @@ import numpy as np
 import pytest
 from helpers.scenes import needs_compiler
 
-from clothfit.engine.solve import two_threads as team
+from clothfit.engine.solve import two_threads
 from clothfit.engine.solve.two_threads import CLAIMED, DONE, POSTED, SERVES, STOP
 
 
 @numba.njit(nogil=True)
-def serve(crew, done):
+def serve(worker, done):
     """Note that it was done, and answer with the double of the parameter."""
-    team.enter(crew)
+    two_threads.enter(worker)
     while True:
-        phase = team.next_phase(crew)
+        phase = two_threads.next_phase(worker)
         if phase == STOP:
             return
         done[1, int(phase)] += 1
-        crew.notes[0, 3] = 2.0 * crew.notes[0, 1]
-        team.done(crew)
+        worker.message[0, 3] = 2.0 * worker.message[0, 1]
+        two_threads.done(worker)
 
 
 @numba.njit(nogil=True)
-def ask(crew, done):
+def ask(worker, done):
     """Post a phase after the other and do what the second thread does not come to; returns the sum of the answers."""
     total = 0.0
     for phase in range(done.shape[1]):
-        crew.notes[0, 1] = float(phase)
-        team.post(crew, float(phase))
-        if not team.claim(crew):
-            team.wait(crew)
-            total += crew.notes[0, 3]
+        worker.message[0, 1] = float(phase)
+        two_threads.post(worker, float(phase))
+        if not two_threads.claim(worker):
+            two_threads.wait(worker)
+            total += worker.message[0, 3]
         else:
             done[0, phase] += 1
             total += 2.0 * phase
-            team.done(crew)
+            two_threads.done(worker)
     return total
 
 
@@ -47,40 +47,40 @@ def helpers():
     return [thread for thread in threading.enumerate() if thread.name == "clothfit-solve"]
 
 
-def use(crew, phases=1000):
+def use(worker, phases=1000):
     """Let two threads, where there are two processors, go through phases: (2, phases), who did each how often."""
     done = np.zeros((2, phases), np.int64)
-    with team.serving(crew, lambda: serve(crew, done)):
+    with two_threads.serving(worker, lambda: serve(worker, done)):
         serving = len(helpers())
-        assert ask(crew, done) == phases * (phases - 1)
+        assert ask(worker, done) == phases * (phases - 1)
     assert helpers() == []
-    assert not crew.flags[SERVES]
+    assert not worker.flags[SERVES]
     return done, serving
 
 
 @pytest.fixture
 def two(monkeypatch):
     """As if there were two processors."""
-    monkeypatch.setattr(team, "processors", lambda: 2)
+    monkeypatch.setattr(two_threads, "processors", lambda: 2)
 
 
 def test_a_share_is_given_to_one():
-    crew = team.team()
-    assert not team.claim(crew)  # nothing is posted
-    team.post(crew, 3.0)
-    assert team.claim(crew)
-    assert not team.claim(crew)
-    team.done(crew)
-    team.wait(crew)  # which returns
-    team.post(crew, 5.0)
-    assert team.next_phase(crew) == 5.0
-    assert not team.claim(crew)
-    assert crew.flags[[POSTED, CLAIMED, DONE]].tolist() == [2, 2, 1]
+    worker = two_threads.worker()
+    assert not two_threads.claim(worker)  # nothing is posted
+    two_threads.post(worker, 3.0)
+    assert two_threads.claim(worker)
+    assert not two_threads.claim(worker)
+    two_threads.done(worker)
+    two_threads.wait(worker)  # which returns
+    two_threads.post(worker, 5.0)
+    assert two_threads.next_phase(worker) == 5.0
+    assert not two_threads.claim(worker)
+    assert worker.flags[[POSTED, CLAIMED, DONE]].tolist() == [2, 2, 1]
 
 
 def test_with_one_processor_all_is_done_alone(monkeypatch):
-    monkeypatch.setattr(team, "processors", lambda: 1)
-    done, serving = use(team.team())
+    monkeypatch.setattr(two_threads, "processors", lambda: 1)
+    done, serving = use(two_threads.worker())
     assert serving == 0
     assert done.sum(axis=1).tolist() == [1000, 0]
 
@@ -88,9 +88,9 @@ def test_with_one_processor_all_is_done_alone(monkeypatch):
 @needs_compiler
 @pytest.mark.usefixtures("two")
 def test_two_threads_do_each_share_once():
-    crew = team.team()
+    worker = two_threads.worker()
     for _ in range(3):  # a team is used again and again
-        done, serving = use(crew)
+        done, serving = use(worker)
         assert serving == 1
         assert (done.sum(axis=0) == 1).all()
 
@@ -98,24 +98,24 @@ def test_two_threads_do_each_share_once():
 @needs_compiler
 @pytest.mark.usefixtures("two")
 def test_the_second_thread_ends_with_the_block_that_fails():
-    crew, done = team.team(), np.zeros((2, 10), np.int64)
+    worker, done = two_threads.worker(), np.zeros((2, 10), np.int64)
 
     def fail():
-        with team.serving(crew, lambda: serve(crew, done)):
+        with two_threads.serving(worker, lambda: serve(worker, done)):
             assert len(helpers()) == 1
             raise ValueError("of the block")
 
     with pytest.raises(ValueError, match="of the block"):
         fail()
     assert helpers() == []
-    assert not crew.flags.any()
-    assert (use(crew)[0].sum(axis=0) == 1).all()
+    assert not worker.flags.any()
+    assert (use(worker)[0].sum(axis=0) == 1).all()
 
 
 @needs_compiler
 @pytest.mark.usefixtures("two")
 def test_the_second_thread_ends_when_an_interrupt_comes_before_it_serves(monkeypatch):
-    crew, done = team.team(), np.zeros((2, 10), np.int64)
+    worker, done = two_threads.worker(), np.zeros((2, 10), np.int64)
     released = threading.Event()
 
     def interrupt(_):
@@ -124,21 +124,21 @@ def test_the_second_thread_ends_when_an_interrupt_comes_before_it_serves(monkeyp
 
     def late():
         released.wait()
-        serve(crew, done)
+        serve(worker, done)
 
-    monkeypatch.setattr(team.time, "sleep", interrupt)
-    with pytest.raises(KeyboardInterrupt), team.serving(crew, late):
+    monkeypatch.setattr(two_threads.time, "sleep", interrupt)
+    with pytest.raises(KeyboardInterrupt), two_threads.serving(worker, late):
         pytest.fail("the block is not entered")
     assert helpers() == []
-    assert not crew.flags.any()
+    assert not worker.flags.any()
 
 
 @pytest.mark.usefixtures("two")
 def test_a_second_thread_that_does_not_come_is_not_waited_for():
-    crew = team.team()
-    with team.serving(crew, lambda: None):
+    worker = two_threads.worker()
+    with two_threads.serving(worker, lambda: None):
         done = np.zeros((2, 10), np.int64)
-        ask(crew, done)
+        ask(worker, done)
     assert done.tolist() == [[1] * 10, [0] * 10]
 
 
@@ -147,14 +147,14 @@ def unlimited(monkeypatch):
     """No wish for one thread in the environment."""
     for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(team.config, "DISABLE_JIT", 0)
+    monkeypatch.setattr(two_threads.config, "DISABLE_JIT", 0)
 
 
 @pytest.mark.usefixtures("unlimited")
 def test_the_processors_are_those_of_the_process(monkeypatch):
     for count in (1, 2, 5):
         monkeypatch.setattr(os, "sched_getaffinity", lambda _, count=count: set(range(count)), raising=False)
-        assert team.processors() == count
+        assert two_threads.processors() == count
 
 
 @pytest.mark.usefixtures("unlimited")
@@ -162,22 +162,22 @@ def test_the_processors_are_those_of_the_process(monkeypatch):
 def test_where_processes_have_no_processors_of_their_own_all_count(monkeypatch, said, meant):
     monkeypatch.delattr(os, "sched_getaffinity", raising=False)
     monkeypatch.setattr(os, "cpu_count", lambda: said)
-    assert team.processors() == meant
+    assert two_threads.processors() == meant
 
 
 @pytest.mark.usefixtures("unlimited")
 @pytest.mark.parametrize("name", ["NUMBA_NUM_THREADS", "OMP_NUM_THREADS"])
 def test_who_asks_for_one_thread_gets_one(monkeypatch, name):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
-    assert team.processors() == 2
+    assert two_threads.processors() == 2
     monkeypatch.setenv(name, "2")
-    assert team.processors() == 2
+    assert two_threads.processors() == 2
     monkeypatch.setenv(name, " 1 ")
-    assert team.processors() == 1
+    assert two_threads.processors() == 1
 
 
 @pytest.mark.usefixtures("unlimited")
 def test_interpreted_code_runs_alone(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
-    monkeypatch.setattr(team.config, "DISABLE_JIT", 1)
-    assert team.processors() == 1
+    monkeypatch.setattr(two_threads.config, "DISABLE_JIT", 1)
+    assert two_threads.processors() == 1

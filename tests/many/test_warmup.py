@@ -166,10 +166,10 @@ def test_a_strip_can_be_called_large_and_very_large():
     found = []
     for large, very in ((False, False), (True, False), (True, True)):
         with called(large, very):
-            work = implicit.workspace(build(strip_scene(), 0)).cg
-        found.append((work.team is not None, work.hierarchy is not None))
+            work = implicit.workspace(build(strip_scene(), 0)).solver
+        found.append((work.second is not None, work.hierarchy is not None))
     assert found == [(False, False), (True, False), (False, True)]  # a very large cloth is one thread's work
-    assert sparse.LARGE < sparse.VERY_LARGE < NEVER  # as before
+    assert sparse.TWO_THREADS_FROM < sparse.MULTIGRID_FROM < NEVER  # as before
 
 
 def test_a_note_counts_only_while_all_files_are_there(tmp_path, monkeypatch):

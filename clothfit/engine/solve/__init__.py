@@ -1,6 +1,8 @@
 """The linear system A w = b of an implicit step, symmetric, in 3×3 blocks.
 
-sparse (the matrix) → ssor (preconditioner), multigrid (that of very large cloths) → cg (conjugate gradients) → linear
-(cg, and a direct solution where it does not converge). guess extrapolates a first solution; two_threads shares work.
-To add a preconditioner: a module with what `cg` calls of ssor, and a line where `cg` chooses.
+sparse (the matrix) → ssor (preconditioner) → cg (conjugate gradients) → cg_two_threads (those of large cloths, the
+second thread by two_threads), multigrid (those of very large ones) → linear (chooses, and solves directly where none of
+them converges). guess extrapolates a first solution.
+To add a preconditioner: a module with a `solve` as in `multigrid`, its memory in `linear.Workspace`, and a line in
+`linear.iterate`.
 """

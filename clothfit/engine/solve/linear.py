@@ -1,18 +1,22 @@
 """The linear solve of a step: conjugate gradients, and a direct factorisation where they cannot be trusted.
 
-Very stiff scenes need more iterations than a factorisation costs, and a matrix that is not positive definite is beyond
-conjugate gradients: that is said, or it is solved directly as well. Every direct solve is counted.
+Small cloths are solved by `cg`, large ones by `cg_two_threads`, very large ones by `multigrid`. Very stiff scenes need
+more iterations than a factorisation costs, and a matrix that is not positive definite is beyond conjugate gradients:
+the caller chooses whether it is then refused or solved directly as well. Every direct solve is counted.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import objmode
 
 from clothfit.base.arrays import Array, Indices
-from clothfit.engine.solve import cg, sparse
+from clothfit.engine.solve import cg, cg_two_threads, multigrid, sparse
+from clothfit.engine.solve.sparse import BlockMatrix
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import copy
 
@@ -25,7 +29,27 @@ SOLVED = 1e-10
 """A residual, relative, with which such pivots were good enough; else the factorisation is done with the best ones."""
 
 USABLE = 1e-10
-"""The largest backward error of a solution; one that is not even that of a system near this one is none."""
+"""The largest backward error of a solution; one with a larger error does not even solve a system near this one."""
+
+
+class Workspace(NamedTuple):
+    """Memory of the solver. None is a type of its own, so small cloths need not compile what serves large ones."""
+
+    cg: cg.Workspace
+    second: cg_two_threads.Second | None  # of large cloths
+    hierarchy: multigrid.Hierarchy | None  # of very large ones
+
+
+def workspace(A: BlockMatrix) -> Workspace:
+    """Memory for systems with the matrix A, by its pattern."""
+    return Workspace(cg.workspace(len(A.diagonal) - 1), cg_two_threads.second(A), multigrid.hierarchy(A))
+
+
+@contextmanager
+def served(A: BlockMatrix, work: Workspace) -> Iterator[None]:
+    """Within the block a second thread, where there is one, serves solves with this matrix and workspace."""
+    with cg_two_threads.served(A, work.cg, work.second):
+        yield
 
 
 @kernel
@@ -35,11 +59,11 @@ def solve(A, b, tolerance, work, w, anyhow):
     Returns the CG iterations and the direct solves (0 or 1) used, and whether w is the solution.
     """
     limit = 300 + len(b) // 4  # about the price of a factorisation, from 500 to 10,000 vertices
-    iterations, ended = cg.solve(A, b, tolerance, limit, work, w)
+    iterations, ended = iterate(A, b, tolerance, limit, work.cg, work.second, work.hierarchy, w)
     if ended == cg.CONVERGED:
         return iterations, 0, True
-    work.p[:] = 0.0  # the next solve multiplies them by 0, and they may have grown beyond all numbers
-    work.q[:] = 0.0
+    work.cg.p[:] = 0.0  # the next solve multiplies them by 0, and they may have grown beyond all numbers
+    work.cg.q[:] = 0.0
     if ended == cg.INDEFINITE and not anyhow:
         return iterations, 0, False
     solve_directly(A, b, w)
@@ -47,19 +71,32 @@ def solve(A, b, tolerance, work, w, anyhow):
 
 
 @kernel
+def iterate(A, b, tolerance, limit, work, second, hierarchy, w):
+    """Solve A w = b by the conjugate gradients that suit the size of the cloth; returns what they do.
+
+    `second` and `hierarchy` are arguments because numba leaves out a branch only where an argument is None.
+    """
+    if hierarchy is not None:
+        return multigrid.solve(A, b, tolerance, limit, work, hierarchy, w)
+    if second is not None:
+        return cg_two_threads.solve(A, b, tolerance, limit, work, second, w)
+    return cg.solve(A, b, tolerance, limit, work, w)
+
+
+@kernel
 def solve_directly(A, b, w):
     """Solve A w = b by a factorisation."""
-    order, row, column, shares, diagonal, upper = A
+    order, row, column, subdomains, diagonal, upper = A
     with objmode(solution="float64[:, ::1]"):
-        solution = factorise_and_solve(order, row, column, shares, diagonal, upper, b)
+        solution = factorise_and_solve(order, row, column, subdomains, diagonal, upper, b)
     copy(solution, w)
 
 
 def factorise_and_solve(
-    order: Indices, row: Indices, column: Indices, shares: Indices, diagonal: Array, upper: Array, b: Array
+    order: Indices, row: Indices, column: Indices, subdomains: Indices, diagonal: Array, upper: Array, b: Array
 ) -> Array:
-    """Solve A w = b by a sparse LU factorisation of the free rows; NaN where A is singular or not finite, or what comes
-    of it is no solution.
+    """Solve A w = b by a sparse LU factorisation of the free rows; NaN where A is singular or not finite, or where the
+    result is no solution.
     """
     from scipy.sparse.linalg import norm, splu
 
@@ -67,7 +104,7 @@ def factorise_and_solve(
     solution = np.zeros(b.shape)
     if not (np.isfinite(diagonal[order]).all() and np.isfinite(upper[:-1]).all()):
         return np.full(b.shape, np.nan)  # the factorisation divides by infinity and gives finite numbers
-    A = sparse.to_scipy(order, row, column, shares, diagonal, upper)
+    A = sparse.to_scipy(order, row, column, subdomains, diagonal, upper)
     known = b[free].reshape(-1)
     for options in (SYMMETRIC, {}):
         try:

@@ -1,15 +1,18 @@
 """Conjugate gradients preconditioned by multigrid, for cloths of so many vertices that SSOR takes too many iterations.
 
-A sweep of Gauss–Seidel passes news on from vertex to vertex, so the finer a cloth, the more sweeps; sums over groups of
-vertices pass it on at once. Each of two coarser levels joins a vertex and its neighbours into one (an aggregate);
-with P the 0/1 matrix that says who is in which, its matrix is Pᵀ A P: sums of blocks, which stay symmetric. One cycle
+A sweep of Gauss–Seidel carries news from vertex to vertex, so the finer a cloth, the more sweeps; sums over groups of
+vertices carry it far at once. Each of two coarser levels joins a vertex and its neighbours into one, an aggregate.
+With P the 0/1 matrix that says which vertex is in which aggregate, the coarse matrix is Pᵀ A P: sums of blocks, which
+stay symmetric. One cycle
 
     z = (D + L)⁻¹ r,    z += γ P A_c⁻¹ Pᵀ (r − A z),    z += (D + Lᵀ)⁻¹ (r − A z)
 
 is symmetric and positive definite; A_c⁻¹ is again such a cycle, and on the last level some sweeps of Gauss–Seidel,
-which suffice there because the mass outweighs the springs ever more. γ makes up for that constant pieces
-underestimate a smooth correction's energy. The last sweep also leaves r − A z, so nothing else multiplies by A.
-References: P. Vaněk, J. Mandel, M. Brezina, Computing 56, 1996 (aggregation); D. Braess, Computing 55, 1995 (γ).
+which suffice there because the mass outweighs the springs ever more. γ makes up for the energy of a smooth correction,
+which constant pieces underestimate. The last sweep also leaves r − A z, so nothing else multiplies by A.
+
+References: P. Vaněk, J. Mandel, M. Brezina, Computing 56, 1996 (aggregation); D. Braess, Computing 55, 1995 (γ);
+Y. Saad, Iterative Methods for Sparse Linear Systems, algorithm 9.1, whose lines `solve` numbers.
 """
 
 from __future__ import annotations
@@ -18,8 +21,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Indices, staggered
+from clothfit.base.arrays import Array, Indices, aligned, staggered
 from clothfit.engine.solve import sparse, ssor
+from clothfit.engine.solve.cg import CONVERGED, INDEFINITE, LIMIT
 from clothfit.engine.solve.sparse import BlockMatrix, Pattern, times
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, clear3, fma, load, splat, store, sub, sum3
@@ -36,7 +40,7 @@ class Coarsening(NamedTuple):
 
     aggregate: Indices  # (n,), coarse vertex of each free vertex
     slot: Indices  # (E,), coarse slot of each fine slot; −1 where both ends are in one aggregate
-    pattern: Pattern
+    pattern: Pattern  # of the coarse matrix
 
 
 class Level(NamedTuple):
@@ -45,26 +49,40 @@ class Level(NamedTuple):
     A: BlockMatrix
     r: Array
     z: Array
-    own: Array  # right-hand sides that sweeps use up
+    own: Array  # right-hand sides, which sweeps overwrite
     rest: Array  # r − A z
     inverse: Array  # (n + 1, 8), D⁻¹
-    whole: Indices  # (1, 2), all rows as one share
+    whole: Indices  # (2,), all rows as one subdomain
 
 
-def coarsenings(pattern: Pattern, n: int) -> tuple[Coarsening, Coarsening]:
-    """Two levels above a matrix; empty ones where it is small enough for SSOR."""
-    first = coarsen(pattern, n) if len(pattern.order) >= sparse.VERY_LARGE else nothing()
-    return first, coarsen(first.pattern, len(first.pattern.order)) if len(first.pattern.order) else nothing()
+class Hierarchy(NamedTuple):
+    """The levels, from the finest, the matrix itself, and how each coarser one is made."""
+
+    levels: tuple[Level, Level, Level]
+    coarsenings: tuple[Coarsening, Coarsening]
 
 
-def nothing() -> Coarsening:
-    """A level that is not there."""
-    empty = np.zeros(0, np.int32)
-    return Coarsening(empty, empty, sparse.pattern(np.zeros((0, 2), np.int32), np.zeros(0, bool))[0])
+def hierarchy(A: BlockMatrix) -> Hierarchy | None:
+    """Two coarser levels for a matrix, by its pattern, and memory of cycles; None where it is small enough for SSOR."""
+    if len(A.order) < sparse.MULTIGRID_FROM:
+        return None
+    first = coarsen(Pattern(A.order, A.row, A.column, A.subdomains), len(A.diagonal) - 1)
+    second = coarsen(first.pattern, len(first.pattern.order))
+    middle, last = (level(sparse.zeros(each.pattern, len(each.pattern.order))) for each in (first, second))
+    return Hierarchy((level(A), middle, last), (first, second))
+
+
+def level(A: BlockMatrix) -> Level:
+    """Memory of a level."""
+    n = len(A.diagonal) - 1
+    r, z, own, rest = staggered(4, n, 4)
+    return Level(A, r, z, own, rest, aligned(n + 1, sparse.BLOCK_SIZE), np.array([0, len(A.order)], np.int32))
 
 
 def coarsen(pattern: Pattern, n: int) -> Coarsening:
-    """Join each vertex and its neighbours where none of them is taken; who is left goes to a neighbour's aggregate."""
+    """Join each vertex and its neighbours where none of them is in an aggregate yet; the vertices left over go to a
+    neighbour's aggregate.
+    """
     from scipy.sparse import csr_array
 
     row = np.repeat(pattern.order, np.diff(pattern.row))
@@ -82,7 +100,7 @@ def coarsen(pattern: Pattern, n: int) -> Coarsening:
 
 @kernel
 def group(order, start, neighbour, aggregate):
-    """Fill the aggregate of each vertex of `order`, −1 before; returns how many there are."""
+    """Fill `aggregate`, −1 before, for each vertex of `order`; returns how many aggregates there are."""
     count = 0
     for i in order:
         alone = aggregate[i] < 0
@@ -104,14 +122,6 @@ def group(order, start, neighbour, aggregate):
             aggregate[i] = count
             count += 1
     return count
-
-
-def level(A: BlockMatrix) -> Level:
-    """Memory of a level."""
-    n = len(A.diagonal) - 1
-    r, z, own, rest = staggered(4, n, 4)
-    inverse = staggered(1, n + 1, sparse.BLOCK)[0]
-    return Level(A, r, z, own, rest, inverse, np.array([[0, len(A.order)]], np.int32))
 
 
 @kernel
@@ -153,7 +163,7 @@ def cycle(levels, coarsenings):
     restrict(fine, coarsenings[0], middle)
     descend(middle)
     restrict(middle, coarsenings[1], last)
-    settle(last)
+    relax(last)
     prolong(last, coarsenings[1], middle)
     ascend(middle)
     prolong(middle, coarsenings[0], fine)
@@ -164,8 +174,8 @@ def cycle(levels, coarsenings):
 def descend(at):
     """z = (D + L)⁻¹ r and rest = r − A z, which is −Lᵀ z."""
     A, r, z, own, rest, inverse, whole = at
-    ssor.copy_rows(A, whole[0], r, own)
-    ssor.solve_lower(A, whole[0], inverse, own, z)
+    ssor.copy_rows(A, whole, r, own)
+    ssor.solve_lower(A, whole, inverse, own, z)
     zero = splat(0.0)
     for k in range(len(A.order)):
         total = zero
@@ -176,13 +186,13 @@ def descend(at):
 
 @kernel
 def ascend(at):
-    """z = (D + Lᵀ)⁻¹ (r − L z) and rest = r − A z, which is L times what z was more before.
+    """z = (D + Lᵀ)⁻¹ (r − L z) and rest = r − A z, which is L times the decrease of z.
 
     Going back through the rows, a block is used for both while it is at hand: it is read from memory once.
     """
     A, r, z, _, rest, inverse, whole = at
     zero = splat(0.0)
-    ssor.copy_rows(A, whole[0], r, rest)
+    ssor.copy_rows(A, whole, r, rest)
     for k in range(len(A.order)):
         ssor.push(A, A.row, k, sub(zero, load(z, A.order[k], 0)), rest)
     for k in range(len(A.order) - 1, -1, -1):
@@ -217,55 +227,47 @@ def prolong(coarse, coarsening, fine):
 
 
 @kernel
-def settle(at):
-    """z = r as some symmetric sweeps of Gauss–Seidel leave it."""
+def relax(at):
+    """z = A⁻¹ r, nearly: the result of some symmetric sweeps of Gauss–Seidel from z = 0."""
     descend(at)
     ascend(at)
     for _ in range(1, LAST_SWEEPS):
         A, _, z, own, rest, inverse, whole = at
-        ssor.copy_rows(A, whole[0], rest, own)
-        ssor.solve_lower(A, whole[0], inverse, own, rest)
+        ssor.copy_rows(A, whole, rest, own)
+        ssor.solve_lower(A, whole, inverse, own, rest)
         for i in A.order:
             store(add(load(z, i, 0), load(rest, i, 0)), z, i, 0)
         ascend(at)
 
 
-class Hierarchy(NamedTuple):
-    """What cycles need."""
-
-    levels: tuple[Level, Level, Level]  # from the finest, the matrix itself
-    coarsenings: tuple[Coarsening, Coarsening]
-
-
-def hierarchy(A: BlockMatrix, coarser: tuple[Coarsening, Coarsening]) -> Hierarchy:
-    """Memory for cycles with the matrix A."""
-    made = [level(sparse.zeros(each.pattern, len(each.pattern.order))) for each in coarser]
-    return Hierarchy((level(A), made[0], made[1]), coarser)
-
-
 @kernel
-def solve(hierarchy, target, limit, x, q, p):
-    """Improve x (n, 4) until |b − A x|² ≤ target; levels[0].r holds b − A x at first.
+def solve(A, b, tolerance, limit, work, hierarchy, w):
+    """As `cg.solve`, preconditioned by cycles; of its memory x, p and q = A p are used.
 
-    Returns the iterations and whether it came there; a negative curvature ends it with −1 of them.
+    Returns the iterations used, and CONVERGED, INDEFINITE or LIMIT.
     """
-    fine = hierarchy.levels[0]
-    A, r, z = fine.A, fine.r, fine.z
+    x, p, q, fine = work.x, work.p, work.q, hierarchy.levels[0]
+    bb = ssor.enter(A, fine.whole, b, w, x, fine.own)
+    rr = ssor.residual(A, fine.whole, x, fine.own, fine.r)  # 1: r = b − A x
+    target = tolerance * tolerance * bb
+    if ssor.is_solved(A, rr, bb, target, w):
+        return 0, CONVERGED
     if not prepare(hierarchy.levels, hierarchy.coarsenings):
-        return -1, False
-    zr = 0.0
-    for iteration in range(1, limit + 1):
-        cycle(hierarchy.levels, hierarchy.coarsenings)
-        zr_new = dot(A, z, r)
-        beta = zr_new / zr if iteration > 1 else 0.0
-        zr = zr_new
-        curvature = follow(A, beta, fine, p, q)
+        return 0, INDEFINITE
+    rz = 0.0
+    for iteration in range(1, limit + 1):  # 2: for j = 0, 1, … until convergence
+        cycle(hierarchy.levels, hierarchy.coarsenings)  # 6 of the last j: z = M⁻¹ r
+        rz_new = dot(A, fine.z, fine.r)
+        beta = rz_new / rz if iteration > 1 else 0.0  # 7: β = (r, z) / (r, z) before
+        rz = rz_new
+        curvature = follow(A, beta, fine, p, q)  # 8: p = z + β p, q = A p
         if not curvature > 0.0:
-            return -1, False
-        rr = step(A, zr / curvature, p, q, x, r)
+            return iteration, INDEFINITE
+        rr = step(A, rz / curvature, p, q, x, fine.r)  # 3, 4, 5: α = (r, z) / (A p, p), x += α p, r −= α q
         if rr <= target:
-            return iteration, True
-    return limit, False
+            ssor.leave(A, x, w)
+            return iteration, CONVERGED
+    return limit, LIMIT
 
 
 @kernel

@@ -45,10 +45,13 @@ XX, XY, XZ, YZ, ZZ, YY = 0, 1, 2, 3, 4, 6
 """Places in a block; xy and yz stand a second time behind zz and yy."""
 
 SQUARE = [[XX, XY, XZ], [XY, YY, YZ], [XZ, YZ, ZZ]]
-BLOCK = 8
+BLOCK_SIZE = 8
 
-LARGE = 1500
+TWO_THREADS_FROM = 1500
 """Free vertices from which two threads pay: a pass over the rows then takes longer than they need to meet."""
+
+MULTIGRID_FROM = 8000
+"""Free vertices from which multigrid, on one thread, beats SSOR, measured between grids of 64² and 128²."""
 
 
 class BlockMatrix(NamedTuple):
@@ -57,7 +60,7 @@ class BlockMatrix(NamedTuple):
     order: Indices  # (m,), the free vertices in the order of sweep
     row: Indices  # (m + 1,), row r owns the slots row[r] … row[r + 1] − 1
     column: Indices  # (E,), vertex of each slot, later in the order than the row's
-    shares: Indices  # (3, 2), first row and end of each share of the rows; the first two are not joined
+    subdomains: Indices  # (3, 2), first row and end of each subdomain; no spring joins the first two
     diagonal: Array  # (n + 1, 8), diagonal blocks; the last is only read into by loads of the one before
     upper: Array  # (E + 1, 8), blocks of the slots; the last takes what belongs to no row
 
@@ -68,11 +71,7 @@ class Pattern(NamedTuple):
     order: Indices
     row: Indices
     column: Indices
-    shares: Indices
-
-
-VERY_LARGE = 8000
-"""Free vertices from which multigrid beats SSOR, measured between grids of 64² and 128²; it is one thread's work."""
+    subdomains: Indices
 
 
 def pattern(ends: Indices, free: Flags) -> tuple[Pattern, Indices]:
@@ -80,7 +79,7 @@ def pattern(ends: Indices, free: Flags) -> tuple[Pattern, Indices]:
 
     Pairs that join the same two vertices share a slot; pairs with a fixed vertex get the slot that no row reads.
     """
-    order, shares = sweep(ends, free)
+    order, subdomains = sweep(ends, free)
     place = np.zeros(len(free), np.int64)
     place[order] = np.arange(len(order))
     kept = free[ends].all(axis=1)
@@ -91,35 +90,35 @@ def pattern(ends: Indices, free: Flags) -> tuple[Pattern, Indices]:
     slot = np.full(len(ends), len(keys), np.int32)
     slot[kept] = inverse
     column = order[keys % m] if m else keys
-    return Pattern(order, row.astype(np.int32), column.astype(np.int32), shares), slot
+    return Pattern(order, row.astype(np.int32), column.astype(np.int32), subdomains), slot
 
 
 def sweep(ends: Indices, free: Flags) -> tuple[Indices, Indices]:
-    """The order of sweep (m,) and its shares (3, 2).
+    """The order of sweep (m,) and its subdomains (3, 2): two that are not joined, and the separator between them.
 
-    A small cloth is swept in the order of its vertices, a large one along its bandwidth where theirs jumps about: each
-    row then works on what the last ones left in the caches. Its first and second half are shares of their own, but for
-    those vertices of the second that are joined to the first, which come last.
+    A small cloth is swept in the order of its vertices and is one subdomain. A large one is swept along its bandwidth
+    where the vertices' own order jumps about: each row then works on what the last ones left in the caches. Its halves
+    are the first two subdomains, but for the vertices of the second half that are joined to the first: the separator.
     """
     order = np.flatnonzero(free).astype(np.int32)
     m = len(order)
-    if m < LARGE:
+    if m < TWO_THREADS_FROM:
         return order, np.array([[0, m], [m, m], [m, m]], np.int32)
     place = np.full(len(free), -1)
     place[order] = np.arange(m)
     joined = place[ends[free[ends].all(axis=1)]]
     along = along_bandwidth(joined, m)
     order, joined = order[along], np.argsort(along)[joined]
-    if m >= VERY_LARGE:
+    if m >= MULTIGRID_FROM:
         return order, np.array([[0, m], [m, m], [m, m]], np.int32)
     first = (joined < m // 2).any(axis=1)
     between = np.zeros(m, bool)
     between[joined[first].max(axis=1)] = True
     between[: m // 2] = False
-    seam = np.flatnonzero(between)
+    separator = np.flatnonzero(between)
     rest = np.flatnonzero(~between)
-    middle, end = m // 2, m - len(seam)
-    return order[np.concatenate([rest, seam])], np.array([[0, middle], [middle, end], [end, m]], np.int32)
+    middle, end = m // 2, m - len(separator)
+    return order[np.concatenate([rest, separator])], np.array([[0, middle], [middle, end], [end, m]], np.int32)
 
 
 def along_bandwidth(joined: Indices, m: int) -> Indices:
@@ -138,7 +137,7 @@ def along_bandwidth(joined: Indices, m: int) -> Indices:
 
 def zeros(pattern: Pattern, n: int) -> BlockMatrix:
     """A matrix of that pattern for n vertices, all zero."""
-    return BlockMatrix(*pattern, aligned(n + 1, BLOCK), aligned(len(pattern.column) + 1, BLOCK))
+    return BlockMatrix(*pattern, aligned(n + 1, BLOCK_SIZE), aligned(len(pattern.column) + 1, BLOCK_SIZE))
 
 
 @kernel
@@ -227,7 +226,7 @@ def invert_diagonal(A, scale, inverse):
 
 
 def to_scipy(
-    order: Indices, row: Indices, column: Indices, _shares: Indices, diagonal: Array, upper: Array
+    order: Indices, row: Indices, column: Indices, _subdomains: Indices, diagonal: Array, upper: Array
 ) -> csc_array:
     """The matrix as a SciPy sparse array (3 m, 3 m), both halves: of the free vertices, in ascending order."""
     from scipy.sparse import bsr_array

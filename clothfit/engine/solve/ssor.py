@@ -1,12 +1,14 @@
 """The parts of conjugate gradients with the SSOR preconditioner: passes over rows of the matrix.
 
-Symbols are those of `cg`. The rows fall into three shares: the first two are not joined to each other, the third to
-both (`sparse.Pattern.shares`), and each pass takes the rows of one share, so two threads can take the first two.
-A row pushes what it knows to later rows, of its own share or the third; those pushes go to an array of the share,
-`own`, and the third adds up what both pushed. Vectors are (n, 4), lane 3 being 0.
+Symbols are those of `cg`. Each pass takes the rows of one subdomain (`sparse.Pattern`): all rows of a small cloth, or
+a third of them, so that two threads can take the first two. A row pushes what it knows to later rows, of its own
+subdomain or the separator. Those pushes go to an array of the subdomain, `own`, and the separator adds up what both
+pushed. Vectors are (n, 4), lane 3 being 0.
 """
 
 from __future__ import annotations
+
+import numpy as np
 
 from clothfit.engine.solve.sparse import times, times_spread
 from clothfit.kernels.kernel import kernel
@@ -34,8 +36,8 @@ from clothfit.kernels.lanes.operations import (
 def omega(A):
     """The relaxation factor ω: nearer 2 the smaller the mass is beside h² times the stiffness.
 
-    The sum of a row's blocks is mostly mass: q, its share in the diagonal, falls with refinement. By measurement on
-    cloths of 12² to 128² vertices the fewest iterations are needed near 2/(1 + q^0.2), and few more around it.
+    The sum of a row's blocks is mostly mass: its part q of the diagonal falls with refinement. On cloths of 12² to 128²
+    vertices the measured iterations are fewest near ω = 2/(1 + q^0.2), and few more around it.
     """
     low, high = splat(0.0), splat(0.0)
     for k in range(len(A.order)):
@@ -47,14 +49,14 @@ def omega(A):
     for e in range(len(A.column)):
         low = add(low, load(A.upper, e, 0))
         high = add(high, load(A.upper, e, 4))
-    share = 1.0 + 2.0 * (lane0(low) + lane0(high) + lane2(high)) / diagonal
-    return 2.0 / (1.0 + min(max(share, 1e-5), 1.0) ** 0.2)
+    q = 1.0 + 2.0 * (lane0(low) + lane0(high) + lane2(high)) / diagonal
+    return 2.0 / (1.0 + min(max(q, 1e-5), 1.0) ** 0.2)
 
 
 @kernel
-def rows(A, share):
-    """The vertices of a share's rows, and where their slots begin and end; indices from 0 cost numba no checks."""
-    return A.order[share[0] : share[1]], A.row[share[0] : share[1] + 1]
+def rows(A, subdomain):
+    """The vertices of a subdomain's rows, and where their slots begin and end; indices from 0 cost numba no checks."""
+    return A.order[subdomain[0] : subdomain[1]], A.row[subdomain[0] : subdomain[1] + 1]
 
 
 @kernel
@@ -67,9 +69,9 @@ def push(A, row, k, y, out):
 
 
 @kernel
-def gather(A, share, far, own):
-    """own += far at the rows of a share, far = 0: what the second share pushed to the third."""
-    order, _ = rows(A, share)
+def gather(A, subdomain, far, own):
+    """own += far at the rows of the separator, then far = 0: what subdomain 1 pushed to it."""
+    order, _ = rows(A, subdomain)
     zero = splat(0.0)
     for k in range(len(order)):
         i = order[k]
@@ -78,18 +80,18 @@ def gather(A, share, far, own):
 
 
 @kernel
-def copy_rows(A, share, x, out):
-    """out = x at the rows of a share."""
-    order, _ = rows(A, share)
+def copy_rows(A, subdomain, x, out):
+    """out = x at the rows of a subdomain."""
+    order, _ = rows(A, subdomain)
     for k in range(len(order)):
         i = order[k]
         store(load(x, i, 0), out, i, 0)
 
 
 @kernel
-def enter(A, share, b, w, x, own):
-    """x = w and own = b, (n, 3) each, at the rows of a share; returns |b|² there."""
-    order, _ = rows(A, share)
+def enter(A, subdomain, b, w, x, own):
+    """x = w and own = b, (n, 3) each, at the rows of a subdomain; returns |b|² there."""
+    order, _ = rows(A, subdomain)
     bb = splat(0.0)
     for k in range(len(order)):
         i = order[k]
@@ -101,6 +103,17 @@ def enter(A, share, b, w, x, own):
 
 
 @kernel
+def is_solved(A, rr, bb, target, w):
+    """Whether nothing is left to do for a guess with |r|² = rr: it is within the target, or b = 0, and w becomes 0."""
+    if rr <= target < np.inf:  # an infinite residual is no smaller than an infinite right-hand side
+        return True
+    if bb == 0.0:  # no residual but 0 is small beside it
+        for i in A.order:
+            store3(splat(0.0), w, i)
+    return bb == 0.0
+
+
+@kernel
 def leave(A, x, w):
     """w (n, 3) = x."""
     for k in range(len(A.order)):
@@ -109,9 +122,9 @@ def leave(A, x, w):
 
 
 @kernel
-def residual(A, share, x, own, r):
+def residual(A, subdomain, x, own, r):
     """r = b − A x, `own` being b and used up; returns |r|²."""
-    order, row = rows(A, share)
+    order, row = rows(A, subdomain)
     rr, zero = splat(0.0), splat(0.0)
     for k in range(len(order)):
         i = order[k]
@@ -129,9 +142,9 @@ def residual(A, share, x, own, r):
 
 
 @kernel
-def solve_lower(A, share, inverse, own, r):
+def solve_lower(A, subdomain, inverse, own, r):
     """r = (D̂ + L)⁻¹ own, `own` being used up."""
-    order, row = rows(A, share)
+    order, row = rows(A, subdomain)
     zero = splat(0.0)
     for k in range(len(order)):
         i = order[k]
@@ -141,9 +154,9 @@ def solve_lower(A, share, inverse, own, r):
 
 
 @kernel
-def weigh(A, share, scale, r, z):
+def weigh(A, subdomain, scale, r, z):
     """z = scale · D r; returns r·z."""
-    order, _ = rows(A, share)
+    order, _ = rows(A, subdomain)
     total, factor, zero = splat(0.0), splat(scale), splat(0.0)
     for k in range(len(order)):
         i = order[k]
@@ -155,9 +168,9 @@ def weigh(A, share, scale, r, z):
 
 
 @kernel
-def solve_upper(A, share, inverse, kappa, beta, z, p, t, own):
+def solve_upper(A, subdomain, inverse, kappa, beta, z, p, t, own):
     """p = z + β p, t = (D̂ + Lᵀ)⁻¹ p and own = p − K t, with K = κ D."""
-    order, row = rows(A, share)
+    order, row = rows(A, subdomain)
     zero, growth, minus_kappa = splat(0.0), splat(beta), splat(-kappa)
     for k in range(len(order) - 1, -1, -1):
         i = order[k]
@@ -172,9 +185,9 @@ def solve_upper(A, share, inverse, kappa, beta, z, p, t, own):
 
 
 @kernel
-def apply_lower(A, share, inverse, p, t, own, q):
+def apply_lower(A, subdomain, inverse, p, t, own, q):
     """q = t + (D̂ + L)⁻¹ own, `own` being used up; returns p·q."""
-    order, row = rows(A, share)
+    order, row = rows(A, subdomain)
     zero, total = splat(0.0), splat(0.0)
     for k in range(len(order)):
         i = order[k]
@@ -187,9 +200,9 @@ def apply_lower(A, share, inverse, p, t, own, q):
 
 
 @kernel
-def advance(A, share, alpha, scale, t, q, x, r, z):
+def advance(A, subdomain, alpha, scale, t, q, x, r, z):
     """x += α t, r −= α q, z = scale · D r; returns r·z."""
-    order, _ = rows(A, share)
+    order, _ = rows(A, subdomain)
     total, step, back, factor, zero = splat(0.0), splat(alpha), splat(-alpha), splat(scale), splat(0.0)
     for k in range(len(order)):
         i = order[k]
@@ -203,9 +216,9 @@ def advance(A, share, alpha, scale, t, q, x, r, z):
 
 
 @kernel
-def squared_residual(A, share, scale, r, own):
-    """|(D̂ + L) r|² at the rows of a share, `own` being 0 and used up: the residual of A w = b itself."""
-    order, row = rows(A, share)
+def squared_residual(A, subdomain, scale, r, own):
+    """|(D̂ + L) r|² at the rows of a subdomain, `own` being 0 and used up: the residual of A w = b itself."""
+    order, row = rows(A, subdomain)
     total, factor = splat(0.0), splat(scale)
     for k in range(len(order)):
         i = order[k]
@@ -217,9 +230,9 @@ def squared_residual(A, share, scale, r, own):
 
 
 @kernel
-def clear(A, share, own):
-    """own = 0 at the rows of a share."""
-    order, _ = rows(A, share)
+def clear(A, subdomain, own):
+    """own = 0 at the rows of a subdomain."""
+    order, _ = rows(A, subdomain)
     zero = splat(0.0)
     for k in range(len(order)):
         store(zero, own, order[k], 0)

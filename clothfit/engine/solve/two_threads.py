@@ -1,12 +1,12 @@
-"""Two threads inside one linear solve: the second waits, spinning, for its share of each phase.
+"""Two threads inside one linear solve: a worker waits, spinning, for its part of each phase.
 
 A phase of a solve of a large cloth takes some 50 µs, and to start a thread takes as long. So the second thread runs
-one compiled function through a whole series of solves (`cg.serve`): it waits until a phase is posted, does its share
-and says so; what it does not come to, the first does. Who does what never changes the arithmetic: each share is
-computed in one order and the shares are added in one order, so results are the same to the last bit with one thread
-or two.
+one compiled function through a whole series of solves (`cg_two_threads.serve`): it waits until a phase is posted, takes
+its part, and says when that is done. A part that it does not come to, the first thread takes. Who takes a part never
+changes the arithmetic: each is computed in one order and their sums are added in one order, so results are the same to
+the last bit with one thread or two.
 
-A second thread is used where there is a second processor, unless NUMBA_NUM_THREADS or OMP_NUM_THREADS is 1.
+There is a second thread where there is a second processor, unless NUMBA_NUM_THREADS or OMP_NUM_THREADS is 1.
 """
 
 from __future__ import annotations
@@ -27,94 +27,94 @@ from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import exchange, pause, read_shared, write_shared
 
 SERVES, POSTED, CLAIMED, DONE = 0, 8, 16, 24
-"""Places of the flags, a cache line apart: 1 while a second thread serves; how many phases were posted so far, of how
-many the second share was begun, and done."""
+"""Places of the flags, a cache line apart: 1 while a second thread serves; how many phases were posted so far; of how
+many the worker's part was begun; of how many it is done."""
 
 STOP = -1.0
 """The phase that ends the second thread."""
 
-PATIENCE = 2000
+SPINS = 2000
 """Looks at a flag, some 50 µs, before the processor is offered to other threads."""
 
 
-class Team(NamedTuple):
-    """What the two threads tell each other."""
+class Worker(NamedTuple):
+    """Memory through which the two threads talk."""
 
     flags: NDArray[np.int64]  # (32,)
-    notes: Array  # (1, 8): the phase that is posted, its parameters, and what the second share adds up to
+    message: Array  # (1, 8): the phase that is posted, its two parameters, and the sum of the worker's part
 
 
-def team() -> Team:
-    """A team of one."""
-    return Team(np.zeros(32, np.int64), aligned(1, 8))
-
-
-@kernel
-def post(team, phase):
-    """Ask for the second share of a phase, whose parameters are in the notes."""
-    team.notes[0, 0] = phase
-    write_shared(team.flags, POSTED, read_shared(team.flags, POSTED) + 1)
+def worker() -> Worker:
+    """Memory for a second thread that does not serve yet."""
+    return Worker(np.zeros(32, np.int64), aligned(1, 8))
 
 
 @kernel
-def claim(team):
-    """Take the second share of the phase that is posted; False where the other thread has it.
+def post(worker, phase):
+    """Post a phase, whose parameters are in the message."""
+    worker.message[0, 0] = phase
+    write_shared(worker.flags, POSTED, read_shared(worker.flags, POSTED) + 1)
 
-    The first thread asks as well when it is done with its own: where other programs keep the second from its
-    processor, nobody waits for it.
+
+@kernel
+def claim(worker):
+    """Take the worker's part of the phase that is posted; False where the other thread has it.
+
+    The first thread tries as well when it is done with its own part: where other programs keep the second thread from
+    its processor, the first does not wait for it.
     """
-    number = read_shared(team.flags, POSTED)
-    return exchange(team.flags, CLAIMED, number - 1, number)
+    number = read_shared(worker.flags, POSTED)
+    return exchange(worker.flags, CLAIMED, number - 1, number)
 
 
 @kernel
-def done(team):
-    """Say that the second share is done."""
-    write_shared(team.flags, DONE, read_shared(team.flags, POSTED))
+def done(worker):
+    """Say that the worker's part is done."""
+    write_shared(worker.flags, DONE, read_shared(worker.flags, POSTED))
 
 
 @kernel
-def wait(team):
-    """The first thread: wait until the second share is done."""
+def wait(worker):
+    """The first thread: wait until the worker's part is done."""
     looks = 0
-    while read_shared(team.flags, DONE) != read_shared(team.flags, POSTED):
+    while read_shared(worker.flags, DONE) != read_shared(worker.flags, POSTED):
         looks += 1
-        pause(looks > PATIENCE)
+        pause(looks > SPINS)
 
 
 @kernel
-def next_phase(team):
-    """The second thread: wait for a phase whose share nobody has, take it and give the number of the phase."""
+def next_phase(worker):
+    """The second thread: wait for a phase whose part no thread has taken, take it and return the phase."""
     looks = 0
-    while read_shared(team.flags, CLAIMED) == read_shared(team.flags, POSTED) or not claim(team):
+    while read_shared(worker.flags, CLAIMED) == read_shared(worker.flags, POSTED) or not claim(worker):
         looks += 1
-        pause(looks > PATIENCE)
-    return team.notes[0, 0]
+        pause(looks > SPINS)
+    return worker.message[0, 0]
 
 
 @kernel
-def enter(team):
+def enter(worker):
     """The second thread: say that it serves from now on."""
-    write_shared(team.flags, SERVES, 1)
+    write_shared(worker.flags, SERVES, 1)
 
 
 @contextmanager
-def serving(team: Team, serve: Callable[[], None]) -> Iterator[None]:
-    """Within, a second thread runs `serve`, which enters, and returns at STOP; alone where there is no processor."""
+def serving(worker: Worker, serve: Callable[[], None]) -> Iterator[None]:
+    """Within the block a second thread runs `serve`, `enter` first and to STOP, where there is a processor for it."""
     if not processors() > 1:
         yield
         return
     thread = threading.Thread(target=serve, name="clothfit-solve", daemon=True)
     thread.start()
     try:
-        while not team.flags[SERVES] and thread.is_alive():
+        while not worker.flags[SERVES] and thread.is_alive():
             time.sleep(1e-5)  # until it runs compiled code, which the interpreter's lock would keep it from
         yield
     finally:
-        team.notes[0, 0] = STOP
-        team.flags[POSTED] += 1
+        worker.message[0, 0] = STOP
+        worker.flags[POSTED] += 1
         thread.join()
-        team.flags[:] = 0
+        worker.flags[:] = 0
 
 
 def processors() -> int:

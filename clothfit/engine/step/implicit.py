@@ -25,7 +25,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.engine.forces import total
-from clothfit.engine.solve import cg, guess, linear, sparse
+from clothfit.engine.solve import guess, linear, sparse
 from clothfit.engine.system import System
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add as add_lanes
@@ -38,7 +38,7 @@ class Workspace(NamedTuple):
     """Memory that a run of steps uses again and again; (n, 3) where nothing else is said."""
 
     A: sparse.BlockMatrix
-    cg: cg.Workspace
+    solver: linear.Workspace
     past: guess.Past  # solutions of the last steps
     nothing: Array  # (0, 3)
     b: Array  # right-hand side
@@ -55,7 +55,7 @@ def workspace(system: System) -> Workspace:
     n = len(system.x0)
     vectors = [np.zeros((n, 3)) for _ in range(7)]
     A = sparse.zeros(system.pattern, n)
-    return Workspace(A, cg.workspace(A, system.coarser), guess.past(n), np.zeros((0, 3)), *vectors)
+    return Workspace(A, linear.workspace(A), guess.past(n), np.zeros((0, 3)), *vectors)
 
 
 @kernel
@@ -123,7 +123,7 @@ def step(system, x, v, first, tolerance, work, iterates):
             assemble_newton(system, x, v, iterates[k - 1], work.y, A, work.gy, b)
             hold_fixed(free, b)
             copy(iterates[k - 1], iterates[k])
-        more, more_direct, solved = linear.solve(A, b, tolerance, work.cg, iterates[k], anyhow)
+        more, more_direct, solved = linear.solve(A, b, tolerance, work.solver, iterates[k], anyhow)
         iterations += more
         direct += more_direct
         if not solved:
@@ -152,7 +152,7 @@ def pullback(system, x, v, iterates, used, theta, tolerance, work, x_bar, v_bar,
         linearise(system, x, w, u, k, A, work.nothing, y, s)
         copy(w_bar, b)
         hold_fixed(free, b)
-        linear.solve(A, b, tolerance, work.cg, lam, True)
+        linear.solve(A, b, tolerance, work.solver, lam, True)
         gy[:] = 0.0
         gu[:] = 0.0
         total.add_pullback(system, y, u, w, s, lam, h, grad, gy, gu)
@@ -212,6 +212,6 @@ def pushforward(system, x, v, iterates, used, theta, tolerance, work, dx, dv, di
         add_mass(direction.mass, 1.0, v, b)
         add_mass(direction.mass, -1.0, w, b)
         hold_fixed(free, b)
-        linear.solve(A, b, tolerance, work.cg, dw, True)
+        linear.solve(A, b, tolerance, work.solver, dw, True)
     combine(theta, dw, 0.0, dw, dv)
     add(h, dv, dx)
