@@ -89,8 +89,8 @@ def find(search: Search, start: Array, others: Callable[[], list[Array]] | None,
         guesses += [np.where(search.fitted, p, start) for p in known]
     centre = min(guesses, key=lambda p: search.measure(p, first))
     status = by_gauss_newton(search, centre, centre, tau)
-    if exact and np.array_equal(search.best, exact[-1]):  # noisy as it is, it is better than that
-        return by_gauss_newton(search, search.best, centre, tau)
+    if exact and np.array_equal(search.best.p, exact[-1]):  # noisy as it is, it is better than that
+        return by_gauss_newton(search, search.best.p, centre, tau)
     return status
 
 
@@ -111,7 +111,7 @@ def by_momentum(
     target that the model cannot reproduce it may be so soft that a whole motion takes minutes.
     """
     if not momentum.fits(search.objective):
-        search.note("too little memory for the balance of momentum, which was left out (--memory)")
+        search.warn("too little memory for the balance of momentum, which was left out (--memory)")
         return []
     search.enter("momentum")
     found: list[tuple[float, Array]] = []
@@ -152,13 +152,13 @@ def is_long(search: Search) -> bool:
 
 def is_near(search: Search, cost: float | None = None) -> bool:
     """Whether a cost, by default that of the best point, means that the motion is nearly the target's."""
-    best = search.best_cost if cost is None else cost
+    best = search.best.cost if cost is None else cost
     return bool(np.isfinite(best)) and best < NEAR**2 * search.objective.still
 
 
 def is_far(search: Search) -> bool:
     """Whether the best point is so far from the target that the model cannot reproduce it."""
-    return search.best_cost > FAR**2 * search.objective.still
+    return search.best.cost > FAR**2 * search.objective.still
 
 
 def one_value_each(search: Search) -> bool:
@@ -176,7 +176,7 @@ def by_scan(search: Search, start: Array, tau: float | None) -> Status:
         own = [block.start for block in scannable(search.objective, cloth)]
         large = is_large(search.objective, cloth)
         for point in scanned(search, cloth, start) if own else []:
-            p = search.best.copy()
+            p = search.best.p.copy()
             p[own] = point[:, 1]
             if len(own) == 1 and not large:
                 by_brent(search, p, own[0], point[0])
@@ -185,14 +185,14 @@ def by_scan(search: Search, start: Array, tau: float | None) -> Status:
     if len(search.y) == 1:
         search(search.y)
         return search.verdict()
-    return by_gauss_newton(search, search.best, search.best, tau, windows=False)
+    return by_gauss_newton(search, search.best.p, search.best.p, tau, windows=False)
 
 
 def scanned(search: Search, cloth: int, start: Array) -> Array:
     """The best points of the scan of a cloth (K, blocks, 3): values between their neighbours on the grid. The other
     cloths are as in the best point; `start` (P,) is where that of a large one is looked for.
     """
-    p = search.best.copy()
+    p = search.best.p.copy()
     for block in scannable(search.objective, cloth):
         p[block.part] = start[block.part]
     return search.journal.recall("scan", lambda: np.array(scan(search.objective, cloth, p)))
@@ -218,8 +218,8 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
         p, status = by_factors(search, p, windows)
         if is_far(search):
             return status
-        cost, windows = search.best_cost, False
-    before, status = (search.best_cost, search.best), Status.STALLED
+        cost, windows = search.best.cost, False
+    before, status = (search.best.cost, search.best.p), Status.STALLED
     y: Array | None = None
     prior: Prior | None = None
     for objective, least, iterations, patience in stages(search, is_near(search, cost), windows):
@@ -230,28 +230,28 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
         prior = part.prior(part.y(centre), tau) if prior is None else prior
         if not np.isfinite(part.cost(y)):
             break
-        search.prior = prior
+        search.best.believe(prior)
         if part.operations() > LARGEST or not part.fits():
             if matrix_free.fits(part):
                 search.enter("matrix-free", objective)
                 y, status = matrix_free.minimise(part, y, prior, whole)
                 continue
-            search.prior = None
-            search.note("too little memory for the matrices of gauss-newton: l-bfgs-b took its place (--memory)")
+            search.best.believe(None)
+            search.warn("too little memory for the matrices of gauss-newton: l-bfgs-b took its place (--memory)")
             if whole:
                 status = descent.minimise(search, "l-bfgs-b")
             continue
         accepted = part.accepted if whole else part.passed
         y, prior, status = minimise_resumed(search, part.problem(least, patience), y, prior, accepted, iterations)
-        search.prior = prior
+        search.best.believe(prior)
         if not whole:
             search.enter("gauss-newton")
             search.visit(search.parameters(y))
             if objective.steps == search.objective.steps and is_far(search):
                 break
-    if before[0] < search.best_cost:
-        search.prior = None
-        search.settle(before[1], before[0])
+    if before[0] < search.best.cost:
+        search.best.believe(None)
+        search.accept(before[1], before[0])
     return Status.STALLED if status == Status.CONVERGED and search.on_plateau() else status
 
 
@@ -281,7 +281,7 @@ def by_factors(search: Search, p: Array, windows: bool) -> tuple[Array, Status]:
         search.enter("l-bfgs-b", loose)
         y, status = descent.short(search, loose, search.y)
         search.visit(search.parameters(y))
-    return search.best, status
+    return search.best.p, status
 
 
 def stages(search: Search, near: bool, windows: bool) -> list[Stage]:

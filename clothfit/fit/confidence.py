@@ -30,7 +30,6 @@ of 3 % and 5 mm.
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -81,13 +80,11 @@ def confidence(search: Search, start: Array) -> Confidence | None:
 
     None where that would take too long (`trajectory.LARGEST`) or too much memory, or where nothing could be evaluated.
     """
-    aside = copy(search)  # what is evaluated from here on is no part of the search
-    aside.history, aside.budget, aside.report = [], 100, None
-    problem = Trajectory(aside, search.objective)
-    exact = search.objective.rmse(search.best_cost) <= min(search.rmse_tolerance, EXACT)
+    problem = Trajectory(search.aside(budget=100), search.objective)
+    exact = search.objective.rmse(search.best.cost) <= min(search.rmse_tolerance, EXACT)
     quick = balances(search) if exact else None
     dear = quick is None and (problem.operations() > trajectory.LARGEST or not problem.fits())
-    if not np.isfinite(search.best_cost) or dear:
+    if not np.isfinite(search.best.cost) or dear:
         return None
     try:
         local = Local(problem, quick)
@@ -103,8 +100,8 @@ def balances(search: Search) -> tuple[Model, float, int] | None:
     """The balances of momentum near the best point, as a model, with their sum of squares and number; None where the
     target does not show all of them.
     """
-    y, p = search.y, search.best
-    found = momentum.information(search.objective, p, search.fitted, search.coordinates.slope(p))
+    y, p = search.y, search.best.p
+    found = momentum.information(search.objective, p, search.fitted, search.coordinates.derivative(p))
     if found is None:
         return None
     H, g, squares, count = found
@@ -123,7 +120,7 @@ class Local:
         ends = self.search.coordinates
         self.per = ends.weight[self.fitted]  # y = per · z
         self.width = (ends.upper - ends.lower)[self.fitted] / self.per
-        seen = residual_squares(self.search.objective, self.search.best)
+        seen = residual_squares(self.search.objective, self.search.best.p)
         self.model, self.squares, self.count = quick or (problem.model(self.search.y), *seen)
         self.exact = quick is not None
         self.prior = self._prior()
@@ -138,7 +135,7 @@ class Local:
         """The prior of the fit; a width that is learned may be less than while fitting, down to nothing beside the
         standard deviation of the mean, so that a cloth of one fabric gets the intervals of one value.
         """
-        prior, model = self.search.prior or none(int(self.fitted.sum())), self.model
+        prior, model = self.search.best.prior or none(int(self.fitted.sum())), self.model
         if not (prior.learns and prior.groups and self.squares > 0):
             return prior
         sigma2 = variance(self.squares, self.count, len(model.y))
@@ -150,7 +147,7 @@ class Local:
 
     def _held(self) -> Flags:
         """Which parameters (Q,) the data push against a bound."""
-        p, (lower, upper) = self.search.best, bounds(self.search.objective.scene)
+        p, (lower, upper) = self.search.best.p, bounds(self.search.objective.scene)
         slope = self._slope(variance(self.squares, self.count, 0.0))
         down, up = at_lower(p, lower)[self.fitted], at_upper(p, upper)[self.fitted]
         return np.asarray((down & (slope > 0)) | (up & (slope < 0)))
@@ -221,7 +218,7 @@ class Local:
 
         What a mass or stiffness at its lower bound does grows in proportion to it; at the upper bound, to 1 / p.
         """
-        p, lower = self.search.best, bounds(self.search.objective.scene)[0]
+        p, lower = self.search.best.p, bounds(self.search.objective.scene)[0]
         with np.errstate(divide="ignore"):
             reach = t * np.sqrt(self.sigma2 / np.diag(self.H)[held])
         reach = np.where(self.search.coordinates.log[self.fitted][held], np.log1p(reach), reach)
@@ -232,7 +229,7 @@ class Local:
         """The best point (P,) without its way from the start along what is not shown, and its cost; the point as it is
         where that costs more. Raises Diverged.
         """
-        best, cost = self.search.best, self.search.best_cost
+        best, cost = self.search.best.p, self.search.best.cost
         objective = self.search.objective
         for directions in (self.hidden, self.null):
             if not directions.shape[1]:
@@ -251,7 +248,7 @@ class Local:
         y[self.free] -= per * (directions @ (directions.T @ way))
         p = self.search.parameters(y)
         alone = self.whole(np.linalg.norm(directions, axis=1) > 1.0 - SHARE)
-        return np.where(alone, start, np.where(self.whole(self.lost), p, self.search.best))
+        return np.where(alone, start, np.where(self.whole(self.lost), p, self.search.best.p))
 
 
 def residual_squares(objective: Objective, p: Array) -> tuple[float, int]:

@@ -26,9 +26,9 @@ from clothfit.motion.simulate import simulate, simulate_cloths
 from clothfit.objective.experiment import Targets, experiments
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.objective import Objective
-from clothfit.optimise.checkpoint import Checkpoint, identity
-from clothfit.optimise.journal import opened
-from clothfit.optimise.search import Progress, Search
+from clothfit.optimise.checkpoint import Checkpoint, identity, opened
+from clothfit.optimise.progress import Progress
+from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.scene.fit_vector import blocks, fitted_cloths, parameters
 from clothfit.scene.scene import Scene
@@ -105,10 +105,10 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     with journal.trusted():
         p, warnings = first_point(objective, start, hidden, options.method, journal)
         search = Search(objective, p, options.rmse_tolerance, options.budget, options.report, journal)
-        first = search.best  # within the bounds
+        first = search.best.p  # within the bounds
         others = partial(other_starts, objective, p, hidden) if start is None else None
         status = run(search, options.method, p, others, options.tau)
-        seconds, warnings = search.seconds, [*warnings, *search.notes, *journal.warnings]
+        seconds, warnings = search.progress.seconds, [*warnings, *search.warnings, *journal.warnings]
         known = look(search, status, first, warnings) if options.intervals else None
         found = result(search, status, options.method, warnings, start is not None, first, known, seconds)
     found = with_fallbacks(found, objective)

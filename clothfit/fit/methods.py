@@ -27,13 +27,13 @@ def run(
         status = stop.status
     except KeyboardInterrupt:
         search.take_known()
-        if not np.isfinite(search.best_cost):
+        if not np.isfinite(search.best.cost):
             raise  # there is no result yet
         status = Status.INTERRUPTED
     finally:
         search.journal.write()
     search.take_known()
-    return status if np.isfinite(search.best_cost) else Status.DIVERGED
+    return status if np.isfinite(search.best.cost) else Status.DIVERGED
 
 
 def found_by(

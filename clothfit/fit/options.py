@@ -19,7 +19,7 @@ from clothfit.base.messages import meant
 if TYPE_CHECKING:
     from clothfit.objective.memory_needs import Needs
     from clothfit.optimise.checkpoint import Checkpoint
-    from clothfit.optimise.search import Progress
+    from clothfit.optimise.progress import Progress
 
 OWN_METHODS = ("auto", "momentum", "gauss-newton")
 """The methods of this package, besides SciPy's (`scipy_methods.METHODS`)."""

@@ -80,7 +80,7 @@ def result(
 ) -> Fit:
     """The fit as its user sees it: it began at `start` (P,), which was given where `started`."""
     scene = search.objective.scene
-    p, cost = (search.best, search.best_cost) if known is None else (known.p, known.cost)
+    p, cost = (search.best.p, search.best.cost) if known is None else (known.p, known.cost)
     found = blocks(scene)
     lost = [block for block in found if block.mode == "G" and search.objective.unidentifiable(block)]
     return Fit(
@@ -91,7 +91,7 @@ def result(
         cost=cost,
         rmse=position_rmse(search, p, cost),
         frames=search.objective.frames,
-        evaluations=search.evaluations,
+        evaluations=search.budget.evaluations,
         seconds=seconds,
         parameters=[fitted_block(search, block, start, p, known) for block in found],
         warnings=warnings,
@@ -134,11 +134,11 @@ def fitted_block(search: Search, block: Block, start: Array, p: Array, known: Co
 
 def scatter(search: Search) -> list[Scatter] | None:
     """The widths of the prior of a search, one for each block that it concerns; None where it says nothing."""
-    if search.prior is None or not search.prior.groups:
+    if search.best.prior is None or not search.best.prior.groups:
         return None
     places = np.flatnonzero(search.fitted)
     found = []
-    for group, tau in zip(search.prior.groups, search.prior.tau, strict=True):
+    for group, tau in zip(search.best.prior.groups, search.best.prior.tau, strict=True):
         if not np.isfinite(tau):
             return None
         (block,) = (b for b in search.objective.blocks if b.part.start <= places[group[0]] < b.part.stop)

@@ -15,7 +15,7 @@ from clothfit.fit.coarse_search import best_scales
 from clothfit.fit.fabric import proportions
 from clothfit.fit.start_warnings import start_warnings
 from clothfit.objective.objective import Objective
-from clothfit.optimise.journal import Journal
+from clothfit.optimise.checkpoint import Journal
 from clothfit.scene.fit_vector import blocks, bounds, identifiable, parameters
 from clothfit.scene.kinds import LETTERED
 from clothfit.scene.scene import Scene

@@ -64,5 +64,5 @@ class Shared(Trajectory):
         """Which coordinate moves each parameter (P,), −1 for none, and how much at p (P,)."""
         column, factor = np.full(len(p), -1), np.zeros(len(p))
         column[self.fitted] = self.group
-        factor[self.fitted] = self.search.coordinates.slope(p)[self.fitted] * self.share
+        factor[self.fitted] = self.search.coordinates.derivative(p)[self.fitted] * self.share
         return column, factor

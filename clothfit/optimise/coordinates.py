@@ -59,6 +59,11 @@ class Coordinates:
         """Change (P,) of the parameters that counts as one at p (P,): their size, or σ where y is linear in p."""
         return np.where(self.log, p, self.scale)
 
-    def slope(self, p: Array) -> Array:
+    def relative_change(self, p: Array, q: Array) -> Array:
+        """Change (P,) from p to q, relative to the size of p, and of what counts as one there; 0 where both are 0."""
+        size = np.maximum(np.abs(p), self.change(p))
+        return np.where(size > 0, np.abs(q - p) / np.where(size > 0, size, 1.0), 0.0)
+
+    def derivative(self, p: Array) -> Array:
         """∂p/∂y (P,) at p (P,)."""
         return np.asarray(self.change(p) / self.weight)

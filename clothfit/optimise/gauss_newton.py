@@ -223,7 +223,7 @@ class Descent:
         ended = None if record.text == RUNNING else Status(record.text)  # ValueError where there is none
         iteration, radius, *marks = record.values[:6].tolist()
         rest = record.values[6:]
-        self.search.stand(standing.values)
+        self.search.restore(standing.values)
         tau = tuple(rest[: self.widths].tolist())
         mark, last = (marks[0], marks[1]), (marks[2], marks[3])
         return State(rest[self.widths :], radius, tau, int(iteration), mark, last), ended
@@ -231,7 +231,7 @@ class Descent:
     def keep(self, state: State, status: str = RUNNING) -> None:
         """Keep a state; at once where the descent goes on from it."""
         values = np.array([state.iteration, state.radius, *state.mark, *state.last, *state.tau, *state.y])
-        records = [Record(self.name, values, status), Record("standing", self.search.standing())]
+        records = [Record(self.name, values, status), Record("standing", self.search.state_vector())]
         self.journal.replace(self.place, records, now=status == RUNNING)
 
 
@@ -253,7 +253,7 @@ def minimise_resumed(
         return known[0].y, replace(prior, tau=known[0].tau), known[1]
     state = known[0] if known else None
     if state is not None:
-        search.history.pop()  # the model at its point is made again, and was counted
+        search.budget.history.pop()  # the model at its point is made again, and was counted
     last = [state or State(y, 0.0, prior.tau, 0)]
 
     def keep(state: State, model: Model) -> None:

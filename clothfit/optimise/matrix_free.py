@@ -92,7 +92,7 @@ class Residuals:
 
     def __call__(self, y: Array) -> Array:
         """r (N + …,) at y (Q,)."""
-        self.part.search.spend()
+        self.part.search.count()
         p = self.part.search.parameters(y)
         objective = self.part.objective
         try:
@@ -102,7 +102,7 @@ class Residuals:
         except Diverged:
             return np.full(self.count, FAR * self.worst)
         self.part.remember(p, sum(cost.value for _, cost, _ in told))
-        self.part.search.tell()
+        self.part.search.report()
         parts = [run.comparison.residual_of(states.states) for run, _, states in told]
         below = [w * self.prior.deviation(y, g) for w, g in zip(self.weights, self.prior.groups, strict=True)]
         r = np.concatenate([*parts, *below])
@@ -115,7 +115,7 @@ class Residuals:
 
         part, search = self.part, self.part.search
         p, objective = search.parameters(y), part.objective
-        factor = search.coordinates.slope(p)
+        factor = search.coordinates.derivative(p)
         passed = [(run, Measured(run.comparison)) for run in objective.runs]
         rolled = [(run, *objective.tell(run, p, told, plan=objective.plan(run))) for run, told in passed]
         by_position = [run.comparison.jacobian_of(told.states) for run, told in passed]

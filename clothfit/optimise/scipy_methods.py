@@ -40,7 +40,7 @@ def minimise(search: Search, method: str) -> Status:
     search.enter(method)
     minimizer: Any = optimize.minimize  # its stubs know methods by literal names only
     takes = METHODS[method]
-    arguments: dict[str, Any] = {"method": method, "options": options(method, search.budget)}
+    arguments: dict[str, Any] = {"method": method, "options": options(method, search.budget.limit)}
     if takes["bounds"]:
         arguments["bounds"] = search.bounds
     with python_warnings.catch_warnings():
@@ -78,12 +78,12 @@ def short(search: Search, objective: Objective, y: Array) -> tuple[Array, Status
 
     def cost(y: Array) -> tuple[float, Array]:
         p = search.parameters(y)
-        search.spend()
+        search.count()
         answer = search.journal.recall("loose gradient", partial(cost_and_gradient, objective, p), p)
         search.advance(p, objective.rmse(float(answer[0])))
         if not np.isfinite(answer).all():
             return 1e3, np.zeros(len(y))  # the line search steps back
-        slope = answer[1:] * search.coordinates.slope(p)
+        slope = answer[1:] * search.coordinates.derivative(p)
         return float(answer[0]) / unit, slope[search.fitted] / unit
 
     found = minimize(

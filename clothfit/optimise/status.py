@@ -1,8 +1,12 @@
-"""How a fit ends."""
+"""How a fit ends, and the budget that can end it."""
 
 from __future__ import annotations
 
+import math
 from enum import StrEnum
+
+STALL_EVALUATIONS, STALL_REDUCTION = 50, 1e-3
+"""A search stalls where so many evaluations in a row lower the best cost by less than this fraction."""
 
 
 class Status(StrEnum):
@@ -21,3 +25,39 @@ class Stop(Exception):
     def __init__(self, status: Status) -> None:
         self.status = status
         super().__init__(status)
+
+
+class Budget:
+    """The evaluations of cost and gradient: how many there were, how many are allowed, and what each was good for."""
+
+    def __init__(self, limit: int) -> None:
+        """`limit`: evaluations allowed."""
+        self.limit = limit
+        self.history: list[float] = []  # best cost at each evaluation of an optimiser
+        self.beside = 0  # simulations that only look around a point, and end nothing
+
+    @property
+    def evaluations(self) -> int:
+        """How many there were."""
+        return len(self.history) + self.beside
+
+    def check(self) -> None:
+        """Raise Stop when none is left."""
+        if len(self.history) >= self.limit:
+            raise Stop(Status.LIMIT)
+
+    def count(self, best_cost: float) -> None:
+        """Count an evaluation of an optimiser."""
+        self.history.append(best_cost)
+
+    def count_beside(self, simulations: int) -> None:
+        """Count simulations around a point; they do not change where the search ends."""
+        self.beside += simulations
+
+    @property
+    def is_stalled(self) -> bool:
+        """Whether the last evaluations hardly lowered the best cost."""
+        if len(self.history) <= STALL_EVALUATIONS:
+            return False
+        before, now = self.history[-1 - STALL_EVALUATIONS], self.history[-1]
+        return math.isfinite(before) and now > (1.0 - STALL_REDUCTION) * before

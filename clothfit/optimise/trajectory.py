@@ -60,7 +60,7 @@ class Trajectory:
 
     def columns(self, p: Array) -> tuple[Indices, Array]:
         """Which coordinate moves each parameter (P,), −1 for none, and how much at p (P,)."""
-        return np.where(self.fitted, np.cumsum(self.fitted) - 1, -1), self.search.coordinates.slope(p)
+        return np.where(self.fitted, np.cumsum(self.fitted) - 1, -1), self.search.coordinates.derivative(p)
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -70,14 +70,14 @@ class Trajectory:
 
     def accepted(self, state: gauss_newton.State, model: gauss_newton.Model) -> None:
         """Make the point of a model the best one of the search. Raises Stop when the error is small enough."""
-        if self.search.prior:
-            self.search.prior = replace(self.search.prior, tau=state.tau)
-        self.search.settle(self.parameters(model.y), model.cost)
+        if self.search.best.prior:
+            self.search.best.believe(replace(self.search.best.prior, tau=state.tau))
+        self.search.accept(self.parameters(model.y), model.cost)
 
     def passed(self, state: gauss_newton.State, model: gauss_newton.Model) -> None:
         """Tell of an iteration on fewer frames."""
         self.search.advance(self.parameters(model.y), self.objective.rmse(model.cost))
-        self.search.tell()
+        self.search.report()
 
     def problem(
         self, least: float = 0.0, patience: gauss_newton.Patience = gauss_newton.PATIENT
@@ -96,9 +96,9 @@ class Trajectory:
         """Make parameters (P,) of that cost the best point where they are: of all frames, and of the cost alone; with a
         prior the lowest cost need not be what is looked for.
         """
-        believed = self.search.prior is not None and bool(np.isfinite(self.search.prior.tau).any())
-        if self.objective is self.search.objective and not believed and cost < self.search.best_cost:
-            self.search.settle(p, cost)
+        best = self.search.best
+        if self.objective is self.search.objective and best.follows_cost and cost < best.cost:
+            self.search.accept(p, cost)
 
     def residuals(self) -> int:
         """Number of residuals that a parameter can change."""
@@ -106,7 +106,7 @@ class Trajectory:
 
     def model(self, y: Array) -> gauss_newton.Model:
         """The cost near y: its residuals, linear in the coordinates. Raises Diverged."""
-        self.search.spend()
+        self.search.count()
         p = self.parameters(y)
         column, factor = self.columns(p)
         H, g, cost = np.zeros((self.size, self.size)), np.zeros(self.size), 0.0

@@ -15,7 +15,7 @@ from clothfit.pictures.filmstrip import INK, QUIET
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from clothfit.optimise.search import Progress
+    from clothfit.optimise.progress import Progress
 
 BLUE, ORANGE, GREEN, PURPLE, RED, SKY = "#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9"
 WINDOW = "#0072b2"

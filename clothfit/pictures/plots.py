@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-    from clothfit.optimise.search import Progress
+    from clothfit.optimise.progress import Progress
 
 WIDTH, HEAD, LEGEND, ROW = 12.0, 0.42, 0.2, 3.0  # inches: of all, of the title, what is below it, and of a row
 CHART_SHARE, MAP_SHARE, TEXT_SHARE = 1.25, 1.1, 0.85  # of the width of a row

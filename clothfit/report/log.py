@@ -106,7 +106,7 @@ def thinned(points: list[Point]) -> list[Point]:
 
 
 def recorder(log: list[Point], show: Callable[[Any], None] | None) -> Callable[[Any], None]:
-    """What notes the progress of a fit (`search.Progress`) and passes it on to `show`."""
+    """What notes the progress of a fit (`progress.Progress`) and passes it on to `show`."""
 
     def report(progress: Any) -> None:
         log.append(Point(progress.evaluations, progress.cost, progress.rmse, progress.seconds))

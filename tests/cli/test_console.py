@@ -12,7 +12,7 @@ from clothfit.cli.common import console
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.progress import progress
 from clothfit.cli.program import run
-from clothfit.optimise.search import Progress
+from clothfit.optimise.progress import Progress
 
 
 class Terminal(io.StringIO):

@@ -12,7 +12,7 @@ from helpers.scenes import needs_full_disk, trial, write_scene
 from clothfit.cli.common.console import Console
 from clothfit.cli.fitting.fit_log import KEYS, FitLog, earlier
 from clothfit.cli.program import run
-from clothfit.optimise.search import Progress
+from clothfit.optimise.progress import Progress
 
 FIT = ["--method", "gauss-newton", "--start", "0.05"]
 

@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from clothfit.cli.common.progress import BARS, LONGEST, Pace, Shown, duration, pace, plain, sparkline, stage
-from clothfit.optimise.search import Progress
+from clothfit.optimise.progress import Progress
 
 
 def step(evaluations, **fields):

@@ -88,8 +88,8 @@ def test_gauss_newton_finds_the_truth_from_a_start_that_is_off(settings):
     with pytest.raises(Stop) as stop:
         by_gauss_newton(search, start, start, np.inf)
     assert stop.value.status == "converged"
-    np.testing.assert_allclose(search.best[kept], true[kept], rtol=1e-2)  # 1e-8 m of what the motion hardly shows
-    assert np.median(np.abs(search.best[kept] / true[kept] - 1)) < 1e-5
+    np.testing.assert_allclose(search.best.p[kept], true[kept], rtol=1e-2)  # 1e-8 m of what the motion hardly shows
+    assert np.median(np.abs(search.best.p[kept] / true[kept] - 1)) < 1e-5
 
 
 def test_one_value_in_the_wind_is_found_among_many_minima():
@@ -122,16 +122,17 @@ def test_the_result_is_never_worse_than_a_point_it_visited(settings, make, budge
     # without a prior: with one, a value that costs a little more may be the better guess
     status = ended(search, start)
     assert status in ("converged", "stalled", "limit")
-    assert search.evaluations <= budget
-    assert search.best_cost <= min(visited, default=np.inf)
-    assert search.objective.cost(search.best) == pytest.approx(search.best_cost, rel=1e-9)  # log and exp of the values
+    assert search.budget.evaluations <= budget
+    assert search.best.cost <= min(visited, default=np.inf)
+    again = search.objective.cost(search.best.p)
+    assert again == pytest.approx(search.best.cost, rel=1e-9)  # log and exp of the values
 
 
 @pytest.mark.parametrize("budget", [30, 60, 10**4])
 def test_from_a_far_start_with_gaps_it_is_never_worse_either(budget, visited):
     search, start = searching("LL", 60, 1e-3, budget, every=3, start=None)
     ended(search, start, others=lambda: [np.full(len(start), 0.5)])
-    assert search.best_cost <= min(visited, default=np.inf)
+    assert search.best.cost <= min(visited, default=np.inf)
 
 
 # --- the steps of the way
@@ -143,13 +144,13 @@ def test_the_momentum_fits_come_best_last():
     assert len(found) == len(auto.momentum.TREATMENTS)
     costs = [search.objective.cost(p) for p in found]
     assert costs == sorted(costs, reverse=True)
-    assert search.best_cost == pytest.approx(costs[-1], rel=1e-9)
+    assert search.best.cost == pytest.approx(costs[-1], rel=1e-9)
 
 
 def test_no_momentum_fit_without_successive_frames():
     search, start = searching("nL", every=2)
     assert by_momentum(search, start) == []
-    assert search.best_cost == np.inf
+    assert search.best.cost == np.inf
 
 
 def test_windows_grow_to_the_whole():

@@ -20,10 +20,9 @@ from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import save_motion
 from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
+from clothfit.optimise import checkpoint as journal
 from clothfit.optimise import checkpoint as module
-from clothfit.optimise import journal
-from clothfit.optimise.checkpoint import Checkpoint, Content, Record, decoded, encoded, identity
-from clothfit.optimise.journal import Journal
+from clothfit.optimise.checkpoint import Checkpoint, Content, Journal, Record, decoded, encoded, identity
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import load

@@ -46,10 +46,11 @@ def test_both_ways_stay_within_the_bounds():
         np.testing.assert_allclose(MADE.p(side), end, rtol=1e-13)
 
 
-def test_the_slope_is_the_derivative():
+def test_the_derivative_is_that_of_the_parameters():
     y, t = MADE.y(P + 0.5), 1e-6
     measured = (MADE.p(y + t) - MADE.p(y - t)) / (2 * t)
-    np.testing.assert_allclose(MADE.slope(MADE.p(y)), measured, rtol=1e-8)  # rounding 1e-16 / 1e-6 of values up to 100
+    # Rounding: 1e-16 / 1e-6 of values up to 100.
+    np.testing.assert_allclose(MADE.derivative(MADE.p(y)), measured, rtol=1e-8)
 
 
 def test_nothing_to_fit_has_no_coordinates():

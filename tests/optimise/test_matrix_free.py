@@ -41,7 +41,7 @@ def trajectory(frames=10, noise=0.0, rmse=0.0, heavier=1.0, **options):
 @pytest.mark.parametrize("objective", ["position", {"edge-length": 2.0, "velocity": 0.1}], ids=str)
 def test_products_are_those_of_the_residuals_derivative(objective, tau):
     part = trajectory(objective=objective)
-    y = part.y(part.search.best)
+    y = part.y(part.search.best.p)
     residuals = Residuals(part, part.prior(y - 0.1, tau), y)
     r, J, t = residuals(y), residuals.jacobian(y), 1e-5
     rng = np.random.default_rng(1)
@@ -55,7 +55,7 @@ def test_products_are_those_of_the_residuals_derivative(objective, tau):
 
 def test_without_a_prior_its_squares_are_the_cost():
     part = trajectory()
-    y = part.y(part.search.best)
+    y = part.y(part.search.best.p)
     residuals = Residuals(part, none(part.size), y)
     r = residuals(y)
     assert r @ r == pytest.approx(part.cost(y), rel=1e-12)  # the same motion
@@ -82,12 +82,12 @@ def test_it_finds_the_truth_as_with_a_matrix(monkeypatch):
         monkeypatch.setattr(auto, "LARGEST", largest)
         search = Search(Objective(made, target, 1e-10), np.full(33, 20.0), 1e-7, 2000)
         with suppress(Stop):
-            auto.by_gauss_newton(search, search.best, search.best, np.inf)
+            auto.by_gauss_newton(search, search.best.p, search.best.p, np.inf)
         found.append(search)
     for search in found:
-        assert search.objective.rmse(search.best_cost) < 1e-6
+        assert search.objective.rmse(search.best.cost) < 1e-6
         kept = search.fitted
-        assert np.median(np.abs(search.best[kept] / 30.0 - 1)) < 1e-3  # of an RMSE of 1e-6 m
+        assert np.median(np.abs(search.best.p[kept] / 30.0 - 1)) < 1e-3  # of an RMSE of 1e-6 m
 
 
 def test_noise_leaves_the_same_minimum(monkeypatch):
@@ -96,9 +96,9 @@ def test_noise_leaves_the_same_minimum(monkeypatch):
         monkeypatch.setattr(auto, "LARGEST", largest)
         part = trajectory(8, 1e-2, heavier=5.0)  # a light one is crushed on the way, where steps that switch to their
         # clamped form make steps of the cost
-        p = part.search.best
+        p = part.search.best.p
         auto.by_gauss_newton(part.search, p, p, np.inf)
-        costs.append(part.search.best_cost)
+        costs.append(part.search.best.cost)
     # The valley's floor is flat: 288 residuals less some 70 parameters leave a cost of 217 of the noise's squares,
     # which is uncertain by 21 of them; both end within 4 of each other.
     assert costs[0] == pytest.approx(costs[1], rel=2e-2)

@@ -19,12 +19,12 @@ pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of si
 def test_every_one_goes_down_within_its_budget_and_the_bounds(method):
     made = load(even("GG", 8, 3, 3))
     search = Search(Objective(made, simulate(made), 1e-10), np.array([0.05, 10.0]), 1e-9, 25)
-    first = search.objective.cost(search.best)
+    first = search.objective.cost(search.best.p)
     with pytest.raises(Stop) as stop:
         raise Stop(minimise(search, method))
     assert stop.value.status in ("converged", "stalled", "limit")
-    assert search.evaluations <= 25
-    assert search.best_cost < 0.5 * first
+    assert search.budget.evaluations <= 25
+    assert search.best.cost < 0.5 * first
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -42,4 +42,4 @@ def test_without_bounds_of_its_own_the_values_are_clipped():
     search = Search(Objective(made, simulate(made), 1e-10), np.array([9e3]), 0.0, 20)
     with pytest.raises(Stop):
         raise Stop(minimise(search, "bfgs"))
-    assert search.best[0] <= 1e4
+    assert search.best.p[0] <= 1e4

@@ -55,7 +55,7 @@ def trajectory(kind, objective="position", method="implicit", loss="linear", **f
 
 
 def at(part):
-    return part.y(part.search.best)
+    return part.y(part.search.best.p)
 
 
 VARIANTS = [
@@ -130,23 +130,23 @@ def test_every_cost_and_every_model_is_an_evaluation():
     part = trajectory("one")
     part.cost(at(part))
     part.model(at(part))
-    assert part.search.evaluations == 2
+    assert part.search.budget.evaluations == 2
 
 
 def test_of_all_frames_the_best_is_remembered_of_fewer_none():
     part = trajectory("one")
     Trajectory(part.search, part.objective.until(5)).cost(at(part))
-    assert part.search.best_cost == np.inf
+    assert part.search.best.cost == np.inf
     first = part.cost(at(part) + 0.3)
     second = part.cost(at(part) + 0.5)
-    assert part.search.best_cost == min(first, second)
+    assert part.search.best.cost == min(first, second)
 
 
 def test_accepted_points_are_the_searchs():
     part = trajectory("one")
     model = part.model(at(part) + 0.1)
     part.accepted(State(model.y, 1.0, (), 1), model)
-    assert part.search.best_cost == model.cost
+    assert part.search.best.cost == model.cost
     np.testing.assert_allclose(part.search.y, model.y, rtol=1e-13)  # rounding of log and exp
 
 

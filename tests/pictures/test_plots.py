@@ -10,7 +10,7 @@ from helpers.scenes import cloth, document, even
 
 from clothfit import energies, parameters, simulate, with_parameters
 from clothfit.base.errors import InvalidInput
-from clothfit.optimise.search import Progress
+from clothfit.optimise.progress import Progress
 from clothfit.pictures.overlay import overlaid
 from clothfit.pictures.picture_file import DOTS, GIF, check, save
 from clothfit.scene.scene import load

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from clothfit.fit.result import Fit
     from clothfit.motion.energy import Energy
     from clothfit.motion.motion import Motion
-    from clothfit.optimise.search import Progress
+    from clothfit.optimise.progress import Progress
     from clothfit.pictures.overlay import Overlay
     from clothfit.scene.scene import Scene
 

@@ -20,7 +20,7 @@ from clothfit.cli.common.console import Console
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from clothfit.optimise.search import Progress
+    from clothfit.optimise.progress import Progress
 
 RECENT = 10.0
 """Seconds over which the pace is taken."""

@@ -20,7 +20,7 @@ from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
     from clothfit.fit.result import Fit
-    from clothfit.optimise.search import Progress
+    from clothfit.optimise.progress import Progress
     from clothfit.report.log import Point
     from clothfit.scene.scene import Scene
 

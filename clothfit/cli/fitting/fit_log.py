@@ -2,7 +2,7 @@
 
 One object for each iteration, which is a change of the parameters that was accepted, and another where its point turns
 out to be the best over all frames: `iteration`, `evaluations`, `seconds`, `cost`, `rmse`, `step`, `stage`, `window` and
-`frames`, `window_rmse`, all as in `search.Progress`; null where a number is not finite. At the end `{"summary": …}`
+`frames`, `window_rmse`, all as in `progress.Progress`; null where a number is not finite. At the end `{"summary": …}`
 with what --json prints. Every line is written at once.
 
 A log that cannot be written any more is given up with a warning: the fit is worth more.
@@ -19,7 +19,7 @@ from clothfit.cli.common import shared
 from clothfit.cli.common.console import Console
 
 if TYPE_CHECKING:
-    from clothfit.optimise.search import Progress
+    from clothfit.optimise.progress import Progress
 
 KEYS = ("iteration", "evaluations", "seconds", "cost", "rmse", "step", "stage", "window", "frames", "window_rmse")
 

@@ -13,7 +13,7 @@ from clothfit.cli.common.pictures import Goal, Pictures
 if TYPE_CHECKING:
     from clothfit.cli.fitting.fit_log import FitLog
     from clothfit.fit.result import Fit
-    from clothfit.optimise.search import Progress
+    from clothfit.optimise.progress import Progress
     from clothfit.scene.scene import Scene
 
 Report = Callable[["Progress"], None]
