@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 from helpers.exports import ROUNDING, built, content, of, two
-from helpers.provoked import SMALL
+from helpers.failing import SMALL
 from helpers.scenes import cloth, write_scene
 
 from clothfit.cli.program import run

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from functools import partial
+from types import SimpleNamespace
 
 import numba
 import pytest
@@ -155,3 +156,11 @@ def test_without_dask_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InvalidInput, match=r"install clothfit\[cluster\]"):
         Cluster("tcp://localhost:1")
+
+
+def test_what_a_worker_lacks_is_named():
+    lacking = Cluster.__new__(Cluster)
+    lacking._results = {0: ModuleNotFoundError("No module named 'numba'")}
+    lacking._futures = {0: SimpleNamespace(release=lambda: None)}
+    outcome = lacking.outcome(0)
+    assert (outcome.exit_code, outcome.error) == (3, "a worker of the cluster lacks something: No module named 'numba'")

@@ -8,7 +8,7 @@ from functools import cache
 from importlib import util
 
 import pytest
-from helpers.messages import pattern, rows
+from helpers.failing import pattern, rows
 from helpers.paths import ROOT
 
 from clothfit import load

@@ -1,65 +1,34 @@
-"""Every error is in the table of `docs/errors.md`, every row of the table is an error, and each is provoked."""
+"""Errors by family: representative commands end with the message and the exit code that docs/errors.md gives."""
 
-import json
+import io
 import re
 import shlex
-from importlib import import_module
 
 import numpy as np
 import pytest
-from helpers.messages import CALLS, GAP, SILENT, pattern, raised, rows, templates
-from helpers.paths import TESTS
-from helpers.provoked import GOOD, SMALL
-from helpers.staged import STAGED
-from helpers.unasked import PYTHON
+from helpers import failing_commands, failing_files
+from helpers.failing import SMALL, pattern, rows
+from helpers.paths import ROOT
 
-from clothfit.base.errors import ClothfitError
+import clothfit
+from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
+from clothfit.derivative import verify
+from clothfit.meshes import mesh
+from clothfit.meshes.mesh import Mesh
 
-ROWS = {row.message: row for row in rows()}
-PROVOKED = [import_module(f"helpers.{path.stem}").COMMANDS for path in sorted((TESTS / "helpers").glob("provoked*.py"))]
-COMMANDS = {message: case for cases in PROVOKED for message, case in cases.items()}
-FOREIGN = list(COMMANDS)[:8]  # of the library that reads the command line
-
-
-def test_every_message_of_the_program_has_a_row_and_every_row_a_message():
-    found = templates()
-    missing = {text: places for text, places in found.items() if text not in ROWS}
-    assert missing == {}, "add them to docs/errors.md, which says how"
-    assert set(ROWS) - set(found) == set(FOREIGN)
+FAMILIES = {**failing_commands.FAMILIES, **failing_files.FAMILIES}
+CASES = [(name, text) for name, family in FAMILIES.items() for text in family]
+SCENE, ONES = clothfit.load(SMALL), np.ones(3)
+LINE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([(0, 1, 1)], np.int32))
 
 
-def test_every_exception_is_one_whose_words_are_looked_at():
-    assert set(raised()) - set(CALLS) - set(SILENT) == set(), "tests/messages.py says what is to be done with it"
-
-
-def test_every_row_is_provoked_once_and_nothing_else_is():
-    assert sorted([*COMMANDS, *STAGED, *PYTHON]) == sorted(ROWS)
-
-
-def filled(folder, files):
-    """Write the files of a case."""
-    for name, content in {"scene.json": SMALL, "good.npz": GOOD, **files}.items():
-        path = folder / name
-        path.parent.mkdir(exist_ok=True)
-        if isinstance(content, bytes):
-            path.write_bytes(content)
-        elif name.endswith(".npz"):
-            np.savez(path, **content)
-        else:
-            path.write_text(json.dumps(content), encoding="utf-8")
-
-
-def tells(told, message):
-    """Whether it is told, and no row that is more exact is."""
-    exact = [row for row in ROWS if row != message and pattern(message).search(row)]
-    return pattern(message).search(told) and not any(pattern(row).search(told) for row in exact)
-
-
-@pytest.mark.parametrize("message", [*COMMANDS, *STAGED])
-def test_a_command_ends_with_the_code_and_the_message_of_its_row(tmp_path, monkeypatch, capsys, message):
-    case = {**COMMANDS, **STAGED}[message]
-    filled(tmp_path, case.files)
+@pytest.mark.parametrize(("family", "message"), CASES)
+def test_a_command_that_fails_says_why_ends_with_its_code_and_writes_nothing_over(
+    tmp_path, monkeypatch, capsys, family, message
+):
+    case = FAMILIES[family][message]
+    case.fill(tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("CLOTHFIT_TRACEBACK", raising=False)
@@ -68,25 +37,47 @@ def test_a_command_ends_with_the_code_and_the_message_of_its_row(tmp_path, monke
     monkeypatch.undo()
     out, err = capsys.readouterr()
     last = err.splitlines()[-1]
-    assert (str(code), out) == (ROWS[message].codes, "")
+    assert (code, out) == (case.code, "")
     assert last.startswith("error: ")
-    assert tells(last, message)
-    assert {name: (tmp_path / name).read_bytes() for name in before} == before  # nothing is written over
+    assert pattern(message).search(last)
+    assert {name: (tmp_path / name).read_bytes() for name in before} == before
 
 
-@pytest.mark.parametrize("message", PYTHON)
-def test_a_call_raises_the_message_of_its_row(message):
-    with pytest.raises(ClothfitError) as caught:
-        PYTHON[message]()
-    assert tells(str(caught.value), message)
-    assert str(caught.value.exit_code) == ROWS[message].codes
+def order(cost, direction=ONES):
+    """The check of the derivative of a cost that is the same everywhere."""
+    return verify.taylor_order(lambda p: cost, np.zeros(3), ONES, direction)
 
 
-def test_the_table_names_the_codes_that_the_readme_does():
-    readme = (TESTS.parent / "README.md").read_text("utf-8")
-    codes = {code for code, _ in re.findall(r"^\| (\d+) \| (.+) \|$", readme, re.MULTILINE)}
-    assert {row.codes for row in ROWS.values()} <= codes
+@pytest.mark.parametrize(
+    ("message", "call"),
+    [
+        ("evaluations are too few, at least 1 is needed", lambda: clothfit.estimate(SCENE, budget=0)),
+        ("targets: 0 are given for 1 scenes; give one item for each", lambda: clothfit.estimate_many([SCENE], [])),
+        ("target: none is given; at least one motion is needed", lambda: clothfit.estimate(SCENE, [])),
+        ("is not a number, an array of numbers or a scene", lambda: clothfit.estimate(SCENE, start="a")),
+        ("objects; one each is needed", lambda: SCENE.with_values([], [])),
+        ("items for 1 objects are given", lambda: SCENE.with_values([1], [1], drag=[])),
+        ("up must be y or z; 'x' was given", lambda: clothfit.Reading(up="x")),
+        ("half a surrogate pair; save it as UTF-8", lambda: clothfit.load(io.StringIO('{"a": "\ud800"}'))),
+        ("a scene comes from a path, an open file or a dict, not from", lambda: clothfit.load(5)),
+        ("have no coefficient; give a number", lambda: mesh.air_drag(LINE, 1.0)),
+        ("derivative check: only 0 of", lambda: order(0.0)),
+        ("derivative check: direction of shape (2,) given, p has (3,)", lambda: order(0.0, np.ones(2))),
+        ("derivative check: the cost is nan near p; a finite one is needed", lambda: order(np.nan)),
+    ],
+)
+def test_a_call_from_python_raises_invalid_input(message, call):
+    with pytest.raises(InvalidInput, match=re.escape(message)):
+        call()
 
 
-def test_no_row_is_a_part_of_words():
-    assert all(re.search(r"\w", row.message.replace(GAP, "")) for row in ROWS.values())
+def test_every_message_of_the_page_is_provoked_with_its_code():
+    provoked = {text: case.code for family in FAMILIES.values() for text, case in family.items()}
+    assert [row for row in rows() if provoked.get(row.message) != row.code] == []
+    assert len(rows()) > 80
+
+
+def test_every_family_is_provoked_and_the_page_has_the_exit_codes_of_the_readme():
+    page, readme = ((ROOT / name).read_text("utf-8") for name in ("docs/errors.md", "README.md"))
+    codes = [set(re.findall(r"^\| (\d+) \| ", text, re.MULTILINE)) - {"0", "5"} for text in (page, readme)]
+    assert codes[0] == codes[1] == {str(case.code) for family in FAMILIES.values() for case in family.values()}
