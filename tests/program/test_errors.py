@@ -18,7 +18,12 @@ from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh
 
 FAMILIES = {**failing_commands.FAMILIES, **failing_files.FAMILIES}
-CASES = [(name, text) for name, family in FAMILIES.items() for text in family]
+SLOW = {"together", "formats", "checkpoints", "divergence", "ends"}  # some of them compile a fit or start a process
+CASES = [
+    pytest.param(name, text, marks=[pytest.mark.slow] if name in SLOW else [])
+    for name, family in FAMILIES.items()
+    for text in family
+]
 SCENE, ONES = clothfit.load(SMALL), np.ones(3)
 LINE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([(0, 1, 1)], np.int32))
 
