@@ -76,6 +76,16 @@ def test_the_first_page_shows_all_of_a_day():
     assert {command.split()[0] for command, _ in commands("first")} >= {"simulate", "target", "estimate", "evaluate"}
 
 
+def test_its_first_command_draws_the_picture_that_the_page_shows(checkout):
+    pytest.importorskip("matplotlib", reason="matplotlib draws the picture")
+    pictures = (ROOT / "docs" / "pictures.md").read_text("utf-8").replace("\n", " ")
+    (first,) = blocks("sh")
+    assert first.strip() in pictures  # with the command that makes the capture
+    capture = re.search(r"`clothfit (target [^`]* -o capture\.npz)`", pictures)[1]
+    assert [run(shlex.split(command)) for command in (capture, first.removeprefix("clothfit "))] == [0, 0]
+    assert (checkout / "estimate.png").read_bytes().startswith(b"\x89PNG")
+
+
 def test_its_python_runs(checkout, capsys):
     (block,) = blocks("python")
     exec(block, {})
