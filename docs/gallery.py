@@ -19,7 +19,8 @@ from PIL import Image, ImageDraw, ImageFont, ImageSequence
 
 from clothfit.cli.common.help import wrapped
 from clothfit.cli.program import run
-from clothfit.pictures.gif import GROUND, INK, palette
+from clothfit.pictures.gif import GIF_INK, palette
+from clothfit.pictures.palette import GROUND
 
 DOCS = Path(__file__).resolve().parent
 PAGE, FILMS = DOCS / "gallery.md", DOCS / "gallery"
@@ -145,7 +146,7 @@ def beside(parts: list[list[Image.Image]], captions: list[str]) -> list[Image.Im
         sheet = Image.new("RGB", (WIDTH * len(shown), height + top), GROUND)
         for column, (one, caption) in enumerate(zip(shown, captions, strict=True)):
             sheet.paste(one.crop((0, LEGEND, *one.size)), (column * WIDTH, top))
-            ImageDraw.Draw(sheet).text(((column + 0.5) * WIDTH, 16), caption, font=font, fill=INK, anchor="mm")
+            ImageDraw.Draw(sheet).text(((column + 0.5) * WIDTH, 16), caption, font=font, fill=GIF_INK, anchor="mm")
         sheets.append(sheet)
     return sheets
 

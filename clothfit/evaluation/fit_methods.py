@@ -24,8 +24,8 @@ from clothfit.scene.scene import Scene
 
 COMPARED = ("auto", "momentum", "gauss-newton", "l-bfgs-b")
 """The methods of this package and the best of SciPy's; the others are slower on all examples."""
-EVALUATIONS = 100  # of cost and gradient
-SECONDS = 30.0  # for one fit
+FIT_EVALUATIONS = 100  # of cost and gradient
+FIT_SECONDS = 30.0  # for one fit
 WARM_UP_FRAMES, WARM_UP_EVALUATIONS = 5, 3
 
 
@@ -45,8 +45,8 @@ class FitRow:
 def compare_methods(
     scene: Scene,
     methods: Sequence[str] = COMPARED,
-    evaluations: int = EVALUATIONS,
-    seconds: float = SECONDS,
+    evaluations: int = FIT_EVALUATIONS,
+    seconds: float = FIT_SECONDS,
     report: Callable[[float, str], None] | None = None,
 ) -> list[FitRow]:
     """Fit the scene's own hidden parameters by each method, with so many evaluations and seconds each.

@@ -34,15 +34,15 @@ from clothfit.evaluation.runge_kutta import record
 from clothfit.motion.divergence import Diverged
 from clothfit.scene.scene import Scene
 
-FINEST = 2**14  # steps per frame: beyond, rounding grows faster than the error falls
-GOAL = 1e-7
+MOST_SUBSTEPS = 2**14  # steps per frame: beyond, rounding grows faster than the error falls
+REFERENCE_ERROR = 1e-7
 """Estimated error, relative to the extent of the motion, at which the steps are small enough: coarse steps of a method
 of first order, the ones to judge, are off by 1e-3 and more."""
-ROUNDING = 1e-12  # differences below this, relative to the extent, show no order
-TIGHT = 1e-10  # tolerance of the implicit steps: far below what their length leaves
+EXTENT_ROUNDING = 1e-12  # differences below this, relative to the extent, show no order
+REFERENCE_TOLERANCE = 1e-10  # tolerance of the implicit steps: far below what their length leaves
 
-KEPT = 5  # motions: three runs and two extrapolants
-FIRST_SHARE = 0.5  # of the time, after which Runge–Kutta must have shown that its steps can be short enough
+KEPT_MOTIONS = 5  # motions: three runs and two extrapolants
+RUNGE_KUTTA_SHARE = 0.5  # of the time, after which Runge–Kutta must have shown that its steps can be short enough
 
 Recorder = Callable[[Scene, int, int, int], Array | None]
 """Positions (frames, n, 3) of one cloth, by its index, with so many frames and steps per frame; None: it diverged."""
@@ -97,7 +97,7 @@ class Halving:
         returns what is left of them.
         """
         began, last = time.perf_counter(), 0.0
-        while self.substeps < FINEST and time.perf_counter() - began + 2.0 * last <= seconds:
+        while self.substeps < MOST_SUBSTEPS and time.perf_counter() - began + 2.0 * last <= seconds:
             if self.known and root_mean_square(self.errors()) <= goal * extent(self.runs[-1]):
                 break
             before = time.perf_counter()
@@ -117,12 +117,12 @@ class Halving:
     def order(self) -> float | None:
         """The order at which the last three runs approach each other; None where rounding is all that is left."""
         coarse, fine = (root_mean_square(per_frame(b - a)) for a, b in zip(self.runs, self.runs[1:], strict=False))
-        if min(coarse, fine) <= ROUNDING * extent(self.runs[-1]):
+        if min(coarse, fine) <= EXTENT_ROUNDING * extent(self.runs[-1]):
             return None
         return math.log2(coarse / fine)
 
 
-def converged(scene: Scene, frames: int, seconds: float = math.inf, goal: float = GOAL) -> Reference:
+def converged(scene: Scene, frames: int, seconds: float = math.inf, goal: float = REFERENCE_ERROR) -> Reference:
     """The motion of the scene for h → 0 over `frames` frames of its delta.
 
     Steps are halved until the estimated error is `goal` times the extent of the motion, or the next halving would not
@@ -132,12 +132,12 @@ def converged(scene: Scene, frames: int, seconds: float = math.inf, goal: float 
     """
     if frames < 2:
         raise InvalidInput(f"frames must be at least 2 to compare; {frames} was given")
-    check_memory(frames, sum(scene.vertex_counts), KEPT - 1)
+    check_memory(frames, sum(scene.vertex_counts), KEPT_MOTIONS - 1)
     left = seconds
     for integrator, recorder, order in ("Runge-Kutta", explicit, 4), ("implicit", implicit, 1):
         moving(scene, recorder, 2, 1)  # so that compiling does not count
         halving = Halving(partial(moving, scene, recorder, frames), order)
-        left = (1.0 - FIRST_SHARE) * left + halving.settle(FIRST_SHARE * left, goal)
+        left = (1.0 - RUNGE_KUTTA_SHARE) * left + halving.settle(RUNGE_KUTTA_SHARE * left, goal)
         if halving.known:
             halving.settle(left, goal)
             step = scene.delta / halving.substeps
@@ -172,7 +172,7 @@ def implicit(scene: Scene, index: int, frames: int, substeps: int) -> Array | No
     positions = np.empty((frames, *system.x0.shape))
     positions[0] = system.x0
     for frame in range(1, frames):
-        memory, good = rollout(system, substeps, TIGHT)
+        memory, good = rollout(system, substeps, REFERENCE_TOLERANCE)
         if good < substeps:
             return None
         positions[frame] = memory.x[-1]

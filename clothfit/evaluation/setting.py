@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from clothfit.engine.system import IMPLICIT
 from clothfit.scene.scene import INTEGRATORS, Scene
 
-SHORT = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16, 1 / 32)
+EXPLICIT_RATIOS = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16, 1 / 32)
 """Steps of the explicit integrators to try, relative to the scene's delta: cheap ones, stable only when short."""
-LONG = (4.0, 2.0, 1.0, 1 / 2, 1 / 4, 1 / 8)
+IMPLICIT_RATIOS = (4.0, 2.0, 1.0, 1 / 2, 1 / 4, 1 / 8)
 """Steps of the implicit integrator to try; powers of two, so that frames are met without rounding."""
 TOLERANCES = (1e-3, 1e-5, 1e-8)
-NEWTON = (1, 2, 4)
+NEWTON_COUNTS = (1, 2, 4)
 
 
 @dataclass(frozen=True)
@@ -56,15 +56,15 @@ def own(scene: Scene) -> Setting:
 
 def grid(scene: Scene) -> list[Setting]:
     """The settings to try, the scene's own among them: integrators in turn, long steps before short ones."""
-    found = [Setting(name, ratio, None, None) for name in INTEGRATORS[:IMPLICIT] for ratio in SHORT]
+    found = [Setting(name, ratio, None, None) for name in INTEGRATORS[:IMPLICIT] for ratio in EXPLICIT_RATIOS]
     # 1e-5 as a float32 printed in full is the scene's way to write 1e-5
     others = [t for t in TOLERANCES if not math.isclose(t, scene.tolerance, rel_tol=1e-3)]
     tolerances = sorted([scene.tolerance, *others], reverse=True)
-    iterations = sorted({scene.newton_iterations, *NEWTON})
+    iterations = sorted({scene.newton_iterations, *NEWTON_COUNTS})
     found += [
         Setting(INTEGRATORS[IMPLICIT], ratio, tolerance, newton)
         for newton in iterations
         for tolerance in tolerances
-        for ratio in LONG
+        for ratio in IMPLICIT_RATIOS
     ]
     return found

@@ -20,10 +20,10 @@ from clothfit.engine.system import build
 from clothfit.evaluation.setting import Setting
 from clothfit.scene.scene import INTEGRATORS, Scene
 
-RUNS = 5
+TIMED_RUNS = 5
 """Runs of each setting, at most: their median is then that of an undisturbed machine, were two disturbed."""
-SOLVE = 5  # explicit steps
-LARGEST = 2e9  # bytes that the states of one cloth's run may take
+SOLVE_EFFORT = 5  # explicit steps
+MOST_STATE_BYTES = 2e9  # bytes that the states of one cloth's run may take
 
 
 @dataclass
@@ -40,7 +40,7 @@ class Trial:
     @property
     def effort(self) -> int:
         """Roughly how dear a run is, to begin with the cheap ones: a linear solve is worth some explicit steps."""
-        return self.steps * (SOLVE * self.setting.newton if self.setting.newton else 1)
+        return self.steps * (SOLVE_EFFORT * self.setting.newton if self.setting.newton else 1)
 
     def needs(self, scene: Scene) -> int:
         """Bytes that its largest cloth's run keeps."""
@@ -123,10 +123,11 @@ def expected(trial: Trial, before: Sequence[Trial]) -> float:
 
 
 def repeat(scene: Scene, trials: Sequence[Trial], deadline: float) -> Iterator[int]:
-    """Run the trials again in turn, until each has RUNS runs or the next would not end before `deadline`, a value of
-    the performance counter; gives the number of each round.
+    """Run the trials again in turn and yield the number of each round, until each trial has TIMED_RUNS runs.
+
+    A run that would not end before `deadline`, a value of the performance counter, is left out.
     """
-    for number in range(2, RUNS + 1):
+    for number in range(2, TIMED_RUNS + 1):
         yield number
         for trial in trials:
             if time.perf_counter() + 1.5 * trial.seconds[-1] < deadline:

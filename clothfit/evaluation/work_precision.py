@@ -17,18 +17,18 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
-from clothfit.evaluation.richardson import ROUNDING, Reference, converged, extent, root_mean_square
+from clothfit.evaluation.richardson import EXTENT_ROUNDING, Reference, converged, extent, root_mean_square
 from clothfit.evaluation.setting import Setting, grid, own
-from clothfit.evaluation.trial import LARGEST, Trial, expected, judge, repeat, warm_up
+from clothfit.evaluation.trial import MOST_STATE_BYTES, Trial, expected, judge, repeat, warm_up
 from clothfit.scene.scene import Scene
 
-SECONDS = 60.0  # for everything
-REFERENCE_SHARE, FIRST_SHARE = 0.25, 0.45
+MEASURE_SECONDS = 60.0  # for everything
+REFERENCE_SHARE, FIRST_RUN_SHARE = 0.25, 0.45
 """Parts of it for the reference and for the first run of each setting; the rest is for repetitions."""
 REFERENCE_SECONDS = 3.0  # for the reference at least, as nothing can be said without one
-KNOWN = 5.0
+REFERENCE_MARGIN = 5.0
 """A frame counts where the reference is so many times nearer to its limit, by its estimate, than any setting."""
-HOPELESS = 1.0
+DIVERGED_EXTENTS = 1.0
 """A motion farther from the reference, on the average, than so many times the extent of all positions is none of this
 cloth: it diverged, though its numbers are finite."""
 
@@ -92,7 +92,7 @@ class WorkPrecision:
 def work_precision(
     scene: Scene,
     frames: int | None = None,
-    seconds: float = SECONDS,
+    seconds: float = MEASURE_SECONDS,
     report: Callable[[float, str], None] | None = None,
 ) -> WorkPrecision:
     """Measure integrators, steps, tolerances and Newton iterations on a scene, over `frames` frames (default: its own).
@@ -117,11 +117,11 @@ def work_precision(
     reference = converged(scene, count, max(REFERENCE_SHARE * seconds, REFERENCE_SECONDS))
     trials = [Trial(setting, setting.steps(count)) for setting in grid(scene)]
     cheap_first = sorted(trials, key=lambda trial: trial.effort)
-    limit = tell("settings") + FIRST_SHARE * seconds
+    limit = tell("settings") + FIRST_RUN_SHARE * seconds
     for done, trial in enumerate(cheap_first):
         spent = tell(f"setting {done + 1} of {len(trials)}")
         fits = spent + expected(trial, cheap_first[:done]) <= limit or trial.setting == own(scene)
-        if fits and trial.needs(scene) <= LARGEST:
+        if fits and trial.needs(scene) <= MOST_STATE_BYTES:
             judge(scene, trial, reference.positions)
     for number in repeat(scene, [trial for trial in cheap_first if trial.status == "done"], began + seconds):
         tell(f"repetition {number - 1}")
@@ -142,10 +142,10 @@ def known_frames(trials: Sequence[Trial], reference: Reference) -> int:
 
     Raises InvalidInput where those are fewer than two.
     """
-    floor = ROUNDING * extent(reference.positions)
+    floor = EXTENT_ROUNDING * extent(reference.positions)
     errors = [so_far(t.squares) for t in trials if t.squares is not None]
     nearest = np.min(errors, axis=0) if errors else np.full(len(reference.errors), np.inf)
-    unknown = so_far(reference.errors**2) > np.maximum(nearest / KNOWN, floor)
+    unknown = so_far(reference.errors**2) > np.maximum(nearest / REFERENCE_MARGIN, floor)
     frames = int(np.argmax(unknown)) if unknown.any() else len(unknown)
     if frames < 2:
         raise InvalidInput("the reference motion is not known well enough to judge by; allow more time (--budget)")
@@ -165,7 +165,7 @@ def row(scene: Scene, trial: Trial, reference: Reference) -> Row:
     if trial.squares is None or trial.largest is None:
         return made
     error = root_mean_square(np.sqrt(trial.squares[:frames]))
-    if error > HOPELESS * extent(reference.positions):
+    if error > DIVERGED_EXTENTS * extent(reference.positions):
         return replace(made, status="diverged")
     per_step = float(np.median(trial.seconds)) / trial.steps
     return replace(

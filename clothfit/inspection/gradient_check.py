@@ -19,9 +19,9 @@ from clothfit.base.errors import InvalidInput
 from clothfit.derivative.verify import PRODUCT, direction_of
 from clothfit.inspection.ladder import (
     FAILED,
-    LADDER,
     PASSED,
-    TINY,
+    RELATIVE_STEPS,
+    SMALLEST_FLOAT,
     UNCLEAR,
     Finding,
     Known,
@@ -38,13 +38,13 @@ from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import blocks, fitted_cloths, parameters, with_parameters
 from clothfit.scene.scene import Scene
 
-SPREAD = 0.1
+TRUTH_SPREAD = 0.1
 """Without a target it is the motion of values up to so much off, relative: the cost has a slope and is not flat."""
 
-LOOK = 30_000
+CHECKED_VERTEX_STEPS = 30_000
 """Vertices × steps of a default look: forty simulations of it take seconds."""
 
-LOOSER = 10.0  # times the tolerance of the linear systems, to see what it does
+LOOSER_TOLERANCE = 10.0  # times the tolerance of the linear systems, to see what it does
 
 
 @dataclass(frozen=True)
@@ -70,11 +70,11 @@ class SceneCheck:
     @property
     def left_out(self) -> str:
         """Which steps were too long, and why; empty where all were short enough."""
-        if self.reach == LADDER[-1]:
+        if self.reach == RELATIVE_STEPS[-1]:
             return ""
         why = self.switch or "the cost curves too strongly there"
         if not self.reach:
-            return f"the cost has a kink here, within {LADDER[0]:.1g} of the values: {why}"
+            return f"the cost has a kink here, within {RELATIVE_STEPS[0]:.1g} of the values: {why}"
         return f"steps above {self.reach:.1g} of the values are left out: {why}"
 
     @property
@@ -114,7 +114,7 @@ def check_scene(
         )
     gradient = objective.cost_and_gradient(p)[1]
     d = direction_of(p, gradient, rng)
-    other = objective.until(count, LOOSER * objective.tolerance)
+    other = objective.until(count, LOOSER_TOLERANCE * objective.tolerance)
     slope = slope_of(other, p, d, gradient)
     rungs, noise = ladder(objective, p, d)
     short = calm(rungs, noise)
@@ -127,15 +127,15 @@ def check_scene(
 def default_frames(scene: Scene) -> int:
     """The scene's own, or fewer for large cloths, at least 6."""
     count = sum(len(scene.cloths[i].mass) for i in fitted_cloths(scene)) or 1
-    return min(scene.frames, max(6, LOOK // count + 1))
+    return min(scene.frames, max(6, CHECKED_VERTEX_STEPS // count + 1))
 
 
 def changed(scene: Scene, p: Array, rng: np.random.Generator) -> Array:
-    """Values (P,) up to `SPREAD` off; of those that are 0, and may be moved as they are, of that part of their size."""
-    other = p * rng.uniform(1 - SPREAD, 1 + SPREAD, p.shape)
+    """Values (P,) that differ from p by up to a share `TRUTH_SPREAD`; zeros become that share of their typical size."""
+    other = p * rng.uniform(1 - TRUTH_SPREAD, 1 + TRUTH_SPREAD, p.shape)
     for block in blocks(scene):
         nothing = (p[block.part] == 0.0) & (not block.kind.log)
-        other[block.part][nothing] = SPREAD * block.kind.scale
+        other[block.part][nothing] = TRUTH_SPREAD * block.kind.scale
     return np.asarray(other)
 
 
@@ -156,7 +156,7 @@ def product(objective: Objective, other: Objective, p: Array, d: Array, rng: np.
 
     found = both(objective, p, changes)
     varied = both(other, nudged(p), other.tangent(nudged(p), d))
-    size = max(float(np.abs(found).max()), TINY)
+    size = max(float(np.abs(found).max()), SMALLEST_FLOAT)
     blur = float(np.abs(varied - found).sum()) / size
     return judged("dot product", blur, float(abs(found[1] - found[0])) / size, PRODUCT)
 

@@ -30,16 +30,16 @@ from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run, check
 from clothfit.objective.running_cost import tally
 
-LADDER = tuple(10.0 ** (-k / 2) for k in range(14, 1, -1))
+RELATIVE_STEPS = tuple(10.0 ** (-k / 2) for k in range(14, 1, -1))
 """Steps, relative to p, from short to long; half as far apart as in `verify`, as kinks may leave few."""
 
-CALM = 0.1
+ORDER_SLACK = 0.1
 """By how much the order at which S falls may differ from 2: what is lost to rounding at `ABOVE_NOISE`."""
 
-DOUBT = 10.0
+BEYOND_ROUNDING = 10.0
 """A difference this many times what rounding makes is none of rounding."""
 
-TINY = float(np.finfo(float).tiny)
+SMALLEST_FLOAT = float(np.finfo(float).tiny)
 
 PASSED, FAILED, UNCLEAR = "passed", "failed", "unclear"
 
@@ -101,7 +101,7 @@ def ladder(objective: Objective, p: Array, d: Array) -> tuple[list[Rung], float]
         return Rung(t, costs[0] + costs[1] - 2.0 * start, 0.5 * (costs[0] - costs[1]), switch)
 
     noise = max(np.finfo(float).eps * abs(start), *(abs(rung(t).even) for t in NOISE_STEPS))
-    return [rung(t) for t in LADDER], float(noise)
+    return [rung(t) for t in RELATIVE_STEPS], float(noise)
 
 
 def difference_of(runs: tuple[Run, ...], a: list[Flags], b: list[Flags]) -> str:
@@ -123,7 +123,7 @@ def calm(rungs: list[Rung], noise: float) -> list[Rung]:
         if found and abs(rung.even) > floor:
             before = abs(found[-1].even)
             order = np.log(abs(rung.even) / max(before, floor)) / np.log(rung.t / found[-1].t)
-            if order > 2.0 + CALM or (before > floor and order < 2.0 - CALM):
+            if order > 2.0 + ORDER_SLACK or (before > floor and order < 2.0 - ORDER_SLACK):
                 break
         found.append(rung)
     return found
@@ -137,7 +137,8 @@ def taylor(rungs: list[Rung], slope: Known, noise: float) -> Finding:
         if remainder > ABOVE_NOISE * (noise + rung.t * slope.blur):
             known.append((rung.t, remainder))
     if len(known) < FEWEST_RUNGS:
-        why = f"{len(known)} of {len(LADDER)} steps are short enough and above rounding, {FEWEST_RUNGS} are needed"
+        usable = f"{len(known)} of {len(RELATIVE_STEPS)} steps"
+        why = f"{usable} are short enough and above rounding, {FEWEST_RUNGS} are needed"
         return Finding("Taylor", None, ORDER, UNCLEAR, why)
     order = min(float(np.log(s / r) / np.log(u / t)) for (t, r), (u, s) in pairwise(known))
     return Finding("Taylor", order, ORDER, PASSED if order > ORDER else FAILED)
@@ -148,7 +149,7 @@ def difference(rungs: list[Rung], slope: Known, noise: float) -> Finding:
     known = []
     for shorter, longer in pairwise(rungs):
         D = longer.odd / longer.t
-        size = max(abs(D), abs(slope.value), TINY)
+        size = max(abs(D), abs(slope.value), SMALLEST_FLOAT)
         blur = noise / longer.t + abs(D - shorter.odd / shorter.t) + slope.blur
         known.append((blur / size, abs(D - slope.value) / size))
     if not known:
@@ -160,8 +161,8 @@ def difference(rungs: list[Rung], slope: Known, noise: float) -> Finding:
 
 def judged(name: str, blur: float, measured: float, bar: float) -> Finding:
     """What a relative difference says that is known to `blur`."""
-    if measured < bar and blur < DOUBT * DIFFERENCE:
+    if measured < bar and blur < BEYOND_ROUNDING * DIFFERENCE:
         return Finding(name, measured, bar, PASSED)
-    if measured > max(bar, DOUBT * blur):
+    if measured > max(bar, BEYOND_ROUNDING * blur):
         return Finding(name, measured, bar, FAILED)
     return Finding(name, measured, bar, UNCLEAR, f"known to {blur:.1g} only")

@@ -22,7 +22,7 @@ from clothfit.many.job import FAULT, INTERRUPTED, NOT_STARTED, Died, Job, Lost, 
 
 TICK = 0.25  # s: how often to look whether the pool is still there
 
-PREPARATION, REQUEST, NOTHING = -1, -2, -3
+PREPARATION, REQUEST, NO_EVENT = -1, -2, -3
 """What may end or come instead of a job."""
 
 CUT_SHORT = Outcome(None, INTERRUPTED, "ended at once, by a second request; nothing is written")
@@ -107,10 +107,10 @@ class Batch:
         try:
             event = self._events.get(timeout=TICK)
         except queue.Empty:
-            event = NOTHING
+            event = NO_EVENT
         if event == REQUEST:
             self._request()
-        elif event == NOTHING:
+        elif event == NO_EVENT:
             self._look()
         elif event in self.running:
             self.running.discard(event)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from clothfit.optimise.checkpoint import Checkpoint
     from clothfit.scene.scene import Scene
 
-CODES = {
+EXIT_CODES = {
     Status.CONVERGED: 0, Status.STALLED: 5, Status.LIMIT: 5, Status.INTERRUPTED: 130, Status.DIVERGED: 4,
 }  # fmt: skip
 """Exit codes by the status of a fit."""
@@ -89,7 +89,7 @@ class Outcome:
             return self.fit.status
         if self.exit_code == INTERRUPTED:
             return "not started" if self == NOT_STARTED else "interrupted"
-        return "diverged" if self.exit_code == CODES[Status.DIVERGED] else "failed"
+        return "diverged" if self.exit_code == EXIT_CODES[Status.DIVERGED] else "failed"
 
 
 NOT_STARTED = Outcome(None, INTERRUPTED, "not started")
@@ -121,7 +121,7 @@ def finished(job: Job, fit: Fit) -> Outcome:
         error = (
             f"{fit.scene.name}: no values that were tried gave a simulation that stays finite; nothing is written"
         )
-    return Outcome(fit, CODES[fit.status], error, job.checkpoint is not None and job.checkpoint.written)
+    return Outcome(fit, EXIT_CODES[fit.status], error, job.checkpoint is not None and job.checkpoint.written)
 
 
 def failed(error: BaseException) -> Outcome:

@@ -33,9 +33,9 @@ from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene, load
 
 STEP = 0.001  # s, short, so that explicit steps stay stable
-KINDS = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}  # what else to fit
+FITTED_KINDS = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}  # what else to fit
 EVERYWHERE = {"windVel": True, "gravity": True}
-FEW, NEVER = 10, 2**31  # vertices
+LARGE_FROM, NEVER = 10, 2**31  # vertices
 
 
 class Part(NamedTuple):
@@ -57,7 +57,7 @@ def warm_up(report: Callable[[Part], None] = lambda part: None, small: bool = Fa
     noted = kernel_cache.load(note)
     if noted is not None and all(kernel_cache.load(name) for name in noted[1].decode().split()):
         KernelCache.used = noted[0]
-        return [Part(name, 0, 0.0) for name in (SMALL if small else PARTS)]
+        return [Part(name, 0, 0.0) for name in (SMALL_PARTS if small else PARTS)]
     parts = use_everything(report, small)
     if not KernelCache.failed:
         with suppress(OSError):  # then it is done again the next time
@@ -68,7 +68,7 @@ def warm_up(report: Callable[[Part], None] = lambda part: None, small: bool = Fa
 def use_everything(report: Callable[[Part], None], small: bool) -> list[Part]:
     """Run all that is compiled."""
     parts = []
-    for name, use in (SMALL if small else PARTS).items():
+    for name, use in (SMALL_PARTS if small else PARTS).items():
         began = time.perf_counter()
         with compilations() as found:
             use()
@@ -103,7 +103,7 @@ def compilations() -> Iterator[list[str]]:
 def called(large: bool, very_large: bool) -> Iterator[None]:
     """Within, every cloth is taken for a large or a very large one, or none is."""
     before = sparse.TWO_THREADS_FROM, sparse.MULTIGRID_FROM
-    sparse.TWO_THREADS_FROM, sparse.MULTIGRID_FROM = (FEW if large else NEVER), (FEW if very_large else NEVER)
+    sparse.TWO_THREADS_FROM, sparse.MULTIGRID_FROM = (LARGE_FROM if large else NEVER), (LARGE_FROM if very_large else NEVER)
     try:
         yield
     finally:
@@ -149,7 +149,7 @@ def simulations() -> None:
 
 def gradients() -> None:
     """Differentiate its motion, both ways."""
-    scene = strip_scene(kinds=KINDS)
+    scene = strip_scene(kinds=FITTED_KINDS)
     objective, p = Objective(scene, simulate(scene)), parameters(scene)
     objective.cost_and_gradient(p)
     objective.tangent(p, np.ones_like(p))
@@ -167,7 +167,7 @@ def fits() -> None:
 def fits_of_all_kinds() -> None:
     """Fit all that can be fitted."""
     for method in (0, 2):
-        scene = strip_scene(kinds=KINDS, fit=EVERYWHERE, integrationMethod=method)
+        scene = strip_scene(kinds=FITTED_KINDS, fit=EVERYWHERE, integrationMethod=method)
         estimate(scene, method="gauss-newton", budget=4)
 
 
@@ -180,10 +180,10 @@ def large(very: bool) -> None:
             serve: Any = cg_two_threads.serve  # would be called where there is a second processor only
             serve.compile(tuple(map(numba.typeof, (work.A, work.solver.cg, work.solver.second))))
         estimate(strip_scene(), method="momentum", budget=1, intervals=False)
-        estimate(strip_scene(kinds=KINDS, fit=EVERYWHERE), method="gauss-newton", budget=2, intervals=False)
+        estimate(strip_scene(kinds=FITTED_KINDS, fit=EVERYWHERE), method="gauss-newton", budget=2, intervals=False)
 
 
-SMALL: dict[str, Callable[[], None]] = {
+SMALL_PARTS: dict[str, Callable[[], None]] = {
     "simulation": simulations,
     "gradient": gradients,
     "fits": fits,
@@ -191,7 +191,7 @@ SMALL: dict[str, Callable[[], None]] = {
 }
 
 PARTS: dict[str, Callable[[], None]] = {
-    **SMALL,
+    **SMALL_PARTS,
     "large cloths": partial(large, very=False),
     "very large cloths": partial(large, very=True),
 }

@@ -1,6 +1,7 @@
 """Pictures of motions and fits: numbers → polygons and curves → a file.
 
-camera and polygons draw a cloth; filmstrip, gif and overlay show motions, maps what is fitted, charts curves, diagram
-speed against error; plots puts them on a page; picture_file says which kinds of file there are and writes them.
+palette has the colours; camera and polygons draw a cloth; filmstrip and gif show motions, overlay pairs a motion with
+its target, maps shows fitted parameters, charts curves, diagram speed against error; plots lays out a page;
+picture_file knows the kinds of file and writes them.
 To add a picture: a module here, and a line in plots.
 """

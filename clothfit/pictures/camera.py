@@ -19,19 +19,19 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 
-YAWS, PITCH = (30.0, -30.0, 60.0, -60.0, 0.0), 24.0
+TRIED_YAWS, PITCH = (30.0, -30.0, 60.0, -60.0, 0.0), 24.0
 """Degrees: the directions of view that are tried, from +z towards +x, and how far down the camera looks."""
 
-BETTER = 1.15
+CLEARLY_MORE = 1.15
 """A direction must show so many times the cloth to be taken instead of one that stands before it."""
 
 LIGHT = (-0.45, 0.65, -0.6)
 """Towards the light, along right, up and forward."""
 
-MARGIN = 0.06
+VIEW_MARGIN = 0.06
 """Free space around the motion, as a fraction of its size."""
 
-LOOKS = 12
+COMPARED_FRAMES = 12
 """Frames at which the directions are compared."""
 
 
@@ -75,12 +75,12 @@ def direction(x: Array, triangles: Indices) -> tuple[Array, Array, Array]:
     """Right, up and forward (3,) of the camera for a motion x (F, n, 3), NaN where nothing is known: of some directions
     the one that shows the most of the cloth.
     """
-    frames = x[np.unique(np.linspace(0, len(x) - 1, LOOKS).round().astype(int))]
-    best, most = looking(YAWS[0], PITCH), 0.0
-    for yaw in YAWS:
+    frames = x[np.unique(np.linspace(0, len(x) - 1, COMPARED_FRAMES).round().astype(int))]
+    best, most = looking(TRIED_YAWS[0], PITCH), 0.0
+    for yaw in TRIED_YAWS:
         axes = looking(yaw, PITCH)
         shown = sum(float(np.nansum(np.abs(_areas(_along(frame, axes), triangles)))) for frame in frames)
-        if shown > (BETTER if most else 1.0) * most:
+        if shown > (CLEARLY_MORE if most else 1.0) * most:
             best, most = axes, shown
     return best
 
@@ -101,7 +101,7 @@ def framed(axes: tuple[Array, Array, Array], points: Array) -> Camera:
     """A camera along right, up and forward that shows all points (n, 3), with some room around them."""
     flat = _along(points[np.isfinite(points).all(axis=1)], axes)[:, :2]
     low, high = (flat.min(axis=0), flat.max(axis=0)) if len(flat) else (np.zeros(2), np.zeros(2))
-    room = MARGIN * max(float((high - low).max()), 1e-9)
+    room = VIEW_MARGIN * max(float((high - low).max()), 1e-9)
     return Camera(*axes, low - room, high + room)
 
 

@@ -10,17 +10,15 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.messages import metres
 from clothfit.motion.energy import Energy
-from clothfit.pictures.filmstrip import INK, QUIET
+from clothfit.pictures.palette import BLUE, GREEN, INK, ORANGE, PURPLE, QUIET, RED, SKY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from clothfit.optimise.progress import Progress
 
-BLUE, ORANGE, GREEN, PURPLE, RED, SKY = "#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9"
-WINDOW = "#0072b2"
-HIGH = 20.0  # points of a title above its chart: room for a legend between
-FLOOR = 1e-15  # m: what is less is rounding, and has no place on a logarithmic axis
+TITLE_PAD = 20.0  # points of a title above its chart: room for a legend between
+SMALLEST_LENGTH = 1e-15  # m: what is less is rounding, and has no place on a logarithmic axis
 
 ENERGIES = (
     ("kinetic", ORANGE), ("elastic", BLUE), ("gravity", PURPLE), ("contact", SKY), ("total", INK),
@@ -37,9 +35,9 @@ def convergence(axes: Axes, history: Sequence[Progress]) -> None:
         nothing(axes, "known without a search")
         return
     x = np.array([one.evaluations for one in history], float)
-    y = np.array([max(one.rmse, FLOOR) for one in history])
+    y = np.array([max(one.rmse, SMALLEST_LENGTH) for one in history])
     logarithmic(axes, y)
-    part = [one for one in history if 0 < one.window < one.frames and one.window_rmse > FLOOR]
+    part = [one for one in history if 0 < one.window < one.frames and one.window_rmse > SMALLEST_LENGTH]
     if part:
         axes.plot([one.evaluations for one in part], [one.window_rmse for one in part], ".", color=ORANGE, markersize=5,
                   label="in a window of fewer frames")  # fmt: skip
@@ -62,7 +60,7 @@ def error(axes: Axes, times: Array, rmse: Array, largest: Array, fitted: float, 
     logarithmic(axes, np.concatenate([rmse, largest]))
     axes.plot(times, shown(largest), color=SKY, linewidth=1.1, label="largest")
     axes.plot(times, shown(rmse), color=BLUE, linewidth=1.7, label="root mean square")
-    axes.axvspan(float(times[0]), fitted, color=WINDOW, alpha=0.07, linewidth=0, label="fitted frames", zorder=0)
+    axes.axvspan(float(times[0]), fitted, color=BLUE, alpha=0.07, linewidth=0, label="fitted frames", zorder=0)
     if horizon is not None:
         axes.axvline(horizon, color=RED, linestyle=(0, (5, 3)), linewidth=1.4, clip_on=False, label="horizon")
     above(axes)
@@ -71,7 +69,7 @@ def error(axes: Axes, times: Array, rmse: Array, largest: Array, fitted: float, 
 
 def shown(values: Array) -> Array:
     """What a logarithmic axis can show of some values; NaN elsewhere."""
-    return np.where(values > FLOOR, values, np.nan)
+    return np.where(values > SMALLEST_LENGTH, values, np.nan)
 
 
 def above(axes: Axes) -> None:
@@ -97,13 +95,13 @@ def energies(axes: Axes, energy: Energy) -> None:
 def text(axes: Axes, title: str, lines: Sequence[str]) -> None:
     """Some lines instead of a chart."""
     axes.set_axis_off()
-    axes.set_title(title, loc="left", fontsize=10, color=INK, pad=HIGH)
+    axes.set_title(title, loc="left", fontsize=10, color=INK, pad=TITLE_PAD)
     axes.text(0.0, 0.97, "\n".join(lines), transform=axes.transAxes, va="top", fontsize=9, color=INK, linespacing=1.6)
 
 
 def named(axes: Axes, title: str, x: str, y: str) -> None:
     """Title, names of the axes, and a faint grid."""
-    axes.set_title(title, loc="left", fontsize=10, color=INK, pad=HIGH)
+    axes.set_title(title, loc="left", fontsize=10, color=INK, pad=TITLE_PAD)
     axes.set_xlabel(x, fontsize=8.5, color=INK)
     axes.set_ylabel(y, fontsize=8.5, color=INK)
     axes.tick_params(labelsize=8)
@@ -116,7 +114,7 @@ def logarithmic(axes: Axes, values: Array) -> None:
     """A logarithmic axis of lengths, m, in units of their size, where any is above 0."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    own = values[np.isfinite(values) & (values > FLOOR)]
+    own = values[np.isfinite(values) & (values > SMALLEST_LENGTH)]
     if not len(own):
         nothing(axes, "no difference")
         return

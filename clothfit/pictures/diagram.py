@@ -15,16 +15,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from clothfit.base.messages import counted, metres
 from clothfit.evaluation.work_precision import Row, WorkPrecision
+from clothfit.pictures.palette import BLUE, GREEN, INK, ORANGE, PURPLE, QUIET, RED, SKY
 from clothfit.pictures.picture_file import save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SIZE = (9.2, 5.2)  # inches
-INK, QUIET, GOAL = "#222222", "#767676", "#a01c1c"
-STYLES = {"explicit": ("#e69f00", "^"), "symplectic": ("#0072b2", "o")}
-NEWTON_STYLES = (("#009e73", "s"), ("#cc79a7", "D"), ("#d55e00", "v"), ("#56b4e9", "P"))
+DIAGRAM_SIZE = (9.2, 5.2)  # inches
+REQUESTED_ERROR = "#a01c1c"
+STYLES = {"explicit": (ORANGE, "^"), "symplectic": (BLUE, "o")}
+NEWTON_STYLES = ((GREEN, "s"), (PURPLE, "D"), (RED, "v"), (SKY, "P"))
 
 
 class Line(NamedTuple):
@@ -49,7 +50,7 @@ def draw(found: WorkPrecision, error: float | None = None) -> Figure:
     """The diagram as a figure of its own, without a window and without pyplot's list of figures."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=SIZE, layout="constrained")
+    figure = Figure(figsize=DIAGRAM_SIZE, layout="constrained")
     axes = figure.add_subplot(xscale="log", yscale="log")
     floor = lowest(found)
     for line in lines(found):
@@ -135,7 +136,7 @@ def frame(axes: Axes, found: WorkPrecision) -> None:
 def draw_levels(axes: Axes, found: WorkPrecision, error: float | None, floor: float) -> None:
     """The error that is asked for, and that of the reference: a line where it is near the others, else a word."""
     if error is not None:
-        axes.axhline(error, color=GOAL, linewidth=1.2, linestyle=(0, (6, 3)), zorder=2,
+        axes.axhline(error, color=REQUESTED_ERROR, linewidth=1.2, linestyle=(0, (6, 3)), zorder=2,
                      label=f"asked for: {metres(error)}")
     own = found.reference.error
     told = f"the reference's own error: {metres(own)}"

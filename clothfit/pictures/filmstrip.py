@@ -8,24 +8,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.pictures.polygons import GREEN, Patches, Stage, bare, painted, pins, sightings, wind
+from clothfit.pictures.palette import FIXED_VERTEX, GROUND, QUIET, TARGET_COLOUR
+from clothfit.pictures.polygons import Patches, Stage, bare, painted, pins, sightings, wind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import SubFigure
 
-FRAMES = 6
+STRIP_FRAMES = 6
 """In a strip."""
 
-FACES = 6000
+STRIP_FACES = 6000
 """Of a frame, at most; larger meshes are thinned."""
 
-VECTORS = 3000
+MOST_VECTOR_SHAPES = 3000
 """Polygons of a frame up to which a .svg or .pdf holds them as such, and not as dots."""
 
-DOT = 1.8  # points: a vertex
-
-GROUND, INK, QUIET, PIN = "#f3f5f8", "#222222", "#767676", "#c22f2f"
+DOT_SIZE = 1.8  # points: a vertex
 
 
 def strip(figure: SubFigure, on: Stage, times: Array, x: Array, over: Array | None = None) -> list[Axes]:
@@ -42,23 +41,23 @@ def strip(figure: SubFigure, on: Stage, times: Array, x: Array, over: Array | No
 
 def chosen(frames: int) -> Sequence[int]:
     """Which of so many frames are in a strip: the first, the last, and some equally far apart between."""
-    return [int(i) for i in np.unique(np.linspace(0, frames - 1, FRAMES).round())]
+    return [int(i) for i in np.unique(np.linspace(0, frames - 1, STRIP_FRAMES).round())]
 
 
 def still(axes: Axes, on: Stage, frame: int, x: Array, over: Array | None) -> None:
     """Draw a frame with positions x (n, 3) into axes of its own."""
     layers = painted(on, frame, x, over)
-    dots = sum(len(layer.corners) for layer in layers) > VECTORS
+    dots = sum(len(layer.corners) for layer in layers) > MOST_VECTOR_SHAPES
     for layer in layers:
         if len(layer.corners):
             draw_patches(axes, layer, dots)
     alone, colours = bare(on, frame, x)
-    axes.scatter(alone[:, 0], alone[:, 1], s=(2.0 * DOT) ** 2, c=colours, linewidths=0, zorder=2)
+    axes.scatter(alone[:, 0], alone[:, 1], s=(2.0 * DOT_SIZE) ** 2, c=colours, linewidths=0, zorder=2)
     if over is not None:
         dots_at = sightings(on, frame, over)
-        axes.plot(dots_at[:, 0], dots_at[:, 1], "o", color=GREEN, markersize=DOT, markeredgewidth=0, zorder=3)
-    at = pins(on, frame, x)
-    axes.plot(at[:, 0], at[:, 1], "o", color=PIN, markersize=DOT + 0.6, markeredgewidth=0, zorder=3)
+        axes.plot(*dots_at.T, "o", color=TARGET_COLOUR, markersize=DOT_SIZE, markeredgewidth=0, zorder=3)
+    fixed_at = pins(on, frame, x)
+    axes.plot(*fixed_at.T, "o", color=FIXED_VERTEX, markersize=DOT_SIZE + 0.6, markeredgewidth=0, zorder=3)
     blank(axes, on)
 
 

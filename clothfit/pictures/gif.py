@@ -1,9 +1,9 @@
 """A motion as a looping GIF, drawn with Pillow, at the speed of the clock.
 
-Each frame is painted at twice its size and made smaller, which smooths the edges. A GIF counts time in hundredths of a
-second and viewers do not show a frame for less than two; frames are left out so that what is shown lies `INTERVAL`
-apart, or more where there would be too many. A motion too short to be seen is slowed down, and says so. All frames
-share one palette.
+Each frame is painted at twice its size and then reduced, which smooths the edges. A GIF counts time in hundredths of a
+second, and viewers show a frame for at least two of them, so frames are left out: those shown lie `SHORTEST_INTERVAL`
+apart, or farther where there would be too many. A motion too short to watch is slowed down, and the picture says so.
+All frames share one palette.
 """
 
 from __future__ import annotations
@@ -15,20 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Indices
-from clothfit.pictures.polygons import (
-    CLOTHS,
-    GREEN,
-    Colour,
-    Patches,
-    Stage,
-    bare,
-    good_frames,
-    painted,
-    pins,
-    sightings,
-    stage,
-    wind,
-)
+from clothfit.pictures.palette import CLOTHS, FIXED_VERTEX, GROUND, TARGET_COLOUR, Colour
+from clothfit.pictures.polygons import Patches, Stage, bare, good_frames, painted, pins, sightings, stage, wind
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -36,26 +24,26 @@ if TYPE_CHECKING:
 
     from clothfit.scene.scene import Scene
 
-WIDTH, FINER = 480, 2
+GIF_WIDTH, OVERSAMPLING = 480, 2
 """Pixels of a frame, and by how much finer it is painted."""
 
-FACES = 5000
+GIF_FACES = 5000
 """Of a frame, at most; larger meshes are thinned."""
 
-INTERVAL, MOST = 0.04, 150
+SHORTEST_INTERVAL, MOST_GIF_FRAMES = 0.04, 150
 """Seconds between frames, at least, and frames, at most."""
 
-LEAST, SLOWED = 0.5, 2.0
+SLOWED_BELOW, SLOWED_TO = 0.5, 2.0
 """Seconds: a motion below the first is shown in the second."""
 
-PAUSE = 0.6
+LAST_FRAME_PAUSE = 0.6
 """Seconds that the last frame stays."""
 
-COLOURS = 96
-SHAPE = (0.45, 1.0)  # height by width, at least and at most
-GROUND, INK, QUIET = (243, 245, 248), (70, 74, 82), (150, 154, 162)
-NAMES = (("target", GREEN), ("fitted", CLOTHS[0]))
-PIN, SEEN = (194, 47, 47), (22, 150, 72)  # fixed vertices, and those of a target that is seen in part
+PALETTE_SIZE = 96
+GIF_ASPECT = (0.45, 1.0)  # height by width, at least and at most
+GIF_INK, GIF_QUIET = "#464a52", "#969aa2"
+LEGEND_NAMES = (("target", TARGET_COLOUR), ("fitted", CLOTHS[0]))
+SEEN_TARGET = "#169648"  # vertices of a target that is seen in part
 
 
 class Film(NamedTuple):
@@ -69,19 +57,19 @@ class Film(NamedTuple):
 def film(times: Array) -> Film:
     """The frames to show of those at `times` (F,), s."""
     length = float(times[-1] - times[0])
-    speed = 1.0 if length >= LEAST or length == 0 else length / SLOWED
+    speed = 1.0 if length >= SLOWED_BELOW or length == 0 else length / SLOWED_TO
     shown = (times - times[0]) / speed
-    interval = max(INTERVAL, float(shown[-1]) / MOST)
+    interval = max(SHORTEST_INTERVAL, float(shown[-1]) / MOST_GIF_FRAMES)
     frames = [0]
     for frame in range(1, len(times)):
         if shown[frame] - shown[frames[-1]] >= 0.999 * interval:
             frames.append(frame)
-    ends = [*shown[frames[1:]], shown[frames[-1]] + PAUSE]
+    ends = [*shown[frames[1:]], shown[frames[-1]] + LAST_FRAME_PAUSE]
     marks = np.diff(np.round(100 * np.array([0.0, *ends])).astype(int))
     return Film(frames, [10 * max(2, int(mark)) for mark in marks], speed)
 
 
-def animation(scene: Scene, times: Array, x: Array, over: Array | None = None, width: int = WIDTH) -> bytes:
+def animation(scene: Scene, times: Array, x: Array, over: Array | None = None, width: int = GIF_WIDTH) -> bytes:
     """The GIF of a motion x (F, n, 3), m, at `times` (F,), s, with the target `over` (F, n, 3) it, NaN where unknown.
 
     It ends before a motion that diverges has lost itself.
@@ -90,7 +78,7 @@ def animation(scene: Scene, times: Array, x: Array, over: Array | None = None, w
     times, x, over = times[:good], x[:good], None if over is None else over[:good]
     from PIL import Image
 
-    on = stage(scene, [x] if over is None else [x, over], FACES, SHAPE)
+    on = stage(scene, [x] if over is None else [x, over], GIF_FACES, GIF_ASPECT)
     cut = film(times)
     pictures = [picture(on, times, frame, x, over, width, cut.speed) for frame in cut.frames]
     colours = palette(pictures)
@@ -104,27 +92,28 @@ def animation(scene: Scene, times: Array, x: Array, over: Array | None = None, w
 
 def palette(pictures: list[Image]) -> Image:
     """An image whose palette suits all pictures: that of some of them side by side, and the colours of small marks."""
-    from PIL import Image
+    from PIL import Image, ImageColor
 
     some = [pictures[i] for i in np.unique(np.linspace(0, len(pictures) - 1, 6).round().astype(int))]
     width, height = some[0].size
     sheet = Image.new("RGB", (width, height * len(some)))
     for row, one in enumerate(some):
         sheet.paste(one, (0, row * height))
-    marks = [part for colour in (PIN, SEEN, *(ink(colour) for _, colour in NAMES)) for part in colour]
-    found = sheet.quantize(COLOURS, method=Image.Quantize.MEDIANCUT).getpalette() or []
+    dots = [ImageColor.getrgb(colour) for colour in (FIXED_VERTEX, SEEN_TARGET)]
+    marks = [part for colour in (*dots, *(ink(colour) for _, colour in LEGEND_NAMES)) for part in colour]
+    found = sheet.quantize(PALETTE_SIZE, method=Image.Quantize.MEDIANCUT).getpalette() or []
     made = Image.new("P", (1, 1))
-    made.putpalette(found[: 3 * COLOURS] + marks)
+    made.putpalette(found[: 3 * PALETTE_SIZE] + marks)
     return made
 
 
 def picture(
-    on: Stage, times: Array, frame: int, x: Array, over: Array | None, width: int = WIDTH, speed: float = 1.0
+    on: Stage, times: Array, frame: int, x: Array, over: Array | None, width: int = GIF_WIDTH, speed: float = 1.0
 ) -> Image:
     """One frame of a motion x (F, n, 3), with the target `over` (F, n, 3) it."""
     from PIL import Image, ImageDraw
 
-    fine = FINER * width
+    fine = OVERSAMPLING * width
     image = Image.new("RGB", (fine, round(fine * on.camera.aspect)), GROUND)
     for layer in painted(on, frame, x[frame], None if over is None else over[frame]):
         top = image.copy() if layer.opacity < 1.0 else image
@@ -134,9 +123,9 @@ def picture(
     draw = ImageDraw.Draw(image)
     for (u, v), colour in zip(*(part.tolist() for part in bare_pixels(on, frame, x[frame], fine)), strict=True):
         draw.ellipse((u - 6, v - 6, u + 6, v + 6), fill=tuple(colour))
-    marks = [(pins(on, frame, x[frame]), PIN, 5.0)]
+    marks = [(pins(on, frame, x[frame]), FIXED_VERTEX, 5.0)]
     if over is not None:
-        marks.insert(0, (sightings(on, frame, over[frame]), SEEN, 3.5))
+        marks.insert(0, (sightings(on, frame, over[frame]), SEEN_TARGET, 3.5))
     for places, colour, radius in marks:
         for u, v in pixels(on, places, fine).tolist():
             draw.ellipse((u - radius, v - radius, u + radius, v + radius), fill=colour)
@@ -173,18 +162,18 @@ def write(
     width, height = size
     font = ImageFont.load_default(0.027 * width)
     slowed = "" if speed == 1.0 else f", {1 / speed:.3g} times slower"
-    draw.text((0.025 * width, 0.022 * width), f"{times[frame]:.2f} s{slowed}", font=font, fill=INK)
+    draw.text((0.025 * width, 0.022 * width), f"{times[frame]:.2f} s{slowed}", font=font, fill=GIF_INK)
     if target:
-        for right, (name, colour) in zip((0.975, 0.865), NAMES, strict=True):
+        for right, (name, colour) in zip((0.975, 0.865), LEGEND_NAMES, strict=True):
             draw.text((right * width, 0.022 * width), name, font=font, fill=ink(colour), anchor="ra")
     way = (times[frame] - times[0]) / max(times[-1] - times[0], 1e-300)
-    draw.rectangle((0, height - 5, width, height), fill=(226, 229, 234))
-    draw.rectangle((0, height - 5, float(way) * width, height), fill=QUIET)
+    draw.rectangle((0, height - 5, width, height), fill="#e2e5ea")
+    draw.rectangle((0, height - 5, float(way) * width, height), fill=GIF_QUIET)
     blows = wind(on)
     if blows is not None:
         arrow(draw, np.array([0.075 * width, height - 0.085 * width]), 0.05 * width * blows[0] * (1.0, -1.0))
         place = (0.14 * width, height - 0.085 * width)
-        draw.text(place, f"wind {blows[1]:.3g} m/s", font=font, fill=QUIET, anchor="lm")
+        draw.text(place, f"wind {blows[1]:.3g} m/s", font=font, fill=GIF_QUIET, anchor="lm")
 
 
 def ink(colour: Colour) -> tuple[int, ...]:
@@ -198,5 +187,5 @@ def arrow(draw: ImageDraw, middle: Array, half: Array) -> None:
     length = max(float(np.linalg.norm(half)), 1e-9)
     along = half / length * min(12.0, 2.0 * length)
     across = 0.5 * along[::-1] * (1.0, -1.0)
-    draw.line([*tail, *(tip - along)], fill=QUIET, width=4)
-    draw.polygon([tuple(tip), tuple(tip - along + across), tuple(tip - along - across)], fill=QUIET)
+    draw.line([*tail, *(tip - along)], fill=GIF_QUIET, width=4)
+    draw.polygon([tuple(tip), tuple(tip - along + across), tuple(tip - along - across)], fill=GIF_QUIET)

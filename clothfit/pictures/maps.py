@@ -9,7 +9,8 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.pictures.camera import Camera, facing, project, shaped
-from clothfit.pictures.filmstrip import GROUND, INK, QUIET, VECTORS
+from clothfit.pictures.filmstrip import MOST_VECTOR_SHAPES
+from clothfit.pictures.palette import GROUND, INK, NOT_IDENTIFIABLE, QUIET
 from clothfit.scene.fit_vector import blocks, identifiable, parameters
 from clothfit.scene.kinds import KIND, Kind
 from clothfit.scene.scene import Scene
@@ -18,13 +19,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import Normalize
 
-WIDE = 6.0
+LOGARITHMIC_ABOVE = 6.0
 """Values of one kind that differ by more than this factor have a logarithmic colour bar."""
 
-MOST = 20_000
+MOST_MAP_VALUES = 20_000
 """Values of a map; of more, so many are drawn, taken at random."""
 
-SHAPE = (0.5, 1.0)  # height by width of a map, at least and at most
+MAP_ASPECT = (0.5, 1.0)  # height by width of a map, at least and at most
 
 
 class Map(NamedTuple):
@@ -57,8 +58,8 @@ def maps(scene: Scene, truth: Scene | None = None) -> list[Map]:
 def joined(kind: Kind, parts: Sequence[tuple[Array, Array, Flags]], relative: bool) -> Map:
     """A map of all objects from one for each: places, values, and which of them are known; of very many some."""
     places, values, known = (np.concatenate([part[i] for part in parts]) for i in range(3))
-    if len(values) > MOST:
-        some = np.sort(np.random.default_rng(0).choice(len(values), MOST, replace=False))
+    if len(values) > MOST_MAP_VALUES:
+        some = np.sort(np.random.default_rng(0).choice(len(values), MOST_MAP_VALUES, replace=False))
         places, values, known = places[some], values[some], known[some]
     return Map(kind, places, values, known.astype(bool), relative)
 
@@ -73,7 +74,7 @@ def deviation(values: Array, true: Array) -> Array:
 def draw(axes: Axes, shown: Map) -> None:
     """Draw a map with its colour bar; what the motion cannot show is grey."""
     points = shown.places.reshape(-1, 3)
-    seen = shaped(facing(points), *SHAPE)
+    seen = shaped(facing(points), *MAP_ASPECT)
     flat = project(seen, shown.places)[..., :2]
     norm = scale(shown)
     drawn: Any = (vertices if shown.kind.of == "vertex" else springs)(axes, seen, flat, shown, norm)
@@ -124,7 +125,7 @@ def scale(shown: Map) -> Normalize:
     if shown.relative:
         return Normalize(-reach(shown), reach(shown))
     low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
-    if low > 0 and high > WIDE * low:
+    if low > 0 and high > LOGARITHMIC_ABOVE * low:
         return LogNorm(low, high)
     room = max(0.5e-3 * abs(high), 0.02 * (high - low), 1e-12) if high - low < 1e-3 * abs(high) else 0.0
     return Normalize(low - room, high + room)
@@ -136,11 +137,11 @@ def vertices(axes: Axes, seen: Camera, flat: Array, shown: Map, norm: Normalize)
     inches = 2.6 / float(size[0])
     area = float(np.clip(0.5 * size.prod() / max(len(flat), 1) * (72 * inches) ** 2, 0.3, 90.0))
     lost = ~shown.known
-    axes.scatter(flat[lost, 0], flat[lost, 1], s=0.4 * area, c="#c4c8cf", linewidths=0)
+    axes.scatter(flat[lost, 0], flat[lost, 1], s=0.4 * area, c=NOT_IDENTIFIABLE, linewidths=0)
     own = flat[shown.known]
     return axes.scatter(
-        own[:, 0], own[:, 1], s=area, c=shown.values[shown.known], cmap=colours(shown), norm=norm,
-        linewidths=0.4 if shown.relative and area > 8.0 else 0.0, edgecolors="#b4bac4", rasterized=len(flat) > VECTORS,
+        own[:, 0], own[:, 1], s=area, c=shown.values[shown.known], cmap=colours(shown), norm=norm, edgecolors="#b4bac4",
+        linewidths=0.4 if shown.relative and area > 8.0 else 0.0, rasterized=len(flat) > MOST_VECTOR_SHAPES,
     )  # fmt: skip
 
 
@@ -151,9 +152,9 @@ def springs(axes: Axes, seen: Camera, flat: Array, shown: Map, norm: Normalize) 
     length = np.linalg.norm(flat[:, 0] - flat[:, 1], axis=1)
     order = np.argsort(-length, kind="stable")
     flat, values, known, length = flat[order], shown.values[order], shown.known[order], length[order]
-    thick, dots = float(np.clip(50.0 / np.sqrt(max(len(flat), 1)), 0.15, 2.4)), len(flat) > VECTORS
+    thick, dots = float(np.clip(50.0 / np.sqrt(max(len(flat), 1)), 0.15, 2.4)), len(flat) > MOST_VECTOR_SHAPES
     width = thick * np.clip(np.median(length) / np.maximum(length, 1e-300), 0.3, 1.0)
-    lost = LineCollection(list(flat[~known]), colors="#c4c8cf", linewidths=0.5 * width[~known], rasterized=dots)
+    lost = LineCollection(list(flat[~known]), colors=NOT_IDENTIFIABLE, linewidths=0.5 * width[~known], rasterized=dots)
     axes.add_collection(lost, autolim=False)
     lines = LineCollection(list(flat[known]), cmap=colours(shown), norm=norm, linewidths=width[known], rasterized=dots)
     lines.set_array(values[known])

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PLOTS, GIF = ("png", "svg", "pdf"), ("gif",)
-DOTS = 150  # dots per inch of a .png
-FACES = ["DejaVu Sans"]  # comes with matplotlib, so that a picture does not depend on the machine's fonts
-STYLE = {"font.family": FACES, "svg.hashsalt": "clothfit", "svg.fonttype": "path"}
+DOTS_PER_INCH = 150  # dots per inch of a .png
+FONTS = ["DejaVu Sans"]  # comes with matplotlib, so that a picture does not depend on the machine's fonts
+STYLE = {"font.family": FONTS, "svg.hashsalt": "clothfit", "svg.fonttype": "path"}
 
 
 def check(path: str | os.PathLike[str], kinds: Sequence[str] = PLOTS) -> str:
@@ -53,5 +53,5 @@ def save(path: str | os.PathLike[str], draw: Callable[[], Figure]) -> None:
     buffer = io.BytesIO()
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     with rc_context(STYLE):  # type: ignore[arg-type]  # its stubs know the keys as literals only
-        draw().savefig(buffer, format=kind, dpi=DOTS, metadata=undated.get(kind))
+        draw().savefig(buffer, format=kind, dpi=DOTS_PER_INCH, metadata=undated.get(kind))
     write_atomically(path, buffer.getvalue())

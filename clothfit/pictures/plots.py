@@ -13,8 +13,9 @@ from clothfit.base.arrays import Array
 from clothfit.motion.energy import Energy
 from clothfit.pictures import charts, maps
 from clothfit.pictures import filmstrip as film
-from clothfit.pictures.filmstrip import FACES, FRAMES, INK, QUIET
+from clothfit.pictures.filmstrip import STRIP_FACES, STRIP_FRAMES
 from clothfit.pictures.overlay import Overlay
+from clothfit.pictures.palette import INK, QUIET
 from clothfit.pictures.polygons import good_frames, stage
 from clothfit.scene.scene import Scene
 
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
     from clothfit.optimise.progress import Progress
 
-WIDTH, HEAD, LEGEND, ROW = 12.0, 0.42, 0.2, 3.0  # inches: of all, of the title, what is below it, and of a row
+PAGE_WIDTH, HEAD_HEIGHT, LEGEND_HEIGHT, ROW_HEIGHT = 12.0, 0.42, 0.2, 3.0  # inches
 CHART_SHARE, MAP_SHARE, TEXT_SHARE = 1.25, 1.1, 0.85  # of the width of a row
 
 
@@ -89,11 +90,11 @@ def composed(
 
     good = max(1, good_frames(x))
     times, x, over = times[:good], x[:good], None if over is None else over[:good]
-    on = stage(scene, [x] if over is None else [x, over], FACES)
-    top = HEAD if over is None else HEAD + LEGEND
-    strip = (WIDTH / FRAMES - 0.06) * on.camera.aspect + 0.33
-    sizes = [top, strip, *[ROW] * len(rows)]
-    figure = Figure(figsize=(WIDTH, sum(sizes)), facecolor="white")
+    on = stage(scene, [x] if over is None else [x, over], STRIP_FACES)
+    top = HEAD_HEIGHT if over is None else HEAD_HEIGHT + LEGEND_HEIGHT
+    strip = (PAGE_WIDTH / STRIP_FRAMES - 0.06) * on.camera.aspect + 0.33
+    sizes = [top, strip, *[ROW_HEIGHT] * len(rows)]
+    figure = Figure(figsize=(PAGE_WIDTH, sum(sizes)), facecolor="white")
     bands: Any = figure.subfigures(len(sizes), 1, height_ratios=sizes, squeeze=False)
     head(bands[0, 0], top, title, told, over is not None)
     film.strip(bands[1, 0], on, times, x, over)
@@ -116,10 +117,10 @@ def place(band: SubFigure, parts: Sequence[Part]) -> None:
 
 def head(band: SubFigure, height: float, title: str, told: str, target: bool) -> None:
     """The title, what was found, and what is green."""
-    line = 1.0 - 0.6 * HEAD / height
+    line = 1.0 - 0.6 * HEAD_HEIGHT / height
     band.text(0.012, line, title, fontsize=13, fontweight="bold", color=INK, va="center")
     band.text(0.988, line, told, fontsize=9, color=QUIET, va="center", ha="right")
     if target:
-        below = 0.5 * LEGEND / height
+        below = 0.5 * LEGEND_HEIGHT / height
         band.text(0.012, below, "solid: fitted", fontsize=9, color="#4669a8", va="center")
         band.text(0.09, below, "translucent green: target", fontsize=9, color="#1a8f4a", va="center")

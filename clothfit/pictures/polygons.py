@@ -9,35 +9,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.pictures.camera import LIGHT, Camera, direction, faces, framed, project, shaped, thinned
+from clothfit.pictures.palette import CLOTHS, SPHERE_COLOUR, TARGET_COLOUR, Colour
 from clothfit.scene.scene import Scene
 
-Colour: TypeAlias = tuple[float, float, float]
+TARGET_OPACITY = 0.40
 
-CLOTHS = ((0.36, 0.51, 0.74), (0.83, 0.55, 0.36), (0.58, 0.45, 0.70), (0.75, 0.65, 0.33), (0.44, 0.47, 0.52))
-"""Colours of the objects, in turn."""
+SPHERE_DISCS, DISC_CORNERS = 24, 64
+"""A sphere is shaded by so many discs, each with so many corners."""
 
-GREEN, THROUGH = (0.10, 0.68, 0.33), 0.40
-"""Of the target, and how much of it covers what is behind."""
-
-BALL, BALL_RINGS, CORNERS = (0.72, 0.72, 0.76), 24, 64
-"""Colour of a sphere; discs that shade it, and the corners of each."""
-
-LINING = 0.86
+BACK_BRIGHTNESS = 0.86
 """Brightness of a cloth's other side."""
 
-MOST_FRAMES, MOST_VERTICES = 200, 5000
+MOST_FRAMED_FRAMES, MOST_FRAMED_VERTICES = 200, 5000
 """Of a motion, to decide how large a part of the world the camera shows."""
 
-FAR = 20.0
+FARTHEST_SHOWN = 20.0
 """Frames with a vertex that many sizes of the scene away show a motion that has lost itself; they are left out."""
 
-ROAMS = 5.0
+FOLLOWED_ABOVE = 5.0
 """The camera follows cloths that go over so many times their own size."""
 
 
@@ -89,7 +84,7 @@ def stage(scene: Scene, motions: Sequence[Array], most: int, shape: tuple[float,
 def some(x: Array) -> Array:
     """Points (K, 3) of a motion (F, n, 3): all, or of a large one enough to know where it goes."""
     frames, count = x.shape[:2]
-    return x[:: max(1, frames // MOST_FRAMES), :: max(1, count // MOST_VERTICES)].reshape(-1, 3)
+    return x[:: max(1, frames // MOST_FRAMED_FRAMES), :: max(1, count // MOST_FRAMED_VERTICES)].reshape(-1, 3)
 
 
 def ball(centre: Array, radius: float) -> Array:
@@ -103,14 +98,14 @@ def middles(x: Array) -> Array:
     low, high = np.nanmin(x, axis=1), np.nanmax(x, axis=1)  # (F, 3)
     own = float((high - low).max())
     way = float((np.nanmax(high, axis=0) - np.nanmin(low, axis=0)).max())
-    return 0.5 * (low + high) if way > ROAMS * own else np.zeros((len(x), 3))
+    return 0.5 * (low + high) if way > FOLLOWED_ABOVE * own else np.zeros((len(x), 3))
 
 
 def good_frames(x: Array) -> int:
     """How many frames of a simulated motion (F, n, 3) can be shown: those before it loses itself."""
     with np.errstate(invalid="ignore"):
         size = np.ptp(x, axis=1).max(axis=1)  # NaN where a position is not finite
-        lost = np.flatnonzero(~(size <= FAR * size[0]))
+        lost = np.flatnonzero(~(size <= FARTHEST_SHOWN * size[0]))
     return int(lost[0]) if len(lost) else len(x)
 
 
@@ -122,7 +117,7 @@ def painted(on: Stage, frame: int, x: Array, over: Array | None = None) -> list[
     away = on.middle[frame]
     skins = [skin(on, x - away)]
     if over is not None:
-        skins.append(skin(on, over - away, GREEN, THROUGH))
+        skins.append(skin(on, over - away, TARGET_COLOUR, TARGET_OPACITY))
     found: list[Patches] = []
     nearest = np.inf
     for sphere in sorted(on.scene.spheres, key=lambda s: -float(s.centre @ on.camera.forward)):
@@ -150,7 +145,7 @@ def skin(on: Stage, x: Array, colour: Colour | None = None, opacity: float = 1.0
     seen = faces(on.camera, x, on.triangles)
     every = [colour or CLOTHS[i % len(CLOTHS)] for i in range(len(on.scene.cloths))]
     base = np.array(every)[on.cloth[seen.which]]
-    rgb = lit(base, seen.shade * np.where(seen.outside, 1.0, LINING))
+    rgb = lit(base, seen.shade * np.where(seen.outside, 1.0, BACK_BRIGHTNESS))
     return Skin(Patches(seen.corners, rgb, opacity), seen.depth)
 
 
@@ -163,13 +158,13 @@ def lit(colour: Array, shade: Array) -> Array:
 
 def disc(seen: Camera, centre: Array, radius: float) -> Patches:
     """A sphere: discs, each smaller and lighter, that move towards the light."""
-    angle = np.linspace(0.0, 2.0 * np.pi, CORNERS, endpoint=False)
+    angle = np.linspace(0.0, 2.0 * np.pi, DISC_CORNERS, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    inward = np.linspace(0.0, 1.0, BALL_RINGS)[:, None, None]
+    inward = np.linspace(0.0, 1.0, SPHERE_DISCS)[:, None, None]
     towards = np.array(LIGHT[:2]) / np.linalg.norm(LIGHT)
     middle = project(seen, centre)[:2] + radius * inward * towards * 0.8
     corners = middle + radius * (1.0 - 0.88 * inward) * ring
-    rgb = lit(np.broadcast_to(BALL, (BALL_RINGS, 3)), np.linspace(0.28, 0.78, BALL_RINGS))
+    rgb = lit(np.broadcast_to(SPHERE_COLOUR, (SPHERE_DISCS, 3)), np.linspace(0.28, 0.78, SPHERE_DISCS))
     return Patches(corners, rgb)
 
 
@@ -184,7 +179,7 @@ def bare(on: Stage, frame: int, x: Array) -> tuple[Array, Array]:
     counts = on.scene.vertex_counts
     faceless = [len(cloth.triangles) == 0 for cloth in on.scene.cloths]
     shown = np.flatnonzero(np.repeat(faceless, counts))
-    shown = shown[:: max(1, len(shown) // MOST_VERTICES)]
+    shown = shown[:: max(1, len(shown) // MOST_FRAMED_VERTICES)]
     own = np.repeat(np.arange(len(counts)), counts)[shown]
     colours = np.array([CLOTHS[i % len(CLOTHS)] for i in range(len(counts))])[own]
     return project(on.camera, x[shown] - on.middle[frame])[:, :2], colours

@@ -21,10 +21,10 @@ from clothfit.base.arrays import Array, Flags
 
 Record: TypeAlias = dict[str, Any]
 
-STEPS = 2**16 - 1
+GRID_STEPS = 2**16 - 1
 """Of the grid, along each axis."""
 
-ROOTS = 2**8 - 1
+ERROR_GRADES = 2**8 - 1
 """Grades of an error: its square root is kept in 8 bits, so that small ones differ as well."""
 
 BROWSERS = {"f": "float32", "u": "uint32", "i": "int32", "b": "uint8"}
@@ -60,7 +60,7 @@ def box(*motions: Array) -> tuple[Array, Array]:
     points = [motion.reshape(-1, 3) for motion in motions]
     low = np.nanmin([np.nanmin(each, axis=0) for each in points], axis=0)
     high = np.nanmax([np.nanmax(each, axis=0) for each in points], axis=0)
-    return low, np.maximum((high - low) / STEPS, np.finfo(np.float32).tiny)
+    return low, np.maximum((high - low) / GRID_STEPS, np.finfo(np.float32).tiny)
 
 
 def packed_positions(positions: Array, low: Array, step: Array) -> Record:
@@ -96,7 +96,7 @@ def packed_errors(errors: Array) -> Record:
     """The record of errors (frames, vertices), m, 0 or more; 0 stands for NaN as well."""
     most = float(np.nanmax(errors, initial=0.0))
     share = np.nan_to_num(errors / most) if most > 0 else np.zeros(errors.shape)
-    grades = np.rint(ROOTS * np.sqrt(share)).astype(np.uint8)
+    grades = np.rint(ERROR_GRADES * np.sqrt(share)).astype(np.uint8)
     return {"shape": list(errors.shape), "most": most, "data": deflated(grades.tobytes())}
 
 

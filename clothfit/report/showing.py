@@ -17,14 +17,12 @@ from clothfit.base.memory import check_memory
 from clothfit.evaluation.evaluate import HORIZON, Evaluation, check_same_objects, deviations, distance, finite_part
 from clothfit.motion.motion import Motion, check_counts, checked_motion
 from clothfit.motion.times import frame_places, interpolated
+from clothfit.pictures.polygons import FARTHEST_SHOWN
 from clothfit.scene.fit_vector import fitted_cloths
 from clothfit.scene.scene import Scene
 
 MOST_POSITIONS = 3_200_000
 """Of both motions together: a page with them takes about 15 MB."""
-
-FAR = 20.0
-"""Sizes of the scene at its start that a motion which diverges is followed away."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +132,7 @@ def near_enough(*both: Array) -> int:
     centre = np.nanmean(start, axis=0)
     size = max(float(np.nanmax(np.abs(start - centre))), 1e-3)
     away = np.max([np.nanmax(np.abs(motion - centre), axis=(1, 2), initial=0.0) for motion in both], axis=0)
-    gone = np.flatnonzero(away > FAR * size)
+    gone = np.flatnonzero(away > FARTHEST_SHOWN * size)
     return max(int(gone[0]), 2) if len(gone) else len(away)
 
 

@@ -129,7 +129,7 @@ def test_little_time_leaves_out_all_but_the_own():
 
 
 def test_runs_that_would_take_too_much_memory_are_left_out(monkeypatch):
-    monkeypatch.setattr(precision, "LARGEST", 24 * 3 * 41 * 12)  # 40 steps with one velocity each, 10 with four
+    monkeypatch.setattr(precision, "MOST_STATE_BYTES", 24 * 3 * 41 * 12)  # 40 steps of one velocity, 10 of four
     found = work_precision(ONE, seconds=1.0)
     kept = {row.setting.ratio for row in found.rows if row.status != "skipped" and row.setting.integrator != "implicit"}
     assert min(kept) == 1 / 4

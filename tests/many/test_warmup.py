@@ -14,7 +14,7 @@ from clothfit.engine.step import implicit
 from clothfit.engine.system import build
 from clothfit.kernels import cache as kernel_cache
 from clothfit.kernels.cache import KernelCache
-from clothfit.many.warmup import NEVER, SMALL, Part, called, compilations, strip_scene, use_everything, warm_up
+from clothfit.many.warmup import NEVER, SMALL_PARTS, Part, called, compilations, strip_scene, use_everything, warm_up
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 
@@ -92,7 +92,7 @@ def test_the_command_says_what_it_did_and_where_and_does_nothing_twice():
     runs = [started("warmup", "--small", "--json") for _ in range(2)]
     first, second = (json.loads(run.stdout) for run in runs)
     assert [run.returncode for run in runs] == [0, 0]
-    assert [part["name"] for part in second["parts"]] == list(SMALL)
+    assert [part["name"] for part in second["parts"]] == list(SMALL_PARTS)
     assert second["compiled"] == sum(part["compiled"] for part in second["parts"]) == 0
     assert first["folder"] == second["folder"]
     assert runs[1].stderr.decode() == f"everything is compiled, kept in {second['folder']}\n"
@@ -103,7 +103,7 @@ def test_where_it_cannot_keep_anything_it_fails(tmp_path):
     code = (
         "import clothfit.many.warmup as w, clothfit.kernels.cache as k, numba, sys; from pathlib import Path;"
         "k.folders = lambda: (Path(sys.argv[1]) / 'kernels-now',);"
-        "f = numba.njit(lambda x: x); f._cache = k.KernelCache(f.py_func); w.SMALL = {'one': lambda: f(1)};"
+        "f = numba.njit(lambda x: x); f._cache = k.KernelCache(f.py_func); w.SMALL_PARTS = {'one': lambda: f(1)};"
         "from clothfit.cli.program import run; sys.exit(run(['warmup', '--small']))"
     )
     (tmp_path / "file").write_text("")
@@ -135,7 +135,7 @@ def test_without_compilation_there_is_nothing_to_do():
 def test_parts_are_reported_as_they_are_done(monkeypatch):
     heard = []
     small = {"one": lambda: numba.njit(lambda x: x)(1), "two": lambda: None}
-    monkeypatch.setattr("clothfit.many.warmup.SMALL", small)
+    monkeypatch.setattr("clothfit.many.warmup.SMALL_PARTS", small)
     parts = use_everything(heard.append, small=True)
     assert parts == heard
     assert [(part.name, part.compiled) for part in parts] == [("one", 1), ("two", 0)]
@@ -183,7 +183,7 @@ def test_a_note_counts_only_while_all_files_are_there(tmp_path, monkeypatch):
         used.append(kernel_cache.save("code", b"compiled"))
         KernelCache.names.add("code")
 
-    monkeypatch.setattr("clothfit.many.warmup.SMALL", {"one": use})
+    monkeypatch.setattr("clothfit.many.warmup.SMALL_PARTS", {"one": use})
     for _ in range(2):
         assert [part.name for part in warm_up(small=True)] == ["one"]
     assert len(used) == 1

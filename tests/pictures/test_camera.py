@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from clothfit.pictures.camera import (
-    BETTER,
+    CLEARLY_MORE,
     direction,
     faces,
     facing,
@@ -110,7 +110,8 @@ def test_a_direction_is_the_first_unless_another_shows_much_more():
         chosen, first = (abs(area(x[0], axes)) for axes in (direction(x, HALVES), looking(30.0, 24.0)))
         assert chosen >= first
     sideways = np.array([SQUARE @ np.stack(looking(-60.0, 0.0))])  # faces a camera of yaw −60
-    assert abs(area(sideways[0], direction(sideways, HALVES))) > BETTER * abs(area(sideways[0], looking(30.0, 24.0)))
+    best, first = (abs(area(sideways[0], axes)) for axes in (direction(sideways, HALVES), looking(30.0, 24.0)))
+    assert best > CLEARLY_MORE * first
 
 
 def area(x, axes):

@@ -11,6 +11,7 @@ from clothfit.pictures import gif
 from clothfit.scene.scene import load
 
 Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed; no animation is drawn")
+ImageColor = pytest.importorskip("PIL.ImageColor")
 
 
 def motion(frames=26, step=0.02):
@@ -36,16 +37,16 @@ def test_it_loops_at_the_speed_of_the_clock():
     scene, times, x = motion()
     frames, durations, info = read(gif.animation(scene, times, x))
     assert info["loop"] == 0
-    assert frames.shape[2] == gif.WIDTH
+    assert frames.shape[2] == gif.GIF_WIDTH
     assert len(frames) == 13  # of 26 frames at 20 ms every second, as two hundredths are too short for many viewers
     assert durations[:-1] == [40] * 12
-    assert sum(durations) == pytest.approx(1000 * (times[24] + gif.PAUSE), abs=5)  # to a hundredth
+    assert sum(durations) == pytest.approx(1000 * (times[24] + gif.LAST_FRAME_PAUSE), abs=5)  # to a hundredth
 
 
 def test_it_shows_a_cloth_that_moves():
     scene, times, x = motion()
     frames, _, _ = read(gif.animation(scene, times, x))
-    filled = (np.abs(frames[0].astype(int) - gif.GROUND).max(axis=2) > 40).mean()
+    filled = (np.abs(frames[0].astype(int) - ImageColor.getrgb(gif.GROUND)).max(axis=2) > 40).mean()
     assert 0.1 < filled < 0.9
     changes = [(np.abs(a.astype(int) - b) > 40).any(axis=2).mean() for a, b in pairwise(frames)]
     assert min(changes) > 1e-3  # more than the bar of the time, which is two pixels high
@@ -72,7 +73,7 @@ def greens(frame):
 def test_frames_are_thinned_to_what_can_be_seen(count, step, every):
     film = gif.film(step * np.arange(count))
     assert film.frames == list(range(0, count, every))
-    assert len(film.frames) == len(film.durations) <= gif.MOST + 1
+    assert len(film.frames) == len(film.durations) <= gif.MOST_GIF_FRAMES + 1
     assert min(film.durations) >= 20
     assert film.speed == 1.0
     between = sum(film.durations[:-1])
@@ -81,8 +82,8 @@ def test_frames_are_thinned_to_what_can_be_seen(count, step, every):
 
 def test_a_motion_too_short_to_be_seen_is_slowed_down():
     film = gif.film(1e-4 * np.arange(101))
-    assert film.speed == pytest.approx(0.01 / gif.SLOWED)
-    assert sum(film.durations[:-1]) == pytest.approx(1000 * gif.SLOWED, abs=50)
+    assert film.speed == pytest.approx(0.01 / gif.SLOWED_TO)
+    assert sum(film.durations[:-1]) == pytest.approx(1000 * gif.SLOWED_TO, abs=50)
 
 
 def test_a_motion_that_diverges_is_drawn_as_far_as_it_is_good():

@@ -12,7 +12,7 @@ from clothfit import energies, parameters, simulate, with_parameters
 from clothfit.base.errors import InvalidInput
 from clothfit.optimise.progress import Progress
 from clothfit.pictures.overlay import overlaid
-from clothfit.pictures.picture_file import DOTS, GIF, check, save
+from clothfit.pictures.picture_file import DOTS_PER_INCH, GIF, check, save
 from clothfit.scene.scene import load
 
 matplotlib = pytest.importorskip("matplotlib", reason="matplotlib is not installed; no picture is drawn")
@@ -48,8 +48,8 @@ def test_a_png_has_its_size_and_something_in_every_part(tmp_path):
     save(tmp_path / "fit.png", fitted)
     picture = np.asarray(image.open(tmp_path / "fit.png").convert("L")).astype(int)
     height, width = picture.shape
-    assert width == DOTS * plots.WIDTH
-    assert height > DOTS * (plots.HEAD + 2 * plots.ROW)
+    assert width == DOTS_PER_INCH * plots.PAGE_WIDTH
+    assert height > DOTS_PER_INCH * (plots.HEAD_HEIGHT + 2 * plots.ROW_HEIGHT)
     for band in np.array_split(picture, 6):  # head and strip, charts, maps
         for part in np.array_split(band[:, : int(0.6 * width)], 2, axis=1):
             assert np.ptp(part) > 60
@@ -116,7 +116,7 @@ def test_maps_know_what_the_motion_cannot_show():
 
 
 def test_maps_of_many_values_show_some_of_them(monkeypatch):
-    monkeypatch.setattr(maps, "MOST", 10)
+    monkeypatch.setattr(maps, "MOST_MAP_VALUES", 10)
     (mass,) = maps.maps(load(even("Ln", 3)))
     assert mass.places.shape == (10, 3)
 

@@ -6,10 +6,10 @@ from helpers.scenes import cloth, document, sphere
 from numpy.testing import assert_allclose, assert_array_equal
 
 from clothfit.pictures.camera import project
+from clothfit.pictures.palette import CLOTHS
 from clothfit.pictures.polygons import (
-    BALL_RINGS,
-    CLOTHS,
-    THROUGH,
+    SPHERE_DISCS,
+    TARGET_OPACITY,
     bare,
     good_frames,
     painted,
@@ -40,7 +40,7 @@ def test_the_target_is_painted_over_the_cloth_and_shines_through():
     x = still(scene)
     on = stage(scene, [x, x], 1000)
     own, over = painted(on, 0, x[0], x[0])
-    assert (own.opacity, over.opacity) == (1.0, THROUGH)
+    assert (own.opacity, over.opacity) == (1.0, TARGET_OPACITY)
     assert_allclose(own.corners, over.corners)
     assert (over.colours[:, 1] > over.colours[:, [0, 2]].max(axis=1)).all()  # green
 
@@ -63,7 +63,7 @@ def test_a_sphere_lies_between_the_faces_behind_its_middle_and_those_before_it()
     x = still(scene)
     on = stage(scene, [x], 1000)
     behind, ball, before = painted(on, 0, x[0])
-    assert len(ball.corners) == BALL_RINGS
+    assert len(ball.corners) == SPHERE_DISCS
     assert len(behind.corners) + len(before.corners) == 12
     middle = ball.corners[0].mean(axis=0)
     assert_allclose(middle, project(on.camera, np.zeros(3))[:2], atol=1e-12)

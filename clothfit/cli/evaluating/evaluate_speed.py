@@ -45,7 +45,7 @@ def command(
 
     console.announce_compilation()
     with progress(console) as report:
-        found = precision.work_precision(scene, frames, budget or precision.SECONDS, report)
+        found = precision.work_precision(scene, frames, budget or precision.MEASURE_SECONDS, report)
         fits = compare_fits(scene, max_evaluations, report) if fit else None
     if plot is not None:
         from clothfit.pictures.diagram import save_diagram
@@ -93,7 +93,7 @@ def compare_fits(scene: Scene, max_evaluations: int | None, report: Report | Non
     """The methods of estimation against each other."""
     from clothfit.evaluation import fit_methods
 
-    return fit_methods.compare_methods(scene, evaluations=max_evaluations or fit_methods.EVALUATIONS, report=report)
+    return fit_methods.compare_methods(scene, evaluations=max_evaluations or fit_methods.FIT_EVALUATIONS, report=report)
 
 
 @contextmanager

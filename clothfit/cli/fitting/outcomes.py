@@ -9,7 +9,7 @@ from clothfit.base.messages import counted, metres, owned
 from clothfit.cli.common import shared
 from clothfit.cli.common.console import Console
 from clothfit.cli.fitting.parameter_line import account, indices
-from clothfit.many.job import CODES
+from clothfit.many.job import EXIT_CODES
 from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def finish(
     shared.write_scene(found.scene, out)
     describe(found, out, console)
     conclude(told, out, as_json, log)
-    return CODES[found.status]
+    return EXIT_CODES[found.status]
 
 
 def conclude(told: dict[str, Any], out: shared.Output, as_json: bool, log: FitLog | None) -> None:
