@@ -103,7 +103,8 @@ def compilations() -> Iterator[list[str]]:
 def called(large: bool, very_large: bool) -> Iterator[None]:
     """Within, every cloth is taken for a large or a very large one, or none is."""
     before = sparse.TWO_THREADS_FROM, sparse.MULTIGRID_FROM
-    sparse.TWO_THREADS_FROM, sparse.MULTIGRID_FROM = (LARGE_FROM if large else NEVER), (LARGE_FROM if very_large else NEVER)
+    sparse.TWO_THREADS_FROM = LARGE_FROM if large else NEVER
+    sparse.MULTIGRID_FROM = LARGE_FROM if very_large else NEVER
     try:
         yield
     finally:
