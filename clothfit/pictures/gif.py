@@ -126,9 +126,9 @@ def picture(
     marks = [(pins(on, frame, x[frame]), FIXED_VERTEX, 5.0)]
     if over is not None:
         marks.insert(0, (sightings(on, frame, over[frame]), SEEN_TARGET, 3.5))
-    for places, colour, radius in marks:
+    for places, mark, radius in marks:
         for u, v in pixels(on, places, fine).tolist():
-            draw.ellipse((u - radius, v - radius, u + radius, v + radius), fill=colour)
+            draw.ellipse((u - radius, v - radius, u + radius, v + radius), fill=mark)
     write(draw, image.size, on, times, frame, over is not None, speed)
     return image.resize((width, round(width * on.camera.aspect)), Image.Resampling.BOX)
 
