@@ -9,7 +9,8 @@ import numpy as np
 from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
-from clothfit.fit import auto
+from clothfit.fit.auto import by_momentum, find
+from clothfit.fit.trajectory_fit import by_gauss_newton
 from clothfit.optimise import momentum
 from clothfit.optimise.scipy_methods import METHODS, minimise
 from clothfit.optimise.search import Search
@@ -48,8 +49,8 @@ def found_by(
     if method == "momentum":
         if not momentum.fits(search.objective):
             raise InvalidInput("memory: too little for the balance of momentum; use another method, or allow more")
-        auto.by_momentum(search, start)
+        by_momentum(search, start)
         return search.verdict()
     if method == "gauss-newton":
-        return auto.by_gauss_newton(search, start, start, tau)
-    return auto.find(search, start, others, tau)
+        return by_gauss_newton(search, start, start, tau)
+    return find(search, start, others, tau)

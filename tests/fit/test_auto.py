@@ -6,13 +6,16 @@ import pytest
 from helpers.physics import scene, xyz
 from helpers.scenes import cloth, even, trial
 
-from clothfit.fit import auto
-from clothfit.fit.auto import FIRST_WINDOW, by_gauss_newton, by_momentum, find, first_window, is_near, window_lengths
+from clothfit.fit import stages, trajectory_fit
+from clothfit.fit.auto import balances_can_hold, by_momentum, find
 from clothfit.fit.estimate import estimate, record_target
+from clothfit.fit.stages import FAR_ERROR, FIRST_WINDOW, first_window, is_near, window_lengths
+from clothfit.fit.trajectory_fit import by_gauss_newton
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import Motion, as_motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
+from clothfit.optimise.momentum import TREATMENTS
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.scene.fit_vector import identifiable, parameters
@@ -141,7 +144,7 @@ def test_from_a_far_start_with_gaps_it_is_never_worse_either(budget, visited):
 def test_the_momentum_fits_come_best_last():
     search, start = searching("nL", 40, 1e-3)
     found = by_momentum(search, start)
-    assert len(found) == len(auto.momentum.TREATMENTS)
+    assert len(found) == len(TREATMENTS)
     costs = [search.objective.cost(p) for p in found]
     assert costs == sorted(costs, reverse=True)
     assert search.best.cost == pytest.approx(costs[-1], rel=1e-9)
@@ -202,8 +205,8 @@ def test_a_start_that_diverges_is_left():
 
 def wide(monkeypatch):
     """Take every fit for a long one with more values than a dense model has room for."""
-    monkeypatch.setattr(auto, "LARGE", 0)
-    monkeypatch.setattr(auto, "LARGEST", 0.0)
+    monkeypatch.setattr(stages, "LONG_FIT", 0)
+    monkeypatch.setattr(trajectory_fit, "LARGEST", 0.0)
 
 
 def test_a_long_fit_of_many_values_finds_the_factor_first(monkeypatch):
@@ -224,7 +227,7 @@ def test_a_target_that_cannot_be_reproduced_ends_a_long_fit_after_some_steps(mon
     first = objective.cost(np.full(33, 10.0))
     assert found.status in ("converged", "stalled")
     assert found.evaluations < 200
-    assert auto.FAR**2 * objective.still < found.cost < first
+    assert FAR_ERROR**2 * objective.still < found.cost < first
 
 
 def test_balances_that_cannot_be_fulfilled_at_first_are_not_solved_for_all_frames(monkeypatch):
@@ -234,5 +237,5 @@ def test_balances_that_cannot_be_fulfilled_at_first_are_not_solved_for_all_frame
     squeezed = as_motion(made, true.positions * np.array([1.0, 0.7, 1.0]), true.times)
     for target, worth in ((true, True), (squeezed, False)):
         search = Search(Objective(made, target, 1e-10), np.full(33, 10.0), 1e-8, 100)
-        early = search.objective.until(auto.first_window(search.objective))
-        assert auto.balanced(search, np.full(33, 10.0), early) == worth
+        early = search.objective.until(first_window(search.objective))
+        assert balances_can_hold(search, np.full(33, 10.0), early) == worth

@@ -12,7 +12,7 @@ from clothfit.base.memory import human
 from clothfit.cli.program import run
 from clothfit.engine import snapshots
 from clothfit.engine.rollout import state_bytes
-from clothfit.fit import auto
+from clothfit.fit import trajectory_fit
 from clothfit.fit.estimate import estimate
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import as_motion
@@ -132,7 +132,7 @@ def test_a_motion_that_diverges_in_a_late_part_is_told():
 @SLOW
 def test_the_matrix_free_fit_in_little_memory_is_the_same(monkeypatch):
     made, motion = guess()
-    monkeypatch.setattr(auto, "LARGEST", 0.0)
+    monkeypatch.setattr(trajectory_fit, "LARGEST", 0.0)
     found, expected = (
         estimate(made, motion, method="gauss-newton", budget=8, memory=size, intervals=False)
         for size in (tightest(made, motion), PLENTY)

@@ -8,7 +8,7 @@ import pytest
 from helpers.physics import TIGHT, scene, xyz
 from helpers.scenes import cloth, even
 
-from clothfit.fit import auto
+from clothfit.fit import trajectory_fit
 from clothfit.fit.estimate import record_target
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
@@ -79,10 +79,10 @@ def test_it_finds_the_truth_as_with_a_matrix(monkeypatch):
     target = degrade(record_target(made), every=2)
     found = []
     for largest in (0.0, np.inf):
-        monkeypatch.setattr(auto, "LARGEST", largest)
+        monkeypatch.setattr(trajectory_fit, "LARGEST", largest)
         search = Search(Objective(made, target, 1e-10), np.full(33, 20.0), 1e-7, 2000)
         with suppress(Stop):
-            auto.by_gauss_newton(search, search.best.p, search.best.p, np.inf)
+            trajectory_fit.by_gauss_newton(search, search.best.p, search.best.p, np.inf)
         found.append(search)
     for search in found:
         assert search.objective.rmse(search.best.cost) < 1e-6
@@ -93,11 +93,11 @@ def test_it_finds_the_truth_as_with_a_matrix(monkeypatch):
 def test_noise_leaves_the_same_minimum(monkeypatch):
     costs = []
     for largest in (0.0, np.inf):
-        monkeypatch.setattr(auto, "LARGEST", largest)
+        monkeypatch.setattr(trajectory_fit, "LARGEST", largest)
         part = trajectory(8, 1e-2, heavier=5.0)  # a light one is crushed on the way, where steps that switch to their
         # clamped form make steps of the cost
         p = part.search.best.p
-        auto.by_gauss_newton(part.search, p, p, np.inf)
+        trajectory_fit.by_gauss_newton(part.search, p, p, np.inf)
         costs.append(part.search.best.cost)
     # The valley's floor is flat: 288 residuals less some 70 parameters leave a cost of 217 of the noise's squares,
     # which is uncertain by 21 of them; both end within 4 of each other.

@@ -1,0 +1,105 @@
+"""The trajectory fit by stages: Gauss–Newton from a start, from the first frames to all.
+
+Each stage uses the dense model where that is small enough, else the matrix-free method, else L-BFGS-B. A long fit of
+too many values for a dense model first multiplies them by one factor for each kind (`common_factors`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.fit.stages import Stage, is_far, is_long, is_near, stage_tolerance, stages
+from clothfit.optimise import matrix_free, scipy_methods
+from clothfit.optimise.common_factors import Shared
+from clothfit.optimise.gauss_newton import minimise_resumed
+from clothfit.optimise.prior import Prior, none
+from clothfit.optimise.search import Search
+from clothfit.optimise.status import Status
+from clothfit.optimise.trajectory import LARGEST, Trajectory
+
+
+def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, windows: bool = True) -> Status:
+    """Gauss–Newton from p (P,), in windows of more and more frames where p is far from the target; the prior is centred
+    on `centre` (P,), its width `tau` is learned where None. Raises Stop.
+    """
+    search.enter("gauss-newton")
+    near = is_near(search, search.visit(p))
+    if not near and too_many(search):
+        p, status = by_factors(search, p, windows)
+        if is_far(search):
+            return status
+        near, windows = is_near(search), False
+    return by_stages(search, p, centre, tau, stages(search, near, windows))
+
+
+def by_stages(search: Search, p: Array, centre: Array, tau: float | None, parts: Sequence[Stage]) -> Status:
+    """Gauss–Newton from p (P,) through all stages, and back to the best point of before where that costs less."""
+    best, best_cost, status = search.best.p, search.best.cost, Status.STALLED
+    every = Trajectory(search, search.objective)
+    y, prior = every.y(p), every.prior(every.y(centre), tau)
+    for stage in parts:
+        part, whole = Trajectory(search, stage.objective), stage.objective is search.objective
+        search.enter("gauss-newton", stage.objective)
+        if not np.isfinite(part.cost(y)):
+            break
+        search.best.believe(prior)
+        if part.operations() <= LARGEST and part.fits():
+            y, prior, status = by_dense_model(part, stage, y, prior)
+            if not whole and stage.objective.steps == search.objective.steps and is_far(search):
+                break
+        elif matrix_free.fits(part):
+            search.enter("matrix-free", stage.objective)
+            y, status = matrix_free.minimise(part, y, prior, whole)
+        else:
+            search.best.believe(None)
+            search.warn("too little memory for the matrices of gauss-newton: l-bfgs-b took its place (--memory)")
+            status = scipy_methods.minimise(search, "l-bfgs-b") if whole else status
+    if best_cost < search.best.cost:
+        search.best.believe(None)
+        search.accept(best, best_cost)
+    return Status.STALLED if status == Status.CONVERGED and search.on_plateau() else status
+
+
+def by_dense_model(part: Trajectory, stage: Stage, y: Array, prior: Prior) -> tuple[Array, Prior, Status]:
+    """One stage of Gauss–Newton from y (Q,); the last point, the prior that it learned, and how it ended."""
+    search, whole = part.search, part.objective is part.search.objective
+    accepted = part.accepted if whole else part.passed
+    problem = part.problem(stage.least, stage.patience)
+    y, prior, status = minimise_resumed(search, problem, y, prior, accepted, stage.iterations)
+    search.best.believe(prior)
+    if not whole:
+        search.enter("gauss-newton")
+        search.visit(search.parameters(y))
+    return y, prior, status
+
+
+def too_many(search: Search) -> bool:
+    """Whether so many values are fitted one by one that there is no dense model of a fit."""
+    operations = Trajectory(search, search.objective).operations()
+    return is_long(search) and operations > LARGEST and any(block.mode == "L" for block in search.objective.blocks)
+
+
+def by_factors(search: Search, p: Array, windows: bool) -> tuple[Array, Status]:
+    """Go from p (P,) by one factor for all values of a kind, and where that stays far from the target some steps by the
+    values themselves; the best point, and how it ended.
+    """
+    y, status = Trajectory(search, search.objective).y(p), Status.STALLED
+    for stage in stages(search, False, windows)[:-1]:
+        part = Shared(search, stage.objective, y)
+        z = np.zeros(part.size)
+        if not np.isfinite(part.cost(z)):
+            break
+        search.enter("factors", stage.objective)
+        problem = part.problem(stage.least, stage.patience)
+        z, _, status = minimise_resumed(search, problem, z, none(part.size), part.passed, stage.iterations)
+        y = part.all(z)
+        search.visit(search.parameters(y))
+    if is_far(search):
+        loose = search.objective.until(search.objective.steps + 1, stage_tolerance(search.objective))
+        search.enter("l-bfgs-b", loose)
+        y, status = scipy_methods.short(search, loose, search.y)
+        search.visit(search.parameters(y))
+    return search.best.p, status
