@@ -26,6 +26,9 @@ from clothfit.kernels.vectors import add, copy, hold_fixed
 Story: TypeAlias = Rollout | Tape
 """A finished motion: all of it in memory, or told part by part."""
 
+Observer: TypeAlias = Callable[[Rollout], object]
+"""What a motion is shown to on its way, chunk by chunk."""
+
 Slope: TypeAlias = Callable[[Rollout], Array]
 """∂G/∂x (T + 1, n, 3) of a part of T steps, asked for from the last part to the first; its entry for the state before
 the part does not count, as it belongs to the part before."""

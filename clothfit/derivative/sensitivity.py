@@ -11,17 +11,17 @@ dense for small cloths, where that is fastest, and by a sparse factorisation for
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.derivative import adjoint
-from clothfit.derivative.adjoint import Story
+from clothfit.derivative.adjoint import Observer, Story
 from clothfit.derivative.stencil import stencil
 from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian
-from clothfit.engine.rollout import Rollout, velocities, velocity
+from clothfit.engine.rollout import velocities, velocity
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import implicit
 from clothfit.engine.system import EXPLICIT, System, clamped
@@ -32,10 +32,6 @@ FEW = 16
 
 DENSE = 1500
 """Unknowns up to which A is inverted as a dense matrix."""
-
-
-Watch: TypeAlias = Callable[[Rollout], None]
-"""What looks on while a motion passes."""
 
 
 class Columns(NamedTuple):
@@ -58,10 +54,10 @@ class Share(NamedTuple):
     factor: Array
 
 
-def sweep(system: System, memory: Story, columns: Columns, watch: Watch | None = None) -> Iterator[Array]:
+def sweep(system: System, memory: Story, columns: Columns, observe: Observer | None = None) -> Iterator[Array]:
     """Give dX (3 f, Q) after every step, the coordinates of the free vertices in order; one array, used again.
 
-    `watch` is shown each part of the motion before its steps are given.
+    `observe` is shown each chunk of the motion before its steps are given.
     """
     free = system.vertex.free
     place = np.where(free, np.cumsum(free) - 1, -1).astype(np.int32)
@@ -73,8 +69,8 @@ def sweep(system: System, memory: Story, columns: Columns, watch: Watch | None =
     for column, start in columns.velocity:
         dv[:, column] = start[free].reshape(-1)
     for part in (part for segment in memory.forward() for part in segment.parts()):
-        if watch:
-            watch(part)
+        if observe:
+            observe(part)
         for t in range(part.steps):
             v, form, theta = velocity(part, t), safe if part.clamped[t] else system, part.theta[t]
             iterates = velocities(part, t)
@@ -102,14 +98,14 @@ def sweep(system: System, memory: Story, columns: Columns, watch: Watch | None =
 
 
 def tangents(
-    system: System, memory: Story, columns: Columns, tolerance: float, watch: Watch | None = None
+    system: System, memory: Story, columns: Columns, tolerance: float, observe: Observer | None = None
 ) -> Iterator[Array]:
     """The same as `sweep` by one forward sweep per column: the faster way for a few of them."""
     free = system.vertex.free
     sweeps = [adjoint.Sweep(system, along(system, columns, q), tolerance) for q in range(columns.width)]
     for part in (part for segment in memory.forward() for part in segment.parts()):
-        if watch:
-            watch(part)
+        if observe:
+            observe(part)
         changes = [each.through(part) for each in sweeps]
         for t in range(part.steps):
             yield np.stack([change[t][free].reshape(-1) for change in changes], axis=1)

@@ -31,6 +31,7 @@ of 3 % and 5 mm.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,12 +40,12 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.fit.null_space import inverse_beside, null_space
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
-from clothfit.objective.running_cost import Distances, Measured
+from clothfit.objective.running_cost import running_cost
 from clothfit.optimise import momentum, trajectory
 from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.prior import NARROWEST, Prior, inverse, none, variance
 from clothfit.optimise.search import Search
-from clothfit.optimise.trajectory import Trajectory, free_columns, passing
+from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds
 
 COVERAGE = 0.95
@@ -255,15 +256,7 @@ def residual_squares(objective: Objective, p: Array) -> tuple[float, int]:
     """Sum of squares and number N of the residuals that can change: not of the initial state nor of fixed vertices."""
     squares, count = 0.0, 0
     for run in objective.runs:
-        if run.comparison.distances is not None:
-            movable = passing(run).movable
-            told = Distances(run.comparison.goal._replace(observed=movable), run.comparison.distances)
-            objective.tell(run, p, told)
-            squares, count = squares + told.value, count + 3 * int(movable.sum())
-            continue
-        states = Measured(run.comparison)
-        objective.tell(run, p, states)
-        touched: Flags = np.diff(run.comparison.jacobian_of(states.states)[:, free_columns(run)].indptr) > 0
-        squares += float((run.comparison.residual_of(states.states)[touched] ** 2).sum())
-        count += int(touched.sum())
+        show = partial(objective.simulate, run, p)
+        part, number = running_cost(run.comparison).squares(run.system.vertex.free, show)
+        squares, count = squares + part, count + number
     return squares, count

@@ -28,7 +28,7 @@ from clothfit.inspection.contacts import contacts, first_switch
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run, check
-from clothfit.objective.running_cost import tally
+from clothfit.objective.running_cost import running_cost
 
 RELATIVE_STEPS = tuple(10.0 ** (-k / 2) for k in range(14, 1, -1))
 """Steps, relative to p, from short to long; half as far apart as in `verify`, as kinks may leave few."""
@@ -74,13 +74,13 @@ def look(objective: Objective, p: Array) -> tuple[float, list[Flags]]:
     """G(p), m², and the contacts of each run. Raises Diverged."""
     total, switches = 0.0, []
     for run in objective.runs:
-        system, told, seen = run.changed(p), tally(run.comparison), []
+        system, cost, seen = run.changed(p), running_cost(run.comparison), []
         tape = Tape(system, run.steps, objective.tolerance)
         for part in tape.forward():
-            told.see(part)
+            cost.update(part)
             seen.append(contacts(system, part))
         check(run, tape.good)
-        total += told.value
+        total += cost.value
         switches.append(np.concatenate(seen))
     return total, switches
 

@@ -28,12 +28,13 @@ from clothfit.objective.measures.measure import Maker, Measure
 from clothfit.objective.measures.position import Position
 from clothfit.objective.measures.spectrum import Spectrum
 from clothfit.objective.measures.velocity import Velocity
-from clothfit.objective.target import Target, accumulate, sample
+from clothfit.objective.target import Target
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-NOTHING = np.empty((0, 0, 0))
+MATRIX_ENTRY = 60
+"""Bytes for each entry of a sparse matrix while it is made: its value and its place, in the forms they go through."""
 
 OBJECTIVES: dict[str, Maker] = {
     "position": Position,
@@ -76,13 +77,13 @@ class Comparison:
         self.measures: dict[str, Measure] = {k: OBJECTIVES[k](goal, system, name) for k in self.scales}
         self.last_step = goal.last_step
         alone = list(self.scales) == ["position"] and self.loss.is_linear
-        self.distances = self.scales["position"] if alone else None  # G is this times the squared distances
+        self.distance_scale = self.scales["position"] if alone else None  # G is this times the squared distances
         self._constant: dict[str, csr_array] = {}
 
     @property
     def plain(self) -> bool:
         """Whether G is the sum of squared distances, in m², and nothing else."""
-        return self.distances == 1.0 and not len(self.goal.weights)
+        return self.distance_scale == 1.0 and not len(self.goal.weights)
 
     @property
     def seen(self) -> Flags:
@@ -90,9 +91,9 @@ class Comparison:
         return np.asarray(np.any([measure.seen for measure in self.measures.values()], axis=0))
 
     @property
-    def entries(self) -> int:
-        """Number of entries of J, at most."""
-        return sum(3 * measure.groups * measure.reach for measure in self.measures.values())
+    def jacobian_bytes(self) -> int:
+        """Bytes of J while it is made, roughly."""
+        return MATRIX_ENTRY * int(sum(3 * measure.groups * measure.reach for measure in self.measures.values()))
 
     @cached_property
     def total_weight(self) -> float:
@@ -103,25 +104,9 @@ class Comparison:
             sums.append(self.scales[name] * counted)
         return float(sum(sums))
 
-    def cost(self, x: Array) -> float:
-        """G of a motion."""
-        if self.distances is not None:
-            return self.distances * float(accumulate(x, self.goal, NOTHING, 0.0))
-        return self.cost_of(sample(self.goal, x))
-
     def cost_of(self, s: Array) -> float:
         """G of the states s (F, n, 3) at the times of the frames."""
         return float(sum(self._value(name, measure.residual(s)) for name, measure in self.measures.items()))
-
-    def cost_and_derivative(self, x: Array) -> tuple[float, Array]:
-        """G of a motion, and ∂G/∂x (T + 1, n, 3)."""
-        if self.distances is not None:
-            derivative = np.zeros_like(x)
-            value = self.distances * float(accumulate(x, self.goal, derivative, 0.0))
-            return value, derivative if self.distances == 1.0 else self.distances * derivative
-        s = sample(self.goal, x)
-        back: Array = self._interpolation(len(x)).T @ self.derivative_of(s).reshape(len(s), -1)
-        return self.cost_of(s), back.reshape(x.shape)
 
     def derivative_of(self, s: Array) -> Array:
         """∂G/∂s (F, n, 3) of the states s at the times of the frames."""
@@ -131,27 +116,20 @@ class Comparison:
             by_frame += measure.pullback(s, 2.0 * self._factor(name, d)[:, None] * d)
         return by_frame
 
-    def residual(self, x: Array) -> Array:
-        """r (N,) of a motion: all groups of all objectives, each number with the square root of its factor."""
-        return self.residual_of(sample(self.goal, x))
-
     def residual_of(self, s: Array) -> Array:
-        """r (N,) of the states s (F, n, 3) at the times of the frames."""
+        """r (N,) of the states s (F, n, 3) at the times of the frames: all groups of all objectives, each number with
+        the square root of its factor.
+        """
         parts = []
         for name, measure in self.measures.items():
             d = measure.residual(s)
             parts.append((np.sqrt(self._factor(name, d))[:, None] * d).ravel())
         return np.concatenate(parts)
 
-    def jacobian(self, x: Array) -> csr_array:
-        """J (N, 3 n (T + 1)) of a motion, columns in the order of x; constant where `residual` is linear in x."""
-        from scipy.sparse import csr_array
-
-        whole = self.jacobian_of(sample(self.goal, x))
-        return csr_array((whole.data, whole.indices, whole.indptr), shape=(whole.shape[0], x.size))
-
     def jacobian_of(self, s: Array) -> csr_array:
-        """J (N, 3 n (T + 1)), T = `last_step`, of the states s (F, n, 3) at the times of the frames."""
+        """J (N, 3 n (T + 1)), T = `last_step`, of the states s (F, n, 3) at the times of the frames; columns in the
+        order of x.
+        """
         from scipy.sparse import csr_array, vstack
 
         parts = [self._scaled_jacobian(name, s) for name in self.measures]
@@ -169,9 +147,6 @@ class Comparison:
         """w a ρ' (R,): what the squares of the groups d (R, c) count with."""
         factor, weights = self.scales[name] * self.loss.slope(self._squares(name, d)), self.measures[name].weights
         return factor if weights is None else weights * factor
-
-    def _interpolation(self, states: int) -> csr_array:
-        return interpolation(self.goal.step, self.goal.fraction, states)
 
     def _scaled_jacobian(self, name: str, s: Array) -> csr_array:
         """The part of J that belongs to one objective, for motions of `last_step` steps."""
@@ -193,5 +168,6 @@ class Comparison:
         from scipy.sparse import csr_array, eye_array, kron
 
         coordinates = 3 * self.goal.observed.shape[1]
-        spread = kron(self._interpolation(self.last_step + 1), eye_array(coordinates), format="csr")
+        times = interpolation(self.goal.step, self.goal.fraction, self.last_step + 1)
+        spread = kron(times, eye_array(coordinates), format="csr")
         return csr_array(by_frame @ spread)

@@ -16,7 +16,7 @@ from clothfit.engine.step import implicit
 from clothfit.engine.system import System
 from clothfit.motion.motion import Motion
 from clothfit.objective.run import Run
-from clothfit.objective.running_cost import COPIES
+from clothfit.objective.running_cost import running_cost
 
 WORK = 3000
 """Bytes of each vertex that a cloth's arrays, its matrix and the vectors of a sweep take, roughly."""
@@ -97,5 +97,4 @@ def run_bytes(run: Run, targets: Sequence[Motion]) -> int:
     given = [array for array in (motion.positions, motion.observed, motion.weights) if array is not None]
     used = (goal.positions, goal.observed, goal.weights)
     own = sum(a.nbytes for a in used if not any(np.may_share_memory(a, b) for b in given))
-    copies = 0 if run.comparison.distances is not None else COPIES
-    return own + copies * goal.positions.nbytes + WORK * len(run.system.x0)
+    return own + running_cost(run.comparison).bytes + WORK * len(run.system.x0)

@@ -18,7 +18,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.limits import checked_tolerance
 from clothfit.base.memory import budget
 from clothfit.derivative import adjoint
-from clothfit.derivative.adjoint import Slope, Story
+from clothfit.derivative.adjoint import Observer, Slope, Story
 from clothfit.engine.fallbacks import NONE, Fallbacks
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.snapshots import Plan
@@ -30,8 +30,8 @@ from clothfit.objective.comparison import Comparison, objective_weights
 from clothfit.objective.experiment import Experiment, Targets, experiments
 from clothfit.objective.loss import loss_named
 from clothfit.objective.memory_needs import Needs
-from clothfit.objective.run import Run, roll, seen_in, still, tell
-from clothfit.objective.running_cost import Distances, Tally, tally
+from clothfit.objective.run import Run, seen_in, simulate, simulate_all, still
+from clothfit.objective.running_cost import SquaredDistances, running_cost
 from clothfit.objective.target import first_step, target
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import (
@@ -194,8 +194,8 @@ class Objective:
         """Root mean square distance of the observed positions at p (P,), m, for any objective. Raises Diverged."""
         squares = 0.0
         for run in self.runs:
-            distances = Distances(run.comparison.goal._replace(weights=np.zeros((0, 0))))
-            self.tell(run, p, distances)
+            distances = SquaredDistances(run.comparison.goal._replace(weights=np.zeros((0, 0))))
+            self.simulate(run, p, distances.update)
             squares += distances.value
         return float(np.sqrt(squares / max(self.observations, 1)))
 
@@ -209,9 +209,9 @@ class Objective:
 
     def cost_of_run(self, run: Run, p: Array) -> float:
         """The part of G(p), m², that one run contributes. Raises Diverged."""
-        told = tally(run.comparison)
-        self.tell(run, p, told)
-        return told.value
+        cost = running_cost(run.comparison)
+        self.simulate(run, p, cost.update)
+        return cost.value
 
     def cost_or_infinity(self, p: Array, cloth: int | None = None) -> float:
         """G(p), m², or the part of one fitted cloth; infinite where the simulation diverges or the cost overflows."""
@@ -225,10 +225,10 @@ class Objective:
         """G(p), m², and its exact gradient ∂G/∂p (P,). Raises Diverged."""
         total, gradient = 0.0, np.zeros(len(check_shape(self.scene, p)))
         for run in self.runs:
-            told = tally(run.comparison)
-            system, tape = self.tell(run, p, told, plan=self.plan(run))
-            total += told.value
-            self.add_pullback(run, system, tape, told.derivative, gradient)
+            cost = running_cost(run.comparison)
+            system, tape = self.simulate(run, p, cost.update, plan=self.plan(run))
+            total += cost.value
+            self.add_pullback(run, system, tape, cost.derivative, gradient)
         if not np.isfinite(gradient).all():
             raise Diverged(f"{self.scene.name}: the gradient overflows", 0)
         return total, gradient
@@ -237,7 +237,7 @@ class Objective:
         """Change of the positions (T + 1, n, 3) of each run along `direction` (P,) from p. Raises Diverged."""
         changes = []
         for run in self.runs:
-            system, tape = self.tell(run, p)
+            system, tape = self.simulate(run, p)
             along = elements(run.scene, run.cloth, direction, absent=0.0)
             changes.append(adjoint.tangent(system, tape, along, self.tolerance))
         return changes
@@ -246,7 +246,7 @@ class Objective:
         """The transpose of `tangent` at p: (P,) from one weight (T + 1, n, 3) per run. Raises Diverged."""
         gradient = np.zeros(len(check_shape(self.scene, p)))
         for run, weight in zip(self.runs, by_position, strict=True):
-            self.add_pullback(run, *self.tell(run, p, plan=self.plan(run)), weight, gradient)
+            self.add_pullback(run, *self.simulate(run, p, plan=self.plan(run)), weight, gradient)
         return gradient
 
     def add_pullback(
@@ -262,23 +262,23 @@ class Objective:
         """What the steps of the motions of p (P,) need beyond the ordinary. Raises Diverged."""
         found = NONE
         for run in self.runs:
-            found = found.together(self.tell(run, p)[1].remedies)
+            found = found.together(self.simulate(run, p)[1].remedies)
         return found
 
     def plan(self, run: Run) -> Plan:
         """Which states of a run are kept for the way back. Raises InvalidInput where no plan is small enough."""
         return self.needs.plans[run.system.x0.shape, run.steps]
 
-    def tell(self, run: Run, p: Array, *told: Tally, plan: Plan | None = None) -> tuple[System, Tape]:
-        """Simulate a run with parameters p (P,), as far as it is compared, in the sight of some tallies.
+    def simulate(self, run: Run, p: Array, *observers: Observer, plan: Plan | None = None) -> tuple[System, Tape]:
+        """Simulate a run with parameters p (P,), as far as it is compared, and show the motion to the observers.
 
         With a `plan` the motion can be swept back. Raises Diverged.
         """
-        return tell(run, p, self.tolerance, told, plan)
+        return simulate(run, p, self.tolerance, observers, plan)
 
-    def roll(self, run: Run, p: Array) -> tuple[System, Rollout]:
+    def simulate_all(self, run: Run, p: Array) -> tuple[System, Rollout]:
         """The same with all states kept. Raises Diverged."""
-        return roll(run, p, self.tolerance)
+        return simulate_all(run, p, self.tolerance)
 
 
 def cost_and_gradient(

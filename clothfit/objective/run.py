@@ -1,23 +1,25 @@
-"""One cloth in one experiment: what an objective simulates for each p, in the sight of what tells its cost."""
+"""One cloth in one experiment: what an objective simulates for each p, observed by its cost."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 from typing import NamedTuple
 
 from clothfit.base.arrays import Array, Flags
+from clothfit.derivative.adjoint import Observer
 from clothfit.engine.rollout import Rollout, empty, rollout
 from clothfit.engine.snapshots import Plan
 from clothfit.engine.system import System, with_elements
 from clothfit.engine.tape import Tape
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.comparison import Comparison
-from clothfit.objective.running_cost import Tally, tally
+from clothfit.objective.running_cost import running_cost
 from clothfit.scene.fit_vector import elements
 from clothfit.scene.scene import Scene
 
-PART = 16
-"""Steps that `still` looks at together."""
+REST_STEPS = 16
+"""Steps that `at_rest` shows together."""
 
 
 class Run(NamedTuple):
@@ -39,22 +41,24 @@ class Run(NamedTuple):
         return with_elements(self.system, elements(self.scene, self.cloth, p))
 
 
-def tell(run: Run, p: Array, tolerance: float, told: Iterable[Tally], plan: Plan | None) -> tuple[System, Tape]:
-    """Simulate a run with parameters p (P,), as far as it is compared, in the sight of some tallies.
+def simulate(
+    run: Run, p: Array, tolerance: float, observers: Iterable[Observer], plan: Plan | None
+) -> tuple[System, Tape]:
+    """Simulate a run with parameters p (P,), as far as it is compared, and show the motion to the observers.
 
     With a `plan` the motion can be swept back. Raises Diverged.
     """
     system = run.changed(p)
     tape = Tape(system, run.steps, tolerance, plan)
-    for part in tape.forward():
-        for each in told:
-            each.see(part)
+    for chunk in tape.forward():
+        for observe in observers:
+            observe(chunk)
     check(run, tape.good)
     return system, tape
 
 
-def roll(run: Run, p: Array, tolerance: float) -> tuple[System, Rollout]:
-    """The same with all states kept, and nothing told. Raises Diverged."""
+def simulate_all(run: Run, p: Array, tolerance: float) -> tuple[System, Rollout]:
+    """The same with all states kept, without observers. Raises Diverged."""
     system = run.changed(p)
     memory, good = rollout(system, run.steps, tolerance)
     check(run, good)
@@ -71,14 +75,24 @@ def check(run: Run, good: int) -> None:
         raise Diverged(message, step)
 
 
+def at_rest(run: Run, observe: Observer) -> None:
+    """Show an observer a motion in which nothing moves."""
+    rest = empty(run.system, min(REST_STEPS, run.steps))
+    rest.x[:] = run.system.x0
+    for first in range(0, run.steps or 1, REST_STEPS):
+        observe(rest.part(0, min(REST_STEPS, run.steps - first))._replace(first=first))
+
+
 def still(run: Run) -> float:
     """G of a run in which nothing moves."""
-    told, x, steps = tally(run.comparison), run.system.x0, run.steps
-    rest = empty(run.system, min(PART, steps))
-    rest.x[:] = x
-    for first in range(0, steps or 1, PART):
-        told.see(rest.part(0, min(PART, steps - first))._replace(first=first))
-    return told.value
+    cost = running_cost(run.comparison)
+    at_rest(run, cost.update)
+    return cost.value
+
+
+def residual_count(run: Run) -> int:
+    """Number of residuals of a run that a parameter can change: not of the initial state or of fixed vertices."""
+    return running_cost(run.comparison).squares(run.system.vertex.free, partial(at_rest, run))[1]
 
 
 def seen_in(runs: Iterable[Run]) -> dict[int, Flags]:

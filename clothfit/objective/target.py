@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.engine.rollout import Rollout
 from clothfit.kernels.kernel import kernel
 from clothfit.motion.motion import Motion
 from clothfit.motion.times import frame_places, interpolated
-
-if TYPE_CHECKING:
-    pass
 
 
 class Target(NamedTuple):
@@ -54,9 +52,35 @@ def target(motion: Motion, cloth: int, delta: float, last_step: int | None = Non
     return Target(step[kept], fraction[kept], positions, observed, counted)
 
 
-def first_step(goals: Iterable[Target]) -> int:
+class Frames:
+    """Which frames of a target belong to a chunk of the motion: to the one after whose steps they are first known."""
+
+    def __init__(self, goal: Target) -> None:
+        self.goal, self.needed = goal, goal.step + (goal.fraction > 0)  # steps after which each frame is known
+
+    def of(self, chunk: Rollout) -> slice:
+        """Those that are known after a chunk, and not before."""
+        ends = np.searchsorted(self.needed, [chunk.first, chunk.first + chunk.steps], side="right")
+        return slice(int(ends[0]) if chunk.first else 0, int(ends[1]))
+
+    def around(self, chunk: Rollout) -> tuple[slice, bool]:
+        """Those that depend on the states after the steps of a chunk, and whether on the state after those as well."""
+        last = chunk.first + chunk.steps
+        begin = int(np.searchsorted(self.needed, chunk.first, side="right"))
+        end = int(np.searchsorted(self.goal.step, last, side="right"))
+        return slice(begin, end), end > begin and int(self.needed[end - 1]) > last
+
+    def cut(self, frames: slice, chunk: Rollout) -> Target:
+        """The target of some frames alone, its steps counted from the beginning of a chunk."""
+        goal = self.goal
+        weights = goal.weights[frames] if len(goal.weights) else goal.weights
+        shifted = goal.step[frames] - np.int32(chunk.first)
+        return Target(shifted, goal.fraction[frames], goal.positions[frames], goal.observed[frames], weights)
+
+
+def first_step(targets: Iterable[Target]) -> int:
     """The first step after the start at which, or before which, any target shows anything; 0 where none does."""
-    shown = [goal.places[goal.observed.any(axis=1) & (goal.places > 0)] for goal in goals]
+    shown = [goal.places[goal.observed.any(axis=1) & (goal.places > 0)] for goal in targets]
     return int(np.ceil(min((places[0] for places in shown if places.size), default=0)))
 
 

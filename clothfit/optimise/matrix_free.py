@@ -15,10 +15,10 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.derivative import adjoint
 from clothfit.motion.divergence import Diverged
-from clothfit.objective.running_cost import Measured, tally
+from clothfit.objective.running_cost import KeptStates, running_cost
 from clothfit.optimise.prior import Prior, variance
 from clothfit.optimise.status import Status
-from clothfit.optimise.trajectory import ENTRY, Trajectory
+from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import elements
 
 if TYPE_CHECKING:
@@ -49,9 +49,9 @@ VECTORS = 12
 
 def fits(part: Trajectory) -> bool:
     """Whether the method fits into what the objective may hold."""
-    entries = sum(run.comparison.entries for run in part.objective.runs)
+    matrices = sum(run.comparison.jacobian_bytes for run in part.objective.runs)
     moves = sum((run.steps + 1) * run.system.x0.nbytes for run in part.objective.runs)
-    return 8 * VECTORS * part.residuals() + ENTRY * entries + 3 * moves <= part.objective.room
+    return 8 * VECTORS * part.residuals() + matrices + 3 * moves <= part.objective.room
 
 
 def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Array, Status]:
@@ -96,14 +96,14 @@ class Residuals:
         p = self.part.search.parameters(y)
         objective = self.part.objective
         try:
-            told = [(run, tally(run.comparison), Measured(run.comparison)) for run in objective.runs]
-            for run, cost, states in told:
-                objective.tell(run, p, cost, states)
+            observers = [(run, running_cost(run.comparison), KeptStates(run.comparison)) for run in objective.runs]
+            for run, cost, at in observers:
+                objective.simulate(run, p, cost.update, at.update)
         except Diverged:
             return np.full(self.count, FAR * self.worst)
-        self.part.remember(p, sum(cost.value for _, cost, _ in told))
+        self.part.remember(p, sum(cost.value for _, cost, _ in observers))
         self.part.search.report()
-        parts = [run.comparison.residual_of(states.states) for run, _, states in told]
+        parts = [run.comparison.residual_of(at.states) for run, _, at in observers]
         below = [w * self.prior.deviation(y, g) for w, g in zip(self.weights, self.prior.groups, strict=True)]
         r = np.concatenate([*parts, *below])
         self.count, self.worst = len(r), max(self.worst, float(np.abs(r).max(initial=0.0)))
@@ -116,9 +116,9 @@ class Residuals:
         part, search = self.part, self.part.search
         p, objective = search.parameters(y), part.objective
         factor = search.coordinates.derivative(p)
-        passed = [(run, Measured(run.comparison)) for run in objective.runs]
-        rolled = [(run, *objective.tell(run, p, told, plan=objective.plan(run))) for run, told in passed]
-        by_position = [run.comparison.jacobian_of(told.states) for run, told in passed]
+        observed = [(run, KeptStates(run.comparison)) for run in objective.runs]
+        simulated = [(run, *objective.simulate(run, p, at.update, plan=objective.plan(run))) for run, at in observed]
+        by_position = [run.comparison.jacobian_of(at.states) for run, at in observed]
         groups = list(zip(self.weights, self.prior.groups, strict=True))
 
         def forward(z: Array) -> Array:
@@ -126,14 +126,14 @@ class Residuals:
             direction[part.fitted] = z.reshape(-1)
             direction *= factor
             above = []
-            for (run, system, memory), B in zip(rolled, by_position, strict=True):
+            for (run, system, memory), B in zip(simulated, by_position, strict=True):
                 along = elements(run.scene, run.cloth, direction, absent=0.0)
                 above.append(B @ adjoint.tangent(system, memory, along, objective.tolerance).reshape(-1))
             return np.concatenate([*above, *(w * self.spread(z.reshape(-1)[g]) for w, g in groups)])
 
         def back(r: Array) -> Array:
             gradient, out, start = np.zeros(len(p)), np.zeros(part.size), 0
-            for (run, system, memory), B in zip(rolled, by_position, strict=True):
+            for (run, system, memory), B in zip(simulated, by_position, strict=True):
                 weight = (B.T @ r[start : start + B.shape[0]]).reshape(-1, *system.x0.shape)
                 start += B.shape[0]
                 objective.add_pullback(run, system, memory, weight, gradient)

@@ -20,7 +20,7 @@ from clothfit.engine.snapshots import Plan
 from clothfit.engine.tape import Tape
 from clothfit.objective.comparison import Comparison
 from clothfit.objective.objective import Objective
-from clothfit.objective.running_cost import Measured, Tally, tally
+from clothfit.objective.running_cost import RunningCost, running_cost
 from clothfit.scene.block import Block
 from clothfit.scene.kinds import LETTERED
 
@@ -135,15 +135,15 @@ class Course:
         """The cost at p (P,); infinite where it is above `most` before the end, or the simulation diverges."""
         total = 0.0
         for run, shorter in self.legs:
-            tape, told = Tape(run.changed(p), run.steps, LOOSE, self.plan), tally(run.comparison)
+            tape, cost = Tape(run.changed(p), run.steps, LOOSE, self.plan), running_cost(run.comparison)
             for part in pieces(tape, shorter):
-                told.see(part)
+                cost.update(part)
                 step = part.first + part.steps
-                if step < run.steps and costs_more(shorter, step, told, most - total):
+                if step < run.steps and costs_more(shorter, step, cost, most - total):
                     return np.inf
             if tape.good < tape.steps:
                 return np.inf
-            total += told.value
+            total += cost.value
         return total
 
 
@@ -156,13 +156,9 @@ def pieces(tape: Tape, ends: Mapping[int, Comparison]) -> Iterator[Rollout]:
             yield part.part(begin - part.first, end - part.first)
 
 
-def costs_more(shorter: Mapping[int, Comparison], step: int, told: Tally, most: float) -> bool:
-    """Whether what was told up to a step costs more than `most` in the comparison of so many steps."""
-    if step not in shorter:
-        return False
-    if isinstance(told, Measured):
-        return shorter[step].cost_of(told.states[: len(shorter[step].goal.step)]) > most
-    return told.value > most
+def costs_more(shorter: Mapping[int, Comparison], step: int, cost: RunningCost, most: float) -> bool:
+    """Whether the motion up to a step costs more than `most` in the comparison of so many steps."""
+    return step in shorter and cost.value_over(shorter[step]) > most
 
 
 def is_minimum(costs: dict[Point, float], point: Point) -> bool:

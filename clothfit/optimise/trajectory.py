@@ -11,15 +11,13 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.columns import columns
 from clothfit.derivative.sensitivity import DENSE, FEW, sweep, tangents
 from clothfit.objective.objective import Objective
-from clothfit.objective.run import Run
-from clothfit.objective.running_cost import Measured, tally
-from clothfit.objective.running_residuals import Passing
+from clothfit.objective.run import Run, residual_count
+from clothfit.objective.running_cost import running_cost
 from clothfit.optimise import gauss_newton
 from clothfit.optimise import normal_equations as normal
 from clothfit.optimise.prior import Prior, first
@@ -30,9 +28,6 @@ LARGEST = 3e12
 
 MATRICES, CHUNKS = 8, 3
 """Arrays (Q, Q), and parts of the sensitivity (`normal.chunk_steps`), that a step of Gauss–Newton works with."""
-
-ENTRY = 60
-"""Bytes for each entry of a sparse matrix while it is made: its value and its place, in the forms they go through."""
 
 FABRIC = ("mass", "stiffness", "rest")
 """Kinds whose values scatter around a fabric's."""
@@ -146,7 +141,7 @@ class Trajectory:
         for run in self.objective.runs:
             wide = 3 * int(run.system.vertex.free.sum()) * int((self.acts(run) & self.fitted).sum())
             steps = 1 + min(normal.chunk_steps(wide), run.steps)
-            needed += 8 * CHUNKS * steps * wide + (0 if run.comparison.distances is not None else matrix_bytes(run))
+            needed += 8 * CHUNKS * steps * wide + running_cost(run.comparison).residual_bytes
         return needed <= self.objective.room
 
     def prior(self, centre: Array, tau: float | None) -> Prior:
@@ -160,51 +155,19 @@ class Trajectory:
         return first(centre, [group for group in groups if len(group)], tau)
 
 
-def residual_count(run: Run) -> int:
-    """Residuals of a run that are not of the initial state or of fixed vertices."""
-    if run.comparison.distances is not None:
-        return 3 * int(passing(run).movable.sum())
-    x = np.broadcast_to(run.system.x0, (run.steps + 1, *run.system.x0.shape))
-    touched = run.comparison.jacobian(np.array(x))[:, free_columns(run)]
-    return int((np.diff(touched.indptr) > 0).sum())
-
-
-def matrix_bytes(run: Run) -> int:
-    """Bytes of ∂r/∂x of a run as a sparse matrix, while it is made, roughly."""
-    return ENTRY * int(run.comparison.entries)
-
-
-def passing(run: Run) -> Passing:
-    """The residuals of a run that compares squared distances."""
-    return Passing(run.comparison.goal, run.system.vertex.free, run.comparison.distances or 1.0)
-
-
-def free_columns(run: Run) -> NDArray[np.intp]:
-    """Places of the coordinates of the free vertices, after every step, in x (T + 1, n, 3)."""
-    free = np.repeat(run.system.vertex.free, 3)
-    steps = run.steps
-    every = np.arange(1, steps + 1)[:, None] * len(free) + np.flatnonzero(free)
-    return every.reshape(-1)
-
-
 def run_model(
     run: Run, objective: Objective, p: Array, column: Indices, factor: Array
 ) -> tuple[Array, Array, float]:
     """H, g and the cost of one run at p (P,), by the columns of `column` (P,), with derivatives multiplied by `factor`
     (P,). Raises Diverged.
     """
-    told, comparison = tally(run.comparison), run.comparison
-    system, tape = objective.tell(run, p, told, plan=objective.plan(run))
+    cost, free = running_cost(run.comparison), run.system.vertex.free
+    system, tape = objective.simulate(run, p, cost.update, plan=objective.plan(run))
     count = int(column.max(initial=-1)) + 1
     blocks = [block for block in objective.blocks if block.cloth in (run.cloth, None)]
     wanted = columns(system, blocks, column, factor, count)
-    size = (3 * int(system.vertex.free.sum()), count)
     few = partial(tangents, system, tape, wanted, objective.tolerance)
     steps = few if count <= FEW else partial(sweep, system, tape, wanted)
-    if isinstance(told, Measured):
-        by_position = comparison.jacobian_of(told.states)[:, free_columns(run)]
-        H, g = normal.accumulate(by_position, comparison.residual_of(told.states), steps(), size)
-    else:
-        seen = passing(run)
-        H, g = normal.accumulate_passing(seen, steps(seen.see), size)
-    return H, g, told.value
+    residuals = cost.residuals(free)
+    H, g = normal.accumulate(residuals, steps(residuals.update), (3 * int(free.sum()), count))
+    return H, g, cost.value

@@ -49,9 +49,9 @@ def fitted(kind, method="implicit", newton=1, **fields):
     return Objective(made, simulate(made), TIGHT), parameters(made)
 
 
-def rolled(objective, p):
+def simulated(objective, p):
     """The system, its motion, and a column for every parameter, with factors of different sizes."""
-    system, memory = objective.roll(objective.runs[0], p)
+    system, memory = objective.simulate_all(objective.runs[0], p)
     factor = np.linspace(0.5, 2.0, len(p))
     column = np.random.default_rng(7).permutation(len(p)).astype(np.int32)  # in no order
     return system, memory, columns(system, objective.blocks, column, factor, len(p)), column, factor
@@ -78,7 +78,7 @@ def together(found):
 @pytest.mark.parametrize("kind", ALL)
 def test_every_column_is_a_tangent(kind, method, newton):
     objective, p = fitted(kind, method, newton)
-    system, memory, wanted, column, factor = rolled(objective, p)
+    system, memory, wanted, column, factor = simulated(objective, p)
     expected = one_by_one(objective, p, column, factor)
     size = np.abs(expected).max(axis=(0, 1))
     assert (size[column[objective.identifiable]] > 0).all()
@@ -90,7 +90,7 @@ def test_every_column_is_a_tangent(kind, method, newton):
 
 def test_the_columns_are_the_derivative_of_the_motion():
     objective, p = fitted("every kind", newton=3)
-    system, memory, wanted, column, factor = rolled(objective, p)
+    system, memory, wanted, column, factor = simulated(objective, p)
     last, free = together(sweep(system, memory, wanted))[-1], system.vertex.free
     for i in np.flatnonzero(objective.identifiable)[::5]:
         t = 1e-5 * np.maximum(abs(p[i]), 0.1)
@@ -98,7 +98,7 @@ def test_the_columns_are_the_derivative_of_the_motion():
         for sign in (1, -1):
             moved = p.copy()
             moved[i] += sign * t
-            ends.append(objective.roll(objective.runs[0], moved)[1].x[-1][free].reshape(-1))
+            ends.append(objective.simulate_all(objective.runs[0], moved)[1].x[-1][free].reshape(-1))
         measured = factor[i] * (ends[0] - ends[1]) / (2 * t)
         # rounding of positions, 1e-15, over 1e-6, against changes of 1e-5 and more
         assert np.linalg.norm(last[:, column[i]] - measured) < 1e-5 * np.linalg.norm(measured) + 1e-9
@@ -107,7 +107,7 @@ def test_the_columns_are_the_derivative_of_the_motion():
 @pytest.mark.parametrize("newton", [1, 3])
 def test_a_large_cloth_is_factorised_as_a_sparse_matrix(newton, monkeypatch):
     objective, p = fitted("every kind", newton=newton)
-    system, memory, wanted, *_ = rolled(objective, p)
+    system, memory, wanted, *_ = simulated(objective, p)
     dense = together(sweep(system, memory, wanted))
     monkeypatch.setattr(sensitivity, "DENSE", 5)
     found = together(sweep(system, memory, wanted))
@@ -117,7 +117,7 @@ def test_a_large_cloth_is_factorised_as_a_sparse_matrix(newton, monkeypatch):
 
 def test_an_indefinite_matrix_is_inverted_as_well():
     objective, p = fitted("both L", springRestLength=[2.5] * 16, vertMass=[0.002] * 9)
-    system, memory, wanted, column, factor = rolled(objective, p)
+    system, memory, wanted, column, factor = simulated(objective, p)
     assert memory.clamped.any()  # conjugate gradients met negative curvature
     expected = one_by_one(objective, p, column, factor)
     found = together(sweep(system, memory, wanted))
@@ -129,7 +129,7 @@ def test_an_indefinite_matrix_is_inverted_as_well():
 def test_the_factorisation_solves_for_many_right_hand_sides(limit, monkeypatch):
     monkeypatch.setattr(sensitivity, "DENSE", limit)
     objective, p = fitted("both L")
-    system, memory, *_ = rolled(objective, p)
+    system, memory, *_ = simulated(objective, p)
     work, free = implicit.workspace(system), system.vertex.free
     work.b[:] = 0.0
     implicit.assemble(system, memory.x[2], memory.w[1, 0], work.A, work.b)
@@ -140,7 +140,7 @@ def test_the_factorisation_solves_for_many_right_hand_sides(limit, monkeypatch):
 
 def test_parameters_without_a_column_are_held():
     objective, p = fitted("both L")
-    system, memory, _, _, factor = rolled(objective, p)
+    system, memory, _, _, factor = simulated(objective, p)
     column = np.full(len(p), -1, np.int32)
     kept = [3, 12, 20]
     column[kept] = np.arange(3)

@@ -60,7 +60,7 @@ def test_each_experiment_has_its_own_forces_and_the_same_parameters():
     (run,) = objective.runs
     flagged = experiments(MAIN, (truth(WINDY), WINDY))[0].scene
     expected = simulate(with_parameters(flagged, p), tolerance=1e-14)
-    np.testing.assert_array_equal(objective.roll(run, p)[1].x, expected.positions)
+    np.testing.assert_array_equal(objective.simulate_all(run, p)[1].x, expected.positions)
     np.testing.assert_array_equal(run.changed(p).vertex.mass, p[:16])
 
 

@@ -1,9 +1,10 @@
-"""A cost that is told in passing against that of the whole motion, and residuals against those of a comparison."""
+"""A cost chunk by chunk against that of the whole motion, and residuals against those of a comparison."""
 
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from helpers import costs
 from helpers.physics import TIGHT, gentle, scene
 from helpers.scenes import cloth
 
@@ -12,8 +13,8 @@ from clothfit.engine.system import build
 from clothfit.motion.motion import Motion
 from clothfit.objective.comparison import OBJECTIVES, Comparison
 from clothfit.objective.loss import Loss
-from clothfit.objective.running_cost import Distances, Measured, tally
-from clothfit.objective.running_residuals import Passing
+from clothfit.objective.running_cost import KeptStates, SquaredDistances, running_cost
+from clothfit.objective.running_residuals import DistanceResiduals, free_columns, movable
 from clothfit.objective.target import target
 
 STEPS = 11
@@ -71,30 +72,31 @@ def fitting(lengths, steps):
 @pytest.mark.parametrize("cost", ["plain", "scaled", "robust", "mixed"])
 def test_cost_and_derivative_are_the_same_to_the_last_bit(cost, times, lengths):
     made = compared(times, cost)
-    memory, told = moved(made), tally(made)
+    memory, running = moved(made), running_cost(made)
     parts = cut(memory, fitting(lengths, made.last_step))
     for part in parts:
-        told.see(part)
-    value, derivative = made.cost_and_derivative(memory.x)
-    assert told.value == value == made.cost(memory.x)
+        running.update(part)
+    value, derivative = costs.cost_and_derivative(made, memory.x)
+    assert running.value == value == costs.cost(made, memory.x)
     for part in reversed(parts):
-        found = told.derivative(part)[1 : part.steps + 1]
+        found = running.derivative(part)[1 : part.steps + 1]
         np.testing.assert_array_equal(found, derivative[part.first + 1 : part.first + part.steps + 1])
 
 
 @pytest.mark.parametrize("times", ["steps", "spread"])
-def test_a_spectrum_is_told_in_parts(times):
+def test_a_spectrum_is_known_from_chunks(times):
     made = compared(times, "spectrum")
-    memory, told = moved(made), tally(made)
+    memory, running = moved(made), running_cost(made)
     for part in cut(memory, fitting((4, 4, 3), made.last_step)):
-        told.see(part)
-    assert told.value == made.cost(memory.x)
+        running.update(part)
+    assert running.value == costs.cost(made, memory.x)
 
 
 @pytest.mark.parametrize("cost", COSTS)
 def test_only_squared_distances_need_no_states(cost):
-    kind = Distances if cost in ("plain", "scaled") else Measured
-    assert isinstance(tally(compared("steps", cost)), kind)
+    found = running_cost(compared("steps", cost))
+    assert isinstance(found, SquaredDistances if cost in ("plain", "scaled") else KeptStates)
+    assert (found.bytes > 0) == (found.residual_bytes > 0) == isinstance(found, KeptStates)
 
 
 def test_every_objective_is_tried():
@@ -104,27 +106,38 @@ def test_every_objective_is_tried():
 @pytest.mark.parametrize("times", TIMES)
 @pytest.mark.parametrize("length", [1, 3, STEPS])
 @pytest.mark.parametrize("partly", [True, False])
-def test_residuals_in_passing_are_those_of_the_comparison(times, length, partly):
+def test_running_residuals_are_those_of_the_comparison(times, length, partly):
     made = compared(times, "scaled", partly)
     memory, free = moved(made), SYSTEM.vertex.free
-    passing = Passing(made.goal, free, made.distances)
+    found = DistanceResiduals(made.goal, free, made.distance_scale)
     for part in cut(memory, fitting((2,) * STEPS, made.last_step)):
-        passing.see(part)
+        found.update(part)
     wide = 3 * int(free.sum())
     residuals, rows = [], []
     for first in range(0, made.last_step, length):
         end = min(first + length, made.last_step)
-        by_position, r = passing.rows(first, end)
+        by_position, r = found.linearised(first, end)
         padded = np.zeros((by_position.shape[0], wide * (made.last_step + 1)))
         padded[:, wide * first : wide * (end + 1)] = by_position.toarray()
         rows.append(padded)
         residuals.append(r)
-    J = made.jacobian(memory.x).toarray()[:, np.tile(np.repeat(free, 3), made.last_step + 1)]
+    J = costs.jacobian(made, memory.x).toarray()[:, np.tile(np.repeat(free, 3), made.last_step + 1)]
     kept = np.abs(J[:, wide:]).sum(axis=1) > 0
     np.testing.assert_allclose(np.concatenate(rows)[:, wide:], J[kept, wide:], rtol=1e-15)  # roots of weights, rounded
-    np.testing.assert_allclose(np.concatenate(residuals), made.residual(memory.x)[kept], rtol=1e-13, atol=1e-15)
-    assert 3 * passing.movable.sum() == kept.sum()
-    assert passing.gaps.keys() <= {0}  # the initial state is never asked for
+    np.testing.assert_allclose(np.concatenate(residuals), costs.residual(made, memory.x)[kept], rtol=1e-13, atol=1e-15)
+    assert 3 * movable(made.goal, free).sum() == kept.sum()
+    assert found.gaps.keys() <= {0}  # the initial state is never asked for
+
+
+@pytest.mark.parametrize("cost", COSTS)
+def test_squares_are_those_of_the_residuals_that_can_change(cost):
+    made = compared("spread", cost)
+    memory, free = moved(made), SYSTEM.vertex.free
+    squares, count = running_cost(made).squares(free, lambda observe: [observe(part) for part in cut(memory, (4, 7))])
+    J, r = costs.jacobian(made, memory.x), costs.residual(made, memory.x)
+    kept = np.diff(J[:, free_columns(free, made.last_step)].indptr) > 0
+    assert count == kept.sum()
+    assert squares == pytest.approx((r[kept] ** 2).sum(), rel=1e-13)  # another order of summation
 
 
 def test_a_target_is_not_copied():

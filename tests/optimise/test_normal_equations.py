@@ -3,6 +3,7 @@
 import numba
 import numpy as np
 import pytest
+from helpers.costs import jacobian, residual
 from helpers.physics import TIGHT, scene, xyz
 from helpers.scenes import cloth
 
@@ -11,8 +12,8 @@ from clothfit.derivative.sensitivity import sweep
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
+from clothfit.objective.running_residuals import MatrixResiduals, free_columns, last_step
 from clothfit.optimise import normal_equations as normal
-from clothfit.optimise.trajectory import free_columns
 from clothfit.scene.fit_vector import parameters, with_parameters
 
 SLOW = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="dozens of simulations are slow without compilation")
@@ -47,11 +48,11 @@ def objective(kind, times, loss="linear"):
 def parts(aim, p):
     """∂r/∂x of the free coordinates, r, the sweep, and its size."""
     (run,) = aim.runs
-    system, memory = aim.roll(run, p)
+    system, memory = aim.simulate_all(run, p)
     wanted = columns(system, aim.blocks, np.arange(len(p), dtype=np.int32), np.ones(len(p)), len(p))
-    by_position = run.comparison.jacobian(memory.x)[:, free_columns(run)]
+    by_position = jacobian(run.comparison, memory.x)[:, free_columns(system.vertex.free, run.steps)]
     size = (3 * int(system.vertex.free.sum()), len(p))
-    return by_position, run.comparison.residual(memory.x), lambda: sweep(system, memory, wanted), size
+    return by_position, residual(run.comparison, memory.x), lambda: sweep(system, memory, wanted), size
 
 
 @SLOW
@@ -63,7 +64,7 @@ def test_it_is_the_product_of_the_whole_jacobian(kind, times, chunk, monkeypatch
     by_position, r, steps, size = parts(aim, p)
     J = by_position @ np.concatenate([step.copy() for step in steps()])
     monkeypatch.setattr(normal, "CHUNK", CHUNKS[chunk])
-    H, g = normal.accumulate(by_position, r, steps(), size)
+    H, g = normal.accumulate(MatrixResiduals(by_position, r, size[0]), steps(), size)
     assert np.abs(J).max() > 0
     # sums of some hundred products in another order
     np.testing.assert_allclose(H, J.T @ J, atol=1e-13 * np.abs(J.T @ J).max())
@@ -76,7 +77,7 @@ def test_it_is_the_product_of_the_whole_jacobian(kind, times, chunk, monkeypatch
 def test_twice_g_is_the_gradient_of_the_cost(kind, loss):
     aim, p = objective(kind, TIMES["steps"], loss)
     by_position, r, steps, size = parts(aim, p)
-    _, g = normal.accumulate(by_position, r, steps(), size)
+    _, g = normal.accumulate(MatrixResiduals(by_position, r, size[0]), steps(), size)
     _, gradient = aim.cost_and_gradient(p)
     # linear systems are solved to 1e-14 on both sides
     np.testing.assert_allclose(2 * g, gradient, atol=1e-10 * np.abs(gradient).max())
@@ -92,7 +93,7 @@ def test_random_rows_that_end_anywhere(monkeypatch):
     J = by_position @ X.reshape(-1, count)
     for chunk in (1, 50, 75, 10**6):
         monkeypatch.setattr(normal, "CHUNK", chunk)
-        H, g = normal.accumulate(by_position, r, iter(X), (rows, count))
+        H, g = normal.accumulate(MatrixResiduals(by_position, r, rows), iter(X), (rows, count))
         np.testing.assert_allclose(H, J.T @ J, atol=1e-13)  # rounding of numbers of about 1
         np.testing.assert_allclose(g, J.T @ r, atol=1e-13)
 
@@ -111,7 +112,7 @@ def test_the_array_that_the_sweep_uses_again_is_not_kept(monkeypatch):
     expected = np.repeat([1.0, 2.0, 3.0], 2) @ r
     for chunk in (1, 100):
         monkeypatch.setattr(normal, "CHUNK", chunk)
-        H, g = normal.accumulate(eye_array(6, format="csr"), r, steps(), (2, 1))
+        H, g = normal.accumulate(MatrixResiduals(eye_array(6, format="csr"), r, 2), steps(), (2, 1))
         assert (H[0, 0], g[0]) == (2 * (1 + 4 + 9), expected)
 
 
@@ -120,4 +121,4 @@ def test_the_last_step_of_each_row():
 
     dense = np.zeros((4, 6))
     dense[0, 1], dense[1, [0, 5]], dense[2, 2] = 1.0, 1.0, 1.0
-    assert normal.last_step(csr_array(dense), 2).tolist() == [0, 2, 1, -1]
+    assert last_step(csr_array(dense), 2).tolist() == [0, 2, 1, -1]

@@ -3,6 +3,7 @@
 import numba
 import numpy as np
 import pytest
+from helpers.costs import residual
 from helpers.physics import METHODS, TIGHT, scene, xyz
 from helpers.scenes import cloth, even, trial
 
@@ -11,10 +12,12 @@ from clothfit.motion.degrade import degrade
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
+from clothfit.objective.run import residual_count
+from clothfit.objective.running_residuals import free_columns
 from clothfit.optimise.gauss_newton import State
 from clothfit.optimise.prior import FIRST
 from clothfit.optimise.search import Search
-from clothfit.optimise.trajectory import Trajectory, free_columns, residual_count
+from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
 
@@ -88,7 +91,7 @@ def test_h_is_that_of_the_residuals_slopes(kind, objective, method):
     def residuals(y):
         p = part.search.parameters(y)
         runs = part.objective.runs
-        return np.concatenate([run.comparison.residual(part.objective.roll(run, p)[1].x) for run in runs])
+        return np.concatenate([residual(run.comparison, part.objective.simulate_all(run, p)[1].x) for run in runs])
 
     J = np.stack([(residuals(y + t * e) - residuals(y - t * e)) / (2 * t) for e in np.eye(part.size)], axis=1)
     H = part.model(y).H
@@ -163,7 +166,8 @@ def test_the_residuals_are_those_that_a_parameter_can_change():
 def test_the_columns_of_free_coordinates():
     (run,) = Objective(load(trial("LL", 4, 3, 3)), simulate(load(trial("LL", 4, 3, 3)))).runs
     x = np.arange(4 * 9 * 3).reshape(4, 9, 3)
-    np.testing.assert_array_equal(free_columns(run), x[1:, run.system.vertex.free].reshape(-1))
+    free = run.system.vertex.free
+    np.testing.assert_array_equal(free_columns(free, run.steps), x[1:, free].reshape(-1))
 
 
 def test_the_prior_groups_what_scatters_around_a_fabric():
