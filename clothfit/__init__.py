@@ -36,8 +36,9 @@ if TYPE_CHECKING:
     from clothfit.motion.simulate import simulate
     from clothfit.objective.objective import Objective, cost_and_gradient
     from clothfit.report.page import report_page
+    from clothfit.scene.cloth import Cloth
     from clothfit.scene.fit_vector import parameters, with_parameters
-    from clothfit.scene.scene import Cloth, Scene, load, save
+    from clothfit.scene.scene import Scene, load, save
 
     mesh_problems = problems
 
@@ -71,7 +72,7 @@ _HOME = {
     "report_page": "report.page",
     "parameters": "scene.fit_vector",
     "with_parameters": "scene.fit_vector",
-    "Cloth": "scene.scene",
+    "Cloth": "scene.cloth",
     "Scene": "scene.scene",
     "SceneCheck": "inspection.gradient_check",
     "check_scene": "inspection.gradient_check",

@@ -180,7 +180,6 @@ def fit_one(
         page.output(scene_path, files, out)
     from clothfit.cli.fitting import checkpoints, outcomes
     from clothfit.fit import estimate as fitting
-    from clothfit.scene.fit_vector import blocks
 
     options.check()
     watching = watching.of(scene_path)
@@ -190,7 +189,7 @@ def fit_one(
     told: list[dict[str, Any]] = []
     targets = [goals.read_target(pair, scene, files.reading, console, told) for pair in files.pairs]
     first = goals.read_start(files.start, console)
-    flagged = ", ".join(f"{owned(b.cloth, b.name)} ({b.mode})" for b in blocks(scene))
+    flagged = ", ".join(f"{owned(b.cloth, b.name)} ({b.mode})" for b in scene.blocks)
     console.detail(f"fitting {flagged or 'nothing'} over {scene.frames} frames")
     trust.warn_of_steps(scene, scene.frames, console)
     console.announce_compilation()

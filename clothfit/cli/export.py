@@ -15,7 +15,8 @@ from clothfit.cli.common.console import Console
 from clothfit.export.tools import TOOLS
 
 if TYPE_CHECKING:
-    from clothfit.scene.scene import Cloth, Scene
+    from clothfit.scene.cloth import Cloth
+    from clothfit.scene.scene import Scene
 
 MOST_NAMES = 5
 """Of files in the line that says where they are."""

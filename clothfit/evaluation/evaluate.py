@@ -17,9 +17,10 @@ from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, check_counts, checked_motion
 from clothfit.motion.simulate import simulate_cloths
 from clothfit.motion.times import frame_places
+from clothfit.objective.identifiability import identifiable
 from clothfit.objective.target import sample
 from clothfit.objective.target import target as target_of
-from clothfit.scene.fit_vector import blocks, fitted_cloths, identifiable, parameters
+from clothfit.scene.fit_vector import fitted_cloths, parameters
 from clothfit.scene.scene import Scene
 
 HORIZON = 500  # frames
@@ -130,7 +131,7 @@ def deviations(truth: Scene, fitted: Scene) -> list[Deviation]:
     """Relative deviations of the parameters that the true scene flags."""
     true, found, kept = parameters(truth), parameters(fitted, flags=truth), identifiable(truth)
     listed = []
-    for block in blocks(truth):
+    for block in truth.blocks:
         usable = kept[block.part] & (true[block.part] != 0)
         ratio = np.abs(found[block.part][usable] / true[block.part][usable] - 1.0)
         middle, largest = (float(np.median(ratio)), float(ratio.max())) if ratio.size else (None, None)

@@ -17,9 +17,10 @@ from clothfit.evaluation.work_precision import front
 from clothfit.fit.estimate import estimate
 from clothfit.fit.options import check_method
 from clothfit.fit.result import Fit
+from clothfit.objective.identifiability import identifiable
 from clothfit.optimise.progress import Progress
 from clothfit.optimise.status import Status, Stop
-from clothfit.scene.fit_vector import identifiable, parameters
+from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
 
 COMPARED = ("auto", "momentum", "gauss-newton", "l-bfgs-b")

@@ -20,7 +20,8 @@ import numpy as np
 
 from clothfit.export.topology import roles
 from clothfit.export.weights import Painted, painted
-from clothfit.scene.scene import Cloth, Scene
+from clothfit.scene.cloth import Cloth
+from clothfit.scene.scene import Scene
 
 BLENDER_FORMAT = "clothfit-blender-1"
 TIME_UNIT = 0.001**0.5  # τ, s: the time in which Blender's weights are SI's

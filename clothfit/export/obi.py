@@ -14,7 +14,8 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.export.topology import roles
-from clothfit.scene.scene import Cloth, Scene
+from clothfit.scene.cloth import Cloth
+from clothfit.scene.scene import Scene
 
 OBI_FORMAT = "clothfit-obi-1"
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Flags, Indices
-from clothfit.scene.scene import Cloth
+from clothfit.scene.cloth import Cloth
 
 
 class Roles(NamedTuple):

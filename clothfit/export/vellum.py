@@ -19,7 +19,8 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.export.topology import roles
-from clothfit.scene.scene import Cloth, Scene
+from clothfit.scene.cloth import Cloth
+from clothfit.scene.scene import Scene
 
 VELLUM_FORMAT = "clothfit-vellum-1"
 FLIP = np.array([1.0, 1.0, -1.0])  # from left- to right-handed axes

@@ -30,7 +30,7 @@ from clothfit.optimise.checkpoint import Checkpoint, identity, opened
 from clothfit.optimise.progress import Progress
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
-from clothfit.scene.fit_vector import blocks, fitted_cloths, parameters
+from clothfit.scene.fit_vector import fitted_cloths, parameters
 from clothfit.scene.scene import Scene
 
 
@@ -119,7 +119,7 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
 
 def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[Objective, Objective | None]:
     """What the fit compares, and what is kept out of it, if anything. Raises InvalidInput, Diverged."""
-    if not blocks(scene):
+    if not scene.blocks:
         raise InvalidInput(
             f"{scene.name}: nothing to fit: no object flags anything; set its optimizationSettings, for example to "
             "'nL', or its fit"

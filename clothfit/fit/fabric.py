@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array
 from clothfit.meshes.mesh import BENDING_SHARE, Mesh, areas
-from clothfit.scene.scene import Cloth
+from clothfit.scene.cloth import Cloth
 
 
 def proportions(cloth: Cloth) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.scene.block import Block
-from clothfit.scene.fit_vector import at_lower, at_upper, blocks, bounds, parameters, with_parameters
+from clothfit.scene.fit_vector import at_lower, at_upper, bounds, parameters, with_parameters
 from clothfit.scene.scene import Scene
 
 UNMOVED = 1e-9
@@ -81,7 +81,7 @@ def result(
     """The fit as its user sees it: it began at `start` (P,), which was given where `started`."""
     scene = search.objective.scene
     p, cost = (search.best.p, search.best.cost) if known is None else (known.p, known.cost)
-    found = blocks(scene)
+    found = scene.blocks
     lost = [block for block in found if block.mode == "G" and search.objective.unidentifiable(block)]
     return Fit(
         # the scene's values, which may differ, not their mean

@@ -14,9 +14,10 @@ from clothfit.base.errors import InvalidInput
 from clothfit.fit.coarse_search import best_scales
 from clothfit.fit.fabric import proportions
 from clothfit.fit.start_warnings import start_warnings
+from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
 from clothfit.optimise.checkpoint import Journal
-from clothfit.scene.fit_vector import blocks, bounds, identifiable, parameters
+from clothfit.scene.fit_vector import bounds, parameters
 from clothfit.scene.kinds import LETTERED
 from clothfit.scene.scene import Scene
 
@@ -101,7 +102,7 @@ def other_starts(objective: Objective, start: Array, hidden: bool) -> list[Array
 def neutral(scene: Scene) -> Array:
     """Values (P,) that do not depend on the scene's flagged ones: the neutral value of each kind."""
     parts = [np.zeros(0)]
-    for block in blocks(scene):
+    for block in scene.blocks:
         lengths = block.name == "rest" and block.mode == "L" and block.cloth is not None
         values = scene.cloths[block.cloth or 0].lengths if lengths else block.kind.neutral
         parts.append(np.resize(values, block.count))
@@ -111,7 +112,7 @@ def neutral(scene: Scene) -> Array:
 def fabric(scene: Scene) -> Array:
     """Values (P,) as `neutral`, but what is fitted per vertex or spring as a uniform fabric shares it out."""
     p = neutral(scene)
-    for block in blocks(scene):
+    for block in scene.blocks:
         if block.mode == "L" and block.name in LETTERED and block.cloth is not None:
             p[block.part] = proportions(scene.cloths[block.cloth])[LETTERED.index(block.name)]
     return p
@@ -119,5 +120,5 @@ def fabric(scene: Scene) -> Array:
 
 def lettered(scene: Scene) -> Flags:
     """Which parameters (P,) are masses or stiffnesses."""
-    found = blocks(scene)
+    found = scene.blocks
     return np.repeat(np.array([block.name in LETTERED for block in found], bool), [block.count for block in found])

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from clothfit.base.arrays import Array
 from clothfit.base.messages import owned
+from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
-from clothfit.scene.fit_vector import bounds, feels_air, identifiable
+from clothfit.scene.fit_vector import bounds
 from clothfit.scene.scene import Scene
 
 
@@ -24,7 +25,7 @@ def undetermined(scene: Scene) -> list[str]:
     for i, cloth in enumerate(() if scene.spheres else scene.cloths):
         if "n" in cloth.settings:
             continue
-        if not feels_air(cloth):
+        if not cloth.feels_air:
             what = "feels neither air nor spheres, so its motion shows masses and stiffnesses"
         elif cloth.mode("drag") != "n":
             what = "feels no spheres, so its motion shows masses, stiffnesses and drag"

@@ -35,7 +35,7 @@ from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate_cloths
 from clothfit.objective.objective import Objective
 from clothfit.scene.block import Block
-from clothfit.scene.fit_vector import blocks, fitted_cloths, parameters, with_parameters
+from clothfit.scene.fit_vector import fitted_cloths, parameters, with_parameters
 from clothfit.scene.scene import Scene
 
 TRUTH_SPREAD = 0.1
@@ -98,7 +98,7 @@ def check_scene(
     many of the scene's frames to use (default: all, fewer for large cloths). `memory` is that of `Objective`. Raises
     InvalidInput when the target does not fit or shows nothing, Diverged when the scene's own motion diverges.
     """
-    flagged, rng = bool(blocks(scene)), np.random.default_rng(seed)
+    flagged, rng = bool(scene.blocks), np.random.default_rng(seed)
     if not flagged:
         scene = replace(scene, cloths=tuple(replace(cloth, settings="LL") for cloth in scene.cloths))
     count = default_frames(scene) if frames is None else frames
@@ -121,7 +121,7 @@ def check_scene(
     beyond = next((rung.switch for rung in rungs[len(short) :]), "")
     tests = (taylor(short, slope, noise), difference(short, slope, noise), product(objective, other, p, d, rng))
     reach = short[-1].t if short else 0.0
-    return SceneCheck(scene.name, count, tuple(blocks(scene)), flagged, tests, reach, beyond)
+    return SceneCheck(scene.name, count, tuple(scene.blocks), flagged, tests, reach, beyond)
 
 
 def default_frames(scene: Scene) -> int:
@@ -133,7 +133,7 @@ def default_frames(scene: Scene) -> int:
 def changed(scene: Scene, p: Array, rng: np.random.Generator) -> Array:
     """Values (P,) that differ from p by up to a share `TRUTH_SPREAD`; zeros become that share of their typical size."""
     other = p * rng.uniform(1 - TRUTH_SPREAD, 1 + TRUTH_SPREAD, p.shape)
-    for block in blocks(scene):
+    for block in scene.blocks:
         nothing = (p[block.part] == 0.0) & (not block.kind.log)
         other[block.part][nothing] = TRUTH_SPREAD * block.kind.scale
     return np.asarray(other)

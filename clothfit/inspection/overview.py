@@ -14,9 +14,10 @@ from clothfit.base.messages import named, owned, place
 from clothfit.meshes.mesh import keys
 from clothfit.meshes.topology import across, components, edges
 from clothfit.scene import schema as structure
+from clothfit.scene.cloth import Cloth
 from clothfit.scene.kinds import CLOTH_KINDS, SCENE_KINDS, Kind
 from clothfit.scene.mesh_numbering import FIELD
-from clothfit.scene.scene import Cloth, Scene
+from clothfit.scene.scene import Scene
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,9 @@ from clothfit.fit.options import FIT_TOLERANCE
 from clothfit.fit.start import choose_start
 from clothfit.motion.simulate import simulate_cloths
 from clothfit.objective.experiment import Targets
+from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
-from clothfit.scene.fit_vector import blocks, bounds, fitted_cloths, identifiable, parameters, with_parameters
+from clothfit.scene.fit_vector import bounds, fitted_cloths, parameters, with_parameters
 from clothfit.scene.scene import Scene
 
 FACTOR = 10.0
@@ -49,7 +50,7 @@ def drawn(scene: Scene, middle: Array, draw: np.random.Generator) -> Array:
     """Values (P,) around `middle` (P,), within the bounds."""
     p = middle.copy()
     lower, upper = bounds(scene)
-    for block in blocks(scene):
+    for block in scene.blocks:
         kind, part = block.kind, block.part
         if kind.log:
             p[part] *= FACTOR ** draw.uniform(-1.0, 1.0)

@@ -1,6 +1,7 @@
 """The cost of a fit: how far a motion is from its targets, and its gradient.
 
-target and experiment (what was seen) → measures/ (what is compared) → loss (how outliers count) → comparison → run (one
-cloth under one target) → objective (all of them, as a function of the parameters). memory_needs says what it will take.
+target and experiment (what was seen) → measures/ (what is compared) → loss (how outliers count) → comparison →
+running_cost and running_residuals (chunk by chunk) → run (one cloth under one target) → objective (all of them, as a
+function of the parameters). memory_needs is what it will take, identifiability what a motion can reveal.
 To add something to compare: see `measures/measure`.
 """

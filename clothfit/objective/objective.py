@@ -28,22 +28,14 @@ from clothfit.motion.divergence import Diverged
 from clothfit.objective import memory_needs as storage
 from clothfit.objective.comparison import Comparison, objective_weights
 from clothfit.objective.experiment import Experiment, Targets, experiments
+from clothfit.objective.identifiability import unidentifiable
 from clothfit.objective.loss import loss_named
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.run import Run, seen_in, simulate, simulate_all, still
 from clothfit.objective.running_cost import SquaredDistances, running_cost
 from clothfit.objective.target import first_step, target
 from clothfit.scene.block import Block
-from clothfit.scene.fit_vector import (
-    blocks,
-    check_shape,
-    elements,
-    extra_kinds,
-    fitted_cloths,
-    parameters,
-    size,
-    unidentifiable,
-)
+from clothfit.scene.fit_vector import check_shape, elements, extra_kinds, fitted_cloths, parameters, size
 from clothfit.scene.scene import Scene
 
 TIGHT = 1e-14
@@ -89,7 +81,7 @@ class Objective:
         options["memory"] = self.memory
         self._options = options
         self.tolerance = checked_tolerance(tolerance, TIGHT)
-        self.blocks = blocks(scene)
+        self.blocks = scene.blocks
         self.cloths = fitted_cloths(scene)
         self.weights = objective_weights(objective)
         self.loss = loss_named(loss, loss_scale)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.scene.fit_vector import blocks, bounds
+from clothfit.scene.fit_vector import bounds
 from clothfit.scene.scene import Scene
 
 
@@ -21,7 +21,7 @@ class Coordinates:
 
     def __init__(self, scene: Scene, start: Array) -> None:
         """`start` (P,): where the fit starts."""
-        found = blocks(scene)
+        found = scene.blocks
         counts = np.array([block.count for block in found], int)
         scales = np.repeat([block.kind.scale for block in found], counts)
         self.log = np.repeat(np.array([block.kind.log for block in found], bool), counts)

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
+from clothfit.objective.identifiability import identifiable
 from clothfit.pictures.camera import Camera, facing, project, shaped
 from clothfit.pictures.filmstrip import MOST_VECTOR_SHAPES
 from clothfit.pictures.palette import GROUND, INK, NOT_IDENTIFIABLE, QUIET
-from clothfit.scene.fit_vector import blocks, identifiable, parameters
+from clothfit.scene.fit_vector import parameters
 from clothfit.scene.kinds import KIND, Kind
 from clothfit.scene.scene import Scene
 
@@ -43,7 +44,7 @@ def maps(scene: Scene, truth: Scene | None = None) -> list[Map]:
     flags = scene if truth is None else truth
     p, shown = parameters(scene, flags=flags), identifiable(flags)
     found: dict[str, list[tuple[Array, Array, Flags]]] = {}
-    for block in blocks(flags):
+    for block in flags.blocks:
         if block.mode == "L" and block.cloth is not None:
             cloth = scene.cloths[block.cloth]
             places = cloth.positions if block.kind.of == "vertex" else cloth.positions[cloth.springs]
@@ -171,7 +172,7 @@ def single_values(scene: Scene, truth: Scene | None = None) -> Sequence[str]:
     """A line for each value that is one for a whole object, or for the scene: what it is, and the true one."""
     flags = scene if truth is None else truth
     p, told = parameters(scene, flags=flags), []
-    for block in blocks(flags):
+    for block in flags.blocks:
         if block.mode == "G" or block.cloth is None:
             place = "scene" if block.cloth is None else f"objects[{block.cloth}]"
             unit = block.kind.unit if block.unit is None else "× that at the start"

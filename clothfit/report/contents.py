@@ -16,12 +16,13 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import counted, metres, owned
 from clothfit.base.version import __version__
 from clothfit.evaluation.evaluate import Deviation, Distance, Evaluation
+from clothfit.objective.identifiability import identifiable
 from clothfit.optimise.status import Status
 from clothfit.report.log import Log, intervals, number
 from clothfit.report.packing import box, packed, packed_errors, packed_flags, packed_positions
 from clothfit.report.showing import Shown
 from clothfit.scene.block import Block
-from clothfit.scene.fit_vector import blocks, identifiable, parameters
+from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
 
 STATUS = {
@@ -52,7 +53,7 @@ def content(truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | No
         "motion": motion(show, low, step),
         "curve": curve(show),
         "history": [list(point) for point in log.points],
-        "blocks": [block(each, truth, fitted, log, target is None) for each in blocks(truth)],
+        "blocks": [block(each, truth, fitted, log, target is None) for each in truth.blocks],
     }
 
 

@@ -1,13 +1,15 @@
-"""A block of the fit vector: the parameters of one kind, of one cloth or of the scene, and what they stand for."""
+"""Blocks of the fit vector: the parameters of one kind, of one cloth or of the scene, and what they stand for."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.scene.kinds import KIND, Kind
+from clothfit.scene.cloth import Cloth
+from clothfit.scene.kinds import CLOTH_KINDS, KIND, SCENE_KINDS, Kind
 
 
 @dataclass(frozen=True)
@@ -80,3 +82,45 @@ class Block:
         """The unit as a factor for values of this shape."""
         unit = np.ones(self._rows[0]) if self.unit is None else self.unit
         return unit.reshape(-1, *[1] * (len(self._rows) - 1))
+
+
+def flagged(cloths: Sequence[Cloth], fits: Mapping[str, str]) -> tuple[Block, ...]:
+    """What a scene of these cloths flags, in the order of the fit vector; `fits` has the modes of its own kinds."""
+    found: list[Block] = []
+    start = 0
+    for cloth, kind, mode in _modes(cloths, fits):
+        shape: tuple[int, ...] = (kind.components,)
+        unit = None
+        if cloth is not None:
+            shape = np.shape(getattr(cloths[cloth], kind.name)) or (1,)
+            unit = _unit(cloths[cloth], kind) if mode == "G" else None
+        if np.prod(shape) > 0:
+            found.append(Block(cloth, kind.name, mode, _moved(cloths, cloth, kind), start, shape, unit))
+            start += found[-1].count
+    return tuple(found)
+
+
+def _modes(cloths: Sequence[Cloth], fits: Mapping[str, str]) -> Iterator[tuple[int | None, Kind, str]]:
+    """Which kind of which cloth, None for the scene's own, is flagged, and in which mode."""
+    for index, cloth in enumerate(cloths):
+        yield from ((index, kind, cloth.mode(kind.name)) for kind in CLOTH_KINDS if cloth.mode(kind.name) != "n")
+    yield from ((None, kind, fits[kind.name]) for kind in SCENE_KINDS if fits.get(kind.name, "n") != "n")
+
+
+def _unit(cloth: Cloth, kind: Kind) -> Array | None:
+    """What the one parameter of a kind is multiplied with at each spring or vertex."""
+    if kind.name == "rest":
+        return cloth.lengths
+    return np.where(cloth.fixed, 0.0, 1.0) if kind.name == "velocity" else None
+
+
+def _moved(cloths: Sequence[Cloth], cloth: int | None, kind: Kind) -> int:
+    """How many vertices or springs a kind moves, at least 1."""
+    if cloth is None:
+        return max(1, sum(len(cloths[i].mass) for i in reached(cloths, kind.name)))
+    return len(cloths[cloth].stiffness if kind.of == "spring" else cloths[cloth].mass)
+
+
+def reached(cloths: Sequence[Cloth], name: str) -> list[int]:
+    """The cloths that a kind of the scene as a whole can move: the wind those that feel the air."""
+    return [i for i, cloth in enumerate(cloths) if not cloth.fixed.all() and (name != "wind" or cloth.feels_air)]

@@ -9,7 +9,7 @@ from helpers.scenes import cloth
 from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, check
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective, cost_and_gradient
-from clothfit.scene.fit_vector import blocks, parameters, with_parameters
+from clothfit.scene.fit_vector import parameters, with_parameters
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations are slow without compilation")
 
@@ -118,7 +118,7 @@ def test_masses_and_stiffnesses_have_the_same_gradient_to_the_bit_whatever_else_
     goal = truth(plain)
     (value, gradient), (same, whole) = (cost_and_gradient(made, goal) for made in (plain, every))
     assert value == same
-    assert [block.name for block in blocks(every)[:2]] == ["mass", "stiffness"]
+    assert [block.name for block in every.blocks[:2]] == ["mass", "stiffness"]
     np.testing.assert_array_equal(whole[: len(gradient)], gradient)
 
 

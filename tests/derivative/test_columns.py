@@ -7,7 +7,7 @@ from helpers.scenes import cloth
 from clothfit.derivative.columns import columns
 from clothfit.derivative.sensitivity import along
 from clothfit.engine.system import build
-from clothfit.scene.fit_vector import blocks, elements, parameters, size
+from clothfit.scene.fit_vector import elements, parameters, size
 
 EVERY = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "G"}
 VELOCITIES = [xyz((0.1 * i, 1, -i)) for i in range(9)]
@@ -21,14 +21,14 @@ def made(settings="LG", fit=EVERY, whole=None):
 
 def of_second(given, column, factor, count):
     """The columns of the second cloth."""
-    own = [block for block in blocks(given) if block.cloth in (1, None)]
+    own = [block for block in given.blocks if block.cloth in (1, None)]
     return columns(build(given, 1), own, column, factor, count)
 
 
 def test_a_column_is_the_change_of_all_elements_by_its_parameter():
     given = made()
     count = size(given)
-    own = np.concatenate([np.arange(count)[block.part] for block in blocks(given) if block.cloth in (1, None)])
+    own = np.concatenate([np.arange(count)[block.part] for block in given.blocks if block.cloth in (1, None)])
     column, factor = np.full(count, -1, np.int32), np.random.default_rng(2).uniform(0.5, 2.0, count)
     column[own] = np.random.default_rng(3).permutation(len(own))
     found = of_second(given, column, factor, len(own))
@@ -47,7 +47,7 @@ def test_a_column_is_the_change_of_all_elements_by_its_parameter():
 def test_what_is_held_has_no_column():
     given = made("LL")
     column = np.full(size(given), -1, np.int32)
-    places = {(block.cloth, block.name): block.start for block in blocks(given)}
+    places = {(block.cloth, block.name): block.start for block in given.blocks}
     column[places[1, "mass"] + 4] = 0
     column[places[1, "stiffness"] + 7] = 1
     column[places[1, "velocity"] + 5] = 2
@@ -63,7 +63,7 @@ def test_what_is_held_has_no_column():
 def test_one_value_for_all_has_one_column_with_the_units_of_its_elements():
     given = made("GG")
     count = size(given)
-    places = {block.name: block for block in blocks(given) if block.cloth == 1}
+    places = {block.name: block for block in given.blocks if block.cloth == 1}
     column = np.full(count, -1, np.int32)
     column[places["stiffness"].start], column[places["rest"].start] = 0, 1
     found = of_second(given, column, np.full(count, 3.0), 2)
@@ -76,7 +76,7 @@ def test_one_value_for_all_has_one_column_with_the_units_of_its_elements():
 
 def test_nothing_to_fit_has_no_columns():
     given = scene(cloth(3, 3))
-    found = columns(build(given, 0), blocks(given), np.zeros(0, np.int32), np.zeros(0), 0)
+    found = columns(build(given, 0), given.blocks, np.zeros(0, np.int32), np.zeros(0), 0)
     assert len(parameters(given)) == 0
     assert found.width == 0
     assert (found.mass.column == -1).all()

@@ -13,7 +13,8 @@ from clothfit.cli.program import run
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.fit.start import neutral
 from clothfit.motion.simulate import simulate
-from clothfit.scene.fit_vector import identifiable, parameters, with_parameters
+from clothfit.objective.identifiability import identifiable
+from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import dumps
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")

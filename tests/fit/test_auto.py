@@ -14,11 +14,12 @@ from clothfit.fit.trajectory_fit import by_gauss_newton
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import Motion, as_motion
 from clothfit.motion.simulate import simulate
+from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
 from clothfit.optimise.momentum import TREATMENTS
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
-from clothfit.scene.fit_vector import identifiable, parameters
+from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")

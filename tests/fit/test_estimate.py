@@ -14,9 +14,10 @@ from clothfit.motion.degrade import degrade
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
+from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective, cost_and_gradient
 from clothfit.optimise.scipy_methods import METHODS
-from clothfit.scene.fit_vector import LOWER, UPPER, identifiable, parameters, with_parameters
+from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.scene.scene import dumps, load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="thousands of simulations need compilation")

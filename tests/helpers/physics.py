@@ -67,6 +67,18 @@ def thing(
     return {**made, **fields}
 
 
+def chain(n, settings, **fields):
+    """n vertices in a row, masses 1 … n, stiffnesses 10, 20 …"""
+    return thing(
+        [(i, 0, 0) for i in range(n)],
+        [(i, i + 1) for i in range(n - 1)],
+        mass=1.0 + np.arange(n),
+        stiffness=10.0 * (1 + np.arange(n - 1)),
+        optimizationSettings=settings,
+        **fields,
+    )
+
+
 def ball(centre: Any, radius: float) -> dict[str, Any]:
     """A sphere collider."""
     return {"type": 1, "pos": xyz(centre), "rot": xyz((0, 0, 0)), "scale": xyz([2 * radius] * 3)}

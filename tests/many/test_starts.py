@@ -6,7 +6,8 @@ from helpers.scenes import cloth, document, even, trial
 
 from clothfit.fit.estimate import record_target
 from clothfit.many.starts import FACTOR, drawn, numbered
-from clothfit.scene.fit_vector import bounds, identifiable, parameters
+from clothfit.objective.identifiability import identifiable
+from clothfit.scene.fit_vector import bounds, parameters
 from clothfit.scene.scene import load
 
 

@@ -14,13 +14,13 @@ from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
-from clothfit.scene.fit_vector import blocks, parameters, with_parameters
+from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
 MAIN = load(even("LG"))
-MAIN_MASS = blocks(MAIN)[0]
+MAIN_MASS = MAIN.blocks[0]
 WINDY = load(even("nn", 30, delta=0.01, windVel=xyz((2, 0, 1)), vertIsFixed=[i in (0, 12) for i in range(16)]))
 
 

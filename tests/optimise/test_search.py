@@ -6,10 +6,11 @@ from helpers.scenes import even, trial
 
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.simulate import simulate
+from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import HEIGHT, Search
 from clothfit.optimise.status import STALL_EVALUATIONS, Stop
-from clothfit.scene.fit_vector import LOWER, UPPER, identifiable, parameters
+from clothfit.scene.fit_vector import LOWER, UPPER, parameters
 from clothfit.scene.scene import load
 
 

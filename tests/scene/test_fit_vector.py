@@ -1,42 +1,18 @@
-"""The fit vector of a scene: order, reduction, the way back, and what cannot be fitted."""
+"""The fit vector of a scene: order, reduction, and the way back."""
 
 import numpy as np
 import pytest
-from helpers.physics import ball, scene, thing
+from helpers.physics import chain, scene, thing
 
 from clothfit.base.errors import InvalidInput, InvalidScene
-from clothfit.motion.simulate import simulate
-from clothfit.scene.fit_vector import (
-    blocks,
-    elements,
-    fitted_cloths,
-    hidden,
-    identifiable,
-    parameters,
-    size,
-    unidentifiable,
-    with_parameters,
-)
-
-
-def chain(n, settings, **fields):
-    """n vertices in a row, masses 1 … n, stiffnesses 10, 20 …"""
-    return thing(
-        [(i, 0, 0) for i in range(n)],
-        [(i, i + 1) for i in range(n - 1)],
-        mass=1.0 + np.arange(n),
-        stiffness=10.0 * (1 + np.arange(n - 1)),
-        optimizationSettings=settings,
-        **fields,
-    )
-
+from clothfit.scene.fit_vector import elements, fitted_cloths, parameters, size, with_parameters
 
 MIXED = scene(chain(3, "LG"), chain(4, "nn"), chain(2, "Gn"), chain(4, "nl"))
 
 
 def test_objects_in_order_and_masses_before_stiffnesses():
     assert parameters(MIXED).tolist() == [1, 2, 3, 15, 1.5, 10, 20, 30]
-    found = [(b.cloth, b.name, b.mode, b.elements, b.start, b.count) for b in blocks(MIXED)]
+    found = [(b.cloth, b.name, b.mode, b.elements, b.start, b.count) for b in MIXED.blocks]
     assert found == [
         (0, "mass", "L", 3, 0, 3),
         (0, "stiffness", "G", 2, 3, 1),
@@ -57,7 +33,7 @@ def test_every_combination_of_settings(settings):
 
 def test_a_flag_on_nothing_has_no_parameters():
     lonely = scene(thing([(0, 0, 0)], optimizationSettings="GG"))
-    assert [block.name for block in blocks(lonely)] == ["mass"]
+    assert [block.name for block in lonely.blocks] == ["mass"]
 
 
 def test_there_and_back():
@@ -80,7 +56,7 @@ def test_elements_of_one_cloth_and_of_a_direction():
 
 
 def test_the_gradient_of_one_value_is_the_sum_over_the_elements():
-    mass, stiffness, *_ = blocks(MIXED)
+    mass, stiffness, *_ = MIXED.blocks
     assert mass.reduce(np.array([1.0, 2, 3])).tolist() == [1, 2, 3]
     assert stiffness.reduce(np.array([5.0, 7])).tolist() == [12]
 
@@ -109,41 +85,3 @@ def test_parameters_of_one_scene_with_the_flags_of_another():
     assert str(caught.value) == "scene: objects[0] has 3 values of mass, 4 are needed"
     with pytest.raises(InvalidInput):
         parameters(plain, flags=scene(chain(3, "nn"), chain(2, "Ln")))
-
-
-def test_fixed_masses_and_springs_between_fixed_vertices_are_hidden():
-    one = scene(chain(4, "LL", fixed=[0, 1])).cloths[0]
-    assert hidden(one, "mass", 0).tolist() == [True, True, False, False]
-    assert hidden(one, "stiffness", 0).tolist() == [True, False, False]
-
-
-def test_the_mass_of_a_vertex_that_only_falls_is_hidden_unless_something_pushes_it():
-    points, triangles = [(0, 0, 0), (1, 0, 0), (0, 0, 1), (5, 0, 0)], [(0, 1, 2)]
-    made = {drag: scene(thing(points, triangles=triangles, dragCoefficient=drag)).cloths[0] for drag in (0.0, 0.5)}
-    assert hidden(made[0.0], "mass", 0).tolist() == [True] * 4
-    assert hidden(made[0.5], "mass", 0).tolist() == [False, False, False, True]
-    assert hidden(made[0.0], "mass", 1).tolist() == [False] * 4
-
-
-def test_what_is_hidden_is_not_fitted():
-    one = scene(chain(4, "LL", fixed=[0, 1]))
-    assert [unidentifiable(one, block) for block in blocks(one)] == [[0, 1], [0]]
-    assert identifiable(one).tolist() == [False, False, True, True, False, True, True]
-
-
-def test_one_value_for_all_is_hidden_only_when_all_are():
-    some, every = (scene(chain(2, "GG", fixed=fixed)) for fixed in ([0], [0, 1]))
-    assert identifiable(some).tolist() == [True, True]
-    assert identifiable(every).tolist() == [False, False]
-
-
-def test_hidden_parameters_do_not_move_the_cloth():
-    one = scene(
-        chain(4, "LL", fixed=[0, 1], damping=0.2), optimizationIterations=10, colliders=[ball((3, -0.5, 0), 0.52)]
-    )
-    p = parameters(one)
-    other = np.where(identifiable(one), p, 2 * p)
-    first, second = (simulate(with_parameters(one, q)).positions for q in (p, other))
-    np.testing.assert_array_equal(first, second)
-    third = simulate(with_parameters(one, 2 * other)).positions
-    assert np.abs(first - third).max() > 1e-6

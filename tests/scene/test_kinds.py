@@ -12,18 +12,9 @@ from clothfit.base.arrays import Elements
 from clothfit.base.errors import InvalidScene
 from clothfit.engine.system import all_elements, build, with_elements
 from clothfit.evaluation.evaluate import deviations
+from clothfit.objective.identifiability import hidden, identifiable, unidentifiable
 from clothfit.scene import schema as structure
-from clothfit.scene.fit_vector import (
-    blocks,
-    bounds,
-    elements,
-    fitted_cloths,
-    hidden,
-    identifiable,
-    parameters,
-    unidentifiable,
-    with_parameters,
-)
+from clothfit.scene.fit_vector import bounds, elements, fitted_cloths, parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, KINDS, LETTERED, SCENE_KINDS
 from clothfit.scene.scene import dumps
 
@@ -57,7 +48,7 @@ def test_the_table_names_the_elements_and_the_fields_of_the_schema():
 
 
 def test_the_order_is_that_of_the_kinds_then_of_the_objects_then_the_scenes_own():
-    found = [(block.cloth, block.name, block.mode, block.count) for block in blocks(load_text(json.dumps(full())))]
+    found = [(block.cloth, block.name, block.mode, block.count) for block in load_text(json.dumps(full())).blocks]
     assert found == [
         (0, "mass", "G", 1),
         (0, "stiffness", "L", 16),
@@ -245,10 +236,10 @@ def test_fixed_vertices_and_their_springs_hide_velocities_and_rest_lengths():
     made = load_text(json.dumps(full({"vertVel": "L", "springRestLength": "L"})))
     one = made.cloths[0]
     assert hidden(one, "velocity", 0).tolist() == one.fixed.tolist()
-    velocity = next(block for block in blocks(made) if block.name == "velocity")
+    velocity = next(block for block in made.blocks if block.name == "velocity")
     assert unidentifiable(made, velocity) == [0, 1, 2, 6, 7, 8]  # three components of vertices 0 and 2
     held = [True, True] + [False] * 7
-    (rest,) = (b for b in blocks(_fixed(made, held)) if b.name == "rest")
+    (rest,) = (b for b in _fixed(made, held).blocks if b.name == "rest")
     assert unidentifiable(_fixed(made, held), rest) == [0]  # joins 0 and 1
 
 

@@ -83,9 +83,8 @@ def check_plot(plot: str, scene_path: str) -> None:
 
 def check_flags(scene: Scene) -> None:
     """Raise InvalidInput, before long work, when there is nothing to fit."""
-    from clothfit.scene.fit_vector import blocks
 
-    if not blocks(scene):
+    if not scene.blocks:
         raise InvalidInput(f"{scene.name}: --fit: no object flags anything to fit; set its optimizationSettings")
 
 

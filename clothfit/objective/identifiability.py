@@ -1,0 +1,78 @@
+"""Which parameters a motion can reveal, by structure: what joins them to the vertices that a target shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from clothfit.base.arrays import Flags
+from clothfit.scene.block import Block, reached
+from clothfit.scene.cloth import Cloth
+from clothfit.scene.fit_vector import size
+from clothfit.scene.scene import Scene
+
+Seen = Mapping[int, Flags] | None
+"""For each fitted cloth, the vertices (n,) that a target shows; None: all."""
+
+
+def hidden(cloth: Cloth, name: str, spheres: int, seen: Flags | None = None) -> Flags:
+    """Which values of a kind, one flag per vertex (n,), per spring (S,) or for all (1,), a motion of a cloth cannot
+    reveal, by structure.
+
+    It hides masses and velocities of fixed vertices; masses where only weight and node damping move a vertex, so that
+    they cancel; stiffnesses and rest lengths between two fixed vertices, and rest lengths of springs without stiffness;
+    drag and wind where the air meets no free vertex; everything of a cloth that is fixed. Where `seen` (n,) gives the
+    vertices that a target shows, it also hides all of the parts of the cloth in which no free vertex is seen.
+    """
+    shown = ~cloth.fixed if seen is None else ~cloth.fixed & shown_by(cloth, seen)
+    if name in ("stiffness", "rest"):
+        slack = (cloth.stiffness == 0) & (name == "rest" and cloth.mode("stiffness") == "n")
+        return np.asarray(~shown[cloth.springs].any(axis=1) | slack)
+    if name == "velocity":
+        return np.asarray(~shown)
+    if name in ("drag", "wind"):
+        return np.array([not (cloth.feels_air and shown[cloth.triangles].any())])
+    if name in ("damping", "gravity"):
+        return np.array([not shown.any()])
+    pushed = np.full(len(cloth.mass), spheres > 0)
+    pushed[cloth.springs.reshape(-1)] = True
+    if cloth.feels_air:
+        pushed[cloth.triangles.reshape(-1)] = True
+    return np.asarray(~shown | ~pushed)
+
+
+def shown_by(cloth: Cloth, seen: Flags) -> Flags:
+    """Which vertices (n,) are joined to a free vertex that is seen, through springs and faces of free vertices."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    free, n = ~cloth.fixed, len(cloth.mass)
+    faces = cloth.triangles if cloth.feels_air else cloth.triangles[:0]
+    pairs = np.concatenate([cloth.springs, faces[:, :2], faces[:, 1:], faces[:, ::2]])
+    pairs = pairs[free[pairs].all(axis=1)]  # a fixed vertex passes nothing on
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    _, part = connected_components(graph, directed=False)
+    return np.isin(part, part[free & seen])
+
+
+def unidentifiable(scene: Scene, block: Block, seen: Seen = None) -> list[int]:
+    """The parameters of a block that the motion cannot reveal, counted within the block.
+
+    `seen` gives, for each fitted cloth, the vertices (n,) that a target shows (default: all).
+    """
+    cloths = reached(scene.cloths, block.name) if block.cloth is None else [block.cloth]
+    masks = [
+        hidden(scene.cloths[i], block.name, len(scene.spheres), None if seen is None else seen[i]) for i in cloths
+    ]
+    if block.mode == "G":
+        return list(range(block.count)) if all(mask.all() for mask in masks) else []
+    return [int(i) for i in np.flatnonzero(np.repeat(masks[0], block.kind.components))]
+
+
+def identifiable(scene: Scene, seen: Seen = None) -> Flags:
+    """Which entries of the fit vector (P,) can be fitted."""
+    kept = np.ones(size(scene), bool)
+    for block in scene.blocks:
+        kept[block.start + np.array(unidentifiable(scene, block, seen), int)] = False
+    return kept
