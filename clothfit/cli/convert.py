@@ -128,13 +128,13 @@ def written(
     """Write the motion; what --json says of that."""
     from clothfit.formats.axes import SCENE
     from clothfit.formats.registry import foreign
-    from clothfit.motion.files import archive
+    from clothfit.motion.motion import archive
 
     count = 0 if faces is None else len(faces)
     found = foreign(out.path)
     if found is None:
         known = loaded.timed or scene is not None
-        out.write(archive(loaded.motion, known, faces))
+        out.write(archive(loaded.motion, {} if faces is None else {"triangles": faces}, known))
         untimed = "" if known else "; without times, as IN has none (--fps)"
         console.say(f"{out.name}: y up, left-handed, metres{untimed}")
         return {"written": {**SCENE._asdict(), "faces": count, "largest_rounding": 0.0}}

@@ -12,6 +12,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import shown
+from clothfit.base.reading import MOST_TEXT
 from clothfit.formats.animation import Animation, increasing
 from clothfit.formats.axes import Axes
 from clothfit.formats.files import check_room, content
@@ -38,11 +39,11 @@ TABLE_COPIES = 12
 """Memory that reading a table takes, as a multiple of its size: a cell may be one comma, a number has 8 bytes."""
 
 
-def text_of(path: str | os.PathLike[str]) -> str:
-    """The text of a file in UTF-8, in UTF-16 with a byte order mark, or else in Latin-1; line ends become newlines.
-    Raises InvalidMotion.
+def text_of(path: str | os.PathLike[str], most: int = MOST_TEXT) -> str:
+    """The text of a file of at most `most` bytes, in UTF-8, in UTF-16 with a byte order mark, or else in Latin-1; line
+    ends become newlines. Raises InvalidMotion.
     """
-    data = content(path)
+    data = content(path, most)
     check_room(TABLE_COPIES * len(data), path)
     text = _decoded(data)
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text

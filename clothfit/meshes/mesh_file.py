@@ -10,15 +10,16 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.formats import obj
-from clothfit.formats.axes import Axes, facing, to_scene
+from clothfit.formats.axes import facing, to_scene
+from clothfit.formats.convention import Convention
 from clothfit.formats.registry import foreign, module_of, suffix_of
 from clothfit.meshes.mesh import Mesh
 
 FARTHEST_VERTEX = 1e9
-"""m from the origin, where a position is no longer known to a micrometre."""
+"""m from the origin; a float64 position farther away is no longer exact to a micrometre."""
 
 MESHES = (".obj", ".glb", ".ply", ".usd", ".usda", ".usdc")
-"""Suffixes of files that hold triangles."""
+"""Suffixes of the formats that can hold triangles."""
 
 
 def read_mesh(
@@ -35,27 +36,25 @@ def read_mesh(
     name = os.fspath(path)
     suffix, found = suffix_of(name), foreign(name)
     if found is None or suffix not in MESHES:
-        raise InvalidInput(f"{name}: meshes are not read from files of that suffix; known are {', '.join(MESHES)}")
-    if scale is not None and not 0 < scale < np.inf:
-        raise InvalidInput(f"scale must be above 0 and finite; {scale:g} m was given")
+        raise InvalidInput(f"{name}: no mesh format has that suffix; known are {', '.join(MESHES)}")
+    convention = Convention(scale, up, handedness)
     animation = module_of(found).read(sources(name)[0])
-    told = {"up": up, "handedness": handedness, "scale": scale}
-    axes: Axes = animation.axes._replace(**{key: value for key, value in told.items() if value is not None})
+    axes = convention.axes(animation.axes)
     if animation.triangles is None or not len(animation.triangles):
         raise InvalidInput(f"{name}: has no faces; a cloth is made of triangles")
     positions = to_scene(np.asarray(animation.positions[0], float), axes)
-    near = (np.abs(positions) <= FARTHEST_VERTEX).all(axis=1)  # False for what is no number
+    near = (np.abs(positions) <= FARTHEST_VERTEX).all(axis=1)  # False for NaN
     if not near.all():
         wrong = int(near.argmin())
         raise InvalidInput(
-            f"{name}: vertex {wrong} has no place within {FARTHEST_VERTEX:g} m of the origin; is the unit right?"
+            f"{name}: vertex {wrong} is not within {FARTHEST_VERTEX:g} m of the origin; is the unit right?"
         )
     triangles = np.ascontiguousarray(facing(np.asarray(animation.triangles), axes), np.int32)
     return Mesh(positions, triangles), (f"read as {axes}", *animation.notes)
 
 
 def sources(path: str) -> list[str]:
-    """The files that a name stands for: of a sequence `name_*.obj` all, and of these the first is the mesh."""
+    """The files of a name: of a sequence `name_*.obj` all, the first of which is the mesh."""
     return obj.frames_of(path) if obj.ANY in path and suffix_of(path) == ".obj" else [path]
 
 

@@ -1,6 +1,8 @@
-"""Motions: positions over time, simulated or read, compared in time and space with what the scene expects.
+"""Motions: positions over time, simulated or read from a file.
 
-motion (the record and its file) → divergence (how one ended) → simulate → energy. times puts frames on the grid of
-steps; native and foreign read files, alignment and markers find whose axes and vertices they are; files chooses.
+motion (the record, its checks and its file) comes first. divergence (the error, and the states before it) → simulate →
+energy follow a scene; times puts frames on the grid of steps; degrade makes a motion look like a capture. For files,
+alignment (axes and unit), markers (their vertices) and native (headers) serve foreign, which reads any format; files
+writes, and chooses between this program's format and others.
 To read another format: see the page of `formats`.
 """

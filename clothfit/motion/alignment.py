@@ -1,7 +1,7 @@
-"""Does a motion begin where its scene does? If not, which other axes, unit, order or place would fit.
+"""Does a motion begin where its scene does? If not, which other axes, unit, order or place would fit?
 
-A cloth starts at the scene's initial positions, so that a motion's frame at time 0 must be near them. Where it is not,
-the file's axes or unit are mostly not those that were assumed.
+A cloth starts at the scene's initial positions, so a motion's frame at time 0 must be near them. Where it is not, the
+file mostly has other axes or another unit than assumed.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from clothfit.formats.axes import HANDS, UPS, Axes, from_scene, to_scene
 from clothfit.formats.markers import METRES_PER_UNIT
 
 DOUBTFUL_DISTANCE = 0.05
-"""Of the scene's size: a root of the mean squared distance that is no noise."""
+"""An RMS distance of this share of the scene's size is more than noise."""
 
 MUCH_NEARER = 0.2
-"""Of the distance as it is: what is worth to be tried."""
+"""A change that leaves less than this share of the distance is worth trying."""
 
 
 class Alignment(NamedTuple):
-    """How a motion begins."""
+    """How well the beginning of a motion fits the scene."""
 
     distance: float  # root of the mean squared distance of its vertices from the scene's, m
-    doubt: str | None  # a sentence, where that is far
-    advice: str | None  # what would fit better
+    doubt: str | None  # a sentence, where the distance is large
+    advice: str | None  # which change would fit better
 
 
 def alignment(points: Array, seen: Flags, start: Array, axes: Axes) -> Alignment:
-    """Compare a frame (n, 3), m, of which the vertices `seen` (n,) were seen, with the start (n, 3) of the scene.
+    """Compare the observed vertices, `seen` (n,), of a frame (n, 3), m, with the start (n, 3) of the scene.
 
-    `axes`: the file's, as assumed.
+    `axes`: those assumed for the file.
     """
     points, start = points[seen], start[seen]
     if not len(points):
@@ -47,7 +47,7 @@ def alignment(points: Array, seen: Flags, start: Array, axes: Axes) -> Alignment
 
 
 def advice(points: Array, start: Array, axes: Axes, bar: float) -> str | None:
-    """What would bring points (n, 3), as they are in the file, nearer to the start than `bar`, m."""
+    """Which change would bring points (n, 3), as in the file, nearer to the start than `bar`, m."""
     scales = sorted({*METRES_PER_UNIT.values(), axes.scale})
     others = [Axes(up, hand, scale) for up, hand, scale in product(UPS, HANDS, scales)]
     best = min(others, key=lambda each: (apart(to_scene(points, each), start), differences(each, axes)))
@@ -65,7 +65,7 @@ def advice(points: Array, start: Array, axes: Axes, bar: float) -> str | None:
 
 
 def unordered(points: Array, others: Array) -> float:
-    """The distance, as `apart`, between two sets of points (n, 3): from each to the nearest of the other set, m."""
+    """The RMS distance from each of two sets of points (n, 3) to the nearest points of the other, m, the larger one."""
     from scipy.spatial import KDTree
 
     pairs = ((points, others), (others, points))
@@ -73,14 +73,14 @@ def unordered(points: Array, others: Array) -> float:
 
 
 def options(axes: Axes, other: Axes) -> str:
-    """The options of a command that say what differs from `other`."""
+    """The command's options for axes that differ from `other`."""
     named = {"up": "--up", "handedness": "--handedness", "scale": "--scale"}
     changed = [name for name in named if getattr(axes, name) != getattr(other, name)]
     return " ".join(f"{named[name]} {getattr(axes, name)}" for name in changed)
 
 
 def differences(axes: Axes, other: Axes) -> int:
-    """In how many of the three they differ."""
+    """In how many of the three fields they differ."""
     return sum(a != b for a, b in zip(axes, other, strict=True))
 
 

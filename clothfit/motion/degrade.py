@@ -8,11 +8,11 @@ import numpy as np
 
 from clothfit.base.limits import check_capture
 from clothfit.base.memory import check_memory
-from clothfit.motion.motion import Motion
+from clothfit.motion.motion import Motion, arrays_of
 from clothfit.motion.times import TIME_SLACK, interpolated, snapped
 
 MOST_RECORDED_FRAMES = 1e18
-"""Frames, more than any memory holds."""
+"""More frames than any memory holds."""
 
 
 def degrade(
@@ -51,15 +51,14 @@ def degrade(
 
 def thinned(motion: Motion, every: int) -> Motion:
     """Every K-th frame, as a copy."""
-    arrays = {name: getattr(motion, name) for name in ("positions", "times", "observed", "weights")}
-    return replace(motion, **{name: value[::every].copy() for name, value in arrays.items() if value is not None})
+    return replace(motion, **{name: array[::every].copy() for name, array in arrays_of(motion).items()})
 
 
 def at_rate(motion: Motion, fps: float) -> Motion:
-    """The motion at `fps` frames per second from its first time on, on the straight lines between its frames.
+    """The motion at `fps` frames per second from its first time on, linear between its frames.
 
-    That is what a fit compares with, so a perfect target stays perfect. A new frame is seen, and weighs more than 0,
-    where the frames on both sides do.
+    A fit interpolates in the same way, so a perfect target stays perfect. A position is observed, and weighs more
+    than 0, where both frames beside it allow that.
     """
     first, last = float(motion.times[0]), float(motion.times[-1])
     slack = TIME_SLACK * (last - first) / max(len(motion.times) - 1, 1)

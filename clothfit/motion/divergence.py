@@ -1,9 +1,9 @@
-"""Where a motion diverged, and the states before: what is kept of a run that ended so.
+"""Where a simulation diverged, and the states before that.
 
 A dump is an `.npz` of the cloth that diverged first, with n vertices and S springs: its last good states and the first
 bad one, F in all. `positions` and `velocities` (F, n, 3), m and m/s; `steps` (F,), 0 at the start, and `times` (F,), s;
 `springs` (S, 2), the vertices that each joins, and `stretch` (F, S), their length by rest length; `object`, the index
-of the cloth, and `vertex`, the one that left first; `delta`, s. What is not finite stands in the last state alone.
+of the cloth, and `vertex`, the one that diverged first; `delta`, s. Only the last state has values that are not finite.
 """
 
 from __future__ import annotations
@@ -25,15 +25,14 @@ if TYPE_CHECKING:
     from clothfit.motion.motion import Motion
 
 STATES_KEPT = 8
-"""Good states that are kept, at most."""
-
+"""The most good states to keep."""
 
 OVERSTRETCHED = 10.0
 """A spring this many times as long as at rest belongs to no believable cloth."""
 
 
 class States(NamedTuple):
-    """Some successive states of a cloth with n vertices."""
+    """Successive states of a cloth with n vertices."""
 
     steps: Indices  # (F,), 0 at the start
     x: Array  # (F, n, 3), m
@@ -48,7 +47,7 @@ class Fault(NamedTuple):
 
     @property
     def vertex(self) -> int:
-        """The one that left first."""
+        """The vertex that diverged first."""
         return worst(self.states.x[-1], self.states.v[-2])
 
 
@@ -71,8 +70,8 @@ class Diverged(ClothfitError):
 
 
 def worst(x: Array, v: Array) -> int:
-    """The vertex that is farthest off in a bad state x (n, 3). A linear solve carries what is not finite to all of a
-    cloth at once: of several such vertices it is the one that was fastest before, v (n, 3).
+    """The vertex that is farthest off in a bad state x (n, 3). A linear solve spreads what is not finite over the whole
+    cloth at once: of several such vertices, the one that was fastest before, v (n, 3).
     """
     size = np.abs(x).sum(axis=1)
     lost = ~np.isfinite(size)
@@ -84,7 +83,7 @@ def worst(x: Array, v: Array) -> int:
 
 
 def last_states(part: Rollout, before: States | None) -> States:
-    """The last states of a motion up to the end of a part of it; `before` are those up to its beginning."""
+    """The last states up to the end of a part of a simulation; `before` are those up to its beginning."""
     first = max(0, part.steps + 1 - STATES_KEPT)
     steps = np.arange(first, part.steps + 1, dtype=np.int32)
     after = np.maximum(steps, 1) - 1  # the steps that end there
@@ -95,25 +94,25 @@ def last_states(part: Rollout, before: States | None) -> States:
 
 
 def joined(before: States, own: States) -> States:
-    """The last of both, whose ends are the same state."""
+    """The last states of both; `own` begins with the state that ends `before`."""
     kept = slice(max(0, len(own.steps) - 1 + len(before.steps) - STATES_KEPT), -1)
     return following(States(before.steps[kept], before.x[kept], before.v[kept]), own)
 
 
 def following(one: States, other: States) -> States:
-    """One after the other."""
+    """The states of both, one after the other."""
     return States(
         np.concatenate([one.steps, other.steps]), np.concatenate([one.x, other.x]), np.concatenate([one.v, other.v])
     )
 
 
 def with_bad(states: States, x: Array, v: Array) -> States:
-    """The states and a bad one after them."""
+    """The states, and a bad one after them."""
     return following(states, States(states.steps[-1:] + np.int32(1), x[None], v[None]))
 
 
 def outcome(scene: Scene, motion: Motion, fault: Fault) -> Diverged:
-    """What tells that a motion of a scene ended with its good frames, and what to do about it."""
+    """The error for a motion that has only its good frames; its message says what to do."""
     step, cloth = len(motion.times), fault.cloth
     place = f"objects[{cloth}], vertex {fault.vertex} of {scene.vertex_counts[cloth]}"
     begins, hint = overstretched_from(scene, cloth, motion.of(cloth)), advice(scene, cloth)
@@ -132,7 +131,7 @@ def overstretched_from(scene: Scene, cloth: int, x: Array) -> int | None:
 
 
 def overstretched(step: int) -> str:
-    """How to tell that."""
+    """The words for that in messages."""
     return f"from step {step} on springs are more than {OVERSTRETCHED:g} times as long as at rest"
 
 
@@ -144,7 +143,7 @@ def stretch(x: Array, ends: Indices, rest: Array) -> Array:
 
 
 def dump(scene: Scene, fault: Fault) -> Data:
-    """What writes the states of a fault to a file; the module docstring says what is in it."""
+    """What writes the states of a fault to a file, as the module's docstring describes it."""
     states, cloth = fault.states, scene.cloths[fault.cloth]
     arrays: dict[str, NDArray[Any]] = {
         "positions": states.x,

@@ -1,7 +1,7 @@
-"""Motions in and out, by what the suffix of a file says: this program's `.npz`, or a format of other programs.
+"""Motions in and out, in the format that the suffix of a file names: this program's `.npz`, or another program's.
 
-`foreign` reads; here is what is written: which files, and whether they may be. A sequence is many files, each of which
-appears whole or not at all. Files of an earlier, longer sequence would be read as its end, so they are not left there.
+`foreign` reads. Writing is here: which files, and whether they can be written. A sequence is many files, each of which
+appears whole or not at all. Files of an earlier, longer sequence would be read as its end: `check_place` refuses that.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import IO, Any
 
 import numpy as np
 
-from clothfit.base import npz
 from clothfit.base.arrays import Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import Data, write_atomically
@@ -25,7 +24,7 @@ from clothfit.formats.convention import Convention, Reading
 from clothfit.formats.registry import FORMATS, Format, foreign, module_of
 from clothfit.motion import motion as own
 from clothfit.motion.foreign import load
-from clothfit.motion.motion import Motion
+from clothfit.motion.motion import Motion, arrays_of
 from clothfit.scene.mesh_numbering import mesh_counts, picks, unwelded
 from clothfit.scene.scene import Scene
 
@@ -78,7 +77,7 @@ def animation(
 ) -> Animation:
     """A motion as a file holds it, with faces `triangles` (T, 3) in the scene's axes and `names` of its markers.
 
-    Raises InvalidInput where the format cannot hold what was not seen.
+    Raises InvalidInput where the format cannot hold gaps.
     """
     if motion.observed is not None:
         check_gaps(found)
@@ -90,23 +89,10 @@ def animation(
 
 
 def check_gaps(found: Format) -> None:
-    """Raise InvalidInput where a format has a position for every point at every time, and cannot leave one out."""
+    """Raise InvalidInput unless a format can leave out positions."""
     if not found.markers:
         others = ", ".join([".npz", *(each.suffixes[0] for each in FORMATS if each.markers)])
-        raise InvalidInput(f"{found.name} has no place for positions that were not seen; write one of {others}")
-
-
-def archive(motion: Motion, timed: bool, triangles: Indices | None = None) -> Data:
-    """What writes a motion as `.npz`, with faces where there are some.
-
-    Without times where none are known (`timed`), which means one frame per time step.
-    """
-    faces = {} if triangles is None else {"triangles": triangles}
-    if timed:
-        return own.archive(motion, faces)
-    arrays: dict[str, Any] = {"positions": motion.positions, "vertex_counts": np.array(motion.vertex_counts, np.int64)}
-    parts = {"observed": motion.observed, "weights": motion.weights, **faces}
-    return npz.archive(arrays | {name: part for name, part in parts.items() if part is not None})
+        raise InvalidInput(f"{found.name} cannot leave out positions that were not observed; write one of {others}")
 
 
 def files(path: str | os.PathLike[str], found: Format, made: Animation) -> dict[str, Data]:
@@ -116,8 +102,8 @@ def files(path: str | os.PathLike[str], found: Format, made: Animation) -> dict[
 
 
 def write_all(files: Mapping[str, Data]) -> None:
-    """Write each file whole or not at all. Where one cannot be written, those that were not there before are taken away
-    again, as the beginning of a sequence looks like a sequence. Raises InvalidInput.
+    """Write each file whole or not at all. When one cannot be written, remove the new ones again, as the beginning of a
+    sequence looks like a sequence. Raises InvalidInput.
     """
     made = []
     try:
@@ -133,28 +119,28 @@ def write_all(files: Mapping[str, Data]) -> None:
 
 
 def triangles_of(scene: Scene) -> Indices:
-    """The faces (T, 3) of all objects of a scene, by the vertices of all of them."""
+    """The faces (T, 3) of all objects of a scene, whose vertices are numbered through."""
     starts = np.cumsum([0, *scene.vertex_counts])
     return np.concatenate([cloth.triangles + start for cloth, start in zip(scene.cloths, starts, strict=False)])
 
 
 def for_tools(motion: Motion, scene: Scene, found: Format) -> tuple[Motion, Indices]:
-    """A motion of a scene, and its faces (T, 3), by the vertices of the meshes that the scene was made of, which other
-    programs know; they differ where welding gave them other numbers. Markers keep the scene's. Raises InvalidScene.
+    """A motion of a scene and its faces (T, 3), with the vertices of the meshes that the scene was made from, as other
+    programs know them: welding may have renumbered them. Markers keep the scene's numbers. Raises InvalidScene.
     """
     faces, chosen = triangles_of(scene), picks(scene)
     if chosen is None or found.markers:
         return motion, faces
-    arrays = {name: getattr(motion, name) for name in ("positions", "observed", "weights")}
-    made: dict[str, Any] = {name: unwelded(scene, array) for name, array in arrays.items() if array is not None}
+    arrays = {name: array for name, array in arrays_of(motion).items() if name != "times"}
+    made: dict[str, Any] = {name: unwelded(scene, array) for name, array in arrays.items()}
     return replace(motion, vertex_counts=mesh_counts(scene), **made), chosen[faces]
 
 
 def check_place(path: str | os.PathLike[str], frames: int | None = None) -> None:
     """Check, before long work, that a motion of so many frames (None: not known yet) can be written there.
 
-    Raises InvalidInput: the library is not there, the format is not written, a name cannot be that of a sequence, or
-    files of another sequence are in its place.
+    Raises InvalidInput when the library is missing, the format can only be read, the name cannot be that of a sequence,
+    or files of another sequence are in its place.
     """
     found = foreign(path)
     if found is None:
@@ -166,15 +152,15 @@ def check_place(path: str | os.PathLike[str], frames: int | None = None) -> None
     if found.module != "obj" or frames is None:
         return
     obj.check_name(text, frames)
-    meant = {obj.numbered_name(text, frame) for frame in range(frames)}
+    own_files = {obj.numbered_name(text, frame) for frame in range(frames)}
     for _, there in sorted(obj.numbered(text)) if obj.ANY in text else []:
-        if there not in meant:
+        if there not in own_files:
             raise InvalidInput(
-                f"cannot write {text}: {there} is there, which would be read as a frame of it; take that away, or "
-                "choose another name"
+                f"cannot write {text}: {there} exists and would be read as one of its frames; remove it, or choose "
+                "another name"
             )
 
 
 def sources(path: str) -> list[str]:
-    """The files that a motion is read from: of a sequence all."""
+    """The files of a motion: of a sequence all."""
     return obj.frames_of(path) if foreign(path) is not None and obj.ANY in path else [path]

@@ -1,7 +1,7 @@
 """Reading a motion from any file: this program's own, or another program's, by its suffix.
 
-What another program's file holds is turned into the scene's axes and metres, gets times, is cut to the frames that are
-meant and, where its points are markers, put to their vertices. Everything that was assumed is kept to be told.
+The positions in another program's file are turned into the scene's axes and metres, get times, are cut to the frames
+that the user wants and, where they are markers, assigned to vertices. `Interpretation` has all that was assumed.
 
 The first frame is at time 0, where the scene begins: files count from their first frame, from 1, or from wherever the
 animation was cut.
@@ -29,7 +29,7 @@ from clothfit.formats.files import name_of, refused
 from clothfit.formats.registry import Format, foreign, module_of
 from clothfit.motion.alignment import Alignment, alignment
 from clothfit.motion.markers import Matches, initial, matched
-from clothfit.motion.motion import Motion, check_motion
+from clothfit.motion.motion import Motion, at_frames, check_motion
 from clothfit.motion.motion import load_motion as load_native
 from clothfit.motion.native import described
 from clothfit.scene.mesh_numbering import mesh_counts, picks
@@ -38,38 +38,38 @@ from clothfit.scene.scene import Scene
 
 @dataclass(frozen=True)
 class Interpretation:
-    """What a file was taken to be."""
+    """How a file was read."""
 
     file: str
     format: str
     axes: Axes
-    frames: int  # that were taken
+    frames: int  # of the motion
     points: int  # in the file
     seconds: float  # from the first to the last of the frames
     rate: str  # where the times come from
     notes: tuple[str, ...] = ()  # sentences on what else was assumed
     matches: Matches | None = None  # of markers
-    given: bool = False  # whether a map tells of them
-    start: Alignment | None = None  # to the scene's; None where there is no frame at its time
+    given: bool = False  # whether the user's map assigns them
+    start: Alignment | None = None  # of the first frame; None without a scene, or without a frame at time 0
 
     def __str__(self) -> str:
         size = f"{counted(self.frames, 'frame', 'frames')} of {counted(self.points, 'point', 'points')}"
-        told = [f"{self.file}: {self.format}, {size}, {self.rate}; {self.axes}", *self.notes]
+        parts = [f"{self.file}: {self.format}, {size}, {self.rate}; {self.axes}", *self.notes]
         if self.matches is not None:
-            told.append(self.matches.sentence(self.given))
-        return "; ".join(told)
+            parts.append(self.matches.sentence(self.given))
+        return "; ".join(parts)
 
     @property
     def doubts(self) -> list[str]:
-        """Warnings."""
+        """Warnings about the beginning of the motion."""
         if self.start is None or self.start.doubt is None:
             return []
         return [f"{self.file}: {'; '.join(filter(None, [self.start.doubt, self.start.advice]))}"]
 
     def summary(self) -> dict[str, Any]:
-        """The same for --json."""
+        """The interpretation as --json gives it."""
         start = self.start or Alignment(np.nan, None, None)
-        told = {
+        found = {
             "file": self.file,
             "format": self.format,
             **self.axes._asdict(),
@@ -83,26 +83,26 @@ class Interpretation:
             "advice": start.advice,
         }
         if self.matches is None:
-            return told
+            return found
         gaps = self.matches.distances
         far = {"median": float(np.median(gaps)), "largest": float(gaps.max())} if len(gaps) else {}
-        return {**told, "markers": {**far, "each": [match._asdict() for match in self.matches.each]}}
+        return {**found, "markers": {**far, "each": [match._asdict() for match in self.matches.each]}}
 
 
 @dataclass(frozen=True, eq=False)
 class Loaded:
-    """A motion, and what its file says besides."""
+    """A motion, and what else its file holds."""
 
     motion: Motion
     interpretation: Interpretation
     triangles: Indices | None = None  # (T, 3), points, in the scene's axes; None: it has no faces
-    names: tuple[str, ...] | None = None  # of markers, where there is no scene whose vertices they are
-    timed: bool = True  # whether the times come from the file, or were given
+    names: tuple[str, ...] | None = None  # of markers, where there is no scene
+    timed: bool = True  # whether the file or the user gave the times
 
 
 @dataclass(frozen=True)
 class Points:
-    """What stands for the scene where there is none: points as a file has them."""
+    """Takes the place of the scene where there is none: the points of a file."""
 
     vertex_counts: tuple[int, ...]
     name: str
@@ -113,18 +113,18 @@ class Points:
 def load(
     path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene | None, reading: Reading, name: str | None = None
 ) -> Loaded:
-    """Read a motion of `scene`, or of whatever points there are, from a file; an open one is one of this program.
+    """Read a motion of `scene`, or of whatever points there are, from a file; an open file must be `.npz` or `.npy`.
 
-    Raises InvalidMotion, and InvalidInput where the library is not there that reads it.
+    Raises InvalidMotion, and InvalidInput when the library that reads the file is missing.
     """
     if reading.markers is not None and scene is None:
-        raise InvalidInput("--map: tells of the vertices of a scene; add --scene")
+        raise InvalidInput("--map: it names vertices of a scene; add --scene")
     if not isinstance(path_or_file, (str, os.PathLike)):
         return _native(io.BytesIO(npz.content(path_or_file)), scene, reading, name or "motion")
     name = name_of(path_or_file) if name is None else name
     found = foreign(path_or_file)
     if found is None and scene is None and os.path.exists(path_or_file) and not os.path.isfile(path_or_file):
-        with refused(path_or_file), unchanged(path_or_file) as file:  # a pipe, which cannot be looked into first
+        with refused(path_or_file), unchanged(path_or_file) as file:  # a pipe, which can be read only once
             return _native(io.BytesIO(npz.content(file)), scene, reading, name)
     if found is None:
         return _native(path_or_file, scene, reading, name)
@@ -147,25 +147,26 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
     if scene is not None and _are_markers(read, found, scene, reading):
         names = read.names or tuple(str(i) for i in range(points))
         matches = matched(positions, observed, names, scene, reading.markers, name)
-        notes += [matches.note] if matches.note else []
+        notes += [matches.omission] if matches.omission else []
         positions, observed = _spread(positions, observed, matches, sum(scene.vertex_counts))
     elif scene is not None and points != sum(scene.vertex_counts) and points == sum(mesh_counts(scene)):
         positions, observed = positions[:, picks(scene)], observed[:, picks(scene)]
-        notes.append(f"its vertices are those of the mesh before it was welded to {positions.shape[1]}")
+        notes.append(f"its vertices are those of the mesh before welding to {positions.shape[1]}")
     own: Any = scene or Points((points,), name)
     _check_count(positions.shape[1], own, name)
     arrays = {"positions": positions, "times": times, "observed": observed}
     motion = _cut(check_motion(arrays, own, name), reading, name)
+    given = reading.markers is not None
+    start = _start(motion, scene, axes)
     taken = Interpretation(
-        name, found.name, axes, len(motion.times), points, _length(motion), rate, tuple(notes), matches,
-        reading.markers is not None, _start(motion, scene, axes),
-    )  # fmt: skip
+        name, found.name, axes, *_extent(motion, points), rate, tuple(notes), matches, given, start
+    )
     triangles = None if read.triangles is None else facing(read.triangles, axes)
     return Loaded(motion, taken, triangles, read.names if scene is None else None, timed)
 
 
 def _are_markers(read: Animation, found: Format, scene: Scene, reading: Reading) -> bool:
-    """Whether the points are markers of some vertices, not the vertices themselves, v0, v1, …, as they are written."""
+    """Whether the points are markers of some vertices, and not the vertices themselves, written as v0, v1, …."""
     if reading.markers is not None:
         return True
     totals = (sum(scene.vertex_counts), sum(mesh_counts(scene)))
@@ -175,7 +176,7 @@ def _are_markers(read: Animation, found: Format, scene: Scene, reading: Reading)
 
 
 def _native(path: str | os.PathLike[str] | io.BytesIO, scene: Scene | None, reading: Reading, name: str) -> Loaded:
-    """A motion of this program, which has the scene's axes unless something else is said."""
+    """A motion of this program, in the scene's axes unless the user says otherwise."""
     if reading.markers is not None:
         raise InvalidInput(f"--map: {name} has all vertices, in their order; leave it out")
     counts, timed, triangles = described(path)
@@ -190,15 +191,13 @@ def _native(path: str | os.PathLike[str] | io.BytesIO, scene: Scene | None, read
     if axes != SCENE:
         motion = replace(motion, positions=to_scene(motion.positions, axes))
     motion = _cut(motion, reading, name)
-    taken = Interpretation(
-        name, "npz", axes, len(motion.times), motion.positions.shape[1], _length(motion), rate,
-        start=_start(motion, scene, axes),
-    )  # fmt: skip
+    extent = _extent(motion, motion.positions.shape[1])
+    taken = Interpretation(name, "npz", axes, *extent, rate, start=_start(motion, scene, axes))
     return Loaded(motion, taken, None if triangles is None else facing(triangles, axes), timed=timed)
 
 
 def _times(read: Animation, scene: Scene | None, reading: Reading) -> tuple[Array, str, bool]:
-    """The times (frames,) of all frames, s, where they come from, and whether anybody knows them."""
+    """The times (frames,) of all frames, s, where they come from, and whether the file or the user gave them."""
     places: Array = read.spacing * np.arange(len(read.positions), dtype=np.float64)
     if reading.fps is not None:
         return places / reading.fps, f"{reading.fps:g} frames a second as given", True
@@ -220,12 +219,13 @@ def _rate(times: Array) -> str:
     return f"{(len(times) - 1) / (times[-1] - times[0]):.6g} frames a second"
 
 
-def _length(motion: Motion) -> float:
-    return float(motion.times[-1] - motion.times[0])
+def _extent(motion: Motion, points: int) -> tuple[int, int, float]:
+    """Frames, points, and seconds from the first frame to the last."""
+    return len(motion.times), points, float(motion.times[-1] - motion.times[0])
 
 
 def _spread(positions: Array, observed: Flags, matches: Matches, total: int) -> tuple[Array, Flags]:
-    """The positions of markers as those of the scene's vertices."""
+    """The positions of markers as positions of the scene's vertices."""
     spread = np.full((len(positions), total, 3), np.nan)
     seen = np.zeros(spread.shape[:2], bool)
     spread[:, matches.vertices] = positions[:, matches.columns]
@@ -240,20 +240,19 @@ def _check_count(points: int, scene: Scene | Points, name: str) -> None:
     if points != sum(scene.vertex_counts):
         raise InvalidMotion(
             f"{name}: has {points} vertices, {scene.name} has {sum(scene.vertex_counts)}; a motion needs all vertices "
-            "of all objects, in their order: export it from the mesh that the scene was made of"
+            "of all objects, in their order: export it from the mesh that the scene was made from"
         )
 
 
 def _cut(motion: Motion, reading: Reading, name: str) -> Motion:
-    """The frames that are meant. Raises InvalidMotion where there are none."""
+    """The frames that the user wants. Raises InvalidMotion where there are none."""
     if reading.frames is None:
         return motion
     kept = reading.chosen()
     if not len(motion.times[kept]):
         frames = counted(len(motion.times), "frame", "frames")
         raise InvalidMotion(f"{name}: has {frames}, none of which is in --frames {reading.frames}")
-    arrays = {key: getattr(motion, key) for key in ("positions", "times", "observed", "weights")}
-    return replace(motion, **{key: array[kept] for key, array in arrays.items() if array is not None})
+    return at_frames(motion, kept)
 
 
 def _start(motion: Motion, scene: Scene | None, axes: Axes) -> Alignment | None:

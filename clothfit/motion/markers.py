@@ -1,13 +1,12 @@
 """Markers and vertices: which vertex of a scene each marker of a capture shows.
 
-A file says so, a CSV with the columns `marker`, `object`, `vertex`; else a marker belongs to the vertex that is nearest
-to it where it is first seen, of the scene at its start. A vertex without a marker is not observed.
+The user's map, a CSV with the columns `marker`, `object`, `vertex`, says it. Without a map, a marker belongs to the
+vertex of the scene at its start that is nearest to where the marker is first seen. A vertex without a marker is not
+observed.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -17,13 +16,15 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import counted, metres, shown
-from clothfit.formats.files import content, name_of
+from clothfit.formats.files import name_of
+from clothfit.formats.markers import text_of
+from clothfit.formats.table import table_of
 from clothfit.scene.scene import Scene
 
 MAP_COLUMNS = ("marker", "object", "vertex")
 
 MOST_MAP_BYTES = 10_000_000
-"""Bytes of a file that says which marker is which vertex."""
+"""Bytes of a map of markers."""
 
 
 class Match(NamedTuple):
@@ -32,30 +33,30 @@ class Match(NamedTuple):
     marker: str
     object: int
     vertex: int  # of the object
-    distance: float  # m, of the marker, where it is first seen, from the vertex at the start; NaN where it never is
+    distance: float  # m, from the marker where first seen to the vertex at the start; NaN if never seen
 
 
 class Matches(NamedTuple):
     """The vertices of all markers that have one."""
 
     each: tuple[Match, ...]
-    columns: Indices  # of the markers, in the file
-    vertices: Indices  # of all the scene's
-    note: str | None  # a sentence on those that are left out
+    columns: Indices  # of the markers in the file
+    vertices: Indices  # numbered through the scene
+    omission: str | None  # a sentence on the markers left out
 
     @property
     def distances(self) -> Array:
-        """Those of the markers that were seen, m."""
+        """The distances of the markers that were seen, m."""
         return np.array([match.distance for match in self.each if np.isfinite(match.distance)])
 
     def sentence(self, given: bool) -> str:
-        """What to say of them; `given`: whether a file says which they are."""
+        """A sentence on them; `given`: whether a map assigns them."""
         gaps = self.distances
         how = "by the map" if given else "the nearest vertex to each"
-        pairs_from_map = f"{counted(len(self.each), 'marker', 'markers')}, {how}"
+        summary = f"{counted(len(self.each), 'marker', 'markers')}, {how}"
         if not len(gaps):
-            return pairs_from_map
-        return f"{pairs_from_map}, {metres(float(np.median(gaps)))} away (median), {metres(float(gaps.max()))} at most"
+            return summary
+        return f"{summary}, {metres(float(np.median(gaps)))} away (median), {metres(float(gaps.max()))} at most"
 
 
 def initial(scene: Scene) -> Array:
@@ -68,7 +69,7 @@ def matched(
 ) -> Matches:
     """The vertices of markers at `points` (frames, markers, 3), m, `seen` (frames, markers).
 
-    `path`: of the file that says which they are, or None; `name`: of the file with the markers. Raises InvalidMotion.
+    `path`: the map, or None; `name`: of the file with the markers. Raises InvalidMotion.
     """
     ever: Flags = np.asarray(seen.any(axis=0))
     first = points[seen.argmax(axis=0), np.arange(len(ever))]
@@ -81,30 +82,30 @@ def matched(
         pairs, why = pairs_from_map(path, names, scene), "not in the map"
     check_apart(pairs, names, scene, name if path is None else name_of(path))
     left = [names[i] for i in sorted(set(range(len(names))) - {i for i, _ in pairs})]
-    note = f"{why}, and left out: {listed(left)}" if left else None
+    omission = f"{why}, and left out: {listed(left)}" if left else None
     columns, vertices = (list(each) for each in zip(*pairs, strict=True))
     gaps = np.linalg.norm(first[columns] - initial(scene)[vertices], axis=1)
     gaps[~ever[columns]] = np.nan
     each = [Match(names[i], *owner(v, scene), float(gap)) for i, v, gap in zip(columns, vertices, gaps, strict=True)]
-    return Matches(tuple(each), np.array(columns, np.int32), np.array(vertices, np.int32), note)
+    return Matches(tuple(each), np.array(columns, np.int32), np.array(vertices, np.int32), omission)
 
 
 def nearest(points: Array, scene: Scene) -> list[int]:
-    """The vertex, of all the scene's, that is nearest to each of the points (n, 3) at the start."""
+    """The vertex, numbered through the scene, that is nearest to each of the points (n, 3) at the start."""
     from scipy.spatial import KDTree
 
     return [int(vertex) for vertex in np.ravel(KDTree(initial(scene)).query(points)[1])]
 
 
 def owner(vertex: int, scene: Scene) -> tuple[int, int]:
-    """The object of a vertex of all the scene's, and its number there."""
+    """The object of a vertex that is numbered through the scene, and its number there."""
     ends = np.cumsum(scene.vertex_counts)
     cloth = int(np.searchsorted(ends, vertex, side="right"))
     return cloth, vertex - int(ends[cloth] - scene.vertex_counts[cloth])
 
 
 def check_apart(pairs: Sequence[tuple[int, int]], names: Sequence[str], scene: Scene, name: str) -> None:
-    """Raise InvalidMotion where two markers have one vertex."""
+    """Raise InvalidMotion where two markers have the same vertex."""
     markers: dict[int, int] = {}
     for marker, vertex in pairs:
         if vertex in markers:
@@ -118,38 +119,28 @@ def check_apart(pairs: Sequence[tuple[int, int]], names: Sequence[str], scene: S
 
 
 def pairs_from_map(path: str | os.PathLike[str], names: Sequence[str], scene: Scene) -> list[tuple[int, int]]:
-    """The pairs of marker and vertex, of all the scene's, that a file tells. Raises InvalidMotion."""
+    """The pairs of marker and vertex, numbered through the scene, in a map. Raises InvalidMotion."""
     name = name_of(path)
-    try:
-        text = content(path, MOST_MAP_BYTES).decode("utf-8-sig")
-        stream = io.StringIO(text, newline=None)  # line ends of any kind
-        separator = next((each for each in "\t;" if each in stream.readline()[:1000]), ",")
-        stream.seek(0)
-        rows = list(csv.reader(stream, delimiter=separator))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InvalidMotion(f"{name}: is not a text with commas: {error}") from None
-    header = [word.strip().lower() for word in rows[0]] if rows else []
-    if not set(MAP_COLUMNS) <= set(header):
+    table = table_of(text_of(path, MOST_MAP_BYTES), name)
+    places = [table.column((column,)) for column in MAP_COLUMNS]
+    if None in places:
         raise InvalidMotion(f"{name}: line 1: the names of the columns are needed: {', '.join(MAP_COLUMNS)}")
-    places = [header.index(column) for column in MAP_COLUMNS]
     index = {marker: i for i, marker in enumerate(names)}
     starts = np.cumsum([0, *scene.vertex_counts])
     pairs: dict[int, int] = {}
-    for line, row in enumerate(rows[1:], 2):
-        if not any(word.strip() for word in row):
-            continue
-        marker, *numbers = (row[i].strip() if i < len(row) else "" for i in places)
+    for line, cells in table.rows:
+        marker, *numbers = (cells[i].strip() for i in places if i is not None)
         if marker not in index:
             raise InvalidMotion(f"{name}: line {line}: there is no marker {shown(marker)}; there are {listed(names)}")
         if index[marker] in pairs:
-            raise InvalidMotion(f"{name}: line {line}: the marker {shown(marker)} stands there twice")
-        cloth, vertex = (int(word) if word.isdecimal() and len(word) < 19 else -1 for word in numbers)
+            raise InvalidMotion(f"{name}: line {line}: the marker {shown(marker)} is listed twice")
+        cloth, vertex = (int(cell) if cell.isdecimal() and len(cell) < 19 else -1 for cell in numbers)
         if not 0 <= cloth < len(scene.cloths) or not 0 <= vertex < scene.vertex_counts[cloth]:
             what = f"objects[{numbers[0][:20]}] vertex {numbers[1][:20]}"
             raise InvalidMotion(f"{name}: line {line}: there is no {what} in {scene.name}")
         pairs[index[marker]] = int(starts[cloth]) + vertex
     if not pairs:
-        raise InvalidMotion(f"{name}: tells of no marker")
+        raise InvalidMotion(f"{name}: names no marker")
     return sorted(pairs.items())
 
 

@@ -1,9 +1,10 @@
-"""Motions: positions over time, simulated or read from a file.
+"""Motions: positions over time, simulated or read from a file. A motion is data: first the record, then the checks that
+its arrays fit a scene, then its file.
 
 A motion file is an `.npz` archive: `positions` (frames, vertices, 3) m, the vertices of all objects in file order;
 `times` (frames,) s; `vertex_counts` (objects,); `observed` (frames, vertices) where something was not seen; and
 `weights` (vertices,) or (frames, vertices) where some positions count more in a fit than others, 0 not at all.
-Positions that were not seen are NaN. An archive with `positions` alone, or a bare `.npy` array, is accepted where its
+Positions that were not observed are NaN. An archive with `positions` alone, or a bare `.npy` array, is accepted if its
 shape fits.
 """
 
@@ -12,31 +13,32 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import IO, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.base import memory, npz
+from clothfit.base import npz
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.limits import FARTHEST
-from clothfit.base.memory import human
 from clothfit.base.reading import unchanged
 from clothfit.base.writing import Data, put, write_atomically
 from clothfit.engine.fallbacks import NONE, Fallbacks
+from clothfit.formats.animation import increasing
+from clothfit.formats.files import check_room
 from clothfit.scene.scene import Scene
 
 ARRAYS = ("positions", "times", "vertex_counts", "observed", "weights")
-"""What a motion file may hold; anything else in it is ignored."""
+"""The arrays of a motion file; all others in it are ignored."""
 
-LONGEST_WORDS = 150
-"""Characters of what a library says of a file."""
+LONGEST_REASON = 150
+"""Characters of a library's reason why it cannot read a file."""
 
 
 class Shaped(Protocol):
-    """An array, or what its file says of it."""
+    """An array, or its header in a file."""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -78,65 +80,15 @@ class Motion:
         return slice(start, start + self.vertex_counts[cloth])
 
 
-def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]) -> None:
-    """Write a motion as `.npz`, whole or not at all. Raises InvalidInput when the path cannot be written."""
-    if isinstance(path_or_file, (str, os.PathLike)):
-        write_atomically(path_or_file, archive(motion))
-    else:
-        put(archive(motion), path_or_file)
+def arrays_of(motion: Motion) -> dict[str, Any]:
+    """The arrays of a motion with an item for each frame, by name, without those that are None."""
+    arrays = {name: getattr(motion, name) for name in ("positions", "times", "observed", "weights")}
+    return {name: array for name, array in arrays.items() if array is not None}
 
 
-def archive(motion: Motion, extra: Mapping[str, NDArray[Any]] | None = None) -> Data:
-    """What writes a motion as `.npz` to a file, without a copy of its arrays, and with others beside them, by name."""
-    arrays: dict[str, NDArray[Any]] = {
-        "positions": motion.positions,
-        "times": motion.times,
-        "vertex_counts": np.array(motion.vertex_counts, np.int64),
-        **(extra or {}),
-    }
-    if motion.observed is not None:
-        arrays["observed"] = motion.observed
-    if motion.weights is not None:
-        arrays["weights"] = motion.weights
-    return npz.archive(arrays)
-
-
-def load_motion(
-    path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene, name: str | None = None
-) -> Motion:
-    """Read a motion of `scene` and check it. `name`: in messages (default: the file's). Raises InvalidMotion."""
-    if name is None:
-        name = os.path.basename(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else "motion"
-    try:
-        if isinstance(path_or_file, (str, os.PathLike)):
-            with unchanged(path_or_file) as file:
-                arrays = _arrays(file if file.seekable() else io.BytesIO(npz.content(file)), scene, name)
-        else:  # a stream cannot be sought, an archive must be
-            arrays = _arrays(io.BytesIO(npz.content(path_or_file)), scene, name)
-    except FileNotFoundError:
-        raise InvalidMotion(f"{name}: there is no such file") from None
-    except IsADirectoryError:
-        raise InvalidMotion(f"{name}: is a folder, a motion file (.npz) is needed") from None
-    except InvalidMotion:
-        raise
-    except npz.FAULTS as error:
-        raise InvalidMotion(f"{name}: cannot be read as .npz or .npy ({_short(error)})") from None
-    return check_motion(arrays, scene, name)
-
-
-def _arrays(file: IO[bytes], scene: Scene, name: str) -> dict[str, NDArray[Any]]:
-    """The arrays of an open file, read when it is known that they fit the scene and into memory."""
-    stored = npz.stored(file, ARRAYS, "positions")
-    check_shapes(stored, scene, name)
-    needed, free = sum(array.nbytes for array in stored.values()), memory.free()
-    if needed > free:
-        raise InvalidMotion(f"{name}: takes {human(needed)} of memory, {human(free)} are free; keep fewer frames")
-    return {key: array.read() for key, array in stored.items()}
-
-
-def _short(error: BaseException) -> str:
-    text = getattr(error, "strerror", None) or str(error).split("\n")[0] or type(error).__name__
-    return text if len(text) <= LONGEST_WORDS else f"{text[: LONGEST_WORDS - 1]}…"
+def at_frames(motion: Motion, frames: slice) -> Motion:
+    """The motion at some of its frames only; its arrays are views."""
+    return replace(motion, **{name: array[frames] for name, array in arrays_of(motion).items()})
 
 
 def as_motion(
@@ -160,12 +112,29 @@ def as_motion(
 def checked_motion(motion: Motion, scene: Scene) -> Motion:
     """A motion made by hand, checked as one from a file is. Raises InvalidMotion when it does not fit the scene."""
     check_counts(motion, scene)
-    arrays = {name: getattr(motion, name) for name in ("positions", "times", "observed", "weights")}
-    return check_motion({key: np.asarray(a) for key, a in arrays.items() if a is not None}, scene, motion.name)
+    return check_motion({key: np.asarray(array) for key, array in arrays_of(motion).items()}, scene, motion.name)
+
+
+def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Motion:
+    """Make a Motion from the arrays of a file. Raises InvalidMotion naming the array and what would be right."""
+    check_shapes(arrays, scene, name)
+    counts, positions = scene.vertex_counts, np.ascontiguousarray(arrays["positions"], np.float64)
+    frames, total = positions.shape[:2]
+    stored = arrays.get("vertex_counts", np.array(counts)).reshape(-1)
+    right = len(stored) == len(counts) and tuple(stored.tolist()) == counts
+    require(right, f"{name}: vertex_counts", f"is {stored[:8].tolist()}, the scene has {list(counts)[:8]}")
+    times = arrays.get("times", np.arange(frames) * scene.delta).astype(np.float64)
+    require(increasing(times), f"{name}: times", "must be finite and increasing")
+    observed = arrays.get("observed")
+    if observed is not None and observed.all():
+        observed = None
+    check_positions(positions, observed, name)
+    weights = checked_weights(arrays["weights"], (frames, total), name) if "weights" in arrays else None
+    return Motion(positions, times, counts, observed, name, weights=weights)
 
 
 def check_counts(motion: Motion, scene: Scene) -> None:
-    """Raise InvalidMotion unless the motion is of objects with the scene's numbers of vertices."""
+    """Raise InvalidMotion unless the motion's objects have the scene's numbers of vertices."""
     counts = scene.vertex_counts
     if motion.vertex_counts != counts:
         raise InvalidMotion(
@@ -202,26 +171,9 @@ def check_shapes(arrays: Mapping[str, Shaped], scene: Scene, name: str) -> None:
     )
 
 
-def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Motion:
-    """Make a Motion from the arrays of a file. Raises InvalidMotion naming the array and what would be right."""
-
-    def require(condition: object, place: str, message: str) -> None:
-        if not condition:
-            raise InvalidMotion(f"{name}: {place}: {message}")
-
-    check_shapes(arrays, scene, name)
-    counts, positions = scene.vertex_counts, arrays["positions"]
-    frames, total = positions.shape[:2]
-    stored = arrays.get("vertex_counts", np.array(counts)).reshape(-1)
-    right = len(stored) == len(counts) and tuple(stored.tolist()) == counts
-    require(right, "vertex_counts", f"is {stored[:8].tolist()}, the scene has {list(counts)[:8]}")
-    times = arrays.get("times", np.arange(frames) * scene.delta).astype(np.float64)
-    require(np.isfinite(times).all() and (np.diff(times) > 0).all(), "times", "must be finite and increasing")
-    observed = arrays.get("observed")
-    if observed is not None and observed.all():
-        observed = None
-    positions = np.ascontiguousarray(positions, np.float64)
-    for frame in range(frames):  # one by one: an array as large as `positions` would take as much memory again
+def check_positions(positions: Array, observed: Flags | None, name: str) -> None:
+    """Raise InvalidMotion where an observed position is not finite, or absurdly far away."""
+    for frame in range(len(positions)):  # one by one: an array as large as `positions` would take as much memory again
         bad = ~(np.abs(positions[frame]) < FARTHEST).all(axis=1)  # NaN as well
         if observed is not None:
             bad &= observed[frame]
@@ -229,9 +181,7 @@ def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Mo
             vertex = int(np.argmax(bad))
             finite = np.isfinite(positions[frame, vertex]).all()
             wrong = f"lies {FARTHEST:g} m away or more" if finite else "is not finite"
-            require(False, f"positions[{frame}, {vertex}]", f"{wrong}, though not marked as unobserved")
-    weights = checked_weights(arrays["weights"], (frames, total), name) if "weights" in arrays else None
-    return Motion(positions, times, counts, observed, name, weights=weights)
+            require(False, f"{name}: positions[{frame}, {vertex}]", f"{wrong}, though not marked as unobserved")
 
 
 def checked_weights(weights: NDArray[Any], shape: tuple[int, int], name: str) -> Array:
@@ -243,3 +193,66 @@ def checked_weights(weights: NDArray[Any], shape: tuple[int, int], name: str) ->
         value = values[tuple(place)]
         raise InvalidMotion(f"{name}: weights{place} must be at least 0 and finite; {value:g} was given")
     return np.array(np.broadcast_to(values, shape))
+
+
+def require(condition: object, place: str, message: str) -> None:
+    """Raise InvalidMotion unless a condition holds."""
+    if not condition:
+        raise InvalidMotion(f"{place}: {message}")
+
+
+def save_motion(motion: Motion, path_or_file: str | os.PathLike[str] | IO[bytes]) -> None:
+    """Write a motion as `.npz`, whole or not at all. Raises InvalidInput when the path cannot be written."""
+    if isinstance(path_or_file, (str, os.PathLike)):
+        write_atomically(path_or_file, archive(motion))
+    else:
+        put(archive(motion), path_or_file)
+
+
+def archive(motion: Motion, extra: Mapping[str, NDArray[Any]] | None = None, timed: bool = True) -> Data:
+    """What writes a motion as `.npz` to a file, without copies of its arrays, and with `extra` arrays beside them.
+
+    Not `timed`: without times, which means one frame per time step.
+    """
+    counts = np.array(motion.vertex_counts, np.int64)
+    arrays = {"positions": motion.positions, "times": motion.times, "vertex_counts": counts, **(extra or {})}
+    arrays |= arrays_of(motion)
+    if not timed:
+        del arrays["times"]
+    return npz.archive(arrays)
+
+
+def load_motion(
+    path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene, name: str | None = None
+) -> Motion:
+    """Read a motion of `scene` and check it. `name`: in messages (default: the file's). Raises InvalidMotion."""
+    if name is None:
+        name = os.path.basename(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else "motion"
+    try:
+        if isinstance(path_or_file, (str, os.PathLike)):
+            with unchanged(path_or_file) as file:
+                arrays = _arrays(file if file.seekable() else io.BytesIO(npz.content(file)), scene, name)
+        else:  # an archive is read by seeking, which a stream cannot
+            arrays = _arrays(io.BytesIO(npz.content(path_or_file)), scene, name)
+    except FileNotFoundError:
+        raise InvalidMotion(f"{name}: there is no such file") from None
+    except IsADirectoryError:
+        raise InvalidMotion(f"{name}: is a folder; a motion file (.npz) is needed") from None
+    except InvalidMotion:
+        raise
+    except npz.FAULTS as error:
+        raise InvalidMotion(f"{name}: cannot be read as .npz or .npy ({_short(error)})") from None
+    return check_motion(arrays, scene, name)
+
+
+def _arrays(file: IO[bytes], scene: Scene, name: str) -> dict[str, NDArray[Any]]:
+    """The arrays of an open file, read once their headers fit the scene and their sizes the memory."""
+    stored = npz.stored(file, ARRAYS, "positions")
+    check_shapes(stored, scene, name)
+    check_room(sum(array.nbytes for array in stored.values()), name)
+    return {key: array.read() for key, array in stored.items()}
+
+
+def _short(error: BaseException) -> str:
+    text = getattr(error, "strerror", None) or str(error).split("\n")[0] or type(error).__name__
+    return text if len(text) <= LONGEST_REASON else f"{text[: LONGEST_REASON - 1]}…"

@@ -1,4 +1,4 @@
-"""What a motion file of this program says of itself before anybody knows its scene."""
+"""What the headers of this program's motion files say, before the scene is known."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ class Described(NamedTuple):
 
     counts: tuple[int, ...]  # points of each object
     timed: bool  # whether it has times
-    triangles: Indices | None  # (T, 3), points of all objects, where it has faces
+    triangles: Indices | None  # (T, 3), points of all objects; None: no faces
 
 
 NOT_DESCRIBED = Described((0,), True, None)
 
 
 def described(path_or_file: str | os.PathLike[str] | io.BytesIO) -> Described:
-    """What a file says; nothing of one that is not in order, of which whoever reads it tells why."""
+    """What a file says; NOT_DESCRIBED for a damaged one: reading it raises the error."""
     try:
         if isinstance(path_or_file, io.BytesIO):
             found = _described(path_or_file)
             path_or_file.seek(0)
             return found
-        if not os.path.isfile(path_or_file):  # a pipe gives what is in it once
+        if not os.path.isfile(path_or_file):  # a pipe gives its content only once
             return NOT_DESCRIBED
         with unchanged(path_or_file) as file:
             return _described(file)
@@ -55,7 +55,7 @@ def _described(file: IO[bytes]) -> Described:
 
 
 def _whole(stored: npz.Stored | None, dimensions: int) -> NDArray[Any] | None:
-    """The whole numbers of an array; None where it holds none, or has not so many dimensions."""
+    """An array of whole numbers; None for other types or another number of dimensions."""
     if stored is None or stored.dtype.kind not in "iu" or len(stored.shape) != dimensions:
         return None
     return stored.read()

@@ -31,7 +31,7 @@ def simulate(scene: Scene, frames: int | None = None, tolerance: float | None = 
 def simulate_cloths(
     scene: Scene, cloths: Collection[int], frames: int | None = None, tolerance: float | None = None
 ) -> Motion:
-    """Move some of the cloths of a scene, as `simulate` does; the others count as not observed."""
+    """Simulate some of the cloths of a scene, as `simulate` does; the others count as not observed."""
     accuracy = checked_tolerance(tolerance, scene.tolerance)
     count = scene.frames if frames is None else frames
     if count < 1:

@@ -5,7 +5,7 @@ line between the states after steps j and j + 1,
 
     s = (1 − φ) x_j + φ x_{j+1},
 
-because backward Euler's velocity is constant during a step. Times that are multiples of h but for rounding count as
+because backward Euler's velocity is constant during a step. Times that are multiples of h except for rounding count as
 multiples; several frames may fall within one step.
 """
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 TIME_SLACK = 1e-3
-"""How far from a multiple of the time step a frame may be and still count as the multiple, in steps: time steps are
-float32 in many files.
+"""A frame within this many steps of a multiple of the time step counts as the multiple: many files have the time step
+as float32.
 """
 
 MOST_STEPS = 2**31 - 1
@@ -32,7 +32,7 @@ MOST_STEPS = 2**31 - 1
 
 
 def snapped(places: Array) -> tuple[Indices, Array]:
-    """Split places on a grid, in units of it, into whole ones and fractions; within TIME_SLACK of a whole is whole."""
+    """Split places on a grid, in grid units, into whole numbers and fractions, which are 0 within TIME_SLACK."""
     whole = np.rint(places)
     on_grid = np.abs(places - whole) <= TIME_SLACK
     below = np.where(on_grid, whole, np.floor(places))
@@ -51,7 +51,7 @@ def frame_places(motion: Motion, delta: float) -> tuple[Indices, Array]:
 
 
 def interpolation(step: Indices, fraction: Array, states: int) -> csr_array:
-    """The matrix (F, states) that gives the states at F times from those after the steps."""
+    """The matrix (F, states) from the states after the steps to those at F times."""
     from scipy.sparse import csr_array
 
     between = fraction > 0
@@ -63,7 +63,7 @@ def interpolation(step: Indices, fraction: Array, states: int) -> csr_array:
 
 
 def interpolated(x: Array, step: Indices, fraction: Array) -> Array:
-    """The arrays (F, …) at places between those of x (T + 1, …)."""
+    """The arrays (F, …) at places between the items of x (T + 1, …)."""
     if not fraction.any():
         return x[step]
     flat: Array = interpolation(step, fraction, len(x)) @ x.reshape(len(x), -1)

@@ -141,7 +141,7 @@ def test_what_was_not_seen_is_not_observed(there, monkeypatch):
 
 def test_gaps_need_a_format_that_has_them(there):
     gaps = clothfit.as_motion(SCENE, MOTION.positions, observed=np.arange(16) > np.zeros((5, 1)))
-    with pytest.raises(InvalidInput, match=r"PC2 point cache has no place for positions that were not seen"):
+    with pytest.raises(InvalidInput, match=r"PC2 point cache cannot leave out positions that were not observed"):
         clothfit.save_motion(gaps, "a.pc2")
     assert list(there.iterdir()) == []
 
@@ -234,7 +234,7 @@ def test_garbage_under_each_suffix_is_refused(there, suffix, data):
 def test_a_longer_sequence_is_not_left_behind(there):
     clothfit.save_motion(MOTION, "a_*.obj", SCENE)
     shorter = clothfit.as_motion(SCENE, MOTION.positions[:3])
-    with pytest.raises(InvalidInput, match=r"a_0003\.obj is there, which would be read as a frame of it"):
+    with pytest.raises(InvalidInput, match=r"a_0003\.obj exists and would be read as one of its frames"):
         clothfit.save_motion(shorter, "a_*.obj", SCENE)
     assert len(clothfit.load_motion("a_*.obj", SCENE).times) == 5
     clothfit.save_motion(MOTION, "a_*.obj", SCENE)  # the same again is written over

@@ -134,7 +134,7 @@ def test_a_map_also_tells_of_the_points_of_another_mesh(monkeypatch, tmp_path):
     found = foreign.load("a.pc2", SCENE, Reading(markers=path))
     assert np.flatnonzero(found.motion.observed[0]).tolist() == [3, 4]
     np.testing.assert_array_equal(found.motion.positions[0, 3:5], START[3:5])
-    with pytest.raises(InvalidInput, match="tells of the vertices of a scene"):
+    with pytest.raises(InvalidInput, match="it names vertices of a scene"):
         foreign.load("a.pc2", None, Reading(markers=path))
 
 
@@ -161,9 +161,9 @@ def test_two_markers_at_one_vertex_are_named(monkeypatch):
     ("text", "message"),
     [
         ("", "map.csv: line 1: the names of the columns are needed: marker, object, vertex"),
-        ("marker,object,vertex\n", "map.csv: tells of no marker"),
+        ("marker,object,vertex\n", "map.csv: names no marker"),
         ("marker,object,vertex\nmiddle,0,0\n", 'map.csv: line 2: there is no marker "middle"; there are "left"'),
-        ("marker,object,vertex\nleft,0,0\nleft,0,1\n", 'map.csv: line 3: the marker "left" stands there twice'),
+        ("marker,object,vertex\nleft,0,0\nleft,0,1\n", 'map.csv: line 3: the marker "left" is listed twice'),
         ("marker,object,vertex\nleft,0,12\n", r"map.csv: line 2: there is no objects\[0\] vertex 12 in scene"),
         ("marker,object,vertex\nleft,2,0\n", r"line 2: there is no objects\[2\] vertex 0"),
         ("marker,object,vertex\nleft,-1,0\n", r"line 2: there is no objects\[-1\] vertex 0"),

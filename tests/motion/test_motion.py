@@ -346,7 +346,7 @@ def test_files_that_are_not_there_are_named(tmp_path):
     with pytest.raises(InvalidMotion, match=r"^none\.npz: there is no such file$"):
         load_motion(tmp_path / "none.npz", TWO)
     (tmp_path / "folder.npz").mkdir()
-    with pytest.raises(InvalidMotion, match=r"^folder\.npz: is a folder, a motion file \(\.npz\) is needed$"):
+    with pytest.raises(InvalidMotion, match=r"^folder\.npz: is a folder; a motion file \(\.npz\) is needed$"):
         load_motion(tmp_path / "folder.npz", TWO)
 
 

@@ -66,7 +66,7 @@ def test_a_fit_to_a_motion_of_the_mesh(scene, capsys):
     assert pc2.read("t.pc2").positions.shape == (6, 55, 3)
     assert run(["estimate", "sheet.json", "--target", "t.pc2", "--start", "20", "--json"]) == 0
     err = capsys.readouterr().err
-    assert "its vertices are those of the mesh before it was welded to 16" in err
+    assert "its vertices are those of the mesh before welding to 16" in err
     fitted = load("sheet.fitted.json")
     np.testing.assert_array_equal(numberings(fitted)[0], numberings(scene)[0])
 
