@@ -11,17 +11,16 @@ Both its eigenvalues are within the unit circle where |T| − 1 < Δ < 1 (the cr
 
 So without damping symplectic steps may be as long as 2/ω, and explicit ones gain in every step, whatever its length:
 the largest eigenvalue is √(1 + h² ω²). The fastest oscillation decides. Its ω² is the largest eigenvalue of M⁻¹ K, by
-the method of Lanczos (G. Golub, C. Van Loan, Matrix Computations, section 10.1), of which power iteration is the slow
-relative: the same products, tens of them instead of hundreds. Fixed vertices do not move.
+the method of Lanczos (G. Golub, C. Van Loan, Matrix Computations, section 10.1). Fixed vertices do not move.
 
 K is that of the start: a spring counts k along its axis, k (1 − L₀/L) across it where it is stretched, and 0 where
-it is compressed; a touched sphere counts κ along its normal. Damping: α of the vertices, (α/2) ω² of the springs, at
-their rest length, and for the upper limits the most that the air takes of any vertex.
+it is compressed; a touched sphere counts κ along its normal. The damping d is α of the vertices and (α/2) ω² of the
+springs, at their rest length; the air adds at most what it takes of the vertex it slows most.
 
 Springs turn and stretch while the cloth moves, and its fastest frequency with them. Whatever their directions, it stays
 below that of `frequency(…, turned=True)`, where each spring counts k in all directions, a fifth to a quarter above that
-of the start on grids as the front end makes them: a cloth folded into a line. The start tells better what becomes of
-the steps: those examples whose springs keep their length diverge between 1.03 and 1.2 times its limit.
+of the start on grids as the front end makes them: a cloth folded into a line. The start predicts better what happens:
+those examples whose springs keep their length diverge between 1.03 and 1.2 times its limit.
 """
 
 from __future__ import annotations
@@ -40,17 +39,13 @@ from clothfit.scene.scene import Scene
 ACCURACY = 0.01
 """Of ω², relative."""
 
-PRODUCTS, LOOK = 200, 5
-"""With K, at most, and between two looks at what they show."""
+POWER_STEPS = 300
+"""Products with K where the method of Lanczos does not converge."""
 
-ROUNDING = 1e-13
-"""Of such a product, relative."""
+HARMLESS_GROWTH = 2.0
+"""No warning where no oscillation grows more than this over a run: in explicit steps some always do."""
 
-TELLING = 2.0
-"""Steps that make no oscillation grow more than this over a run are not worth a word: explicit ones always do some."""
-
-
-NAMES = {EXPLICIT: "explicit", SYMPLECTIC: "symplectic"}
+METHOD_NAMES = {EXPLICIT: "explicit", SYMPLECTIC: "symplectic"}
 
 
 class Limit(NamedTuple):
@@ -62,9 +57,7 @@ class Limit(NamedTuple):
 
 
 def limit(system: System, omega: float | None = None) -> Limit:
-    """The limit of a cloth, with its own method; nothing limits implicit steps. `omega`: its `frequency`, where that is
-    known already.
-    """
+    """The limit of a cloth, with its own method; nothing limits implicit steps. `omega`: its `frequency`, if known."""
     if system.method == IMPLICIT:
         return Limit(0.0, inf, 1.0)
     with np.errstate(all="ignore"):  # of values at the ends of the range of doubles
@@ -78,40 +71,40 @@ def limit(system: System, omega: float | None = None) -> Limit:
 
 
 def warning(scene: Scene, steps: int) -> str | None:
-    """What to tell before so many steps of a scene are taken, where some of its cloths will not stand them."""
+    """The warning before so many steps of a scene, where some of its cloths will not stay stable; None otherwise."""
     if scene.method == IMPLICIT:
         return None
     limits = [limit(build(scene, index)) for index in range(len(scene.cloths))]
     index = max(range(len(limits)), key=lambda i: limits[i].growth)
     worst = limits[index]
     decades = steps * log10(max(worst.growth, 1.0))
-    if decades <= log10(TELLING):
+    if decades <= log10(HARMLESS_GROWTH):
         return None
     over = f"{10**decades:.2g}" if decades < 4 else f"1e{decades:.0f}" if decades < inf else "inf"
     return (
-        f"{scene.name}: objects[{index}]: {NAMES[scene.method]} steps of {scene.delta:.4g} s will not stay stable "
+        f"{scene.name}: objects[{index}]: {METHOD_NAMES[scene.method]} steps of {scene.delta:.4g} s will not stay stable "
         f"({known(worst.step)}): the fastest oscillation, of {worst.frequency:.3g} rad/s, grows {worst.growth:.3g} "
         f"times per step, {over} times over {steps} steps; try a smaller delta or integrationMethod 2 (implicit)"
     )
 
 
 def advice(scene: Scene, index: int) -> str:
-    """What to try where the motion of a cloth diverged."""
+    """What a user can try after the motion of a cloth diverged."""
     if scene.method == IMPLICIT:
         return "try a smaller delta"
     step = limit(build(scene, index)).step
-    why = f" ({NAMES[scene.method]} steps: {known(step)})" if step < inf else ""
+    why = f" ({METHOD_NAMES[scene.method]} steps: {known(step)})" if step < inf else ""
     return f"try a smaller delta{why} or integrationMethod 2 (implicit)"
 
 
 def known(step: float) -> str:
-    """What is known of a longest stable step, s."""
+    """A clause about the longest stable step, s."""
     return f"the limit is {step:.3g} s" if step > 0.0 else "without damping they gain energy however short they are"
 
 
 def longest_step(method: int, omega: float, low: float, high: float) -> float:
-    """The longest stable step, s, for an oscillation of frequency ω, 1/s; its damping, 1/s, is known to lie between
-    two values. Zero frequency and no damping: any.
+    """The longest stable step, s, for an oscillation of frequency ω, 1/s, whose damping, 1/s, lies between two values;
+    infinite without frequency and damping.
     """
     if max(low, high, omega) == inf:
         return 0.0
@@ -134,16 +127,16 @@ def growth(method: int, h: float, omega: float, damping: float) -> float:
 
 
 def frequency(system: System, turned: bool = False) -> float:
-    """ω of the fastest oscillation, 1/s, to half of `ACCURACY`, or infinite where doubles do not hold it; `turned`: of
-    any directions of the springs.
+    """ω of the fastest oscillation, 1/s, to half of `ACCURACY`, or infinite where doubles do not hold it; `turned`: a
+    bound for any directions of the springs.
     """
     scale = np.where(system.vertex.free, 1.0 / np.sqrt(system.vertex.mass), 0.0)[:, None]
     multiply = stiffness(system, turned)
-    return sqrt(largest_eigenvalue(lambda x: scale * multiply(scale * x), (scale > 0) * np.ones((1, 3))))
+    return sqrt(largest_eigenvalue(lambda x: scale * multiply(scale * x), len(scale)))
 
 
 def stiffness(system: System, turned: bool) -> Callable[[Array], Array]:
-    """What multiplies (n, 3) by K."""
+    """The function that multiplies (n, 3) by K."""
     x, springs, n = system.x0, system.springs, len(system.x0)
     a, b = springs.ends.T
     e = x[a] - x[b]
@@ -179,7 +172,7 @@ def touched(system: System) -> tuple[Array, Array]:
 
 
 def drag(system: System) -> float:
-    """The most that the air at the start takes of the velocity of a free vertex, 1/s."""
+    """The largest rate at which the air slows a free vertex at the start, 1/s."""
     corners, x = system.faces.corners, system.x0
     a, b, c = (x[corners[:, corner]] for corner in range(3))
     n = np.cross(b - a, c - a)
@@ -188,31 +181,28 @@ def drag(system: System) -> float:
     return float(np.nan_to_num(taken / system.vertex.mass, nan=inf, posinf=inf)[system.vertex.free].max(initial=0.0))
 
 
-def largest_eigenvalue(multiply: Callable[[Array], Array], within: Array) -> float:
-    """The largest eigenvalue of a symmetric positive semi-definite matrix, given as its product with (n, 3).
-
-    `within` (n, 3) is 1 where what is multiplied may differ from 0. Golub and Van Loan, algorithm 10.1.1: the matrix
-    on the vectors that products make of a random one is tridiagonal, and its eigenvalues soon are those at the ends.
+def largest_eigenvalue(multiply: Callable[[Array], Array], n: int) -> float:
+    """The largest eigenvalue of a symmetric positive semi-definite matrix, given as its product with (n, 3); infinite
+    where doubles do not hold the product.
     """
-    r = within * np.random.default_rng(0).normal(size=within.shape)
-    q, beta = np.zeros_like(r), float(np.linalg.norm(r))
-    diagonal: list[float] = []
-    beside: list[float] = []
-    found = 0.0
-    while beta > 0.0 and len(diagonal) < PRODUCTS:
-        q, before = r / beta, q
-        r = multiply(q) - (beta if diagonal else 0.0) * before
-        diagonal.append(float(np.vdot(q, r)))
-        r -= diagonal[-1] * q
-        beta = float(np.linalg.norm(r))
-        if not beta < inf:  # NaN as well
-            return inf
-        if beta <= ROUNDING * max(diagonal):  # no more vectors, and the eigenvalues are exact
-            beta = 0.0
-        if beta == 0.0 or len(diagonal) % LOOK == 0:
-            values, vectors = np.linalg.eigh(np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1))
-            found = max(float(values[-1]), 0.0)
-            if beta * abs(vectors[-1, -1]) <= ACCURACY * found:  # so near is an eigenvalue
-                break
-        beside.append(beta)
-    return found
+    from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
+
+    def product(x: Array) -> Array:
+        y = multiply(x.reshape(n, 3)).reshape(-1)
+        if not np.isfinite(y).all():
+            raise OverflowError
+        return y
+
+    x = np.random.default_rng(0).normal(size=3 * n)
+    try:
+        if not product(x).any():  # eigsh refuses a matrix that makes 0 of the first vector
+            return 0.0
+        K = LinearOperator((3 * n, 3 * n), product, dtype=float)
+        return max(float(eigsh(K, 1, which="LA", v0=x, tol=ACCURACY, return_eigenvectors=False)[0]), 0.0)
+    except OverflowError:
+        return inf
+    except ArpackError:  # it does not converge: a power iteration, which always gives a lower bound
+        for _ in range(POWER_STEPS):
+            y = product(x)
+            x = y / np.abs(y).max()
+        return float(np.vdot(x, product(x)) / np.vdot(x, x))
