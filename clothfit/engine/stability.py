@@ -34,7 +34,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.engine.forces.spheres import STIFFNESS
 from clothfit.engine.system import EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
-from clothfit.scene.scene import Scene
+from clothfit.scene.scene import INTEGRATORS, Scene
 
 ACCURACY = 0.01
 """Of ω², relative."""
@@ -44,8 +44,6 @@ POWER_STEPS = 300
 
 HARMLESS_GROWTH = 2.0
 """No warning where no oscillation grows more than this over a run: in explicit steps some always do."""
-
-METHOD_NAMES = {EXPLICIT: "explicit", SYMPLECTIC: "symplectic"}
 
 
 class Limit(NamedTuple):
@@ -82,7 +80,7 @@ def warning(scene: Scene, steps: int) -> str | None:
         return None
     over = f"{10**decades:.2g}" if decades < 4 else f"1e{decades:.0f}" if decades < inf else "inf"
     return (
-        f"{scene.name}: objects[{index}]: {METHOD_NAMES[scene.method]} steps of {scene.delta:.4g} s will not stay stable "
+        f"{scene.name}: objects[{index}]: {INTEGRATORS[scene.method]} steps of {scene.delta:.4g} s will not stay stable "
         f"({known(worst.step)}): the fastest oscillation, of {worst.frequency:.3g} rad/s, grows {worst.growth:.3g} "
         f"times per step, {over} times over {steps} steps; try a smaller delta or integrationMethod 2 (implicit)"
     )
@@ -93,7 +91,7 @@ def advice(scene: Scene, index: int) -> str:
     if scene.method == IMPLICIT:
         return "try a smaller delta"
     step = limit(build(scene, index)).step
-    why = f" ({METHOD_NAMES[scene.method]} steps: {known(step)})" if step < inf else ""
+    why = f" ({INTEGRATORS[scene.method]} steps: {known(step)})" if step < inf else ""
     return f"try a smaller delta{why} or integrationMethod 2 (implicit)"
 
 
