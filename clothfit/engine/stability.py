@@ -81,8 +81,9 @@ def warning(scene: Scene, steps: int) -> str | None:
     over = f"{10**decades:.2g}" if decades < 4 else f"1e{decades:.0f}" if decades < inf else "inf"
     return (
         f"{scene.name}: objects[{index}]: {INTEGRATORS[scene.method]} steps of {scene.delta:.4g} s will not stay "
-        f"stable ({known(worst.step)}): the fastest oscillation, of {worst.frequency:.3g} rad/s, grows {worst.growth:.3g} "
-        f"times per step, {over} times over {steps} steps; try a smaller delta or integrationMethod 2 (implicit)"
+        f"stable ({known(worst.step)}): the fastest oscillation, of {worst.frequency:.3g} rad/s, grows "
+        f"{worst.growth:.3g} times per step, {over} times over {steps} steps; try a smaller delta or "
+        "integrationMethod 2 (implicit)"
     )
 
 
