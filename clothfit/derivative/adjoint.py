@@ -1,9 +1,9 @@
 """Derivatives of a whole motion: the reverse sweep (gradient) and the forward sweep (tangent).
 
-Both walk through a Rollout step by step and know no physics: a step's transpose and tangent do the work. For a cost
+Both walk through a motion step by step and know no physics: a step's transpose and tangent do the work. For a cost
 G(x₁ … x_T) the reverse sweep gives its gradient by every mass and stiffness, and by the other kinds of `Elements` that
-are asked for, at the price of about one more simulation; the forward sweep gives the change of all positions along one
-direction in them. They are each other's transpose.
+are asked for, in about the time of one more simulation; the forward sweep gives the change of all positions along one
+direction in them. Each is the transpose of the other.
 """
 
 from __future__ import annotations
@@ -23,35 +23,39 @@ from clothfit.engine.tape import Tape
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import add, copy, hold_fixed
 
-Story: TypeAlias = Rollout | Tape
-"""A finished motion: all of it in memory, or told part by part."""
+TrajectoryMemory: TypeAlias = Rollout | Tape
+"""A finished motion: all of it in memory, or a tape that computes it again chunk by chunk."""
 
 Observer: TypeAlias = Callable[[Rollout], object]
-"""What a motion is shown to on its way, chunk by chunk."""
+"""What takes a motion chunk by chunk while it is computed."""
 
-Slope: TypeAlias = Callable[[Rollout], Array]
-"""∂G/∂x (T + 1, n, 3) of a part of T steps, asked for from the last part to the first; its entry for the state before
-the part does not count, as it belongs to the part before."""
+CostDerivative: TypeAlias = Callable[[Rollout], Array]
+"""∂G/∂x (T + 1, n, 3) of a chunk of T steps, asked for from the last chunk to the first; its entry for the state before
+the chunk does not count, as it belongs to the chunk before."""
 
 
 def gradient(
-    system: System, memory: Story, by_position: Array | Slope, tolerance: float, kinds: Collection[str] = ()
+    system: System,
+    memory: TrajectoryMemory,
+    by_position: Array | CostDerivative,
+    tolerance: float,
+    kinds: Collection[str] = (),
 ) -> Elements:
-    """The gradient of G from by_position = ∂G/∂x (T + 1, n, 3), whole or part by part, along a finished motion.
+    """The gradient of G from by_position = ∂G/∂x (T + 1, n, 3), whole or chunk by chunk, along a finished motion.
 
     By masses (n,), stiffnesses (S,) and the `kinds`, names of fields of Elements; the other fields stay empty.
     """
-    slope = by_position if callable(by_position) else whole(by_position)
+    derivative_of = by_position if callable(by_position) else whole(by_position)
     grad, work, safe = zeros(system, kinds), implicit.workspace(system), clamped(system)
     x_bar, v_bar = np.zeros_like(system.x0), np.zeros_like(system.x0)
     for segment in memory.backward():
-        for part in reversed(segment.parts()):
-            after, by_position = memory.steps - part.first, slope(part)
+        for chunk in reversed(segment.parts()):
+            after, by_position = memory.steps - chunk.first, derivative_of(chunk)
             with linear.served(work.A, work.solver):
-                for begin, end in reversed(alike(part)):
-                    form = safe if part.clamped[begin] else system
+                for begin, end in reversed(alike(chunk)):
+                    form = safe if chunk.clamped[begin] else system
                     state = x_bar, v_bar
-                    sweep_back(form, part, by_position, begin, end, tolerance, work, after - end, *state, grad)
+                    sweep_back(form, chunk, by_position, begin, end, tolerance, work, after - end, *state, grad)
             interrupts.check()
     if "velocity" in kinds:
         hold_fixed(system.vertex.free, v_bar)
@@ -59,24 +63,24 @@ def gradient(
     return grad
 
 
-def whole(by_position: Array) -> Slope:
-    """A derivative that is in memory as a whole, part by part."""
+def whole(by_position: Array) -> CostDerivative:
+    """A derivative that is in memory as a whole, given chunk by chunk."""
     array = np.ascontiguousarray(by_position)
-    return lambda part: array[part.first : part.first + part.steps + 1]
+    return lambda chunk: array[chunk.first : chunk.first + chunk.steps + 1]
 
 
-def tangent(system: System, memory: Story, direction: Elements, tolerance: float) -> Array:
+def tangent(system: System, memory: TrajectoryMemory, direction: Elements, tolerance: float) -> Array:
     """Change of all positions (T + 1, n, 3) for the change `direction`; its empty fields do not change."""
     change = np.zeros((memory.steps + 1, *system.x0.shape))
     sweep = Sweep(system, direction, tolerance)
     for segment in memory.forward():
-        for part in segment.parts():
-            change[part.first + 1 : part.first + 1 + part.steps] = sweep.through(part)
+        for chunk in segment.parts():
+            change[chunk.first + 1 : chunk.first + 1 + chunk.steps] = sweep.through(chunk)
     return change
 
 
 class Sweep:
-    """A forward sweep along one direction, on its way."""
+    """A forward sweep along one direction, and how far it has come."""
 
     def __init__(self, system: System, direction: Elements, tolerance: float) -> None:
         self.system, self.direction, self.tolerance = system, direction, tolerance
@@ -86,45 +90,45 @@ class Sweep:
             copy(direction.velocity, self.dv)
             hold_fixed(system.vertex.free, self.dv)
 
-    def through(self, part: Rollout) -> Array:
-        """Change of the positions (T, n, 3) after each step of the next part of the motion."""
-        change = np.empty_like(part.x[1:])
+    def through(self, chunk: Rollout) -> Array:
+        """Change of the positions (T, n, 3) after each step of the next chunk of the motion."""
+        change = np.empty_like(chunk.x[1:])
         with linear.served(self.work.A, self.work.solver):
-            for begin, end in alike(part):
-                form = self.safe if part.clamped[begin] else self.system
+            for begin, end in alike(chunk):
+                form = self.safe if chunk.clamped[begin] else self.system
                 state = self.dx, self.dv
-                sweep_forward(form, part, begin, end, self.direction, self.tolerance, self.work, *state, change)
+                sweep_forward(form, chunk, begin, end, self.direction, self.tolerance, self.work, *state, change)
         interrupts.check()
         return change
 
 
-def alike(part: Rollout) -> list[tuple[int, int]]:
-    """Split the steps of a part, from first to below last, where the system that they were taken with changes."""
-    changes = (np.flatnonzero(np.diff(part.clamped)) + 1).tolist()
-    return list(zip([0, *changes], [*changes, part.steps], strict=True)) if part.steps else []
+def alike(chunk: Rollout) -> list[tuple[int, int]]:
+    """Split the steps of a chunk, from first to below last, where the system that they were taken with changes."""
+    changes = (np.flatnonzero(np.diff(chunk.clamped)) + 1).tolist()
+    return list(zip([0, *changes], [*changes, chunk.steps], strict=True)) if chunk.steps else []
 
 
 @kernel
-def sweep_back(system, part, by_position, begin, end, tolerance, work, before, x_bar, v_bar, grad):
-    """Carry x_bar, v_bar (n, 3), the gradient by the state after some steps of a part, to before them; `before` steps
-    are swept.
+def sweep_back(system, chunk, by_position, begin, end, tolerance, work, before, x_bar, v_bar, grad):
+    """Carry x_bar, v_bar (n, 3), the gradient by the state after the steps `begin` to below `end` of a chunk, to before
+    them; `before` steps have been swept.
     """
-    x, used, theta = part.x, part.used, part.theta
+    x, used, theta = chunk.x, chunk.used, chunk.theta
     for t in range(end - 1, begin - 1, -1):
         add(1.0, by_position[t + 1], x_bar)
-        v, w = velocity(part, t), velocities(part, t)
+        v, w = velocity(chunk, t), velocities(chunk, t)
         guess.advance(work.past, before + end - 1 - t, work.solution)
         transition.pullback(system, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
 
 
 @kernel
-def sweep_forward(system, part, begin, end, direction, tolerance, work, dx, dv, change):
-    """Carry dx, dv (n, 3), the change of the state before some steps of a part, to after them; keep all dx in change
-    (T, n, 3).
+def sweep_forward(system, chunk, begin, end, direction, tolerance, work, dx, dv, change):
+    """Carry dx, dv (n, 3), the change of the state before steps `begin` to below `end` of a chunk, to after them; keep
+    all dx in change (T, n, 3).
     """
-    x, used, theta = part.x, part.used, part.theta
+    x, used, theta = chunk.x, chunk.used, chunk.theta
     for t in range(begin, end):
-        v, w = velocity(part, t), velocities(part, t)
-        guess.advance(work.past, part.first + t, work.solution)
+        v, w = velocity(chunk, t), velocities(chunk, t)
+        guess.advance(work.past, chunk.first + t, work.solution)
         transition.pushforward(system, x[t], v, w, used[t], theta[t], tolerance, work, dx, dv, direction)
         copy(dx, change[t])

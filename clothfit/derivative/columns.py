@@ -21,13 +21,13 @@ def columns(system: System, blocks: Sequence[Block], column: Indices, factor: Ar
     `column` (P,) is that of each parameter, −1 where it is held, `factor` (P,) what its derivative is multiplied with,
     `count` the number of columns.
     """
-    shares = {"mass": none(len(system.x0)), "stiffness": none(len(system.springs.rest)), "rest": none(0)}
+    local = {"mass": none(len(system.x0)), "stiffness": none(len(system.springs.rest)), "rest": none(0)}
     everywhere: list[tuple[int, Elements]] = []
     velocity: list[tuple[int, Array]] = []
     for block in blocks:
         own = np.flatnonzero(column[block.part] >= 0) + block.start
         if block.name in LOCAL and len(own):
-            shares[block.name] = share(block, column, factor)
+            local[block.name] = share(block, column, factor)
             continue
         for i in own:
             unit = np.zeros(len(column))
@@ -37,7 +37,7 @@ def columns(system: System, blocks: Sequence[Block], column: Indices, factor: Ar
                 velocity.append((int(column[i]), change))
             else:
                 everywhere.append((int(column[i]), zeros(system)._replace(**{block.name: change})))
-    return Columns(count, shares["mass"], shares["stiffness"], shares["rest"], tuple(everywhere), tuple(velocity))
+    return Columns(count, local["mass"], local["stiffness"], local["rest"], tuple(everywhere), tuple(velocity))
 
 
 def none(count: int) -> Share:

@@ -18,7 +18,7 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.derivative import adjoint
-from clothfit.derivative.adjoint import Observer, Story
+from clothfit.derivative.adjoint import Observer, TrajectoryMemory
 from clothfit.derivative.stencil import stencil
 from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian
 from clothfit.engine.rollout import velocities, velocity
@@ -27,10 +27,10 @@ from clothfit.engine.step import implicit
 from clothfit.engine.system import EXPLICIT, System, clamped
 from clothfit.kernels.kernel import kernel
 
-FEW = 16
+FEW_COLUMNS = 16
 """Columns up to which a sweep for each is faster than one for all."""
 
-DENSE = 1500
+DENSE_UNKNOWNS = 1500
 """Unknowns up to which A is inverted as a dense matrix."""
 
 
@@ -54,7 +54,9 @@ class Share(NamedTuple):
     factor: Array
 
 
-def sweep(system: System, memory: Story, columns: Columns, observe: Observer | None = None) -> Iterator[Array]:
+def sweep(
+    system: System, memory: TrajectoryMemory, columns: Columns, observe: Observer | None = None
+) -> Iterator[Array]:
     """Give dX (3 f, Q) after every step, the coordinates of the free vertices in order; one array, used again.
 
     `observe` is shown each chunk of the motion before its steps are given.
@@ -68,16 +70,16 @@ def sweep(system: System, memory: Story, columns: Columns, observe: Observer | N
     dx, dv, dy, du, dw = (np.zeros(size) for _ in range(5))
     for column, start in columns.velocity:
         dv[:, column] = start[free].reshape(-1)
-    for part in (part for segment in memory.forward() for part in segment.parts()):
+    for chunk in (chunk for segment in memory.forward() for chunk in segment.parts()):
         if observe:
-            observe(part)
-        for t in range(part.steps):
-            v, form, theta = velocity(part, t), safe if part.clamped[t] else system, part.theta[t]
-            iterates = velocities(part, t)
-            for k in range(part.used[t]):
+            observe(chunk)
+        for t in range(chunk.steps):
+            v, form, theta = velocity(chunk, t), safe if chunk.clamped[t] else system, chunk.theta[t]
+            iterates = velocities(chunk, t)
+            for k in range(chunk.used[t]):
                 w = iterates[k]
                 u = v if k == 0 else iterates[k - 1]
-                differentiate(form, near, part.x[t], v, w, u, k, work, step)
+                differentiate(form, near, chunk.x[t], v, w, u, k, work, step)
                 np.copyto(du, dv if k == 0 else dw)
                 np.copyto(dy, dx) if k == 0 else np.add(dx, system.h * du, out=dy)
                 right = mass * dv
@@ -88,7 +90,7 @@ def sweep(system: System, memory: Story, columns: Columns, observe: Observer | N
                 add_spring_columns(place, system.springs.ends, step.by_stiffness, columns.stiffness, right)
                 add_spring_columns(place, system.springs.ends, step.by_rest, columns.rest, right)
                 for column, direction in columns.everywhere:
-                    differentiate_globally(form, part.x[t], v, w, u, k, work, direction, change)
+                    differentiate_globally(form, chunk.x[t], v, w, u, k, work, direction, change)
                     right[:, column] += change[free].reshape(-1)
                 dw = solver(work.A)(right)
             dx += system.h * (dv if system.method == EXPLICIT else theta * dw)
@@ -98,23 +100,23 @@ def sweep(system: System, memory: Story, columns: Columns, observe: Observer | N
 
 
 def tangents(
-    system: System, memory: Story, columns: Columns, tolerance: float, observe: Observer | None = None
+    system: System, memory: TrajectoryMemory, columns: Columns, tolerance: float, observe: Observer | None = None
 ) -> Iterator[Array]:
     """The same as `sweep` by one forward sweep per column: the faster way for a few of them."""
     free = system.vertex.free
     sweeps = [adjoint.Sweep(system, along(system, columns, q), tolerance) for q in range(columns.width)]
-    for part in (part for segment in memory.forward() for part in segment.parts()):
+    for chunk in (chunk for segment in memory.forward() for chunk in segment.parts()):
         if observe:
-            observe(part)
-        changes = [each.through(part) for each in sweeps]
-        for t in range(part.steps):
+            observe(chunk)
+        changes = [each.through(chunk) for each in sweeps]
+        for t in range(chunk.steps):
             yield np.stack([change[t][free].reshape(-1) for change in changes], axis=1)
 
 
 def along(system: System, columns: Columns, q: int) -> Elements:
     """The change of all elements that column q stands for."""
-    shares = [np.where(share.column == q, share.factor, 0.0) for share in columns[1:4]]
-    change = Elements(mass=shares[0], stiffness=shares[1], rest=shares[2])
+    elements = [np.where(share.column == q, share.factor, 0.0) for share in columns[1:4]]
+    change = Elements(mass=elements[0], stiffness=elements[1], rest=elements[2])
     for column, direction in columns.everywhere:
         if column == q:
             change = direction
@@ -130,7 +132,7 @@ def solver(A: sparse.BlockMatrix) -> Callable[[Array], Array]:
     from scipy.sparse.linalg import splu
 
     matrix = sparse.to_scipy(*A)
-    if matrix.shape[0] > DENSE:
+    if matrix.shape[0] > DENSE_UNKNOWNS:
         factor = splu(matrix)
         return lambda right: np.asarray(factor.solve(right))
     dense = matrix.toarray(order="F")

@@ -82,10 +82,10 @@ def taylor_order(cost: Cost, gradient: Array, p: Array, direction: Array) -> flo
     steps stand above the rounding of the cost, or when a cost is not finite; errors of the cost pass through.
     """
     d = scaled(p, direction)
-    start, slope = _finite(cost(p)), float(np.dot(gradient, d))
+    start, rate = _finite(cost(p)), float(np.dot(gradient, d))
 
     def remainder(t: float) -> float:
-        return max(abs(_finite(cost(p + s * d)) - start - s * slope) for s in (t, -t))
+        return max(abs(_finite(cost(p + s * d)) - start - s * rate) for s in (t, -t))
 
     noise = max(np.finfo(float).eps * abs(start), *(remainder(t) for t in NOISE_STEPS))
     rungs = [(t, r) for t, r in ((t, remainder(t)) for t in LADDER) if r > ABOVE_NOISE * noise]
@@ -98,7 +98,7 @@ def taylor_order(cost: Cost, gradient: Array, p: Array, direction: Array) -> flo
 
 
 def central_difference_error(cost: Cost, gradient: Array, p: Array, direction: Array, step: float = 1e-6) -> float:
-    """The relative difference between the slope `gradient`·`direction` and a central difference of `cost`.
+    """The relative difference between `gradient`·`direction` and a central difference of `cost` along the direction.
 
     All arrays are (P,); `step` is relative to p. Raises InvalidInput when a cost is not finite.
     """
@@ -119,8 +119,8 @@ def dot_product_error(tangent: Linear, transpose: Linear, direction: Array, weig
 def check(objective: Differentiable, p: Array, seed: int = 0) -> Report:
     """Run the three checks on an `Objective` at p (P,), with a direction and a weight drawn with `seed`.
 
-    The direction takes the signs of the gradient, so that no terms of the slope cancel. Raises InvalidInput as
-    `taylor_order` does; errors of the objective, such as Diverged, pass through.
+    The direction takes the signs of the gradient, so that the terms of their product do not cancel. Raises
+    InvalidInput as `taylor_order` does; errors of the objective, such as Diverged, pass through.
     """
     p = np.asarray(p, float)
     rng = np.random.default_rng(seed)

@@ -145,7 +145,7 @@ class Comparison:
 
     def _factor(self, name: str, d: Array) -> Array:
         """w a ρ' (R,): what the squares of the groups d (R, c) count with."""
-        factor, weights = self.scales[name] * self.loss.slope(self._squares(name, d)), self.measures[name].weights
+        factor, weights = self.scales[name] * self.loss.derivative(self._squares(name, d)), self.measures[name].weights
         return factor if weights is None else weights * factor
 
     def _scaled_jacobian(self, name: str, s: Array) -> csr_array:

@@ -49,7 +49,7 @@ class Loss(NamedTuple):
             return np.asarray(2.0 * squares / (np.sqrt(1.0 + z) + 1.0))  # the same, without the difference
         return np.asarray(np.where(z <= 1.0, squares, self.scale**2 * (2.0 * np.sqrt(z) - 1.0)))
 
-    def slope(self, squares: Array) -> Array:
+    def derivative(self, squares: Array) -> Array:
         """ρ' at squared norms |d|², m²: the derivative of `value`, between 0 and 1."""
         if self.is_linear:
             return np.ones_like(squares)

@@ -18,7 +18,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.limits import checked_tolerance
 from clothfit.base.memory import budget
 from clothfit.derivative import adjoint
-from clothfit.derivative.adjoint import Observer, Slope, Story
+from clothfit.derivative.adjoint import CostDerivative, Observer, TrajectoryMemory
 from clothfit.engine.fallbacks import NONE, Fallbacks
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.snapshots import Plan
@@ -42,7 +42,7 @@ TIGHT = 1e-14
 """Tolerance of the linear systems in a fit, relative: their errors enter the gradient directly."""
 
 
-SMALL = 64_000_000
+NEGLIGIBLE_BYTES = 64_000_000
 """Bytes up to which matrices do not count: a program has as much in its libraries."""
 
 
@@ -120,7 +120,7 @@ class Objective:
     @property
     def room(self) -> float:
         """Bytes that the matrices of a method may take beside the targets."""
-        return max(storage.COUNTED * self.memory - self.needs.held, SMALL)
+        return max(storage.COUNTED * self.memory - self.needs.held, NEGLIGIBLE_BYTES)
 
     @property
     def first_step(self) -> int:
@@ -242,7 +242,7 @@ class Objective:
         return gradient
 
     def add_pullback(
-        self, run: Run, system: System, memory: Story, by_position: Array | Slope, gradient: Array
+        self, run: Run, system: System, memory: TrajectoryMemory, by_position: Array | CostDerivative, gradient: Array
     ) -> None:
         """Add to `gradient` (P,) that of a cost with ∂G/∂x = by_position (T + 1, n, 3), along a finished motion."""
         grad = adjoint.gradient(system, memory, by_position, self.tolerance, extra_kinds(self.scene, run.cloth))

@@ -106,8 +106,8 @@ def accumulate(x, goal, derivative, total):
                     gap = state - goal.positions[frame, i, c]
                     total += weight * gap * gap
                     if len(derivative) > 0:
-                        slope = 2.0 * weight * gap
-                        derivative[t, i, c] += (1.0 - fraction) * slope
+                        by_state = 2.0 * weight * gap
+                        derivative[t, i, c] += (1.0 - fraction) * by_state
                         if fraction > 0.0:
-                            derivative[t + 1, i, c] += fraction * slope
+                            derivative[t + 1, i, c] += fraction * by_state
     return total

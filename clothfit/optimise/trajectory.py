@@ -14,7 +14,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.columns import columns
-from clothfit.derivative.sensitivity import DENSE, FEW, sweep, tangents
+from clothfit.derivative.sensitivity import DENSE_UNKNOWNS, FEW_COLUMNS, sweep, tangents
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run, residual_count
 from clothfit.objective.running_cost import running_cost
@@ -131,7 +131,7 @@ class Trajectory:
         total = 0.0
         for run in self.objective.runs:
             rows, count = 3.0 * run.system.vertex.free.sum(), float((self.acts(run) & self.fitted).sum())
-            solve = rows * (rows if rows <= DENSE else 40.0 * np.sqrt(rows)) * count
+            solve = rows * (rows if rows <= DENSE_UNKNOWNS else 40.0 * np.sqrt(rows)) * count
             total += run.steps * (2.0 * solve + rows * count**2)
         return total
 
@@ -167,7 +167,7 @@ def run_model(
     blocks = [block for block in objective.blocks if block.cloth in (run.cloth, None)]
     wanted = columns(system, blocks, column, factor, count)
     few = partial(tangents, system, tape, wanted, objective.tolerance)
-    steps = few if count <= FEW else partial(sweep, system, tape, wanted)
+    steps = few if count <= FEW_COLUMNS else partial(sweep, system, tape, wanted)
     residuals = cost.residuals(free)
     H, g = normal.accumulate(residuals, steps(residuals.update), (3 * int(free.sum()), count))
     return H, g, cost.value

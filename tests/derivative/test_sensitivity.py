@@ -109,7 +109,7 @@ def test_a_large_cloth_is_factorised_as_a_sparse_matrix(newton, monkeypatch):
     objective, p = fitted("every kind", newton=newton)
     system, memory, wanted, *_ = simulated(objective, p)
     dense = together(sweep(system, memory, wanted))
-    monkeypatch.setattr(sensitivity, "DENSE", 5)
+    monkeypatch.setattr(sensitivity, "DENSE_UNKNOWNS", 5)
     found = together(sweep(system, memory, wanted))
     assert not np.array_equal(found, dense)  # another way …
     np.testing.assert_allclose(found, dense, atol=1e-12 * np.abs(dense).max())  # … to the same, but for rounding
@@ -127,7 +127,7 @@ def test_an_indefinite_matrix_is_inverted_as_well():
 
 @pytest.mark.parametrize("limit", [0, 10**6])
 def test_the_factorisation_solves_for_many_right_hand_sides(limit, monkeypatch):
-    monkeypatch.setattr(sensitivity, "DENSE", limit)
+    monkeypatch.setattr(sensitivity, "DENSE_UNKNOWNS", limit)
     objective, p = fitted("both L")
     system, memory, *_ = simulated(objective, p)
     work, free = implicit.workspace(system), system.vertex.free

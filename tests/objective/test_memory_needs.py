@@ -145,7 +145,7 @@ def test_the_matrix_free_fit_in_little_memory_is_the_same(monkeypatch):
 @SLOW
 def test_matrices_that_do_not_fit_give_way_with_a_word(monkeypatch):
     made, motion = guess("LL")
-    monkeypatch.setattr(objectives, "SMALL", 0)
+    monkeypatch.setattr(objectives, "NEGLIGIBLE_BYTES", 0)
     found = estimate(made, motion, budget=30, memory=tightest(made, motion))
     assert any(text.startswith("too little memory for the balance of momentum") for text in found.warnings)
     assert any(text.startswith("too little memory for the matrices") for text in found.warnings)

@@ -68,18 +68,19 @@ class Spectrum:
 
     def pullback(self, s: Array, r: Array) -> Array:
         """Jᵀ r (F, n, 3)."""
-        out, slope = np.zeros_like(s), self._amplitudes(s)[1]
-        out[:, self.vertices] = np.tensordot(self.basis, slope * r.reshape(slope.shape[1:]), axes=((0, 1), (0, 1)))
+        out, derivative = np.zeros_like(s), self._amplitudes(s)[1]
+        pulled = derivative * r.reshape(derivative.shape[1:])
+        out[:, self.vertices] = np.tensordot(self.basis, pulled, axes=((0, 1), (0, 1)))
         return out
 
     def jacobian(self, s: Array) -> csr_array:
         """J (3 R, 3 F n): each amplitude depends on its coordinate in all frames."""
-        slope = self._amplitudes(s)[1]
-        values = np.einsum("pqf,pqvc->qvcf", self.basis, slope)
+        derivative = self._amplitudes(s)[1]
+        values = np.einsum("pqf,pqvc->qvcf", self.basis, derivative)
         frames, vertices = np.meshgrid(np.arange(len(s)), self.vertices, indexing="ij")
         columns = coordinates(frames.ravel(), vertices.ravel(), s.shape[1]).reshape(len(s), -1, 3).transpose(1, 2, 0)
-        rows = np.arange(slope[0].size).reshape(*slope.shape[1:], 1)
-        return matrix(rows, columns, values, (slope[0].size, s.size))
+        rows = np.arange(derivative[0].size).reshape(*derivative.shape[1:], 1)
+        return matrix(rows, columns, values, (derivative[0].size, s.size))
 
 
 def basis(frames: int) -> Array:
