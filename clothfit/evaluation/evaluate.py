@@ -70,7 +70,7 @@ def evaluate(
     near = truth.frames if frames is None else frames
     if near < 2 or horizon < 2:
         raise InvalidInput(f"frames must be at least 2 to compare; {min(near, horizon)} was given")
-    compared = fitted_cloths(truth) or range(len(truth.cloths))
+    compared = compared_cloths(truth)
     length = max(near, horizon)
     if target is None:
         check_memory(length, sum(truth.vertex_counts), 1)  # two motions, of which the second would be refused late
@@ -89,10 +89,15 @@ def evaluate(
     )
 
 
-def finite_part(scene: Scene, compared: Collection[int], frames: int, needed: int) -> tuple[Motion, str | None]:
-    """Simulate the compared objects, as far as the motion stays finite; tells what happened where it does not.
+def compared_cloths(scene: Scene) -> Collection[int]:
+    """The objects that are fitted; all, where none is."""
+    return fitted_cloths(scene) or range(len(scene.cloths))
 
-    Raises Diverged when fewer than `needed` frames are good.
+
+def finite_part(scene: Scene, compared: Collection[int], frames: int, needed: int) -> tuple[Motion, str | None]:
+    """Simulate the compared objects as far as the motion stays finite; with the fault that ended it, or None.
+
+    Raises Diverged when fewer than `needed` frames are finite.
     """
     try:
         return simulate_cloths(scene, compared, frames, FIT_TOLERANCE), None

@@ -1,14 +1,14 @@
 """From a motion to a flat picture: a camera, and the faces it sees as shaded polygons, farthest first.
 
-The camera looks along `forward` and projects in parallel onto `right` and `up`, so that a sphere is a disc:
+The camera looks along `forward` and projects in parallel onto `right` and `up`, so a sphere appears as a disc:
 
     u = right · x,    v = up · x,    depth = forward · x    (m; larger is farther)
 
-Scenes are left-handed with y up, as the Unity editor's: looking along +z, +x is to the right, `right` = y × `forward`.
-Faces are drawn one over another from the farthest on (the painter's algorithm), each in one colour: the light comes
-from the upper left of the camera, and a face's normal is the mean of those at its corners, which looks smooth. A face
-with a corner that is not a number is left out. M. Newell, R. Newell, T. Sancha, A solution to the hidden surface
-problem, 1972.
+Scenes are left-handed with y up, like the Unity editor's: seen along +z, +x is to the right, `right` = y × `forward`.
+Faces are painted one over another, farthest first (the painter's algorithm), each in one colour. The light comes from
+the upper left of the camera. A face is shaded by the mean of the normals at its corners, which looks smooth. A face
+with a corner that is not finite is left out. M. Newell, R. Newell, T. Sancha, A solution to the hidden surface problem,
+1972.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags, Indices
 
 TRIED_YAWS, PITCH = (30.0, -30.0, 60.0, -60.0, 0.0), 24.0
-"""Degrees: the directions of view that are tried, from +z towards +x, and how far down the camera looks."""
+"""Degrees: the directions of view to try, from +z towards +x, and how far down the camera looks."""
 
 CLEARLY_MORE = 1.15
-"""A direction must show so many times the cloth to be taken instead of one that stands before it."""
+"""A later direction is chosen only if it shows this many times as much of the cloth as the earlier ones."""
 
 LIGHT = (-0.45, 0.65, -0.6)
 """Towards the light, along right, up and forward."""
 
 VIEW_MARGIN = 0.06
-"""Free space around the motion, as a fraction of its size."""
+"""Free space around the motion, relative to its size."""
 
 COMPARED_FRAMES = 12
-"""Frames at which the directions are compared."""
+"""Number of frames at which the directions are compared."""
 
 
 class Camera(NamedTuple):
-    """Where a picture is seen from, and what of the plane of projection it shows."""
+    """The directions of a view, and the rectangle of the plane of projection that it shows."""
 
     right: Array  # (3,), unit vectors
     up: Array
@@ -52,19 +52,17 @@ class Camera(NamedTuple):
 
 
 class Faces(NamedTuple):
-    """What a camera sees of K faces, farthest first."""
+    """K faces as a camera sees them, farthest first."""
 
     corners: Array  # (K, 3, 2) m, on the plane of projection
     depth: Array  # (K,) m, of the middle
-    shade: Array  # (K,) how much light falls on it, 0 … 1
-    outside: Flags  # (K,) whether the face turns the side to the camera that its normal points to
-    which: Indices  # (K,) of the triangles
+    shade: Array  # (K,) light on the face, 0 … 1
+    outside: Flags  # (K,) whether the face's normal points to the camera
+    which: Indices  # (K,) index of the triangle
 
 
 def looking(yaw: float, pitch: float) -> tuple[Array, Array, Array]:
-    """Right, up and forward (3,) of a camera that is turned by `yaw` from +z towards +x and looks down by `pitch`,
-    in degrees.
-    """
+    """Right, up and forward (3,) of a camera turned by `yaw` degrees from +z towards +x, looking down by `pitch`."""
     turn, tilt = np.radians(yaw), np.radians(pitch)
     forward = np.array([np.sin(turn) * np.cos(tilt), -np.sin(tilt), np.cos(turn) * np.cos(tilt)])
     right = np.array([np.cos(turn), 0.0, -np.sin(turn)])
@@ -72,9 +70,7 @@ def looking(yaw: float, pitch: float) -> tuple[Array, Array, Array]:
 
 
 def direction(x: Array, triangles: Indices) -> tuple[Array, Array, Array]:
-    """Right, up and forward (3,) of the camera for a motion x (F, n, 3), NaN where nothing is known: of some directions
-    the one that shows the most of the cloth.
-    """
+    """Right, up and forward (3,) of the tried direction that shows most of a motion x (F, n, 3), NaN where unknown."""
     frames = x[np.unique(np.linspace(0, len(x) - 1, COMPARED_FRAMES).round().astype(int))]
     best, most = looking(TRIED_YAWS[0], PITCH), 0.0
     for yaw in TRIED_YAWS:
@@ -86,7 +82,7 @@ def direction(x: Array, triangles: Indices) -> tuple[Array, Array, Array]:
 
 
 def facing(x: Array) -> Camera:
-    """The camera that looks at points x (n, 3) from where they lie the flattest."""
+    """A camera perpendicular to the plane in which points x (n, 3) spread most."""
     known = x[np.isfinite(x).all(axis=1)]
     _, _, axes = np.linalg.svd(known - known.mean(axis=0), full_matrices=False)
     forward = axes[-1] if len(known) > 2 else np.array([0.0, 0.0, 1.0])
@@ -98,7 +94,7 @@ def facing(x: Array) -> Camera:
 
 
 def framed(axes: tuple[Array, Array, Array], points: Array) -> Camera:
-    """A camera along right, up and forward that shows all points (n, 3), with some room around them."""
+    """A camera with these right, up and forward that shows all points (n, 3), with some room around them."""
     flat = _along(points[np.isfinite(points).all(axis=1)], axes)[:, :2]
     low, high = (flat.min(axis=0), flat.max(axis=0)) if len(flat) else (np.zeros(2), np.zeros(2))
     room = VIEW_MARGIN * max(float((high - low).max()), 1e-9)
@@ -106,7 +102,7 @@ def framed(axes: tuple[Array, Array, Array], points: Array) -> Camera:
 
 
 def shaped(seen: Camera, least: float, most: float) -> Camera:
-    """The same with more to see at the sides, or above and below, where height by width is out of these bounds."""
+    """The same camera, its view widened or heightened until height by width is within `least` and `most`."""
     width, height = seen.high - seen.low
     more = 0.5 * np.array([max(height / most - width, 0.0), max(least * width - height, 0.0)])
     return seen._replace(low=seen.low - more, high=seen.high + more)
@@ -118,7 +114,7 @@ def project(seen: Camera, x: Array) -> Array:
 
 
 def faces(seen: Camera, x: Array, triangles: Indices) -> Faces:
-    """The faces of positions x (n, 3) that are known and have an area, farthest first."""
+    """The faces at positions x (n, 3) that are finite and have an area, farthest first."""
     flat = project(seen, x)
     known = np.isfinite(flat[triangles]).all(axis=(1, 2))
     kept, normal = triangles[known], normals(flat, triangles[known])
@@ -135,13 +131,13 @@ def faces(seen: Camera, x: Array, triangles: Indices) -> Faces:
 
 
 def normals(x: Array, triangles: Indices) -> Array:
-    """Normals (T, 3) of faces, as long as twice their area."""
+    """Normals (T, 3) of faces; their length is twice the area."""
     a, b, c = (x[triangles[:, corner]] for corner in range(3))
     return np.cross(b - a, c - a)
 
 
 def smoothed(normal: Array, triangles: Indices, count: int) -> Array:
-    """Unit normals (T, 3), each the mean of those at the corners, which are the means of the faces' there."""
+    """Unit normals (T, 3) of faces: the mean over the corners of the mean normal of the faces that meet there."""
     at = np.zeros((count, 3))
     for corner in range(3):
         np.add.at(at, triangles[:, corner], normal)
@@ -154,11 +150,10 @@ def smoothed(normal: Array, triangles: Indices, count: int) -> Array:
 
 
 def thinned(x: Array, triangles: Indices, most: int) -> Indices:
-    """About `most` triangles at most (K, 3) between some of the vertices x (n, 3), which stand for those near them; all
-    where there are not more.
+    """At most `most` triangles (K, 3) that stand for all `triangles` between vertices x (n, 3).
 
-    Vertices in one cube of a grid are taken together (J. Rossignac, P. Borrel, Multi-resolution 3D approximations,
-    1993); the grid is made coarser until few enough triangles are left.
+    The vertices in one cell of a grid are merged into the first of them (J. Rossignac, P. Borrel, Multi-resolution 3D
+    approximations, 1993); the grid gets coarser until few enough triangles are left.
     """
     kept, size = triangles, np.sqrt(np.linalg.norm(normals(x, triangles), axis=1).sum() / max(most, 1))
     low = np.nanmin(x, axis=0)

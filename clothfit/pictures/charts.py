@@ -14,11 +14,12 @@ from clothfit.pictures.palette import BLUE, GREEN, INK, ORANGE, PURPLE, QUIET, R
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
 
     from clothfit.optimise.progress import Progress
 
-TITLE_PAD = 20.0  # points of a title above its chart: room for a legend between
-SMALLEST_LENGTH = 1e-15  # m: what is less is rounding, and has no place on a logarithmic axis
+TITLE_PAD = 20.0  # points between a chart and its title: room for a legend
+SMALLEST_LENGTH = 1e-15  # m: lengths below it are rounding, and a logarithmic axis omits them
 
 ENERGIES = (
     ("kinetic", ORANGE), ("elastic", BLUE), ("gravity", PURPLE), ("contact", SKY), ("total", INK),
@@ -27,12 +28,12 @@ ENERGIES = (
 
 
 def convergence(axes: Axes, history: Sequence[Progress]) -> None:
-    """The error after each evaluation: of the best point over all frames, and of the window where that is shorter."""
+    """The error of the best point so far, over all frames and over the window where that is shorter."""
     from matplotlib.ticker import MaxNLocator
 
-    named(axes, "convergence", "evaluations of the cost", "RMSE")
+    label(axes, "convergence", "evaluations of the cost", "RMSE")
     if not history:
-        nothing(axes, "known without a search")
+        empty(axes, "known without a search")
         return
     x = np.array([one.evaluations for one in history], float)
     y = np.array([max(one.rmse, SMALLEST_LENGTH) for one in history])
@@ -53,10 +54,11 @@ def convergence(axes: Axes, history: Sequence[Progress]) -> None:
 
 
 def error(axes: Axes, times: Array, rmse: Array, largest: Array, fitted: float, horizon: float | None = None) -> None:
-    """The error of each frame at `times` (F,), s: root mean square and largest, m; `fitted` is the end, s, of the
-    frames that were fitted, `horizon` that of a longer comparison.
+    """The error of each frame at `times` (F,), s: root mean square and largest, m.
+
+    `fitted` and `horizon` are the ends, s, of the fitted frames and of a longer comparison.
     """
-    named(axes, "distance to the target", "time, s", "m")
+    label(axes, "distance to the target", "time, s", "m")
     logarithmic(axes, np.concatenate([rmse, largest]))
     axes.plot(times, shown(largest), color=SKY, linewidth=1.1, label="largest")
     axes.plot(times, shown(rmse), color=BLUE, linewidth=1.7, label="root mean square")
@@ -68,19 +70,19 @@ def error(axes: Axes, times: Array, rmse: Array, largest: Array, fitted: float, 
 
 
 def shown(values: Array) -> Array:
-    """What a logarithmic axis can show of some values; NaN elsewhere."""
+    """The values that a logarithmic axis can show; NaN in place of the others."""
     return np.where(values > SMALLEST_LENGTH, values, np.nan)
 
 
 def above(axes: Axes) -> None:
-    """The legend between the title and the chart."""
+    """Put the legend between the title and the chart."""
     axes.legend(fontsize=7.5, frameon=False, ncols=8, loc="lower left", bbox_to_anchor=(-0.01, 1.0), columnspacing=1.2,
                 handlelength=1.4, borderaxespad=0.0, handletextpad=0.5)  # fmt: skip
 
 
 def energies(axes: Axes, energy: Energy) -> None:
-    """What is stored at each frame, and what is missing of the start and of the work of the wind."""
-    named(axes, "energy", "time, s", "J")
+    """The energy at each frame, what has been dissipated, and the work of the wind."""
+    label(axes, "energy", "time, s", "J")
     for name, colour in ENERGIES:
         values = getattr(energy, name)
         if np.abs(values).max() > 1e-12 * energy.scale:
@@ -93,14 +95,14 @@ def energies(axes: Axes, energy: Energy) -> None:
 
 
 def text(axes: Axes, title: str, lines: Sequence[str]) -> None:
-    """Some lines instead of a chart."""
+    """Write some lines instead of a chart."""
     axes.set_axis_off()
     axes.set_title(title, loc="left", fontsize=10, color=INK, pad=TITLE_PAD)
     axes.text(0.0, 0.97, "\n".join(lines), transform=axes.transAxes, va="top", fontsize=9, color=INK, linespacing=1.6)
 
 
-def named(axes: Axes, title: str, x: str, y: str) -> None:
-    """Title, names of the axes, and a faint grid."""
+def label(axes: Axes, title: str, x: str, y: str) -> None:
+    """Set the title and the names of the axes, and draw a faint grid."""
     axes.set_title(title, loc="left", fontsize=10, color=INK, pad=TITLE_PAD)
     axes.set_xlabel(x, fontsize=8.5, color=INK)
     axes.set_ylabel(y, fontsize=8.5, color=INK)
@@ -111,25 +113,30 @@ def named(axes: Axes, title: str, x: str, y: str) -> None:
 
 
 def logarithmic(axes: Axes, values: Array) -> None:
-    """A logarithmic axis of lengths, m, in units of their size, where any is above 0."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
+    """Make the vertical axis, of lengths in m, logarithmic where any value is above 0."""
     own = values[np.isfinite(values) & (values > SMALLEST_LENGTH)]
     if not len(own):
-        nothing(axes, "no difference")
+        empty(axes, "no difference")
         return
     axes.set_yscale("log")
     decades = np.log10(own.max() / own.min())
-    parts = (1.0,) if decades > 2.5 else (1.0, 2.0, 5.0)
-    axes.yaxis.set_major_locator(LogLocator(subs=parts, numticks=9))
-    told: Callable[[float, int | None], str] = lambda value, _: metres(value)  # noqa: E731
-    axes.yaxis.set_major_formatter(FuncFormatter(told))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    logarithmic_ticks(axes.yaxis, (1.0,) if decades > 2.5 else (1.0, 2.0, 5.0), 9, metres)
     axes.set_ylabel("")
     axes.set_ylim(0.6 * float(own.min()), 1.7 * float(own.max()))
 
 
-def nothing(axes: Axes, why: str) -> None:
-    """A word in an empty chart."""
+def logarithmic_ticks(
+    axis: Axis, parts: Sequence[float], count: int, name: Callable[[float], str] = "{:g}".format
+) -> None:
+    """Label a logarithmic axis at `parts` of each power of ten, with about `count` ticks at most."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=parts, numticks=count))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: name(value)))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def empty(axes: Axes, why: str) -> None:
+    """Say why a chart is empty."""
     axes.set(xticks=[], yticks=[])
     axes.annotate(why, (0.5, 0.5), xycoords="axes fraction", ha="center", fontsize=9, color=QUIET)

@@ -1,9 +1,8 @@
-"""The work–precision diagram: what accuracy each second buys, as a picture. Needs matplotlib, the extra `plot`.
+"""The work–precision diagram: the error of each way to simulate against its cost. Needs matplotlib, the extra `plot`.
 
 Both axes are logarithmic: seconds of computing per simulated second to the right, error upwards; lower left is better.
-One line per integrator and number of Newton iterations, over its steps, at the scene's own tolerance; the other
-tolerances are faint. The colours are those of M. Okabe and K. Ito, which all kinds of eyes tell apart, and each line
-has a marker of its own as well.
+Each integrator and number of Newton iterations has a line through its steps at the scene's own tolerance; lines for
+other tolerances are faint. Each line has a marker of its own as well as a colour.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from clothfit.base.messages import counted, metres
 from clothfit.evaluation.work_precision import Row, WorkPrecision
+from clothfit.pictures.charts import logarithmic_ticks
 from clothfit.pictures.palette import BLUE, GREEN, INK, ORANGE, PURPLE, QUIET, RED, SKY
 from clothfit.pictures.picture_file import save
 
@@ -29,25 +29,25 @@ NEWTON_STYLES = ((GREEN, "s"), (PURPLE, "D"), (RED, "v"), (SKY, "P"))
 
 
 class Line(NamedTuple):
-    """Rows that differ in their steps alone."""
+    """Rows that differ in their time step only."""
 
     label: str
     colour: str
     marker: str
-    rows: list[Row]  # that are done
-    main: bool  # at the scene's own tolerance, or with none
+    rows: list[Row]  # with status "done"
+    main: bool  # whether at the scene's own tolerance, or without one
 
 
 def save_diagram(found: WorkPrecision, path: str | os.PathLike[str], error: float | None = None) -> None:
-    """Write the diagram to a .png, .svg or .pdf, whole or not at all, with a line at the `error`, m, that is asked for.
+    """Write the diagram to a .png, .svg or .pdf, whole or not at all, with a line at the requested `error`, m.
 
-    Raises InvalidInput when it cannot be made or written.
+    Raises InvalidInput when the diagram cannot be drawn or written.
     """
     save(path, partial(draw, found, error))
 
 
 def draw(found: WorkPrecision, error: float | None = None) -> Figure:
-    """The diagram as a figure of its own, without a window and without pyplot's list of figures."""
+    """The diagram as a figure without a window, unknown to pyplot."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=DIAGRAM_SIZE, layout="constrained")
@@ -65,7 +65,7 @@ def draw(found: WorkPrecision, error: float | None = None) -> Figure:
 
 
 def lines(found: WorkPrecision) -> Iterator[Line]:
-    """The lines of the diagram, faint ones first, so that the others lie above them."""
+    """The lines of the diagram, the faint ones first so that the others lie above them."""
     kinds = list(dict.fromkeys(row.setting.kind for row in found.rows))
     iterations = sorted({newton for _, _, newton in kinds if newton is not None})
     for kind in sorted(kinds, key=lambda kind: kind[1] in (None, found.tolerance)):
@@ -78,13 +78,13 @@ def lines(found: WorkPrecision) -> Iterator[Line]:
 
 
 def lowest(found: WorkPrecision) -> float:
-    """Where an error of 0, which a logarithm does not know, is drawn: below all others, m."""
+    """Where to draw errors of 0, which have no logarithm: below all others, m."""
     positive = [row.error for row in found.rows if row.error]
     return 0.5 * min(positive) if positive else 1e-6
 
 
 def draw_line(axes: Axes, line: Line, floor: float) -> None:
-    """A line, its markers, and its name for the legend where it is a main one."""
+    """Draw a line with its markers; a main line is named in the legend."""
     x = [row.cost_and_error[0] for row in line.rows]
     y = [max(row.cost_and_error[1], floor) for row in line.rows]
     if line.main:
@@ -95,7 +95,7 @@ def draw_line(axes: Axes, line: Line, floor: float) -> None:
 
 
 def draw_front(axes: Axes, found: WorkPrecision, floor: float) -> None:
-    """The Pareto-best rows: the steps below which no setting comes, and the names of their steps."""
+    """Draw the Pareto front of all rows and name the time steps on it."""
     best = sorted((row for row in found.rows if row.pareto), key=lambda row: row.cost_and_error)
     if not best:
         return
@@ -105,16 +105,14 @@ def draw_front(axes: Axes, found: WorkPrecision, floor: float) -> None:
     before = ""
     for row, a, b in zip(best, x, y, strict=True):
         name = row.setting.step_name
-        if name != before:  # others of the same step lie close by, where a name would cover the first one's
+        if name != before:  # rows of the same step lie close together, and their names would overlap
             axes.annotate(name, (a, b), xytext=(-5, -11), textcoords="offset points", fontsize=8, color=INK, ha="right",
                           zorder=5)
         before = name
 
 
 def frame(axes: Axes, found: WorkPrecision) -> None:
-    """Axes with units, grid, title and legend."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
+    """Draw title, axes with units, and grid."""
     frames = len(found.reference.positions)
     axes.set_title(f"{found.scene}: speed against error", loc="left", fontsize=12, fontweight="bold", color=INK)
     axes.set_title(f"{frames} frames, h = {1e3 * found.delta:.4g} ms", loc="right", fontsize=9, color=QUIET)
@@ -122,33 +120,31 @@ def frame(axes: Axes, found: WorkPrecision) -> None:
     axes.set_ylabel("distance to the motion of h → 0, root mean square, m")
     axes.grid(which="major", color="#dddddd", linewidth=0.7)
     axes.grid(which="minor", color="#f1f1f1", linewidth=0.5)
-    for axis, parts in ((axes.xaxis, (1.0, 2.0, 5.0)), (axes.yaxis, (1.0,))):
-        axis.set_major_locator(LogLocator(subs=parts, numticks=20))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_formatter(NullFormatter())
+    logarithmic_ticks(axes.xaxis, (1.0, 2.0, 5.0), 20)
+    logarithmic_ticks(axes.yaxis, (1.0,), 20)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
     axes.margins(x=0.08, y=0.1)
     if found.nearest is None:
-        axes.set(xlim=(1e-3, 1.0), ylim=(1e-4, 1.0))  # a logarithm of nothing has no limits of its own
+        axes.set(xlim=(1e-3, 1.0), ylim=(1e-4, 1.0))  # an empty logarithmic axis has no limits of its own
 
 
 def draw_levels(axes: Axes, found: WorkPrecision, error: float | None, floor: float) -> None:
-    """The error that is asked for, and that of the reference: a line where it is near the others, else a word."""
+    """Draw the requested error, and the reference's own: as a line where it is near the others, else as a remark."""
     if error is not None:
         axes.axhline(error, color=REQUESTED_ERROR, linewidth=1.2, linestyle=(0, (6, 3)), zorder=2,
                      label=f"asked for: {metres(error)}")
     own = found.reference.error
-    told = f"the reference's own error: {metres(own)}"
+    name = f"the reference's own error: {metres(own)}"
     if own > 0.1 * floor:
-        axes.axhline(own, color=QUIET, linewidth=1.2, linestyle=":", zorder=2, label=told)
+        axes.axhline(own, color=QUIET, linewidth=1.2, linestyle=":", zorder=2, label=name)
     else:
         zeros = "; errors of 0 are drawn at the lower edge" if any(row.error == 0 for row in found.rows) else ""
-        axes.annotate(f"↓ {told}{zeros}", (0.01, 0.015), xycoords="axes fraction", fontsize=8, color=QUIET)
+        axes.annotate(f"↓ {name}{zeros}", (0.01, 0.015), xycoords="axes fraction", fontsize=8, color=QUIET)
 
 
 def draw_own(axes: Axes, found: WorkPrecision, floor: float) -> None:
-    """A ring around the scene's own setting."""
+    """Draw a ring around the scene's own setting."""
     if found.own.status != "done":
         return
     x, y = found.own.cost_and_error[0], max(found.own.cost_and_error[1], floor)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clothfit.base.arrays import Array
+from clothfit.pictures.camera import Camera
 from clothfit.pictures.palette import FIXED_VERTEX, GROUND, QUIET, TARGET_COLOUR
 from clothfit.pictures.polygons import Patches, Stage, bare, painted, pins, sightings, wind
 
@@ -16,19 +17,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import SubFigure
 
 STRIP_FRAMES = 6
-"""In a strip."""
 
 STRIP_FACES = 6000
-"""Of a frame, at most; larger meshes are thinned."""
+"""Most faces in a frame; larger meshes are thinned."""
 
 MOST_VECTOR_SHAPES = 3000
-"""Polygons of a frame up to which a .svg or .pdf holds them as such, and not as dots."""
+"""Most polygons of a frame that a .svg or .pdf holds as polygons; more are stored as an image."""
 
-DOT_SIZE = 1.8  # points: a vertex
+DOT_SIZE = 1.8  # points, of a vertex
 
 
 def strip(figure: SubFigure, on: Stage, times: Array, x: Array, over: Array | None = None) -> list[Axes]:
-    """Draw some frames of a motion x (F, n, 3), at `times` (F,) s, with the target `over` (F, n, 3) it."""
+    """Draw some frames of a motion x (F, n, 3), at `times` (F,) s, with the target `over` (F, n, 3) over it."""
     shown = chosen(len(x))
     panels: Any = figure.subplots(1, len(shown), squeeze=False)
     figure.subplots_adjust(left=0.012, right=0.988, bottom=0.09, top=0.98, wspace=0.03)
@@ -40,12 +40,12 @@ def strip(figure: SubFigure, on: Stage, times: Array, x: Array, over: Array | No
 
 
 def chosen(frames: int) -> Sequence[int]:
-    """Which of so many frames are in a strip: the first, the last, and some equally far apart between."""
+    """The frames in a strip: the first, the last, and others evenly between them."""
     return [int(i) for i in np.unique(np.linspace(0, frames - 1, STRIP_FRAMES).round())]
 
 
 def still(axes: Axes, on: Stage, frame: int, x: Array, over: Array | None) -> None:
-    """Draw a frame with positions x (n, 3) into axes of its own."""
+    """Draw a frame with positions x (n, 3) into its axes."""
     layers = painted(on, frame, x, over)
     dots = sum(len(layer.corners) for layer in layers) > MOST_VECTOR_SHAPES
     for layer in layers:
@@ -58,11 +58,11 @@ def still(axes: Axes, on: Stage, frame: int, x: Array, over: Array | None) -> No
         axes.plot(*dots_at.T, "o", color=TARGET_COLOUR, markersize=DOT_SIZE, markeredgewidth=0, zorder=3)
     fixed_at = pins(on, frame, x)
     axes.plot(*fixed_at.T, "o", color=FIXED_VERTEX, markersize=DOT_SIZE + 0.6, markeredgewidth=0, zorder=3)
-    blank(axes, on)
+    blank(axes, on.camera)
 
 
 def draw_patches(axes: Axes, layer: Patches, dots: bool) -> None:
-    """Paint polygons one after another: opaque ones with edges, so that nothing shines through between them."""
+    """Paint polygons in order; opaque ones get edges, so that nothing shows through between them."""
     from matplotlib.collections import PolyCollection
 
     colours = [(r, g, b, layer.opacity) for r, g, b in layer.colours.tolist()]
@@ -72,19 +72,19 @@ def draw_patches(axes: Axes, layer: Patches, dots: bool) -> None:
     axes.add_collection(drawn, autolim=False)
 
 
-def blank(axes: Axes, on: Stage) -> None:
-    """Axes without numbers, of the camera's view."""
-    axes.set(xlim=(on.camera.low[0], on.camera.high[0]), ylim=(on.camera.low[1], on.camera.high[1]), xticks=[],
-             yticks=[], aspect="equal", facecolor=GROUND)  # fmt: skip
+def blank(axes: Axes, camera: Camera) -> None:
+    """Make axes of the camera's view, without numbers."""
+    (left, bottom), (right, top) = camera.low, camera.high
+    axes.set(xlim=(left, right), ylim=(bottom, top), xticks=[], yticks=[], aspect="equal", facecolor=GROUND)
     axes.spines[:].set_visible(False)
 
 
 def draw_wind(axes: Axes, on: Stage) -> None:
-    """An arrow along the wind in the corner of a picture, and how fast it is."""
-    blows = wind(on)
-    if blows is None:
+    """Draw an arrow along the wind in the corner of a picture, with its speed."""
+    found = wind(on)
+    if found is None:
         return
-    way, speed = blows
+    way, speed = found
     size = on.camera.high - on.camera.low
     middle = on.camera.low + size * (0.17, 0.13)
     half = 0.09 * float(size.min()) * way

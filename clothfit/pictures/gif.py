@@ -1,4 +1,4 @@
-"""A motion as a looping GIF, drawn with Pillow, at the speed of the clock.
+"""A motion as a looping GIF in real time, drawn with Pillow.
 
 Each frame is painted at twice its size and then reduced, which smooths the edges. A GIF counts time in hundredths of a
 second, and viewers show a frame for at least two of them, so frames are left out: those shown lie `SHORTEST_INTERVAL`
@@ -16,7 +16,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.pictures.palette import CLOTHS, FIXED_VERTEX, GROUND, TARGET_COLOUR, Colour
-from clothfit.pictures.polygons import Patches, Stage, bare, good_frames, painted, pins, sightings, stage, wind
+from clothfit.pictures.polygons import Patches, Stage, bare, good_part, painted, pins, sightings, stage, wind
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -25,19 +25,19 @@ if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
 
 GIF_WIDTH, OVERSAMPLING = 480, 2
-"""Pixels of a frame, and by how much finer it is painted."""
+"""Width of a frame in pixels, and how many times finer it is painted."""
 
 GIF_FACES = 5000
-"""Of a frame, at most; larger meshes are thinned."""
+"""Most faces in a frame; larger meshes are thinned."""
 
 SHORTEST_INTERVAL, MOST_GIF_FRAMES = 0.04, 150
-"""Seconds between frames, at least, and frames, at most."""
+"""Least seconds between frames, and most frames."""
 
 SLOWED_BELOW, SLOWED_TO = 0.5, 2.0
-"""Seconds: a motion below the first is shown in the second."""
+"""Seconds: a motion shorter than the first is slowed down to last the second."""
 
 LAST_FRAME_PAUSE = 0.6
-"""Seconds that the last frame stays."""
+"""Seconds that the last frame stays longer."""
 
 PALETTE_SIZE = 96
 GIF_ASPECT = (0.45, 1.0)  # height by width, at least and at most
@@ -47,15 +47,15 @@ SEEN_TARGET = "#169648"  # vertices of a target that is seen in part
 
 
 class Film(NamedTuple):
-    """Which frames are shown, and for how long."""
+    """The frames that are shown, and for how long."""
 
     frames: list[int]
     durations: list[int]  # ms, multiples of 10
-    speed: float  # 1: that of the clock
+    speed: float  # 1: real time
 
 
 def film(times: Array) -> Film:
-    """The frames to show of those at `times` (F,), s."""
+    """Choose frames to show from those at `times` (F,), s."""
     length = float(times[-1] - times[0])
     speed = 1.0 if length >= SLOWED_BELOW or length == 0 else length / SLOWED_TO
     shown = (times - times[0]) / speed
@@ -70,14 +70,13 @@ def film(times: Array) -> Film:
 
 
 def animation(scene: Scene, times: Array, x: Array, over: Array | None = None, width: int = GIF_WIDTH) -> bytes:
-    """The GIF of a motion x (F, n, 3), m, at `times` (F,), s, with the target `over` (F, n, 3) it, NaN where unknown.
+    """The GIF of a motion x (F, n, 3), m, at `times` (F,), s, with the target `over` (F, n, 3) over it.
 
-    It ends before a motion that diverges has lost itself.
+    The target is NaN where it is unknown. A motion that diverges is shown up to there.
     """
-    good = max(1, good_frames(x))
-    times, x, over = times[:good], x[:good], None if over is None else over[:good]
     from PIL import Image
 
+    times, x, over = good_part(times, x, over)
     on = stage(scene, [x] if over is None else [x, over], GIF_FACES, GIF_ASPECT)
     cut = film(times)
     pictures = [picture(on, times, frame, x, over, width, cut.speed) for frame in cut.frames]
@@ -91,7 +90,7 @@ def animation(scene: Scene, times: Array, x: Array, over: Array | None = None, w
 
 
 def palette(pictures: list[Image]) -> Image:
-    """An image whose palette suits all pictures: that of some of them side by side, and the colours of small marks."""
+    """An image whose palette suits all pictures: the palette of six of them, and the colours of the small marks."""
     from PIL import Image, ImageColor
 
     some = [pictures[i] for i in np.unique(np.linspace(0, len(pictures) - 1, 6).round().astype(int))]
@@ -110,7 +109,7 @@ def palette(pictures: list[Image]) -> Image:
 def picture(
     on: Stage, times: Array, frame: int, x: Array, over: Array | None, width: int = GIF_WIDTH, speed: float = 1.0
 ) -> Image:
-    """One frame of a motion x (F, n, 3), with the target `over` (F, n, 3) it."""
+    """One frame of a motion x (F, n, 3), with the target `over` (F, n, 3) over it."""
     from PIL import Image, ImageDraw
 
     fine = OVERSAMPLING * width
@@ -134,13 +133,13 @@ def picture(
 
 
 def bare_pixels(on: Stage, frame: int, x: Array, width: int) -> tuple[Array, Indices]:
-    """Pixels (K, 2) and colours (K, 3), 0 … 255, of the vertices that no face shows."""
+    """Pixels (K, 2) and colours (K, 3), 0 … 255, of the vertices of objects without faces."""
     places, colours = bare(on, frame, x)
     return pixels(on, places, width), np.round(255 * colours).astype(np.int32)
 
 
 def polygons(on: Stage, layer: Patches, width: int) -> Iterator[tuple[list[tuple[float, float]], tuple[int, ...]]]:
-    """Corners in pixels and colours 0 … 255."""
+    """Yield each polygon's corners in pixels and its colour, 0 … 255."""
     flat = pixels(on, layer.corners, width).tolist()
     colours = np.round(255 * layer.colours).astype(int).tolist()
     for corners, colour in zip(flat, colours, strict=True):
@@ -148,7 +147,7 @@ def polygons(on: Stage, layer: Patches, width: int) -> Iterator[tuple[list[tuple
 
 
 def pixels(on: Stage, flat: Array, width: int) -> Array:
-    """Pixels (…, 2), downwards, of places in the picture (…, 2), m."""
+    """Pixels (…, 2), counted downwards, of places in the picture (…, 2), m."""
     scale = width / float(on.camera.high[0] - on.camera.low[0])
     return np.asarray(scale * (flat - (on.camera.low[0], on.camera.high[1])) * (1.0, -1.0))
 
@@ -156,7 +155,7 @@ def pixels(on: Stage, flat: Array, width: int) -> Array:
 def write(
     draw: ImageDraw, size: tuple[int, int], on: Stage, times: Array, frame: int, target: bool, speed: float
 ) -> None:
-    """The time, how far it is, what is green, and the wind."""
+    """Write the time, a bar of progress, the wind, and with a target what the colours mean."""
     from PIL import ImageFont
 
     width, height = size
@@ -166,23 +165,24 @@ def write(
     if target:
         for right, (name, colour) in zip((0.975, 0.865), LEGEND_NAMES, strict=True):
             draw.text((right * width, 0.022 * width), name, font=font, fill=ink(colour), anchor="ra")
-    way = (times[frame] - times[0]) / max(times[-1] - times[0], 1e-300)
+    share = (times[frame] - times[0]) / max(times[-1] - times[0], 1e-300)
     draw.rectangle((0, height - 5, width, height), fill="#e2e5ea")
-    draw.rectangle((0, height - 5, float(way) * width, height), fill=GIF_QUIET)
-    blows = wind(on)
-    if blows is not None:
-        arrow(draw, np.array([0.075 * width, height - 0.085 * width]), 0.05 * width * blows[0] * (1.0, -1.0))
+    draw.rectangle((0, height - 5, float(share) * width, height), fill=GIF_QUIET)
+    found = wind(on)
+    if found is not None:
+        way, wind_speed = found
+        arrow(draw, np.array([0.075 * width, height - 0.085 * width]), 0.05 * width * way * (1.0, -1.0))
         place = (0.14 * width, height - 0.085 * width)
-        draw.text(place, f"wind {blows[1]:.3g} m/s", font=font, fill=GIF_QUIET, anchor="lm")
+        draw.text(place, f"wind {wind_speed:.3g} m/s", font=font, fill=GIF_QUIET, anchor="lm")
 
 
 def ink(colour: Colour) -> tuple[int, ...]:
-    """A colour in which words can be read."""
+    """A colour dark enough for text."""
     return tuple(round(200 * part) for part in colour)
 
 
 def arrow(draw: ImageDraw, middle: Array, half: Array) -> None:
-    """An arrow around a place (2,), half as long as `half` (2,), in pixels."""
+    """Draw an arrow from `middle` − `half` to `middle` + `half`, (2,) in pixels."""
     tip, tail = middle + half, middle - half
     length = max(float(np.linalg.norm(half)), 1e-9)
     along = half / length * min(12.0, 2.0 * length)

@@ -1,4 +1,4 @@
-"""Parameters on the cloth: masses on the vertices, stiffnesses on the springs, drawn where they are at the start."""
+"""Maps of parameters on the cloth at its start: masses at the vertices, stiffnesses along the springs."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags
 from clothfit.objective.identifiability import identifiable
 from clothfit.pictures.camera import Camera, facing, project, shaped
-from clothfit.pictures.filmstrip import MOST_VECTOR_SHAPES
-from clothfit.pictures.palette import GROUND, INK, NOT_IDENTIFIABLE, QUIET
+from clothfit.pictures.charts import logarithmic_ticks
+from clothfit.pictures.filmstrip import MOST_VECTOR_SHAPES, blank
+from clothfit.pictures.palette import INK, NOT_IDENTIFIABLE, QUIET
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.kinds import KIND, Kind
 from clothfit.scene.scene import Scene
@@ -21,10 +22,10 @@ if TYPE_CHECKING:
     from matplotlib.colors import Normalize
 
 LOGARITHMIC_ABOVE = 6.0
-"""Values of one kind that differ by more than this factor have a logarithmic colour bar."""
+"""Values whose largest and smallest differ by more than this factor get a logarithmic colour bar."""
 
 MOST_MAP_VALUES = 20_000
-"""Values of a map; of more, so many are drawn, taken at random."""
+"""Most values in a map; of more, a random sample is drawn."""
 
 MAP_ASPECT = (0.5, 1.0)  # height by width of a map, at least and at most
 
@@ -33,14 +34,14 @@ class Map(NamedTuple):
     """The values of one kind, of all objects."""
 
     kind: Kind
-    places: Array  # (K, 3) of vertices, or (K, 2, 3) of the ends of springs, m
+    places: Array  # (K, 3) vertices, or (K, 2, 3) ends of springs, m
     values: Array  # (K,)
-    known: Flags  # (K,) whether the motion can show it
-    relative: bool = False  # whether they are deviations, fitted / true − 1
+    known: Flags  # (K,) whether the motion determines the value
+    relative: bool = False  # whether the values are deviations, fitted / true − 1
 
 
 def maps(scene: Scene, truth: Scene | None = None) -> list[Map]:
-    """What a scene flags with a value for each vertex or spring; the deviations from `truth` where that is given."""
+    """Maps of all kinds fitted with a value for each vertex or spring; with `truth`, of their deviations from it."""
     flags = scene if truth is None else truth
     p, shown = parameters(scene, flags=flags), identifiable(flags)
     found: dict[str, list[tuple[Array, Array, Flags]]] = {}
@@ -57,7 +58,7 @@ def maps(scene: Scene, truth: Scene | None = None) -> list[Map]:
 
 
 def joined(kind: Kind, parts: Sequence[tuple[Array, Array, Flags]], relative: bool) -> Map:
-    """A map of all objects from one for each: places, values, and which of them are known; of very many some."""
+    """One map from the places, values and known flags of all objects."""
     places, values, known = (np.concatenate([part[i] for part in parts]) for i in range(3))
     if len(values) > MOST_MAP_VALUES:
         some = np.sort(np.random.default_rng(0).choice(len(values), MOST_MAP_VALUES, replace=False))
@@ -66,22 +67,20 @@ def joined(kind: Kind, parts: Sequence[tuple[Array, Array, Flags]], relative: bo
 
 
 def deviation(values: Array, true: Array) -> Array:
-    """Relative deviations (K,) of values (K, c), of vectors in length; NaN where the true one is 0."""
+    """Relative deviations (K,) of values (K, c), of vectors by length; NaN where the true value is 0."""
     size = np.linalg.norm(true, axis=1)
     away = values[:, 0] - true[:, 0] if values.shape[1] == 1 else np.linalg.norm(values - true, axis=1)
     return np.where(size > 0, away / np.where(size > 0, size, 1.0), np.nan)
 
 
 def draw(axes: Axes, shown: Map) -> None:
-    """Draw a map with its colour bar; what the motion cannot show is grey."""
+    """Draw a map with its colour bar; values that the motion does not determine are grey."""
     points = shown.places.reshape(-1, 3)
     seen = shaped(facing(points), *MAP_ASPECT)
     flat = project(seen, shown.places)[..., :2]
     norm = scale(shown)
     drawn: Any = (vertices if shown.kind.of == "vertex" else springs)(axes, seen, flat, shown, norm)
-    axes.set(xlim=(seen.low[0], seen.high[0]), ylim=(seen.low[1], seen.high[1]), xticks=[], yticks=[], aspect="equal",
-             facecolor=GROUND)  # fmt: skip
-    axes.spines[:].set_visible(False)
+    blank(axes, seen)
     title = f"{shown.kind.title}: deviation from the truth" if shown.relative else f"{shown.kind.title}, fitted"
     axes.set_title(title, loc="left", fontsize=10, color=INK, pad=5)
     hidden = int((~shown.known).sum())
@@ -91,35 +90,32 @@ def draw(axes: Axes, shown: Map) -> None:
 
 
 def colour_bar(axes: Axes, drawn: Any, shown: Map) -> None:
-    """The scale beside a map, with its unit."""
+    """Draw the scale beside a map, with its unit."""
     from matplotlib.colors import LogNorm
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     figure: Any = axes.figure
     ends = "both" if shown.relative and beyond(shown) else "neither"
     bar = figure.colorbar(drawn, ax=axes, fraction=0.05, pad=0.03, extend=ends)
     if isinstance(drawn.norm, LogNorm):
-        bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
-        bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        bar.ax.yaxis.set_minor_formatter(NullFormatter())
+        logarithmic_ticks(bar.ax.yaxis, (1.0, 2.0, 5.0), 12)
     bar.set_label("fitted / true − 1" if shown.relative else f"{shown.kind.title}, {shown.kind.unit}", fontsize=8)
     bar.ax.tick_params(labelsize=8)
     bar.outline.set_visible(False)
 
 
 def beyond(shown: Map) -> bool:
-    """Whether some deviations are larger than the colours reach."""
+    """Whether some deviations exceed the range of the colours."""
     return bool((np.abs(shown.values[shown.known]) > reach(shown)).any())
 
 
 def reach(shown: Map) -> float:
-    """The deviation at which the colours end: all but the largest two in a hundred are within."""
+    """The deviation at which the colours end: 98 % of the deviations are within it."""
     sizes = np.abs(shown.values[shown.known])
     return max(float(np.quantile(sizes, 0.98)) if len(sizes) else 0.0, 1e-12)
 
 
 def scale(shown: Map) -> Normalize:
-    """From values to colours."""
+    """The normalisation of values to colours."""
     from matplotlib.colors import LogNorm, Normalize
 
     values = shown.values[shown.known]
@@ -133,7 +129,7 @@ def scale(shown: Map) -> Normalize:
 
 
 def vertices(axes: Axes, seen: Camera, flat: Array, shown: Map, norm: Normalize) -> Any:
-    """A dot for each vertex, about as large as there is room."""
+    """Draw a dot for each vertex, sized to fill the cloth."""
     size = seen.high - seen.low
     inches = 2.6 / float(size[0])
     area = float(np.clip(0.5 * size.prod() / max(len(flat), 1) * (72 * inches) ** 2, 0.3, 90.0))
@@ -147,7 +143,7 @@ def vertices(axes: Axes, seen: Camera, flat: Array, shown: Map, norm: Normalize)
 
 
 def springs(axes: Axes, seen: Camera, flat: Array, shown: Map, norm: Normalize) -> Any:
-    """A line for each spring, the long ones below."""
+    """Draw a line for each spring, long ones first so that short ones lie above them."""
     from matplotlib.collections import LineCollection
 
     length = np.linalg.norm(flat[:, 0] - flat[:, 1], axis=1)
@@ -164,24 +160,24 @@ def springs(axes: Axes, seen: Camera, flat: Array, shown: Map, norm: Normalize) 
 
 
 def colours(shown: Map) -> str:
-    """The name of the colour map: one with a middle for deviations."""
+    """The name of the colour map; deviations have one that diverges from a middle."""
     return "coolwarm" if shown.relative else "viridis"
 
 
 def single_values(scene: Scene, truth: Scene | None = None) -> Sequence[str]:
-    """A line for each value that is one for a whole object, or for the scene: what it is, and the true one."""
+    """A line for each value that belongs to a whole object or to the scene, with the true value where it is known."""
     flags = scene if truth is None else truth
-    p, told = parameters(scene, flags=flags), []
+    p, lines = parameters(scene, flags=flags), []
     for block in flags.blocks:
         if block.mode == "G" or block.cloth is None:
             place = "scene" if block.cloth is None else f"objects[{block.cloth}]"
             unit = block.kind.unit if block.unit is None else "× that at the start"
-            words = f"{place} {block.kind.title} {vector(p[block.part])} {unit}"
-            told.append(words if truth is None else f"{words} (true: {vector(parameters(truth)[block.part])})")
-    return told
+            line = f"{place} {block.kind.title} {vector(p[block.part])} {unit}"
+            lines.append(line if truth is None else f"{line} (true: {vector(parameters(truth)[block.part])})")
+    return lines
 
 
 def vector(values: Array) -> str:
     """A number, or several in brackets."""
-    told = [f"{value:.4g}" for value in values.tolist()]
-    return told[0] if len(told) == 1 else f"({', '.join(told)})"
+    numbers = [f"{value:.4g}" for value in values.tolist()]
+    return numbers[0] if len(numbers) == 1 else f"({', '.join(numbers)})"

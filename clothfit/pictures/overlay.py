@@ -1,4 +1,4 @@
-"""Two motions of one scene's cloths, frame by frame: a fitted one, and the target that it should be."""
+"""Two motions of one scene's cloths, frame by frame: the fitted one and its target."""
 
 from __future__ import annotations
 
@@ -6,13 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clothfit.base.arrays import Array
-from clothfit.fit.options import FIT_TOLERANCE
-from clothfit.motion.divergence import Diverged
+from clothfit.base.arrays import Array, Flags
+from clothfit.evaluation.evaluate import compared_cloths, finite_part
 from clothfit.motion.motion import Motion
-from clothfit.motion.simulate import simulate
 from clothfit.motion.times import frame_places, interpolated
-from clothfit.scene.fit_vector import fitted_cloths
 from clothfit.scene.scene import Scene
 
 
@@ -24,16 +21,17 @@ class Overlay:
     times: Array  # (F,), s
     own: Array  # (F, n, 3), m
     goal: Array  # (F, n, 3), m; NaN where not observed
-    rmse: Array  # (F,), m, over the vertices of the fitted objects that are observed; NaN where none is
+    rmse: Array  # (F,), m, over the observed vertices of the fitted objects; NaN where none is observed
     largest: Array  # (F,), m, the largest distance of such a vertex
 
 
 def overlaid(truth: Scene, fitted: Scene, target: Motion | None, frames: int) -> Overlay:
-    """The motion of a fitted scene over a target, by default over that of the true scene, for `frames` frames of a
-    simulation or as far as the target reaches. Both end before they diverge.
+    """The motion of a fitted scene, and its target: by default the motion of the true scene.
+
+    Both have `frames` frames of a simulation, or as many as the target reaches, and end before they diverge.
     """
-    goal = target if target is not None else moved(truth, frames)
-    own = moved(fitted, frames)
+    goal = target if target is not None else finite_part(truth, range(len(truth.cloths)), frames, 0)[0]
+    own, _ = finite_part(fitted, range(len(fitted.cloths)), frames, 0)
     step, fraction = frame_places(goal, truth.delta)
     kept = step + (fraction > 0) < len(own.positions)
     x = interpolated(own.positions, step[kept], fraction[kept])
@@ -45,24 +43,21 @@ def overlaid(truth: Scene, fitted: Scene, target: Motion | None, frames: int) ->
 
 
 def distances(scene: Scene, x: Array, y: Array) -> tuple[Array, Array]:
-    """Root mean square and largest distance (F,), m, of two motions (F, n, 3) over the objects that are fitted (all,
-    where none is flagged); NaN where nothing is known.
-    """
-    compared = fitted_cloths(scene) or range(len(scene.cloths))
-    own = np.repeat([i in compared for i in range(len(scene.cloths))], scene.vertex_counts)
-    squares = ((x[:, own] - y[:, own]) ** 2).sum(axis=2)
+    """Root mean square and largest distance (F,), m, of two motions (F, n, 3) over the compared objects."""
+    own = compared_vertices(scene)
+    return per_frame(((x[:, own] - y[:, own]) ** 2).sum(axis=2))
+
+
+def compared_vertices(scene: Scene) -> Flags:
+    """Which vertices (V,) belong to objects that are fitted; all, where none is."""
+    compared = compared_cloths(scene)
+    return np.repeat([index in compared for index in range(len(scene.cloths))], scene.vertex_counts)
+
+
+def per_frame(squares: Array) -> tuple[Array, Array]:
+    """Root mean square and largest distance (F,), m, from squared distances (F, n); NaN where none is finite."""
     known = np.isfinite(squares)
-    count, total = known.sum(axis=1), np.where(known, squares, 0.0).sum(axis=1)
-    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-    largest = np.where(count > 0, np.where(known, squares, 0.0).max(axis=1, initial=0.0), np.nan)
+    count, finite = known.sum(axis=1), np.where(known, squares, 0.0)
+    mean = np.where(count > 0, finite.sum(axis=1) / np.maximum(count, 1), np.nan)
+    largest = np.where(count > 0, finite.max(axis=1, initial=0.0), np.nan)
     return np.sqrt(mean), np.sqrt(largest)
-
-
-def moved(scene: Scene, frames: int) -> Motion:
-    """The motion of a scene, as far as it stays finite."""
-    try:
-        return simulate(scene, frames, FIT_TOLERANCE)
-    except Diverged as error:
-        if error.motion is None:
-            raise
-        return error.motion

@@ -1,6 +1,6 @@
-"""Files of pictures: which kinds there are, whether they can be made and written, and the writing.
+"""Files of pictures: their kinds, whether they can be made and written, and the writing.
 
-Pictures need matplotlib or Pillow, which come with the extra `plot`; whether they are there is asked before long work.
+Pictures need matplotlib or Pillow, which come with the extra `plot`; `check` looks for them before long work.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PLOTS, GIF = ("png", "svg", "pdf"), ("gif",)
-DOTS_PER_INCH = 150  # dots per inch of a .png
-FONTS = ["DejaVu Sans"]  # comes with matplotlib, so that a picture does not depend on the machine's fonts
+DOTS_PER_INCH = 150  # of a .png
+FONTS = ["DejaVu Sans"]  # comes with matplotlib, so a picture does not depend on the fonts of the machine
 STYLE = {"font.family": FONTS, "svg.hashsalt": "clothfit", "svg.fonttype": "path"}
 
 
 def check(path: str | os.PathLike[str], kinds: Sequence[str] = PLOTS) -> str:
-    """The format that a path's extension names, when a picture can be made and written there. Raises InvalidInput."""
+    """The format that a path's extension names. Raises InvalidInput when no picture can be drawn or written there."""
     name = os.fspath(path)
     kind = os.path.splitext(name)[1].lower().removeprefix(".")
     if kind not in kinds:
@@ -43,15 +43,15 @@ def check(path: str | os.PathLike[str], kinds: Sequence[str] = PLOTS) -> str:
 
 
 def save(path: str | os.PathLike[str], draw: Callable[[], Figure]) -> None:
-    """Write what `draw` draws to a .png, .svg or .pdf, whole or not at all; the same figure gives the same file.
+    """Write the figure that `draw` returns to a .png, .svg or .pdf, whole or not at all.
 
-    Raises InvalidInput when it cannot be made or written.
+    The same figure gives the same file. Raises InvalidInput when it cannot be drawn or written.
     """
     kind = check(path)
     from matplotlib import rc_context
 
     buffer = io.BytesIO()
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    with rc_context(STYLE):  # type: ignore[arg-type]  # its stubs know the keys as literals only
+    with rc_context(STYLE):  # type: ignore[arg-type]  # its stubs accept literal keys only
         draw().savefig(buffer, format=kind, dpi=DOTS_PER_INCH, metadata=undated.get(kind))
     write_atomically(path, buffer.getvalue())

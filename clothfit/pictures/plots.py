@@ -1,6 +1,6 @@
-"""The pictures of the commands `simulate`, `estimate` and `evaluate`: a filmstrip, below it charts and maps.
+"""The pictures of the commands `simulate`, `estimate` and `evaluate`: a filmstrip, with charts and maps below it.
 
-Each is a matplotlib figure of its own, without a window and without pyplot's list of figures; `picture.save` writes it.
+Each is a matplotlib figure without a window, unknown to pyplot; `picture_file.save` writes it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from clothfit.pictures import filmstrip as film
 from clothfit.pictures.filmstrip import STRIP_FACES, STRIP_FRAMES
 from clothfit.pictures.overlay import Overlay
 from clothfit.pictures.palette import INK, QUIET
-from clothfit.pictures.polygons import good_frames, stage
+from clothfit.pictures.polygons import good_part, stage
 from clothfit.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -28,13 +28,12 @@ if TYPE_CHECKING:
 PAGE_WIDTH, HEAD_HEIGHT, LEGEND_HEIGHT, ROW_HEIGHT = 12.0, 0.42, 0.2, 3.0  # inches
 CHART_SHARE, MAP_SHARE, TEXT_SHARE = 1.25, 1.1, 0.85  # of the width of a row
 
-
 IN_A_ROW = 3
-"""Charts and maps, at most, that stand in one row."""
+"""Most charts and maps in one row."""
 
 
 class Part(NamedTuple):
-    """Something in a row below the filmstrip."""
+    """A chart, map or text in a row below the filmstrip."""
 
     draw: Callable[[Axes], None]
     share: float = CHART_SHARE
@@ -47,56 +46,55 @@ def simulation(scene: Scene, times: Array, x: Array, energy: Energy | None = Non
     return composed(scene, times, x, None, f"{scene.name}: simulated", steps, rows)
 
 
-def estimation(over: Overlay, told: str, history: Sequence[Progress], fitted: float) -> Figure:
-    """The picture of a fit: the fitted motion over the target, convergence, error and the values that were found.
+def estimation(over: Overlay, summary: str, history: Sequence[Progress], fitted: float) -> Figure:
+    """The picture of a fit: the fitted motion and its target, convergence, error and the values found.
 
-    `told`: how it ended, in a few words; `fitted`: the end, s, of the frames that were fitted.
+    `summary` says how the fit ended; `fitted` is the end, s, of the fitted frames.
     """
     drawn = [
         Part(lambda axes: charts.convergence(axes, history)),
         Part(lambda axes: charts.error(axes, over.times, over.rmse, over.largest, fitted)),
     ]
-    return compared(over, f"{over.scene.name}: fitted", told, drawn, values(over.scene, None))
+    return compared(over, f"{over.scene.name}: fitted", summary, drawn, values(over.scene, None))
 
 
-def evaluation(over: Overlay, truth: Scene, told: str, fitted: float, horizon: float) -> Figure:
+def evaluation(over: Overlay, truth: Scene, summary: str, fitted: float, horizon: float) -> Figure:
     """The picture of a fitted scene beside the true one: both motions, their distance, the deviation of the values.
 
-    `fitted`, `horizon`: the ends, s, of the frames that are fitted, and of the longer comparison.
+    `fitted` and `horizon` are the ends, s, of the fitted frames and of the longer comparison.
     """
     errors = (over.times, over.rmse, over.largest, fitted, horizon)
     drawn = [Part(lambda axes: charts.error(axes, *errors), 2.0 * CHART_SHARE)]
-    return compared(over, f"{over.scene.name} against {truth.name}", told, drawn, values(over.scene, truth))
+    return compared(over, f"{over.scene.name} against {truth.name}", summary, drawn, values(over.scene, truth))
 
 
-def compared(over: Overlay, title: str, told: str, drawn: list[Part], maps: list[Part]) -> Figure:
-    """A fitted motion with the target over it, charts and maps: in one row where there is room."""
+def compared(over: Overlay, title: str, summary: str, drawn: list[Part], maps: list[Part]) -> Figure:
+    """A fitted motion with its target, above charts and maps: in one row where there is room, else in two."""
     rows = [[*drawn, *maps]] if len(drawn) + len(maps) <= IN_A_ROW else [drawn, maps]
-    return composed(over.scene, over.times, over.own, over.goal, title, told, rows)
+    return composed(over.scene, over.times, over.own, over.goal, title, summary, rows)
 
 
 def values(scene: Scene, truth: Scene | None) -> list[Part]:
-    """What shows the values of a scene, or how far they are from the true ones."""
+    """Maps and text that show the values of a scene, or how far they are from the true ones."""
     drawn = [Part(partial(maps.draw, shown=one), MAP_SHARE) for one in maps.maps(scene, truth)]
     lines = maps.single_values(scene, truth)
     return [*drawn, Part(partial(charts.text, title="values", lines=lines), TEXT_SHARE)] if lines else drawn
 
 
 def composed(
-    scene: Scene, times: Array, x: Array, over: Array | None, title: str, told: str, rows: Sequence[Sequence[Part]]
+    scene: Scene, times: Array, x: Array, over: Array | None, title: str, summary: str, rows: Sequence[Sequence[Part]]
 ) -> Figure:
-    """A filmstrip of x (F, n, 3), with the target `over` (F, n, 3) it, and rows of parts below."""
+    """A filmstrip of x (F, n, 3) with the target `over` (F, n, 3) over it, and rows of parts below."""
     from matplotlib.figure import Figure
 
-    good = max(1, good_frames(x))
-    times, x, over = times[:good], x[:good], None if over is None else over[:good]
+    times, x, over = good_part(times, x, over)
     on = stage(scene, [x] if over is None else [x, over], STRIP_FACES)
     top = HEAD_HEIGHT if over is None else HEAD_HEIGHT + LEGEND_HEIGHT
     strip = (PAGE_WIDTH / STRIP_FRAMES - 0.06) * on.camera.aspect + 0.33
     sizes = [top, strip, *[ROW_HEIGHT] * len(rows)]
     figure = Figure(figsize=(PAGE_WIDTH, sum(sizes)), facecolor="white")
     bands: Any = figure.subfigures(len(sizes), 1, height_ratios=sizes, squeeze=False)
-    head(bands[0, 0], top, title, told, over is not None)
+    head(bands[0, 0], top, title, summary, over is not None)
     film.strip(bands[1, 0], on, times, x, over)
     for band, parts in zip(bands[2:, 0], rows, strict=True):
         place(band, parts)
@@ -108,18 +106,18 @@ def place(band: SubFigure, parts: Sequence[Part]) -> None:
     shares = [part.share for part in parts]
     free = 0.0 if max(shares) >= CHART_SHARE else max(0.0, IN_A_ROW * MAP_SHARE - sum(shares))
     widths = [*shares, free] if free else shares
-    right = 0.985 if shares[-1] >= CHART_SHARE else 0.94  # colour bars and words stand out beyond
+    right = 0.985 if shares[-1] >= CHART_SHARE else 0.94  # room for colour bars and text beyond
     grid = band.add_gridspec(1, len(widths), width_ratios=widths, left=0.062, right=right,
                              bottom=0.165, top=0.845, wspace=0.24)  # fmt: skip
     for column, part in enumerate(parts):
         part.draw(band.add_subplot(grid[0, column]))
 
 
-def head(band: SubFigure, height: float, title: str, told: str, target: bool) -> None:
-    """The title, what was found, and what is green."""
+def head(band: SubFigure, height: float, title: str, summary: str, target: bool) -> None:
+    """Write the title, the summary, and with a target what the colours mean."""
     line = 1.0 - 0.6 * HEAD_HEIGHT / height
     band.text(0.012, line, title, fontsize=13, fontweight="bold", color=INK, va="center")
-    band.text(0.988, line, told, fontsize=9, color=QUIET, va="center", ha="right")
+    band.text(0.988, line, summary, fontsize=9, color=QUIET, va="center", ha="right")
     if target:
         below = 0.5 * LEGEND_HEIGHT / height
         band.text(0.012, below, "solid: fitted", fontsize=9, color="#4669a8", va="center")

@@ -14,11 +14,19 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.memory import check_memory
-from clothfit.evaluation.evaluate import HORIZON, Evaluation, check_same_objects, deviations, distance, finite_part
+from clothfit.evaluation.evaluate import (
+    HORIZON,
+    Evaluation,
+    check_same_objects,
+    compared_cloths,
+    deviations,
+    distance,
+    finite_part,
+)
 from clothfit.motion.motion import Motion, check_counts, checked_motion
 from clothfit.motion.times import frame_places, interpolated
+from clothfit.pictures.overlay import compared_vertices, per_frame
 from clothfit.pictures.polygons import FARTHEST_SHOWN
-from clothfit.scene.fit_vector import fitted_cloths
 from clothfit.scene.scene import Scene
 
 MOST_POSITIONS = 3_200_000
@@ -56,7 +64,7 @@ def shown(
         notes.append(f"the horizon ends after {length} frames, as more would make this page large (--steps)")
     goal, own, faults = motions(truth, fitted, target, length)
     notes += [f"{fault}; the frames before are shown" for fault in faults]
-    compared = fitted_cloths(truth) or list(range(len(truth.cloths)))
+    compared = compared_cloths(truth)
     evaluation = Evaluation(
         distance(own, goal, truth.delta, compared, truth.frames),
         distance(own, goal, truth.delta, compared, length),
@@ -110,7 +118,7 @@ def pictured(
         notes = [*notes, f"one frame in {every} is shown, as all would make this page large; the charts know all"]
     part = compared_vertices(truth)
     return Shown(
-        times[::every], fitted[::every], wanted[::every], error[::every], times, *curves(error[:, part]),
+        times[::every], fitted[::every], wanted[::every], error[::every], times, *per_frame(error[:, part] ** 2),
         float(truth.delta * (truth.frames - 1)), evaluation, notes,
     )  # fmt: skip
 
@@ -118,12 +126,6 @@ def pictured(
 def seen(motion: Motion) -> Flags:
     """Which positions (frames, V) of a motion were observed."""
     return np.concatenate([motion.seen(cloth) for cloth in range(len(motion.vertex_counts))], axis=1)
-
-
-def compared_vertices(scene: Scene) -> Flags:
-    """Which vertices (V,) belong to objects that are fitted; all, where none is."""
-    chosen = fitted_cloths(scene) or range(len(scene.cloths))
-    return np.repeat([cloth in chosen for cloth in range(len(scene.cloths))], scene.vertex_counts)
 
 
 def near_enough(*both: Array) -> int:
@@ -134,13 +136,3 @@ def near_enough(*both: Array) -> int:
     away = np.max([np.nanmax(np.abs(motion - centre), axis=(1, 2), initial=0.0) for motion in both], axis=0)
     gone = np.flatnonzero(away > FARTHEST_SHOWN * size)
     return max(int(gone[0]), 2) if len(gone) else len(away)
-
-
-def curves(error: Array) -> tuple[Array, Array]:
-    """Root mean square and largest error (F,) of each frame from errors (F, n); NaN where nothing was observed."""
-    known = ~np.isnan(error)
-    squares = np.where(known, error, 0.0) ** 2
-    count = known.sum(axis=1)
-    with np.errstate(invalid="ignore"):
-        rmse = np.sqrt(squares.sum(axis=1) / count)
-    return rmse, np.where(count > 0, np.sqrt(squares.max(axis=1, initial=0.0)), np.nan)

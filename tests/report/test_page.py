@@ -16,6 +16,7 @@ from clothfit.evaluation.evaluate import evaluate
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import as_motion, save_motion
 from clothfit.motion.simulate import simulate
+from clothfit.pictures.overlay import per_frame
 from clothfit.report.assembly import WEB, page
 from clothfit.report.log import intervals, read_log
 from clothfit.report.packing import (
@@ -27,7 +28,7 @@ from clothfit.report.packing import (
     unpacked,
     unpacked_positions,
 )
-from clothfit.report.showing import curves, default_length, shown
+from clothfit.report.showing import default_length, shown
 from clothfit.scene.scene import load
 
 needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of steps need compilation")
@@ -166,7 +167,7 @@ def test_a_motion_that_diverges_is_shown_until_it_leaves(both):
 
 
 def test_the_curves_leave_out_what_nobody_saw():
-    rmse, largest = curves(np.array([[3.0, np.nan, 4.0], [np.nan] * 3]))
+    rmse, largest = per_frame(np.array([[9.0, np.nan, 16.0], [np.nan] * 3]))
     assert rmse[0] == pytest.approx(np.sqrt(12.5))
     assert largest[0] == 4.0
     assert np.isnan([rmse[1], largest[1]]).all()
