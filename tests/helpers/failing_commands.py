@@ -144,7 +144,7 @@ MEMORY = {
 READING = {
     "cannot be read: No such file or directory": Case("simulate absent.json"),
     "there is no such file": fit("--target absent.npz"),
-    "is a folder, a motion file (.npz) is needed": fit("--target ."),
+    "is a folder; a motion file (.npz) is needed": fit("--target ."),
     "cannot be read as .npz or .npy (…)": fit("--target scene.json"),
     "it is packed in another way than NumPy's; write it with numpy.savez": Case(
         "estimate scene.json --target bad.npz",

@@ -109,7 +109,7 @@ FORMATS = {
     "is a folder; a file with a motion is needed": target("a.obj", **{"a.obj/b.obj": CORNER}),
     "has no points": converted("empty.npz a.pc2", **{"empty.npz": {"positions": np.zeros((2, 0, 3))}}),
     "has … vertices, … has …; a motion needs all vertices of all objects, in their order: export it from the mesh that "
-    "the scene was made of": target("a.obj", **{"a.obj": CORNER}),
+    "the scene was made from": target("a.obj", **{"a.obj": CORNER}),
     "has …, none of which is in --frames …": target("good.npz", "--frames 9:"),
     "frames: … is not A:B, such as 0:100, 50: or :-1 (B is left out)": target("good.npz", "--frames 9"),
     ".npz has the scene's axes and metres; leave --scale, --up, --handedness out": Case(
@@ -129,12 +129,12 @@ FORMATS = {
     "… take … bytes, it has …; is it complete?": read("pc2", PC2[:-1]),
     # which vertices markers are
     "--map: … has all vertices, in their order; leave it out": target("good.npz", "--map map.csv"),
-    "--map: tells of the vertices of a scene; add --scene": converted("good.npz a.pc2 --map map.csv"),
+    "--map: it names vertices of a scene; add --scene": converted("good.npz a.pc2 --map map.csv"),
     "no marker is seen in any frame": captured(seen=False),
     "… both belong to objects[…] vertex …; say with --map which vertex each is, or leave one out there": captured(
         "marker,object,vertex\na,0,3\nb,0,3\n"
     ),
-    "is not a text with commas: …": captured("\udcff\udcfe"),
+    "the names of the columns are needed": captured("\udcff\udcfe"),
     "line …: there is no … in …": captured(f"marker,object,vertex\na,0,{VERTICES}\n"),
     # USD
     "the USD library cannot read it; it is damaged, or of another format": read("usda", b"hello"),
@@ -219,7 +219,7 @@ MESHES = {
     ),
     "a mesh is not read from standard input; name a file": Case("new -"),
     "has no faces; a cloth is made of triangles": ply(PLY_HEAD + b"end_header\n0 0 0\n1 0 0\n0 1 0\n"),
-    "vertex … has no place within … m of the origin; is the unit right?": ply(PLY.replace(b"0 1 0", b"0 nan 0")),
+    "vertex … is not within … m of the origin; is the unit right?": ply(PLY.replace(b"0 1 0", b"0 nan 0")),
     "it has no header": ply(b"solid"),
     "its header has a line that is not understood: …": ply(PLY.replace(b"end_", b"property complex w\nend_")),
     "its header does not name the format": ply(b"ply\nelement vertex 3\nend_header\n"),
