@@ -7,14 +7,14 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.optimise.prior import inverse
 
-ROUNDING = 1e-12
+NULL_EIGENVALUE = 1e-12
 """Eigenvalue of H with a unit diagonal, relative to the largest, below which it is rounding."""
 
 
 def scaled(H: Array) -> tuple[Array, Array]:
     """H (F, F) with a unit diagonal, and what its rows and columns were divided by (F,); zeros stay."""
     size = np.sqrt(np.maximum(np.diag(H), 0.0))
-    size[size <= ROUNDING * size.max(initial=0.0)] = 0.0
+    size[size <= NULL_EIGENVALUE * size.max(initial=0.0)] = 0.0
     by = np.where(size > 0, size, 1.0)
     return H / np.outer(by, by) * np.outer(size > 0, size > 0), by
 
@@ -23,7 +23,7 @@ def null_space(H: Array) -> Array:
     """An orthonormal basis (F, ·) of the directions in which H is zero but for rounding."""
     unit, by = scaled(H)
     values, vectors = np.linalg.eigh(unit)
-    null = vectors[:, values <= ROUNDING * values.max(initial=0.0)] / by[:, None]
+    null = vectors[:, values <= NULL_EIGENVALUE * values.max(initial=0.0)] / by[:, None]
     return np.asarray(np.linalg.qr(null / np.maximum(np.linalg.norm(null, axis=0), np.finfo(float).tiny))[0])
 
 

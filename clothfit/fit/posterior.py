@@ -1,0 +1,137 @@
+"""What the data say of the fitted parameters near the best point: its quadratic model and the posterior of that.
+
+Near the result the residuals are r + J d (`normal_equations`), with z = log p (p / σ_p for kinds that are fitted as
+they are):
+
+    H = JᵀJ,    A = the prior's matrix, 0 without one,    K = (H + A)⁻¹,    C = σ² K,    σ² = Σ r² / (N − γ)
+
+with γ = tr H K the number of parameters that the data determine; without a prior that is their rank. With a prior, C is
+the posterior's (G. Wahba, Bayesian confidence intervals, J. R. Statist. Soc. B 45, 1983).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothfit.base.arrays import Array, Flags
+from clothfit.fit.null_space import inverse_beside, null_space
+from clothfit.optimise.gauss_newton import Model
+from clothfit.optimise.prior import NARROWEST, Prior, inverse, none, variance
+from clothfit.optimise.search import Search
+from clothfit.scene.fit_vector import at_lower, at_upper, bounds
+
+VARIANCE_ROUNDS = 10  # of finding σ² and γ, which depend on each other
+PRIOR_ROUNDS = 4  # times that the prior learns its width
+
+
+@dataclass(frozen=True)
+class Local:
+    """The cost around the best point of a search, in the coordinates z (Q,) of the fitted parameters."""
+
+    search: Search
+    model: Model  # in the coordinates of the search, y = scale · z
+    squares: float  # Σ r²
+    count: int  # N
+    prior: Prior
+
+    @property
+    def fitted(self) -> Flags:
+        """Which parameters (P,) the search fits."""
+        return self.search.fitted
+
+    @cached_property
+    def scale(self) -> Array:
+        """∂y/∂z (Q,)."""
+        return np.asarray(self.search.coordinates.weight[self.fitted])
+
+    @cached_property
+    def information(self) -> Array:
+        """H = JᵀJ (Q, Q)."""
+        return np.asarray(self.model.H * np.outer(self.scale, self.scale))
+
+    @property
+    def width(self) -> Array:
+        """Distance (Q,) of the bounds."""
+        ends = self.search.coordinates
+        return (ends.upper - ends.lower)[self.fitted] / self.scale
+
+    def derivative(self, sigma2: float) -> Array:
+        """Half the derivative (Q,) of cost and penalty by z."""
+        A = self.prior.matrix(sigma2)
+        return np.asarray(self.scale * (self.model.g + A @ (self.model.y - self.prior.centre)))
+
+    def held(self) -> Flags:
+        """Which parameters (Q,) the data push against a bound."""
+        p, (lower, upper) = self.search.best.p, bounds(self.search.objective.scene)
+        derivative = self.derivative(variance(self.squares, self.count, 0.0))
+        down, up = at_lower(p, lower)[self.fitted], at_upper(p, upper)[self.fitted]
+        return np.asarray((down & (derivative > 0)) | (up & (derivative < 0)))
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What the data say of the F parameters that they do not hold at a bound."""
+
+    local: Local
+    free: NDArray[np.intp]  # (F,), among the Q
+    null: Array  # (F, ·), orthonormal: directions that leave the motion as it is
+    K: Array  # (F, F)
+    determined: float  # γ
+    sigma2: float
+
+    @cached_property
+    def deviation(self) -> Array:
+        """Standard deviations (F,)."""
+        return np.asarray(np.sqrt(self.sigma2 * np.maximum(np.diag(self.K), 0.0)))
+
+    @cached_property
+    def derivative(self) -> Array:
+        """Half the derivative (F,) of cost and penalty by z."""
+        return self.local.derivative(self.sigma2)[self.free]
+
+    @property
+    def at_minimum(self) -> bool:
+        """Whether the step that is left would save no more than noise does, so that σ² is that of noise."""
+        return float(self.derivative @ self.K @ self.derivative) <= self.sigma2 * max(len(self.free), 1)
+
+    def whole(self, flags: Flags) -> Flags:
+        """Flags (P,) of all parameters from those of the free ones (F,)."""
+        found = np.zeros(len(self.local.fitted), bool)
+        found[np.flatnonzero(self.local.fitted)[self.free[flags]]] = True
+        return found
+
+
+def posterior(local: Local) -> Posterior:
+    """The posterior of the parameters that the data do not hold at a bound."""
+    free = np.flatnonzero(~local.held())
+    H, scale = local.information[np.ix_(free, free)], local.scale[free]
+    null = null_space(H)
+    determined = float(len(free) - null.shape[1])
+    sigma2 = variance(local.squares, local.count, determined)
+    if not local.prior.groups:
+        return Posterior(local, free, null, inverse_beside(H, null), determined, sigma2)
+    for _ in range(VARIANCE_ROUNDS):
+        A = local.prior.matrix(sigma2)[np.ix_(free, free)] * np.outer(scale, scale)
+        K = inverse(H + A)
+        determined = float((H * K).sum())
+        sigma2 = variance(local.squares, local.count, determined)
+    return Posterior(local, free, null, K, determined, sigma2)
+
+
+def learned_prior(search: Search, model: Model, squares: float, count: int) -> Prior:
+    """The prior of the fit. A width that is learned may be less than while fitting, down to nothing beside the standard
+    deviation of the mean, so that a cloth of one fabric gets the intervals of one value.
+    """
+    prior = search.best.prior or none(len(model.y))
+    if not (prior.learns and prior.groups and squares > 0):
+        return prior
+    sigma2 = variance(squares, count, len(model.y))
+    sums = [float(model.H[np.ix_(group, group)].sum()) for group in prior.groups]
+    prior = replace(prior, narrowest=min([NARROWEST, *(0.1 * float(np.sqrt(sigma2 / s)) for s in sums if s > 0)]))
+    for _ in range(PRIOR_ROUNDS):
+        prior, _ = prior.learned(model.H, model.g, model.y, squares, count)
+    return prior
