@@ -26,7 +26,7 @@ from clothfit.motion.simulate import simulate, simulate_cloths
 from clothfit.objective.experiment import Targets, experiments
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.objective import Objective
-from clothfit.optimise.checkpoint import Checkpoint, identity, opened
+from clothfit.optimise.checkpoint import Checkpoint, Journal, identity, opened
 from clothfit.optimise.progress import Progress
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
@@ -103,18 +103,22 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     given = None if hidden else objective.experiments
     journal = opened(options.checkpoint, options.resume, identity(scene, given, start, **options.identity))
     with journal.trusted():
-        p, warnings = first_point(objective, start, hidden, options.method, journal)
-        search = Search(objective, p, options.rmse_tolerance, options.budget, options.report, journal)
-        first = search.best.p  # within the bounds
-        others = partial(other_starts, objective, p, hidden) if start is None else None
-        status = run(search, options.method, p, others, options.tau)
-        seconds, warnings = search.progress.seconds, [*warnings, *search.warnings, *journal.warnings]
-        known = look(search, status, first, warnings) if options.intervals else None
-        found = result(search, status, options.method, warnings, start is not None, first, known, seconds)
-    found = with_fallbacks(found, objective)
-    if kept_out is None or options.holdout is None or status == Status.DIVERGED:
-        return found
-    return replace(found, holdout=judged(kept_out, parameters(found.scene), options.holdout_of, options.holdout))
+        found = searched(objective, start, hidden, options, journal)
+    return with_holdout(with_fallbacks(found, objective), kept_out, options)
+
+
+def searched(
+    objective: Objective, start: float | Array | Scene | None, hidden: bool, options: FitOptions, journal: Journal
+) -> Fit:
+    """The result of a search; `hidden`: the scene's own values are the truth, which the fit may not know."""
+    p, warnings = first_point(objective, start, hidden, options.method, journal)
+    search = Search(objective, p, options.rmse_tolerance, options.budget, options.report, journal)
+    first = search.best.p  # within the bounds
+    others = partial(other_starts, objective, p, hidden) if start is None else None
+    status = run(search, options.method, p, others, options.tau)
+    seconds, warnings = search.progress.seconds, [*warnings, *search.warnings, *journal.warnings]
+    known = assess(search, status, first, warnings) if options.intervals else None
+    return result(search, status, options.method, warnings, start is not None, first, known, seconds)
 
 
 def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[Objective, Objective | None]:
@@ -143,7 +147,7 @@ def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tup
     return objective, kept_out
 
 
-def look(search: Search, status: Status, start: Array, warnings: list[str]) -> Confidence | None:
+def assess(search: Search, status: Status, start: Array, warnings: list[str]) -> Confidence | None:
     """What the data say of the result of a search that began at `start` (P,); a warning where that is left out."""
     if status == Status.DIVERGED or not search.fitted.any():
         return None
@@ -159,3 +163,10 @@ def look(search: Search, status: Status, start: Array, warnings: list[str]) -> C
     if known is None:
         warnings.append("no intervals: for so many parameters they would take minutes or more, or too much memory")
     return known
+
+
+def with_holdout(found: Fit, kept_out: Objective | None, options: FitOptions) -> Fit:
+    """The fit with how far its motion is from what was kept out of it."""
+    if kept_out is None or options.holdout is None or found.status == Status.DIVERGED:
+        return found
+    return replace(found, holdout=judged(kept_out, parameters(found.scene), options.holdout_of, options.holdout))

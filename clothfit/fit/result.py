@@ -81,8 +81,7 @@ def result(
     """The fit as its user sees it: it began at `start` (P,), which was given where `started`."""
     scene = search.objective.scene
     p, cost = (search.best.p, search.best.cost) if known is None else (known.p, known.cost)
-    found = scene.blocks
-    lost = [block for block in found if block.mode == "G" and search.objective.unidentifiable(block)]
+    lost = [block for block in scene.blocks if block.mode == "G" and search.objective.unidentifiable(block)]
     return Fit(
         # the scene's values, which may differ, not their mean
         scene=with_parameters(scene, p, [] if started else lost),
@@ -93,7 +92,7 @@ def result(
         frames=search.objective.frames,
         evaluations=search.budget.evaluations,
         seconds=seconds,
-        parameters=[fitted_block(search, block, start, p, known) for block in found],
+        parameters=[fitted_block(search, block, start, p, known) for block in scene.blocks],
         warnings=warnings,
         rank=None if known is None else known.rank,
         sigma=None if known is None else known.sigma,
