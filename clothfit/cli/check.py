@@ -9,8 +9,11 @@ import click
 
 from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.base.messages import counted, owned
-from clothfit.cli.common import motions, shared
+from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.json_summary import print_json
+from clothfit.cli.common.options import check_numbers, standard_command
+from clothfit.cli.common.scenes import one_stream, read_scene
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Reading
@@ -19,7 +22,7 @@ if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
 
 
-@shared.command("check")
+@standard_command("check")
 @click.argument("scene_path", metavar="SCENE")
 @click.option("--steps", type=int, metavar="N", help="Time steps.  [default: the scene's, fewer for large cloths]")
 @click.option("--target", "target_path", metavar="MOTION", help="Compare with it.  [default: that of other values]")
@@ -45,11 +48,11 @@ def command(
     clothfit check scene.json
     clothfit check scene.json --target capture.npz --steps 50
     """
-    shared.check_numbers(steps)
-    shared.one_stream(scene_path, target_path)
-    scene = shared.read_scene(scene_path, console)
-    told: list[dict[str, Any]] = []
-    target = None if target_path is None else motions.read(target_path, scene, reading, console, told)
+    check_numbers(steps)
+    one_stream(scene_path, target_path)
+    scene = read_scene(scene_path, console)
+    readings: list[dict[str, Any]] = []
+    target = None if target_path is None else motions.read(target_path, scene, reading, console, readings)
     from clothfit.inspection.gradient_check import check_scene
 
     console.announce_compilation()
@@ -58,7 +61,7 @@ def command(
     seconds = time.perf_counter() - began
     show(found, scene, steps is not None, target_path, console)
     if as_json:
-        shared.print_json("check", {**summary(found, target_path), **motions.told_of(told), "seconds": seconds})
+        print_json("check", {**summary(found, target_path), **motions.readings_summary(readings), "seconds": seconds})
     return judge(found, console)
 
 
@@ -68,8 +71,8 @@ def show(found: SceneCheck, scene: Scene, chosen: bool, target_path: str | None,
         console.say(f"{found.scene} flags nothing to fit: checked by all masses and stiffnesses")
     if found.frames < scene.frames and not chosen:
         console.say(f"the first {found.frames - 1} of {scene.frames - 1} steps; --steps checks others")
-    told = [(owned(b.cloth, b.name), b.mode, counted(b.count, "value", "values")) for b in found.blocks]
-    values = ", ".join(f"{name} ({mode}, {count})" for name, mode, count in told)
+    blocks = [(owned(b.cloth, b.name), b.mode, counted(b.count, "value", "values")) for b in found.blocks]
+    values = ", ".join(f"{name} ({mode}, {count})" for name, mode, count in blocks)
     against = target_path or "the motion of values up to 10 % off"
     console.say(f"gradient by {values}; {counted(found.frames, 'frame', 'frames')}, against {against}")
     console.table([("test", "measured", "bar", "verdict"), *map(row, found.tests)])

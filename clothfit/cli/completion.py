@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import click
 
-from clothfit.cli.common import shared
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.json_summary import print_json
+from clothfit.cli.common.options import standard_command
 
 SHELLS = ("bash", "zsh", "fish")
 
 
-@shared.command("completion")
+@standard_command("completion")
 @click.argument("shell", type=click.Choice(SHELLS), metavar="bash|zsh|fish")
 def command(shell: str, as_json: bool, console: Console) -> int:
     """Print what makes a shell complete commands, options and file names.
@@ -25,7 +26,7 @@ def command(shell: str, as_json: bool, console: Console) -> int:
     """
     text = script(shell)
     if as_json:
-        shared.print_json("completion", {"shell": shell, "script": text})
+        print_json("completion", {"shell": shell, "script": text})
     else:
         click.echo(text, nl=False)
     return 0

@@ -11,8 +11,12 @@ import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres
-from clothfit.cli.common import motions, shared
+from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.json_summary import print_json
+from clothfit.cli.common.options import standard_command
+from clothfit.cli.common.output import STREAM, Output, output_for
+from clothfit.cli.common.scenes import one_stream, read_scene
 from clothfit.formats.convention import Convention, Reading
 
 if TYPE_CHECKING:
@@ -22,11 +26,11 @@ if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
 
 
-LEAST = 1e-12
+LEAST_ROUNDING = 1e-12
 """m: a rounding that is worth a word."""
 
 
-@shared.command("convert")
+@standard_command("convert")
 @click.argument("in_path", metavar="IN")
 @click.argument("out_path", metavar="OUT")
 @click.option("--scene", "scene_path", metavar="SCENE", help="Whose motion it is: checks it, gives times and faces.")
@@ -57,8 +61,8 @@ def command(
     clothfit convert shirt.pc2 shirt.usd --mesh shirt.obj --fps 24 --to-scale 0.01 --to-up z
     """
     convention = Convention(to_scale, to_up, to_handedness)
-    shared.one_stream(in_path, scene_path)
-    scene = None if scene_path is None else shared.read_scene(scene_path, console)
+    one_stream(in_path, scene_path)
+    scene = None if scene_path is None else read_scene(scene_path, console)
     others = (scene_path, mesh_path, None if reading.markers is None else os.fspath(reading.markers))
     out = place(in_path, out_path, others)
     motions.check(out, convention, (in_path, *others))
@@ -67,22 +71,22 @@ def command(
     if scene is not None:
         loaded = of_scene(loaded, scene, out)
     faces = chosen_faces(mesh, loaded, mesh_path)
-    told = written(loaded, out, scene, faces, convention, console)
+    output = written(loaded, out, scene, faces, convention, console)
     if as_json:
         taken = loaded.interpretation.summary()
         summary = {name: taken[name] for name in ("frames", "points")}
-        summary |= {"seconds": taken["duration"], "reading": [taken], **told, "output": out.path}
-        shared.print_json("convert", summary, out)
+        summary |= {"seconds": taken["duration"], "reading": [taken], **output, "output": out.path}
+        print_json("convert", summary, out)
     return 0
 
 
-def place(in_path: str, out_path: str, others: tuple[str | None, ...]) -> shared.Output:
+def place(in_path: str, out_path: str, others: tuple[str | None, ...]) -> Output:
     """Where the motion goes, checked. Raises InvalidInput."""
     from clothfit.formats.registry import format_of
 
-    if out_path != shared.STREAM:
+    if out_path != STREAM:
         format_of(out_path)
-    return shared.output(out_path, in_path, "", others)
+    return output_for(out_path, in_path, "", others)
 
 
 def mesh_faces(path: str) -> tuple[int, Indices]:
@@ -95,7 +99,7 @@ def mesh_faces(path: str) -> tuple[int, Indices]:
     return mesh.interpretation.points, mesh.triangles
 
 
-def of_scene(loaded: Loaded, scene: Scene, out: shared.Output) -> Loaded:
+def of_scene(loaded: Loaded, scene: Scene, out: Output) -> Loaded:
     """The same with the scene's faces; for another program by the vertices of the mesh that it knows."""
     from clothfit.formats.registry import foreign
     from clothfit.motion.files import for_tools, triangles_of
@@ -119,7 +123,7 @@ def chosen_faces(mesh: tuple[int, Indices] | None, loaded: Loaded, mesh_path: st
 
 def written(
     loaded: Loaded,
-    out: shared.Output,
+    out: Output,
     scene: Scene | None,
     faces: Indices | None,
     convention: Convention,
@@ -142,7 +146,7 @@ def written(
         console.say(f"{out.name}: gets points only, no faces; --scene or --mesh has some")
     axes = motions.write_foreign(loaded.motion, out, convention, console, faces, loaded.names, loaded.timed)
     rounding = largest_rounding(loaded, out.path, axes)
-    if rounding is not None and rounding > LEAST:
+    if rounding is not None and rounding > LEAST_ROUNDING:
         console.say(f"{out.name}: its positions are rounded by {metres(rounding)} at most")
     return {"written": {**axes._asdict(), "faces": count, "largest_rounding": rounding}}
 

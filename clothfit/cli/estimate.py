@@ -10,14 +10,17 @@ import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import owned
-from clothfit.cli.common import motions, pictures, shared
-from clothfit.cli.common import stability_warnings as trust
+from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.files import Files
+from clothfit.cli.common.options import check_numbers, standard_command
 from clothfit.cli.common.progress import progress
+from clothfit.cli.common.scenes import read_scene
+from clothfit.cli.common.signals import uninterrupted
+from clothfit.cli.common.stability_warnings import warn_of_steps
 from clothfit.cli.fitting import estimate_report
-from clothfit.cli.fitting import target_options as goals
-from clothfit.cli.fitting.recording import Watching
+from clothfit.cli.fitting.files import Files
+from clothfit.cli.fitting.recording import Recording
+from clothfit.cli.fitting.target_options import read_start, read_target, weights
 from clothfit.fit.options import FitOptions
 
 if TYPE_CHECKING:
@@ -39,7 +42,7 @@ SECTIONS = {  # of the help
 }
 
 
-@shared.command("estimate", SECTIONS)
+@standard_command("estimate", SECTIONS)
 @click.argument("scene_paths", metavar="SCENE...", nargs=-1, required=True)
 @click.option(
     "--target",
@@ -146,35 +149,35 @@ def command(
     clothfit estimate - < scene.json > fitted.json
     """
     check_values(max_evaluations, rmse, starts, seed, jobs)
-    shared.check_numbers(tolerance=tolerance)
+    check_numbers(tolerance=tolerance)
     options = FitOptions(
-        method, max_evaluations, rmse, tolerance, None, goals.weights(objectives), loss, loss_scale, prior,
+        method, max_evaluations, rmse, tolerance, None, weights(objectives), loss, loss_scale, prior,
         holdout=holdout, holdout_of=holdout_of, intervals=not no_intervals, memory=memory,
     )  # fmt: skip
     files = Files(target_paths, start, path, in_place, checkpoint, resume, reading)
     single = len(scene_paths) == 1 and starts == 1 and cluster is None
     page = estimate_report.chosen(report_path, scene_paths, single, files)
     if not single:
-        refuse_to_watch({**pictures.given, "--log": log})
+        refuse_recording({**pictures.given, "--log": log})
         from clothfit.cli.fitting import many
 
         return many.fit(scene_paths, files, options, many.Effort(starts, seed, jobs, cluster), console, as_json)
-    watching = Watching(pictures, log)
-    return fit_one(scene_paths[0], files.of(scene_paths[0]), options, watching, page, console, as_json)
+    recording = Recording(pictures, log)
+    return fit_one(scene_paths[0], files.of(scene_paths[0]), options, recording, page, console, as_json)
 
 
 def fit_one(
     scene_path: str,
     files: Files,
     options: FitOptions,
-    watching: Watching,
+    recording: Recording,
     page: estimate_report.Page | None,
     console: Console,
     as_json: bool,
 ) -> int:
     """Fit one scene in this process; returns the exit code."""
     files.check(scene_path)
-    scene = shared.read_scene(scene_path, console)
+    scene = read_scene(scene_path, console)
     out = files.output(scene_path)
     if page:
         page.output(scene_path, files, out)
@@ -182,40 +185,40 @@ def fit_one(
     from clothfit.fit import estimate as fitting
 
     options.check()
-    watching = watching.of(scene_path)
+    recording = recording.of(scene_path)
     others = (scene_path, *files.inputs, out.path, files.checkpoint, page.path if page else None)
-    watching.check(others, files.resume, console)
+    recording.check(others, files.resume, console)
     kept = checkpoints.chosen(files.checkpoint, files.resume, out, (scene_path, *files.inputs), console)
-    told: list[dict[str, Any]] = []
-    targets = [goals.read_target(pair, scene, files.reading, console, told) for pair in files.pairs]
-    first = goals.read_start(files.start, console)
+    readings: list[dict[str, Any]] = []
+    targets = [read_target(pair, scene, files.reading, console, readings) for pair in files.pairs]
+    first = read_start(files.start, console)
     flagged = ", ".join(f"{owned(b.cloth, b.name)} ({b.mode})" for b in scene.blocks)
     console.detail(f"fitting {flagged or 'nothing'} over {scene.frames} frames")
-    trust.warn_of_steps(scene, scene.frames, console)
+    warn_of_steps(scene, scene.frames, console)
     console.announce_compilation()
     with progress(console) as show:
-        report = page.listening(watching.report(show)) if page else watching.report(show)
+        report = page.listening(recording.report(show)) if page else recording.report(show)
         own = replace(
-            options, report=report, checkpoint=kept, resume=files.resume, foreseen=partial(tell_needs, console)
+            options, report=report, checkpoint=kept, resume=files.resume, foreseen=partial(report_needs, console)
         )
         found = fitting.fit(scene, targets or None, first, own)
-    with shared.uninterrupted(), checkpoints.told_if_lost(kept):
-        code = outcomes.finish(scene, found, out, console, as_json, motions.told_of(told), watching.log)
+    with uninterrupted(), checkpoints.named_if_lost(kept):
+        code = outcomes.finish(scene, found, out, console, as_json, motions.readings_summary(readings), recording.log)
         checkpoints.closed(kept, files.checkpoint is not None, found.status, files.in_place, console)
-    watching.draw(found, scene, targets, console)
+    recording.draw(found, scene, targets, console)
     if page:
         page.write(scene_path, scene, found, files, out, targets, console)
     return code
 
 
-def refuse_to_watch(given: dict[str, object]) -> None:
+def refuse_recording(given: dict[str, object]) -> None:
     """Raise UsageError where a picture or a log is asked for of several fits."""
     for name, value in given.items():
         if value is not None:
             raise click.UsageError(f"{name} is for one scene fitted from one start on this machine")
 
 
-def tell_needs(console: Console, needs: Needs) -> None:
+def report_needs(console: Console, needs: Needs) -> None:
     """Say what memory a fit will need, where that is asked for or some states must be computed again."""
     (console.detail if needs.snapshots is None else console.say)(str(needs))
 

@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base.messages import metres, owned
-from clothfit.cli.common import motions, pictures, shared
-from clothfit.cli.common import stability_warnings as trust
+from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.json_summary import print_json
+from clothfit.cli.common.options import check_numbers, standard_command
+from clothfit.cli.common.scenes import check_there, frames_of, one_stream, read_scene
+from clothfit.cli.common.stability_warnings import warn_of_steps
 from clothfit.cli.evaluating import evaluate_speed
 
 if TYPE_CHECKING:
@@ -18,10 +21,10 @@ if TYPE_CHECKING:
     from clothfit.formats.convention import Reading
 
 
-SPEED = ("--speed", "--error", "--budget", "--fit", "--max-evaluations")
+SPEED_OPTIONS = ("--speed", "--error", "--budget", "--fit", "--max-evaluations")
 
 
-@shared.command("evaluate", {"How fast and how exact (--speed)": SPEED})
+@standard_command("evaluate", {"How fast and how exact (--speed)": SPEED_OPTIONS})
 @click.argument("scene_path", metavar="SCENE")
 @click.argument("fitted_path", metavar="FITTED", required=False)
 @click.option("--target", "target_path", metavar="MOTION", help="Compare with this motion instead of SCENE's own.")
@@ -69,10 +72,10 @@ def command(
         alone: dict[str, object] = {"FITTED": fitted_path, "--target": target_path, "--gif": pictures.gif}
         refuse(alone, "--speed takes one scene; {} does not go with it")
         refuse({"--max-evaluations": None if fit else max_evaluations}, "{} goes with --fit only")
-        plot = pictures.plot
-        return evaluate_speed.command(scene_path, steps, error, plot, budget, fit, max_evaluations, as_json, console)
-    asked = {"--error": error, "--budget": budget, "--max-evaluations": max_evaluations}
-    refuse({**asked, "--fit": fit or None}, "{} goes with --speed only")
+        asked = evaluate_speed.SpeedOptions(steps, error, budget, fit, max_evaluations, pictures.plot)
+        return evaluate_speed.measure(scene_path, asked, as_json, console)
+    given: dict[str, object] = {"--error": error, "--budget": budget, "--max-evaluations": max_evaluations}
+    refuse(given | {"--fit": fit or None}, "{} goes with --speed only")
     if fitted_path is None:
         context = click.get_current_context()
         missing = next(p for p in context.command.params if p.name == "fitted_path")
@@ -98,23 +101,23 @@ def compare(
     console: Console,
 ) -> int:
     """Compare a fitted scene with the true one."""
-    shared.one_stream(scene_path, fitted_path, target_path)
-    shared.check_numbers(steps)
-    shared.check_there(scene_path, fitted_path)
+    one_stream(scene_path, fitted_path, target_path)
+    check_numbers(steps)
+    check_there(scene_path, fitted_path)
     pictures.check(scene_path, fitted_path, target_path)
-    truth = shared.read_scene(scene_path, console)
-    fitted = shared.read_scene(fitted_path, console)
+    truth = read_scene(scene_path, console)
+    fitted = read_scene(fitted_path, console)
     from clothfit.evaluation.evaluate import HORIZON, evaluate
 
-    horizon = HORIZON if steps is None else shared.frames_of(steps, truth)
-    told: list[dict[str, Any]] = []
-    target = motions.read(target_path, truth, reading, console, told) if target_path is not None else None
+    horizon = HORIZON if steps is None else frames_of(steps, truth)
+    readings: list[dict[str, Any]] = []
+    target = motions.read(target_path, truth, reading, console, readings) if target_path is not None else None
     for each in (truth, fitted) if target is None else (fitted,):
-        trust.warn_of_steps(each, max(truth.frames, horizon), console)
+        warn_of_steps(each, max(truth.frames, horizon), console)
     console.announce_compilation()
     report = evaluate(truth, fitted, horizon=horizon, target=target)
     if as_json:
-        shared.print_json("evaluate", summary(report) | motions.told_of(told))
+        print_json("evaluate", summary(report) | motions.readings_summary(readings))
     else:
         show(report, console)
     pictures.evaluated(truth, fitted, target, horizon, report, console)

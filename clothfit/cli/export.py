@@ -10,8 +10,12 @@ import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
-from clothfit.cli.common import shared
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.json_summary import print_json
+from clothfit.cli.common.options import standard_command
+from clothfit.cli.common.output import STREAM, output_for
+from clothfit.cli.common.scenes import read_scene
+from clothfit.cli.common.signals import uninterrupted
 from clothfit.export.tools import TOOLS
 
 if TYPE_CHECKING:
@@ -22,7 +26,7 @@ MOST_NAMES = 5
 """Of files in the line that says where they are."""
 
 
-@shared.command("export")
+@standard_command("export")
 @click.argument("fitted_path", metavar="FITTED")
 @click.option(
     "--to", "tool", type=click.Choice(list(TOOLS)), required=True, metavar="TOOL", help="csv, obi, blender or vellum."
@@ -41,14 +45,14 @@ def command(fitted_path: str, tool: str, path: str | None, as_json: bool, consol
     clothfit export scene.fitted.json --to csv
     clothfit export scene.fitted.json --to blender -o for-blender
     """
-    scene = shared.read_scene(fitted_path, console)
+    scene = read_scene(fitted_path, console)
     folder = folder_of(path, fitted_path, tool)
     from clothfit.export.tools import exported
 
     made = exported(scene, tool)
     make(folder)
-    outputs = [(shared.output(os.path.join(folder, name), fitted_path, "", ()), data) for name, data in made.items()]
-    with shared.uninterrupted():
+    outputs = [(output_for(os.path.join(folder, name), fitted_path, "", ()), data) for name, data in made.items()]
+    with uninterrupted():
         for out, data in outputs:
             out.put(data)
     springs = sum(len(cloth.springs) for cloth in scene.cloths)
@@ -60,13 +64,13 @@ def command(fitted_path: str, tool: str, path: str | None, as_json: bool, consol
     names = ", ".join(made) if len(made) <= MOST_NAMES else f"{len(made)} files"
     console.say(f"{scene.name}: {', '.join(parts)} → {folder}: {names}")
     if as_json:
-        shared.print_json("export", summary(scene, tool, folder, list(made)))
+        print_json("export", summary(scene, tool, folder, list(made)))
     return 0
 
 
 def folder_of(path: str | None, fitted_path: str, tool: str) -> str:
     """Where the files go. Raises InvalidInput where nothing says so."""
-    if path == shared.STREAM or (path is None and fitted_path == shared.STREAM):
+    if path == STREAM or (path is None and fitted_path == STREAM):
         raise InvalidInput("an export is several files, which need a folder; name one with -o")
     return path or str(Path(fitted_path).with_name(f"{Path(fitted_path).stem}-{tool}"))
 

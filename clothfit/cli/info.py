@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base.messages import counted, owned
-from clothfit.cli.common import shared
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.json_summary import print_json
+from clothfit.cli.common.options import standard_command
+from clothfit.cli.common.scenes import read_scene
 
 if TYPE_CHECKING:
     from clothfit.inspection.forecast import Forecast
@@ -20,11 +22,11 @@ if TYPE_CHECKING:
 BESIDE = 4
 """Objects in one table."""
 
-SHOWN = 5
+MOST_LISTED = 5
 """Parts and spheres that are told one by one."""
 
 
-@shared.command("info")
+@standard_command("info")
 @click.argument("scene_path", metavar="SCENE")
 def command(scene_path: str, as_json: bool, console: Console) -> int:
     """Tell what is in SCENE: counts, masses, stiffnesses, what is to be fitted, which steps are stable, how much
@@ -34,7 +36,7 @@ def command(scene_path: str, as_json: bool, console: Console) -> int:
     clothfit info scene.json
     clothfit info scene.json --json
     """
-    scene = shared.read_scene(scene_path, console)
+    scene = read_scene(scene_path, console)
     from clothfit.base.memory import free
     from clothfit.inspection.forecast import forecast
     from clothfit.inspection.overview import beyond_bounds, facts, flagged, unknown_fields
@@ -56,7 +58,7 @@ def command(scene_path: str, as_json: bool, console: Console) -> int:
         needed = {"motion": ahead.motion, "fit": ahead.fit, "free": free()}
         own = {"objects": objects_summary(objects, meshes), "flagged": [asdict(each) for each in wanted]}
         others = {"stability": [asdict(each) for each in ahead.steps], "memory": needed, "unknown_fields": strange}
-        shared.print_json("info", {**whole(scene), **own, **others, "warnings": scene.warnings})
+        print_json("info", {**whole(scene), **own, **others, "warnings": scene.warnings})
     return 0
 
 
@@ -92,10 +94,10 @@ def show_scene(scene: Scene, console: Console) -> None:
     console.say(f"{scene.name}: {scene.title!r}: {own['integrator']} steps of {scene.delta:.4g} s{solver}")
     console.say(f"{scene.frames} frames to compare, {own['duration']:.4g} s")
     console.say(f"wind {vector(own['wind'])} m/s, gravity {vector(own['gravity'])} m/s²")
-    for each in own["spheres"][:SHOWN]:
+    for each in own["spheres"][:MOST_LISTED]:
         console.say(f"sphere of {each['radius']:.4g} m at {vector(each['centre'])} m")
-    if len(own["spheres"]) > SHOWN:
-        console.say(f"and {len(own['spheres']) - SHOWN} more spheres")
+    if len(own["spheres"]) > MOST_LISTED:
+        console.say(f"and {len(own['spheres']) - MOST_LISTED} more spheres")
 
 
 def show_objects(chosen: range, objects: Sequence[Facts], wanted: Sequence[Flagged], console: Console) -> None:
@@ -109,7 +111,7 @@ def show_objects(chosen: range, objects: Sequence[Facts], wanted: Sequence[Flagg
 def column(own: Facts, wanted: Sequence[Flagged]) -> dict[str, str]:
     """An object's cells by the names of their rows."""
     others = own.springs - own.along_edges - own.bending
-    parts = ", ".join(map(str, own.parts[:SHOWN])) + (", …" if len(own.parts) > SHOWN else "")
+    parts = ", ".join(map(str, own.parts[:MOST_LISTED])) + (", …" if len(own.parts) > MOST_LISTED else "")
     extent = " × ".join(f"{high - low:.4g}" for low, high in zip(own.low, own.high, strict=True))
     return {
         "vertices": f"{own.vertices}, {own.fixed} fixed",
@@ -118,9 +120,9 @@ def column(own: Facts, wanted: Sequence[Flagged]) -> dict[str, str]:
         "parts": f"{len(own.parts)} ({parts} vertices)" + (f", {own.loose} without springs" if own.loose else ""),
         "size": f"{extent} m",
         "lowest corner": f"{vector(own.low)} m",
-        "mass": f"{own.mass.total:.4g} kg: {told(own.mass, 'kg')}",
-        "stiffness": told(own.stiffness, "N/m"),
-        "rest length": told(own.rest, "m") + (" (not those at the start)" if own.strained else ""),
+        "mass": f"{own.mass.total:.4g} kg: {spread(own.mass, 'kg')}",
+        "stiffness": spread(own.stiffness, "N/m"),
+        "rest length": spread(own.rest, "m") + (" (not those at the start)" if own.strained else ""),
         "velocity": "at the start" if own.moving else "none at the start",
         "damping": f"{own.damping:.4g}",
         "drag": f"{own.drag:.4g}",
@@ -147,7 +149,7 @@ def show_rest(
         console.say(f"fields that are kept and not used: {', '.join(strange)}")
 
 
-def told(values: Spread, unit: str) -> str:
+def spread(values: Spread, unit: str) -> str:
     """How values spread, for people."""
     if values.least is None or values.median is None or values.most is None:
         return "none"

@@ -3,36 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
-from clothfit.cli.common import shared
-from clothfit.cli.common import stability_warnings as trust
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.new_options import PLANE, Asked, numbers, understood
+from clothfit.cli.common.json_summary import print_json
+from clothfit.cli.common.options import standard_command
+from clothfit.cli.common.output import STREAM, Output, output_for
+from clothfit.cli.common.scenes import check_there
+from clothfit.cli.common.stability_warnings import warn_of_steps
+from clothfit.cli.making.asked import PLANE, Asked, numbers, understood
+from clothfit.cli.making.cloth import Cloth, held, mesh, placed, plane
 
 if TYPE_CHECKING:
-    from clothfit.base.arrays import Flags, Indices
-    from clothfit.meshes.mesh import Mesh
-    from clothfit.meshes.problems import Problem
+    from clothfit.base.arrays import Flags
     from clothfit.scene.scene import Scene
 
-SHOWN = 12
+MOST_NAMED = 12
 """Vertices that are named."""
 
 
-class Cloth(NamedTuple):
-    """What a scene is to be made of."""
-
-    mesh: Mesh
-    numbering: Indices | None  # vertex now of each vertex of the file, where welding changed that
-    problems: list[Problem]  # that are left
-
-
-@shared.command("new")
+@standard_command("new")
 @click.argument("given", metavar="plane|MESH", required=False)
 @click.option("--size", metavar="W[xH]", help="Of the plane, m.  [default: 1]")
 @click.option("--divisions", type=click.IntRange(0), metavar="N", help="Of the plane: N + 2 vertices along its longer "
@@ -90,101 +84,28 @@ def command(given: str | None, path: str | None, as_json: bool, console: Console
     from clothfit.scene.scene import dumps
 
     out.write(dumps(scene))
-    tell(scene, cloth, out, console)
+    report(scene, cloth, out, console)
     if as_json:
-        shared.print_json("new", summary(scene, cloth, out), out)
+        print_json("new", summary(scene, cloth, out), out)
     return 0
 
 
-def output(mesh_path: str, path: str | None, is_plane: bool) -> shared.Output:
+def output(mesh_path: str, path: str | None, is_plane: bool) -> Output:
     """Where the scene goes. Raises InvalidInput."""
     if is_plane:
-        return shared.output(path or f"{PLANE}.json", shared.STREAM, "", (), text=True)
-    if mesh_path == shared.STREAM:
+        return output_for(path or f"{PLANE}.json", STREAM, "", (), text=True)
+    if mesh_path == STREAM:
         raise InvalidInput("a mesh is not read from standard input; name a file")
-    shared.check_there(*([] if "*" in mesh_path else [mesh_path]))
+    check_there(*([] if "*" in mesh_path else [mesh_path]))
     from clothfit.meshes.mesh_file import sources
 
-    return shared.output(path or default_name(mesh_path), mesh_path, "", tuple(sources(mesh_path)), text=True)
+    return output_for(path or default_name(mesh_path), mesh_path, "", tuple(sources(mesh_path)), text=True)
 
 
 def default_name(mesh_path: str) -> str:
     """Beside the mesh, and of a sequence without the star."""
     path = Path(mesh_path)
     return str(path.with_name((path.stem.replace("*", "").rstrip("_-. ") or "mesh") + ".json"))
-
-
-def plane(asked: Asked) -> Cloth:
-    """A plane."""
-    from clothfit.meshes.mesh import plane as made
-
-    divisions = 10 if asked.divisions is None else asked.divisions
-    return Cloth(made(divisions, *asked.extent, upright=asked.upright), None, [])
-
-
-def mesh(path: str, asked: Asked, console: Console) -> Cloth:
-    """The mesh of a file, welded where that is asked for. Raises InvalidInput where no cloth can be made of it."""
-    asked.distance  # noqa: B018  a wrong one is told before the file is read
-    from clothfit.meshes.mesh_file import read_mesh
-    from clothfit.meshes.problems import problems
-    from clothfit.meshes.weld import weld
-
-    found, notes = read_mesh(path, asked.up, asked.handedness, asked.scale)
-    name = Path(path).name
-    for note in notes:
-        console.say(f"{name}: {note}")
-    numbering = None
-    if asked.weld is not None:
-        welded = weld(found, asked.distance)
-        found, numbering = welded.mesh, welded.vertices if welded.renumbered else None
-        console.say(f"{name}: welded: {counted(welded.joined, 'vertex', 'vertices')} joined to others, "
-                    f"{counted(welded.triangles, 'triangle', 'triangles')} and "
-                    f"{counted(welded.unused, 'vertex', 'vertices')} left out")
-    left = problems(found, asked.distance)
-    told = [problem for problem in left if not problem.fatal]
-    for problem in told:
-        console.warn(f"{name}: {problem.sentence}")
-    fatal = [problem.sentence for problem in left if problem.fatal]
-    for sentence in fatal[1:]:
-        console.say(f"{name}: {sentence}")
-    if fatal:
-        raise InvalidInput(f"{name}: no cloth can be made of this mesh: {fatal[0]}{more(len(fatal) - 1)}")
-    return Cloth(found, numbering, told)
-
-
-def more(count: int) -> str:
-    """Tells of further problems."""
-    return f" (and {counted(count, 'more problem', 'more problems')})" if count else ""
-
-
-def placed(mesh: Mesh, asked: Asked) -> Any:
-    """The positions, turned and moved."""
-    from clothfit.meshes.mesh_file import turned
-
-    found = mesh.positions
-    if asked.rotate is not None:
-        found = turned(found, numbers("--rotate", asked.rotate, 3, "0,90,0"))
-    if asked.move is not None:
-        found = found + numbers("--move", asked.move, 3, "0,1.5,0")
-    return found
-
-
-def held(cloth: Cloth, asked: Asked) -> Flags:
-    """Which vertices do not move. Raises InvalidInput."""
-    import numpy as np
-
-    from clothfit.meshes.fixing import at_side, in_box, listed
-
-    positions = cloth.mesh.positions
-    fixed = np.zeros(len(positions), bool)
-    for corner, opposite in asked.boxes:
-        fixed |= in_box(positions, corner, opposite)
-    for side, reach in asked.sides:
-        fixed |= at_side(positions, side, reach)
-    own = np.arange(len(positions)) if cloth.numbering is None else cloth.numbering
-    named = own[listed(len(own), asked.ranges)]
-    fixed[named[named >= 0]] = True
-    return fixed
 
 
 def made(cloth: Cloth, fixed: Flags, asked: Asked, title: str) -> Scene:
@@ -200,7 +121,7 @@ def made(cloth: Cloth, fixed: Flags, asked: Asked, title: str) -> Scene:
     )  # fmt: skip
 
 
-def tell(scene: Scene, cloth: Cloth, out: shared.Output, console: Console) -> None:
+def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
     """Say what the scene holds, and what about it is not as one may think."""
     from clothfit.inspection.overview import beyond_bounds
     from clothfit.scene.scene import INTEGRATORS
@@ -208,10 +129,10 @@ def tell(scene: Scene, cloth: Cloth, out: shared.Output, console: Console) -> No
     for sentence in beyond_bounds(scene):
         console.warn(f"{out.name}: {sentence}")
     if INTEGRATORS[scene.method] != "implicit":  # which nothing limits; to know that takes the numerical libraries
-        trust.warn_of_steps(scene, scene.frames, console)
+        warn_of_steps(scene, scene.frames, console)
     (own,) = scene.cloths
     fixed = own.fixed.nonzero()[0].tolist()
-    named = ", ".join(map(str, fixed[:SHOWN])) + (", …" if len(fixed) > SHOWN else "")
+    named = ", ".join(map(str, fixed[:MOST_NAMED])) + (", …" if len(fixed) > MOST_NAMED else "")
     held = f"{counted(len(fixed), 'vertex', 'vertices')} ({named})" if fixed else "none, so it falls"
     console.say(f"fixed: {held}")
     console.detail(f"drag {own.drag:.4g}, damping {own.damping:.4g}")
@@ -222,7 +143,7 @@ def tell(scene: Scene, cloth: Cloth, out: shared.Output, console: Console) -> No
     )
 
 
-def summary(scene: Scene, cloth: Cloth, out: shared.Output) -> dict[str, Any]:
+def summary(scene: Scene, cloth: Cloth, out: Output) -> dict[str, Any]:
     """What --json prints."""
     (own,) = scene.cloths
     left = [{"kind": each.kind, "count": each.count, "first": each.first, "message": each.sentence}

@@ -25,8 +25,8 @@ from clothfit.base.interrupts import REQUESTS, SAME_REQUEST
 from clothfit.base.messages import harmless
 from clothfit.base.version import __version__
 from clothfit.cli.common.help import ExamplesFirst
+from clothfit.cli.common.options import loudness
 from clothfit.cli.common.sequences import gathered
-from clothfit.cli.common.shared import loudness
 from clothfit.cli.common.usage import slip
 
 _last_request = -SAME_REQUEST

@@ -12,10 +12,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base.messages import counted, metres
-from clothfit.cli.common import motions, shared
-from clothfit.cli.common import stability_warnings as trust
+from clothfit.cli.common import motions
 from clothfit.cli.common.command_line import command_line
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.json_summary import print_json
+from clothfit.cli.common.options import check_numbers, standard_command
+from clothfit.cli.common.output import STREAM, Output, output_for
+from clothfit.cli.common.scenes import check_there, frames_of, one_stream, read_scene
+from clothfit.cli.common.stability_warnings import warn_of_steps
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Reading
@@ -25,7 +29,7 @@ if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
 
 
-@shared.command("report")
+@standard_command("report")
 @click.argument("scene_path", metavar="SCENE")
 @click.argument("fitted_path", metavar="FITTED")
 @click.option("--target", "target_path", metavar="MOTION", help="Compare with this motion instead of SCENE's own.")
@@ -55,27 +59,27 @@ def command(
     clothfit report scene.json scene.fitted.json --target capture.npz -o page.html
     clothfit report scene.json scene.fitted.json --log fit.jsonl
     """
-    shared.one_stream(scene_path, fitted_path, target_path)
-    shared.check_numbers(steps)
-    shared.check_there(scene_path, fitted_path)
-    out = shared.output(path, fitted_path, ".report.html", (scene_path, target_path, log_path), text=True)
-    truth = shared.read_scene(scene_path, console)
-    fitted = shared.read_scene(fitted_path, console)
-    told: list[dict[str, Any]] = []
-    target = motions.read(target_path, truth, reading, console, told) if target_path is not None else None
+    one_stream(scene_path, fitted_path, target_path)
+    check_numbers(steps)
+    check_there(scene_path, fitted_path)
+    out = output_for(path, fitted_path, ".report.html", (scene_path, target_path, log_path), text=True)
+    truth = read_scene(scene_path, console)
+    fitted = read_scene(fitted_path, console)
+    readings: list[dict[str, Any]] = []
+    target = motions.read(target_path, truth, reading, console, readings) if target_path is not None else None
     from clothfit.report.log import read_log
 
     log = read_log(log_path) if log_path is not None else None
     for each in (truth, fitted) if target is None else (fitted,):
-        trust.warn_of_steps(each, truth.frames, console)
+        warn_of_steps(each, truth.frames, console)
     console.announce_compilation()
-    frames = None if steps is None else shared.frames_of(steps, truth)
+    frames = None if steps is None else frames_of(steps, truth)
     commands = [evaluation(scene_path, fitted_path, target_path, reading), command_line(click.get_current_context())]
     inputs = digests(truth, fitted, {target_path: target, log_path: log})
     show, size = write(truth, fitted, target, frames, log, commands, inputs, out)
     tell(show, size, out, console, show.evaluation.diverged)
     if as_json:
-        shared.print_json("report", summary(show, size, out) | motions.told_of(told), out)
+        print_json("report", summary(show, size, out) | motions.readings_summary(readings), out)
     if show.evaluation.diverged:
         from clothfit.motion.divergence import Diverged
 
@@ -91,7 +95,7 @@ def write(
     log: Log | None,
     commands: Sequence[str],
     inputs: Sequence[tuple[str, str]],
-    out: shared.Output,
+    out: Output,
 ) -> tuple[Shown, int]:
     """Make the page and write it; tells what it shows, and its size, bytes."""
     from clothfit.report.page import made
@@ -103,7 +107,7 @@ def write(
     return show, len(page)
 
 
-def tell(show: Shown, size: int, out: shared.Output, console: Console, said: str | None = None) -> None:
+def tell(show: Shown, size: int, out: Output, console: Console, said: str | None = None) -> None:
     """Tell what was written, and what is to be known of it; not what will be `said` as the command's error."""
     for note in show.notes:
         if said is None or not note.startswith(said):
@@ -112,7 +116,7 @@ def tell(show: Shown, size: int, out: shared.Output, console: Console, said: str
     console.say(f"{frames}, RMSE {metres(show.evaluation.fitted.rmse)}, {size / 1e6:.2g} MB → {out.name}")
 
 
-def summary(show: Shown, size: int, out: shared.Output) -> dict[str, Any]:
+def summary(show: Shown, size: int, out: Output) -> dict[str, Any]:
     """What --json prints."""
     near, far = show.evaluation.fitted, show.evaluation.horizon
     return {
@@ -141,7 +145,7 @@ def digests(truth: Scene, fitted: Scene, files: Mapping[str | None, object]) -> 
 
     found = [(scene.name, hashlib.sha256(dumps(scene)).hexdigest()) for scene in (truth, fitted)]
     for path in files:
-        if path not in (None, shared.STREAM) and os.path.isfile(str(path)):
+        if path not in (None, STREAM) and os.path.isfile(str(path)):
             with suppress(OSError), open(str(path), "rb") as file:
                 found.append((name_of(path), hashlib.file_digest(file, "sha256").hexdigest()))
     return found

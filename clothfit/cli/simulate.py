@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli.common import energy_table, motions, pictures, shared
-from clothfit.cli.common import stability_warnings as trust
+from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.json_summary import print_json
+from clothfit.cli.common.options import check_numbers, standard_command
+from clothfit.cli.common.output import STREAM, Output, output_for, same_file
+from clothfit.cli.common.scenes import frames_of, read_scene
+from clothfit.cli.common.stability_warnings import warn_of_steps, warn_of_stretch
 
 if TYPE_CHECKING:
+    from clothfit.base.arrays import Array
     from clothfit.formats.convention import Convention
     from clothfit.motion.divergence import Diverged
     from clothfit.motion.energy import Energy
@@ -20,7 +26,14 @@ if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
 
 
-@shared.command("simulate")
+STORED = ("kinetic", "elastic", "gravity", "contact", "total")
+FLOWS = ("wind", "damping", "drag", "numerical")
+OPTIONAL = ("contact", "wind", "damping", "drag")  # columns that the table leaves out where they are 0 throughout
+MOST_ROWS = 10  # of the table, besides the start
+ENERGY_ROUNDING = 1e-12  # share of the largest energy in one place below which an energy counts as 0
+
+
+@standard_command("simulate")
 @click.argument("scene_path", metavar="SCENE")
 @click.option("--steps", type=int, metavar="N", help="Time steps.  [default: the scene's optimizationIterations - 1]")
 @click.option("--tolerance", type=float, metavar="T", help="Of the linear solver.  [default: the scene's]")
@@ -51,61 +64,69 @@ def command(
     clothfit simulate scene.json --dump last.npz
     clothfit simulate scene.json --plot motion.png --gif motion.gif
     """
-    shared.check_numbers(steps, tolerance)
-    scene = shared.read_scene(scene_path, console)
-    frames = shared.frames_of(steps, scene)
-    out = shared.output(path, scene_path, ".motion.npz", ())
+    check_numbers(steps, tolerance)
+    scene = read_scene(scene_path, console)
+    frames = frames_of(steps, scene)
+    out = output_for(path, scene_path, ".motion.npz", ())
     motions.check(out, convention, (scene_path,), frames)
     dump = dump_of(dump_path, scene_path, out)
     pictures.check(scene_path, out.path, dump_path)
-    import clothfit
-    from clothfit.motion.divergence import Diverged
-
-    trust.warn_of_steps(scene, frames, console)
+    warn_of_steps(scene, frames, console)
     console.announce_compilation()
-    began, error = time.perf_counter(), None
-    try:
-        motion = clothfit.simulate(scene, frames, tolerance)
-    except Diverged as problem:
-        if problem.motion is None:
-            raise
-        motion, error = problem.motion, problem
+    began = time.perf_counter()
+    motion, error = moved(scene, frames, tolerance)
     seconds = time.perf_counter() - began
     console.detail("simulated")
     energy = energy_of(scene, motion, with_energy)
-    motions.write(motion, out, scene, convention, console, energy_table.arrays(energy))
+    motions.write(motion, out, scene, convention, console, energy_arrays(energy))
     if error is None:
-        tell(scene, motion, seconds, out, console)
+        report(scene, motion, seconds, out, console)
     else:
         console.say(f"the {len(motion.times)} frames before it are in {out.name}")
     dumped = keep(scene, error, dump, console)
-    energy_table.show(energy, console)
+    show_energy(energy, console)
     if as_json:
-        summary = {
-            "scene": scene.name,
-            "frames": len(motion.times),
-            "vertices": motion.positions.shape[1],
-            "seconds": seconds,
-            **motion.remedies._asdict(),
-            "output": out.path,
-            "diverged": error and place(scene, error),
-            "dump": dumped,
-            **energy_table.summary(energy),
-        }
-        shared.print_json("simulate", summary, out)
+        result = summary(scene, motion, seconds, out, error) | {"dump": dumped} | energy_summary(energy)
+        print_json("simulate", result, out)
     pictures.simulated(scene, motion, energy, console)
     if error is not None:
         raise error
     return 0
 
 
-def tell(scene: Scene, motion: Motion, seconds: float, out: shared.Output, console: Console) -> None:
-    """Tell of a motion that stayed finite."""
+def moved(scene: Scene, frames: int, tolerance: float | None) -> tuple[Motion, Diverged | None]:
+    """The motion; where it diverges, the frames before that, and the error."""
+    import clothfit
+    from clothfit.motion.divergence import Diverged
+
+    try:
+        return clothfit.simulate(scene, frames, tolerance), None
+    except Diverged as error:
+        if error.motion is None:
+            raise
+        return error.motion, error
+
+
+def report(scene: Scene, motion: Motion, seconds: float, out: Output, console: Console) -> None:
+    """Print what a motion that stayed finite took, and warn of what it needed."""
     done = len(motion.times) - 1
     for sentence in motion.remedies.sentences(done * len(scene.cloths)):
         console.warn(sentence)
-    trust.warn_of_stretch(scene, motion, console)
+    warn_of_stretch(scene, motion, console)
     console.say(f"{scene.name}: {done} steps of {scene.delta:.4g} s in {seconds:.2f} s → {out.name}")
+
+
+def summary(scene: Scene, motion: Motion, seconds: float, out: Output, error: Diverged | None) -> dict[str, Any]:
+    """What --json prints of a motion."""
+    return {
+        "scene": scene.name,
+        "frames": len(motion.times),
+        "vertices": motion.positions.shape[1],
+        "seconds": seconds,
+        **motion.remedies._asdict(),
+        "output": out.path,
+        "diverged": error and place(scene, error),
+    }
 
 
 def place(scene: Scene, error: Diverged) -> dict[str, Any]:
@@ -124,16 +145,16 @@ def energy_of(scene: Scene, motion: Motion, wanted: bool) -> Energy | None:
     return energies(scene, motion)
 
 
-def dump_of(path: str | None, scene_path: str, out: shared.Output) -> shared.Output | None:
+def dump_of(path: str | None, scene_path: str, out: Output) -> Output | None:
     """Where the last states go, checked as any output. Raises InvalidInput."""
     if path is None:
         return None
-    if path == shared.STREAM or (not out.is_stream and shared.same_file(path, out.path)):
+    if path == STREAM or (not out.is_stream and same_file(path, out.path)):
         raise InvalidInput(f"--dump must be a file of its own; {path} was given")
-    return shared.output(path, scene_path, "", ())
+    return output_for(path, scene_path, "", ())
 
 
-def keep(scene: Scene, error: Diverged | None, dump: shared.Output | None, console: Console) -> str | None:
+def keep(scene: Scene, error: Diverged | None, dump: Output | None, console: Console) -> str | None:
     """Write the last states of a motion that diverged, where that is asked for; returns where they are."""
     if dump is None or error is None or error.fault is None:
         if dump is not None:
@@ -144,3 +165,50 @@ def keep(scene: Scene, error: Diverged | None, dump: shared.Output | None, conso
     dump.write(divergence.dump(scene, error.fault))
     console.say(f"the last states and the first bad one of objects[{error.fault.cloth}] are in {dump.name}")
     return dump.path
+
+
+def energy_columns(energy: Energy) -> dict[str, Array]:
+    """All energies of each frame, (frames,) J each."""
+    own = {name: array for name, array in asdict(energy).items() if name != "times"}
+    return {**own, "total": energy.total, "dissipated": energy.dissipated, "numerical": energy.numerical}
+
+
+def energy_arrays(energy: Energy | None) -> dict[str, Array]:
+    """The energies that a motion file keeps, by their names in it."""
+    return {} if energy is None else {f"energy_{name}": array for name, array in energy_columns(energy).items()}
+
+
+def show_energy(energy: Energy | None, console: Console) -> None:
+    """Print the energies of some frames, and how far the integrator raised their total."""
+    if energy is None:
+        return
+    values, least = energy_columns(energy), ENERGY_ROUNDING * energy.scale
+    names = [name for name in (*STORED, *FLOWS) if name not in OPTIONAL or abs(values[name]).max() > least]
+    last = len(energy.times) - 1
+    frames = sorted({round(last * i / MOST_ROWS) for i in range(MOST_ROWS + 1)})
+    console.say("energy in J: stored at each frame; until then added by the wind, lost to damping, air and integrator")
+    table = [[str(k), f"{energy.times[k]:.4g} s", *(joules(values[name][k], least) for name in names)] for k in frames]
+    console.table([["frame", "time", *names], *table])
+    rise, frame = energy.largest_rise
+    if rise > least:
+        share = f"{100 * rise / energy.scale:.2g} % of the largest energy in one place"
+        console.say(f"the total rises by up to {rise:.3g} J in a step (frame {frame}) beyond the wind's work: {share}")
+    else:
+        console.say("the total never rises in a step by more than the wind's work")
+
+
+def joules(value: float, least: float) -> str:
+    """A cell of the table; rounding errors become 0."""
+    return "0" if abs(value) <= least else f"{value:.4g}"
+
+
+def energy_summary(energy: Energy | None) -> dict[str, Any]:
+    """What --json prints of the energies."""
+    if energy is None:
+        return {}
+    values, (rise, frame) = energy_columns(energy), energy.largest_rise
+    ends = {end: {name: float(values[name][k]) for name in STORED} for end, k in (("start", 0), ("end", -1))}
+    flows = {name: float(values[name][-1]) for name in (*FLOWS, "dissipated")}
+    return {
+        "energy": {**ends, **flows, "largest_rise": rise, "largest_rise_frame": frame, "scale": energy.scale},
+    }

@@ -8,15 +8,19 @@ import click
 
 from clothfit.base.limits import check_capture
 from clothfit.base.messages import metres
-from clothfit.cli.common import motions, shared
-from clothfit.cli.common import stability_warnings as trust
+from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.json_summary import print_json
+from clothfit.cli.common.options import check_numbers, standard_command
+from clothfit.cli.common.output import output_for
+from clothfit.cli.common.scenes import frames_of, read_scene
+from clothfit.cli.common.stability_warnings import warn_of_steps, warn_of_stretch
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Convention
 
 
-@shared.command("target")
+@standard_command("target")
 @click.argument("scene_path", metavar="SCENE")
 @click.option("--steps", type=int, metavar="N", help="Time steps.  [default: the scene's optimizationIterations - 1]")
 @click.option(
@@ -56,18 +60,18 @@ def command(
     clothfit target scene.json --noise 0.001 --fps 30 -o capture.npz
     """
     check_capture(noise, observed, every, fps)
-    shared.check_numbers(steps, tolerance)
-    scene = shared.read_scene(scene_path, console)
-    frames = shared.frames_of(steps, scene)
-    out = shared.output(path, scene_path, ".target.npz", ())
+    check_numbers(steps, tolerance)
+    scene = read_scene(scene_path, console)
+    frames = frames_of(steps, scene)
+    out = output_for(path, scene_path, ".target.npz", ())
     motions.check(out, convention, (scene_path,), gaps=observed < 1)
     from clothfit.fit.estimate import record_target
     from clothfit.motion.degrade import degrade
 
-    trust.warn_of_steps(scene, frames, console)
+    warn_of_steps(scene, frames, console)
     console.announce_compilation()
     recorded = record_target(scene, frames, tolerance)
-    trust.warn_of_stretch(scene, recorded, console)
+    warn_of_stretch(scene, recorded, console)
     motion = degrade(recorded, noise, observed, every, seed, fps)
     motions.write(motion, out, scene, convention, console)
     seen = 1.0 if motion.observed is None else float(motion.observed.mean())
@@ -81,5 +85,5 @@ def command(
             "noise": noise,
             "output": out.path,
         }
-        shared.print_json("target", summary, out)
+        print_json("target", summary, out)
     return 0

@@ -10,8 +10,11 @@ from typing import Any
 import click
 
 from clothfit.base.errors import InvalidInput, InvalidScene
-from clothfit.cli.common import shared
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.json_summary import print_json
+from clothfit.cli.common.options import standard_command
+from clothfit.cli.common.output import STREAM
+from clothfit.cli.common.scenes import one_stream
 
 PLACE = re.compile(r"(top level|line \d+, column \d+|(?:[\w.\[\]]|\"[^\"]*\")+): (.*)", re.DOTALL)
 """Where something is wrong, before what is."""
@@ -26,7 +29,7 @@ class Verdict:
     warnings: tuple[str, ...]
 
 
-@shared.command("validate")
+@standard_command("validate")
 @click.argument("scene_paths", metavar="SCENE...", nargs=-1, required=True)
 def command(scene_paths: tuple[str, ...], as_json: bool, console: Console) -> int:
     """Only check scenes: tell every problem that can be found, compute nothing.
@@ -37,14 +40,14 @@ def command(scene_paths: tuple[str, ...], as_json: bool, console: Console) -> in
 
     The exit code is 0 where all are valid, else 3.
     """
-    shared.one_stream(*scene_paths)
+    one_stream(*scene_paths)
     verdicts = [judge(path) for path in scene_paths]
     for verdict in verdicts:
         tell(verdict, len(verdicts) == 1, console)
     wrong = [verdict for verdict in verdicts if verdict.error is not None]
     if as_json:
         own = [summary(verdict) for verdict in verdicts]
-        shared.print_json("validate", own[0] if len(own) == 1 else {"valid": not wrong, "scenes": own})
+        print_json("validate", own[0] if len(own) == 1 else {"valid": not wrong, "scenes": own})
     if len(verdicts) == 1 and verdicts[0].error:
         raise verdicts[0].error
     if wrong:
@@ -59,11 +62,11 @@ def judge(path: str) -> Verdict:
     from clothfit.scene.scene import load
 
     try:
-        scene = load(sys.stdin.buffer if path == shared.STREAM else path)
+        scene = load(sys.stdin.buffer if path == STREAM else path)
         numberings(scene)
     except InvalidScene as error:
         return Verdict(path, error, ())
-    return Verdict(scene.name if path == shared.STREAM else path, None, scene.warnings)
+    return Verdict(scene.name if path == STREAM else path, None, scene.warnings)
 
 
 def tell(verdict: Verdict, alone: bool, console: Console) -> None:

@@ -8,11 +8,12 @@ import time
 import click
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli.common import shared
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.json_summary import print_json
+from clothfit.cli.common.options import standard_command
 
 
-@shared.command("warmup")
+@standard_command("warmup")
 @click.option("--small", is_flag=True, help="Only what cloths of fewer than 1500 free vertices need: a third.")
 def command(small: bool, as_json: bool, console: Console) -> int:
     """Compile everything for this machine, so that no command has to.
@@ -50,5 +51,5 @@ def command(small: bool, as_json: bool, console: Console) -> int:
             "folder": folder,
             "parts": [part._asdict() for part in parts],
         }
-        shared.print_json("warmup", summary)
+        print_json("warmup", summary)
     return 0

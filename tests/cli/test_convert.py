@@ -15,8 +15,8 @@ from helpers.scenes import trial, write_scene
 
 import clothfit
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.files import Files
 from clothfit.cli.common.sequences import gathered
+from clothfit.cli.fitting.files import Files
 from clothfit.cli.fitting.plan import planned
 from clothfit.cli.program import run
 from clothfit.formats import obj

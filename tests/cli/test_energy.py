@@ -68,7 +68,7 @@ def test_the_last_line_tells_of_gain(folder, capsys):
     for method in (0, 2):
         assert run(["simulate", made(folder, pair, integrationMethod=method, delta=0.005), "--energy"]) == 0
         found[method] = capsys.readouterr().err.splitlines()[-1]
-    assert found[2] == "the total never rises over a step beyond what the wind gives it"
+    assert found[2] == "the total never rises in a step by more than the wind's work"
     assert found[0].startswith("the total rises by up to ")
 
 

@@ -92,7 +92,7 @@ def test_only_iterations_are_taken_from_an_earlier_log(tmp_path):
 
 def test_what_is_not_finite_is_null(tmp_path):
     log = FitLog(str(tmp_path / "x.jsonl"), [], Console())
-    log.see(Progress(1, 10, np.inf, np.nan, 0.5))
+    log.record(Progress(1, 10, np.inf, np.nan, 0.5))
     log.end({"rmse": float("nan")})
     (first,), summary = lines(tmp_path / "x.jsonl")
     assert (first["cost"], first["rmse"], summary) == (None, None, {"rmse": None})
@@ -101,7 +101,7 @@ def test_what_is_not_finite_is_null(tmp_path):
 def test_every_line_is_there_at_once(tmp_path):
     log = FitLog(str(tmp_path / "x.jsonl"), [], Console())
     for iteration in range(3):
-        log.see(Progress(iteration + 1, 10, 1.0, 1.0, 0.5, iteration))
+        log.record(Progress(iteration + 1, 10, 1.0, 1.0, 0.5, iteration))
         assert (tmp_path / "x.jsonl").read_text().count("\n") == iteration + 1
 
 

@@ -12,7 +12,7 @@ import numba
 import pytest
 from helpers.scenes import environment, even, trial, write_scene
 
-from clothfit.cli.common.files import filled
+from clothfit.cli.fitting.files import filled
 from clothfit.cli.program import run
 from clothfit.fit.estimate import record_target
 from clothfit.many.job import run as do

@@ -6,7 +6,7 @@ import math
 import pytest
 from rich.console import Console
 
-from clothfit.cli.common.progress import BARS, LONGEST, Pace, Shown, duration, pace, plain, sparkline, stage
+from clothfit.cli.common.progress import BARS, CURVE_WIDTH, Pace, Shown, duration, pace, plain, sparkline, stage
 from clothfit.optimise.progress import Progress
 
 
@@ -25,7 +25,7 @@ def screen(shown, width=100):
 def test_the_panel_tells_all_there_is_to_know():
     shown = Shown()
     for evaluations in range(1, 41):
-        shown.see(step(evaluations))
+        shown.update(step(evaluations))
     text = screen(shown)
     for fact in ("fitting", "cost 1.250e-02", "RMSE 62.5 µm", "evaluation 40 of at most 1000", "gauss-newton",
                  "20 of 100 frames", "RMSE there 1.2 mm", "step 3.2 %", "4 evaluations/s", "at most 4 min 0 s left",
@@ -41,7 +41,7 @@ def test_before_the_first_evaluation_the_panel_says_so():
 @pytest.mark.parametrize("width", [20, 76, 200])
 def test_the_panel_has_lines_of_one_length_that_fit(width):
     shown = Shown(min(width, 76))
-    shown.see(step(1)), shown.see(step(2))
+    shown.update(step(1)), shown.update(step(2))
     lengths = {len(line) for line in screen(shown, width).splitlines()}
     assert lengths == {min(width, 76)}
 
@@ -66,12 +66,12 @@ def test_nothing_is_told_that_is_not_known():
 
 def test_the_pace_is_that_of_the_last_seconds_and_no_time_is_left_after_the_budget():
     known = Pace()
-    assert known.see(step(1, )) == 4.0  # as far as is known
+    assert known.update(step(1, )) == 4.0  # as far as is known
     for second in range(1, 100):
-        rate = known.see(Progress(100 * second, 5000, 1.0, 1.0, float(second)))
+        rate = known.update(Progress(100 * second, 5000, 1.0, 1.0, float(second)))
     assert rate == pytest.approx(100.0)
     for second in range(100, 120):
-        rate = known.see(Progress(9900 + second, 5000, 1.0, 1.0, float(second)))
+        rate = known.update(Progress(9900 + second, 5000, 1.0, 1.0, float(second)))
     assert rate == pytest.approx(1.0)
     assert pace(Progress(9000, 5000, 1.0, 1.0, 1.0), rate)[1] == "at most 0.0 s left"
 
@@ -86,5 +86,5 @@ def test_durations_are_in_units_that_suit(seconds, text):
 def test_a_sparkline_falls_with_the_logarithm():
     assert sparkline([10.0**-k for k in range(8)]) == BARS[::-1]
     assert sparkline([1.0]) == BARS[0]
-    assert len(sparkline([1.0 / k for k in range(1, 500)])) == LONGEST
+    assert len(sparkline([1.0 / k for k in range(1, 500)])) == CURVE_WIDTH
     assert sparkline([math.inf, 1.0, 0.0]) == BARS[-1] + BARS[0]

@@ -219,9 +219,9 @@ def test_a_motion_that_stays_finite_leaves_no_dump(path, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("place", "reason"),
     [
-        ("-", "a file of its own is needed"),
-        ("my scene.v1.motion.npz", "a file of its own is needed"),
-        ("./my scene.v1.motion.npz", "a file of its own is needed"),
+        ("-", "--dump must be a file of its own"),
+        ("my scene.v1.motion.npz", "--dump must be a file of its own"),
+        ("./my scene.v1.motion.npz", "--dump must be a file of its own"),
         ("my scene.v1.txt", "it is an input"),
         ("absent/x.npz", "does not exist"),
     ],

@@ -212,15 +212,15 @@ def test_a_scene_that_somebody_saved_meanwhile_is_left_alone(folder, monkeypatch
     scenes = ["scene.json", *[argument for argument in more if argument.endswith(".json")]]
     for name in scenes:
         write_scene(folder, even("nG", 5), name)
-    from clothfit.cli.common import shared
+    from clothfit.cli.common import output
 
-    before, checked = Path("scene.json").read_bytes(), shared.unchanged
+    before, checked = Path("scene.json").read_bytes(), output.unchanged
 
     def saved(scene, path):
         Path("scene.json").write_bytes(b"somebody's work")
         return checked(scene, path)
 
-    monkeypatch.setattr(shared, "unchanged", saved)
+    monkeypatch.setattr(output, "unchanged", saved)
     assert run(["estimate", *scenes, "--in-place", "--jobs", "1", "-q"]) == 3
     told = "changed while the fit ran, so it is left as it is; the result is in scene.fitted.json"
     assert f"scene.json: {told}\n" in capsys.readouterr().err

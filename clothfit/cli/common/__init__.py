@@ -1,6 +1,6 @@
 """What several commands share.
 
-console (all that is said), help and usage (how commands are explained), shared (options and files), motions, sequences
-and pictures (what is read and written), files, command_line (how a run is repeated), progress, stability_warnings.
-To add something: it belongs here only if two commands need it.
+console (messages), help and usage (how commands explain themselves) → options (those of all commands) → output, scenes,
+json_summary and signals (what is read and written) → motions, pictures, progress, stability_warnings; sequences and
+command_line (what stands on the command line). A module belongs here only if two commands need it.
 """

@@ -25,7 +25,7 @@ def command_line(context: click.Context, **others: str | None) -> str:
             options += [option] if value is True else [part for each in given for part in (option, each)]
         else:
             arguments += given
-    words = [*arguments, *options]
+    parts = [*arguments, *options]
     if any(each.startswith("-") and each != "-" for each in arguments):
-        words = [*options, "--", *arguments]
-    return shlex.join(["clothfit", context.info_name or "", *words])
+        parts = [*options, "--", *arguments]
+    return shlex.join(["clothfit", context.info_name or "", *parts])

@@ -79,12 +79,12 @@ def _first_compilation(console: Console, message: str) -> object:
     from numba.core.registry import CPUDispatcher
 
     class FirstCompilation(Listener):
-        told = False
+        announced = False
 
         def on_start(self, event: Event) -> None:
             # numba prepares calls back into Python anew in every process, in no time: that is not worth a word
-            if not self.told and isinstance(event.data["dispatcher"], CPUDispatcher):
-                self.told = True
+            if not self.announced and isinstance(event.data["dispatcher"], CPUDispatcher):
+                self.announced = True
                 console.say(message)
 
         def on_end(self, event: Event) -> None:

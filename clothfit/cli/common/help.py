@@ -15,7 +15,7 @@ import click
 
 COMMON = ("as_json", "quiet", "verbose", "version")
 """Parameters that every command has, besides the help itself."""
-WIDTH = 78  # columns of an example: 80 and the indentation of two
+EXAMPLE_WIDTH = 78  # columns of an example: 80 and the indentation of two
 
 Sections = Mapping[str, tuple[str, ...]]
 """Titles of sections to the options in them, by their long names."""
@@ -37,7 +37,7 @@ def parts(text: str | None) -> Text:
     return Text(summary, tuple(examples.split("\n")[1:]), tuple(rest))
 
 
-def wrapped(example: str, width: int = WIDTH) -> Iterator[str]:
+def wrapped(example: str, width: int = EXAMPLE_WIDTH) -> Iterator[str]:
     """Break a long line of a shell so that a shell still takes it: before an option where possible."""
     while len(example) > width:
         breaks = [found.start() for found in re.finditer(r" (?=\S)", example) if 4 < found.start() <= width - 2]

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli.common import shared
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.options import F
+from clothfit.cli.common.output import STREAM, Output, same_file
+from clothfit.cli.common.signals import uninterrupted
 from clothfit.formats.convention import CHOICES, Convention, Reading
 
 if TYPE_CHECKING:
@@ -25,7 +27,7 @@ UNEVEN = 1e-3
 """Of a time step: differences between steps that are no rounding."""
 
 
-def axes(function: shared.F, prefix: str = "", what: str = "the motion file", whose: str = "the format's") -> shared.F:
+def axes(function: F, prefix: str = "", what: str = "the motion file", whose: str = "the format's") -> F:
     """Add the options that say how a file's coordinates are meant, else as `whose` are."""
     up, hands = (click.Choice(CHOICES[name]) for name in ("up", "handedness"))
     own = f"[default: {whose}]"
@@ -81,15 +83,15 @@ def writes(function: Callable[..., int]) -> Callable[..., int]:
 
 
 def read(
-    path: str, scene: Scene, reading: Reading, console: Console, told: list[dict[str, Any]] | None = None
+    path: str, scene: Scene, reading: Reading, console: Console, readings: list[dict[str, Any]] | None = None
 ) -> Motion:
-    """Load a motion of the scene from a path or standard input; what was assumed is said, and added to `told`."""
+    """Load a motion of the scene from a path or standard input; what was assumed is said, and added to `readings`."""
     from clothfit.formats.registry import foreign
 
     assumed = foreign(path) is not None or not reading.plain
     loaded = load(path, scene, reading, console, assumed)
-    if assumed and told is not None:
-        told.append(loaded.interpretation.summary())
+    if assumed and readings is not None:
+        readings.append(loaded.interpretation.summary())
     return loaded.motion
 
 
@@ -97,7 +99,7 @@ def load(path: str, scene: Scene | None, reading: Reading, console: Console, ass
     """Load a motion from a path or standard input, and say what was assumed, where anything was."""
     from clothfit.motion import foreign
 
-    loaded = foreign.load(sys.stdin.buffer if path == shared.STREAM else path, scene, reading)
+    loaded = foreign.load(sys.stdin.buffer if path == STREAM else path, scene, reading)
     if assumed:
         console.say(str(loaded.interpretation))
     for doubt in loaded.interpretation.doubts:
@@ -118,13 +120,13 @@ def arguments(reading: Reading) -> list[str]:
     return [word for name, value in said.items() if value is not None for word in (name, str(value))]
 
 
-def told_of(told: list[dict[str, Any]]) -> dict[str, Any]:
+def readings_summary(readings: list[dict[str, Any]]) -> dict[str, Any]:
     """What --json says of the files of other programs that were read."""
-    return {"reading": told} if told else {}
+    return {"reading": readings} if readings else {}
 
 
 def check(
-    out: shared.Output,
+    out: Output,
     convention: Convention,
     inputs: Iterable[str | None],
     frames: int | None = None,
@@ -146,9 +148,9 @@ def check(
     check_place(out.path, frames)
     if gaps:
         check_gaps(found)
-    read = [file for path in inputs if path not in (None, shared.STREAM) for file in sources(str(path))]
+    read = [file for path in inputs if path not in (None, STREAM) for file in sources(str(path))]
     for path in there(out.path):
-        if any(shared.same_file(path, each) for each in read):
+        if any(same_file(path, each) for each in read):
             raise InvalidInput(f"cannot write {path}: it is an input, which is never written over; name another")
 
 
@@ -161,7 +163,7 @@ def there(path: str) -> list[str]:
 
 def write(
     motion: Motion,
-    out: shared.Output,
+    out: Output,
     scene: Scene,
     convention: Convention,
     console: Console,
@@ -170,10 +172,11 @@ def write(
     """Write a motion of the scene to its file or files, with other arrays beside it where they can hold any."""
     from clothfit.formats.registry import foreign
     from clothfit.motion.files import for_tools
+    from clothfit.motion.motion import archive
 
     found = foreign(out.path)
     if found is None:
-        out.write(shared.motion_data(motion, extra))
+        out.write(archive(motion, extra))
         return
     if extra:
         console.warn(f"{out.name}: holds positions only; what --energy tells is kept in .npz")
@@ -183,7 +186,7 @@ def write(
 
 def write_foreign(
     motion: Motion,
-    out: shared.Output,
+    out: Output,
     convention: Convention,
     console: Console,
     triangles: Indices | None = None,
@@ -202,7 +205,7 @@ def write_foreign(
     files = motion_files.files(out.path, found, made)
     if motion.weights is not None:
         console.warn(f"{out.name}: has no place for weights; .npz has")
-    with shared.uninterrupted():
+    with uninterrupted():
         motion_files.write_all(files)
     console.say(f"{out.name}: {found.name}, {meant}{without_times(motion) if timed and not found.times else ''}")
     if found.times and motion.times[0] != 0:

@@ -11,8 +11,8 @@ import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted, metres
-from clothfit.cli.common import shared
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.output import is_among, same_file
 from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Goal: TypeAlias = "Motion | tuple[Motion, Scene]"
 """A target, alone or with the scene it was recorded in."""
 
-LONGEST = 5
+MOST_FITTED_LENGTHS = 5
 """How many times the frames that are fitted a target is shown, at most."""
 
 
@@ -60,11 +60,11 @@ class Pictures:
         """
         from clothfit.pictures import picture_file as picture
 
-        if self.plot is not None and self.gif is not None and shared.same_file(self.plot, self.gif):
+        if self.plot is not None and self.gif is not None and same_file(self.plot, self.gif):
             raise InvalidInput(f"cannot write {self.gif}: it is an input or another output")
         for path, kinds in ((self.plot, picture.PLOTS), (self.gif, picture.GIF)):
             if path is not None:
-                if shared.is_among(path, used):
+                if is_among(path, used):
                     raise InvalidInput(f"cannot write {path}: it is an input or another output")
                 picture.check(path, kinds)
 
@@ -95,11 +95,11 @@ class Pictures:
             from clothfit.pictures import plots
 
             fitted = over.times[min(found.frames, len(over.times)) - 1]
-            told = (
+            title = (
                 f"{found.status}: RMSE {metres(found.rmse)} over {found.frames} frames, "
                 f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s"
             )
-            picture.save(self.plot, partial(plots.estimation, over, told, history, float(fitted)))
+            picture.save(self.plot, partial(plots.estimation, over, title, history, float(fitted)))
             console.say(f"picture → {self.plot}")
         self.animated(over.scene, over.times, over.own, over.goal, console)
 
@@ -116,12 +116,12 @@ class Pictures:
             from clothfit.pictures import picture_file as picture
             from clothfit.pictures import plots
 
-            told = (
+            title = (
                 f"RMSE {metres(report.fitted.rmse)} over the {report.fitted.frames} fitted frames, "
                 f"{metres(report.horizon.rmse)} over {report.horizon.frames}"
             )
             ends = (truth.delta * (truth.frames - 1), float(over.times[-1]))
-            picture.save(self.plot, partial(plots.evaluation, over, truth, told, min(ends), ends[1]))
+            picture.save(self.plot, partial(plots.evaluation, over, truth, title, min(ends), ends[1]))
             console.say(f"picture → {self.plot}")
         self.animated(fitted, over.times, over.own, over.goal, console)
 
@@ -148,7 +148,7 @@ def over_target(found: Fit, scene: Scene, target: Goal | None) -> Overlay:
         return overlaid(scene, found.scene, None, scene.frames)
     motion, other = target if isinstance(target, tuple) else (target, scene)
     own = found.scene if other is scene else with_parameters(flagged_as(other, scene), parameters(found.scene))
-    frames = min(int(np.ceil(motion.times[-1] / own.delta)) + 1, LONGEST * own.frames)
+    frames = min(int(np.ceil(motion.times[-1] / own.delta)) + 1, MOST_FITTED_LENGTHS * own.frames)
     return overlaid(own, own, motion, frames)
 
 
@@ -159,6 +159,6 @@ def options(function: Any) -> Any:
     def drawing(plot: str | None, gif: str | None, **arguments: Any) -> Any:
         return function(**arguments, pictures=Pictures(plot, gif))
 
-    words = "Draw it there: .png, .svg or .pdf. Needs matplotlib."
+    plot_help = "Draw it there: .png, .svg or .pdf. Needs matplotlib."
     made = click.option("--gif", metavar="FILE", help="Draw it moving, as a GIF. Needs Pillow.")(drawing)
-    return click.option("--plot", metavar="FILE", help=words)(made)
+    return click.option("--plot", metavar="FILE", help=plot_help)(made)

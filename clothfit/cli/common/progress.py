@@ -29,7 +29,7 @@ PLAIN_INTERVAL = 5.0
 """Seconds between plain lines."""
 
 BARS = "▁▂▃▄▅▆▇█"
-WIDEST, LONGEST = 76, 40  # characters of the panel, and of the curve of the RMSE
+PANEL_WIDTH, CURVE_WIDTH = 76, 40  # characters of the panel, and of the curve of the RMSE
 
 
 class Pace:
@@ -38,7 +38,7 @@ class Pace:
     def __init__(self) -> None:
         self.marks: deque[tuple[float, int]] = deque()  # seconds and evaluations
 
-    def see(self, progress: Progress) -> float:
+    def update(self, progress: Progress) -> float:
         """The pace at some progress, 1/s; 0 where it is not known yet."""
         self.marks.append((progress.seconds, progress.evaluations))
         while len(self.marks) > 2 and self.marks[1][0] < progress.seconds - RECENT:
@@ -56,14 +56,14 @@ def state(progress: Progress) -> str:
 
 def stage(progress: Progress) -> list[str]:
     """What is being done, on how many frames, and the last step; as far as known."""
-    told = [progress.stage] if progress.stage else []
+    known = [progress.stage] if progress.stage else []
     if progress.frames:
-        told.append(f"{progress.window} of {progress.frames} frames")
+        known.append(f"{progress.window} of {progress.frames} frames")
     if math.isfinite(progress.window_rmse):
-        told.append(f"RMSE there {metres(progress.window_rmse)}")
+        known.append(f"RMSE there {metres(progress.window_rmse)}")
     if math.isfinite(progress.step):
-        told.append(f"step {100 * progress.step:.2g} %")
-    return told
+        known.append(f"step {100 * progress.step:.2g} %")
+    return known
 
 
 def pace(progress: Progress, rate: float) -> list[str]:
@@ -101,11 +101,11 @@ def plain(say: Callable[[str], None]) -> Callable[[Progress], None]:
     last, known = [time.perf_counter()], Pace()
 
     def show(progress: Progress) -> None:
-        rate, now = known.see(progress), time.perf_counter()
+        rate, now = known.update(progress), time.perf_counter()
         if now - last[0] >= PLAIN_INTERVAL:
             last[0] = now
-            told = [state(progress), *stage(progress), *pace(progress, rate)]
-            say(f"{progress.seconds:6.1f} s  {'  '.join(told)}")
+            line = [state(progress), *stage(progress), *pace(progress, rate)]
+            say(f"{progress.seconds:6.1f} s  {'  '.join(line)}")
 
     return show
 
@@ -117,23 +117,23 @@ def live() -> Iterator[Callable[[Progress], None]]:
     from rich.live import Live
 
     console = Terminal(stderr=True)
-    shown = Shown(min(console.width, WIDEST))
+    shown = Shown(min(console.width, PANEL_WIDTH))
     with Live(console=console, transient=True, refresh_per_second=8, get_renderable=shown.panel):
-        yield shown.see
+        yield shown.update
 
 
 class Shown:
     """What the panel holds."""
 
-    def __init__(self, width: int = WIDEST) -> None:
+    def __init__(self, width: int = PANEL_WIDTH) -> None:
         self.width, self.began = width, time.perf_counter()
         self.progress: Progress | None = None
         self.known, self.rate = Pace(), 0.0
         self.errors: list[float] = []
 
-    def see(self, progress: Progress) -> None:
+    def update(self, progress: Progress) -> None:
         """Take a progress note of."""
-        self.progress, self.rate = progress, self.known.see(progress)
+        self.progress, self.rate = progress, self.known.update(progress)
         self.errors.append(progress.rmse)
 
     def panel(self) -> RenderableType:
@@ -152,13 +152,13 @@ class Shown:
         if self.progress is None:
             return ["looking at target and start …"]
         found = [f"{state(self.progress)} of at most {self.progress.budget}"]
-        told = ((stage(self.progress), ", "), (pace(self.progress, self.rate), ", "))
-        found += [between.join(parts) for parts, between in told if parts]
+        parts = ((stage(self.progress), ", "), (pace(self.progress, self.rate), ", "))
+        found += [between.join(words) for words, between in parts if words]
         curve = sparkline(self.errors)
         return [*found, f"{curve} {metres(self.errors[0])} → {metres(self.errors[-1])}"] if len(curve) > 1 else found
 
 
-def sparkline(values: Sequence[float], width: int = LONGEST) -> str:
+def sparkline(values: Sequence[float], width: int = CURVE_WIDTH) -> str:
     """A small curve of values above 0, in their logarithm, of as many characters at most."""
     logs = [math.log(max(value, 1e-15)) for value in values if value < math.inf]
     if len(logs) > width:

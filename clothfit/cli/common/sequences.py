@@ -14,7 +14,7 @@ from itertools import groupby
 
 from clothfit.base.errors import InvalidInput
 
-SUFFIX = ".obj"
+OBJ_SUFFIX = ".obj"
 FEWEST = 3
 """Files in a row; two may be meant as two."""
 
@@ -22,7 +22,7 @@ FEWEST = 3
 def gathered(arguments: Sequence[str]) -> list[str]:
     """Arguments, with one name for each sequence."""
     made: list[str] = []
-    for alike, group in groupby(arguments, lambda each: each.lower().endswith(SUFFIX)):
+    for alike, group in groupby(arguments, lambda each: each.lower().endswith(OBJ_SUFFIX)):
         names = list(group)
         pattern = _pattern(names) if alike and len(names) >= FEWEST else None
         made += names if pattern is None else [pattern]

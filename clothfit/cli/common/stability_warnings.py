@@ -10,16 +10,16 @@ if TYPE_CHECKING:
     from clothfit.motion.motion import Motion
     from clothfit.scene.scene import Scene
 
-DOUBT = "the motion is not to be believed unless they are that soft; try a smaller delta"
+STRETCH_ADVICE = "the motion is not to be believed unless they are that soft; try a smaller delta"
 
 
 def warn_of_steps(scene: Scene, frames: int, console: Console) -> None:
     """Tell, before they are taken, when explicit or symplectic steps will not stay stable."""
     from clothfit.engine.stability import warning
 
-    told = warning(scene, frames - 1)
-    if told:
-        console.warn(told)
+    sentence = warning(scene, frames - 1)
+    if sentence:
+        console.warn(sentence)
 
 
 def warn_of_stretch(scene: Scene, motion: Motion, console: Console) -> None:
@@ -29,4 +29,4 @@ def warn_of_stretch(scene: Scene, motion: Motion, console: Console) -> None:
     for index in range(len(scene.cloths)):
         begins = overstretched_from(scene, index, motion.of(index))
         if begins is not None:
-            console.warn(f"{scene.name}: objects[{index}]: {overstretched(begins)}; {DOUBT}")
+            console.warn(f"{scene.name}: objects[{index}]: {overstretched(begins)}; {STRETCH_ADVICE}")

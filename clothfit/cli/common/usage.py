@@ -12,7 +12,7 @@ from clothfit.base.messages import meant
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-FILES = {"SCENE", "FITTED", "MOTION", "FILE", "FOLDER", "MESH", "IN", "OUT", "PATH"}
+FILE_NAMES = {"SCENE", "FITTED", "MOTION", "FILE", "FOLDER", "MESH", "IN", "OUT", "PATH"}
 """Words in the name of a value that make it the name of a file."""
 
 
@@ -29,8 +29,8 @@ class FileName(click.types.StringParamType):
 def complete_files(command: click.Command) -> click.Command:
     """The command, with file names completed where the name of a value says that it is one."""
     for parameter in command.params:
-        words = re.findall(r"[A-Z]+", parameter.metavar or "")
-        if parameter.type is click.STRING and FILES & set(words):
+        names = re.findall(r"[A-Z]+", parameter.metavar or "")
+        if parameter.type is click.STRING and FILE_NAMES & set(names):
             parameter.type = FileName()
     return command
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli.common import shared
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.json_summary import print_json
+from clothfit.cli.common.output import STREAM, same_file
 from clothfit.cli.common.progress import PLAIN_INTERVAL
+from clothfit.cli.common.scenes import frames_of, read_scene
+from clothfit.cli.common.signals import uninterrupted
 from clothfit.cli.evaluating import speed_table
 
 if TYPE_CHECKING:
@@ -22,44 +25,46 @@ if TYPE_CHECKING:
 Report = Callable[[float, str], None]
 
 
-def command(
-    scene_path: str,
-    steps: int | None,
-    error: float | None,
-    plot: str | None,
-    budget: float | None,
-    fit: bool,
-    max_evaluations: int | None,
-    as_json: bool,
-    console: Console,
-) -> int:
-    """Measure, tell, draw."""
-    check_values(error, budget, max_evaluations)
-    scene = shared.read_scene(scene_path, console)
-    frames = shared.frames_of(steps, scene)
-    if plot is not None:
-        check_plot(plot, scene_path)
-    if fit:
+@dataclass(frozen=True)
+class SpeedOptions:
+    """The options of `--speed`; None where one is not given."""
+
+    steps: int | None
+    error: float | None  # m: the cheapest setting within it is recommended
+    budget: float | None  # s to measure
+    fit: bool  # whether the methods of estimation are compared too
+    max_evaluations: int | None  # of each of them
+    plot: str | None  # file of the diagram
+
+
+def measure(scene_path: str, asked: SpeedOptions, as_json: bool, console: Console) -> int:
+    """Measure integrators, and methods of estimation where asked; print and draw the result."""
+    check_values(asked.error, asked.budget, asked.max_evaluations)
+    scene = read_scene(scene_path, console)
+    frames = frames_of(asked.steps, scene)
+    if asked.plot is not None:
+        check_plot(asked.plot, scene_path)
+    if asked.fit:
         check_flags(scene)
     from clothfit.evaluation import work_precision as precision
 
     console.announce_compilation()
     with progress(console) as report:
-        found = precision.work_precision(scene, frames, budget or precision.MEASURE_SECONDS, report)
-        fits = compare_fits(scene, max_evaluations, report) if fit else None
-    if plot is not None:
+        found = precision.work_precision(scene, frames, asked.budget or precision.MEASURE_SECONDS, report)
+        fits = compare_fits(scene, asked.max_evaluations, report) if asked.fit else None
+    if asked.plot is not None:
         from clothfit.pictures.diagram import save_diagram
 
-        with shared.uninterrupted():
-            save_diagram(found, plot, error)
+        with uninterrupted():
+            save_diagram(found, asked.plot, asked.error)
     if as_json:
-        shared.print_json("evaluate", summary(found, scene, error, fits, plot))
-    else:
-        speed_table.show(found, scene, error, console)
-        if fits is not None:
-            speed_table.show_fits(fits, console)
-        if plot is not None:
-            console.say(f"diagram → {plot}")
+        print_json("evaluate", summary(found, scene, asked, fits))
+        return 0
+    speed_table.show(found, scene, asked.error, console)
+    if fits is not None:
+        speed_table.show_fits(fits, console)
+    if asked.plot is not None:
+        console.say(f"diagram → {asked.plot}")
     return 0
 
 
@@ -76,7 +81,7 @@ def check_plot(plot: str, scene_path: str) -> None:
     """Raise InvalidInput, before long work, when the diagram cannot be made or written there."""
     from clothfit.pictures.picture_file import check
 
-    if scene_path != shared.STREAM and shared.same_file(plot, scene_path):
+    if scene_path != STREAM and same_file(plot, scene_path):
         raise InvalidInput(f"cannot write {plot}: it is an input, which is never written over")
     check(plot)
 
@@ -116,11 +121,9 @@ def progress(console: Console) -> Iterator[Report | None]:
         yield show
 
 
-def summary(
-    found: WorkPrecision, scene: Scene, error: float | None, fits: list[FitRow] | None, plot: str | None
-) -> dict[str, Any]:
+def summary(found: WorkPrecision, scene: Scene, asked: SpeedOptions, fits: list[FitRow] | None) -> dict[str, Any]:
     """What --json prints."""
-    best = None if error is None else found.recommended(error)
+    best = None if asked.error is None else found.recommended(asked.error)
     reference = found.reference
     return {
         "scene": found.scene,
@@ -136,10 +139,10 @@ def summary(
         },
         "rows": [plain_row(row) for row in found.rows],
         "own": plain_row(found.own),
-        "requested_error": error,
+        "requested_error": asked.error,
         "recommended": best and plain_row(best),
         "fits": fits and [asdict(row) for row in fits],
-        "plot": plot,
+        "plot": asked.plot,
     }
 
 

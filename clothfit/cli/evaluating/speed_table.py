@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from clothfit.evaluation.work_precision import Row, WorkPrecision
     from clothfit.scene.scene import Scene
 
-HEADER = (
+SPEED_COLUMNS = (
     "integrator", "step", "tolerance", "Newton", "ms per step", "s per simulated s", "error", "largest error", "",
 )  # fmt: skip
 
@@ -22,12 +22,12 @@ def show(found: WorkPrecision, scene: Scene, error: float | None, console: Conso
     done = [row for row in found.rows if row.status == "done"]
     shown = [row for row in done if console.verbose or is_shown(row, scene)]
     if shown:
-        console.table([HEADER, *map(cells, shown)])
+        console.table([SPEED_COLUMNS, *map(cells, shown)])
     if len(shown) < len(done):
         console.say(f"{len(done) - len(shown)} more, with other tolerances and not Pareto-best, by -v and --json")
     for status in ("diverged", "skipped"):
-        if told := without_result(found, status):
-            console.say(f"{status}: {told}")
+        if settings := without_result(found, status):
+            console.say(f"{status}: {settings}")
     console.say("")
     show_reference(found, console)
     show_advice(found, scene, error, console)
@@ -57,15 +57,15 @@ def cells(row: Row) -> tuple[str, ...]:
 
 def without_result(found: WorkPrecision, status: str) -> str:
     """The settings that ended so, by integrator: which steps, of how many settings each."""
-    told = []
+    ended = []
     for name in dict.fromkeys(row.setting.integrator for row in found.rows):
         rows = [row for row in found.rows if row.setting.integrator == name and row.status == status]
         steps = [row.setting.step_name for row in rows]
         counts = {step: steps.count(step) for step in steps}
         if rows:
             parts = [step if count == 1 else f"{step} ({count} settings)" for step, count in counts.items()]
-            told.append(f"{name} {', '.join(parts)}")
-    return "; ".join(told)
+            ended.append(f"{name} {', '.join(parts)}")
+    return "; ".join(ended)
 
 
 def show_reference(found: WorkPrecision, console: Console) -> None:
@@ -113,10 +113,10 @@ def described(row: Row) -> str:
     if setting.newton is not None:
         parts.append(f"tolerance {setting.tolerance:.3g}")
         parts.append(counted(setting.newton, "Newton iteration", "Newton iterations"))
-    told = ", ".join(parts)
+    text = ", ".join(parts)
     if row.error is None:
-        return f"{told} ({row.status})"
-    return f"{told} ({metres(row.error)}, {row.seconds_per_second:.3g} s per simulated second)"
+        return f"{text} ({row.status})"
+    return f"{text} ({metres(row.error)}, {row.seconds_per_second:.3g} s per simulated second)"
 
 
 def show_fits(fits: list[FitRow], console: Console) -> None:

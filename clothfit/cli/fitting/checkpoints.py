@@ -7,28 +7,28 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli.common import shared
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.output import STREAM, Output, is_among
 from clothfit.optimise.checkpoint import Checkpoint
 from clothfit.optimise.status import Status
 
-SUFFIX = ".checkpoint"
+CHECKPOINT_SUFFIX = ".checkpoint"
 
-LONG = 60.0  # s: a fit that nobody asked to be kept is, once it has lasted that long
+LONG_FIT = 60.0  # s: a fit that nobody asked to be kept is, once it has lasted that long
 
 ENDED = (Status.CONVERGED, Status.STALLED)
 """Statuses after which there is nothing to go on with."""
 
 
 def chosen(
-    path: str | None, resume: bool, out: shared.Output, inputs: tuple[str | None, ...], console: Console
+    path: str | None, resume: bool, out: Output, inputs: tuple[str | None, ...], console: Console
 ) -> Checkpoint | None:
     """The checkpoint of a fit with that --checkpoint and output; none where there is no place for one.
 
     Raises InvalidInput when what is asked for cannot be.
     """
     if path is not None:
-        if path == shared.STREAM or shared.is_among(path, (*inputs, out.path)):
+        if path == STREAM or is_among(path, (*inputs, out.path)):
             raise InvalidInput(f"--checkpoint: {path}: must be a file of its own, not an input or the output")
         return Checkpoint(path)
     regular = not out.is_stream and (os.path.isfile(out.path) or not os.path.exists(out.path))
@@ -36,7 +36,7 @@ def chosen(
         if resume:
             raise InvalidInput("--resume: the output is no file, so none is kept beside it; name one with --checkpoint")
         return None
-    beside = Checkpoint(out.path + SUFFIX, LONG)
+    beside = Checkpoint(out.path + CHECKPOINT_SUFFIX, LONG_FIT)
     try:
         beside.check()
     except InvalidInput as error:
@@ -48,7 +48,7 @@ def chosen(
 
 
 @contextmanager
-def told_if_lost(kept: Checkpoint | None) -> Iterator[None]:
+def named_if_lost(kept: Checkpoint | None) -> Iterator[None]:
     """Tell, where the result cannot be written, that there is a checkpoint to go on from."""
     try:
         yield

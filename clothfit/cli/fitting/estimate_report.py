@@ -11,11 +11,11 @@ import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.cli import report
-from clothfit.cli.common import shared
 from clothfit.cli.common.command_line import command_line
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.files import Files, filled
+from clothfit.cli.common.output import STREAM, Output, output_for
 from clothfit.cli.fitting import outcomes
+from clothfit.cli.fitting.files import Files, filled
 from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
@@ -33,10 +33,10 @@ class Page:
     command: str  # that makes it
     points: list[Point] = field(default_factory=list)  # of the fit's way
 
-    def output(self, scene_path: str, files: Files, fitted: shared.Output) -> shared.Output:
+    def output(self, scene_path: str, files: Files, fitted: Output) -> Output:
         """Where it goes, checked before the fit begins. Raises InvalidInput."""
         taken = None if fitted.is_stream else fitted.path
-        return shared.output(self.path, scene_path, "", (*files.inputs, taken), text=True)
+        return output_for(self.path, scene_path, "", (*files.inputs, taken), text=True)
 
     def listening(self, show: Callable[[Progress], None] | None) -> Callable[[Progress], None]:
         """What notes the fit's progress and passes it on."""
@@ -45,7 +45,7 @@ class Page:
         return recorder(self.points, show)
 
     def write(
-        self, scene_path: str, scene: Scene, found: Fit, files: Files, fitted: shared.Output, targets: list[Any],
+        self, scene_path: str, scene: Scene, found: Fit, files: Files, fitted: Output, targets: list[Any],
         console: Console,
     ) -> None:  # fmt: skip
         """Make and write it, after the fitted scene is written."""
@@ -74,7 +74,7 @@ def chosen(path: str | None, scenes: tuple[str, ...], single: bool, files: Files
     """
     if path is None:
         return None
-    if path == shared.STREAM:
+    if path == STREAM:
         raise InvalidInput("--report must be a file of its own, not -; clothfit report writes to standard output")
     context = click.get_current_context()
     if not single:

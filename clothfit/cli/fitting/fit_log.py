@@ -15,8 +15,9 @@ import os
 from typing import IO, TYPE_CHECKING, Any
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli.common import shared
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.json_summary import plain
+from clothfit.cli.common.output import STREAM, is_among
 
 if TYPE_CHECKING:
     from clothfit.optimise.progress import Progress
@@ -30,7 +31,7 @@ def log_of(path: str | None, used: tuple[str | None, ...], resume: bool, console
         return None
     from clothfit.base.writing import check_writable
 
-    if path == shared.STREAM or shared.is_among(path, used):
+    if path == STREAM or is_among(path, used):
         raise InvalidInput(f"--log: {path}: must be a file of its own, not an input or an output")
     check_writable(path)
     return FitLog(path, earlier(path) if resume else [], console)
@@ -63,14 +64,14 @@ class FitLog:
         self.last: tuple[int, float] | None = None  # iteration and cost
         self.skipped = 0  # iterations that the resumed fit does not count
 
-    def see(self, progress: Progress) -> None:
+    def record(self, progress: Progress) -> None:
         """Write what is new: an iteration, or that the point it led to is the best over all frames."""
         self.begin(progress)
         if (progress.iteration, progress.cost) == self.last:
             return
         self.last = progress.iteration, progress.cost
-        told = {key: getattr(progress, key) for key in KEYS}
-        self.write({**told, "iteration": self.skipped + progress.iteration})
+        values = {key: getattr(progress, key) for key in KEYS}
+        self.write({**values, "iteration": self.skipped + progress.iteration})
 
     def end(self, summary: dict[str, Any]) -> None:
         """Write the summary and close."""
@@ -98,7 +99,7 @@ class FitLog:
         """Write a line, all of it now."""
         if self.file is None or self.given_up:
             return
-        rest = json.dumps(shared.plain(item), allow_nan=False).encode() + b"\n"
+        rest = json.dumps(plain(item), allow_nan=False).encode() + b"\n"
         try:
             while rest:
                 rest = rest[self.file.write(rest) or 0 :]

@@ -13,11 +13,13 @@ import click
 
 from clothfit.base.errors import ClothfitError
 from clothfit.base.messages import metres
-from clothfit.cli.common import shared
-from clothfit.cli.common import stability_warnings as trust
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.files import Files
+from clothfit.cli.common.json_summary import print_json
+from clothfit.cli.common.output import write_scene
+from clothfit.cli.common.signals import uninterrupted
+from clothfit.cli.common.stability_warnings import warn_of_steps
 from clothfit.cli.fitting import checkpoints, outcomes
+from clothfit.cli.fitting.files import Files
 from clothfit.cli.fitting.plan import Item, planned
 from clothfit.cli.fitting.table import rows, summaries
 from clothfit.fit.options import FitOptions
@@ -55,18 +57,18 @@ def fit(
         raise click.UsageError("--jobs is for this machine; a --cluster has its own workers")
     items = planned(paths, files, effort.starts, effort.cluster is None, console)
     pool = chosen_pool(len(items) * effort.starts, effort.jobs, effort.cluster)
-    tell_compilation(pool, len(items) * effort.starts, console)
+    announce_compilation(pool, len(items) * effort.starts, console)
     each = limited(options, pool)
     makers: list[Callable[[int], Job]] = [partial(job, item, effort, each) for item in items]
     writer = Writer(items, console)
     results = fit_all(makers, effort.starts, pool, writer.done, writer.died)
-    with shared.uninterrupted():
+    with uninterrupted():
         if len(items) == 1:
             return finish_one(items[0], results[0], console, as_json)
         console.table(rows(items, results, writer.errors))
         if as_json:
-            told = summaries(items, results, writer.errors)
-            shared.print_json("estimate", {"scenes": told, "seconds": time.perf_counter() - began})
+            scenes = summaries(items, results, writer.errors)
+            print_json("estimate", {"scenes": scenes, "seconds": time.perf_counter() - began})
     codes = [writer.code(index, one) for index, one in enumerate(results)]
     return INTERRUPTED if INTERRUPTED in codes else next(code for code in SEVERITY if code in codes)
 
@@ -76,7 +78,7 @@ def job(item: Item, effort: Effort, options: FitOptions, number: int) -> Job:
     return item.job(number, effort.seed, options)
 
 
-def tell_compilation(pool: Any, count: int, console: Console) -> None:
+def announce_compilation(pool: Any, count: int, console: Console) -> None:
     """Say so when the processes have to compile first."""
     from clothfit.kernels.cache import is_cold
     from clothfit.many.processes import Processes
@@ -116,14 +118,14 @@ class Writer:
         found = result.fit
         for warning in (*found.scene.warnings, *found.warnings):
             self.console.warn(f"{item.path}: {warning}")
-        trust.warn_of_steps(found.scene, found.frames, self.console)
+        warn_of_steps(found.scene, found.frames, self.console)
         try:
-            shared.write_scene(found.scene, item.out)
+            write_scene(found.scene, item.out)
         except ClothfitError as error:
             self.errors[index] = error
             return
-        told = f"{found.status}, RMSE {metres(found.rmse)} in {found.seconds:.1f} s → {item.out.name}"
-        self.console.say(f"{self.ended} of {len(self.items)}: {item.path}: {told}")
+        result_line = f"{found.status}, RMSE {metres(found.rmse)} in {found.seconds:.1f} s → {item.out.name}"
+        self.console.say(f"{self.ended} of {len(self.items)}: {item.path}: {result_line}")
 
     def refuse(self, item: Item, message: str) -> None:
         """Tell why there is no result; an error is told even where nothing else is."""
@@ -158,7 +160,7 @@ def finish_one(item: Item, result: Result, console: Console, as_json: bool) -> i
         raise Failed(result.error or "there is no result", result.exit_code)
     for warning in found.scene.warnings:
         console.warn(f"{found.scene.name}: {warning}")
-    trust.warn_of_steps(found.scene, found.frames, console)
+    warn_of_steps(found.scene, found.frames, console)
     (own,) = summaries([item], [result], {})
     more: dict[str, Any] = {key: own[key] for key in ("start", "starts", "reading") if key in own}
     outcomes.finish(found.scene, found, out, console, as_json, more)

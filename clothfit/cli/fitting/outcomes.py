@@ -6,9 +6,10 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from clothfit.base.messages import counted, metres, owned
-from clothfit.cli.common import shared
 from clothfit.cli.common.console import Console
-from clothfit.cli.fitting.parameter_line import account, indices
+from clothfit.cli.common.json_summary import document, print_json
+from clothfit.cli.common.output import Output, write_scene
+from clothfit.cli.fitting.parameter_line import certainty, indices
 from clothfit.many.job import EXIT_CODES
 from clothfit.optimise.status import Status
 
@@ -21,38 +22,38 @@ if TYPE_CHECKING:
 def finish(
     scene: Scene,
     found: Fit,
-    out: shared.Output,
+    out: Output,
     console: Console,
     as_json: bool,
     more: dict[str, Any] | None = None,
     log: FitLog | None = None,
 ) -> int:
     """Write the result and tell about it, with `more` for --json, also to the log; returns the exit code."""
-    told = summary(scene, found, out) | (more or {})
+    result = summary(scene, found, out) | (more or {})
     for warning in found.warnings:
         console.warn(f"{scene.name}: {warning}")
     if found.status == Status.DIVERGED:
-        conclude(told | {"output": None}, out, as_json, log)
+        conclude(result | {"output": None}, out, as_json, log)
         from clothfit.motion.divergence import Diverged
 
         raise Diverged(
             f"{scene.name}: no values that were tried gave a simulation that stays finite; nothing is written", 0
         )
-    shared.write_scene(found.scene, out)
+    write_scene(found.scene, out)
     describe(found, out, console)
-    conclude(told, out, as_json, log)
+    conclude(result, out, as_json, log)
     return EXIT_CODES[found.status]
 
 
-def conclude(told: dict[str, Any], out: shared.Output, as_json: bool, log: FitLog | None) -> None:
+def conclude(result: dict[str, Any], out: Output, as_json: bool, log: FitLog | None) -> None:
     """Hand the summary to who asked for it."""
     if log is not None:
-        log.end(shared.told("estimate", told))
+        log.end(document("estimate", result))
     if as_json:
-        shared.print_json("estimate", told, out)
+        print_json("estimate", result, out)
 
 
-def describe(found: Fit, out: shared.Output, console: Console) -> None:
+def describe(found: Fit, out: Output, console: Console) -> None:
     """Tell the result in a few lines."""
     console.say(
         f"{found.status}: RMSE {metres(found.rmse)} over {found.frames} frames, "
@@ -65,11 +66,11 @@ def describe(found: Fit, out: shared.Output, console: Console) -> None:
         place = owned(block.object, block.name)
         if block.at_bound:
             console.warn(f"{place}: {len(block.at_bound)} of {block.count} at a bound: {indices(block.at_bound)}")
-        if told := account(block):
-            console.say(f"{place}: {told}")
+        if known := certainty(block):
+            console.say(f"{place}: {known}")
 
 
-def summary(scene: Scene, found: Fit, out: shared.Output) -> dict[str, Any]:
+def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
     """What --json prints."""
     return {
         "scene": scene.name,

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from clothfit.fit.result import FittedBlock
 
 
-def account(block: FittedBlock) -> str:
+def certainty(block: FittedBlock) -> str:
     """What is known of the values of a block, and what is not; empty where neither was looked for."""
     parts = [f"{counted(block.count, 'value', 'values')}"]
     if any(block.interval):

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base.errors import ClothfitError, InvalidInput
-from clothfit.cli.common import motions, shared
+from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.files import Files, default_name
+from clothfit.cli.common.output import STREAM, Output
 from clothfit.cli.fitting import checkpoints
-from clothfit.cli.fitting import target_options as goals
+from clothfit.cli.fitting.files import Files, default_name
+from clothfit.cli.fitting.target_options import is_number
 from clothfit.fit.options import FitOptions
 from clothfit.many.job import File, Goal, Job, loaded, read
 from clothfit.optimise.checkpoint import Checkpoint
@@ -30,11 +31,11 @@ class Item:
 
     path: str  # as it was given
     files: Files  # its own
-    out: shared.Output | None  # None where there is no place for it, and `refusal` says why
+    out: Output | None  # None where there is no place for it, and `refusal` says why
     kept: list[Checkpoint | None]  # for each start
     refusal: ClothfitError | None = None
     stream: bytes | None = None  # standard input, where it is one of the files
-    told: list[dict[str, Any]] = field(default_factory=list)  # what was assumed of other programs' motions
+    readings: list[dict[str, Any]] = field(default_factory=list)  # what was assumed of other programs' motions
     motions: dict[tuple[str, str | None], Motion] = field(default_factory=dict)  # other programs', for the next start
     console: Console = field(default_factory=Console)
 
@@ -43,14 +44,14 @@ class Item:
         if self.refusal:
             raise self.refusal
         kept, start = self.kept[number], self.files.start
-        first = None if start is None else float(start) if goals.is_number(start) else self.file(start)
+        first = None if start is None else float(start) if is_number(start) else self.file(start)
         resume = self.files.resume and kept is not None and os.path.isfile(kept.path)
-        aims = self.goals()
+        targets = self.targets()
         if number + 1 == len(self.kept):  # the last start: the motions of many scenes need not stay in memory
             self.motions.clear()
-        return Job(self.file(self.path), aims, first, number, seed, options, kept, resume)
+        return Job(self.file(self.path), targets, first, number, seed, options, kept, resume)
 
-    def goals(self) -> tuple[Goal, ...]:
+    def targets(self) -> tuple[Goal, ...]:
         """The targets, each with its scene."""
         pairs = self.files.pairs
         return tuple((self.motion(motion, own), None if own is None else self.file(own)) for motion, own in pairs)
@@ -63,12 +64,12 @@ class Item:
             return self.file(path)
         if (path, own) not in self.motions:
             scene = loaded(self.file(self.path if own is None else own))
-            self.motions[path, own] = motions.read(path, scene, self.files.reading, self.console, self.told)
+            self.motions[path, own] = motions.read(path, scene, self.files.reading, self.console, self.readings)
         return self.motions[path, own]
 
     def file(self, path: str) -> File:
         """The content of a file, or of standard input."""
-        if path != shared.STREAM:
+        if path != STREAM:
             return read(path)
         if self.stream is None:
             from clothfit.base.npz import content
@@ -120,7 +121,7 @@ def beside(first: Checkpoint, number: int) -> Checkpoint:
 
 def check_many(paths: tuple[str, ...], files: Files) -> None:
     """Raise UsageError where options fit one scene only."""
-    if shared.STREAM in (*paths, files.path, files.start, *files.targets):
+    if STREAM in (*paths, files.path, files.start, *files.targets):
         raise click.UsageError(f"standard input and output (-) are for one scene, not for {len(paths)}")
     if files.checkpoint is not None and "{stem}" not in files.checkpoint:
         raise click.UsageError(f"--checkpoint: {len(paths)} scenes need one each: put {{stem}} into the name")

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.files import filled
 from clothfit.cli.common.pictures import Goal, Pictures
+from clothfit.cli.fitting.files import filled
 
 if TYPE_CHECKING:
     from clothfit.cli.fitting.fit_log import FitLog
@@ -20,7 +20,7 @@ Report = Callable[["Progress"], None]
 
 
 @dataclass
-class Watching:
+class Recording:
     """The options, and what has been seen."""
 
     pictures: Pictures
@@ -28,7 +28,7 @@ class Watching:
     log: FitLog | None = None
     history: list[Progress] = field(default_factory=list)
 
-    def of(self, scene_path: str) -> Watching:
+    def of(self, scene_path: str) -> Recording:
         """The same for a scene: {stem} and {folder} stand for its name and its folder."""
         plot, gif, log = (path and filled(path, scene_path) for path in (*self.pictures.files, self.log_path))
         return replace(self, pictures=Pictures(plot, gif), log_path=log)
@@ -44,15 +44,15 @@ class Watching:
         """What is called with the progress of the fit; None where nobody looks."""
         own = [] if show is None else [show]
         if self.log is not None:
-            own.append(self.log.see)
+            own.append(self.log.record)
         if self.pictures.plot is not None:
             own.append(self.history.append)
 
-        def tell(progress: Progress) -> None:
+        def report_all(progress: Progress) -> None:
             for one in own:
                 one(progress)
 
-        return tell if own else None
+        return report_all if own else None
 
     def draw(self, found: Fit, scene: Scene, targets: Sequence[Goal], console: Console) -> None:
         """Draw the pictures of the fit that has ended."""

@@ -13,26 +13,26 @@ from clothfit.cli.fitting.plan import Item
 from clothfit.many.estimate_many import Result
 from clothfit.many.job import Outcome
 
-HEADER = ("scene", "start", "status", "RMSE", "frames", "evaluations", "seconds", "output")
-START = HEADER.index("start")
+FIT_COLUMNS = ("scene", "start", "status", "RMSE", "frames", "evaluations", "seconds", "output")
+START_COLUMN = FIT_COLUMNS.index("start")
 
 
 def rows(items: Sequence[Item], results: Sequence[Result], errors: Mapping[int, ClothfitError]) -> list[list[str]]:
     """A row for each scene and start, in the order of the arguments, below a header."""
-    found = [list(HEADER)]
+    found = [list(FIT_COLUMNS)]
     for index, (item, result) in enumerate(zip(items, results, strict=True)):
         for number, outcome in enumerate(result.outcomes):
             error = errors.get(index) or outcome.error
             best = number == result.best and outcome.usable
             output = item.out.name if item.out and best else ""
             place = f"error: {error}" if error and outcome.status != "not started" else output
-            found.append([item.path if number == 0 else "", str(number + 1), *account(outcome), place])
+            found.append([item.path if number == 0 else "", str(number + 1), *figures(outcome), place])
     if all(len(result.outcomes) == 1 for result in results):
-        return [row[:START] + row[START + 1 :] for row in found]
+        return [row[:START_COLUMN] + row[START_COLUMN + 1 :] for row in found]
     return found
 
 
-def account(outcome: Outcome) -> tuple[str, ...]:
+def figures(outcome: Outcome) -> tuple[str, ...]:
     """The middle of a row: status, RMSE, frames, evaluations, seconds."""
     fit = outcome.fit
     if fit is None:
@@ -58,7 +58,7 @@ def summaries(
             "exit_code": error.exit_code if error else result.exit_code,
             "error": str(error or outcome.error or "") or None,
         }
-        own |= motions.told_of(item.told)
+        own |= motions.readings_summary(item.readings)
         if len(result.outcomes) > 1:
             own |= {"start": result.best + 1, "starts": [start_summary(one) for one in result.outcomes]}
         found.append(own)

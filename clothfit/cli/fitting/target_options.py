@@ -7,8 +7,9 @@ import os
 from typing import TYPE_CHECKING, Any
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli.common import motions, shared
+from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.scenes import read_scene
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Reading
@@ -25,14 +26,14 @@ def motion_and_scene(path: str) -> tuple[str, str | None]:
 
 
 def read_target(
-    paths: tuple[str, str | None], scene: Scene, reading: Reading, console: Console, told: list[dict[str, Any]]
+    paths: tuple[str, str | None], scene: Scene, reading: Reading, console: Console, readings: list[dict[str, Any]]
 ) -> Motion | tuple[Motion, Scene]:
-    """What a --target names; of other programs' files, what was assumed is added to `told`."""
+    """What a --target names; of other programs' files, what was assumed is added to `readings`."""
     motion, own = paths
     if own is None:
-        return motions.read(motion, scene, reading, console, told)
-    other = shared.read_scene(own, console)
-    return motions.read(motion, other, reading, console, told), other
+        return motions.read(motion, scene, reading, console, readings)
+    other = read_scene(own, console)
+    return motions.read(motion, other, reading, console, readings), other
 
 
 def weights(objectives: tuple[str, ...]) -> dict[str, float]:
@@ -52,7 +53,7 @@ def read_start(start: str | None, console: Console) -> float | Scene | None:
     """What --start says: a value, or a scene's file."""
     if start is None:
         return None
-    return float(start) if is_number(start) else shared.read_scene(start, console)
+    return float(start) if is_number(start) else read_scene(start, console)
 
 
 def is_number(text: str) -> bool:

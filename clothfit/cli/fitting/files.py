@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli.common import shared
-from clothfit.cli.fitting import target_options as goals
+from clothfit.cli.common.output import STREAM, Output, output_for
+from clothfit.cli.common.scenes import one_stream
+from clothfit.cli.fitting.target_options import is_number, motion_and_scene
 from clothfit.formats.convention import Reading
 
 
@@ -42,7 +43,7 @@ class Files:
     @property
     def pairs(self) -> list[tuple[str, str | None]]:
         """Each target's motion and scene."""
-        return [goals.motion_and_scene(path) for path in self.targets]
+        return [motion_and_scene(path) for path in self.targets]
 
     @property
     def markers(self) -> str | None:
@@ -52,21 +53,21 @@ class Files:
     @property
     def inputs(self) -> tuple[str | None, ...]:
         """What is read besides the scene."""
-        start = None if self.start is None or goals.is_number(self.start) else self.start
+        start = None if self.start is None or is_number(self.start) else self.start
         return (*(path for pair in self.pairs for path in pair), start, self.markers)
 
     def check(self, scene_path: str) -> None:
         """Raise InvalidInput where the options do not go together."""
-        if self.in_place and (self.path is not None or scene_path == shared.STREAM):
+        if self.in_place and (self.path is not None or scene_path == STREAM):
             raise InvalidInput("--in-place writes into the scene's file; it does not go with -o or standard input")
-        shared.one_stream(scene_path, *self.inputs)
+        one_stream(scene_path, *self.inputs)
 
-    def output(self, scene_path: str) -> shared.Output:
+    def output(self, scene_path: str) -> Output:
         """Where the fitted scene goes: by default beside the input, with the input's suffix. Raises InvalidInput."""
         if self.in_place:
-            return shared.output(scene_path, scene_path, "", (), overwrite=True)
+            return output_for(scene_path, scene_path, "", (), overwrite=True)
         suffix = os.path.splitext(scene_path)[1]
-        return shared.output(self.path, scene_path, f".fitted{suffix}", self.inputs, text=True)
+        return output_for(self.path, scene_path, f".fitted{suffix}", self.inputs, text=True)
 
 
 def filled(name: str, scene_path: str) -> str:

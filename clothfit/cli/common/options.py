@@ -1,0 +1,53 @@
+"""The options that all commands have, and the checks of numbers that several take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar
+
+import click
+
+from clothfit.base.errors import InvalidInput
+from clothfit.base.limits import checked_tolerance
+from clothfit.base.version import __version__
+from clothfit.cli.common.console import Console
+from clothfit.cli.common.help import ExamplesFirst, Sections
+from clothfit.cli.common.usage import complete_files
+
+F = TypeVar("F", bound=Callable[..., object])
+
+
+def loudness(function: F) -> F:
+    """Add the options that say how much to say; they are understood before and after a command's name."""
+    verbose = click.option("-v", "--verbose", is_flag=True, help="Say more: what is read, and when.")
+    return click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")(verbose(function))
+
+
+def standard_command(name: str, sections: Sections | None = None) -> Callable[[Callable[..., int]], click.Command]:
+    """A command with the options that all of them have; its function is given a `console` for its messages. `sections`
+    are those of its other options in the help.
+    """
+
+    def decorate(function: Callable[..., int]) -> click.Command:
+        @wraps(function)
+        def speaking(quiet: bool, verbose: bool, **arguments: Any) -> int:
+            before: dict[str, bool] = click.get_current_context().obj or {}
+            console = Console(quiet or before.get("quiet", False), verbose or before.get("verbose", False))
+            return function(**arguments, console=console)
+
+        made = loudness(click.version_option(__version__, prog_name="clothfit")(speaking))
+        text = "Print the summary as one JSON object on standard output."
+        made = click.option("--json", "as_json", is_flag=True, help=text)(made)
+        settings = {"help_option_names": ["-h", "--help"]}
+        return complete_files(click.command(name, ExamplesFirst, context_settings=settings, sections=sections)(made))
+
+    return decorate
+
+
+def check_numbers(steps: int | None = None, tolerance: float | None = None) -> None:
+    """Check options before the libraries load, which takes longer. Raises InvalidInput on what cannot be."""
+    if steps is not None and steps < 1:
+        raise InvalidInput(f"--steps must be at least 1; {steps} was given")
+    if tolerance is not None:
+        checked_tolerance(tolerance, tolerance)

@@ -1,0 +1,119 @@
+"""Where the result of a command goes: a file that may be written, or standard output."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from clothfit.base.errors import InvalidInput
+from clothfit.cli.common.signals import uninterrupted
+
+if TYPE_CHECKING:
+    from clothfit.base.writing import Data
+    from clothfit.scene.scene import Scene
+
+STREAM = "-"
+
+
+@dataclass(frozen=True)
+class Output:
+    """Where a result goes: a path, or standard output."""
+
+    path: str
+    in_place: bool = False  # it is the scene that was read
+
+    @property
+    def is_stream(self) -> bool:
+        """Whether it is standard output."""
+        return self.path == STREAM
+
+    @property
+    def name(self) -> str:
+        """What to call it in a message."""
+        return "standard output" if self.is_stream else self.path
+
+    def write(self, data: Data) -> None:
+        """Write the whole result; an interrupt that comes now waits."""
+        with uninterrupted():
+            self.put(data)
+
+    def put(self, data: Data) -> None:
+        """The same, where interrupts are held back or noted already."""
+        from clothfit.base.writing import put, write_atomically
+
+        if self.is_stream:
+            put(data, sys.stdout.buffer)
+            sys.stdout.buffer.flush()
+        else:
+            write_atomically(self.path, data)
+
+
+def output_for(
+    path: str | None,
+    scene_path: str,
+    suffix: str,
+    inputs: tuple[str | None, ...],
+    overwrite: bool = False,
+    text: bool = False,
+) -> Output:
+    """Decide where the result goes and check that it can go there.
+
+    The default name is the scene's with `suffix` in place of its own; `inputs` are the files, besides the scene, that
+    must not be written over; `text` tells that the result may be shown on a terminal. Raises InvalidInput when the
+    place cannot be written, or is one of the inputs and `overwrite` is not given.
+    """
+    from clothfit.base.writing import check_writable
+
+    if path is None:
+        path = STREAM if scene_path == STREAM else str(Path(scene_path).with_suffix(suffix))
+    if path == STREAM:
+        if not text and sys.stdout.isatty():
+            raise InvalidInput("a motion is not text, so it is not written to a terminal; name a file with -o")
+        return Output(path)
+    if not overwrite and is_among(path, (scene_path, *inputs)):
+        raise InvalidInput(f"cannot write {path}: it is an input, which is never written over; name another file")
+    check_writable(path)
+    return Output(path, overwrite)
+
+
+def write_scene(scene: Scene, out: Output) -> None:
+    """Write a scene whole. Where it should replace the one it was read from, and somebody has changed that meanwhile,
+    it goes beside it and InvalidInput says so. An interrupt is for the caller to hold back.
+    """
+    from clothfit.scene.scene import dumps
+
+    if not out.in_place or unchanged(scene, out.path):
+        out.put(dumps(scene))
+        return
+    beside = Path(out.path)
+    other = Output(str(beside.with_suffix(f".fitted{beside.suffix}")))
+    other.put(dumps(scene))
+    raise InvalidInput(f"{out.path}: changed while the fit ran, so it is left as it is; the result is in {other.path}")
+
+
+def unchanged(scene: Scene, path: str) -> bool:
+    """Whether a file still holds the text that the scene was read from; so one that is gone does not."""
+    source = scene.source
+    try:
+        return Path(path).read_bytes() == source.encode(source.text)
+    except OSError:
+        return False
+
+
+def is_among(path: str, others: Iterable[str | None]) -> bool:
+    """Whether a path leads to the same file as one of others; None and standard streams are none."""
+    return any(other not in (None, STREAM) and same_file(path, str(other)) for other in others)
+
+
+def same_file(a: str, b: str) -> bool:
+    """Whether two paths lead to one file, or would."""
+    try:
+        return os.path.samefile(a, b)
+    except OSError:
+        return os.path.realpath(a) == os.path.realpath(b)
+    except ValueError:  # no possible name
+        return False

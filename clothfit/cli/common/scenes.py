@@ -1,0 +1,52 @@
+"""The scenes that a command reads, and how many of their frames."""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from clothfit.base.errors import InvalidInput, InvalidScene
+from clothfit.cli.common.console import Console
+from clothfit.cli.common.options import check_numbers
+from clothfit.cli.common.output import STREAM
+from clothfit.scene.text import name_of
+
+if TYPE_CHECKING:
+    from clothfit.scene.scene import Scene
+
+
+def read_scene(path: str, console: Console) -> Scene:
+    """Load a scene from a path or standard input, and pass its warnings on."""
+    check_there(path)
+    import clothfit
+
+    scene = clothfit.load(sys.stdin.buffer if path == STREAM else path)
+    for warning in scene.warnings:
+        console.warn(f"{scene.name}: {warning}")
+    console.detail(f"{scene.name}: {len(scene.cloths)} objects, {sum(scene.vertex_counts)} vertices")
+    return scene
+
+
+def check_there(*paths: str) -> None:
+    """Check that there are scenes at the paths, for the same reason. Raises InvalidScene."""
+    for path in paths:
+        try:
+            with suppress(ValueError):  # no possible name; whoever reads it finds the words
+                if path != STREAM:
+                    os.stat(path)
+        except OSError as error:
+            raise InvalidScene(f"cannot be read: {error.strerror or error}", name_of(path)) from None
+
+
+def frames_of(steps: int | None, scene: Scene) -> int:
+    """Number of frames for --steps. Raises InvalidInput when it is not positive."""
+    check_numbers(steps)
+    return scene.frames if steps is None else steps + 1
+
+
+def one_stream(*paths: str | None) -> None:
+    """Raise InvalidInput when standard input should be read twice."""
+    if sum(path == STREAM for path in paths) > 1:
+        raise InvalidInput("standard input (-) can be only one of the inputs")
