@@ -185,7 +185,7 @@ def test_many_scenes_have_their_own_caches(say, folder):
         first, second = (item.job(number, 0, {}).goals for number in (0, 1))
         assert len(first[0][0].times) == frames
         assert second == first  # the next start is given the same motion
-        assert [each["file"] for each in item.told] == [f"{item.path[:3]}_*.obj"]
+        assert [each["file"] for each in item.readings] == [f"{item.path[:3]}_*.obj"]
     (goal,) = packed_goals("two_*.obj", "two.json")
     assert (len(goal[0].times), goal[1]) == (5, None)
 
