@@ -1,7 +1,7 @@
 """Exact derivatives of a simulated motion, and how they are verified.
 
-adjoint (backwards: all parameters, one cost) and sensitivity (forwards: all positions, some directions) sweep over a
-motion; step_jacobian and stencil give the matrix of one step, columns the dense Jacobian; verify compares with
-differences.
+adjoint (backwards: one cost by all parameters; forwards: all positions along one direction) and sensitivity (forwards:
+all positions by many parameters at once) sweep over a motion. step_jacobian and stencil give the matrices of one step,
+columns which parameter moves which elements; verify compares derivatives with differences.
 A new force brings its own derivatives; nothing here changes.
 """

@@ -12,13 +12,13 @@ from clothfit.engine.system import System, zeros
 from clothfit.scene.block import Block
 
 LOCAL = ("mass", "stiffness", "rest")
-"""Kinds with a share of their own in every vertex or spring; `velocity` only acts at the start, the rest everywhere."""
+"""Kinds that act on one vertex or spring each; `velocity` acts at the start only, every other kind everywhere."""
 
 
 def columns(system: System, blocks: Sequence[Block], column: Indices, factor: Array, count: int) -> Columns:
     """The columns of one cloth's sensitivity by the parameters of `blocks`.
 
-    `column` (P,) is that of each parameter, −1 where it is held, `factor` (P,) what its derivative is multiplied with,
+    `column` (P,) gives the column of each parameter, −1 where it is held, `factor` (P,) a factor of its derivative,
     `count` the number of columns.
     """
     local = {"mass": none(len(system.x0)), "stiffness": none(len(system.springs.rest)), "rest": none(0)}

@@ -1,11 +1,11 @@
 """The sensitivity of a motion: how all positions change with each of Q parameters at once.
 
-The forward sweep of `adjoint` with Q right-hand sides per step: the matrices of the step (`step.jacobian`) are formed
-once, A is factorised once, and all columns go through dense linear algebra together. With f free vertices
+This is the forward sweep of `adjoint` with Q right-hand sides per step: the matrices of the step (`step_jacobian`) are
+formed once, A is factorised once, and all columns go through dense linear algebra together. With f free vertices
 
     A dW = Y dX + U dV + M dV + C,     dX⁺ = dX + h dW,     dX, dV, dW (3 f, Q)
 
-dense for small cloths, where that is fastest, and by a sparse factorisation for large ones.
+A is inverted as a dense matrix for small cloths, where that is fastest, and factorised as a sparse one for large ones.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from clothfit.engine.system import EXPLICIT, System, clamped
 from clothfit.kernels.kernel import kernel
 
 FEW_COLUMNS = 16
-"""Columns up to which a sweep for each is faster than one for all."""
+"""Columns up to which one sweep for each is faster than one for all together."""
 
 DENSE_UNKNOWNS = 1500
 """Unknowns up to which A is inverted as a dense matrix."""
 
 
 class Columns(NamedTuple):
-    """What each of Q columns stands for: its share in every mass, stiffness and rest length, ∂element/∂parameter, at
-    most one column for each; and directions of the kinds that act everywhere.
+    """Q columns: the share ∂element/∂parameter of each in every mass, stiffness and rest length, at most one column for
+    an element; and directions of the kinds that act everywhere.
     """
 
     width: int  # Q
@@ -48,7 +48,7 @@ class Columns(NamedTuple):
 
 
 class Share(NamedTuple):
-    """The column of each element, −1 for none, and its factor."""
+    """The column of each element, −1 for none, and the factor of its derivative."""
 
     column: Indices
     factor: Array
@@ -57,9 +57,9 @@ class Share(NamedTuple):
 def sweep(
     system: System, memory: TrajectoryMemory, columns: Columns, observe: Observer | None = None
 ) -> Iterator[Array]:
-    """Give dX (3 f, Q) after every step, the coordinates of the free vertices in order; one array, used again.
+    """Yield dX (3 f, Q) after every step, the coordinates of the free vertices in order; always the same array.
 
-    `observe` is shown each chunk of the motion before its steps are given.
+    `observe` gets each chunk of the motion before dX after its steps is yielded.
     """
     free = system.vertex.free
     place = np.where(free, np.cumsum(free) - 1, -1).astype(np.int32)
@@ -102,7 +102,7 @@ def sweep(
 def tangents(
     system: System, memory: TrajectoryMemory, columns: Columns, tolerance: float, observe: Observer | None = None
 ) -> Iterator[Array]:
-    """The same as `sweep` by one forward sweep per column: the faster way for a few of them."""
+    """The same as `sweep` by one forward sweep per column, which is faster for a few columns."""
     free = system.vertex.free
     sweeps = [adjoint.Sweep(system, along(system, columns, q), tolerance) for q in range(columns.width)]
     for chunk in (chunk for segment in memory.forward() for chunk in segment.parts()):
@@ -114,7 +114,7 @@ def tangents(
 
 
 def along(system: System, columns: Columns, q: int) -> Elements:
-    """The change of all elements that column q stands for."""
+    """The change of all elements along column q."""
     elements = [np.where(share.column == q, share.factor, 0.0) for share in columns[1:4]]
     change = Elements(mass=elements[0], stiffness=elements[1], rest=elements[2])
     for column, direction in columns.everywhere:
@@ -127,7 +127,7 @@ def along(system: System, columns: Columns, q: int) -> Elements:
 
 
 def solver(A: sparse.BlockMatrix) -> Callable[[Array], Array]:
-    """Factorise A on the free vertices: a function that solves A dW = B for B (3 f, Q)."""
+    """Factorise A on the free vertices; returns a function that solves A dW = B for B (3 f, Q)."""
     from scipy.linalg import blas, lapack
     from scipy.sparse.linalg import splu
 
@@ -161,7 +161,7 @@ def add_product(near, place, blocks, x, out):
 
 @kernel
 def add_vertex_columns(place, by_element, share, out):
-    """out += C for what acts on its own vertex, `by_element` (n, 3)."""
+    """out += C for a kind that acts on its own vertex, `by_element` (n, 3)."""
     for i in range(len(share.column)):
         q = share.column[i]
         if q >= 0 and place[i] >= 0:
@@ -171,7 +171,7 @@ def add_vertex_columns(place, by_element, share, out):
 
 @kernel
 def add_spring_columns(place, ends, by_element, share, out):
-    """out += C for what acts on the two ends of its spring, `by_element` (S, 2, 3)."""
+    """out += C for a kind that acts on the two ends of its spring, `by_element` (S, 2, 3)."""
     for i in range(len(share.column)):
         q = share.column[i]
         if q >= 0:

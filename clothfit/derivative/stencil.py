@@ -1,9 +1,10 @@
-"""Which vertices act on which: the pattern that probing needs to find all rows of a sparse derivative at once.
+"""Which vertices act on which: the pattern by which probing finds all rows of a sparse derivative at once.
 
-A vertex feels the vertices that a spring or a face joins it to, and itself. Two rows can be probed together where no
-vertex is felt by both: a colouring of the graph at distance 2. For the derivative by the masses and stiffnesses alone
-it suffices that no spring joins the two: distance 1. A. R. Curtis, M. J. D. Powell, J. K. Reid, On the estimation of
-sparse Jacobian matrices, IMA Journal of Applied Mathematics 13, 1974.
+A vertex feels itself and the vertices that a spring or a face joins it to. Two rows can be probed together where both
+feel no common vertex: a colouring of the graph at distance 2. For the derivative by the masses and stiffnesses alone it
+suffices that no spring joins the two: distance 1.
+Reference: A. R. Curtis, M. J. D. Powell, J. K. Reid, On the estimation of sparse Jacobian matrices, IMA Journal of
+Applied Mathematics 13, 1974.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ def stencil(system: System, distance: int) -> Stencil:
 
 
 def colouring(start: Indices, neighbour: Indices) -> Indices:
-    """Greedy colours (n,): each vertex takes the first that none of its neighbours has."""
+    """Greedy colours (n,): each vertex takes the first colour that no neighbour has."""
     color = np.full(len(start) - 1, -1, np.int32)
     for i in range(len(color)):
         taken = set(color[neighbour[start[i] : start[i + 1]]].tolist())

@@ -26,7 +26,7 @@ from clothfit.kernels.vectors import add_mass, add_rows_dot, combine, copy
 
 
 class Jacobian(NamedTuple):
-    """Derivative of one iteration of a step, beside its matrix A, which is in the workspace."""
+    """Derivative of one iteration of a step; its matrix A is in the workspace."""
 
     by_y: Array  # Y, (E, 3, 3), one block for each neighbour in the stencil
     by_u: Array  # U, (E, 3, 3)
@@ -37,7 +37,7 @@ class Jacobian(NamedTuple):
 
 
 def jacobian(system: System, stencil: Stencil, rest: bool = False) -> Jacobian:
-    """Memory for the derivative of a step of `system`, by the rest lengths as well where these are asked for."""
+    """Memory for the derivative of a step of `system`; with `rest` by the rest lengths as well."""
     n, springs, blocks = len(system.x0), len(system.springs.rest), len(stencil.neighbour)
     return Jacobian(
         np.zeros((blocks, 3, 3)),
@@ -51,7 +51,7 @@ def jacobian(system: System, stencil: Stencil, rest: bool = False) -> Jacobian:
 
 @kernel
 def differentiate(system, stencil, x, v, w, u, k, work, out):
-    """Fill `out` with the derivative of iteration k, which went from u to w, and work.A with its matrix."""
+    """Fill `out` with the derivative of iteration k, which goes from u to w, and work.A with its matrix."""
     A, y, s, lam, gy, gu = work.A, work.y, work.s, work.solution, work.gy, work.gu
     at, to = u, w  # what the forces are linearised at, and the velocity their model is for
     if system.method == IMPLICIT:
@@ -105,7 +105,7 @@ def add_newton(system, A, y, lam, scratch, gu):
 
 @kernel
 def keep(system, stencil, color, c, gy, gu, out):
-    """Sort what the probe of one colour along axis c gave into rows."""
+    """Sort the result of probing one colour along axis c into rows."""
     for i in range(len(gy)):
         if stencil.color[i] == color:
             out.by_mass[i, c] = out.row.mass[i]
@@ -124,7 +124,7 @@ def keep(system, stencil, color, c, gy, gu, out):
 
 @kernel
 def differentiate_globally(system, x, v, w, u, k, work, direction, out):
-    """out (n, 3) = C dp for a change `direction` of the elements, in iteration k; for kinds that act everywhere."""
+    """out (n, 3) = C dp in iteration k for a change `direction` of elements that act everywhere."""
     y, s, zero = work.y, work.s, work.gy
     zero[:] = 0.0
     at, to = u, w

@@ -4,13 +4,13 @@ For a cost G(p) with gradient g and a direction d, the remainder of the first-or
 
     R(t) = max over ± of |G(p ± t d) − G(p) ∓ t g·d| = O(t²),
 
-falls a hundredfold when t falls tenfold, until rounding takes over; with a wrong g it falls tenfold only, however
-small the fault, once t is small enough. A long ladder of t and the worst of its orders is therefore a sharp test; a
-few halvings and the mean are not. (Both signs, because along one the second and the third order can cancel at a
-large t, which would look like a fault.) For a linear map J and its transpose, w·(J d) = (Jᵀ w)·d to rounding.
+falls a hundredfold when t falls tenfold, until rounding takes over. With a wrong g, however small the fault, it falls
+only tenfold once t is small enough. The lowest order on a long ladder of t is therefore a sharp test; the mean over a
+few halvings is not. (Both signs are taken because along one the second and the third order can cancel at a large t,
+which would look like a fault.) For a linear map J and its transpose, w·(J d) = (Jᵀ w)·d to rounding.
 
 Directions are scaled so that the step t = 1 changes some parameter by its own size and none by more (a parameter
-that is 0 counts as 1): steps are relative to p, whatever the units in it.
+that is 0 counts as 1): steps are relative to p, whatever its units are.
 Reference: P. E. Farrell, D. A. Ham, S. W. Funke, M. E. Rognes, Automated derivation of the adjoint of high-level
 transient finite element programs, SIAM J. Sci. Comput. 35 (2013), section 6.
 """
@@ -30,14 +30,14 @@ LADDER = tuple(10.0**-k for k in range(1, 8))
 """Steps of the Taylor test, relative to p."""
 
 FEWEST_RUNGS = 3
-"""With fewer steps above the rounding floor an order says nothing."""
+"""With fewer steps above the rounding floor an order means nothing."""
 
 NOISE_STEPS = (1e-9, 2e-9, 3e-9)
-"""Steps so small that the remainder there is the rounding of the cost: of a right gradient nothing else is left, and
-what a wrong one leaves is too little to lift the floor above the ladder."""
+"""Steps so small that the remainder is the rounding of the cost: a right gradient leaves nothing else, and a wrong one
+too little to lift the floor above the ladder."""
 
 ABOVE_NOISE = 20.0
-"""A remainder this many times the rounding is known to a few percent, its order to 0.03."""
+"""A remainder this many times above the rounding is known to a few percent, its order to 0.03."""
 
 ORDER, DIFFERENCE, PRODUCT = 1.9, 1e-6, 1e-12
 """A right derivative is above the first and below the others."""

@@ -2,9 +2,9 @@
 
     G = Σ_k Σ_g w_g C² ρ(a_k |d_kg|² / C²)
 
-over the objectives k asked for (`objectives`) and the groups g of each, with a_k the weight of an objective, which also
-turns its unit into m², w_g that of a group (of a vertex, at a time), and ρ, C the robust loss (`loss`). By default one
-objective, position, and no loss: G = Σ_frames Σ_vertices |s − x*|² over what was observed, m².
+over the objectives k (`measures`) and the groups g of each, with a_k the weight of an objective, which also turns its
+unit into m², w_g the weight of a group (of a vertex, at a time), and ρ, C the robust loss (`loss`). By default the one
+objective is position, without a loss: G = Σ_frames Σ_vertices |s − x*|² over the observed positions, m².
 
 As least squares: r = sqrt(w a ρ') d and J = sqrt(w a ρ') ∂d/∂x, so that ∂G/∂x = 2 Jᵀ r, exactly.
 """
@@ -45,7 +45,7 @@ OBJECTIVES: dict[str, Maker] = {
 
 
 def objective_weights(objective: str | Mapping[str, float]) -> dict[str, float]:
-    """The weight of each objective that is asked for, by a name or by names and weights. Raises InvalidInput."""
+    """The weight of each objective, from one name or from names and weights. Raises InvalidInput."""
     weights = {objective: 1.0} if isinstance(objective, str) else {k: float(a) for k, a in dict(objective).items()}
     if not weights:
         raise InvalidInput(f"objective: none is given; use one or more of {', '.join(OBJECTIVES)}")
@@ -58,7 +58,7 @@ def objective_weights(objective: str | Mapping[str, float]) -> dict[str, float]:
 
 
 class Comparison:
-    """One cloth against one target: what a fit sees of both. T is the number of steps of a motion x (T + 1, n, 3)."""
+    """One cloth against one target. T is the number of steps of a motion x (T + 1, n, 3)."""
 
     def __init__(
         self,
@@ -144,7 +144,7 @@ class Comparison:
         return float(values.sum() if weights is None else weights @ values)
 
     def _factor(self, name: str, d: Array) -> Array:
-        """w a ρ' (R,): what the squares of the groups d (R, c) count with."""
+        """w a ρ' (R,): the factors of the squares of the groups d (R, c)."""
         factor, weights = self.scales[name] * self.loss.derivative(self._squares(name, d)), self.measures[name].weights
         return factor if weights is None else weights * factor
 
@@ -164,7 +164,7 @@ class Comparison:
         return csr_array((values, jacobian.indices, jacobian.indptr), shape=jacobian.shape)
 
     def _by_state(self, by_frame: csr_array) -> csr_array:
-        """∂d/∂x from ∂d/∂s: each column of a frame goes to those of the steps it lies between."""
+        """∂d/∂x from ∂d/∂s: each column of a frame is shared by the steps that it lies between."""
         from scipy.sparse import csr_array, eye_array, kron
 
         coordinates = 3 * self.goal.observed.shape[1]

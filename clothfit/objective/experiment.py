@@ -1,7 +1,7 @@
 """Experiments: targets, each with the scene it was recorded in.
 
-The scenes have the same objects, vertex by vertex and spring by spring; they may hold, place and blow them differently
-and have other time steps. What is fitted is the same everywhere: what the main scene flags.
+The scenes have the same objects, vertex by vertex and spring by spring; places, fixed vertices, wind and time step may
+differ. A fit finds the same parameters for all of them: those that the main scene flags.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Experiment(NamedTuple):
 
 
 def experiments(scene: Scene, targets: Targets) -> list[Experiment]:
-    """Each target with its scene, by default the main one, `scene`.
+    """Each target with its scene, which is the main one, `scene`, unless it is given.
 
     Raises InvalidMotion when a motion does not fit its scene, InvalidInput when there is none or the objects of a scene
     are not those of the main one.
@@ -55,7 +55,7 @@ def experiment(main: Scene, motion: Recorded, scene: Scene) -> Experiment:
 
 
 def flagged_as(scene: Scene, main: Scene) -> Scene:
-    """The scene with what `main` flags, so that one fit vector belongs to both. Raises InvalidInput."""
+    """The scene with the flags of `main`, so that one fit vector belongs to both. Raises InvalidInput."""
     if scene is main:
         return scene
     sizes = [[(len(c.mass), len(c.stiffness)) for c in one.cloths] for one in (scene, main)]

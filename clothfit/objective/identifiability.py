@@ -1,4 +1,7 @@
-"""Which parameters a motion can reveal, by structure: what joins them to the vertices that a target shows."""
+"""Which parameters a motion can reveal: those that act on a free vertex that the target shows, or on one joined to it.
+
+This is structure alone; how well the data determine a value is for `fit/confidence`.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +20,7 @@ Seen = Mapping[int, Flags] | None
 
 
 def hidden(cloth: Cloth, name: str, spheres: int, seen: Flags | None = None) -> Flags:
-    """Which values of a kind, one flag per vertex (n,), per spring (S,) or for all (1,), a motion of a cloth cannot
-    reveal, by structure.
+    """Flags of the values of a kind, one per vertex (n,), per spring (S,) or for all (1,), that a motion cannot reveal.
 
     It hides masses and velocities of fixed vertices; masses where only weight and node damping move a vertex, so that
     they cancel; stiffnesses and rest lengths between two fixed vertices, and rest lengths of springs without stiffness;
@@ -43,7 +45,7 @@ def hidden(cloth: Cloth, name: str, spheres: int, seen: Flags | None = None) -> 
 
 
 def shown_by(cloth: Cloth, seen: Flags) -> Flags:
-    """Which vertices (n,) are joined to a free vertex that is seen, through springs and faces of free vertices."""
+    """Which vertices (n,) springs and faces of free vertices join to a free vertex that is seen."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -71,7 +73,7 @@ def unidentifiable(scene: Scene, block: Block, seen: Seen = None) -> list[int]:
 
 
 def identifiable(scene: Scene, seen: Seen = None) -> Flags:
-    """Which entries of the fit vector (P,) can be fitted."""
+    """Which entries of the fit vector (P,) a motion can reveal."""
     kept = np.ones(size(scene), bool)
     for block in scene.blocks:
         kept[block.start + np.array(unidentifiable(scene, block, seen), int)] = False

@@ -1,12 +1,12 @@
-"""Robust losses: how much a residual counts when it is large, so that outliers do not decide a fit.
+"""Robust losses: how much a large residual counts, so that outliers do not decide a fit.
 
-A residual group d (a vertex' gap, say) costs C² ρ(z), z = |d|² / C². With SciPy's definitions (`least_squares`),
+A group of residuals d (the gap of a vertex, say) costs C² ρ(z), z = |d|² / C². As SciPy defines them (`least_squares`),
 
     linear   ρ = z                          every distance counts by its square
-    soft_l1  ρ = 2 (sqrt(1 + z) − 1)        … far above C by its length, smoothly
+    soft_l1  ρ = 2 (sqrt(1 + z) − 1)        … far above C by its length, with a smooth transition
     huber    ρ = z where z ≤ 1, else 2 sqrt(z) − 1      … exactly quadratic below C
 
-The scale C, in metres, is where a gap stops being noise. Reference: B. Triggs, P. F. McLauchlan, R. I. Hartley,
+The scale C, in metres, is the largest gap that is still noise. Reference: B. Triggs, P. F. McLauchlan, R. I. Hartley,
 A. W. Fitzgibbon, Bundle adjustment: a modern synthesis, section 3 (2000).
 """
 
@@ -26,7 +26,7 @@ LOSS_SCALE = 0.01
 """C where none is given, m: ten times the noise of a good capture, far below the size of a cloth."""
 
 SCALES = 1e-100, 1e100
-"""Scales, m, whose squares and their quotients are doubles."""
+"""Range of scales, m, whose squares and quotients of squares do not overflow."""
 
 
 class Loss(NamedTuple):

@@ -19,32 +19,32 @@ from clothfit.objective.run import Run
 from clothfit.objective.running_cost import running_cost
 
 WORK = 3000
-"""Bytes of each vertex that a cloth's arrays, its matrix and the vectors of a sweep take, roughly."""
+"""Bytes per vertex of a cloth's arrays, its matrix and the vectors of a sweep, roughly."""
 
 DIRECT = 20_000
-"""Bytes of each vertex that a direct solve takes for a moment (`linear`), on cloths of some thousand vertices."""
+"""Bytes per vertex that a direct solve takes for a moment (`linear`), on cloths of some thousand vertices."""
 
 COUNTED = 0.85
-"""Part of a budget that is planned for, where not everything fits: the rest is for what is not counted, vectors of
-the parameters, libraries, text.
+"""Part of a budget that a plan may use where not every state fits; the rest is for vectors of the parameters,
+libraries and text, which are not counted.
 """
 
 
 class Needs(NamedTuple):
     """The memory of a gradient, in bytes."""
 
-    held: int  # whatever is kept besides: the targets, and what is compared
-    foreseen: int  # in all, with every state
+    held: int  # kept beside the states: the targets, and the arrays of the cost
+    foreseen: int  # in all, if every state is kept
     budget: int
     plans: dict[tuple[tuple[int, ...], int], Plan]  # by shape of the state and number of steps
 
     @property
     def snapshots(self) -> int | None:
-        """How many are kept of the motion that needs most; None: every state is."""
+        """How many states are kept of the motion that needs most; None: every one."""
         return max((plan.snapshots for plan in self.plans.values() if plan.snapshots), default=None)
 
     def summary(self) -> dict[str, int | None]:
-        """What scripts read."""
+        """The numbers for JSON summaries."""
         return {"foreseen": self.foreseen, "budget": self.budget, "snapshots": self.snapshots}
 
     def __str__(self) -> str:
@@ -56,7 +56,7 @@ class Needs(NamedTuple):
 
 
 def needs(runs: Sequence[Run], targets: Sequence[Motion], budget: int) -> Needs:
-    """What a gradient of these runs needs, of which one is simulated at a time. Raises InvalidInput when the budget is
+    """What a gradient of these runs needs, one of which is simulated at a time. Raises InvalidInput when the budget is
     too small for any plan.
     """
     held = sum(motion_bytes(motion) for motion in targets) + sum(run_bytes(run, targets) for run in runs)
@@ -81,18 +81,18 @@ def needs(runs: Sequence[Run], targets: Sequence[Motion], budget: int) -> Needs:
 
 
 def snapshot_bytes(system: System) -> int:
-    """A position, a velocity and what the first guesses are made of."""
+    """Bytes of a snapshot: a position, a velocity and what the first guesses are made of."""
     past = implicit.workspace(system).past
     return 2 * system.x0.nbytes + sum(np.asarray(field).nbytes for field in past)
 
 
 def motion_bytes(motion: Motion) -> int:
-    """The arrays of a target."""
+    """Bytes of the arrays of a target."""
     return sum(array.nbytes for array in (motion.positions, motion.observed, motion.weights) if array is not None)
 
 
 def run_bytes(run: Run, targets: Sequence[Motion]) -> int:
-    """What a run has of its target for itself, and what it works with besides the states."""
+    """Bytes of a run: its own copies of the target, and what it works with beside the states."""
     goal, motion = run.comparison.goal, targets[run.experiment]
     given = [array for array in (motion.positions, motion.observed, motion.weights) if array is not None]
     used = (goal.positions, goal.observed, goal.weights)

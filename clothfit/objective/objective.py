@@ -39,11 +39,10 @@ from clothfit.scene.fit_vector import check_shape, elements, extra_kinds, fitted
 from clothfit.scene.scene import Scene
 
 TIGHT = 1e-14
-"""Tolerance of the linear systems in a fit, relative: their errors enter the gradient directly."""
-
+"""Default tolerance of the linear systems, relative: their errors enter the gradient directly."""
 
 NEGLIGIBLE_BYTES = 64_000_000
-"""Bytes up to which matrices do not count: a program has as much in its libraries."""
+"""Bytes of matrices that are always allowed: the libraries of the program take as much."""
 
 
 class Objective:
@@ -109,7 +108,7 @@ class Objective:
 
     @cached_property
     def still(self) -> float:
-        """G of cloths that stay where they are."""
+        """G of cloths that do not move."""
         return sum(still(run) for run in self.runs)
 
     @cached_property
@@ -124,7 +123,7 @@ class Objective:
 
     @property
     def first_step(self) -> int:
-        """The first step after the start at which, or before which, anything is seen; 0 where nothing is."""
+        """The first step after the start at which, or before which, anything is observed; 0 where nothing is."""
         return first_step(run.comparison.goal for run in self.runs)
 
     @property
@@ -158,7 +157,7 @@ class Objective:
 
     @property
     def seen(self) -> dict[int, Flags]:
-        """Of each fitted cloth, which vertices (n,) are compared at some time after the initial state, anywhere."""
+        """For each fitted cloth, the vertices (n,) that any target compares at some time after the initial state."""
         return seen_in(self.runs)
 
     @property
@@ -251,7 +250,7 @@ class Objective:
                 gradient[block.part] += block.reduce(getattr(grad, block.name))
 
     def remedies(self, p: Array) -> Fallbacks:
-        """What the steps of the motions of p (P,) need beyond the ordinary. Raises Diverged."""
+        """Which fallbacks the steps of the motions of p (P,) need. Raises Diverged."""
         found = NONE
         for run in self.runs:
             found = found.together(self.simulate(run, p)[1].remedies)

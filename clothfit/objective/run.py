@@ -37,7 +37,7 @@ class Run(NamedTuple):
         return self.comparison.last_step
 
     def changed(self, p: Array) -> System:
-        """The system with what is flagged from p (P,), the rest the experiment's own."""
+        """The system with the flagged values from p (P,) and all others of the experiment."""
         return with_elements(self.system, elements(self.scene, self.cloth, p))
 
 
@@ -66,7 +66,7 @@ def simulate_all(run: Run, p: Array, tolerance: float) -> tuple[System, Rollout]
 
 
 def check(run: Run, good: int) -> None:
-    """Raise Diverged unless all steps are good."""
+    """Raise Diverged unless all steps of the run are good; `good` is the number of those that are."""
     if good < run.steps:
         step, t = good + 1, (good + 1) * run.scene.delta
         message = (
@@ -96,7 +96,7 @@ def residual_count(run: Run) -> int:
 
 
 def seen_in(runs: Iterable[Run]) -> dict[int, Flags]:
-    """Of each cloth, which vertices (n,) are compared in one of the runs at some time after the initial state."""
+    """For each cloth, the vertices (n,) that one of the runs compares at some time after the initial state."""
     seen: dict[int, Flags] = {}
     for run in runs:
         seen[run.cloth] = seen.get(run.cloth, False) | run.comparison.seen

@@ -50,7 +50,7 @@ class DistanceResiduals:
         """`free` (n,): which vertices can move."""
         self.goal, self.frames, self.scale, self.steps = goal, Frames(goal), scale, goal.last_step
         self.free, self.place = free, np.cumsum(free) - 1
-        self.gaps: dict[int, Array] = {}  # s − x* (n, 3) of the frames that passed and were not asked for
+        self.gaps: dict[int, Array] = {}  # s − x* (n, 3) of the frames that passed and are not in a row yet
 
     def update(self, chunk: Rollout) -> None:
         """Take the next chunk of the motion."""

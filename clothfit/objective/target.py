@@ -1,4 +1,4 @@
-"""Targets: what one cloth should do, at whatever times it was seen (`motion.times`)."""
+"""Targets: where one cloth should be, at the times at which it was observed (`motion.times`)."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from clothfit.motion.times import frame_places, interpolated
 
 
 class Target(NamedTuple):
-    """What one cloth should do: F frames of n vertices."""
+    """Where one cloth should be: F frames of n vertices."""
 
     step: Indices  # j (F,), the last step that is not after the frame; 0 is the initial state
     fraction: Array  # φ (F,), how far into the next step the frame is, 0 … 1
-    positions: Array  # x*, (F, n, 3), m; anything where not observed, of the motion itself where that is possible
-    observed: Flags  # (F, n), seen and of a weight above 0
+    positions: Array  # x*, (F, n, 3), m, not a copy where that is possible; anything where not observed
+    observed: Flags  # (F, n), observed with a weight above 0
     weights: Array  # (F, n), how often each position counts, anything where not observed; (0, 0) where all count once
 
     @property
@@ -40,14 +40,14 @@ class Target(NamedTuple):
 
 
 def target(motion: Motion, cloth: int, delta: float, last_step: int | None = None) -> Target:
-    """The part of a motion that concerns one cloth, up to step `last_step`. Raises InvalidMotion as `frame_places`."""
+    """The part of a motion that is one cloth's, up to step `last_step`. Raises InvalidMotion as `frame_places` does."""
     step, fraction = frame_places(motion, delta)
     kept = slice(None if last_step is None else int(np.searchsorted(step + fraction, last_step, side="right")))
     observed = np.ascontiguousarray(motion.seen(cloth)[kept])
     weights = motion.weights_of(cloth)
     if weights is not None:
         observed = np.ascontiguousarray(observed & (weights[kept] > 0))
-    positions = np.ascontiguousarray(motion.of(cloth)[kept])  # a file's may be in another order: to compile again for
+    positions = np.ascontiguousarray(motion.of(cloth)[kept])  # in one memory order, so that kernels compile once
     counted = np.zeros((0, 0)) if weights is None else np.ascontiguousarray(weights[kept])
     return Target(step[kept], fraction[kept], positions, observed, counted)
 
@@ -91,7 +91,7 @@ def sample(goal: Target, x: Array) -> Array:
 
 @kernel
 def accumulate(x, goal, derivative, total):
-    """`total` plus G = Σ w |s − x*|², m², of a motion x (T + 1, n, 3); adds ∂G/∂x to `derivative` unless that is empty.
+    """`total` + G of a motion x (T + 1, n, 3), G = Σ w |s − x*|², m²; adds ∂G/∂x to `derivative` unless that is empty.
     """
     weighted = len(goal.weights) > 0
     for frame in range(len(goal.step)):

@@ -16,21 +16,21 @@ from clothfit.scene.kinds import CLOTH_KINDS, KIND, SCENE_KINDS, Kind
 class Block:
     """The parameters of one kind, of one cloth or of the scene: a slice of the fit vector.
 
-    Mode L has a parameter for every value; in mode G one parameter p (of a vector: three) stands for all of them:
-    value = p · unit, where `unit` is 1 if there is none.
+    Mode L has a parameter for every value. In mode G one parameter p (for a vector: three) gives all values as
+    p · unit; without a `unit` that is 1.
     """
 
     cloth: int | None  # index of the object; None: of the scene as a whole
     name: str  # of the kind
     mode: str  # "G" or "L"
-    elements: int  # vertices or springs that the block moves
+    elements: int  # vertices or springs that the block acts on
     start: int  # place in the fit vector
     shape: tuple[int, ...]  # of the values, as in `Elements`
     unit: Array | None = field(default=None, compare=False)  # one number per vertex or spring, only in mode G
 
     @property
     def kind(self) -> Kind:
-        """What they are."""
+        """The kind of the parameters."""
         return KIND[self.name]
 
     @property
@@ -40,12 +40,12 @@ class Block:
 
     @property
     def weight(self) -> float:
-        """Vertices or springs that one parameter, or the vector it belongs to, moves."""
+        """Vertices or springs that one parameter, or the vector it belongs to, acts on."""
         return self.elements * self.kind.components / self.count
 
     @property
     def part(self) -> slice:
-        """Where they stand in the fit vector."""
+        """Their places in the fit vector."""
         return slice(self.start, self.start + self.count)
 
     def reduce(self, per_element: Array) -> Array:
@@ -64,7 +64,7 @@ class Block:
         return same if self.unit is None else same * self.column
 
     def gather(self, values: Array) -> Array:
-        """The parameters (count,) that stand for the values (shape) best: in mode G their mean."""
+        """The parameters (count,) that fit the values (shape) best: in mode G their mean."""
         if self.mode == "L":
             return values.reshape(-1)
         if self.unit is not None and self.unit.any():
@@ -108,19 +108,19 @@ def _modes(cloths: Sequence[Cloth], fits: Mapping[str, str]) -> Iterator[tuple[i
 
 
 def _unit(cloth: Cloth, kind: Kind) -> Array | None:
-    """What the one parameter of a kind is multiplied with at each spring or vertex."""
+    """The factor of the one parameter of a kind at each spring or vertex; None: 1."""
     if kind.name == "rest":
         return cloth.lengths
     return np.where(cloth.fixed, 0.0, 1.0) if kind.name == "velocity" else None
 
 
 def _moved(cloths: Sequence[Cloth], cloth: int | None, kind: Kind) -> int:
-    """How many vertices or springs a kind moves, at least 1."""
+    """How many vertices or springs a kind acts on, at least 1."""
     if cloth is None:
         return max(1, sum(len(cloths[i].mass) for i in reached(cloths, kind.name)))
     return len(cloths[cloth].stiffness if kind.of == "spring" else cloths[cloth].mass)
 
 
 def reached(cloths: Sequence[Cloth], name: str) -> list[int]:
-    """The cloths that a kind of the scene as a whole can move: the wind those that feel the air."""
+    """The cloths that a kind of the scene as a whole acts on: the wind on those that feel the air."""
     return [i for i, cloth in enumerate(cloths) if not cloth.fixed.all() and (name != "wind" or cloth.feels_air)]

@@ -1,9 +1,9 @@
-"""The fit vector: which values a scene flags, in which order, and the way there and back.
+"""The fit vector: which values a scene flags, their order, and the conversion in both directions.
 
 An object's `optimizationSettings` has two letters, masses then stiffnesses: n nothing, G one value for the whole
 object, L one per vertex or spring; the `fit` of an object or of the scene flags the other `kinds` by the same letters.
-Parameters of all objects are concatenated in object order, for each in the order of the kinds; those of the scene as a
-whole come last. Vectors stand component by component.
+Parameters are concatenated object by object, for each in the order of the kinds; those of the scene as a whole come
+last. Vectors are stored component by component.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ LOWER, UPPER = KIND["mass"].lower, KIND["mass"].upper
 """Bounds of masses and stiffnesses, kg or N/m; `bounds` gives those of every parameter."""
 
 AT_BOUND = 1e-9
-"""How near to a bound counts as at it, relative: beyond the rounding of exp and log."""
+"""Relative distance within which a value is at its bound: more than the rounding of exp and log."""
 
 
 def bounds(scene: Scene) -> tuple[Array, Array]:
@@ -48,7 +48,7 @@ def size(scene: Scene) -> int:
 
 
 def fitted_cloths(scene: Scene) -> list[int]:
-    """The objects that have parameters or feel one of the scene's; a fit simulates these and no others."""
+    """The objects that have parameters or that one of the scene's acts on; a fit simulates these and no others."""
     found = scene.blocks
     own = {block.cloth for block in found if block.cloth is not None}
     shared = {i for block in found if block.cloth is None for i in reached(scene.cloths, block.name)}
@@ -122,6 +122,6 @@ def elements(scene: Scene, cloth: int, p: Array, absent: float | None = None) ->
 
 
 def extra_kinds(scene: Scene, cloth: int) -> list[str]:
-    """The kinds besides masses and stiffnesses whose gradient a fit needs of one cloth."""
+    """The kinds beside masses and stiffnesses by which a fit needs the gradient of one cloth."""
     asked = {block.name for block in scene.blocks if block.cloth in (cloth, None)}
     return [kind.name for kind in KINDS if kind.name in asked and kind.name not in LETTERED]

@@ -1,4 +1,4 @@
-"""Lengths of springs: each should be as long as in the target, wherever the cloth is and however it is turned.
+"""Lengths of springs: each should be as long as in the target, wherever the cloth is and however it is rotated.
 
 d = |s_a − s_b| − |s*_a − s*_b|, m, for each spring both of whose ends are observed; a group is a spring in a frame.
 With e = s_a − s_b the derivative is e/|e| at a and −e/|e| at b; 0 where the length is 0.

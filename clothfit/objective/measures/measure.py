@@ -1,8 +1,8 @@
-"""What of a motion is compared: objectives, one file each, and what they have in common.
+"""What of a motion is compared: objectives, one file each, and what they share.
 
-An objective looks at the states s (F, n, 3) of one cloth at the times of the target's F frames (`target.sample`) and
-says in R groups of c numbers each how they differ from the target's. It is a class, made from (goal, system, name): a
-Target, the cloth's System and the name of the motion for messages; with
+An objective takes the states s (F, n, 3) of one cloth at the times of the target's F frames (`target.sample`) and gives
+their differences from the target's in R groups of c numbers each. It is a class, made from (goal, system, name): a
+Target, the cloth's System and the name of the motion for messages. It has
 
     residual(s)     d (R, c), 0 where s is the target
     pullback(s, r)  Jᵀ r (F, n, 3) for r (R, c), J = ∂d/∂s
@@ -13,10 +13,10 @@ Target, the cloth's System and the name of the motion for messages; with
     weights         (R,), how often each group counts; None where all count once
     seen            (n,), the vertices that are compared at some time after the initial state
 
-J is exact. A group is what a robust loss takes the norm of; a weight stands outside of the loss, so that 2 is the same
-as seeing a thing twice.
+J is exact. A robust loss takes the norm of a group. A weight is a factor of the loss, so that a weight of 2 is the same
+as observing twice.
 
-To add an objective: write such a class in a file of its own, and give `cost.OBJECTIVES` a line.
+To add an objective, write such a class in a file of its own and a line in `comparison.OBJECTIVES`.
 """
 
 from __future__ import annotations
@@ -61,9 +61,9 @@ Maker = Callable[[Target, System, str], Measure]
 
 
 def both(weights: Array, other: Array) -> Array:
-    """The weight of a difference of two things of these weights.
+    """The weight of the difference of two values of these weights.
 
-    Weights are as inverse variances, and variances add; times two, so that two of one weight have that weight.
+    Weights are inverse variances, and variances add. The factor 2 lets two values of one weight keep that weight.
     """
     return np.asarray(2.0 * weights * other / (weights + other))
 

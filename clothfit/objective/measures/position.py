@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Position:
-    """Distances of the observed vertices; R observed positions, c = 3."""
+    """Differences of the positions; R observed positions, c = 3."""
 
     linear = True
     reach = 1

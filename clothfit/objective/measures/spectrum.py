@@ -1,15 +1,15 @@
-"""Spectra: each vertex should swing as strongly at each frequency as in the target, whenever it does.
+"""Spectra: each vertex should swing as strongly at each frequency as in the target, at whatever phase.
 
 With y_f = w_f (s_f − x₀), w the Hann window over the F frames scaled to Σ w² = F, and q = 0 … F/2 the frequencies,
 
     C_q = c_q Σ_f y_f cos(2π q f / F),   S_q = c_q Σ_f y_f sin(2π q f / F),   A_q = sqrt(C_q² + S_q² + ε²) − ε
 
 for each coordinate; d = A − A*, m; a group is a vertex at a frequency. c_q² = 2/F (1/F at q = 0 and F/2, which have no
-mirror image), so that by Parseval's theorem Σ_q C_q² + S_q² = Σ_f y_f²: the numbers are of the size of positions'. ε
-rounds off the tip at amplitude 0, where a length has no derivative.
+mirror image), so that by Parseval's theorem Σ_q C_q² + S_q² = Σ_f y_f²: the numbers are as large as those of positions.
+ε rounds off the tip at amplitude 0, where a length has no derivative.
 
-Blind to phase, so smoother than positions where two motions are out of step. The frames must be equally spaced, and a
-vertex that is not observed in all of them is left out.
+The cost does not depend on the phase, so it is smoother than that of positions where two motions are out of step. The
+frames must be equally spaced, and a vertex that is not observed in all of them is left out.
 Reference: F. J. Harris, On the use of windows for harmonic analysis with the discrete Fourier transform,
 Proceedings of the IEEE 66 (1978).
 """
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 EPSILON = 1e-6
-"""ε, m: below what any capture sees."""
+"""ε, m: smaller than any capture resolves."""
 
 FEWEST_FRAMES = 4
-"""With fewer frames there is no frequency to speak of."""
+"""With fewer frames a spectrum means nothing."""
 
 
 class Spectrum:

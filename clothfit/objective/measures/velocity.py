@@ -1,7 +1,7 @@
 """Velocities: from frame to frame, each vertex should move as the target does, wherever it is.
 
 d = ((s_{f+1} − s_f) − (s*_{f+1} − s*_f)) / (t_{f+1} − t_f), m/s, where both frames are observed; a group is a vertex
-between two successive frames. Blind to a constant offset of the whole target.
+between two successive frames. A constant offset of the whole target changes nothing.
 """
 
 from __future__ import annotations
