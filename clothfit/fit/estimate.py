@@ -115,14 +115,14 @@ def searched(
     search = Search(objective, p, options.rmse_tolerance, options.budget, options.report, journal)
     first = search.best.p  # within the bounds
     others = partial(other_starts, objective, p, hidden) if start is None else None
-    status = run(search, options.method, p, others, options.tau)
+    status = run(search, options.method, p, others, options.prior_width())
     seconds, warnings = search.progress.seconds, [*warnings, *search.warnings, *journal.warnings]
     known = assess(search, status, first, warnings) if options.intervals else None
     return result(search, status, options.method, warnings, start is not None, first, known, seconds)
 
 
 def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[Objective, Objective | None]:
-    """What the fit compares, and what is kept out of it, if anything. Raises InvalidInput, Diverged."""
+    """The objective of the fit, and that of what is kept out of it, if anything. Raises InvalidInput, Diverged."""
     if not scene.blocks:
         raise InvalidInput(
             f"{scene.name}: nothing to fit: no object flags anything; set its optimizationSettings, for example to "
@@ -148,7 +148,7 @@ def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tup
 
 
 def assess(search: Search, status: Status, start: Array, warnings: list[str]) -> Confidence | None:
-    """What the data say of the result of a search that began at `start` (P,); a warning where that is left out."""
+    """The confidence in the result of a search that began at `start` (P,), or a warning why there is none."""
     if status == Status.DIVERGED or not search.fitted.any():
         return None
     if status == Status.INTERRUPTED:
@@ -158,7 +158,7 @@ def assess(search: Search, status: Status, start: Array, warnings: list[str]) ->
         with threads.single(), interrupts.heard():
             known = confidence(search, start)
     except KeyboardInterrupt:
-        warnings.append("no intervals, as looking for them was interrupted")
+        warnings.append("no intervals, as their computation was interrupted")
         return None
     if known is None:
         warnings.append("no intervals: for so many parameters they would take minutes or more, or too much memory")

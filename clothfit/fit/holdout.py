@@ -1,4 +1,4 @@
-"""Keep a part of the targets out of a fit, to see how well it foretells what it was not shown."""
+"""Keep a part of the targets out of a fit, to see how well the fit predicts it."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class HeldOut:
 def split(
     scene: Scene, given: Sequence[Experiment], fraction: float, of: str
 ) -> tuple[list[Experiment], list[Experiment]]:
-    """The experiments that are fitted, and those of which only what is kept out is seen. Raises InvalidInput where the
-    targets show too little to keep something out.
+    """The experiments of the fit, and those with only what is kept out. Raises InvalidInput where the targets show too
+    little to keep something out.
     """
     if of == "frames":
         pairs = [split_frames(experiment, fraction) for experiment in given]
@@ -45,7 +45,7 @@ def split(
 
 
 def split_frames(experiment: Experiment, fraction: float) -> tuple[Experiment, Experiment]:
-    """Without the last of the frames that would be compared, and with nothing but them."""
+    """The experiment without the last of its compared frames, and with only these."""
     motion, scene = experiment
     step, part = frame_places(motion, scene.delta)
     frames = int(np.searchsorted(step + part, scene.frames - 1, side="right"))
@@ -60,7 +60,7 @@ def split_frames(experiment: Experiment, fraction: float) -> tuple[Experiment, E
 
 
 def choose_vertices(scene: Scene, given: Sequence[Experiment], fraction: float) -> Flags:
-    """Which vertices of all objects (vertices,) are kept out: of each object that is fitted, at least one stays."""
+    """Draw the vertices of all objects (vertices,) to keep out; at least one of each fitted object stays in."""
     generator = np.random.default_rng(SEED)
     shown = np.any([moving(experiment) for experiment in given], axis=0)
     owner = np.repeat(np.arange(len(scene.cloths)), scene.vertex_counts)
@@ -76,14 +76,14 @@ def choose_vertices(scene: Scene, given: Sequence[Experiment], fraction: float) 
 
 
 def moving(experiment: Experiment) -> Flags:
-    """Which vertices (vertices,) are free, and seen at some time after the initial state."""
+    """Which vertices (vertices,) are free, and observed at some time after the initial state."""
     motion, scene = experiment
     free = ~np.concatenate([cloth.fixed for cloth in scene.cloths])
     return np.asarray(free & seen(motion)[motion.times > 0].any(axis=0))
 
 
 def split_vertices(experiment: Experiment, chosen: Flags) -> tuple[Experiment, Experiment]:
-    """Without the chosen vertices (vertices,), and with nothing but them."""
+    """The experiment without the chosen vertices (vertices,), and with only these."""
     motion, scene = experiment
     parts = (replace(motion, observed=seen(motion) & part) for part in (~chosen, chosen))
     fitted, kept = (Experiment(part, scene) for part in parts)
@@ -98,7 +98,7 @@ def seen(motion: Motion) -> Flags:
 
 
 def judged(objective: Objective, p: Array, of: str, fraction: float) -> HeldOut:
-    """How far the motion of parameters p (P,) is from an objective that sees nothing but what was kept out."""
+    """How far the motion of parameters p (P,) is from the objective of what was kept out."""
     try:
         rmse = objective.position_rmse(p)
     except Diverged:

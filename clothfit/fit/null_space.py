@@ -12,7 +12,7 @@ NULL_EIGENVALUE = 1e-12
 
 
 def scaled(H: Array) -> tuple[Array, Array]:
-    """H (F, F) with a unit diagonal, and what its rows and columns were divided by (F,); zeros stay."""
+    """H (F, F) with a unit diagonal, and the divisors (F,) of its rows and columns; zeros stay."""
     size = np.sqrt(np.maximum(np.diag(H), 0.0))
     size[size <= NULL_EIGENVALUE * size.max(initial=0.0)] = 0.0
     by = np.where(size > 0, size, 1.0)
@@ -28,7 +28,7 @@ def null_space(H: Array) -> Array:
 
 
 def inverse_beside(H: Array, null: Array) -> Array:
-    """The inverse (F, F) of H on what is orthogonal to its null space (F, ·)."""
+    """The inverse (F, F) of H on the complement of its null space (F, ·)."""
     unit, by = scaled(H)
     basis = null * by[:, None]
     basis = np.linalg.qr(basis)[0]

@@ -57,7 +57,7 @@ class FitOptions:
         """Raise InvalidInput when a value is not possible."""
         check_method(self.method)
         check_holdout(self.holdout, self.holdout_of)
-        prior_width(self.prior)
+        self.prior_width()
         if self.budget < 1:
             raise InvalidInput(f"budget: {self.budget} evaluations are too few, at least 1 is needed")
 
@@ -67,10 +67,18 @@ class FitOptions:
         tolerance = checked_tolerance(self.tolerance, FIT_TOLERANCE)
         return replace(self, tolerance=tolerance, memory=memory.budget(self.memory))
 
-    @property
-    def tau(self) -> float | None:
-        """The width of the prior, as in `prior_width`."""
-        return prior_width(self.prior)
+    def prior_width(self) -> float | None:
+        """The width τ of the prior: "auto" learns it (None), "none" or 0 leaves it out (inf). Raises InvalidInput."""
+        if self.prior == "auto":
+            return None
+        try:
+            width = math.inf if self.prior in ("none", 0) else float(self.prior)
+        except ValueError:
+            width = math.nan
+        if not width > 0:
+            given = f"{self.prior!r} was given"
+            raise InvalidInput(f"prior must be auto, none or a width in log parameters above 0; {given}")
+        return width
 
     @property
     def identity(self) -> dict[str, object]:
@@ -98,18 +106,3 @@ def check_holdout(fraction: float | None, of: str) -> None:
         raise InvalidInput(f"holdout: there is nothing called {of!r} to keep out; use {' or '.join(HOLDOUTS)}")
     if fraction is not None and not 0 < fraction < 1:
         raise InvalidInput(f"holdout must be a fraction above 0 and below 1; {fraction:g} was given")
-
-
-def prior_width(prior: float | str) -> float | None:
-    """The width τ of a prior: "auto" learns it (None), "none" or 0 leaves it out (inf). Raises InvalidInput."""
-    if prior == "auto":
-        return None
-    if prior in ("none", 0):
-        return math.inf
-    try:
-        width = float(prior)
-    except ValueError:
-        width = math.nan
-    if not width > 0:
-        raise InvalidInput(f"prior must be auto, none or a width in log parameters above 0; {prior!r} was given")
-    return width

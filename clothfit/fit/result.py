@@ -78,7 +78,7 @@ def result(
     known: Confidence | None,
     seconds: float,
 ) -> Fit:
-    """The fit as its user sees it: it began at `start` (P,), which was given where `started`."""
+    """The result for the user of a search that began at `start` (P,), which the user gave where `started`."""
     scene = search.objective.scene
     p, cost = (search.best.p, search.best.cost) if known is None else (known.p, known.cost)
     lost = [block for block in scene.blocks if block.mode == "G" and search.objective.unidentifiable(block)]
@@ -102,8 +102,8 @@ def result(
 
 
 def with_fallbacks(found: Fit, objective: Objective) -> Fit:
-    """The fit with what the steps of its motion needed beyond the ordinary, and the warnings of that; as it is where
-    there is no motion, and after an interrupt, where the user has asked for the end.
+    """The fit with the fallbacks that the steps of its motion needed, and their warnings; unchanged where there is no
+    motion, and after an interrupt: who asks for the end waits for no more steps.
     """
     if found.status in (Status.DIVERGED, Status.INTERRUPTED):
         return found
@@ -114,7 +114,7 @@ def with_fallbacks(found: Fit, objective: Objective) -> Fit:
 
 
 def fitted_block(search: Search, block: Block, start: Array, p: Array, known: Confidence | None) -> FittedBlock:
-    """What became of a block that began at `start` (P,) and ended at p (P,)."""
+    """The result of a block that began at `start` (P,) and ended at p (P,)."""
     part = block.part
     lower, upper = (end[part] for end in bounds(search.objective.scene))
     lost = ~search.fitted[part]
@@ -132,7 +132,7 @@ def fitted_block(search: Search, block: Block, start: Array, p: Array, known: Co
 
 
 def scatter(search: Search) -> list[Scatter] | None:
-    """The widths of the prior of a search, one for each block that it concerns; None where it says nothing."""
+    """The widths of the prior of a search, one for each of its blocks; None where there is no prior."""
     if search.best.prior is None or not search.best.prior.groups:
         return None
     places = np.flatnonzero(search.fitted)
@@ -146,7 +146,7 @@ def scatter(search: Search) -> list[Scatter] | None:
 
 
 def position_rmse(search: Search, p: Array, cost: float) -> float:
-    """Root mean square distance, m, of the observed positions at p (P,) of that cost; inf where there is none."""
+    """Root mean square distance, m, of the observed positions at p (P,) of that cost; inf where they diverge."""
     if search.objective.plain or not np.isfinite(cost):
         return search.objective.rmse(cost)
     try:

@@ -1,5 +1,5 @@
-"""Where a fit starts: at the values that are given, at the scene's own, or, where the fit may not know these because
-they are the truth, at the best of a coarse search over what a fabric's proportions and equal values give.
+"""Where a fit starts: at the given values, or at the scene's. Where these are the truth, which the fit may not know, it
+starts at the best of a coarse search (`coarse_search`) in the proportions of a fabric (`fabric`) or with equal values.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SELF_STARTING = ("auto", "momentum")
 def first_point(
     objective: Objective, start: float | Array | Scene | None, hidden: bool, method: str, journal: Journal
 ) -> tuple[Array, list[str]]:
-    """Where a method starts (P,), and what to warn of there; `start` is what the user gives.
+    """The first point (P,) of a method, with warnings; `start` is what the user gives.
 
     `hidden`: the scene's own values are the truth, which the fit may not know. Raises InvalidInput as `choose_start`.
     """
@@ -110,7 +110,7 @@ def neutral(scene: Scene) -> Array:
 
 
 def fabric(scene: Scene) -> Array:
-    """Values (P,) as `neutral`, but what is fitted per vertex or spring as a uniform fabric shares it out."""
+    """The `neutral` values (P,), with masses and stiffnesses per element in the proportions of a uniform fabric."""
     p = neutral(scene)
     for block in scene.blocks:
         if block.mode == "L" and block.name in LETTERED and block.cloth is not None:
