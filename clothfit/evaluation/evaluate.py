@@ -1,5 +1,5 @@
-"""How good a fitted scene is: the distance of its motion from the truth, over the fitted frames and beyond, and that
-of its parameters.
+"""How good a fitted scene is: how far its motion, over the fitted frames and beyond, and its parameters are from the
+truth.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ HORIZON = 500  # frames
 
 @dataclass(frozen=True)
 class Distance:
-    """Distance between two motions over the vertices of the objects that are fitted (of all, where none is flagged)."""
+    """Distance between two motions over the vertices of the fitted objects (of all, where none is flagged)."""
 
     frames: int  # compared, the initial one included
     rmse: float  # m
@@ -73,7 +73,7 @@ def evaluate(
     compared = compared_cloths(truth)
     length = max(near, horizon)
     if target is None:
-        check_memory(length, sum(truth.vertex_counts), 1)  # two motions, of which the second would be refused late
+        check_memory(length, sum(truth.vertex_counts), 1)  # two motions; else the second would be refused late
         goal, fault = finite_part(truth, compared, length, near)
     else:
         check_counts(target, truth)
@@ -119,7 +119,7 @@ def check_same_objects(truth: Scene, fitted: Scene) -> None:
 
 
 def distance(own: Motion, goal: Motion, delta: float, compared: Collection[int], frames: int) -> Distance:
-    """Distance of `own`, a simulated motion, from the frames of `goal` up to step `frames` − 1; `delta` in s."""
+    """Distance of a simulated motion `own` from the frames of `goal` up to step `frames` − 1; `delta` in s."""
     gaps: list[Array] = []
     count = 0
     for cloth in compared:
@@ -133,7 +133,7 @@ def distance(own: Motion, goal: Motion, delta: float, compared: Collection[int],
 
 
 def deviations(truth: Scene, fitted: Scene) -> list[Deviation]:
-    """Relative deviations of the parameters that the true scene flags."""
+    """Relative deviations of the parameters flagged in the true scene."""
     true, found, kept = parameters(truth), parameters(fitted, flags=truth), identifiable(truth)
     listed = []
     for block in truth.blocks:

@@ -1,6 +1,6 @@
-"""Estimation methods against each other on one scene: seconds, and how near each comes.
+"""Estimation methods compared on one scene: how long each takes, and how near it comes.
 
-The scene's own parameters are the truth, hidden from the fit, so that the error of motion and parameters is known.
+The scene's own parameters are the truth, hidden from the fits, so the errors of motion and parameters are known.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
 
 COMPARED = ("auto", "momentum", "gauss-newton", "l-bfgs-b")
-"""The methods of this package and the best of SciPy's; the others are slower on all examples."""
+"""This package's methods and the best of SciPy's; SciPy's other methods are slower on all examples."""
 FIT_EVALUATIONS = 100  # of cost and gradient
 FIT_SECONDS = 30.0  # for one fit
 WARM_UP_FRAMES, WARM_UP_EVALUATIONS = 5, 3
@@ -32,15 +32,15 @@ WARM_UP_FRAMES, WARM_UP_EVALUATIONS = 5, 3
 
 @dataclass(frozen=True)
 class FitRow:
-    """What one method costs and finds; numbers are None where it found nothing."""
+    """Cost and result of one method; numbers are None where it found nothing."""
 
     method: str
     status: Status  # "limit" where the evaluations or the seconds were spent
-    seconds: float  # of the whole fit, with the hidden target and the search for a start, without intervals
+    seconds: float  # of the whole fit with its hidden target and search for a start, without intervals
     evaluations: int
     rmse: float | None  # m, of the positions over the fitted frames
-    median_relative_deviation: float | None  # |fitted / true − 1|, of what can be identified and is not 0
-    pareto: bool = False  # no other method is faster and as near, or nearer and as fast
+    median_relative_deviation: float | None  # |fitted / true − 1| of identifiable values that are not 0
+    pareto: bool = False  # whether no other method is faster and as near, or nearer and as fast
 
 
 def compare_methods(
@@ -50,10 +50,10 @@ def compare_methods(
     seconds: float = FIT_SECONDS,
     report: Callable[[float, str], None] | None = None,
 ) -> list[FitRow]:
-    """Fit the scene's own hidden parameters by each method, with so many evaluations and seconds each.
+    """Fit the scene's own hidden parameters by each method, limited to these evaluations and seconds.
 
-    `report` is told the seconds since the start and what is being done. Raises InvalidInput when nothing is flagged or
-    a value cannot be; Diverged when the scene's own motion diverges.
+    `report` is called with the seconds since the start and the current task. Raises InvalidInput when nothing is
+    flagged or a value is impossible, Diverged when the scene's own motion diverges.
     """
     if evaluations < 1:
         raise InvalidInput(f"evaluations must be at least 1; {evaluations} was given")
@@ -69,9 +69,9 @@ def compare_methods(
 
 
 def fitted(scene: Scene, method: str, evaluations: int, seconds: float) -> FitRow:
-    """The row of one method."""
+    """Measure one method."""
     few = replace(scene, frames=min(scene.frames, WARM_UP_FRAMES))
-    timed(few, method, WARM_UP_EVALUATIONS, seconds)  # so that compiling and loading do not count
+    timed(few, method, WARM_UP_EVALUATIONS, seconds)  # compiling and loading shall not count
     found, took = timed(scene, method, evaluations, seconds)
     rmse = found.rmse if math.isfinite(found.rmse) else None
     deviation = None if rmse is None else median_deviation(scene, found.scene)
@@ -79,7 +79,7 @@ def fitted(scene: Scene, method: str, evaluations: int, seconds: float) -> FitRo
 
 
 def timed(scene: Scene, method: str, evaluations: int, seconds: float) -> tuple[Fit, float]:
-    """A fit and its seconds."""
+    """Fit once; returns the fit and the seconds it took."""
     began = time.perf_counter()
 
     def watch(progress: Progress) -> None:
@@ -91,7 +91,7 @@ def timed(scene: Scene, method: str, evaluations: int, seconds: float) -> tuple[
 
 
 def median_deviation(truth: Scene, found: Scene) -> float | None:
-    """Median of |found / true − 1| over the parameters that can be identified and are not 0; None without any."""
+    """Median of |found / true − 1| over the identifiable parameters that are not 0; None without any."""
     true, other = parameters(truth), parameters(found, flags=truth)
     usable = identifiable(truth) & (true != 0)
     if not usable.any():

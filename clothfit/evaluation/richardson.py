@@ -1,18 +1,18 @@
-"""The motion that all time steps approach: h → 0 by Richardson, and how far from it the answer may be.
+"""The limit h → 0 of a motion by Richardson extrapolation, with an estimate of its error.
 
-R_m is a motion with m steps per frame by a method of order q. m doubles; two successive ones, whose errors are in the
-ratio 2^q, give the extrapolant
+R_m is a motion with m steps per frame by a method of order q. m doubles; the errors of two successive motions are in
+the ratio 2^q and give the extrapolant
 
-    E_m = R_m + (R_m − R_{m/2}) / (2^q − 1)
+    E_m = R_m + (R_m − R_{m/2}) / (2^q − 1).
 
-and two successive extrapolants the estimate |E_m − E_{m/2}| of the error of the coarser one, which is what is told: the
-finer is given out. The method is that of Runge and Kutta (`runge_kutta`), q = 4, which shares nothing with the steps to
-be judged but the forces. Where no steps that fit into the time are short enough for it, as in cloths that are damped
-very strongly, it is the implicit step itself, q = 1.
+The finer of two successive extrapolants is the result; |E_m − E_{m/2}|, which estimates the error of the coarser, is
+reported as its error. The method is that of Runge and Kutta (`runge_kutta`), q = 4, which shares only the forces with
+the steps that are measured. Where the affordable steps are too long for it, as for very strongly damped cloths, it is
+the implicit step itself, q = 1.
 
-Where the forces have kinks (spheres) the errors fall more slowly than that; the extrapolation then gains nothing, does
-no harm, and the estimate stays one. Where the motion is chaotic a late frame may not settle at all: the estimate says
-so, frame by frame. L. F. Richardson (1911); E. Hairer et al. (1993), II.4.
+Where forces have kinks (spheres) the errors fall more slowly; the extrapolation then gains nothing and does no harm,
+and the estimate remains valid. Where a motion is chaotic its late frames may not converge; the estimate of each frame
+shows that. L. F. Richardson (1911); E. Hairer et al. (1993), II.4.
 """
 
 from __future__ import annotations
@@ -36,53 +36,51 @@ from clothfit.scene.scene import Scene
 
 MOST_SUBSTEPS = 2**14  # steps per frame: beyond, rounding grows faster than the error falls
 REFERENCE_ERROR = 1e-7
-"""Estimated error, relative to the extent of the motion, at which the steps are small enough: coarse steps of a method
-of first order, the ones to judge, are off by 1e-3 and more."""
-EXTENT_ROUNDING = 1e-12  # differences below this, relative to the extent, show no order
+"""Estimated error, relative to the extent of the motion, at which the steps are short enough: the errors to measure, of
+a method of first order, are 1e-3 and more."""
+EXTENT_ROUNDING = 1e-12  # smaller differences, relative to the extent of the motion, show no order
 REFERENCE_TOLERANCE = 1e-10  # tolerance of the implicit steps: far below what their length leaves
 
-KEPT_MOTIONS = 5  # motions: three runs and two extrapolants
-RUNGE_KUTTA_SHARE = 0.5  # of the time, after which Runge–Kutta must have shown that its steps can be short enough
+KEPT_MOTIONS = 5  # three runs and two extrapolants
+RUNGE_KUTTA_SHARE = 0.5  # of the time, in which Runge–Kutta must find steps that are short enough
 
 Recorder = Callable[[Scene, int, int, int], Array | None]
-"""Positions (frames, n, 3) of one cloth, by its index, with so many frames and steps per frame; None: it diverged."""
+"""(scene, index of a cloth, frames, steps per frame) → its positions (frames, n, 3), m; None where it diverged."""
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """The motion of a scene for h → 0, as far as it is known."""
+    """The motion of a scene for h → 0, with its estimated error."""
 
     positions: Array  # (frames, vertices, 3), m, all objects in file order
     errors: Array  # (frames,), m: estimated error of each frame, root mean square over the vertices
-    step: float  # of its finest run, s
-    order: float | None  # at which the runs approach each other; None: they agree to rounding
+    step: float  # of the finest run, s
+    order: float | None  # of convergence, measured; None: the runs agree to rounding
     integrator: str  # "Runge-Kutta" or "implicit"
 
     @property
     def error(self) -> float:
-        """Estimated error over all its frames, m, root mean square."""
+        """Estimated error over all frames, m, root mean square."""
         return root_mean_square(self.errors)
 
     def upto(self, frames: int) -> Reference:
-        """Its first frames alone."""
+        """Its first `frames` frames."""
         return replace(self, positions=self.positions[:frames], errors=self.errors[:frames])
 
 
 class Halving:
-    """Runs at steps that are halved again and again, and their extrapolants."""
+    """Runs at steps that are halved repeatedly, and their extrapolants."""
 
     def __init__(self, run: Callable[[int], Array | None], order: int) -> None:
-        """`run` gives the positions (frames, n, 3) with so many steps per frame, None where it diverges; its error
-        falls with that order.
-        """
+        """`run` maps steps per frame to positions (frames, n, 3), or None where it diverges; its error has `order`."""
         self.run = run
         self.gain = 2.0**order - 1.0
         self.substeps = 1  # of the last run
-        self.runs: list[Array] = []  # the last, at most three
-        self.extrapolants: list[Array] = []  # the last, at most two
+        self.runs: list[Array] = []  # the last three
+        self.extrapolants: list[Array] = []  # the last two
 
     def refine(self) -> None:
-        """Make the next run, with twice as many steps as the last."""
+        """Run with twice as many steps as before."""
         self.substeps *= 2
         found = self.run(self.substeps)
         if found is None:
@@ -92,13 +90,14 @@ class Halving:
             self.extrapolants = [*self.extrapolants[-1:], found + (found - self.runs[-1]) / self.gain]
         self.runs = [*self.runs[-2:], found]
 
-    def settle(self, seconds: float, goal: float) -> float:
-        """Refine until the error is at most `goal` times the extent, or the next run would not end within `seconds`;
-        returns what is left of them.
+    def refine_to(self, error: float, seconds: float) -> float:
+        """Refine until the error is at most `error` times the extent, or the next run would not end in time.
+
+        Returns what is left of the `seconds`.
         """
         began, last = time.perf_counter(), 0.0
         while self.substeps < MOST_SUBSTEPS and time.perf_counter() - began + 2.0 * last <= seconds:
-            if self.known and root_mean_square(self.errors()) <= goal * extent(self.runs[-1]):
+            if self.known and root_mean_square(self.errors()) <= error * extent(self.runs[-1]):
                 break
             before = time.perf_counter()
             self.refine()
@@ -111,46 +110,45 @@ class Halving:
         return len(self.extrapolants) == 2
 
     def errors(self) -> Array:
-        """Estimated error of the last extrapolant in each frame (frames,), where it is known."""
+        """Estimated error (frames,), m, of the last extrapolant; only where `known`."""
         return per_frame(self.extrapolants[1] - self.extrapolants[0])
 
     def order(self) -> float | None:
-        """The order at which the last three runs approach each other; None where rounding is all that is left."""
+        """The measured order of convergence of the last three runs; None where they differ by rounding only."""
         coarse, fine = (root_mean_square(per_frame(b - a)) for a, b in zip(self.runs, self.runs[1:], strict=False))
         if min(coarse, fine) <= EXTENT_ROUNDING * extent(self.runs[-1]):
             return None
         return math.log2(coarse / fine)
 
 
-def converged(scene: Scene, frames: int, seconds: float = math.inf, goal: float = REFERENCE_ERROR) -> Reference:
+def converged(scene: Scene, frames: int, seconds: float = math.inf, error: float = REFERENCE_ERROR) -> Reference:
     """The motion of the scene for h → 0 over `frames` frames of its delta.
 
-    Steps are halved until the estimated error is `goal` times the extent of the motion, or the next halving would not
-    end within `seconds`; what the error then is, it says. Raises InvalidInput when there are fewer than 2 frames, or
-    more than memory holds; Diverged when no steps that fit into the time give a finite motion, or too few to know how
-    good it is.
+    Steps are halved until the estimated error is at most `error` times the extent of the motion, or until the next
+    halving would not end within `seconds`. Raises InvalidInput when there are fewer than 2 frames, or more than fit
+    into memory; Diverged when too few runs that fit into the time stay finite to estimate the error.
     """
     if frames < 2:
         raise InvalidInput(f"frames must be at least 2 to compare; {frames} was given")
     check_memory(frames, sum(scene.vertex_counts), KEPT_MOTIONS - 1)
     left = seconds
     for integrator, recorder, order in ("Runge-Kutta", explicit, 4), ("implicit", implicit, 1):
-        moving(scene, recorder, 2, 1)  # so that compiling does not count
+        moving(scene, recorder, 2, 1)  # compiling shall not count
         halving = Halving(partial(moving, scene, recorder, frames), order)
-        left = (1.0 - RUNGE_KUTTA_SHARE) * left + halving.settle(RUNGE_KUTTA_SHARE * left, goal)
+        left = (1.0 - RUNGE_KUTTA_SHARE) * left + halving.refine_to(error, RUNGE_KUTTA_SHARE * left)
         if halving.known:
-            halving.settle(left, goal)
+            halving.refine_to(error, left)
             step = scene.delta / halving.substeps
             return Reference(halving.extrapolants[1], halving.errors(), step, halving.order(), integrator)
     raise Diverged(
-        f"{scene.name}: no steps that fit into the time are short enough for a reference motion; allow more of it "
-        "(--budget), or fewer frames (--steps)",
+        f"{scene.name}: no steps that fit into the time are short enough for a reference motion; allow more time "
+        "(--budget) or fewer frames (--steps)",
         0,
     )
 
 
 def moving(scene: Scene, recorder: Recorder, frames: int, substeps: int) -> Array | None:
-    """Positions (frames, vertices, 3) of all objects, with so many steps per frame; None where one diverges."""
+    """Positions (frames, vertices, 3) of all objects with `substeps` steps per frame; None where one diverges."""
     found = []
     for index in range(len(scene.cloths)):
         positions = recorder(scene, index, frames, substeps)
@@ -161,12 +159,12 @@ def moving(scene: Scene, recorder: Recorder, frames: int, substeps: int) -> Arra
 
 
 def explicit(scene: Scene, index: int, frames: int, substeps: int) -> Array | None:
-    """A cloth by the method of Runge and Kutta."""
+    """Move one cloth by the method of Runge and Kutta."""
     return record(build(scene, index), scene.delta, frames, substeps)
 
 
 def implicit(scene: Scene, index: int, frames: int, substeps: int) -> Array | None:
-    """A cloth by linearised implicit steps, frame by frame, so that only the states at the frames are kept."""
+    """Move one cloth by linearised implicit steps, frame by frame, keeping the states at the frames only."""
     short = replace(scene, method=IMPLICIT, delta=scene.delta / substeps, newton_iterations=1)
     system = build(short, index)
     positions = np.empty((frames, *system.x0.shape))
@@ -187,11 +185,11 @@ def per_frame(gap: Array) -> Array:
 
 
 def root_mean_square(values: Array) -> float:
-    """Of values (frames,)."""
+    """The root mean square of values (frames,)."""
     return float(np.sqrt((values**2).mean()))
 
 
 def extent(positions: Array) -> float:
-    """Diagonal of the box that all positions (frames, n, 3) fill, m."""
+    """Diagonal of the bounding box of all positions (frames, n, 3), m."""
     points = positions.reshape(-1, 3)
     return float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))

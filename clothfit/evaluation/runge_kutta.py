@@ -1,4 +1,4 @@
-"""The classical Runge–Kutta method of order 4 on a cloth's equations of motion, for references; not for playing.
+"""The classical Runge–Kutta method of order 4 on a cloth's equations of motion, for reference motions only.
 
     x' = v,   v' = a(x, v) = M⁻¹ f(x, v)   (0 at fixed vertices)
 
@@ -7,10 +7,10 @@
     x⁺ = x + h v + h²/6 (a₁ + a₂ + a₃)
     v⁺ = v + h/6 (a₁ + 2 a₂ + 2 a₃ + a₄)
 
-It shares with the steps of `clothfit.engine.step` nothing but the forces, and all of them solve this equation: the
-terms that the implicit steps add or leave out in their matrix vanish with h. Its error falls as h⁴ where the forces are
-smooth; those of spheres have a kink where a vertex enters, which leaves about h². E. Hairer, S. Nørsett, G. Wanner,
-*Solving Ordinary Differential Equations I* (1993), II.1. Arrays are (n, 3).
+It shares only the forces with the steps of `clothfit.engine.step`. All of them solve this equation: the terms that the
+implicit steps add to their matrix or leave out vanish with h. The error falls as h⁴ where the forces are smooth; a
+sphere's force has a kink where a vertex enters, which leaves about h². E. Hairer, S. Nørsett, G. Wanner, *Solving
+Ordinary Differential Equations I* (1993), II.1. Arrays are (n, 3).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from clothfit.kernels.kernel import kernel
 
 
 def record(system: System, delta: float, frames: int, substeps: int) -> Array | None:
-    """Positions (frames, n, 3) at multiples of `delta` s, each reached in `substeps` steps; None where it diverges."""
+    """Positions (frames, n, 3) at multiples of `delta` s, with `substeps` steps per frame; None where it diverges."""
     x, v = system.x0.copy(), system.v0.copy()
     positions = np.empty((frames, *x.shape))
     work = np.zeros((5, *x.shape))
@@ -44,7 +44,7 @@ def record(system: System, delta: float, frames: int, substeps: int) -> Array | 
 
 @kernel
 def advance(system, x, v, h, steps, work):
-    """Move x and v by that many steps of h; work (5, n, 3) is scratch."""
+    """Move x and v by `steps` steps of h; work (5, n, 3) is scratch space."""
     y, u, a, dx, dv = work[0], work[1], work[2], work[3], work[4]
     for _ in range(steps):
         start(x, v, h, y, u, dx, dv)
@@ -67,7 +67,7 @@ def advance(system, x, v, h, steps, work):
 
 @kernel
 def start(x, v, h, y, u, dx, dv):
-    """The first stage of a step, and its sums without any acceleration."""
+    """Set up the first stage of a step, and its sums without acceleration."""
     for i in range(len(x)):
         for c in range(3):
             y[i, c], u[i, c] = x[i, c], v[i, c]
@@ -76,7 +76,7 @@ def start(x, v, h, y, u, dx, dv):
 
 @kernel
 def accelerate(system, y, u, a):
-    """a = M⁻¹ f(y, u), and 0 at fixed vertices."""
+    """a = M⁻¹ f(y, u); 0 at fixed vertices."""
     a[:] = 0.0
     total.add_force(system, y, u, a)
     for i in range(len(a)):

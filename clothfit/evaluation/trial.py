@@ -1,7 +1,7 @@
-"""Running one setting of a scene: how long its bare steps take, and how far from a reference they lead.
+"""Running a scene with one setting: how long its steps take, and how far from a reference they end.
 
-Timed is the compiled loop of all steps of all cloths, one after another, in one thread, with the garbage collector
-off; not what builds the arrays, compares or writes.
+The clock covers the compiled loop over all steps of all cloths, one after another, in one thread, with the garbage
+collector off. It does not cover building arrays, comparing and writing.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from clothfit.evaluation.setting import Setting
 from clothfit.scene.scene import INTEGRATORS, Scene
 
 TIMED_RUNS = 5
-"""Runs of each setting, at most: their median is then that of an undisturbed machine, were two disturbed."""
-SOLVE_EFFORT = 5  # explicit steps
-MOST_STATE_BYTES = 2e9  # bytes that the states of one cloth's run may take
+"""Most runs of each setting: their median is right even if the machine was disturbed during two of them."""
+SOLVE_EFFORT = 5  # explicit steps that cost about as much as a linear solve
+MOST_STATE_BYTES = 2e9  # for the states of one cloth in a run
 
 
 @dataclass
 class Trial:
-    """A setting while it is measured, over F frames."""
+    """A setting and its measurements over F frames."""
 
     setting: Setting
     steps: int
@@ -39,22 +39,22 @@ class Trial:
 
     @property
     def effort(self) -> int:
-        """Roughly how dear a run is, to begin with the cheap ones: a linear solve is worth some explicit steps."""
+        """Rough cost of a run in explicit steps, to order the runs by."""
         return self.steps * (SOLVE_EFFORT * self.setting.newton if self.setting.newton else 1)
 
     def needs(self, scene: Scene) -> int:
-        """Bytes that its largest cloth's run keeps."""
+        """Bytes of the states that a run of the largest cloth keeps."""
         return 24 * (self.steps + 1) * (1 + (self.setting.newton or 1)) * max(scene.vertex_counts)
 
 
 def warm_up(scene: Scene) -> None:
-    """Run a step of each integrator, so that none is timed while it compiles."""
+    """Run a step of each integrator, so that compiling is not timed."""
     for name in INTEGRATORS:
         run(scene, Setting(name, 1.0, None, 2), 1)
 
 
 def run(scene: Scene, setting: Setting, steps: int) -> tuple[float, list[Rollout] | None]:
-    """Run a setting; returns the seconds and each cloth's steps, None where one diverged."""
+    """Run a setting; returns the seconds, and the states of each cloth, or None if one diverged."""
     applied, tolerance = setting.applied(scene), setting.tolerance or scene.tolerance
     seconds, found, good = 0.0, [], True
     for index in range(len(scene.cloths)):
@@ -70,7 +70,7 @@ def run(scene: Scene, setting: Setting, steps: int) -> tuple[float, list[Rollout
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Without the garbage collector."""
+    """Turn the garbage collector off within the block."""
     before = gc.isenabled()
     gc.disable()
     try:
@@ -100,8 +100,9 @@ def judge(scene: Scene, trial: Trial, reference: Array) -> None:
 
 
 def sampled(x: Array, ratio: float, frames: int) -> Array:
-    """Positions (frames, n, 3) at the scene's frames of steps x (T + 1, n, 3) that are `ratio` times as long; between
-    two steps on the straight line.
+    """Positions (frames, n, 3) at the scene's frames, interpolated linearly between states x (T + 1, n, 3).
+
+    A step between two states is `ratio` times the scene's.
     """
     if ratio <= 1.0:
         return x[:: round(1.0 / ratio)]
@@ -113,8 +114,9 @@ def sampled(x: Array, ratio: float, frames: int) -> Array:
 
 
 def expected(trial: Trial, before: Sequence[Trial]) -> float:
-    """How long a run will take, s, by the steps of the same kind that were run before; else by those of the dearest
-    kind, or of the cheapest where the trial is explicit, as such a step costs no more than any other.
+    """Predicted seconds of a run, from earlier steps of the same kind, or else from the slowest steps so far.
+
+    An explicit step costs no more than any other, so it is predicted from the fastest.
     """
     known = [t for t in before if t.seconds]
     same = [t for t in known if t.setting.kind == trial.setting.kind]
@@ -122,7 +124,7 @@ def expected(trial: Trial, before: Sequence[Trial]) -> float:
     return (max if trial.setting.newton else min)(paces, default=0.0) * trial.steps
 
 
-def repeat(scene: Scene, trials: Sequence[Trial], deadline: float) -> Iterator[int]:
+def rerun(scene: Scene, trials: Sequence[Trial], deadline: float) -> Iterator[int]:
     """Run the trials again in turn and yield the number of each round, until each trial has TIMED_RUNS runs.
 
     A run that would not end before `deadline`, a value of the performance counter, is left out.

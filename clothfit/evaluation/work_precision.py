@@ -19,18 +19,18 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.evaluation.richardson import EXTENT_ROUNDING, Reference, converged, extent, root_mean_square
 from clothfit.evaluation.setting import Setting, grid, own
-from clothfit.evaluation.trial import MOST_STATE_BYTES, Trial, expected, judge, repeat, warm_up
+from clothfit.evaluation.trial import MOST_STATE_BYTES, Trial, expected, judge, rerun, warm_up
 from clothfit.scene.scene import Scene
 
 MEASURE_SECONDS = 60.0  # for everything
 REFERENCE_SHARE, FIRST_RUN_SHARE = 0.25, 0.45
-"""Parts of it for the reference and for the first run of each setting; the rest is for repetitions."""
-REFERENCE_SECONDS = 3.0  # for the reference at least, as nothing can be said without one
+"""Parts of these seconds for the reference and for the first run of each setting; the rest is for repetitions."""
+REFERENCE_SECONDS = 3.0  # for the reference at least, as nothing can be compared without one
 REFERENCE_MARGIN = 5.0
-"""A frame counts where the reference is so many times nearer to its limit, by its estimate, than any setting."""
+"""A frame counts where the estimated error of the reference is this many times smaller than that of any setting."""
 DIVERGED_EXTENTS = 1.0
-"""A motion farther from the reference, on the average, than so many times the extent of all positions is none of this
-cloth: it diverged, though its numbers are finite."""
+"""A motion farther from the reference than this many times the extent of all positions has diverged, even though its
+numbers are finite."""
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,14 @@ class Row:
 
     setting: Setting  # integrator, step relative to delta, tolerance, Newton iterations
     step: float  # h, s
-    status: str  # "done"; "diverged"; "skipped": did not fit into the time or the memory
-    own: bool  # the setting of the scene itself
+    status: str  # "done"; "diverged"; "skipped": it did not fit into the time or the memory
+    own: bool  # whether this is the scene's own setting
     runs: int = 0  # timed
     ms_per_step: float | None = None  # of all cloths together
     seconds_per_second: float | None = None  # of computing, per simulated second
     error: float | None = None  # root mean square distance to the reference, m
     max_error: float | None = None  # largest distance of a vertex, m
-    pareto: bool = False  # no other row is cheaper and as near, or nearer and as cheap
+    pareto: bool = False  # whether no other row is cheaper and as near, or nearer and as cheap
 
     @property
     def cost_and_error(self) -> tuple[float, float]:
@@ -64,12 +64,12 @@ class WorkPrecision:
     delta: float  # its time step, s
     tolerance: float  # of its linear systems
     frames: int  # simulated, the initial one included
-    reference: Reference  # over the frames that are compared: fewer, where it is not known to the end
+    reference: Reference  # over the frames that are compared: fewer where it is not known to the end
     rows: list[Row]  # integrators in turn, long steps before short ones
 
     @property
     def own(self) -> Row:
-        """The setting of the scene itself, with which the editor plays it."""
+        """The row of the scene's own setting, with which the editor plays it."""
         return next(row for row in self.rows if row.own)
 
     @property
@@ -107,24 +107,24 @@ def work_precision(
     warm_up(scene)
     began = time.perf_counter()
 
-    def tell(what: str) -> float:
+    def announce(task: str) -> float:
         now = time.perf_counter() - began
         if report:
-            report(now, what)
+            report(now, task)
         return now
 
-    tell("reference motion")
+    announce("reference motion")
     reference = converged(scene, count, max(REFERENCE_SHARE * seconds, REFERENCE_SECONDS))
     trials = [Trial(setting, setting.steps(count)) for setting in grid(scene)]
     cheap_first = sorted(trials, key=lambda trial: trial.effort)
-    limit = tell("settings") + FIRST_RUN_SHARE * seconds
+    limit = announce("settings") + FIRST_RUN_SHARE * seconds
     for done, trial in enumerate(cheap_first):
-        spent = tell(f"setting {done + 1} of {len(trials)}")
+        spent = announce(f"setting {done + 1} of {len(trials)}")
         fits = spent + expected(trial, cheap_first[:done]) <= limit or trial.setting == own(scene)
         if fits and trial.needs(scene) <= MOST_STATE_BYTES:
             judge(scene, trial, reference.positions)
-    for number in repeat(scene, [trial for trial in cheap_first if trial.status == "done"], began + seconds):
-        tell(f"repetition {number - 1}")
+    for number in rerun(scene, [trial for trial in cheap_first if trial.status == "done"], began + seconds):
+        announce(f"repetition {number - 1}")
     return table(scene, trials, reference)
 
 
@@ -138,9 +138,9 @@ def table(scene: Scene, trials: Sequence[Trial], reference: Reference) -> WorkPr
 
 
 def known_frames(trials: Sequence[Trial], reference: Reference) -> int:
-    """How many frames count: those before the reference is no better known than the nearest setting is off.
+    """The number of frames before the error of the reference comes near that of the most exact setting.
 
-    Raises InvalidInput where those are fewer than two.
+    Raises InvalidInput when it is less than two.
     """
     floor = EXTENT_ROUNDING * extent(reference.positions)
     errors = [so_far(t.squares) for t in trials if t.squares is not None]
@@ -153,13 +153,13 @@ def known_frames(trials: Sequence[Trial], reference: Reference) -> int:
 
 
 def so_far(squares: Array) -> Array:
-    """Root mean square over the frames up to each one, from the squares (F,) of each."""
+    """Root mean square over all frames up to each one (F,), from the squares (F,) of each."""
     size: Array = np.sqrt(np.cumsum(squares) / np.arange(1, len(squares) + 1))
     return size
 
 
 def row(scene: Scene, trial: Trial, reference: Reference) -> Row:
-    """What became of a trial, over the frames of the reference."""
+    """The row of a trial, over the frames of the reference."""
     setting, frames = trial.setting, len(reference.positions)
     made = Row(setting, setting.ratio * scene.delta, trial.status, setting == own(scene))
     if trial.squares is None or trial.largest is None:

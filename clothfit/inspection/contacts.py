@@ -1,7 +1,7 @@
-"""Which way a motion goes where its steps can go two ways: the contacts, at every point where forces are taken.
+"""The contacts of a motion at every point where forces are evaluated, which decide on which smooth piece it lies.
 
 A step is smooth in its state and its parameters except where a vertex enters or leaves a sphere: there its matrix
-jumps, and the cost with it. Two motions with the same contacts throughout are on one smooth piece of the cost.
+jumps, and so does the cost. Two motions with the same contacts throughout lie on one smooth piece of the cost.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Switch(NamedTuple):
 
 
 def contacts(system: System, part: Rollout) -> Flags:
-    """Which vertices are in which spheres (T, N, C, n) where the forces of T steps of N iterations are taken."""
+    """Which of n vertices are in which of C spheres (T, N, C, n), at the forces of T steps of N iterations."""
     steps, iterations, n = part.w.shape[:3]
     spheres = system.spheres
     found = np.zeros((steps, iterations, len(spheres.radius), n), bool)
@@ -37,12 +37,12 @@ def contacts(system: System, part: Rollout) -> Flags:
         y = part.x[:-1] if k == 0 else part.x[:-1] + system.h * part.w[:, k - 1]
         for c, (centre, radius) in enumerate(zip(spheres.centre, spheres.radius, strict=True)):
             found[:, k, c] = np.linalg.norm(y - centre, axis=2) < radius
-    found[np.arange(iterations) >= part.used[:, None]] = False  # of iterations that were not needed
+    found[np.arange(iterations) >= part.used[:, None]] = False  # iterations that were not made
     return found
 
 
 def first_switch(a: Flags, b: Flags) -> Switch | None:
-    """The first step in which two motions differ in their contacts; None where there is none."""
+    """The first difference between the contacts of two motions; None where there is none."""
     if np.array_equal(a, b):
         return None
     step, _, sphere, vertex = (int(i) for i in np.argwhere(a != b)[0])

@@ -1,4 +1,4 @@
-"""What a scene will ask of who simulates or fits it, before that is done: how short steps must be, how much memory."""
+"""What simulating or fitting a scene will need: how short its steps must be, and how much memory it takes."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from clothfit.scene.scene import INTEGRATORS, Scene
 
 @dataclass(frozen=True)
 class Steps:
-    """How an integrator would fare with a scene."""
+    """The longest stable step of an integrator."""
 
     integrator: str
-    limit: float  # longest stable step at the start, s: infinite where all are, 0 where none is
-    stable: bool  # whether the scene's delta is within it
+    limit: float  # longest stable step at the start, s; infinite where all steps are stable, 0 where none is
+    stable: bool  # whether the scene's delta is stable
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a scene will ask for."""
+    """What a scene will need."""
 
-    steps: tuple[Steps, ...]  # of each integrator: the limit of the object which bears least
-    motion: int  # bytes that the positions of all frames take, in memory and in a file
-    fit: int | None  # bytes that a fit takes in all, as `fit_bytes` counts them; None where nothing is flagged
+    steps: tuple[Steps, ...]  # of each integrator; the limit is that of the object with the shortest
+    motion: int  # bytes of the positions of all frames, in memory and in a file
+    fit: int | None  # bytes that a fit needs in all, see `fit_bytes`; None where nothing is flagged
 
 
 def forecast(scene: Scene) -> Forecast:
-    """Look ahead."""
+    """Predict stable steps and memory of a scene."""
     least, state = dict.fromkeys(range(len(INTEGRATORS)), inf), []
     for index in range(len(scene.cloths)):
         system = build(scene, index)
@@ -48,13 +48,15 @@ def forecast(scene: Scene) -> Forecast:
 
 
 def motion_bytes(scene: Scene) -> int:
-    """What the positions of all frames take."""
+    """Bytes of the positions of all frames."""
     return scene.frames * sum(scene.vertex_counts) * 24
 
 
 def fit_bytes(scene: Scene, state: list[int]) -> int | None:
-    """What a fit takes in all, with every state kept, of `state` bytes of each object, to a target of all vertices
-    after every step; None where nothing is flagged. With less it takes longer (`clothfit.base.memory`).
+    """Bytes that a fit needs in all if it keeps every state; None where nothing is flagged.
+
+    `state` has the bytes of a state of each object. The target has all vertices after every step. With less memory a
+    fit takes longer (`clothfit.base.memory`).
     """
     cloths = fitted_cloths(scene)
     if not cloths:

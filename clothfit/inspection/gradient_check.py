@@ -1,11 +1,12 @@
-"""Is the gradient right on a user's own scene? The tests of `verify`, with an eye for what no gradient can describe.
+"""Is the gradient right on a user's own scene? The tests of `verify`, aware of what no gradient can describe.
 
-Slope and cost along a random direction are compared by `ladder`, and the tangent with its transpose by the
+`ladder` compares directional derivative and cost along a random direction. The tangent is compared with its transpose
+by the
 
     dot product   w·(J d) must be (Jᵀ w)·d.
 
-How much rounding there is in slope and products shows in what becomes of them with linear systems solved ten times less
-tightly, at values that differ in their last digits.
+To estimate the rounding in the directional derivative and in the products, they are computed once more with linear
+systems solved ten times less accurately, at values that differ in their last digits.
 """
 
 from __future__ import annotations
@@ -39,12 +40,12 @@ from clothfit.scene.fit_vector import fitted_cloths, parameters, with_parameters
 from clothfit.scene.scene import Scene
 
 TRUTH_SPREAD = 0.1
-"""Without a target it is the motion of values up to so much off, relative: the cost has a slope and is not flat."""
+"""Without a target, values that differ by up to this share move as the target, so that the cost is not flat."""
 
 CHECKED_VERTEX_STEPS = 30_000
-"""Vertices × steps of a default look: forty simulations of it take seconds."""
+"""Vertices × steps of a check by default: forty simulations of that size take seconds."""
 
-LOOSER_TOLERANCE = 10.0  # times the tolerance of the linear systems, to see what it does
+LOOSER_TOLERANCE = 10.0  # times the tolerance of the linear systems, to estimate rounding
 
 
 @dataclass(frozen=True)
@@ -115,17 +116,21 @@ def check_scene(
     gradient = objective.cost_and_gradient(p)[1]
     d = direction_of(p, gradient, rng)
     other = objective.until(count, LOOSER_TOLERANCE * objective.tolerance)
-    slope = slope_of(other, p, d, gradient)
+    derivative = directional_derivative(other, p, d, gradient)
     rungs, noise = ladder(objective, p, d)
     short = calm(rungs, noise)
     beyond = next((rung.switch for rung in rungs[len(short) :]), "")
-    tests = (taylor(short, slope, noise), difference(short, slope, noise), product(objective, other, p, d, rng))
+    tests = (
+        taylor(short, derivative, noise),
+        difference(short, derivative, noise),
+        product(objective, other, p, d, rng),
+    )
     reach = short[-1].t if short else 0.0
     return SceneCheck(scene.name, count, tuple(scene.blocks), flagged, tests, reach, beyond)
 
 
 def default_frames(scene: Scene) -> int:
-    """The scene's own, or fewer for large cloths, at least 6."""
+    """The scene's number of frames, or fewer for large cloths, but at least 6."""
     count = sum(len(scene.cloths[i].mass) for i in fitted_cloths(scene)) or 1
     return min(scene.frames, max(6, CHECKED_VERTEX_STEPS // count + 1))
 
@@ -139,14 +144,14 @@ def changed(scene: Scene, p: Array, rng: np.random.Generator) -> Array:
     return np.asarray(other)
 
 
-def slope_of(other: Objective, p: Array, d: Array, gradient: Array) -> Known:
-    """g·d, m²."""
+def directional_derivative(other: Objective, p: Array, d: Array, gradient: Array) -> Known:
+    """g·d, m², with its rounding."""
     value = float(gradient @ d)
     return Known(value, abs(float(other.cost_and_gradient(nudged(p))[1] @ d) - value))
 
 
 def product(objective: Objective, other: Objective, p: Array, d: Array, rng: np.random.Generator) -> Finding:
-    """The relative difference between w·(J d) and (Jᵀ w)·d; w has the signs of J d, so that nothing cancels."""
+    """Compare w·(J d) with (Jᵀ w)·d; w has the signs of J d, so that nothing cancels."""
     changes = objective.tangent(p, d)
     weights = [np.copysign(np.abs(rng.normal(size=change.shape)), change) for change in changes]
 
@@ -162,5 +167,5 @@ def product(objective: Objective, other: Objective, p: Array, d: Array, rng: np.
 
 
 def nudged(p: Array) -> Array:
-    """p with other last digits."""
+    """p, changed in its last digits."""
     return np.asarray(p * (1.0 + 2.0 * np.finfo(float).eps))

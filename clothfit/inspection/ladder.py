@@ -1,17 +1,18 @@
-"""The cost along a direction, on both sides of a point: where it is smooth, and whether a gradient describes it there.
+"""The cost on both sides of a point along a direction: where it is smooth, and whether the gradient describes it there.
 
 The cost G(p ± t d), for t from 1e-7 up to 1e-1, has an even and an odd part,
 
     S(t) = G(p + t d) + G(p − t d) − 2 G(p),      D(t) = [G(p + t d) − G(p − t d)] / 2t.
 
-S knows nothing of the gradient g: it falls as t² where the cost is smooth on that scale, as t over a kink, and not at
-all over a jump. A contact that switches is both; long steps of a chaotic motion are neither. So g is judged only by
-steps that are short enough: those with the contacts of p on both sides, along which S falls as t². There
+S does not depend on the gradient g: it falls as t² where the cost is smooth on that scale, as t across a kink, and not
+at all across a jump. A contact that switches makes both; over long steps of a chaotic motion S follows no power. So g
+is judged only by steps that are short enough: those with the contacts of p on both sides, over which S falls as t².
+There
 
     Taylor        S/2 + t |D − g·d| must fall as t² as well,
     difference    D must be g·d.
 
-A test that rounding leaves too little for is unclear: neither passed nor failed.
+A test is unclear, neither passed nor failed, where rounding leaves too few steps.
 """
 
 from __future__ import annotations
@@ -31,13 +32,13 @@ from clothfit.objective.run import Run, check
 from clothfit.objective.running_cost import running_cost
 
 RELATIVE_STEPS = tuple(10.0 ** (-k / 2) for k in range(14, 1, -1))
-"""Steps, relative to p, from short to long; half as far apart as in `verify`, as kinks may leave few."""
+"""Steps, relative to p, from short to long; half as far apart as in `verify`, as kinks may leave few usable ones."""
 
 ORDER_SLACK = 0.1
-"""By how much the order at which S falls may differ from 2: what is lost to rounding at `ABOVE_NOISE`."""
+"""The order at which S falls may differ from 2 by this much, due to rounding at `ABOVE_NOISE`."""
 
 BEYOND_ROUNDING = 10.0
-"""A difference this many times what rounding makes is none of rounding."""
+"""A difference this many times larger than the rounding is not due to rounding."""
 
 SMALLEST_FLOAT = float(np.finfo(float).tiny)
 
@@ -55,19 +56,19 @@ class Finding(NamedTuple):
 
 
 class Known(NamedTuple):
-    """A number, and what rounding may have to do with it."""
+    """A number and its uncertainty by rounding."""
 
     value: float
     blur: float
 
 
 class Rung(NamedTuple):
-    """The cost on both sides of p."""
+    """The cost on both sides of p, at a distance t."""
 
     t: float
     even: float  # S
     odd: float  # t D
-    switch: str  # what is not as at p, in words; empty: nothing
+    switch: str  # the first contact that differs from p, as text; empty: none
 
 
 def look(objective: Objective, p: Array) -> tuple[float, list[Flags]]:
@@ -86,7 +87,7 @@ def look(objective: Objective, p: Array) -> tuple[float, list[Flags]]:
 
 
 def ladder(objective: Objective, p: Array, d: Array) -> tuple[list[Rung], float]:
-    """All rungs, from short to long steps, and the rounding of the cost, m²."""
+    """All rungs, from short to long steps, and the rounding error of the cost, m²."""
     start, own = look(objective, p)
 
     def rung(t: float) -> Rung:
@@ -105,7 +106,7 @@ def ladder(objective: Objective, p: Array, d: Array) -> tuple[list[Rung], float]
 
 
 def difference_of(runs: tuple[Run, ...], a: list[Flags], b: list[Flags]) -> str:
-    """Where the contacts of the runs first differ, in words; empty where they do not."""
+    """Where the contacts of the runs first differ, as text; empty where they do not."""
     for run, one, other in zip(runs, a, b, strict=True):
         found = first_switch(one, other)
         if found is not None:
@@ -114,7 +115,7 @@ def difference_of(runs: tuple[Run, ...], a: list[Flags], b: list[Flags]) -> str:
 
 
 def calm(rungs: list[Rung], noise: float) -> list[Rung]:
-    """The rungs from the shortest on as far as nothing switches and S falls as t², or is rounding."""
+    """The rungs, from the shortest, before a contact switches or S, above rounding, does not fall as t²."""
     floor = ABOVE_NOISE * noise
     found: list[Rung] = []
     for rung in rungs:
@@ -129,12 +130,12 @@ def calm(rungs: list[Rung], noise: float) -> list[Rung]:
     return found
 
 
-def taylor(rungs: list[Rung], slope: Known, noise: float) -> Finding:
-    """The lowest order at which the remainder of the first-order expansion falls."""
+def taylor(rungs: list[Rung], derivative: Known, noise: float) -> Finding:
+    """Measure the lowest order at which the remainder of the first-order expansion falls."""
     known = []
     for rung in rungs:
-        remainder = 0.5 * abs(rung.even) + abs(rung.odd - rung.t * slope.value)
-        if remainder > ABOVE_NOISE * (noise + rung.t * slope.blur):
+        remainder = 0.5 * abs(rung.even) + abs(rung.odd - rung.t * derivative.value)
+        if remainder > ABOVE_NOISE * (noise + rung.t * derivative.blur):
             known.append((rung.t, remainder))
     if len(known) < FEWEST_RUNGS:
         usable = f"{len(known)} of {len(RELATIVE_STEPS)} steps"
@@ -144,23 +145,23 @@ def taylor(rungs: list[Rung], slope: Known, noise: float) -> Finding:
     return Finding("Taylor", order, ORDER, PASSED if order > ORDER else FAILED)
 
 
-def difference(rungs: list[Rung], slope: Known, noise: float) -> Finding:
-    """The relative difference of the slope from D, at the step where D is known best."""
+def difference(rungs: list[Rung], derivative: Known, noise: float) -> Finding:
+    """Measure the relative difference between the derivative and D, at the step where D is most accurate."""
     known = []
     for shorter, longer in pairwise(rungs):
         D = longer.odd / longer.t
-        size = max(abs(D), abs(slope.value), SMALLEST_FLOAT)
-        blur = noise / longer.t + abs(D - shorter.odd / shorter.t) + slope.blur
-        known.append((blur / size, abs(D - slope.value) / size))
+        size = max(abs(D), abs(derivative.value), SMALLEST_FLOAT)
+        blur = noise / longer.t + abs(D - shorter.odd / shorter.t) + derivative.blur
+        known.append((blur / size, abs(D - derivative.value) / size))
     if not known:
         return Finding("difference", None, DIFFERENCE, UNCLEAR, "no two steps are short enough")
-    if slope.value == 0.0 and not any(rung.odd for rung in rungs):
+    if derivative.value == 0.0 and not any(rung.odd for rung in rungs):
         return Finding("difference", None, DIFFERENCE, UNCLEAR, "nothing that is checked changes the cost")
     return judged("difference", *min(known), DIFFERENCE)
 
 
 def judged(name: str, blur: float, measured: float, bar: float) -> Finding:
-    """What a relative difference says that is known to `blur`."""
+    """Judge a relative difference with uncertainty `blur`."""
     if measured < bar and blur < BEYOND_ROUNDING * DIFFERENCE:
         return Finding(name, measured, bar, PASSED)
     if measured > max(bar, BEYOND_ROUNDING * blur):

@@ -1,4 +1,4 @@
-"""What is in a scene, in numbers: for people who got one, and to see whether it is the one that was meant."""
+"""The contents of a scene in numbers, to get to know a scene or to check that it is the intended one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from clothfit.scene.scene import Scene
 
 @dataclass(frozen=True)
 class Spread:
-    """How some values spread; None where there are none."""
+    """Statistics of some values; None where there are none."""
 
     least: float | None
     median: float | None
@@ -32,12 +32,12 @@ class Spread:
 
 @dataclass(frozen=True)
 class Flagged:
-    """A kind of parameter that a fit looks for."""
+    """A kind of parameter that a fit determines."""
 
     object: int | None  # None: of the scene as a whole
     name: str
     mode: str  # G or L
-    count: int  # of parameters
+    count: int  # parameters
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,9 @@ class Facts:
     triangles: int
     springs: int
     along_edges: int  # springs along an edge of a triangle
-    bending: int  # springs between the vertices opposite an edge
-    parts: tuple[int, ...]  # vertices of each part that springs hold together, largest first
-    loose: int  # vertices without a spring
+    bending: int  # springs between the two vertices opposite an edge
+    parts: tuple[int, ...]  # vertices of each part connected by springs, largest first
+    loose: int  # vertices without springs
     mass: Spread  # kg
     stiffness: Spread  # N/m
     rest: Spread  # m
@@ -59,12 +59,12 @@ class Facts:
     high: tuple[float, ...]
     drag: float
     damping: float
-    moving: bool  # whether it has velocities at the start
-    strained: bool  # whether rest lengths differ from those at the start
+    moving: bool  # whether a velocity at the start is not 0
+    strained: bool  # whether rest lengths differ from the lengths at the start
 
 
 def facts(cloth: Cloth) -> Facts:
-    """What there is to say of an object."""
+    """Collect the facts of an object."""
     edge, bend = spring_kinds(cloth.springs, cloth.triangles)
     sizes, _ = components(cloth.springs, len(cloth.mass))
     return Facts(
@@ -89,7 +89,7 @@ def facts(cloth: Cloth) -> Facts:
 
 
 def spread(values: Array) -> Spread:
-    """Least, median, most and sum."""
+    """Smallest, median, largest value and sum."""
     if not len(values):
         return Spread(None, None, None, 0.0)
     with np.errstate(over="ignore"):  # of values at the ends of the range of doubles
@@ -97,9 +97,10 @@ def spread(values: Array) -> Spread:
 
 
 def spring_kinds(springs: Indices, triangles: Indices) -> tuple[Flags, Flags]:
-    """Which springs (S, 2) lie along an edge of the triangles (T, 3), and which of the others join the vertices
-    opposite one: (S,) each. Of two springs between the same vertices the second is taken for the other kind where
-    there is such a one.
+    """Which springs (S, 2) lie along an edge of the triangles (T, 3), and which bend over one: (S,) each.
+
+    A bending spring joins the vertices opposite an edge. Of two springs between the same vertices that could be either
+    the second counts as bending.
     """
     met = edges(triangles)
     key, edge, bend = (keys(pairs) for pairs in (springs, met.ends, across(met)))
@@ -111,7 +112,7 @@ def spring_kinds(springs: Indices, triangles: Indices) -> tuple[Flags, Flags]:
 
 
 def flagged(scene: Scene) -> list[Flagged]:
-    """What a fit looks for, in the order of the fit vector."""
+    """The kinds of parameters that a fit determines, in the order of the fit vector."""
     found = []
     for index, kind, values in _asked(scene):
         owner = scene if index is None else scene.cloths[index]
@@ -121,7 +122,7 @@ def flagged(scene: Scene) -> list[Flagged]:
 
 
 def beyond_bounds(scene: Scene) -> list[str]:
-    """A sentence for each kind that a fit looks for, where what it would start from is not within its bounds."""
+    """A sentence for each flagged kind whose values, where a fit starts, are not within the bounds."""
     found = []
     for index, kind, values in _asked(scene):
         mode = (scene if index is None else scene.cloths[index]).mode(kind.name)
@@ -137,7 +138,7 @@ def beyond_bounds(scene: Scene) -> list[str]:
 
 
 def _asked(scene: Scene) -> Iterator[tuple[int | None, Kind, Array]]:
-    """Object, kind and flat values of all that is flagged."""
+    """Yield object, kind and flat values of each flagged kind."""
     for index, cloth in enumerate(scene.cloths):
         for kind in CLOTH_KINDS:
             if cloth.mode(kind.name) != "n":
@@ -148,7 +149,7 @@ def _asked(scene: Scene) -> Iterator[tuple[int | None, Kind, Array]]:
 
 
 def unknown_fields(scene: Scene) -> list[str]:
-    """The places of fields that neither the format nor this program knows: of several objects the first that has it."""
+    """The places of fields that neither the format nor this program knows; each field once, where it occurs first."""
     document = json.loads(scene.source.text)
     known = {kind: structure.fields(kind) for kind in ("scene", "object", "collider")}
     known["object"] |= {FIELD}

@@ -94,7 +94,7 @@ def test_free_fall_and_an_oscillator_come_out():
 def test_a_fall_on_a_sphere_is_as_far_off_as_it_says():
     # 0.1 kg from 0.5 m above the top of a sphere of 1000 N/m: there after √(2·0.5/9.81) s, then
     # depth = g/ω² (1 − cos ωs) + v/ω sin ωs, ω = 100/s, until it comes up again, after s = 0.0323 s
-    found = converged(scene(thing([(0, 1.5, 0)]), colliders=[ball((0, 0, 0), 1.0)]), 18, goal=1e-6)
+    found = converged(scene(thing([(0, 1.5, 0)]), colliders=[ball((0, 0, 0), 1.0)]), 18, error=1e-6)
     t = 0.02 * np.arange(18)
     landing, w, speed = np.sqrt(1 / 9.81), 100.0, np.sqrt(9.81)
     s = t - landing
@@ -108,7 +108,7 @@ def test_a_fall_on_a_sphere_is_as_far_off_as_it_says():
 @pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid")  # as plain Python
 def test_strong_damping_takes_the_implicit_step():
     # α = 1e7/s: Runge–Kutta would need steps below 2.8e-7 s; the vertex sinks at g/α
-    found = converged(scene(thing([(0, 0, 0)], damping=1e7)), 4, goal=1e-5)
+    found = converged(scene(thing([(0, 0, 0)], damping=1e7)), 4, error=1e-5)
     assert found.integrator == "implicit"
     t = 0.02 * np.arange(4)
     exact = -9.81 / 1e7 * (t - 1e-7)

@@ -12,7 +12,7 @@ import clothfit.scene.scene
 from clothfit.evaluation import trial
 from clothfit.evaluation.richardson import converged
 from clothfit.evaluation.setting import Setting
-from clothfit.evaluation.trial import TIMED_RUNS, Trial, expected, judge, repeat, sampled, undisturbed
+from clothfit.evaluation.trial import TIMED_RUNS, Trial, expected, judge, rerun, sampled, undisturbed
 
 FALL = scene(thing([(0, 2, 0)]), thing([(0, 0, 0), (1, 0, 0)]), delta=0.1)
 
@@ -93,10 +93,10 @@ def test_runs_go_round_until_each_has_its_number(monkeypatch):
 
     monkeypatch.setattr(trial, "run", run)
     trials = [made("explicit", 1.0, 1, 0.1), made("implicit", 1.0, 1, 0.1, newton=1)]
-    assert list(repeat(FALL, trials, np.inf)) == list(range(2, TIMED_RUNS + 1))
+    assert list(rerun(FALL, trials, np.inf)) == list(range(2, TIMED_RUNS + 1))
     assert order == ["explicit", "implicit"] * (TIMED_RUNS - 1)
     assert [len(t.seconds) for t in trials] == [TIMED_RUNS, TIMED_RUNS]
-    assert list(repeat(FALL, trials, -np.inf)) == list(range(2, TIMED_RUNS + 1))
+    assert list(rerun(FALL, trials, -np.inf)) == list(range(2, TIMED_RUNS + 1))
     assert len(order) == 2 * (TIMED_RUNS - 1)  # no time was left for more
 
 

@@ -154,7 +154,7 @@ def test_too_few_frames_and_no_reference_are_errors(monkeypatch):
     with pytest.raises(InvalidInput, match="frames must be at least 2 to compare"):
         work_precision(ONE, 1)
     monkeypatch.setattr(precision, "REFERENCE_SECONDS", 0.0)
-    with pytest.raises(Diverged, match="allow more of it"):
+    with pytest.raises(Diverged, match="allow more time"):
         work_precision(ONE, seconds=1e-9)
 
 
@@ -213,7 +213,7 @@ def test_nothing_is_recommended_where_nothing_came_through():
 @pytest.mark.skipif(not SIDE.is_file(), reason="the real export ../shared/scenes/side.txt is not here")
 def test_on_side_symplectic_quarter_steps_are_nearer_than_the_editors():
     side = clothfit.load(SIDE)
-    known = converged(side, side.frames, goal=1e-5)
+    known = converged(side, side.frames, error=1e-5)
     trials = [Trial(s, s.steps(side.frames)) for s in (own(side), Setting("symplectic", 0.25, None, None))]
     for trial in trials:
         judge(side, trial, known.positions)

@@ -34,13 +34,13 @@ def rungs(cost, noise=NOISE, switch=lambda t: ""):
 
 
 def smooth(t):
-    """Of slope 2 at 0."""
+    """Of derivative 2 at 0."""
     return 1.0 + 2.0 * t + 3.0 * t**2 + 5.0 * t**3
 
 
-def verdicts(found, slope=RIGHT, noise=NOISE):
+def verdicts(found, derivative=RIGHT, noise=NOISE):
     short = calm(found, noise)
-    return taylor(short, slope, noise).verdict, difference(short, slope, noise).verdict
+    return taylor(short, derivative, noise).verdict, difference(short, derivative, noise).verdict
 
 
 def test_a_smooth_cost_is_calm_throughout_and_its_gradient_right():
@@ -67,11 +67,11 @@ def test_beyond_a_jump_or_a_kink_nothing_is_judged(fault, height, power):
     def cost(t):
         return smooth(t) + height * (t > edge) * (t - edge) ** power
 
-    slope = Known(2.0 * (1 + fault), 1e-13)
+    derivative = Known(2.0 * (1 + fault), 1e-13)
     for switch in (lambda t: "", lambda t: "contacts switch" if t > edge else ""):
         found = rungs(cost, switch=switch)
         assert calm(found, NOISE)[-1].t == pytest.approx(1e-4)
-        assert set(verdicts(found, slope)) == {FAILED if fault else PASSED}
+        assert set(verdicts(found, derivative)) == {FAILED if fault else PASSED}
 
 
 def test_a_kink_at_the_point_itself_leaves_nothing():
@@ -95,9 +95,9 @@ def test_noise_makes_a_test_unclear_not_failed():
     assert verdicts(found, Known(200.0, 1e-13), noise)[1] == FAILED  # a fault far above it
 
 
-def test_a_slope_that_is_known_to_rounding_only_is_not_blamed():
-    slope = Known(2.0 * (1 + 3e-6), 1e-5)
-    assert FAILED not in verdicts(rungs(smooth), slope)
+def test_a_derivative_that_is_known_to_rounding_only_is_not_blamed():
+    derivative = Known(2.0 * (1 + 3e-6), 1e-5)
+    assert FAILED not in verdicts(rungs(smooth), derivative)
 
 
 def test_a_cost_that_depends_on_nothing_shows_nothing():
