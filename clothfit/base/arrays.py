@@ -23,8 +23,8 @@ NO_VECTORS: Array = np.zeros((0, 3))
 class Elements(NamedTuple):
     """What a fit may change of a cloth, kind by kind: values, a direction in them, or a gradient by them.
 
-    Masses and stiffnesses are always there. Another kind is an empty array where nobody asks for it, and then no
-    kernel spends time on it; as a value, empty means: as it was.
+    Masses and stiffnesses are always there. Another kind is an empty array where it is not fitted, and then no kernel
+    spends time on it; as a value, empty means unchanged.
     """
 
     mass: Array  # (n,), kg, one per vertex
@@ -38,15 +38,15 @@ class Elements(NamedTuple):
 
 
 def aligned(*shape: int) -> Array:
-    """Zeros whose rows of 4 or 8 numbers lie whole in cache lines of 64 bytes: one that straddles two costs twice."""
+    """Zeros whose rows of 4 or 8 numbers each lie in one cache line of 64 bytes: a row across two costs twice."""
     return staggered(1, *shape)[0]
 
 
 def staggered(count: int, *shape: int) -> list[Array]:
     """Several such arrays, of which no two begin at the same place of a page of 4096 bytes.
 
-    A processor compares the address of a load with those of stores under way by their last 12 bits: loads from one
-    array, stores into another at the same index, would seem to meet.
+    A processor compares the addresses of loads and pending stores by their last 12 bits: otherwise a load from one
+    array would seem to wait for a store into another at the same index.
     """
     size = -(-math.prod(shape) // PAGE) * PAGE + PAGE // count // LINE * LINE
     memory = np.zeros(count * size + LINE)

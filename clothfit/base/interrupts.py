@@ -1,8 +1,8 @@
 """Requests to end that arrive while compiled code runs.
 
-Python calls the handler of a signal only when compiled code returns, or calls back into Python; an exception that the
-handler raises in such a call can get lost there. So a handler also leaves a note here, which is read after every
-stretch of steps. Whoever handles signals calls `request`, as the command line does.
+Python calls the handler of a signal only when compiled code returns or calls back into Python, and an exception that
+the handler raises in such a call can get lost. So the handler also calls `request`, and the simulation calls `check`
+after every stretch of steps.
 """
 
 from __future__ import annotations
@@ -12,23 +12,23 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 REQUESTS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-"""Signals that ask to end: Ctrl-C, a polite kill, a terminal that is closed."""
+"""Signals that ask the program to end: Ctrl-C, a polite kill, a closed terminal."""
 
 SAME_REQUEST = 1.0
-"""Seconds: requests within it are one."""
+"""Seconds within which two requests count as one."""
 
 _requested = False
 
 
 def handle(handler: Callable[[int, object], object]) -> None:
-    """Install a handler of requests. A program that `nohup` started does not hear that its terminal is closed."""
+    """Install a handler of requests. A program started by `nohup` goes on ignoring a closed terminal."""
     for kind in REQUESTS:
         if kind in (signal.SIGINT, signal.SIGTERM) or signal.getsignal(kind) is not signal.SIG_IGN:
             signal.signal(kind, handler)
 
 
 def request() -> None:
-    """Note that the program should end."""
+    """Record that the program should end."""
     global _requested
     _requested = True
 
@@ -47,7 +47,7 @@ def check() -> None:
 
 @contextmanager
 def heard() -> Iterator[None]:
-    """Raise KeyboardInterrupt where compiled code that was interrupted in a call into Python ends as a SystemError."""
+    """Raise KeyboardInterrupt where compiled code, interrupted in a call into Python, raises a SystemError."""
     try:
         yield
     except SystemError:

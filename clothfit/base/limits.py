@@ -1,4 +1,4 @@
-"""What the numbers that a caller gives may be: checks that need no library, so that a wrong one is told at once."""
+"""Limits of the numbers that a caller gives: checks without any library, so that a wrong number fails at once."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def checked_tolerance(tolerance: float | None, default: float) -> float:
 
 
 def check_capture(noise: float, observed: float, every: int, fps: float | None = None) -> None:
-    """Raise InvalidInput when a capture cannot be like that."""
+    """Raise InvalidInput when a capture cannot have these values."""
     if not (math.isfinite(noise) and noise >= 0):
         raise InvalidInput(f"noise must be at least 0 and finite; {noise:g} m was given")
     if not 0 < observed <= 1:

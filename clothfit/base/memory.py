@@ -1,4 +1,4 @@
-"""How much memory there is, and sizes as people write them."""
+"""How much memory is free, and sizes as people write them."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ BYTES_PER_UNIT = {
     "": 1, "b": 1, "k": 10**3, "kb": 10**3, "m": 10**6, "mb": 10**6, "g": 10**9, "gb": 10**9, "t": 10**12, "tb": 10**12,
     "ki": 2**10, "kib": 2**10, "mi": 2**20, "mib": 2**20, "gi": 2**30, "gib": 2**30, "ti": 2**40, "tib": 2**40,
 }  # fmt: skip
-"""Bytes, in lower case; as on a disk's label, KB is 1000 and KiB 1024."""
+"""Bytes by unit, in lower case; as on a disk's label, KB is 1000 bytes and KiB is 1024."""
 
 FIT_SHARE = 0.5
-"""Of the free memory, that a fit takes where nobody says how much."""
+"""The share of the free memory that a fit takes by default."""
 
 LIMITS = (
     ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
     ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
 )
-"""Where a container's limit and use stand, in bytes; beside the use, `memory.stat` tells what of it is only cached."""
+"""The files with a container's limit and use, in bytes; `memory.stat` beside them has the cached part."""
 
 ALWAYS_FREE = 16_000_000
-"""Bytes that a process gets which got its libraries."""
+"""Bytes that are always free in a process that could load its libraries."""
 
 
 def parse(size: int | str) -> int:
@@ -40,21 +40,21 @@ def parse(size: int | str) -> int:
 
 
 def budget(size: int | str | None) -> int:
-    """Bytes that a fit may hold: the `size` that is given, else half of what is free. Raises InvalidInput."""
+    """Bytes that a fit may hold: the given `size`, else half of what is free. Raises InvalidInput."""
     return parse(size) if size is not None else int(FIT_SHARE * free())
 
 
 def free() -> int:
-    """Bytes of memory that this process could have now: what the system has left, within the limits of a container
-    and of the process (`ulimit -v`).
+    """Bytes of memory that this process can take now: what the system has left, within the limits of a container and of
+    the process (`ulimit -v`).
     """
     found = [available(), allowed(), *(left(Path(most), Path(used)) for most, used in LIMITS)]
     return min(each for each in found if each is not None)
 
 
 def missing(needed: int) -> int | None:
-    """The bytes that are free, where more are `needed`; None where it fits. So little that it always fits is not worth
-    a look, which takes as long as some steps of a small cloth.
+    """The free bytes, if more are `needed`; else None. ALWAYS_FREE is not looked up, as looking takes as long as some
+    steps of a small cloth.
     """
     if needed < ALWAYS_FREE:
         return None
@@ -63,7 +63,7 @@ def missing(needed: int) -> int | None:
 
 
 def available() -> int:
-    """Bytes that the system could give without swapping; where it does not tell, all that it has."""
+    """Bytes that the system can give without swapping; if it does not say, all that the machine has."""
     with suppress(OSError, ValueError, IndexError):
         for line in Path("/proc/meminfo").read_text().splitlines():
             if line.startswith("MemAvailable:"):
@@ -72,26 +72,26 @@ def available() -> int:
 
 
 def physical() -> int:
-    """Bytes of memory that the machine has; where it does not tell, enough."""
+    """Bytes of memory that the machine has; if the system does not say, a terabyte."""
     return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 2**40
 
 
 def left(most: Path, used: Path) -> int | None:
-    """What a container has left of its limit; None where there is none."""
+    """Bytes that a container has left of its limit; None without a limit."""
     with suppress(OSError, ValueError):  # "max" is no number
         return max(int(most.read_text()) - int(used.read_text()) + cached(used.parent / "memory.stat"), 0)
     return None
 
 
 def cached(stat: Path) -> int:
-    """Bytes that a container uses for files it has read, and gives back when they are needed."""
+    """Bytes that a container uses to cache files, and gives back when they are needed."""
     with suppress(OSError, ValueError, IndexError):
         return next(int(line.split()[1]) for line in stat.read_text().splitlines() if line.startswith("inactive_file "))
     return 0
 
 
 def allowed() -> int | None:
-    """What this process has left of the address space that it may have; None where there is no limit."""
+    """Bytes that this process has left of its address space; None without a limit."""
     with suppress(ImportError, OSError, ValueError, IndexError):
         import resource  # not on Windows
 
@@ -103,7 +103,7 @@ def allowed() -> int | None:
 
 
 def human(size: float) -> str:
-    """A number of bytes for people."""
+    """A number of bytes with its unit."""
     for unit in ("bytes", "kB", "MB"):
         if size < 999.5:
             return f"{size:.3g} {unit}"

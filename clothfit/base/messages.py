@@ -9,7 +9,7 @@ from collections.abc import Iterable
 LONGEST_VALUE = 40  # characters of a value in a message
 
 ACTING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
-"""Characters that control a terminal or turn the direction of writing; lines and tabs may be."""
+"""Characters that control a terminal or change the direction of writing; newlines and tabs are allowed."""
 
 
 def shown(value: object) -> str:
@@ -23,7 +23,7 @@ def shown(value: object) -> str:
 
 
 def harmless(text: str) -> str:
-    """Write ? for what a terminal would act upon: names of files and titles come from others."""
+    """Write ? for each character that a terminal would act upon: names of files and titles may come from anybody."""
     return ACTING.sub("?", text)
 
 
@@ -39,7 +39,7 @@ def counted(count: int, one: str, many: str) -> str:
 
 
 def owned(cloth: int | None, kind: str) -> str:
-    """Write a kind of parameter with its owner: `objects[0] mass`, or `scene wind` of the scene as a whole."""
+    """Write a kind of parameter with its owner: `objects[0] mass`, or `scene wind` for the scene as a whole."""
     return f"scene {kind}" if cloth is None else f"objects[{cloth}] {kind}"
 
 
@@ -57,8 +57,8 @@ def metres(value: float) -> str:
 
 
 def meant(wrong: str, names: Iterable[str]) -> str:
-    """Say which of the names was probably meant, if any: `; did you mean estimate?`."""
-    from difflib import get_close_matches  # only a slip needs it, and the start of every command is short
+    """Ask about the name that was probably meant, if any: `; did you mean estimate?`."""
+    from difflib import get_close_matches  # loaded only after a slip, as every command should start quickly
 
     known = {name.lower(): name for name in names}
     lower = wrong.lower()

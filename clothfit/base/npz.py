@@ -1,9 +1,9 @@
-"""Arrays in `.npz` and `.npy` files. Those from anybody: what they say of themselves is judged before data are read.
+"""Arrays in `.npz` and `.npy` files, which may come from anybody: headers are checked before any data are read.
 
-A `.npy` file is a short header, which tells type and shape, and then the numbers; an `.npz` file is a zip archive of
-such, stored or deflated. The header is text that looks like Python. It is searched for its three fields, never
+A `.npy` file is a short header with type and shape, and then the numbers; an `.npz` file is a zip archive of such
+files, stored or deflated. The header is text that looks like Python. It is searched for its three fields, never
 evaluated, and nothing is unpickled. A few kilobytes can unpack to gigabytes, and a header can promise any shape: so the
-caller sees types and shapes first, and reads only what he wants, into memory of just that size.
+caller sees types and shapes first, and reads only the arrays it needs, into memory of just their size.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ NPY_MAGIC = b"\x93NUMPY"
 ZIP_MAGIC = b"PK"
 
 LONGEST_HEADER = 10_000
-"""Bytes, as NumPy has it."""
+"""Bytes; NumPy's own limit."""
 
 CHUNK_BYTES = 1 << 20
-"""Bytes that are read at a time. An archive's table of contents must fit into it."""
+"""Bytes to read at a time. An archive's table of contents must fit into one chunk."""
 
 UNPACKED_FREELY, LARGEST_RATIO = 64 << 20, 100
 """An array of more than `UNPACKED_FREELY` bytes may be packed at most `LARGEST_RATIO` times smaller: the numbers of a
@@ -40,17 +40,17 @@ ORDER_FIELD = re.compile(r"""['"]fortran_order['"]\s*:\s*(True|False)\s*[,}]""")
 SHAPE_FIELD = re.compile(r"""['"]shape['"]\s*:\s*\(((?:\s*[0-9]{1,18}L?\s*,)*\s*(?:[0-9]{1,18}L?)?\s*)\)\s*[,}]""")
 
 PLAIN_TYPE = re.compile(r"[<>=|]?[biufcSUVmM][0-9]{1,9}(?:\[[0-9A-Za-z]{1,9}\])?")
-"""Types whose items are plain bytes, as NumPy writes them; it knows other names, some of them for pointers."""
+"""Types of plain bytes, as NumPy writes them; NumPy accepts other names, some of them for pointers."""
 
 FAULTS = (
     OSError, ValueError, EOFError, RuntimeError, MemoryError, OverflowError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
-"""What may be raised here and by the libraries below, on a file that is not in order."""
+"""What this module and the libraries below it may raise on a damaged file."""
 
 
 def content(file: IO[bytes]) -> bytes:
-    """All that is in an open file that may hold arrays, or a scene. What does not begin as arrays do may be a device
-    without end: no more of it is read than of a text. Raises OSError, with a sentence as its `strerror`.
+    """The content of an open file that may hold arrays, or a scene. What does not begin like arrays may be an endless
+    device: no more of it is read than of a text. Raises OSError, with a sentence as its `strerror`.
     """
     first = b""
     while len(first) < len(NPY_MAGIC) and (piece := file.read(len(NPY_MAGIC) - len(first))):
@@ -60,10 +60,10 @@ def content(file: IO[bytes]) -> bytes:
 
 
 class Stored:
-    """An array in a file, of which the header is read."""
+    """An array in a file, whose header has been read."""
 
     def __init__(self, stream: IO[bytes], size: int, packed: int) -> None:
-        """`stream` stands at the beginning of a `.npy` of `size` bytes, which take `packed` in the file."""
+        """`stream` is at the beginning of a `.npy` of `size` bytes, which take `packed` bytes in the file."""
         self._stream, self._packed = stream, packed
         text, start = _header(stream)
         self.dtype, self.shape, self._fortran = _described(text)
@@ -76,7 +76,7 @@ class Stored:
         return math.prod(self.shape) * self.dtype.itemsize
 
     def read(self) -> NDArray[Any]:
-        """Its numbers; once only."""
+        """Its numbers; may be called once."""
         if self.nbytes > UNPACKED_FREELY and self.nbytes > LARGEST_RATIO * self._packed:
             raise ValueError(f"{self._packed} bytes unpack to {self.nbytes}; write it with numpy.savez, not compressed")
         array: NDArray[Any] = np.empty(self.shape[::-1] if self._fortran else self.shape, self.dtype)
@@ -88,20 +88,20 @@ class Stored:
                 raise EOFError("it ends early")
             room[done : done + len(piece)] = np.frombuffer(piece, np.uint8)
             done += len(piece)
-        self._stream.read(1)  # at its end the checksum is looked at
+        self._stream.read(1)  # at its end the checksum is compared
         return array.T if self._fortran else array
 
 
 def archive(arrays: Mapping[str, NDArray[Any]]) -> Data:
-    """What writes arrays of numbers to an `.npz` file, by name, without copies of them."""
-    write: Any = np.savez  # its types take `allow_pickle` for one of the arrays
+    """What writes arrays, by name, to an `.npz` file without copying them."""
+    write: Any = np.savez  # its type hints take `allow_pickle` for one of the arrays
     return lambda file: write(file, **arrays)  # none of them holds objects, so nothing is pickled
 
 
 def stored(file: IO[bytes], names: Collection[str], only: str) -> dict[str, Stored]:
-    """The arrays of those names in an open file that can be sought; a bare `.npy` has the name `only`.
+    """The arrays with these names in an open, seekable file; the array of a bare `.npy` gets the name `only`.
 
-    Raises one of FAULTS, with a few words, when the file is not in order.
+    Raises one of FAULTS, with a short reason, when the file is damaged.
     """
     first = file.read(len(NPY_MAGIC))
     size = file.seek(0, 2)
@@ -120,11 +120,13 @@ def stored(file: IO[bytes], names: Collection[str], only: str) -> dict[str, Stor
 
 
 class _Rationed:
-    """A file that gives no more than a piece at a time: a table of contents would be read in one."""
+    """A file that gives no more than a chunk at a time, as a table of contents is read in one go."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
-        self.seek, self.tell, self.seekable = file.seek, file.tell, file.seekable
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
 
     def read(self, size: int = -1) -> bytes:
         data = self._file.read(min(size, CHUNK_BYTES + 1) if size >= 0 else CHUNK_BYTES + 1)
@@ -159,12 +161,12 @@ def _header(stream: IO[bytes]) -> tuple[str, int]:
 
 
 def _described(text: str) -> tuple[np.dtype[Any], tuple[int, ...], bool]:
-    """Type, shape and whether the first index runs fastest, by a header."""
+    """Type, shape, and whether the first index varies fastest, from the text of a header."""
     descr, order, shape = (pattern.findall(text) for pattern in (TYPE_FIELD, ORDER_FIELD, SHAPE_FIELD))
     if descr and "O" in descr[0]:
         raise ValueError("it holds pickled objects")
     if not len(descr) == len(order) == len(shape) == 1:
-        raise ValueError("its header does not tell type and shape of plain numbers")
+        raise ValueError("its header does not give the type and shape of plain numbers")
     try:
         if not PLAIN_TYPE.fullmatch(descr[0]):
             raise TypeError

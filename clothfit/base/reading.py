@@ -1,8 +1,8 @@
-"""Files from anybody: no more of them is read than a limit, whatever they are and say.
+"""Reading files from anybody: never more than a limit, whatever the file is.
 
-A device never ends, a pipe does not tell how long it is, and a file may be as large as a disk, or grow meanwhile. A
-file that is replaced in one step is read as it was; one that is written over in place could be read half old and half
-new, and half a motion may look like a whole one.
+A device never ends, a pipe has no known length, and a file may be as large as a disk, or grow while it is read. A file
+that is replaced in one step is read as it was; one that is overwritten in place could be read half old and half new,
+and half a motion may look like a whole one.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ from clothfit.base import memory
 from clothfit.base.memory import human
 
 MOST_TEXT = 500_000_000
-"""Bytes of a scene: several times what the largest have."""
+"""Bytes of a scene: several times those of the largest."""
 
 UNSIZED_CHUNK = 1 << 24
-"""Bytes to read at a time where nobody knows how many there are."""
+"""Bytes to read at a time from a file of unknown length."""
 
 CHANGED = "it changed while it was read; try again"
 
 
 def whole(file: IO[Any], most: int | None = None) -> Any:
-    """All that is in an open file, text or bytes.
+    """The content of an open file, text or bytes.
 
     Raises OSError, with a sentence as its `strerror`, when that is more than `most` (default: than fits twice into the
-    free memory, as what is read in pieces is copied once), and when a file has become longer meanwhile: one that is
-    written as fast as it is read would never end.
+    free memory, as the pieces are copied once), and when the file grew meanwhile: one that is written as fast as it is
+    read would never end.
     """
     limit = memory.free() // 2 if most is None else most
     known = _size(file)
     pieces: list[Any] = []
     size = known if known > limit else 0
     while size <= limit:
-        piece = file.read(min(max(known + 1, UNSIZED_CHUNK), limit + 1 - size))  # so much memory is taken at once
+        piece = file.read(min(max(known + 1, UNSIZED_CHUNK), limit + 1 - size))  # the read takes so much memory at once
         if not isinstance(piece, (str, bytes)):
             raise TypeError(f"the file gave {type(piece).__name__} instead of text or bytes")
         pieces.append(piece)
@@ -52,7 +52,7 @@ def whole(file: IO[Any], most: int | None = None) -> Any:
 
 
 def _size(file: IO[Any]) -> int:
-    """Bytes of a regular file; 0 where nobody knows."""
+    """Bytes of a regular file; 0 where that is not known."""
     try:
         found = os.fstat(file.fileno())
     except (AttributeError, OSError, ValueError):  # a file in memory
@@ -62,7 +62,7 @@ def _size(file: IO[Any]) -> int:
 
 @contextmanager
 def unchanged(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
-    """Open a file to read it in the block. Raises OSError, also where it changed meanwhile."""
+    """Open a file to read it in the block. Raises OSError, also when the file changed meanwhile."""
     with open(path, "rb") as file:
         before = os.fstat(file.fileno())
         yield file

@@ -1,5 +1,5 @@
-"""One thread for dense linear algebra: matrices of a few hundred rows gain little from more, and lose much from them
-where another program keeps a core busy, because the threads of BLAS wait for each other at every step.
+"""One thread for dense linear algebra: matrices of a few hundred rows gain little from more threads, and lose much when
+another program keeps a core busy, because the threads of BLAS wait for each other at every step.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from contextlib import contextmanager
 
 @contextmanager
 def single() -> Iterator[None]:
-    """Let BLAS use one thread within."""
-    import scipy.linalg  # noqa: F401  only what is loaded can be limited, and SciPy's BLAS is not NumPy's
+    """Let BLAS use one thread within the block."""
+    import scipy.linalg  # noqa: F401  only a loaded BLAS can be limited, and SciPy's is not NumPy's
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(limits=1, user_api="blas"):

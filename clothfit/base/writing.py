@@ -1,12 +1,11 @@
 """Files that appear whole or not at all.
 
-The data goes to a new file in the same folder, is forced to the disk, and then takes the final name in one step.
-Whatever happens before that step, what was there stays. Devices and pipes (`/dev/stdout`) have no such
-step and are written directly.
-A process that is killed while it writes leaves its new file behind, under a name of its own and never under a final
-one. Whoever writes holds a lock on the file, which the system gives up when the process ends, however it ends. So a
-file of this kind whose lock can be had has no writer any more, and a later process takes it away. Locks are only
-trusted on the machine that made the file, whose name is part of the file's.
+The data go to a new file in the same folder, are forced to the disk, and the file then takes the final name in one
+step. Whatever happens before that step, the old file stays. Devices and pipes (`/dev/stdout`) have no such step and are
+written directly. A process that is killed while it writes leaves its new file behind, under a temporary name. A writer
+locks its file, and the system releases the lock when the process ends, however it ends. So a temporary file without a
+lock has no writer any more, and a later process removes it. Locks are trusted only on the machine that made the file,
+which its name encodes.
 """
 
 from __future__ import annotations
@@ -26,19 +25,19 @@ from clothfit.base.errors import InvalidInput
 
 try:
     import fcntl
-except ImportError:  # Windows: nothing is locked, and nothing taken away
+except ImportError:  # Windows: nothing is locked, and nothing removed
     fcntl = None  # type: ignore[assignment]
 
 Data: TypeAlias = bytes | Callable[[IO[bytes]], object]
 """What to write: bytes, or a function that writes them to a file, so that they need not be in memory."""
 
-_swept: set[str] = set()  # folders, each once in the life of a process
+_swept: set[str] = set()  # folders; each is swept once in the life of a process
 
 
 def write_atomically(path: str | os.PathLike[str], data: Data) -> None:
     """Write a file whole, keeping the permission bits of the one it replaces; a link stays and its target is replaced.
 
-    Raises InvalidInput when it cannot be written; then, and on an interrupt, no trace is left.
+    Raises InvalidInput when the file cannot be written; then, and on an interrupt, no trace is left.
     """
     check_writable(path)
     try:
@@ -53,7 +52,7 @@ def write_atomically(path: str | os.PathLike[str], data: Data) -> None:
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
-    """Check, before long work, that a file can be written there. Raises InvalidInput with the reason."""
+    """Check, before long work, that a file can be written. Raises InvalidInput with the reason."""
     try:
         reason = _obstacle(path)
     except (OSError, ValueError) as error:  # a loop of links, a name too long, a null character
@@ -74,14 +73,14 @@ def _obstacle(path: str | os.PathLike[str]) -> str | None:
         return None
     folder = os.path.dirname(os.path.realpath(path))
     try:
-        os.stat(folder)  # "permission denied" passes on
+        os.stat(folder)  # the caller handles "permission denied"
     except FileNotFoundError:
         return f"the folder {folder} does not exist"
     return None if os.access(folder, os.W_OK | os.X_OK) else f"the folder {folder} is not writable"
 
 
 def put(data: Data, stream: IO[bytes]) -> None:
-    """Write to what cannot be sought, as an archive that is written must be."""
+    """Write to a stream that may not be seekable, though writing an archive needs that."""
     if isinstance(data, bytes):
         stream.write(data)
         return
@@ -99,7 +98,7 @@ def _replace(path: str, data: Data, mode: int | None) -> None:
             os.fsync(file.fileno())
             if mode is not None:
                 os.chmod(file.name, mode & 0o777)
-            os.replace(file.name, path)  # while it is open, as it is locked so long
+            os.replace(file.name, path)  # while it is open, and so locked
     except BaseException:  # an interrupt as well
         with suppress(OSError):
             os.unlink(file.name)
@@ -107,7 +106,7 @@ def _replace(path: str, data: Data, mode: int | None) -> None:
 
 
 def _mode(path: str | os.PathLike[str]) -> int | None:
-    """Give type and permissions of a file, links followed; None when there is none."""
+    """The type and permissions of a file, links followed; None when there is no file."""
     try:
         return os.stat(path).st_mode
     except FileNotFoundError:
@@ -119,9 +118,9 @@ def _refusal(path: str | os.PathLike[str], reason: str) -> InvalidInput:
 
 
 def create(folder: str) -> IO[bytes]:
-    """Open a new file in a folder, locked until it is closed, with the permissions that the umask says.
+    """Open a new file in a folder, locked until it is closed, with the permissions of the umask.
 
-    What killed processes left there is taken away first. Raises OSError.
+    First removes what killed processes left there. Raises OSError.
     """
     if folder not in _swept:
         _swept.add(folder)
@@ -131,11 +130,11 @@ def create(folder: str) -> IO[bytes]:
         lock(file.fileno(), wait=True)
         if os.fstat(file.fileno()).st_nlink or fcntl is None:
             return file
-        file.close()  # another process took it for left behind, in the moment before it was locked
+        file.close()  # another process removed it in the moment before it was locked
 
 
 def sweep(folder: str) -> None:
-    """Take away what killed processes of this machine left in a folder; where that fails, it stays."""
+    """Remove what killed processes of this machine left in a folder; what cannot be removed stays."""
     with suppress(OSError):
         for name in os.listdir(folder):
             if re.fullmatch(re.escape(prefix()) + r"[0-9a-f]{16}\.tmp", name):
@@ -143,23 +142,23 @@ def sweep(folder: str) -> None:
 
 
 def remove_stale(path: str) -> None:
-    """Take a file away unless somebody writes it."""
+    """Remove a file unless a process is writing it."""
     with suppress(OSError), open(path, "r+b") as file:
         if lock(file.fileno(), wait=False):
             os.unlink(path)
 
 
 def lock(number: int, wait: bool) -> bool:
-    """Lock an open file until it is closed; whether that was possible."""
+    """Lock an open file until it is closed; returns whether that was possible."""
     if fcntl is None:
         return False
     try:
         fcntl.flock(number, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-    except OSError:  # somebody has it, or the file system knows no locks
+    except OSError:  # another process has the lock, or the file system has no locks
         return False
     return True
 
 
 def prefix() -> str:
-    """How the names of these files begin on this machine."""
+    """The beginning of the names of temporary files on this machine."""
     return f".clothfit-{hashlib.sha256(platform.node().encode()).hexdigest()[:8]}-"

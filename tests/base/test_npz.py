@@ -54,7 +54,7 @@ def test_headers_of_other_writers_are_read(text):
         np.testing.assert_array_equal(read(npy(text, value.tobytes(), wide))["a"], value)
 
 
-NOT_PLAIN = "its header does not tell type and shape of plain numbers"
+NOT_PLAIN = "its header does not give the type and shape of plain numbers"
 STRANGE = "the header of the array is not one of NumPy's"
 
 # Headers, and what is said of them.
