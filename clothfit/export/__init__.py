@@ -1,4 +1,4 @@
-"""Fitted masses and stiffnesses as other cloth tools take them: one module per tool.
+"""Fitted masses and stiffnesses for other cloth tools: one module per tool.
 
 tools lists them; tables (CSV), obi (Unity), blender and vellum (Houdini) write; topology and weights are what they
 share.

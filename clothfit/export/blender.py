@@ -6,8 +6,8 @@ unit, and a structural spring of "stiffness" S has S/L̄, L̄ the mean length of
     τ = √0.001 s ≈ 0.0316 s,      S = τ² k L̄,      time_scale = 1 / (frames per second · τ)
 
 its springs carry the same weights at the same stretch, and move as fast. In the same units a damping α m v is an air
-damping of 100 τ α m, and (α/2) k along a spring one of τ (α/2) k. One mass for all vertices: the mean. Springs across
-edges have no counterpart (Blender bends by angles): only how they vary over the cloth is passed on.
+damping of 100 τ α m, and (α/2) k along a spring is a spring damping of τ (α/2) k. All vertices have one mass, the mean.
+Springs across edges have no counterpart (Blender bends by angles), so only their variation over the cloth is exported.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
 
 BLENDER_FORMAT = "clothfit-blender-1"
-TIME_UNIT = 0.001**0.5  # τ, s: the time in which Blender's weights are SI's
+TIME_UNIT = 0.001**0.5  # τ, s: Blender's time unit, in which its weights are those of SI
 DEFAULT_BENDING = 0.5  # Blender's default, which stands for the mean here
-LARGEST_STIFFNESS = 10_000.0  # of a stiffness in Blender
+LARGEST_STIFFNESS = 10_000.0  # Blender's limit
 SCRIPT = Path(__file__).with_name("blender_script.py")
-DATA_PLACE = 'json.loads("{}")'  # in the script, for the numbers
+DATA_PLACE = 'json.loads("{}")'  # in the script; the numbers replace it
 
 
 def files(scene: Scene) -> dict[str, bytes]:
-    """The numbers as JSON, and the script, with the numbers in it as well."""
+    """The numbers as JSON, and the script, which contains them too."""
     document = {
         "format": BLENDER_FORMAT,
         "time_unit": TIME_UNIT,
@@ -45,7 +45,7 @@ def files(scene: Scene) -> dict[str, bytes]:
 
 
 def one(number: int, cloth: Cloth) -> dict[str, Any]:
-    """What Blender takes of an object."""
+    """The values of an object for Blender."""
     role = roles(cloth)
     edges = ~role.bending
     length = float(cloth.rest[edges].mean()) if edges.any() else 0.0

@@ -1,8 +1,8 @@
 """Obi Cloth for Unity: masses of particles, compliances of distance and bend constraints.
 
 Obi's constraints are compliant (XPBD): their compliance, m/N, is the inverse of a stiffness, 1/k; 0 is as stiff as the
-solver gets. A particle of inverse mass 0 does not move. An actor has one compliance for all of its constraints of a
-kind, here that of the mean stiffness. Axes and units are the scene's: both are Unity's.
+solver gets. A particle of inverse mass 0 does not move. An actor has one compliance for all its constraints of a kind,
+here that of the mean stiffness. Axes and units are the scene's, which are Unity's.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ def files(scene: Scene) -> dict[str, bytes]:
 
 
 def one(number: int, cloth: Cloth) -> dict[str, Any]:
-    """What Obi takes of an object."""
+    """The values of an object for Obi."""
     role = roles(cloth)
-    stretch = ~role.bending  # what is neither can only be a distance
+    stretch = ~role.bending  # springs of role "other" become distances
     inverse = np.where(cloth.fixed, 0.0, 1.0 / cloth.mass)
     return {
         "object": number,
@@ -62,10 +62,10 @@ def constraints(cloth: Cloth, chosen: Flags) -> dict[str, list[Any]]:
 
 
 def compliance(stiffness: float) -> float | None:
-    """1/k, m/N; None for a spring without stiffness, which is no constraint."""
+    """1/k, m/N; None for a spring without stiffness, which is not a constraint."""
     return 1.0 / stiffness if stiffness > 0 and np.isfinite(1.0 / stiffness) else None
 
 
 def overall(stiffness: Array) -> float | None:
-    """The compliance of the mean stiffness; None without any."""
+    """The compliance of the mean stiffness; None without springs."""
     return compliance(float(np.mean(stiffness))) if len(stiffness) else None

@@ -2,12 +2,12 @@
 
 Two files of Houdini's JSON geometry (.geo) for each object, with the same points: the mesh, for the solver's first
 input, and the constraints, two-point polylines with `type`, `restlength`, `stiffness`, `dampingratio`, for its second.
-A point of mass 0 is pinned. Bending springs are distances too, across an edge, and stay what they are. The interface
-shows a stiffness as mantissa × 10^exponent; for those who set one value there, the means are given so.
-Houdini's axes are right-handed, so z changes its sign and faces their sense.
+A point of mass 0 is pinned. Bending springs are distances too, across an edge, and stay as they are. Houdini shows a
+stiffness as mantissa × 10^exponent; for users who set one value there, a third file has the means in that form.
+Houdini's axes are right-handed, so z changes its sign and faces reverse their corners.
 
-The damping ratio of a spring is the textbook's: (α/2) k / (2 √(k m)), with m = m_a m_b / (m_a + m_b) the mass that
-swings, m_a of a fixed end being infinite.
+The damping ratio of a spring is the textbook's: (α/2) k / (2 √(k m)), with the reduced mass m = m_a m_b / (m_a + m_b),
+where the mass of a fixed end is infinite.
 """
 
 from __future__ import annotations
@@ -55,14 +55,14 @@ def constraints(cloth: Cloth) -> dict[str, Array | list[str]]:
 
 
 def damping_ratio(cloth: Cloth) -> Array:
-    """Of each spring (S,), between its ends; 0 where both are fixed."""
+    """The damping ratios (S,) of the springs; 0 where both ends are fixed."""
     a, b = (np.where(cloth.fixed, 0.0, 1.0 / cloth.mass)[cloth.springs[:, end]] for end in (0, 1))
     ratios: Array = 0.25 * cloth.damping * np.sqrt(cloth.stiffness * (a + b))
     return ratios
 
 
 def one(number: int, cloth: Cloth) -> dict[str, Any]:
-    """Means of an object, for those who set one value."""
+    """The means of an object, for users who set one value."""
     role = roles(cloth)
     return {
         "object": number,
@@ -101,7 +101,7 @@ def geometry(
 
 
 def attribute(name: str, values: Array | list[str]) -> list[Any]:
-    """An attribute of numbers or of words."""
+    """An attribute of numbers or of strings."""
     return strings(name, values) if isinstance(values, list) else numbers(name, values)
 
 
@@ -118,7 +118,7 @@ def numbers(name: str, values: Array) -> list[Any]:
 
 
 def strings(name: str, values: list[str]) -> list[Any]:
-    """An attribute of words."""
+    """An attribute of strings."""
     known = list(dict.fromkeys(values))
     head = ["scope", "public", "type", "string", "name", name, "options", {}]
     places = ["size", 1, "storage", "int32", "arrays", [[known.index(word) for word in values]]]

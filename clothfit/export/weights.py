@@ -1,4 +1,4 @@
-"""Values of springs as weights of vertices, for tools that paint: a spring takes the mean of its two ends.
+"""Values of springs as weights of vertices, for tools that paint weights: a spring takes the mean of its two ends.
 
 With the smallest and the largest value as the range, k_s ≈ low + (high − low) (w_a + w_b)/2, 0 ≤ w ≤ 1, by least
 squares. A cloth has three times as many springs as vertices, so most of the variation from spring to spring is lost.
@@ -14,7 +14,7 @@ from clothfit.base.arrays import Array, Indices
 
 
 class Painted(NamedTuple):
-    """Weights of n vertices for the values of some springs, and what they make of them."""
+    """Weights of n vertices for the values of some springs, and how well they fit."""
 
     low: float  # value of weight 0
     high: float  # of weight 1
@@ -24,7 +24,7 @@ class Painted(NamedTuple):
 
 
 def painted(count: int, ends: Indices, values: Array) -> Painted | None:
-    """Find the weights of `count` vertices for values at pairs of them, `ends` (S, 2); None without any."""
+    """Find the weights of `count` vertices for values at pairs of them, `ends` (S, 2); None without values."""
     if not len(values):
         return None
     low, high = float(values.min()), float(values.max())
@@ -37,7 +37,7 @@ def painted(count: int, ends: Indices, values: Array) -> Painted | None:
 
 
 def fitted(count: int, ends: Indices, wanted: Array) -> Array:
-    """Weights (count,) within 0 … 1 whose means at the ends are the nearest to what is wanted, 0 … 1."""
+    """Weights (count,) within 0 … 1 whose means at the ends are nearest to the `wanted` values, within 0 … 1."""
     from scipy.optimize import lsq_linear
     from scipy.sparse import csr_array
 

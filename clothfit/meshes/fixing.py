@@ -16,7 +16,7 @@ SIDES = {"left": (0, -1), "right": (0, 1), "bottom": (1, -1), "top": (1, 1), "ba
 """Axis and direction of each side."""
 
 SIDE_DEPTH = 1e-3
-"""Of a mesh's extent: how far from its end what counts as a side reaches."""
+"""The depth of a side, as a share of the mesh's extent."""
 
 
 def in_box(positions: Array, corner: Sequence[float], opposite: Sequence[float]) -> Flags:
@@ -27,8 +27,8 @@ def in_box(positions: Array, corner: Sequence[float], opposite: Sequence[float])
 
 
 def at_side(positions: Array, side: str, reach: float | None = None) -> Flags:
-    """Which of the positions (n, 3) lie at a side of them all, one of SIDES, within `reach`, m (default: a thousandth
-    of their extent). Raises InvalidInput when there is no such side.
+    """Which of the positions (n, 3) lie at a side of all of them, one of SIDES, within `reach`, m (default: a
+    thousandth of their extent). Raises InvalidInput when there is no such side.
     """
     if side not in SIDES:
         raise InvalidInput(f"fix side: there is no {side!r}; use {', '.join(SIDES)}")

@@ -1,8 +1,8 @@
 """From a triangle mesh to an object of a scene, as the front end builds it: springs, stiffnesses, masses.
 
-The front end walks through the triangles (a, b, c) in order and meets their edges ab, ac, bc; here one such meeting is
-a *side*. The first side at an edge gives a traction spring along it, the second a bending spring between the two
-vertices opposite it, so spring s is side s and every mesh has three springs per triangle. With A the area of a
+The front end walks through the triangles (a, b, c) in order and meets their edges ab, ac, bc; each such meeting is a
+*side*. The first side at an edge gives a traction spring along it, the second a bending spring between the two vertices
+opposite it, so spring s is side s and every mesh has three springs per triangle. With A the area of a
 triangle (m²), L the rest length of the spring (m), E the object's stiffness (N/m) and ρ its density (kg/m²):
 
     traction  k = E ΣA / L²            over the triangles at the edge
@@ -24,7 +24,7 @@ from clothfit.base.errors import InvalidInput
 
 AIR_DENSITY = 1.2  # kg/m³, density of air
 BENDING_SHARE = 0.25  # a bending spring's share of the object's stiffness
-MOST_PLANE_VERTICES = 1_000_000  # vertices of a plane: a scene of many more is too long a text to be read again
+MOST_PLANE_VERTICES = 1_000_000  # vertices of a plane: the text of a scene with many more is too long to be read again
 
 
 class Mesh(NamedTuple):
@@ -97,20 +97,26 @@ def areas(mesh: Mesh) -> Array:
 def sides(triangles: Indices) -> Sides:
     """List the sides of the triangles (T, 3) in the order in which the front end meets them.
 
-    Raises InvalidInput when more than two triangles share an edge: what the front end makes of that is not known.
+    Raises InvalidInput when more than two triangles share an edge, as the result of the front end is not known then.
     """
-    edge = np.sort(triangles[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
-    opposite = triangles[:, [2, 1, 0]].reshape(-1)
-    _, found, group, meetings = np.unique(keys(edge), return_index=True, return_inverse=True, return_counts=True)
+    met = any_sides(triangles)
+    meetings = np.bincount(met.first)
     if len(meetings) and meetings.max() > 2:
-        a, b = edge[found[meetings.argmax()]]
+        a, b = met.edge[meetings.argmax()]
         raise InvalidInput(f"{meetings.max()} triangles share the edge between vertices {a} and {b}; at most 2 can")
-    return Sides(edge, opposite, found[group].astype(np.int32))
+    return met
+
+
+def any_sides(triangles: Indices) -> Sides:
+    """The same for any triangles, of which more than two may share an edge."""
+    edge = np.sort(triangles[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
+    _, found, group = np.unique(keys(edge), return_index=True, return_inverse=True)
+    return Sides(edge, triangles[:, [2, 1, 0]].reshape(-1), found[group].astype(np.int32))
 
 
 def keys(pairs: Indices) -> npt.NDArray[np.int64]:
-    """A number for each pair (P, 2) of vertices, whichever is first, in the order of the smaller and then the larger:
-    numbers are sorted much faster than rows.
+    """A number for each pair (P, 2) of vertices in either order, sorted by the smaller and then the larger vertex:
+    NumPy sorts numbers much faster than rows.
     """
     low, high = np.sort(pairs, axis=1).astype(np.int64).T
     found: npt.NDArray[np.int64] = (low << 32) + high

@@ -21,15 +21,15 @@ from clothfit.meshes.mesh import Mesh, areas
 from clothfit.meshes.topology import Numbers, across, components, edges, first_of_each, together
 
 INDICES_SHOWN = 5
-"""Indices that a message names."""
+"""The most indices in a message."""
 
 SAME_PLACE = 1e-6
-"""Of the diagonal of a mesh's bounding box: vertices as near as that are meant to be one. Texts of six digits and
-numbers of single precision tell no shorter distances.
+"""Vertices nearer than this share of the bounding box's diagonal are meant to be one: texts of six digits and numbers
+of single precision cannot show shorter distances.
 """
 
 THIN = 1e-12
-"""Of the square of its longest side: a triangle of less area has none that rounding would not change."""
+"""A triangle whose area is below this share of its longest side squared has only the area that rounding gives it."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def problems(mesh: Mesh, distance: float | None = None) -> list[Problem]:
     Vertices within `distance`, m, of each other count as one place (default: `tiny`). Raises InvalidInput when the
     distance joins more than seams.
     """
-    found = [look(mesh) for look in CHECKS]
+    found = [check(mesh) for check in CHECKS]
     found.append(seams(mesh, tiny(mesh) if distance is None else distance))
     return sorted((problem for problem in found if problem is not None), key=lambda problem: not problem.fatal)
 
@@ -94,7 +94,7 @@ def massless(mesh: Mesh) -> Problem | None:
 
 
 def repeated(mesh: Mesh) -> Problem | None:
-    """Triangles of the same corners as one before, whichever way round."""
+    """Triangles with the corners of an earlier one, in any order."""
     again = np.flatnonzero(~first_of_each(np.sort(mesh.triangles, axis=1)))
     sentence = "{} the corners of one before{}"
     return _problem("repeated", again, ("triangle has", "triangles have"), sentence, "removes them")
@@ -128,13 +128,13 @@ def turned(mesh: Mesh) -> Problem | None:
 
 
 def parts(mesh: Mesh) -> Problem | None:
-    """Parts that nothing holds together."""
+    """Parts that no spring connects."""
     sizes, first = components(mesh.triangles[:, [0, 1, 1, 2]].reshape(-1, 2), len(mesh.positions))
     if len(sizes) < 2:
         return None
     more = ", …" if len(sizes) > INDICES_SHOWN else ""
-    told = ", ".join(map(str, sizes[:INDICES_SHOWN])) + more
-    sentence = f"it is in {len(sizes)} parts, of {told} vertices, that nothing holds together"
+    shown = ", ".join(map(str, sizes[:INDICES_SHOWN])) + more
+    sentence = f"it is in {len(sizes)} parts, of {shown} vertices, that nothing holds together"
     return Problem("parts", len(sizes), tuple(first[:INDICES_SHOWN].tolist()), sentence, False, False)
 
 
@@ -158,7 +158,7 @@ def _collapsed(triangles: Indices) -> Flags:
 
 
 def _distinct(triangles: Indices) -> Indices:
-    """Those that are told of nowhere else."""
+    """The triangles that no other check reports."""
     kept = triangles[~_collapsed(triangles)]
     return kept[first_of_each(np.sort(kept, axis=1))]
 
@@ -174,11 +174,11 @@ def _thin(mesh: Mesh) -> Flags:
 def _problem(
     kind: str, wrong: Numbers, noun: tuple[str, str], sentence: str, cure: str = "", fatal: bool = False, of: str = ""
 ) -> Problem | None:
-    """A problem of what is `wrong`, by indices; None where nothing is. What welding cures is fatal without it."""
+    """The problem of the indices `wrong`; None where there are none. What welding cures is fatal without it."""
     if not len(wrong):
         return None
     first = tuple(np.unique(wrong)[:INDICES_SHOWN].tolist())
     more = ", …" if len(wrong) > len(first) else ""
-    told = sentence.format(counted(len(wrong), *noun), f" ({of}{', '.join(map(str, first))}{more})")
+    text = sentence.format(counted(len(wrong), *noun), f" ({of}{', '.join(map(str, first))}{more})")
     hint = f"; --weld {cure}" if cure else ""
-    return Problem(kind, len(wrong), first, told + hint, fatal or bool(cure), bool(cure))
+    return Problem(kind, len(wrong), first, text + hint, fatal or bool(cure), bool(cure))

@@ -1,6 +1,6 @@
-"""How the vertices of a mesh hang together: its edges, whatever shares them, its parts, and who lies at one place.
+"""How the vertices of a mesh are connected: its edges, its parts, and vertices at one place.
 
-Nothing is asked of the mesh here: any number of triangles may share an edge, and vertices may be in none.
+The mesh may be any: many triangles may share an edge, and vertices may be in none.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from clothfit.meshes.mesh import keys
 Numbers: TypeAlias = npt.NDArray[np.integer[Any]]
 
 MOST_PAIRS = 100
-"""Of vertices that are near each other, for each vertex; more are no seams."""
+"""The most pairs of near vertices per vertex; with more, the distance finds more than seams."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +34,8 @@ class Edges:
 
 
 def together(positions: Array, distance: float) -> Indices:
-    """For each of the positions (n, 3) the first index of those that lie together, from one to the next within
-    `distance`, m. Raises InvalidInput where that joins more than seams do.
+    """For each of the positions (n, 3) the first index of its group, in which steps of at most `distance`, m, lead from
+    one to the next. Raises InvalidInput where that joins more than seams.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -56,8 +56,8 @@ def together(positions: Array, distance: float) -> Indices:
 
 
 def components(pairs: Indices, n: int) -> tuple[Indices, Indices]:
-    """How many of n vertices each part has that pairs (P, 2) of them hold together, largest first, and its first
-    vertex; vertices in no pair are left out.
+    """The parts into which pairs (P, 2) connect n vertices: the number of vertices of each, largest first, and its
+    first vertex; vertices in no pair are left out.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -71,7 +71,7 @@ def components(pairs: Indices, n: int) -> tuple[Indices, Indices]:
 
 
 def edges(triangles: Indices) -> Edges:
-    """The sides of the triangles (T, 3), by edges that any number of them may share."""
+    """The sides of the triangles (T, 3), grouped by edge."""
     walked = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     _, first, group, count = np.unique(keys(walked), return_index=True, return_inverse=True, return_counts=True)
     opposite = triangles[:, [2, 0, 1]].reshape(-1)
@@ -79,8 +79,8 @@ def edges(triangles: Indices) -> Edges:
 
 
 def across(met: Edges) -> Indices:
-    """Pairs (B, 2) of the vertices opposite each edge that two or more triangles share, the smaller index first: the
-    one met first with every other.
+    """Pairs (B, 2) of the vertices opposite each edge that triangles share, the smaller index first: the first
+    triangle's with that of every other.
     """
     order = np.argsort(met.of, kind="stable")
     starts = np.cumsum(met.count) - met.count

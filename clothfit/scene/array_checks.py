@@ -1,8 +1,8 @@
 """The long arrays of a scene: from JSON lists to NumPy arrays, and whether they make sense.
 
-A list is checked as a whole (the set of its types, then array comparisons), and item by item only to name
-what is wrong. Indices in messages are those of the list in the file, so `springs[3]` is the second end of the second
-spring. Every function appends its sentences to `problems`, at most a handful per list.
+Each list is checked as a whole (the set of its types, then array comparisons), and item by item only to find what is
+wrong. Indices in messages are those of the list in the file, so `springs[3]` is the second end of the second spring.
+Every function appends its sentences to `problems`, at most a handful per list.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ class Arrays(NamedTuple):
 
 
 def arrays(fields: dict[str, Any], place: str, problems: list[str]) -> Arrays | None:
-    """Turn the lists of one object into arrays; None when there is something wrong with them.
+    """Turn the lists of one object into arrays; None when something is wrong with them.
 
-    `fields` has passed the check of the structure and has its defaults; `place` is `objects[0]`.
+    `fields` has passed the check of the structure and has its defaults; `place` is such as `objects[0]`.
     """
     before = len(problems)
     n = len(fields["vertPos"])
@@ -77,7 +77,7 @@ def vectors(values: list[Any], place: str, problems: list[str]) -> Array | None:
             return array.reshape(-1, 3)
     wrong = list(chain.from_iterable(_vector_problems(value, f"{place}[{i}]") for i, value in enumerate(values)))
     problems.extend(wrong[:HANDFUL])
-    _tell_rest(len(wrong), problems)
+    _count_rest(len(wrong), problems)
     return None
 
 
@@ -127,7 +127,7 @@ def check_finite(array: Array, place: str, problems: list[str]) -> bool:
 
 
 def check_range(values: Array | None, kind: Kind, place: str, problems: list[str]) -> None:
-    """Check that all values of a kind, where there are any, are such as it can have: above 0, or 0 or more."""
+    """Check that all values of a kind, if there are any, are in its range: above 0, or 0 or more."""
     if values is not None and kind.valid != "any number":
         wrong = np.flatnonzero(values <= 0 if kind.valid == "above 0" else values < 0).tolist()
         unit = kind.unit
@@ -216,16 +216,16 @@ def _double(value: float) -> float:
 
 def _report(wrong: Sequence[int], place: str, sentence: Callable[[int], str], problems: list[str]) -> None:
     problems.extend(f"{place}[{i}]: {sentence(i)}" for i in wrong[:HANDFUL])
-    _tell_rest(len(wrong), problems)
+    _count_rest(len(wrong), problems)
 
 
 def _report_springs(wrong: Flags, springs: Indices, place: str, sentence: str, problems: list[str]) -> None:
     pairs = springs[wrong][:HANDFUL].tolist()
     starts = (2 * np.flatnonzero(wrong)[:HANDFUL]).tolist()  # index in the flat list
     problems.extend(f"{place}[{i}]: {sentence.format(*pair)}" for i, pair in zip(starts, pairs, strict=True))
-    _tell_rest(int(wrong.sum()), problems)
+    _count_rest(int(wrong.sum()), problems)
 
 
-def _tell_rest(count: int, problems: list[str]) -> None:
+def _count_rest(count: int, problems: list[str]) -> None:
     if count > HANDFUL:
         problems[-1] += f" (and {count - HANDFUL} more in this list)"

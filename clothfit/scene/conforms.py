@@ -1,8 +1,8 @@
-"""Whether a JSON document surely obeys a schema: a quick look before a validator is loaded.
+"""Whether a JSON document surely obeys a schema: a quick check before a validator is loaded.
 
-Nearly every scene is in order, and to load the validator takes longer than to read one. The answer yes is certain; no
-means only that it should be asked. So the few keywords below are enough, one that is not among them means no, and so
-does a value that differs in type from the one that is listed (1.0 and 1, true and 1).
+Nearly every scene is valid, and loading the validator takes longer than reading a scene. The answer yes is certain; no
+means only that the validator must decide. So the few keywords below are enough: any other keyword means no, and so does
+a value that differs in type from the listed one (1.0 and 1, true and 1).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TYPE_TESTS: dict[str, Callable[[Any], bool]] = {
 
 
 def is_number(value: object) -> bool:
-    """Whether a value is a finite number within the range of doubles; true and false are none."""
+    """Whether a value is a finite number within the range of doubles; true and false are not."""
     try:
         return type(value) in (int, float) and math.isfinite(value)  # type: ignore[arg-type]
     except OverflowError:  # an integer beyond the range of doubles

@@ -1,9 +1,9 @@
-"""The kinds of parameter that a fit can find: one row each, read by all who need to know what kinds there are.
+"""The kinds of parameter that a fit can find: a table with one row each.
 
 A kind belongs to each vertex, spring or object, or to the scene as a whole. Masses and stiffnesses are flagged by the
 two letters of an object's `optimizationSettings`, every other kind by its field's name in the `fit` of its object or of
-the scene. Mode G is one value for the whole object (of the lengths: one factor on those at `vertPos`), L one value per
-vertex or spring.
+the scene. Mode G is one value for the whole object (for rest lengths one factor on the lengths at `vertPos`), L one
+value per vertex or spring.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ class Kind:
     name: str  # of the field in `arrays.Elements`, of the attribute of Cloth or Scene, and in reports
     title: str  # in messages
     field: str  # of the scene file
-    of: str  # what has one each: "vertex", "spring", "object" or "scene"
-    modes: str  # what can be asked for besides n
+    of: str  # what each has one: "vertex", "spring", "object" or "scene"
+    modes: str  # the possible modes besides n
     components: int  # 3 for vectors
     unit: str
-    valid: str  # which finite values a scene may have: "above 0", "0 or more" or "any number"
+    valid: str  # the range of values in a scene: "above 0", "0 or more" or "any number"
     lower: float  # bounds of a fit
     upper: float
     log: bool  # whether a fit moves its logarithm, or the value itself
     scale: float = 1.0  # typical size, where a fit moves the value itself
-    neutral: tuple[float, ...] = (1.0,)  # start of a fit that may not know the scene's value; of lengths: the factor
+    neutral: tuple[float, ...] = (1.0,)  # start of a fit that must not use the scene's value; for lengths the factor
 
 
 KINDS = (
@@ -42,7 +42,7 @@ KINDS = (
     Kind("rest", "rest length", "springRestLength", "spring", "GL", 1, "m", "above 0", 1e-4, 1e4, True),
     Kind(
         "wind", "wind", "windVel", "scene", "G", 3, "m/s", "any number", -1e4, 1e4, False,
-        # not 0: in still air a flat cloth stays flat, and shows nothing of a wind along it
+        # not 0: in still air a flat cloth stays flat, and reveals no wind along it
         scale=5.0, neutral=(0.1, 0.1, 0.1),
     ),
     Kind(

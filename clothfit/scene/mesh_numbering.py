@@ -1,8 +1,8 @@
-"""The numbering of the mesh that an object of a scene was made from, where welding changed it.
+"""The vertex numbers of the mesh that an object of a scene was made from, where welding changed them.
 
-A motion from the tool that drew the mesh has the mesh's vertices. An optional field of the object tells which vertex of
-the object each of them became, `"meshVertices": [0, 1, 2, 1, -1]`: the fourth was joined to the second, the fifth
-left out. As any field that the front end does not know, it stays in the file.
+A motion from the tool that drew the mesh has the mesh's vertices. An optional field of the object lists the vertex of
+the object that each of them became: in `"meshVertices": [0, 1, 2, 1, -1]` the fourth was joined to the second, and the
+fifth left out. The front end keeps the field, as any that it does not know.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ FIELD = "meshVertices"
 
 
 def numberings(scene: Scene) -> list[Indices | None]:
-    """Of each object the vertex (n_mesh,) that each vertex of its mesh became, −1 for none; None where the scene does
-    not say, and the two have the same numbers. Raises InvalidScene when a field cannot be one.
+    """For each object the vertices (n_mesh,) that those of its mesh became, −1 for none; None where the scene has no
+    such field, as both have the same numbers. Raises InvalidScene when a field is invalid.
     """
     if f'"{FIELD}"' not in scene.source.text:  # parsing takes as long as loading
         return [None] * len(scene.cloths)
@@ -31,8 +31,8 @@ def numberings(scene: Scene) -> list[Indices | None]:
 
 
 def picks(scene: Scene) -> Indices | None:
-    """For each vertex of the scene, all objects one after another, the first vertex of their meshes, one after another,
-    that it was; None where nothing was renumbered. Raises InvalidScene as `numberings`.
+    """For each vertex of the scene the first vertex of the meshes that became it, both numbered through all objects;
+    None where nothing was renumbered. Raises InvalidScene as `numberings`.
 
     Positions (frames, points, 3) of the meshes become those of the scene by `positions[:, picks(scene)]`, if there are
     `sum(mesh_counts(scene))` of them.
@@ -56,9 +56,9 @@ def mesh_counts(scene: Scene) -> tuple[int, ...]:
 
 
 def unwelded(scene: Scene, positions: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Positions (frames, vertices, 3) of the scene, or other values of its vertices, as those (frames, points, 3) of
-    its meshes, for tools that have these; what was left out, being in no triangle, goes with its object's first vertex.
-    Raises InvalidScene as `numberings`.
+    """Positions (frames, vertices, 3) of the scene, or other values of its vertices, spread to the vertices of its
+    meshes (frames, points, 3); those in no triangle, which were left out, follow their object's first vertex. Raises
+    InvalidScene as `numberings`.
     """
     chosen, begin = [], 0
     for numbering, count in zip(numberings(scene), scene.vertex_counts, strict=True):
@@ -75,5 +75,5 @@ def _numbering(values: Any, index: int, scene: Scene) -> Indices | None:
     whole = isinstance(values, list) and set(map(type, values)) <= {int}
     if not whole or not {*range(n)} <= {*values} <= {*range(-1, n)}:
         place = f"objects[{index}].{FIELD}"
-        raise InvalidScene(f"{place}: is no list that names each of the {n} vertices; take the field away", scene.name)
+        raise InvalidScene(f"{place}: must be a list that names each of the {n} vertices; remove the field", scene.name)
     return np.array(values, np.int32)

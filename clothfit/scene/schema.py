@@ -1,10 +1,10 @@
 """The structure of a scene document: which fields there are, of which type, the scalars within their bounds.
 
-The rules are those of `schemas/scene.schema.json`, and so are the defaults. A schema validator takes seconds on the
-long arrays of a large cloth, so these are cut out here, from document and schema alike: only that they are lists is
-checked. Their items are checked by `checks.py`. The validator is loaded only for what does not obviously conform.
-Two types are meant more strictly than JSON Schema does: a number is finite and within the range of doubles, a whole
-number is written without a decimal point.
+The rules and the defaults are those of `schemas/scene.schema.json`. A schema validator takes seconds on the long arrays
+of a large cloth, so this module cuts their items out of document and schema, and checks only that they are lists;
+`array_checks` checks the items. The validator is loaded only for what does not obviously conform.
+Two types are stricter than in JSON Schema: a number is finite and within the range of doubles, and a whole number is
+written without a decimal point.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ TYPE_NAMES = {
 
 
 def problems_of(document: Any) -> list[str]:
-    """List what is wrong with the structure, each as "place: what is wrong"; at most one per place."""
+    """List what is wrong with the structure as "place: what is wrong", at most one per place."""
     found: dict[str, str] = {}
     outline, schema = _outline(document), _schema_of_outlines()
     if conforms(outline, schema, schema):
@@ -102,9 +102,9 @@ def _short(item: Any) -> Any:
 
 
 def _problems(error: Any) -> list[tuple[str, str]]:
-    """Put an error of the validator into our words: pairs of place and sentence."""
+    """Turn an error of the validator into this program's sentences: pairs of place and sentence."""
     path = list(error.absolute_path)
-    if error.validator == "required":  # the validator does not say which field it means; all of them, then
+    if error.validator == "required":  # the validator does not say which field, so name all of them
         missing = [name for name in error.validator_value if name not in error.instance]
         return [(place([*path, name]), "is missing, and it has no default") for name in missing]
     if error.validator == "additionalProperties":  # only a `fit` has a closed list of fields

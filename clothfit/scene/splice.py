@@ -1,9 +1,9 @@
-"""New numbers into an old text: all but the numbers that changed stays byte for byte as it was.
+"""New numbers in an old text: everything but the changed numbers stays byte for byte as it was.
 
-Writing the parsed document again would respell every number (`0.020` becomes `0.02`) and lose the layout. Instead the
-values are found in the text, and in them the tokens whose value differs are replaced; a field that is needed and not
-there is put behind the last one of its object, spaced as that is. The text is one that parsed as a valid scene without
-repeated keys, so the end of a value is found from strings and brackets alone, without recursion.
+Writing the parsed document again would respell every number (`0.020` becomes `0.02`) and lose the layout. Instead this
+module finds the values in the text and replaces the tokens whose value differs; a field that is needed and missing goes
+behind the last field of its object, spaced as that one. The text has been parsed as a valid scene without repeated
+keys, so strings and brackets alone show the end of a value, without recursion.
 
 A value is a number, a list of numbers, a vector {x, y, z}, or a list of vectors.
 """
@@ -19,7 +19,7 @@ STRING = r'"[^"\\]*(?:\\.[^"\\]*)*"'
 # One set of first characters lets the search skip long runs of numbers quickly.
 STRING_OR_BRACKET = re.compile(r'["\[\]{}](?:(?<=")[^"\\]*(?:\\.[^"\\]*)*")?', re.DOTALL)
 ATOM = re.compile(rf"{STRING}|[^\s,:\]}}]+", re.DOTALL)
-BETWEEN = re.compile(r"[ \t\r\n,:]*")  # separators need no telling apart in a valid text
+BETWEEN = re.compile(r"[ \t\r\n,:]*")  # a valid text needs no distinction of separators
 NUMBER_TOKEN = re.compile(r"-?[0-9][0-9.eE+-]*")
 
 Span = tuple[int, int]
@@ -30,14 +30,14 @@ class Optional(NamedTuple):
     """The value of a field that a text may lack."""
 
     value: Any
-    needed: bool  # whether to put it in where it is missing
+    needed: bool  # whether to insert it where it is missing
 
 
 def splice(text: str, objects: Sequence[Mapping[str, Any]], scene: Mapping[str, Any] | None = None) -> str:
     """Put values into the fields of a scene and its objects: `objects[i]["vertMass"]` into `objects[i].vertMass`.
 
-    Each list keeps its length. A token stays when its value is the new one, else it becomes `repr` of the new one.
-    Fields that may be missing have their value as an `Optional`.
+    Each list keeps its length. A token stays if it has the new value, else it becomes the `repr` of that. Fields that
+    may be missing have their value as an `Optional`.
     """
     start = _after(text, 0)
     top = dict(_members(text, start))

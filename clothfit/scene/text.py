@@ -1,15 +1,14 @@
 """The text of a scene: reading it from a path, an open file or a dict, decoding it, parsing its JSON.
 
 The text is kept as it came, with encoding and byte order mark, so that saving can put back all but the fitted
-numbers. Files written on Windows often start with a byte order mark; UTF-16 and UTF-32 are known only by theirs.
+numbers. Files written on Windows often start with a byte order mark; UTF-16 and UTF-32 are recognised only by theirs.
 
-Python's `json` is laxer than JSON: it takes NaN and Infinity, keeps the last of repeated keys, turns 1e999 into
-infinity, and stops with errors of its own on deep nesting and on integers beyond 4300 digits. Repeated keys, deep
-nesting and broken syntax are refused here. Numbers that are not finite are let through, so that whoever
-checks the values can name their place in the scene; `Parsed.constants` tells that there are some.
+Python's `json` is laxer than JSON: it accepts NaN and Infinity, keeps the last of repeated keys, turns 1e999 into
+infinity, and raises errors of its own on deep nesting and on integers beyond 4300 digits. This module refuses repeated
+keys, deep nesting and broken syntax. It accepts numbers that are not finite, so that the check of the values can name
+their place in the scene; `Parsed.constants` lists them.
 
-A text may come from anybody: its size, its nesting and the memory that its values will take are looked at before it is
-parsed.
+A text may come from anybody: its size, its nesting and the memory for its values are checked before it is parsed.
 """
 
 from __future__ import annotations
@@ -42,17 +41,17 @@ BYTE_ORDER_MARKS = {
 SAFE_DIGITS = 400  # an integer with more digits is beyond the range of doubles
 
 MOST_DEPTH = 64
-"""Levels of lists and objects in one another; a scene has 5."""
+"""Levels of nested lists and objects; a scene has 5."""
 
 VALUE_BYTES = {"{": 184, "[": 56, ",": 40}
-"""Memory that an object, a list, and a value with its place in one take, at least, …"""
+"""The least memory, in bytes, of an object, of a list, and of a value with its place in one, …"""
 
 TEXT_COPIES = 3
-"""… and that takes the text, in bytes, with what is cut out of it."""
+"""… and that of the text with what is cut out of it, as a multiple of its size."""
 
 NO_MARKS = bytes(set(range(256)) - set(b'[]{}"'))
 
-MOST_REPETITIONS = 20  # keys that are told
+MOST_REPETITIONS = 20  # repeated keys in a message
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ class Parsed:
     """The JSON document of a text."""
 
     document: Any
-    constants: tuple[str, ...]  # the NaN, Infinity and -Infinity met, in the order of the text
+    constants: tuple[str, ...]  # each NaN, Infinity and -Infinity, in the order of the text
 
 
 def name_of(origin: object) -> str:
@@ -134,7 +133,7 @@ def parse(source: Source, name: str) -> Parsed:
 
 
 def constant_problem(source: Source) -> str:
-    """Tell where the first NaN or Infinity of a text stands; for one in a field that nobody else checks."""
+    """A sentence with the place of the first NaN or Infinity, for one in a field that no other check reads."""
     tokens = re.finditer(r'"[^"\\]*(?:\\.[^"\\]*)*"|NaN|-?Infinity', source.text)
     first = next(token for token in tokens if not token.group().startswith('"'))
     line = source.text.count("\n", 0, first.start()) + 1
@@ -170,7 +169,7 @@ def _checked(text: str) -> Source:
 
 def _check_nesting(text: str, name: str) -> None:
     """Raise InvalidScene on a text that is nested too deeply, or whose values would not fit into the free memory."""
-    import numpy as np  # here because messages about files, which this module names, must not wait for it
+    import numpy as np  # here, as messages about a missing file must not wait for NumPy
 
     marks = _marks(text)
     steps = 28 - (np.frombuffer(marks, np.uint8) & 31).astype(np.int32)  # 1 for [ and {, −1 for ] and }

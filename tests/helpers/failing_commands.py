@@ -195,7 +195,7 @@ ARRAYS = {
     "vertices … and … are too far apart; the spring's rest length is not finite": own(
         "vertPos", 5, {"x": 1e300, "y": 0, "z": 0}
     ),
-    "is no list that names each of the … vertices; take the field away": Case(
+    "must be a list that names each of the … vertices; remove the field": Case(
         "info scene.json", {"scene.json": changed(SMALL, ("objects", 0, "meshVertices"), [0, 1])}
     ),
 }

@@ -128,5 +128,5 @@ WRONG = [[0, 1], "all", [*range(15), 16], [*range(16), -2], [*range(15), 15.0], 
 @pytest.mark.parametrize("value", WRONG)
 def test_a_field_that_cannot_be_is_refused(value):
     scene = load(changed(trial("nG", 5), ("objects", 0, FIELD), value))
-    with pytest.raises(InvalidScene, match=r"objects\[0\].meshVertices: is no list"):
+    with pytest.raises(InvalidScene, match=r"objects\[0\].meshVertices: must be a list"):
         numberings(scene)
