@@ -30,10 +30,9 @@ COLUMNS = 96  # of a command
 HEAD = """
 # Gallery
 
-Written by `python docs/gallery.py`, which runs the commands under each film. Blue is the cloth, green and translucent
-over it the target; where both are at one place it looks teal. Red dots are held. The films are made smaller for this
-page. `clothfit report` [plays such motions in 3-D](report.md); all about films and pictures is in
-[pictures.md](pictures.md).
+`python docs/gallery.py` writes this page and runs the commands under each film. The cloth is blue; the target over it is
+translucent green; where both coincide the picture is teal. Red dots are held vertices. The films are scaled down for this
+page. `clothfit report` [plays such motions in 3-D](report.md); [pictures.md](pictures.md) describes films and pictures.
 """
 
 
@@ -42,7 +41,7 @@ class Film(NamedTuple):
 
     name: str
     title: str
-    told: str
+    text: str
     commands: tuple[str, ...]
     captions: tuple[tuple[str, str], ...] = ()  # of several films side by side: files and what is written above them
 
@@ -50,8 +49,8 @@ class Film(NamedTuple):
 CURTAIN = Film(
     "curtain",
     "A curtain, before and after",
-    "The walk of [the first page](../README.md#a-five-minute-walk): a capture, what a first guess of the fabric makes "
-    "of it, 527 mm off, and what the fit does, 2.8 µm off.",
+    "The walk of [the first page](../README.md#a-five-minute-walk): a first guess of the fabric, 527 mm off the shot, "
+    "and the fit, 2.8 µm off.",
     (
         "new plane --size 2 --upright --fix-vertices 132,143 --stiffness 12 --damping 0.5 --wind 1,0,3 --drag air "
         "--fit nL -o theirs.json",
@@ -64,15 +63,15 @@ CURTAIN = Film(
 )
 
 
-def example(name: str, title: str, told: str) -> Film:
+def example(name: str, title: str, text: str) -> Film:
     """The fit of one of the examples."""
-    return Film(name, title, told, (f"estimate examples/{name}.json -o {name}.fitted.json --gif {name}.gif",))
+    return Film(name, title, text, (f"estimate examples/{name}.json -o {name}.fitted.json --gif {name}.gif",))
 
 
-def made(name: str, title: str, told: str, options: str) -> Film:
+def made(name: str, title: str, text: str, options: str) -> Film:
     """The motion of a plane that `new` makes."""
     return Film(
-        name, title, told, (f"new plane {options} -o {name}.json", f"simulate {name}.json -q --gif {name}.gif")
+        name, title, text, (f"new plane {options} -o {name}.json", f"simulate {name}.json -q --gif {name}.gif")
     )
 
 
@@ -81,27 +80,28 @@ GALLERY = (
     made(
         "banner",
         "A flag in the wind",
-        "`--drag air` finds the drag with which faces of this size feel the wind.",
+        "`--drag air` chooses the drag with which faces of this size feel the wind as in reality.",
         "--size 3x2 --divisions 16 --upright --fix-side left --wind 7,0,1.5 --drag air --stiffness 200",
     ),
     made(
         "ball",
         "A cloth falls on a ball",
-        "Nothing holds it but the sphere.",
+        "No vertex is held; only the sphere stops the fall.",
         "--size 2 --divisions 20 --move 0,0.75,0 --sphere 0,0,0,0.6 --damping 0.5",
     ),
     made(
         "table",
         "A tablecloth",
-        "What lies on the table is held; what hangs over its edge falls.",
+        "The vertices on the table are held; the rest hangs over its edge.",
         "--size 2.4 --divisions 14 --fix-box -0.7,-1,-0.7:0.7,1,0.7 --damping 0.6",
     ),
-    example("side", "Held at one side: 726 stiffnesses", "A trial: the scene's own values are hidden, and come out."),
+    example("side", "Held at one side: 726 stiffnesses", "A trial: the fit recovers the scene's own values, which are hidden from it."),
     example("corners", "Held at four corners: 144 masses", "One mass for each vertex, from its motion alone."),
     example(
         "flag",
         "Where one number is not enough",
-        "The springs of this flag differ, and one stiffness for all of them stays 353 mm off: blue and green part.",
+        "The springs of this flag differ. With one stiffness for all of them the fit stays 353 mm off: blue and green "
+        "separate.",
     ),
     example("drape", "On a big ball: one mass", "The best that one mass for all vertices can do, 27 mm off."),
 )
@@ -116,7 +116,7 @@ def chapter(film: Film) -> Iterator[str]:
     """The paragraphs on one film."""
     yield f"## {film.title}"
     yield f"![{film.title}](gallery/{film.name}.gif)"
-    yield film.told
+    yield film.text
     lines = (line for command in film.commands for line in wrapped(f"clothfit {command}", COLUMNS))
     yield "\n".join(["```sh", *lines, "```"])
 

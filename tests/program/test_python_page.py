@@ -62,7 +62,7 @@ def test_an_example_runs_and_gives_what_the_page_shows(name, tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     source = f"{EXAMPLES[python.START]}\n{EXAMPLES[name]}\n"
     test = doctest.DocTestParser().get_doctest(source, {}, name, str(python.EXAMPLES), 0)
-    told = []
+    report = []
     runner = doctest.DocTestRunner(optionflags=OPTIONS, verbose=False)
-    runner.run(test, out=told.append)
-    assert not runner.failures, "".join(told)
+    runner.run(test, out=report.append)
+    assert not runner.failures, "".join(report)

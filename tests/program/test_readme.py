@@ -61,15 +61,15 @@ def checkout(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(page)])
 def test_the_commands_of_a_page_print_what_it_says(checkout, capsys, page):
-    for command, told in commands(page):
+    for command, shown in commands(page):
         assert run(shlex.split(command)) == 0
         err = capsys.readouterr().err
         printed = shape(err)
-        assert BEST not in told or (undominated(told) and undominated(err))
-        if CUT in told:  # lines that depend on the machine are left out
-            assert [line for line in shape(told) if line != CUT and line not in printed] == []
+        assert BEST not in shown or (undominated(shown) and undominated(err))
+        if CUT in shown:  # lines that depend on the machine are left out
+            assert [line for line in shape(shown) if line != CUT and line not in printed] == []
         else:
-            assert printed == shape(told)
+            assert printed == shape(shown)
 
 
 def test_the_first_page_shows_all_of_a_day():

@@ -60,28 +60,28 @@ def checked(folder, script):
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory):
+def output(tmp_path_factory):
     """What it says of a right script, then of every name, and of calls that are wrong."""
     names = "".join(f"reveal_type(clothfit.{name})\n" for name in [*clothfit.__all__, *clothfit._MODULES])
     wrong = 'clothfit.simulate("scene.json")\nclothfit.estimat(scene)\nfit.rmse.upper()\nmotion.positions = p\n'
     return checked(tmp_path_factory.mktemp("types"), f"{SCRIPT}\n{names}\n{wrong}")
 
 
-def lines(told, kind):
+def lines(output, kind):
     """The numbers of the lines of which it says something of a kind."""
-    return [int(line) for line in re.findall(rf"^script\.py:(\d+): {kind}:", told, re.MULTILINE)]
+    return [int(line) for line in re.findall(rf"^script\.py:(\d+): {kind}:", output, re.MULTILINE)]
 
 
-def test_a_strict_type_checker_finds_nothing_wrong_with_calls_that_are_right(told):
-    assert [line for line in lines(told, "error") if line <= SCRIPT.count("\n")] == [], told
+def test_a_strict_type_checker_finds_nothing_wrong_with_calls_that_are_right(output):
+    assert [line for line in lines(output, "error") if line <= SCRIPT.count("\n")] == [], output
 
 
-def test_it_knows_the_type_of_every_public_name(told):
-    types = re.findall(r'Revealed type is "(.*)"', told)
+def test_it_knows_the_type_of_every_public_name(output):
+    types = re.findall(r'Revealed type is "(.*)"', output)
     assert len(types) == len(clothfit.__all__) + len(clothfit._MODULES)
     assert [kind for kind in types if kind == "Any"] == []
 
 
-def test_it_finds_calls_that_are_wrong(told):
+def test_it_finds_calls_that_are_wrong(output):
     last = SCRIPT.count("\n") + len(clothfit.__all__) + len(clothfit._MODULES) + 2
-    assert lines(told, "error") == [last + k for k in (1, 2, 3, 4)], told
+    assert lines(output, "error") == [last + k for k in (1, 2, 3, 4)], output
