@@ -30,9 +30,10 @@ COLUMNS = 96  # of a command
 HEAD = """
 # Gallery
 
-`python docs/gallery.py` writes this page and runs the commands under each film. The cloth is blue; the target over it is
-translucent green; where both coincide the picture is teal. Red dots are held vertices. The films are scaled down for this
-page. `clothfit report` [plays such motions in 3-D](report.md); [pictures.md](pictures.md) describes films and pictures.
+`python docs/gallery.py` writes this page and runs the commands under each film. The cloth is blue; the target over it
+is translucent green; where both coincide the picture is teal. Red dots are held vertices. The films are scaled down for
+this page. `clothfit report` [plays such motions in 3-D](report.md); [pictures.md](pictures.md) describes films and
+pictures.
 """
 
 
@@ -95,7 +96,7 @@ GALLERY = (
         "The vertices on the table are held; the rest hangs over its edge.",
         "--size 2.4 --divisions 14 --fix-box -0.7,-1,-0.7:0.7,1,0.7 --damping 0.6",
     ),
-    example("side", "Held at one side: 726 stiffnesses", "A trial: the fit recovers the scene's own values, which are hidden from it."),
+    example("side", "Held at one side: 726 stiffnesses", "A trial: the fit recovers the hidden values."),
     example("corners", "Held at four corners: 144 masses", "One mass for each vertex, from its motion alone."),
     example(
         "flag",
