@@ -21,31 +21,31 @@ def smooth(p):
     return float(np.exp(p[0]) + np.sin(p[1] / 20) * p[2] ** 2 + p[0] * p[2])
 
 
-def slope(p):
+def gradient(p):
     return np.array([np.exp(p[0]) + p[2], np.cos(p[1] / 20) / 20 * p[2] ** 2, 2 * np.sin(p[1] / 20) * p[2] + p[0]])
 
 
 def test_a_right_gradient_has_order_two():
-    order = taylor_order(smooth, slope(P), P, DIRECTION)
+    order = taylor_order(smooth, gradient(P), P, DIRECTION)
     assert 1.9 < order < 2.1
 
 
 @pytest.mark.parametrize("fault", [1.0, 1e-1, 1e-3, 1e-5])
 def test_a_wrong_gradient_has_order_one_somewhere_however_small_the_fault(fault):
     # a ladder of a few halvings from 1e-1 would show an order near 2 for the smaller ones
-    assert taylor_order(smooth, (1 + fault) * slope(P), P, DIRECTION) < 1.5
+    assert taylor_order(smooth, (1 + fault) * gradient(P), P, DIRECTION) < 1.5
 
 
 @pytest.mark.parametrize("entry", [0, 1, 2])
 def test_a_fault_in_one_entry_is_found(entry):
-    wrong = slope(P)
+    wrong = gradient(P)
     wrong[entry] *= 1.001
     assert taylor_order(smooth, wrong, P, DIRECTION) < 1.9
     assert central_difference_error(smooth, wrong, P, DIRECTION) > 1e-5
 
 
 def test_the_length_of_the_direction_does_not_matter():
-    orders = [taylor_order(smooth, slope(P), P, scale * DIRECTION) for scale in (1e-8, 1.0, 1e8)]
+    orders = [taylor_order(smooth, gradient(P), P, scale * DIRECTION) for scale in (1e-8, 1.0, 1e8)]
     np.testing.assert_allclose(orders, orders[0], atol=0.02)  # the same steps but for rounding
 
 
@@ -55,8 +55,8 @@ def test_noise_hides_the_lower_rungs_and_not_the_verdict():
     def noisy(p):
         return smooth(p) + 1e-9 * noise.normal()
 
-    assert taylor_order(noisy, slope(P), P, DIRECTION) > 1.9
-    assert taylor_order(noisy, 1.01 * slope(P), P, DIRECTION) < 1.9
+    assert taylor_order(noisy, gradient(P), P, DIRECTION) > 1.9
+    assert taylor_order(noisy, 1.01 * gradient(P), P, DIRECTION) < 1.9
 
 
 @pytest.mark.parametrize("cost", [lambda p: float(p @ [1, 2, 3]), lambda p: 5.0])
@@ -68,17 +68,17 @@ def test_a_cost_that_does_not_curve_cannot_be_checked(cost):
 
 def test_a_cost_that_is_not_finite_cannot_be_checked():
     with pytest.raises(InvalidInput, match="the cost is nan near p"):
-        taylor_order(lambda p: float("nan"), slope(P), P, DIRECTION)
+        taylor_order(lambda p: float("nan"), gradient(P), P, DIRECTION)
     with pytest.raises(InvalidInput, match="the cost is inf near p"):
-        central_difference_error(lambda p: float("inf"), slope(P), P, DIRECTION)
+        central_difference_error(lambda p: float("inf"), gradient(P), P, DIRECTION)
 
 
 def test_central_difference():
     # truncation 1e-12, rounding 1e-16 / 1e-6
-    assert central_difference_error(smooth, slope(P), P, DIRECTION) < 1e-9
-    wrong = central_difference_error(smooth, 1.001 * slope(P), P, DIRECTION)
+    assert central_difference_error(smooth, gradient(P), P, DIRECTION) < 1e-9
+    wrong = central_difference_error(smooth, 1.001 * gradient(P), P, DIRECTION)
     assert abs(wrong - 1e-3 / 1.001) < 1e-8
-    rough = central_difference_error(smooth, slope(P), P, DIRECTION, step=1e-2)
+    rough = central_difference_error(smooth, gradient(P), P, DIRECTION, step=1e-2)
     assert 1e-7 < rough < 1e-3  # the square of the step
 
 

@@ -161,9 +161,9 @@ def test_the_derivative_is_that_of_the_cost(objective, loss):
     value, derivative = cost_and_derivative(made, x)
     assert cost(made, x) == value
     along, t = RNG.normal(size=x.shape), 1e-7
-    slope = (cost(made, x + t * along) - cost(made, x - t * along)) / (2 * t)
-    # rounding 1e-15 over 1e-7; the slope is of the size of the cost, but its terms may cancel
-    assert slope == pytest.approx(np.vdot(derivative, along), rel=1e-6, abs=1e-7 * value)
+    measured = (cost(made, x + t * along) - cost(made, x - t * along)) / (2 * t)
+    # rounding 1e-15 over 1e-7; the derivative is of the size of the cost, but its terms may cancel
+    assert measured == pytest.approx(np.vdot(derivative, along), rel=1e-6, abs=1e-7 * value)
 
 
 @pytest.mark.parametrize("loss", LOSSES)
@@ -237,7 +237,7 @@ def test_a_large_scale_is_no_loss(name):
 
 @pytest.mark.parametrize("name", ["linear", "soft_l1", "huber"])
 def test_the_losses_are_those_of_scipy(name):
-    # residuals that nothing changes, so that SciPy tells the cost of the start; it halves the sum
+    # residuals that nothing changes, so that SciPy gives the cost of the start; it halves the sum
     r = np.array([0.01, 0.3, -2.0, 50.0])
     same = least_squares(lambda y: r, np.zeros(1), jac=lambda y: np.zeros((4, 1)), loss=name, f_scale=0.2)
     assert Loss(name, 0.2).value(r**2).sum() == pytest.approx(2 * same.cost, rel=1e-12)  # its 1 + z − 1

@@ -1,4 +1,4 @@
-"""What each objective sees and is blind to, and what a fit with it recovers."""
+"""What each objective depends on, what it ignores, and what a fit with it recovers."""
 
 import numba
 import numpy as np

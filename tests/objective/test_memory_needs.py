@@ -159,17 +159,17 @@ def test_matrices_that_do_not_fit_give_way_with_a_word(monkeypatch):
 def test_the_command_says_what_is_foreseen(tmp_path, capsys):
     path = write_scene(tmp_path, trial("nL", FRAMES))
     assert run(["estimate", path, "--json", "--no-intervals"]) == 0
-    told = capsys.readouterr()
-    assert "foreseen" not in told.err
-    needs = json.loads(told.out)["memory"]
+    printed = capsys.readouterr()
+    assert "foreseen" not in printed.err
+    needs = json.loads(printed.out)["memory"]
     assert (needs["snapshots"], needs["budget"] > 10**6) == (None, True)
     assert run(["estimate", path, "-v", "--memory", "1GB", "--no-intervals"]) == 0
     assert "; budget 1 GB\n" in capsys.readouterr().err
     tight = needs["foreseen"] - 100
     assert run(["estimate", path, "--memory", str(tight), "--json", "--no-intervals"]) == 0
-    told = capsys.readouterr()
-    assert " and computes the others again\n" in told.err
-    assert json.loads(told.out)["memory"]["snapshots"] > 0
+    printed = capsys.readouterr()
+    assert " and computes the others again\n" in printed.err
+    assert json.loads(printed.out)["memory"]["snapshots"] > 0
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """The whole gradient: Taylor ladder, central difference and dot products, over all forces, settings and schemes."""
 
+from dataclasses import replace
+
 import numba
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import as_motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective, cost_and_gradient
+from clothfit.scene.block import flagged
 from clothfit.scene.fit_vector import parameters, with_parameters
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations are slow without compilation")
@@ -295,3 +298,12 @@ def test_the_derivative_by_position_is_what_the_gradient_pulls_back():
     (change,) = objective.tangent(p, direction)
     forward, back = np.vdot(by_position, change), objective.cost_and_gradient(p)[1] @ direction
     assert abs(forward - back) < 1e-12 * abs(back)  # linear systems are solved to 1e-14
+
+
+def test_the_scene_makes_its_blocks_once(monkeypatch):
+    made = variant([sheet()], "implicit", 1)
+    motion, calls = truth(made), []
+    monkeypatch.setattr("clothfit.scene.scene.flagged", lambda *of: calls.append(of) or flagged(*of))
+    made = replace(made)
+    Objective(made, motion).cost_and_gradient(parameters(made))
+    assert len(calls) == 1

@@ -1,17 +1,8 @@
 """What of a motion is compared: objectives, one file each, and what they share.
 
 An objective takes the states s (F, n, 3) of one cloth at the times of the target's F frames (`target.sample`) and gives
-their differences from the target's in R groups of c numbers each. It is a class, made from (goal, system, name): a
-Target, the cloth's System and the name of the motion for messages. It has
-
-    residual(s)     d (R, c), 0 where s is the target
-    pullback(s, r)  Jᵀ r (F, n, 3) for r (R, c), J = ∂d/∂s
-    jacobian(s)     J as a sparse matrix (R·c, F·n·3), rows and columns in the order of the arrays
-    groups          R
-    reach           how many vertices at how many times a group depends on
-    linear          whether J is the same for all s
-    weights         (R,), how often each group counts; None where all count once
-    seen            (n,), the vertices that are compared at some time after the initial state
+their differences from the target's in R groups of c numbers each. It is a class like `Measure`, made from (goal,
+system, name): a Target, the cloth's System and the name of the motion for messages.
 
 J is exact. A robust loss takes the norm of a group. A weight is a factor of the loss, so that a weight of 2 is the same
 as observing twice.
@@ -41,20 +32,20 @@ Integers: TypeAlias = NDArray[np.integer[Any]]
 class Measure(Protocol):
     """One objective for one cloth and one target."""
 
-    groups: int
-    reach: int
-    linear: bool
-    weights: Array | None
-    seen: Flags
+    groups: int  # R
+    reach: int  # how many vertices at how many times a group depends on
+    linear: bool  # whether J is the same for all s
+    weights: Array | None  # (R,), how often each group counts; None where all count once
+    seen: Flags  # (n,), the vertices that are compared at some time after the initial state
 
     def residual(self, s: Array) -> Array:
-        """d (R, c) of the states s (F, n, 3)."""
+        """d (R, c) of the states s (F, n, 3); 0 where s is the target."""
 
     def pullback(self, s: Array, r: Array) -> Array:
-        """Jᵀ r (F, n, 3) for r (R, c)."""
+        """Jᵀ r (F, n, 3) for r (R, c), J = ∂d/∂s."""
 
     def jacobian(self, s: Array) -> csr_array:
-        """J (R·c, F·n·3)."""
+        """J as a sparse matrix (R·c, F·n·3), rows and columns in the order of the arrays."""
 
 
 Maker = Callable[[Target, System, str], Measure]
