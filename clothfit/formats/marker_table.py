@@ -28,7 +28,7 @@ from clothfit.formats.animation import Animation
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.demands import times_of, with_gaps
 from clothfit.formats.files import check_room, name_of
-from clothfit.formats.markers import METRES_PER_UNIT, labels_of, text_of, unit_of
+from clothfit.formats.markers import METRES_PER_UNIT, labels_of, number_table, text_of, unit_of
 from clothfit.formats.table import Table, animation_of, table_of
 
 TIME_COLUMNS = ("time", "t", "times", "seconds", "time_s", "timestamp")
@@ -60,12 +60,9 @@ def _wide(table: Table, time: int | None, frame: int | None) -> Animation:
     columns, unit = _columns(table, (time, frame))
     leading = [i for i in (time, frame) if i is not None]
     order = leading + [axes[axis] for axes in columns.values() for axis in "xyz"]
-    values, rows = array("d"), 0
-    for line, cells in table.rows:
-        values.extend(table.number(cells[i], line) for i in order)
-        rows += 1
-    numbers = np.frombuffer(values, np.float64).reshape(rows, len(order)).copy()
-    positions = numbers[:, len(leading) :].reshape(rows, len(columns), 3)
+    rows = ((table.number(cells[i], line) for i in order) for line, cells in table.rows)
+    numbers = number_table(rows, len(order))
+    positions = numbers[:, len(leading) :].reshape(len(numbers), len(columns), 3)
     times, frames = (None if i is None else numbers[:, leading.index(i)] for i in (time, frame))
     return animation_of(table, times, frames, positions, list(columns), unit)
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import codecs
 import math
 import os
-from collections.abc import Sequence
+from array import array
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -82,6 +83,14 @@ def number(cell: str, place: str) -> float:
     if cell.strip().lower() in EMPTY:
         return math.nan
     raise InvalidMotion(f"{place}: {shown(cell)} is not a number")
+
+
+def number_table(rows: Iterable[Iterable[float]], width: int) -> Array:
+    """Numbers that come row by row as a table (rows, width), in little more memory than they take."""
+    values = array("d")
+    for row in rows:
+        values.extend(row)
+    return np.frombuffer(values, np.float64).reshape(-1, width).copy()
 
 
 def marker_animation(

@@ -9,14 +9,11 @@ from __future__ import annotations
 
 import csv
 import io
-from array import array
-
-import numpy as np
 
 from clothfit.base.errors import InvalidMotion
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import Axes
-from clothfit.formats.markers import marker_animation, number, scale_of
+from clothfit.formats.markers import marker_animation, number, number_table, scale_of
 
 FIRST_CELL = "Format Version"
 
@@ -36,21 +33,20 @@ def parsed(text: str, name: str) -> Animation:
             if any(cells):
                 above.append([each.strip() for each in cells])
         triples = _triples(above)
-        values, rows = array("d"), 0
-        for cells in reader:
-            if not any(cells):
-                continue
-            place = f"{name}: line {reader.line_num}"
-            wanted = [1, *(first + axis for first in triples.values() for axis in range(3))]
-            values.extend(number(cells[i] if i < len(cells) else "", place) for i in wanted)
-            rows += 1
+        wanted = [1, *(first + axis for first in triples.values() for axis in range(3))]
+        rows = (
+            [number(cells[i] if i < len(cells) else "", f"{name}: line {reader.line_num}") for i in wanted]
+            for cells in reader
+            if any(cells)
+        )
+        table = number_table(rows, len(wanted))
     except csv.Error as error:
         raise InvalidMotion(f"{name}: it is not a table of cells ({error})") from None
-    table = np.frombuffer(values, np.float64).reshape(rows, 1 + 3 * len(triples)).copy()
     notes: list[str] = []
     unit = dict(zip(facts[::2], facts[1::2], strict=False)).get("Length Units", "")
     axes = Axes("y", "right", scale_of(unit, notes, "m"))
-    return marker_animation(table[:, 1:].reshape(rows, len(triples), 3), axes, table[:, 0], list(triples), notes, name)
+    positions = table[:, 1:].reshape(len(table), len(triples), 3)
+    return marker_animation(positions, axes, table[:, 0], list(triples), notes, name)
 
 
 def _triples(above: list[list[str]]) -> dict[str, int]:

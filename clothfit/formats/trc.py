@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import io
 import os
-from array import array
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from clothfit.formats.animation import Animation
 from clothfit.formats.axes import Axes
 from clothfit.formats.demands import rate_of, times_of, with_gaps
 from clothfit.formats.files import name_of
-from clothfit.formats.markers import labels_of, marker_animation, number, scale_of, text_of, unit_of
+from clothfit.formats.markers import labels_of, marker_animation, number, number_table, scale_of, text_of, unit_of
 
 FILE_TYPE = "PathFileType"
 FACTS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame",
@@ -36,27 +35,26 @@ def read(path: str | os.PathLike[str]) -> Animation:
     facts = {key.strip().lower(): value.strip() for key, value in zip(head[1], head[2], strict=False)}
     names = [each.strip() for each in head[3][2:] if each.strip()]
     width = 2 + 3 * len(names)
-    values, frames = array("d"), 0
-    for count, line in enumerate(lines, 6):
-        if not line.strip():
-            continue
-        cells = line.rstrip("\r\n").split("\t")
-        while len(cells) > width and not cells[-1].strip():
-            cells.pop()
-        if len(cells) > width:
-            raise InvalidMotion(f"{name}: line {count}: it has {len(cells)} cells, {width} are named")
-        place = f"{name}: line {count}"
-        row = [number(cell, place) for cell in cells[1:]]
-        values.extend(row + [np.nan] * (width - 1 - len(row)))
-        frames += 1
-    table = np.frombuffer(values, np.float64).reshape(frames, width - 1)
+    rows = (_row(line, f"{name}: line {i}", width) for i, line in enumerate(lines, 6) if line.strip())
+    table = number_table(rows, width - 1)
+    frames = len(table)
     promised = number(facts.get("numframes", ""), f"{name}: line 3")
     if frames < promised:  # never true for NaN, where the file promises nothing
         raise InvalidMotion(f"{name}: it ends early: {promised:.0f} frames are promised, {frames} are there")
     notes: list[str] = []
     axes = Axes("y", "right", scale_of(facts.get("units", ""), notes))
-    positions = table[:, 1:].reshape(frames, len(names), 3).copy()
-    return marker_animation(positions, axes, table[:, 0].copy(), names, notes, name)
+    return marker_animation(table[:, 1:].reshape(frames, len(names), 3), axes, table[:, 0], names, notes, name)
+
+
+def _row(line: str, place: str, width: int) -> list[float]:
+    """The numbers of a line but the first, NaN for missing cells. Raises InvalidMotion where there are too many."""
+    cells = line.rstrip("\r\n").split("\t")
+    while len(cells) > width and not cells[-1].strip():
+        cells.pop()
+    if len(cells) > width:
+        raise InvalidMotion(f"{place}: it has {len(cells)} cells, {width} are named")
+    row = [number(cell, place) for cell in cells[1:]]
+    return row + [np.nan] * (width - 1 - len(row))
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:

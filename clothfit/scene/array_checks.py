@@ -83,9 +83,7 @@ def vectors(values: list[Any], place: str, problems: list[str]) -> Array | None:
 
 def numbers(values: list[Any], place: str, problems: list[str]) -> Array | None:
     """Turn a list of numbers into an array (n,); all must be finite."""
-    if not set(map(type, values)) <= NUMBER_TYPES:
-        wrong = [i for i, value in enumerate(values) if type(value) not in NUMBER_TYPES]
-        _report(wrong, place, lambda i: f"{shown(values[i])} is not a number", problems)
+    if not check_types(values, NUMBER_TYPES, "a number", place, problems):
         return None
     array = _doubles(values)
     return array if check_finite(array, place, problems) else None
@@ -93,18 +91,13 @@ def numbers(values: list[Any], place: str, problems: list[str]) -> Array | None:
 
 def flags(values: list[Any], place: str, problems: list[str]) -> Flags | None:
     """Turn a list of true and false into an array (n,)."""
-    if not set(map(type, values)) <= {bool}:
-        wrong = [i for i, value in enumerate(values) if type(value) is not bool]
-        _report(wrong, place, lambda i: f"{shown(values[i])} is not true or false", problems)
-        return None
-    return np.array(values, dtype=np.bool_)
+    right = check_types(values, {bool}, "true or false", place, problems)
+    return np.array(values, dtype=np.bool_) if right else None
 
 
 def vertices(values: list[Any], n: int, size: int, place: str, problems: list[str]) -> Indices | None:
     """Turn a flat list of indices below n, in groups of `size`, into an array (len / size, size)."""
-    if not set(map(type, values)) <= {int}:
-        wrong = [i for i, value in enumerate(values) if type(value) is not int]
-        _report(wrong, place, lambda i: f"{shown(values[i])} is not an index (a whole number)", problems)
+    if not check_types(values, {int}, "an index (a whole number)", place, problems):
         return None
     try:
         array = np.array(values, dtype=np.int64)
@@ -117,6 +110,15 @@ def vertices(values: list[Any], n: int, size: int, place: str, problems: list[st
     if len(values) % size:
         problems.append(f"{place}: {len(values)} indices do not make {group}; a multiple of {size} is needed")
     return None if wrong or len(values) % size else array.astype(np.int32).reshape(-1, size)
+
+
+def check_types(values: list[Any], types: set[type], what: str, place: str, problems: list[str]) -> bool:
+    """Check that every item has one of the types."""
+    if set(map(type, values)) <= types:
+        return True
+    wrong = [i for i, value in enumerate(values) if type(value) not in types]
+    _report(wrong, place, lambda i: f"{shown(values[i])} is not {what}", problems)
+    return False
 
 
 def check_finite(array: Array, place: str, problems: list[str]) -> bool:
@@ -142,12 +144,10 @@ def lengths(positions: Array, springs: Indices) -> Array:
 
 def check_lengths(positions: Array, springs: Indices, place: str, problems: list[str]) -> None:
     """Check that every spring (S, 2) joins two vertices and has a rest length above 0 and finite."""
-    a, b = springs[:, 0], springs[:, 1]
-    same = a == b
+    same = springs[:, 0] == springs[:, 1]
     _report_springs(same, springs, place, "vertex {0} is joined to itself; a spring needs two vertices", problems)
     with np.errstate(over="ignore", under="ignore"):
-        edges = positions[a] - positions[b]
-        length = np.sqrt(np.einsum("si,si->s", edges, edges))
+        length = lengths(positions, springs)
     here = "vertices {0} and {1} lie at the same place; a spring needs a rest length above 0"
     _report_springs((length == 0) & ~same, springs, place, here, problems)
     far = "vertices {0} and {1} are too far apart; the spring's rest length is not finite"
@@ -220,10 +220,8 @@ def _report(wrong: Sequence[int], place: str, sentence: Callable[[int], str], pr
 
 
 def _report_springs(wrong: Flags, springs: Indices, place: str, sentence: str, problems: list[str]) -> None:
-    pairs = springs[wrong][:HANDFUL].tolist()
-    starts = (2 * np.flatnonzero(wrong)[:HANDFUL]).tolist()  # index in the flat list
-    problems.extend(f"{place}[{i}]: {sentence.format(*pair)}" for i, pair in zip(starts, pairs, strict=True))
-    _count_rest(int(wrong.sum()), problems)
+    starts = (2 * np.flatnonzero(wrong)).tolist()  # indices in the flat list
+    _report(starts, place, lambda i: sentence.format(*springs[i // 2]), problems)
 
 
 def _count_rest(count: int, problems: list[str]) -> None:

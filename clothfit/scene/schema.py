@@ -32,6 +32,12 @@ TYPE_NAMES = {
     "object": "an object",
     "string": "text in quotes",
 }
+BOUND_PROBLEMS = {
+    "exclusiveMinimum": "too small; it must be above",
+    "exclusiveMaximum": "too large; it must be below",
+    "minimum": "too small; it must be at least",
+    "maximum": "too large; it must be at most",
+}
 
 
 def problems_of(document: Any) -> list[str]:
@@ -122,14 +128,8 @@ def _sentence(rule: str, bound: Any, value: Any) -> str:
             return f"{shown(value)} is not {TYPE_NAMES[bound]}"
         case "enum":
             return f"{shown(value)} is not one of {', '.join(map(shown, bound))}"
-        case "exclusiveMinimum":
-            return f"{shown(value)} is too small; it must be above {bound}"
-        case "exclusiveMaximum":
-            return f"{shown(value)} is too large; it must be below {bound}"
-        case "minimum":
-            return f"{shown(value)} is too small; it must be at least {bound}"
-        case "maximum":
-            return f"{shown(value)} is too large; it must be at most {bound}"
+        case "exclusiveMinimum" | "exclusiveMaximum" | "minimum" | "maximum":
+            return f"{shown(value)} is {BOUND_PROBLEMS[rule]} {bound}"
         case "minItems":
             return f"is empty; at least {bound} is needed"
         case "pattern" | "maxLength":

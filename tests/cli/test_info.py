@@ -119,7 +119,7 @@ def test_the_summary_of_one_scene(tmp_path, capsys):
 def test_the_numbers_of_a_mesh_are_looked_at(tmp_path, capsys):
     path = write_scene(tmp_path, changed(trial("nG", 5), ("objects", 0, "meshVertices"), [0]))
     assert run(["validate", path]) == 3
-    assert "meshVertices: is no list" in capsys.readouterr().err
+    assert "meshVertices: must be a list" in capsys.readouterr().err
 
 
 def test_standard_input_is_one_of_them_at_most(capsys):
