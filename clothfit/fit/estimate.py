@@ -169,4 +169,5 @@ def with_holdout(found: Fit, kept_out: Objective | None, options: FitOptions) ->
     """The fit with how far its motion is from what was kept out of it."""
     if kept_out is None or options.holdout is None or found.status == Status.DIVERGED:
         return found
-    return replace(found, holdout=judged(kept_out, parameters(found.scene), options.holdout_of, options.holdout))
+    p = parameters(found.scene, kept_out.scene)
+    return replace(found, holdout=judged(kept_out, p, options.holdout_of, options.holdout))

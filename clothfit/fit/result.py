@@ -107,7 +107,7 @@ def with_fallbacks(found: Fit, objective: Objective) -> Fit:
     """
     if found.status in (Status.DIVERGED, Status.INTERRUPTED):
         return found
-    fallbacks = objective.remedies(parameters(found.scene))
+    fallbacks = objective.remedies(parameters(found.scene, objective.scene))
     texts = fallbacks.sentences(sum(run.steps for run in objective.runs))
     warnings = [*found.warnings, *(f"the fitted motion: {text}" for text in texts)]
     return replace(found, remedies=fallbacks, warnings=warnings)

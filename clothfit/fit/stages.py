@@ -34,7 +34,7 @@ WINDOW_SAVING, LOOSE_SAVING = 1e-3, 1e-4
 STAGE_TOLERANCE = 1e-5
 """Of the linear systems before the last stage: its error is far below that of the motion."""
 
-LONG_FIT = 100_000
+LONG_POSITIONS = 100_000
 """Compared positions from which on a fit saves time: it tries the balances of momentum on a few frames before it solves
 those of all, has looser stages before the last one, and ends early where the motion stays far from its target.
 """
@@ -97,7 +97,7 @@ def stage_tolerance(objective: Objective) -> float:
 
 def is_long(search: Search) -> bool:
     """Whether a fit takes so long that it saves time."""
-    return search.objective.observations >= LONG_FIT
+    return search.objective.observations >= LONG_POSITIONS
 
 
 def is_near(search: Search, cost: float | None = None) -> bool:

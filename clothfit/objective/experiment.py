@@ -40,7 +40,15 @@ def experiments(scene: Scene, targets: Targets) -> list[Experiment]:
         listed = targets
     if not listed:
         raise InvalidInput("target: none is given; at least one motion is needed")
-    return [experiment(scene, *(item if is_pair(item) else (item, scene))) for item in listed]
+    return [
+        item if is_checked(item, scene) else experiment(scene, *(item if is_pair(item) else (item, scene)))
+        for item in listed
+    ]
+
+
+def is_checked(item: object, scene: Scene) -> bool:
+    """Whether it is an experiment of the scene, made here before."""
+    return isinstance(item, Experiment) and item.scene is scene
 
 
 def is_pair(item: object) -> bool:

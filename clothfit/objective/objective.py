@@ -75,10 +75,8 @@ class Objective:
         Raises InvalidMotion when a motion does not fit its scene or an objective, InvalidInput for other arguments.
         """
         self.scene = scene
-        options: dict[str, Any] = {"objective": objective, "loss": loss, "loss_scale": loss_scale}
+        self._measure = (objective, loss, loss_scale)
         self.memory = budget(memory)
-        options["memory"] = self.memory
-        self._options = options
         self.tolerance = checked_tolerance(tolerance, TIGHT)
         self.blocks = scene.blocks
         self.cloths = fitted_cloths(scene)
@@ -104,7 +102,11 @@ class Objective:
         """
         wanted = frames if isinstance(frames, Sequence) else [frames] * len(self._ends)
         shorter = [first if end is None else min(first, end) for first, end in zip(wanted, self._ends, strict=True)]
-        return Objective(self.scene, self.experiments, tolerance or self.tolerance, shorter, **self._options)
+        objective, loss, scale = self._measure
+        return Objective(
+            self.scene, self.experiments, tolerance or self.tolerance, shorter,
+            objective=objective, loss=loss, loss_scale=scale, memory=self.memory,
+        )  # fmt: skip
 
     @cached_property
     def still(self) -> float:
@@ -160,7 +162,7 @@ class Objective:
         """For each fitted cloth, the vertices (n,) that any target compares at some time after the initial state."""
         return seen_in(self.runs)
 
-    @property
+    @cached_property
     def identifiable(self) -> Flags:
         """Which values of the fit vector (P,) at least one of the targets can reveal."""
         kept = np.ones(size(self.scene), bool)

@@ -206,7 +206,7 @@ def test_a_start_that_diverges_is_left():
 
 def wide(monkeypatch):
     """Take every fit for a long one with more values than a dense model has room for."""
-    monkeypatch.setattr(stages, "LONG_FIT", 0)
+    monkeypatch.setattr(stages, "LONG_POSITIONS", 0)
     monkeypatch.setattr(trajectory_fit, "LARGEST", 0.0)
 
 
