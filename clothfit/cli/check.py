@@ -24,11 +24,15 @@ if TYPE_CHECKING:
 
 @standard_command("check")
 @click.argument("scene_path", metavar="SCENE")
-@click.option("--steps", type=int, metavar="N", help="Time steps.  [default: the scene's, fewer for large cloths]")
-@click.option("--target", "target_path", metavar="MOTION", help="Compare with it.  [default: that of other values]")
+@click.option("--steps", type=int, metavar="N",
+              help="Simulate N time steps.  [default: the scene's, fewer for large cloths]")
+@click.option("--target", "target_path", metavar="MOTION",
+              help="Motion to compare with.  [default: that of perturbed values]")
 @motions.reads
-@click.option("--seed", type=click.IntRange(0), default=0, metavar="S", help="Of the random directions.  [default: 0]")
-@click.option("--memory", metavar="SIZE", help="To hold at most, such as 200MB.  [default: half of what is free]")
+@click.option("--seed", type=click.IntRange(0), default=0, metavar="S",
+              help="Seed of the random directions.  [default: 0]")
+@click.option("--memory", metavar="SIZE",
+              help="Use at most this much memory, such as 200MB.  [default: half of what is free]")
 def command(
     scene_path: str,
     steps: int | None,
@@ -39,10 +43,10 @@ def command(
     as_json: bool,
     console: Console,
 ) -> int:
-    """Check the gradient that a fit of SCENE would follow, at the scene's own values, by what it flags.
+    """Check the gradient of the cost of a fit of SCENE, at the scene's own values.
 
-    Taylor and difference compare it with the cost itself, along a random direction; dot product compares the forward
-    with the reverse sweep. Steps over which a contact switches are left out: there the cost has a kink.
+    The Taylor and difference tests compare it with the cost along a random direction; the dot product test compares the
+    forward with the reverse sweep. Steps in which a contact switches are left out, because the cost has a kink there.
 
     \b
     clothfit check scene.json

@@ -14,15 +14,15 @@ SHELLS = ("bash", "zsh", "fish")
 @standard_command("completion")
 @click.argument("shell", type=click.Choice(SHELLS), metavar="bash|zsh|fish")
 def command(shell: str, as_json: bool, console: Console) -> int:
-    """Print what makes a shell complete commands, options and file names.
+    """Print the script with which a shell completes commands, options and file names.
 
     \b
     eval "$(clothfit completion bash)"  # put this line into ~/.bashrc
     eval "$(clothfit completion zsh)"   # into ~/.zshrc, after compinit
     clothfit completion fish > ~/.config/fish/completions/clothfit.fish
 
-    Each needs its line once; a new terminal then knows it. It takes bash 4.4 or newer. What can be completed is asked
-    of the program itself, so it is what this version can do.
+    Run or add the line of your shell once and open a new terminal. It needs bash 4.4 or newer. The script asks the
+    installed program what it can complete.
     """
     text = script(shell)
     if as_json:

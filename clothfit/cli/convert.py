@@ -33,8 +33,9 @@ LEAST_ROUNDING = 1e-12
 @standard_command("convert")
 @click.argument("in_path", metavar="IN")
 @click.argument("out_path", metavar="OUT")
-@click.option("--scene", "scene_path", metavar="SCENE", help="Whose motion it is: checks it, gives times and faces.")
-@click.option("--mesh", "mesh_path", metavar="FILE", help="Whose faces to write: of any format that has some.")
+@click.option("--scene", "scene_path", metavar="SCENE",
+              help="Scene of the motion: checks it, and gives times and faces.")
+@click.option("--mesh", "mesh_path", metavar="FILE", help="Mesh whose faces are written, in any format that has faces.")
 @motions.reads
 @partial(motions.axes, prefix="to-", what="OUT")
 def command(
@@ -49,10 +50,10 @@ def command(
     as_json: bool,
     console: Console,
 ) -> int:
-    """Convert a motion from the format of IN to that of OUT, by their suffixes.
+    """Convert a motion from the format of IN to that of OUT; their suffixes name the formats.
 
-    A sequence of OBJ files is written as one name, with * in place of the frames' numbers. --scale, --up,
-    --handedness, --fps, --frames and --map are about IN.
+    A sequence of OBJ files has one name, with * in place of the frame number. --scale, --up, --handedness, --fps,
+    --frames and --map describe IN.
 
     \b
     clothfit convert scene.motion.npz 'frames/cloth_*.obj' --scene scene.json

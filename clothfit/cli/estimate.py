@@ -49,7 +49,7 @@ SECTIONS = {  # of the help
     "target_paths",
     metavar="MOTION[@SCENE]",
     multiple=True,
-    help="What to match, and the scene it was recorded in; may be repeated.  [default: the scene's own motion]",
+    help="Motion to match, and the scene it was recorded in; may be repeated.  [default: the scene's own motion]",
 )
 @motions.reads
 @click.option(
@@ -57,46 +57,57 @@ SECTIONS = {  # of the help
     "objectives",
     metavar="NAME[=WEIGHT]",
     multiple=True,
-    help="What to compare: position, velocity, edge-length, spectrum; may be repeated.  [default: position]",
+    help="Quantity to compare: position, velocity, edge-length or spectrum; may be repeated.  [default: position]",
 )
-@click.option("--loss", default="linear", metavar="NAME", help="linear, soft_l1 or huber.  [default: linear]")
-@click.option("--loss-scale", type=float, metavar="METRES", help="Gaps above it are outliers.  [default: 0.01]")
+@click.option("--loss", default="linear", metavar="NAME",
+              help="Loss of a distance: linear, soft_l1 or huber.  [default: linear]")
+@click.option("--loss-scale", type=float, metavar="METRES",
+              help="Distances above this count as outliers.  [default: 0.01]")
 @click.option(
     "--start",
     metavar="VALUE|SCENE",
-    help="First guess.  [default: the scene's values with --target, else a coarse search]",
+    help="Values to start from.  [default: the scene's values with --target, else a coarse search]",
 )
 @click.option(
     "--method",
     default="auto",
     metavar="NAME",
-    help="auto, momentum, gauss-newton, l-bfgs-b or another of SciPy's.  [default: auto]",
+    help="Optimiser: auto, momentum, gauss-newton, l-bfgs-b or another one of SciPy.  [default: auto]",
 )
-@click.option("--max-evaluations", type=int, default=1000, metavar="N", help="Of cost and gradient.  [default: 1000]")
-@click.option("--rmse", type=float, default=1e-8, metavar="METRES", help="Good enough: stop there.  [default: 1e-8]")
-@click.option("--tolerance", type=float, metavar="T", help="Of the linear solver.  [default: 1e-10]")
-@click.option("--checkpoint", metavar="FILE", help="Keep there how far the fit is.  [default: <output>.checkpoint]")
-@click.option("--resume", is_flag=True, help="Go on from the checkpoint of a fit that was ended early.")
+@click.option("--max-evaluations", type=int, default=1000, metavar="N",
+              help="Stop after N evaluations of the cost.  [default: 1000]")
+@click.option("--rmse", type=float, default=1e-8, metavar="METRES",
+              help="Stop when the RMSE is below this.  [default: 1e-8]")
+@click.option("--tolerance", type=float, metavar="T", help="Relative tolerance of the linear solver.  [default: 1e-10]")
+@click.option("--checkpoint", metavar="FILE", help="Save the state of the fit here.  [default: <output>.checkpoint]")
+@click.option("--resume", is_flag=True, help="Continue an interrupted fit from its checkpoint.")
 @click.option(
     "--prior",
     default="auto",
     metavar="TAU",
-    help="Scatter around the start, in log parameters; none; auto: as the data say.  [default: auto]",
+    help="Width of the prior around the start in log parameters; none; auto: estimated from the data.  [default: auto]",
 )
-@click.option("--holdout", type=float, metavar="FRACTION", help="Keep it out of the fit, and judge the fit by it.")
+@click.option("--holdout", type=float, metavar="FRACTION",
+              help="Exclude this share of the target, and report the error on it.")
 @click.option(
-    "--holdout-of", default="frames", metavar="WHAT", help="frames (the last), or vertices.  [default: frames]"
+    "--holdout-of", default="frames", metavar="WHAT", help="Exclude the last frames, or vertices.  [default: frames]"
 )
-@click.option("--no-intervals", is_flag=True, help="Do not look at what the motion determines, nor how well.")
-@click.option("--memory", metavar="SIZE", help="To hold at most, such as 200MB.  [default: half of what is free]")
-@click.option("-o", "--output", "path", metavar="SCENE", help="Fitted scene.  [default: <stem>.fitted<suffix>]")
-@click.option("--report", "report_path", metavar="FILE", help="A page that shows the fit, as clothfit report makes it.")
+@click.option("--no-intervals", is_flag=True,
+              help="Skip the analysis of which parameters the motion determines, and the 95 % intervals.")
+@click.option("--memory", metavar="SIZE",
+              help="Use at most this much memory, such as 200MB.  [default: half of what is free]")
+@click.option("-o", "--output", "path", metavar="SCENE",
+              help="File of the fitted scene.  [default: <stem>.fitted<suffix>]")
+@click.option("--report", "report_path", metavar="FILE",
+              help="Write a page that shows the fit, as clothfit report does.")
 @click.option("--in-place", is_flag=True, help="Write the fitted values into SCENE itself.")
-@click.option("--starts", type=int, default=1, metavar="K", help="Fit from K starts, keep the best.  [default: 1]")
-@click.option("--seed", type=int, default=0, metavar="S", help="Of the starts after the first.  [default: 0]")
-@click.option("--jobs", type=int, metavar="N", help="Fits at a time.  [default: one per core]")
-@click.option("--cluster", metavar="ADDRESS", help="Fit on a Dask cluster: tcp://host:port of its scheduler.")
-@click.option("--log", metavar="FILE", help="Write a line of JSON there for each iteration, and the summary.")
+@click.option("--starts", type=int, default=1, metavar="K",
+              help="Fit from K starts and keep the best result.  [default: 1]")
+@click.option("--seed", type=int, default=0, metavar="S",
+              help="Seed of the random starts after the first.  [default: 0]")
+@click.option("--jobs", type=int, metavar="N", help="Run N fits at a time.  [default: one per core]")
+@click.option("--cluster", metavar="ADDRESS", help="Run the fits on a Dask cluster; tcp://host:port of its scheduler.")
+@click.option("--log", metavar="FILE", help="Write a line of JSON for each iteration, and the summary.")
 @pictures.options
 def command(
     scene_paths: tuple[str, ...],
@@ -131,11 +142,11 @@ def command(
 ) -> int:
     """Fit the parameters that SCENE flags and write the scene with only those numbers changed.
 
-    Without --target the scene's own parameters are the truth, hidden from the fit: a trial of what can be recovered.
-    Of several targets the costs add up, as do those of several objectives, each times its weight.
+    Without --target, the fit tries to recover the scene's own parameters from its own motion. The costs of several
+    targets are added; so are those of several objectives, each multiplied by its weight.
 
-    Several scenes are fitted at a time, one per core; {stem} and {folder} in --target, --start, --checkpoint and -o
-    stand for each scene's name without its suffix and for its folder.
+    Several scenes are fitted in parallel, one per core. In --target, --start, --checkpoint and -o, {stem} stands for
+    the name of each scene without its suffix and {folder} for its folder.
 
     \b
     clothfit estimate scene.json

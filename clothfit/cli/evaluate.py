@@ -33,14 +33,17 @@ SPEED_OPTIONS = ("--speed", "--error", "--budget", "--fit", "--max-evaluations")
     "--steps",
     type=int,
     metavar="N",
-    help="Steps of the longer run.  [default: 499, that is 500 frames; with --speed those of SCENE]",
+    help="Simulate N steps for the longer comparison.  [default: 499; with --speed those of SCENE]",
 )
-@click.option("--speed", is_flag=True, help="Instead: how fast and how far off are integrators, steps, tolerances?")
-@click.option("--error", type=float, metavar="METRES", help="With --speed: recommend the cheapest that is as near.")
-@click.option("--budget", type=float, metavar="SECONDS", help="With --speed: about how long to measure.  [default: 60]")
-@click.option("--fit", is_flag=True, help="With --speed: compare the methods of estimation as well.")
+@click.option("--speed", is_flag=True, help="Measure the speed and error of integrators, steps and tolerances instead.")
+@click.option("--error", type=float, metavar="METRES",
+              help="With --speed: recommend the cheapest setting within this error.")
+@click.option("--budget", type=float, metavar="SECONDS",
+              help="With --speed: measure for about this long.  [default: 60]")
+@click.option("--fit", is_flag=True, help="With --speed: compare the optimisers too.")
 @click.option(
-    "--max-evaluations", type=int, metavar="N", help="With --fit: limit of cost evaluations of each.  [default: 100]"
+    "--max-evaluations", type=int, metavar="N",
+    help="With --fit: evaluate the cost at most N times with each.  [default: 100]"
 )
 @pictures.options
 def command(
@@ -60,7 +63,7 @@ def command(
 ) -> int:
     """Measure how far the motion and the parameters of FITTED are from those of SCENE.
 
-    With --speed, without FITTED: what accuracy each second of simulating SCENE buys.
+    With --speed and without FITTED, measure how accurate each way to simulate SCENE is for its time.
 
     \b
     clothfit evaluate scene.json scene.fitted.json

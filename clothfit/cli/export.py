@@ -29,17 +29,18 @@ MOST_NAMES = 5
 @standard_command("export")
 @click.argument("fitted_path", metavar="FITTED")
 @click.option(
-    "--to", "tool", type=click.Choice(list(TOOLS)), required=True, metavar="TOOL", help="csv, obi, blender or vellum."
+    "--to", "tool", type=click.Choice(list(TOOLS)), required=True, metavar="TOOL",
+    help="Tool: csv, obi, blender or vellum."
 )
-@click.option("-o", "--output", "path", metavar="FOLDER", help="For the files.  [default: <stem>-<tool>]")
+@click.option("-o", "--output", "path", metavar="FOLDER", help="Folder of the files.  [default: <stem>-<tool>]")
 def command(fitted_path: str, tool: str, path: str | None, as_json: bool, console: Console) -> int:
-    """Write the masses and stiffnesses of FITTED as other cloth tools take them.
+    """Write the masses and stiffnesses of FITTED in the form that other cloth tools read.
 
     csv: tables of objects, vertices and springs. obi: masses and compliances, 1/k, of Obi Cloth for Unity, as JSON.
     blender: vertex groups and ranges for Blender's cloth modifier, as JSON and as a script that sets them. vellum:
     geometry and constraints for Houdini, and mantissa and exponent of the mean stiffness.
 
-    What the numbers mean there, and what is lost, is said in docs/export.md.
+    docs/export.md explains what the numbers mean there and what is lost.
 
     \b
     clothfit export scene.fitted.json --to csv

@@ -29,8 +29,8 @@ MOST_LISTED = 5
 @standard_command("info")
 @click.argument("scene_path", metavar="SCENE")
 def command(scene_path: str, as_json: bool, console: Console) -> int:
-    """Tell what is in SCENE: counts, masses, stiffnesses, what is to be fitted, which steps are stable, how much
-    memory it takes.
+    """Print what SCENE holds: counts, masses, stiffnesses, the parameters to fit, the stable steps and the memory it
+    takes.
 
     \b
     clothfit info scene.json

@@ -28,38 +28,47 @@ MOST_NAMED = 12
 
 @standard_command("new")
 @click.argument("given", metavar="plane|MESH", required=False)
-@click.option("--size", metavar="W[xH]", help="Of the plane, m.  [default: 1]")
-@click.option("--divisions", type=click.IntRange(0), metavar="N", help="Of the plane: N + 2 vertices along its longer "
-              "side.  [default: 10]")
-@click.option("--upright", is_flag=True, help="The plane stands, instead of lying level.")
-@click.option("--scale", type=float, metavar="METRES", help="Of the file's unit.  [default: the format's]")
-@click.option("--up", type=click.Choice(["y", "z"]), help="The file's axis up.  [default: the format's]")
-@click.option("--handedness", type=click.Choice(["left", "right"]), help="Of its axes.  [default: the format's]")
+@click.option("--size", metavar="W[xH]", help="Size of the plane in m.  [default: 1]")
+@click.option("--divisions", type=click.IntRange(0), metavar="N", help="Give the longer side of the plane N + 2 "
+              "vertices.  [default: 10]")
+@click.option("--upright", is_flag=True, help="Make the plane stand instead of lie.")
+@click.option("--scale", type=float, metavar="METRES", help="Metres per unit of the file.  [default: the format's]")
+@click.option("--up", type=click.Choice(["y", "z"]), help="Axis of the file that points up.  [default: the format's]")
+@click.option("--handedness", type=click.Choice(["left", "right"]),
+              help="Handedness of its axes.  [default: the format's]")
 @click.option("--weld", is_flag=False, flag_value="", metavar="[METRES]", help="Join vertices that lie at one place, "
-              "and leave out what no cloth can have.  [distance: a millionth of the mesh]")
-@click.option("--rotate", metavar="X,Y,Z", help="Degrees about the axes, as in Unity: z, x, y in turn.")
-@click.option("--move", metavar="X,Y,Z", help="By so many m, after that.")
-@click.option("--density", type=float, default=0.2, metavar="D", help="kg/m².  [default: 0.2]")
-@click.option("--stiffness", type=float, default=50.0, metavar="E", help="N/m.  [default: 50]")
-@click.option("--bending", type=float, metavar="SHARE", help="Of the stiffness, that bending has.  [default: 0.25]")
-@click.option("--no-bending", is_flag=True, help="Springs along edges only.")
-@click.option("--damping", type=float, default=0.1, metavar="A", help="Of vertices and springs.  [default: 0.1]")
-@click.option("--drag", default="0.1", metavar="C|air", help="Of the faces; air: such that they feel the wind as in "
-              "the world.  [default: 0.1]")
-@click.option("--fix-box", multiple=True, metavar="X,Y,Z:X,Y,Z", help="Hold the vertices between two corners.")
-@click.option("--fix-vertices", metavar="0,11,20-30", help="Hold vertices, by their numbers in the mesh.")
-@click.option("--fix-side", multiple=True, metavar="SIDE[=METRES]", help="Hold what is that near to the top, bottom, "
-              "left, right, front or back.  [distance: 0.001 of the size]")
-@click.option("--sphere", multiple=True, metavar="X,Y,Z,R", help="Something to fall on, m.")
-@click.option("--wind", metavar="X,Y,Z", help="m/s.")
-@click.option("--fit", multiple=True, metavar="LETTERS|NAME[=L]", help="Masses and stiffnesses: n, G or L each; or "
-              "damping, drag, velocity, rest, wind, gravity.  [default: nG]")
-@click.option("--integrator", default="implicit", metavar="NAME", help="implicit, symplectic or explicit.  [default: "
+              "and remove triangles without area and unused vertices.  [distance: a millionth of the mesh]")
+@click.option("--rotate", metavar="X,Y,Z", help="Rotate by these degrees about z, x, y in turn, as in Unity.")
+@click.option("--move", metavar="X,Y,Z", help="Then move by these distances in m.")
+@click.option("--density", type=float, default=0.2, metavar="D", help="Mass per area in kg/m².  [default: 0.2]")
+@click.option("--stiffness", type=float, default=50.0, metavar="E",
+              help="Stiffness of the springs in N/m.  [default: 50]")
+@click.option("--bending", type=float, metavar="SHARE",
+              help="Stiffness of bending springs, as a share of --stiffness.  [default: 0.25]")
+@click.option("--no-bending", is_flag=True, help="Make springs along edges only.")
+@click.option("--damping", type=float, default=0.1, metavar="A",
+              help="Damping of vertices and springs.  [default: 0.1]")
+@click.option("--drag", default="0.1", metavar="C|air", help="Drag coefficient of the faces; air: that of real "
+              "air.  [default: 0.1]")
+@click.option("--fix-box", multiple=True, metavar="X,Y,Z:X,Y,Z",
+              help="Fix the vertices in the box between two corners.")
+@click.option("--fix-vertices", metavar="0,11,20-30", help="Fix vertices by their numbers in the mesh.")
+@click.option("--fix-side", multiple=True, metavar="SIDE[=METRES]", help="Fix the vertices within a distance of the "
+              "top, bottom, left, right, front or back.  [distance: 0.001 of the size]")
+@click.option("--sphere", multiple=True, metavar="X,Y,Z,R", help="Add a sphere to fall on: centre and radius in m.")
+@click.option("--wind", metavar="X,Y,Z", help="Wind in m/s.  [default: none]")
+@click.option("--fit", multiple=True, metavar="LETTERS|NAME[=L]",
+              help="Parameters to fit: two letters n, G or L for masses and "
+              "stiffnesses; or damping, drag, velocity, rest, wind, gravity.  [default: nG]")
+@click.option("--integrator", default="implicit", metavar="NAME",
+              help="Integrator: implicit, symplectic or explicit.  [default: "
               "implicit]")
-@click.option("--delta", type=float, metavar="SECONDS", help="Time step.  [default: 0.02]")
-@click.option("--fps", type=float, metavar="F", help="Time steps per second, instead.")
-@click.option("--frames", type=int, default=100, metavar="N", help="That a fit compares.  [default: 100]")
-@click.option("--tolerance", type=float, default=1e-5, metavar="T", help="Of the linear solver.  [default: 1e-5]")
+@click.option("--delta", type=float, metavar="SECONDS", help="Time step in s.  [default: 0.02]")
+@click.option("--fps", type=float, metavar="F", help="Time steps per second, instead of --delta.")
+@click.option("--frames", type=int, default=100, metavar="N",
+              help="Number of frames that a fit compares.  [default: 100]")
+@click.option("--tolerance", type=float, default=1e-5, metavar="T",
+              help="Relative tolerance of the linear solver.  [default: 1e-5]")
 @click.option("--title", metavar="TEXT", help="Name of the scene.  [default: the file's]")
 @click.option("-o", "--output", "path", metavar="SCENE", help="Scene file.  [default: <stem>.json]")
 def command(given: str | None, path: str | None, as_json: bool, console: Console, **options: Any) -> int:
@@ -70,7 +79,7 @@ def command(given: str | None, path: str | None, as_json: bool, console: Console
     clothfit new shirt.obj --weld --fix-vertices 0,11,20-30 --fit GG
     clothfit new flag.glb --up z --scale 0.01 --fix-side left --wind 8,0,2 --drag air -o flag.json
 
-    May be repeated: --fix-box, --fix-side, --sphere, --fit. Places are in the scene's axes: y up, z forward.
+    --fix-box, --fix-side, --sphere and --fit may be repeated. Coordinates are in the scene's axes: y up, z forward.
     """  # fmt: skip
     mesh_path, asked = understood(given, Asked(**options))
     is_plane = mesh_path == PLANE

@@ -33,17 +33,17 @@ _last_request = -SAME_REQUEST
 
 SUMMARIES = {
     "new": "make a scene of a plane or a mesh",
-    "info": "tell what is in a scene",
-    "validate": "only check scenes",
+    "info": "print what a scene holds",
+    "validate": "check scenes without simulating",
     "simulate": "move the cloths as the editor's engine does",
     "target": "record a scene's motion, perfect or as a capture sees it",
-    "estimate": "fit what a scene flags, to a motion",
+    "estimate": "fit the parameters that a scene flags to a motion",
     "evaluate": "measure how far a fit is from the truth or a target",
     "report": "make a page that plays a fit over its target in 3-D",
     "check": "check the gradient that a fit would follow",
     "convert": "convert a motion from one format to another",
-    "export": "write masses and stiffnesses as other cloth tools take them",
-    "completion": "print what makes a shell complete commands and options",
+    "export": "write masses and stiffnesses for other cloth tools",
+    "completion": "print the script for completion in a shell",
     "warmup": "compile everything for this machine ahead",
 }
 """What `clothfit --help` says of each command, in the order of a working day: kept here, as asking all commands would

@@ -35,10 +35,13 @@ if TYPE_CHECKING:
 @click.option("--target", "target_path", metavar="MOTION", help="Compare with this motion instead of SCENE's own.")
 @motions.reads
 @click.option(
-    "--steps", type=int, metavar="N", help="Steps to show.  [default: 499, fewer of large scenes; the fitted at least]"
+    "--steps", type=int, metavar="N",
+    help="Show N steps.  [default: 499, fewer for large scenes, but at least the fitted ones]"
 )
-@click.option("--log", "log_path", metavar="FILE", help="Of the fit, by estimate --log: its cost and intervals.")
-@click.option("-o", "--output", "path", metavar="FILE", help="The page.  [default: <stem of FITTED>.report.html]")
+@click.option("--log", "log_path", metavar="FILE",
+              help="Show the cost and the intervals of the fit, from a log of estimate --log.")
+@click.option("-o", "--output", "path", metavar="FILE",
+              help="File of the page.  [default: <stem of FITTED>.report.html]")
 def command(
     scene_path: str,
     fitted_path: str,
@@ -50,9 +53,9 @@ def command(
     as_json: bool,
     console: Console,
 ) -> int:
-    """Show FITTED beside SCENE, or beside a target motion, as a page that plays both in 3-D, with charts.
+    """Write a page that plays FITTED over SCENE, or over a target motion, in 3-D, with charts.
 
-    The page is one HTML file that needs no network: open it in a browser.
+    The page is one HTML file and needs no network. Open it in a browser.
 
     \b
     clothfit report scene.json scene.fitted.json
@@ -77,7 +80,7 @@ def command(
     commands = [evaluation(scene_path, fitted_path, target_path, reading), command_line(click.get_current_context())]
     inputs = digests(truth, fitted, {target_path: target, log_path: log})
     show, size = write(truth, fitted, target, frames, log, commands, inputs, out)
-    tell(show, size, out, console, show.evaluation.diverged)
+    show_result(show, size, out, console, show.evaluation.diverged)
     if as_json:
         print_json("report", summary(show, size, out) | motions.readings_summary(readings), out)
     if show.evaluation.diverged:
@@ -107,11 +110,11 @@ def write(
     return show, len(page)
 
 
-def tell(show: Shown, size: int, out: Output, console: Console, said: str | None = None) -> None:
+def show_result(show: Shown, size: int, out: Output, console: Console, said: str | None = None) -> None:
     """Tell what was written, and what is to be known of it; not what will be `said` as the command's error."""
-    for note in show.notes:
-        if said is None or not note.startswith(said):
-            console.warn(note)
+    for sentence in show.notes:
+        if said is None or not sentence.startswith(said):
+            console.warn(sentence)
     frames = counted(len(show.times), "frame", "frames")
     console.say(f"{frames}, RMSE {metres(show.evaluation.fitted.rmse)}, {size / 1e6:.2g} MB → {out.name}")
 

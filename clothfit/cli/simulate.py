@@ -35,11 +35,15 @@ ENERGY_ROUNDING = 1e-12  # share of the largest energy in one place below which 
 
 @standard_command("simulate")
 @click.argument("scene_path", metavar="SCENE")
-@click.option("--steps", type=int, metavar="N", help="Time steps.  [default: the scene's optimizationIterations - 1]")
-@click.option("--tolerance", type=float, metavar="T", help="Of the linear solver.  [default: the scene's]")
-@click.option("--energy", "with_energy", is_flag=True, help="Tell, and keep with the motion, where the energy is.")
-@click.option("--dump", "dump_path", metavar="FILE", help="Where it diverges, keep the last states there (.npz).")
-@click.option("-o", "--output", "path", metavar="MOTION", help="Of any format.  [default: <stem>.motion.npz]")
+@click.option("--steps", type=int, metavar="N",
+              help="Simulate N time steps.  [default: the scene's optimizationIterations - 1]")
+@click.option("--tolerance", type=float, metavar="T",
+              help="Relative tolerance of the linear solver.  [default: the scene's]")
+@click.option("--energy", "with_energy", is_flag=True,
+              help="Print a table of the energies, and store them with the motion.")
+@click.option("--dump", "dump_path", metavar="FILE", help="If the motion diverges, write its last states here (.npz).")
+@click.option("-o", "--output", "path", metavar="MOTION",
+              help="File of the motion, in any format.  [default: <stem>.motion.npz]")
 @motions.writes
 @pictures.options
 def command(

@@ -22,18 +22,25 @@ if TYPE_CHECKING:
 
 @standard_command("target")
 @click.argument("scene_path", metavar="SCENE")
-@click.option("--steps", type=int, metavar="N", help="Time steps.  [default: the scene's optimizationIterations - 1]")
+@click.option("--steps", type=int, metavar="N",
+              help="Simulate N time steps.  [default: the scene's optimizationIterations - 1]")
 @click.option(
-    "--noise", type=float, default=0.0, metavar="METRES", help="Standard deviation per coordinate.  [default: 0]"
+    "--noise", type=float, default=0.0, metavar="METRES",
+    help="Add noise of this standard deviation per coordinate.  [default: 0]"
 )
 @click.option(
-    "--observed", type=float, default=1.0, metavar="FRACTION", help="Of the vertices, drawn once.  [default: 1]"
+    "--observed", type=float, default=1.0, metavar="FRACTION",
+    help="Keep this share of the vertices, drawn at random.  [default: 1]"
 )
 @click.option("--every", type=int, default=1, metavar="K", help="Keep every K-th frame.  [default: 1]")
-@click.option("--fps", type=float, metavar="F", help="Frames per second, between steps as well.  [default: all steps]")
-@click.option("--seed", type=click.IntRange(0), default=0, metavar="S", help="Of the random numbers.  [default: 0]")
-@click.option("--tolerance", type=float, metavar="T", help="Of the linear solver.  [default: as tight as a fit's]")
-@click.option("-o", "--output", "path", metavar="MOTION", help="Of any format.  [default: <stem>.target.npz]")
+@click.option("--fps", type=float, metavar="F",
+              help="Record F frames per second, interpolated between steps.  [default: all steps]")
+@click.option("--seed", type=click.IntRange(0), default=0, metavar="S",
+              help="Seed of the random numbers.  [default: 0]")
+@click.option("--tolerance", type=float, metavar="T",
+              help="Relative tolerance of the linear solver.  [default: as tight as a fit's]")
+@click.option("-o", "--output", "path", metavar="MOTION",
+              help="File of the motion, in any format.  [default: <stem>.target.npz]")
 @motions.writes
 def command(
     scene_path: str,
@@ -51,8 +58,8 @@ def command(
 ) -> int:
     """Record the motion of SCENE with its own parameters, perfect or as a capture would see it.
 
-    With --fps the frames need not fall on time steps: they lie on the straight lines between the states after the
-    steps, which is what a fit compares them with.
+    With --fps frames may lie between time steps. They are interpolated linearly between the states, as a fit does when
+    it compares them.
 
     \b
     clothfit target scene.json

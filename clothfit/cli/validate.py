@@ -32,18 +32,18 @@ class Verdict:
 @standard_command("validate")
 @click.argument("scene_paths", metavar="SCENE...", nargs=-1, required=True)
 def command(scene_paths: tuple[str, ...], as_json: bool, console: Console) -> int:
-    """Only check scenes: tell every problem that can be found, compute nothing.
+    """Check scenes and print every problem, without simulating.
 
     \b
     clothfit validate scene.json
     clothfit validate scenes/*.json --json
 
-    The exit code is 0 where all are valid, else 3.
+    The exit code is 0 if all scenes are valid, else 3.
     """
     one_stream(*scene_paths)
     verdicts = [judge(path) for path in scene_paths]
     for verdict in verdicts:
-        tell(verdict, len(verdicts) == 1, console)
+        show(verdict, len(verdicts) == 1, console)
     wrong = [verdict for verdict in verdicts if verdict.error is not None]
     if as_json:
         own = [summary(verdict) for verdict in verdicts]
@@ -69,7 +69,7 @@ def judge(path: str) -> Verdict:
     return Verdict(scene.name if path == STREAM else path, None, scene.warnings)
 
 
-def tell(verdict: Verdict, alone: bool, console: Console) -> None:
+def show(verdict: Verdict, alone: bool, console: Console) -> None:
     """Say what was found, a line each, but for what the command ends with: the only problem of the only file."""
     for warning in verdict.warnings:
         console.warn(f"{verdict.path}: {warning}")

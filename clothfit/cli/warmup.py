@@ -14,12 +14,12 @@ from clothfit.cli.common.options import standard_command
 
 
 @standard_command("warmup")
-@click.option("--small", is_flag=True, help="Only what cloths of fewer than 1500 free vertices need: a third.")
+@click.option("--small", is_flag=True, help="Compile only what cloths of fewer than 1500 free vertices need: a third.")
 def command(small: bool, as_json: bool, console: Console) -> int:
-    """Compile everything for this machine, so that no command has to.
+    """Compile everything for this machine ahead, so that no command has to wait for it.
 
-    The code is kept where NUMBA_CACHE_DIR says, else with the package or, where that is not writable, with the user.
-    Run it when an image is built, with the same NUMBA_CACHE_DIR and by anybody who may write there.
+    The compiled code is stored in NUMBA_CACHE_DIR if that is set, else with the package or, if that is not writable, in
+    the user's cache. Run this when you build an image, with the same NUMBA_CACHE_DIR and the right to write there.
 
     \b
     clothfit warmup
@@ -29,18 +29,18 @@ def command(small: bool, as_json: bool, console: Console) -> int:
     from clothfit.many.warmup import Part, warm_up
 
     if config.DISABLE_JIT:
-        raise InvalidInput("NUMBA_DISABLE_JIT is set, so nothing is ever compiled")
+        raise InvalidInput("NUMBA_DISABLE_JIT is set, so nothing is compiled")
 
-    def tell(part: Part) -> None:
+    def show(part: Part) -> None:
         if part.compiled:
             console.say(f"{part.name}: {part.compiled} functions compiled in {part.seconds:.1f} s")
 
     began = time.perf_counter()
     console.announce_compilation("compiling for this machine: one to two minutes …")
-    parts = warm_up(tell, small)
+    parts = warm_up(show, small)
     seconds, compiled = time.perf_counter() - began, sum(part.compiled for part in parts)
     if KernelCache.failed:
-        raise InvalidInput("what was compiled could not be kept; name a folder that can be written by NUMBA_CACHE_DIR")
+        raise InvalidInput("the compiled code could not be stored; set NUMBA_CACHE_DIR to a folder that can be written")
     folder = os.fspath(KernelCache.used or "")
     what = f"{compiled} functions compiled in {seconds:.1f} s, kept" if compiled else "everything is compiled, kept"
     console.say(f"{what} in {folder}")

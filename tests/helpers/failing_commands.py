@@ -91,7 +91,7 @@ USAGE = {
             "estimate scene.json --starts 2 --report page.html",
         "--report shows the first --target, which must be of SCENE itself, without @":
             "estimate scene.json --target good.npz@scene.json --report page.html",
-        "--scale, --up, --handedness, --fps, --frames and --map are about the motion of --target; add that":
+        "--scale, --up, --handedness, --fps, --frames and --map describe the motion of --target; add that":
             "estimate scene.json --up z",
         "… is for …; leave it out": "new plane --scale 2",
         "… and … say the same; give one of them": "new plane --delta 0.1 --fps 10",
@@ -115,7 +115,7 @@ OPTIONS = {
     "a picture needs …; install it with: pip install 'clothfit[plot]'": Case(
         SPEED + "--plot x.svg", prepare=lambda patch: patch.setitem(sys.modules, "matplotlib", None)
     ),
-    "NUMBA_DISABLE_JIT is set, so nothing is ever compiled": patched(
+    "NUMBA_DISABLE_JIT is set, so nothing is compiled": patched(
         "warmup", "clothfit.kernels.cache.config.DISABLE_JIT", 1
     ),
     "an export is several files, which need a folder; name one with -o": Case("export scene.json --to csv -o -"),

@@ -113,7 +113,7 @@ def test_where_it_cannot_keep_anything_it_fails(tmp_path):
     assert done.returncode == 3
     assert compiling.startswith("compiling for this machine")
     assert any(line.startswith("warning: compiled code cannot be kept") for line in told)
-    assert error.startswith("error: what was compiled could not be kept")
+    assert error.startswith("error: the compiled code could not be stored")
 
 
 def test_one_of_those_scenes_is_solved_directly():

@@ -32,7 +32,7 @@ def axes(function: F, prefix: str = "", what: str = "the motion file", whose: st
     up, hands = (click.Choice(CHOICES[name]) for name in ("up", "handedness"))
     own = f"[default: {whose}]"
     for option in (
-        click.option(f"--{prefix}handedness", type=hands, help=f"Of {what}'s axes.  {own}"),
+        click.option(f"--{prefix}handedness", type=hands, help=f"Handedness of the axes of {what}.  {own}"),
         click.option(f"--{prefix}up", type=up, help=f"Axis of {what} that points up.  {own}"),
         click.option(f"--{prefix}scale", type=float, metavar="M", help=f"Metres per unit of {what}.  {own}"),
     ):
@@ -56,17 +56,19 @@ def reads(function: Callable[..., int]) -> Callable[..., int]:
         said = Reading(scale, up, handedness, read_fps, frames, markers)
         if not said.plain and not any(rest.get(name) for name in ("target_path", "target_paths", "in_path")):
             raise click.UsageError(
-                "--scale, --up, --handedness, --fps, --frames and --map are about the motion of --target; add that",
+                "--scale, --up, --handedness, --fps, --frames and --map describe the motion of --target; add that",
                 click.get_current_context(),
             )
         return function(**rest, reading=said)
 
-    by_default = "[default: by its times, else one per time step]"
+    by_default = "[default: its times, else one frame per time step]"
     made: Callable[..., int] = reading
     for option in (
-        click.option("--map", "markers", metavar="FILE", help="CSV: marker, object, vertex.  [default: the nearest]"),
-        click.option("--frames", metavar="A:B", help="Of the motion file, as of a Python list.  [default: all]"),
-        click.option("--fps", "read_fps", type=float, metavar="F", help=f"Of the motion file.  {by_default}"),
+        click.option("--map", "markers", metavar="FILE",
+                     help="CSV file that maps markers to vertices: marker, object, vertex.  [default: the nearest]"),
+        click.option("--frames", metavar="A:B", help="Frames of the motion file, as a Python slice.  [default: all]"),
+        click.option("--fps", "read_fps", type=float, metavar="F",
+                     help=f"Frames per second of the motion file.  {by_default}"),
     ):
         made = option(made)
     return axes(made, whose="the file's, else the format's")

@@ -19,14 +19,15 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 def loudness(function: F) -> F:
-    """Add the options that say how much to say; they are understood before and after a command's name."""
-    verbose = click.option("-v", "--verbose", is_flag=True, help="Say more: what is read, and when.")
-    return click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")(verbose(function))
+    """Add --quiet and --verbose; they work before and after a command's name."""
+    verbose = click.option("-v", "--verbose", is_flag=True, help="Print more: what is read, and when.")
+    return click.option("-q", "--quiet", is_flag=True, help="Print errors only.")(verbose(function))
 
 
 def standard_command(name: str, sections: Sections | None = None) -> Callable[[Callable[..., int]], click.Command]:
-    """A command with the options that all of them have; its function is given a `console` for its messages. `sections`
-    are those of its other options in the help.
+    """A command with the options that every command has; its function receives a `console` for its messages.
+
+    `sections` groups its other options in the help.
     """
 
     def decorate(function: Callable[..., int]) -> click.Command:
@@ -46,7 +47,7 @@ def standard_command(name: str, sections: Sections | None = None) -> Callable[[C
 
 
 def check_numbers(steps: int | None = None, tolerance: float | None = None) -> None:
-    """Check options before the libraries load, which takes longer. Raises InvalidInput on what cannot be."""
+    """Check options before the libraries load, which takes longer. Raises InvalidInput for a value out of range."""
     if steps is not None and steps < 1:
         raise InvalidInput(f"--steps must be at least 1; {steps} was given")
     if tolerance is not None:

@@ -159,6 +159,6 @@ def options(function: Any) -> Any:
     def drawing(plot: str | None, gif: str | None, **arguments: Any) -> Any:
         return function(**arguments, pictures=Pictures(plot, gif))
 
-    plot_help = "Draw it there: .png, .svg or .pdf. Needs matplotlib."
-    made = click.option("--gif", metavar="FILE", help="Draw it moving, as a GIF. Needs Pillow.")(drawing)
+    plot_help = "Write a picture here: .png, .svg or .pdf. Needs matplotlib."
+    made = click.option("--gif", metavar="FILE", help="Write an animation here, as a GIF. Needs Pillow.")(drawing)
     return click.option("--plot", metavar="FILE", help=plot_help)(made)

@@ -14,7 +14,7 @@ from clothfit.optimise.status import Status
 
 CHECKPOINT_SUFFIX = ".checkpoint"
 
-LONG_FIT = 60.0  # s: a fit that nobody asked to be kept is, once it has lasted that long
+UNASKED_AFTER = 60.0  # s after which a fit keeps a checkpoint though none was asked for
 
 ENDED = (Status.CONVERGED, Status.STALLED)
 """Statuses after which there is nothing to go on with."""
@@ -36,7 +36,7 @@ def chosen(
         if resume:
             raise InvalidInput("--resume: the output is no file, so none is kept beside it; name one with --checkpoint")
         return None
-    beside = Checkpoint(out.path + CHECKPOINT_SUFFIX, LONG_FIT)
+    beside = Checkpoint(out.path + CHECKPOINT_SUFFIX, UNASKED_AFTER)
     try:
         beside.check()
     except InvalidInput as error:
