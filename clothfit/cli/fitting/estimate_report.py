@@ -64,7 +64,7 @@ class Page:
         result = replace(found.scene, name=os.path.basename(fitted.name))
         inputs = report.digests(scene, result, {motion: target})
         show, size = report.write(scene, result, target, None, log, commands, inputs, out)
-        report.tell(show, size, out, console)
+        report.show_result(show, size, out, console)
 
 
 def chosen(path: str | None, scenes: tuple[str, ...], single: bool, files: Files) -> Page | None:
