@@ -28,14 +28,14 @@ from clothfit.motion.divergence import Diverged
 from clothfit.objective import memory_needs as storage
 from clothfit.objective.comparison import Comparison, objective_weights
 from clothfit.objective.experiment import Experiment, Targets, experiments
-from clothfit.objective.identifiability import unidentifiable
+from clothfit.objective.identifiability import identifiable
 from clothfit.objective.loss import loss_named
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.run import Run, seen_in, simulate, simulate_all, still
 from clothfit.objective.running_cost import SquaredDistances, running_cost
 from clothfit.objective.target import first_step, target
 from clothfit.scene.block import Block
-from clothfit.scene.fit_vector import check_shape, elements, extra_kinds, fitted_cloths, parameters, size
+from clothfit.scene.fit_vector import check_shape, elements, extra_kinds, fitted_cloths, parameters
 from clothfit.scene.scene import Scene
 
 TIGHT = 1e-14
@@ -165,19 +165,13 @@ class Objective:
     @cached_property
     def identifiable(self) -> Flags:
         """Which values of the fit vector (P,) at least one of the targets can reveal."""
-        kept = np.ones(size(self.scene), bool)
-        for block in self.blocks:
-            kept[block.start + np.array(self.unidentifiable(block), int)] = False
-        return kept
+        groups = [[run for run in self.runs if run.experiment == k] for k in range(len(self.experiments))]
+        pairs = zip(self.experiments, groups, strict=True)
+        return np.asarray(np.any([identifiable(one.scene, seen_in(own)) for one, own in pairs], axis=0))
 
     def unidentifiable(self, block: Block) -> list[int]:
         """The parameters of a block that none of the experiments can reveal, counted within the block."""
-        lost: set[int] | None = None
-        for number in {run.experiment for run in self.runs}:
-            own = [run for run in self.runs if run.experiment == number]
-            hidden = set(unidentifiable(own[0].scene, block, seen_in(own)))
-            lost = hidden if lost is None else lost & hidden
-        return sorted(lost or ())
+        return [int(i) for i in np.flatnonzero(~self.identifiable[block.part])]
 
     def rmse(self, cost: float) -> float:
         """Root mean square distance, m, of a cost, m²; for other objectives in the unit of what they compare."""
