@@ -138,7 +138,7 @@ def test_little_that_unpacks_to_much_is_refused(monkeypatch):
 
 
 def test_what_nobody_reads_takes_no_memory():
-    """800 MB in 800 kB: types and shapes are told from the header alone."""
+    """800 MB in 800 kB: types and shapes are known from the header alone."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as made, made.open("a.npy", "w") as member:
         member.write(npy(header("(100000000,)")))

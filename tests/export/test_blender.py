@@ -23,26 +23,26 @@ def scene():
 
 def blender(scene, number=0):
     """The time unit and the values of an object."""
-    told = content(scene, "blender", "blender.json")
-    return told["time_unit"], told["objects"][number]
+    values = content(scene, "blender", "blender.json")
+    return values["time_unit"], values["objects"][number]
 
 
 def test_a_cloth_of_one_stiffness_comes_out_in_blender_as_it_is():
     plain = cloth(4, 3, springStiffness=[30.0] * 23, vertMass=[0.02] * 12, damping=0.2)
-    unit, told = blender(of(plain))
-    k = told["structural"]["stiffness"] / told["mean_length"]  # of a spring of Blender's, in its units
+    unit, values = blender(of(plain))
+    k = values["structural"]["stiffness"] / values["mean_length"]  # of a spring of Blender's, in its units
     gravity = 0.001 * 9.81
     # a weight on a spring hangs as low, in metres, as here …
-    assert told["mass"] * gravity / k == pytest.approx(0.02 * 9.81 / 30.0, rel=1e-12)
+    assert values["mass"] * gravity / k == pytest.approx(0.02 * 9.81 / 30.0, rel=1e-12)
     # … and swings as fast, in seconds, of which `time_scale` gives each frame its share
     for rate in (24.0, 60.0):
         per_second = rate / (rate * unit)
-        assert per_second * (k / told["mass"]) ** 0.5 == pytest.approx((30.0 / 0.02) ** 0.5, rel=1e-12)
+        assert per_second * (k / values["mass"]) ** 0.5 == pytest.approx((30.0 / 0.02) ** 0.5, rel=1e-12)
     # what damps takes the same part of a velocity per second
-    assert 0.01 * told["air_damping"] / told["mass"] / unit == pytest.approx(0.2, rel=1e-12)
-    assert told["spring_damping"] / k * unit == pytest.approx(0.1, rel=1e-12)
-    assert told["structural"]["stiffness_max"] == told["structural"]["stiffness"]
-    assert told["structural"]["largest_deviation"] < 1e-12
+    assert 0.01 * values["air_damping"] / values["mass"] / unit == pytest.approx(0.2, rel=1e-12)
+    assert values["spring_damping"] / k * unit == pytest.approx(0.1, rel=1e-12)
+    assert values["structural"]["stiffness_max"] == values["structural"]["stiffness"]
+    assert values["structural"]["largest_deviation"] < 1e-12
 
 
 def test_weights_of_vertices_give_back_values_that_weights_can_hold():
@@ -107,21 +107,21 @@ def run_script(scene, active, monkeypatch, number=0):
 
 @pytest.mark.parametrize("number", [0, 1])
 def test_the_script_sets_what_the_file_says(scene, monkeypatch, number):
-    unit, told = blender(scene, number)
-    active = Mesh(told["vertices"])
+    unit, values = blender(scene, number)
+    active = Mesh(values["vertices"])
     for _ in range(2):  # a second run replaces what the first has made
         run_script(scene, active, monkeypatch, number)
     (modifier,) = active.made
     set_ = modifier.settings
-    assert (modifier.type, set_.mass, set_.bending_model) == ("CLOTH", told["mass"], "ANGULAR")
+    assert (modifier.type, set_.mass, set_.bending_model) == ("CLOTH", values["mass"], "ANGULAR")
     assert set_.time_scale == pytest.approx(1 / (24 * unit), rel=1e-12)
     for kind in ("tension", "compression", "shear"):
-        assert getattr(set_, f"{kind}_stiffness") == told["structural"]["stiffness"]
-        assert getattr(set_, f"{kind}_stiffness_max") == told["structural"]["stiffness_max"]
+        assert getattr(set_, f"{kind}_stiffness") == values["structural"]["stiffness"]
+        assert getattr(set_, f"{kind}_stiffness_max") == values["structural"]["stiffness_max"]
     structural = active.groups[set_.vertex_group_structural_stiffness].weights
-    assert structural == dict(enumerate(told["structural"]["weights"]))
-    assert set(active.groups[set_.vertex_group_mass].weights) == set(told["pin"])
-    assert hasattr(set_, "vertex_group_bending") == (told["bending"] is not None)
+    assert structural == dict(enumerate(values["structural"]["weights"]))
+    assert set(active.groups[set_.vertex_group_mass].weights) == set(values["pin"])
+    assert hasattr(set_, "vertex_group_bending") == (values["bending"] is not None)
 
 
 def test_the_script_keeps_a_modifier_that_is_there(scene, monkeypatch):
@@ -140,7 +140,7 @@ def test_the_script_refuses_another_mesh(scene, monkeypatch, active):
 
 
 def test_the_page_tells_how_near_weights_come():
-    told = blender(load(ROOT / "examples" / "corners.json"))[1]["structural"]
+    values = blender(load(ROOT / "examples" / "corners.json"))[1]["structural"]
     page = " ".join((ROOT / "docs" / "export.md").read_text("utf-8").split())
     figures = re.search(r"(\d+) and (\d+) % on `examples/corners.json`", page).groups()
-    assert [round(100 * told[name]) for name in ("median_deviation", "largest_deviation")] == list(map(int, figures))
+    assert [round(100 * values[name]) for name in ("median_deviation", "largest_deviation")] == list(map(int, figures))

@@ -30,18 +30,18 @@ def test_springs_are_told_apart_as_the_front_end_made_them(divisions):
     plane = mesh.plane(divisions, 1.0)
     known = mesh.springs(plane, 50.0).bends
     (found,) = of(built(divisions)).cloths
-    told = roles(found)
-    assert (told.bending == known).all()
-    assert (told.traction == ~known).all()
+    role = roles(found)
+    assert (role.bending == known).all()
+    assert (role.traction == ~known).all()
 
 
 def test_a_bending_spring_goes_across_its_hinge(scene):
     found = scene.cloths[0]
-    told = roles(found)
+    role = roles(found)
     faces = {frozenset(face) for face in found.triangles.tolist()}
-    pairs = zip(found.springs[told.bending].tolist(), told.hinges[told.bending].tolist(), strict=True)
+    pairs = zip(found.springs[role.bending].tolist(), role.hinges[role.bending].tolist(), strict=True)
     assert all({frozenset((*hinge, end)) for end in ends} <= faces for ends, hinge in pairs)
-    assert (told.hinges[told.traction] == np.sort(found.springs[told.traction], axis=1)).all()
+    assert (role.hinges[role.traction] == np.sort(found.springs[role.traction], axis=1)).all()
 
 
 def test_without_faces_nothing_is_told_apart():
@@ -82,28 +82,28 @@ def test_the_tables_hold_every_number_as_it_is(scene):
 
 
 def test_every_spring_is_one_constraint_of_obi_with_the_inverse_of_its_stiffness(scene):
-    for found, told in zip(scene.cloths, content(scene, "obi", "obi.json")["objects"], strict=True):
-        springs = told["distance"]["spring"] + told["bend"]["spring"]
+    for found, values in zip(scene.cloths, content(scene, "obi", "obi.json")["objects"], strict=True):
+        springs = values["distance"]["spring"] + values["bend"]["spring"]
         assert sorted(springs) == list(range(len(found.springs)))
-        compliance = np.array(told["distance"]["compliance"] + told["bend"]["compliance"])
+        compliance = np.array(values["distance"]["compliance"] + values["bend"]["compliance"])
         assert 1 / compliance == pytest.approx(found.stiffness[springs], rel=ROUNDING)
-        assert told["distance"]["particles"] + told["bend"]["particles"] == found.springs[springs].tolist()
-        assert told["distance"]["restLength"] + told["bend"]["restLength"] == found.rest[springs].tolist()
+        assert values["distance"]["particles"] + values["bend"]["particles"] == found.springs[springs].tolist()
+        assert values["distance"]["restLength"] + values["bend"]["restLength"] == found.rest[springs].tolist()
 
 
 def test_particles_of_obi_carry_their_masses_and_fixed_ones_cannot_move(scene):
-    for found, told in zip(scene.cloths, content(scene, "obi", "obi.json")["objects"], strict=True):
-        assert told["particles"]["mass"] == found.mass.tolist()
-        inverse = np.array(told["particles"]["inverseMass"])
+    for found, values in zip(scene.cloths, content(scene, "obi", "obi.json")["objects"], strict=True):
+        assert values["particles"]["mass"] == found.mass.tolist()
+        inverse = np.array(values["particles"]["inverseMass"])
         assert (inverse[found.fixed] == 0).all()
         assert 1 / inverse[~found.fixed] == pytest.approx(found.mass[~found.fixed], rel=ROUNDING)
 
 
 def test_an_actor_of_obi_has_the_compliance_of_the_mean_stiffness(scene):
-    found, told = scene.cloths[0], content(scene, "obi", "obi.json")["objects"][0]
+    found, values = scene.cloths[0], content(scene, "obi", "obi.json")["objects"][0]
     bends = roles(found).bending
-    assert 1 / told["actor"]["stretchCompliance"] == pytest.approx(found.stiffness[~bends].mean(), rel=ROUNDING)
-    assert 1 / told["actor"]["bendCompliance"] == pytest.approx(found.stiffness[bends].mean(), rel=ROUNDING)
+    assert 1 / values["actor"]["stretchCompliance"] == pytest.approx(found.stiffness[~bends].mean(), rel=ROUNDING)
+    assert 1 / values["actor"]["bendCompliance"] == pytest.approx(found.stiffness[bends].mean(), rel=ROUNDING)
     assert content(scene, "obi", "obi.json")["objects"][1]["actor"]["bendCompliance"] is None
 
 
@@ -135,11 +135,11 @@ def test_the_command_writes_a_folder_and_says_so(tmp_path, monkeypatch, capsys, 
     write_scene(tmp_path, SMALL, "a.fitted.json")
     assert run(["export", "a.fitted.json", "--to", tool, "--json"]) == 0
     out, err = capsys.readouterr()
-    told = json.loads(out)
-    assert (told["to"], told["output"]) == (tool, f"a.fitted-{tool}")
-    assert sorted(told["files"]) == sorted(path.name for path in (tmp_path / told["output"]).iterdir())
+    values = json.loads(out)
+    assert (values["to"], values["output"]) == (tool, f"a.fitted-{tool}")
+    assert sorted(values["files"]) == sorted(path.name for path in (tmp_path / values["output"]).iterdir())
     assert err.startswith("a.fitted.json: 1 object, 16 vertices, 33 springs → a.fitted-")
-    assert told["objects"][0]["springs"] == {"traction": 33, "bending": 0, "other": 0}
+    assert values["objects"][0]["springs"] == {"traction": 33, "bending": 0, "other": 0}
 
 
 def test_the_scene_itself_is_never_written_over(tmp_path, monkeypatch, capsys):

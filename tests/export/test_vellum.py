@@ -89,8 +89,8 @@ def test_the_damping_ratio_is_1_where_a_spring_just_does_not_swing():
 
 
 def test_mantissa_and_exponent_are_the_mean(scene):
-    for told in content(scene, "vellum", "vellum.json")["objects"]:
-        mean, mantissa, exponent = (told["traction"][name] for name in ("mean", "mantissa", "exponent"))
+    for values in content(scene, "vellum", "vellum.json")["objects"]:
+        mean, mantissa, exponent = (values["traction"][name] for name in ("mean", "mantissa", "exponent"))
         assert 1 <= mantissa < 10
         assert mantissa * 10.0**exponent == pytest.approx(mean, rel=ROUNDING)
 

@@ -49,9 +49,9 @@ def test_ezc3d_reads_the_same(read, tmp_path, number, scale):
     np.testing.assert_array_equal(other, found.positions)
 
 
-@pytest.mark.parametrize(("told", "up"), [("+Y", "y"), ("+Z", "z"), ("-X", "z")])
-def test_the_axis_that_is_up_on_the_screen(read, told, up):
-    assert read(made.c3d(TWO, more=lambda p: made.texts(p, 1, "Y_SCREEN", told))).axes.up == up
+@pytest.mark.parametrize(("screen", "up"), [("+Y", "y"), ("+Z", "z"), ("-X", "z")])
+def test_the_axis_that_is_up_on_the_screen(read, screen, up):
+    assert read(made.c3d(TWO, more=lambda p: made.texts(p, 1, "Y_SCREEN", screen))).axes.up == up
 
 
 def test_what_a_c3d_file_does_not_tell_is_told(read):

@@ -170,10 +170,10 @@ def test_round_trip_to_the_tolerance_that_is_told(read):
     data = written(motion)
     found = read(data)
     largest = np.linalg.norm(found.positions - motion.positions, axis=2).max()
-    told = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])["meshes"][0]["extras"]
+    extras = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])["meshes"][0]["extras"]
     assert largest <= glb.TOLERANCE
-    assert told["largestError"] == pytest.approx(largest, rel=1e-6)  # the same numbers, added in another order
-    assert told["targets"] == len(told["targetNames"])
+    assert extras["largestError"] == pytest.approx(largest, rel=1e-6)  # the same numbers, added in another order
+    assert extras["targets"] == len(extras["targetNames"])
     np.testing.assert_array_equal(found.triangles, motion.triangles)
     np.testing.assert_allclose(found.times, motion.times, rtol=6e-8)  # float32
 

@@ -184,9 +184,9 @@ LINES = [
 ]
 
 
-@pytest.mark.parametrize(("text", "told"), LINES)
-def test_the_place_is_told(read, text, told):
-    with pytest.raises(InvalidMotion, match=re.escape(f"a.csv: {told}")):
+@pytest.mark.parametrize(("text", "message"), LINES)
+def test_the_place_is_told(read, text, message):
+    with pytest.raises(InvalidMotion, match=re.escape(f"a.csv: {message}")):
         read(text)
 
 

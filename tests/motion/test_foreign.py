@@ -150,7 +150,7 @@ def test_gaps_need_a_format_that_has_them(there):
 
 
 def account(there, positions, axes=None, **said):
-    """What is told of a motion that lies in those axes in a file that is read with what is said."""
+    """How a motion is read that lies in those axes in its file, with what the user says."""
     motion_files.save_motion(clothfit.as_motion(SCENE, positions), "a.pc2", None, convention(axes or Axes()))
     return foreign.load("a.pc2", SCENE, Reading(**said)).interpretation
 
@@ -185,8 +185,8 @@ def test_the_account_tells_what_was_assumed(there):
     assert str(found) == (
         "a.pc2: PC2 point cache, 5 frames of 16 points, 25 frames a second as given; y up, right-handed, metres"
     )
-    told = found.summary()
-    assert {name: told[name] for name in ("file", "format", "up", "handedness", "scale", "frames", "points")} == {
+    summary = found.summary()
+    assert {name: summary[name] for name in ("file", "format", "up", "handedness", "scale", "frames", "points")} == {
         "file": "a.pc2", "format": "PC2 point cache", "up": "y", "handedness": "right", "scale": 1.0,
         "frames": 5, "points": 16,
     }  # fmt: skip

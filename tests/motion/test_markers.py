@@ -54,9 +54,9 @@ def test_markers_belong_to_the_nearest_vertices(monkeypatch):
     assert np.flatnonzero(found.motion.observed.any(axis=0)).tolist() == sorted(CHOSEN)
     assert np.isnan(found.motion.positions[:, 1]).all()
     assert "3 markers, the nearest vertex to each, 20 mm away (median), 30 mm at most" in str(found.interpretation)
-    told = found.interpretation.summary()["markers"]
-    np.testing.assert_allclose([told["median"], told["largest"]], [0.02, 0.03])
-    assert told["each"][1]["vertex"] == 2
+    summary = found.interpretation.summary()["markers"]
+    np.testing.assert_allclose([summary["median"], summary["largest"]], [0.02, 0.03])
+    assert summary["each"][1]["vertex"] == 2
 
 
 def test_a_marker_counts_from_where_it_is_first_seen(monkeypatch):
