@@ -1,8 +1,8 @@
-"""Many jobs, whatever becomes of each: on processes of this machine or on a cluster, in any order, all to an end.
+"""Run many jobs to their ends, in any order, on processes of this machine or on a cluster.
 
-A job is made when there is room for it, so that not all files are in memory at once. One whose process dies is begun
-once more when all others are done, alone, so that nothing but itself can be to blame. The first request to end
-(Ctrl-C) lets the jobs that run end with their best so far, a second one ends them at once.
+A job is made when there is room for it, so that not all files are in memory at once. A job whose process dies is tried
+once more, alone, after all others are done, so that no other job can be the cause. After the first request to end
+(Ctrl-C) running jobs end with their best so far; a second request ends them at once.
 """
 
 from __future__ import annotations
@@ -20,52 +20,54 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.interrupts import REQUESTS, SAME_REQUEST
 from clothfit.many.job import FAULT, INTERRUPTED, NOT_STARTED, Died, Job, Lost, Outcome, failed
 
-TICK = 0.25  # s: how often to look whether the pool is still there
+TICK = 0.25  # s between checks whether the pool still exists
 
 PREPARATION, REQUEST, NO_EVENT = -1, -2, -3
-"""What may end or come instead of a job."""
+"""Events other than the end of a job, which is its number."""
 
 CUT_SHORT = Outcome(None, INTERRUPTED, "ended at once, by a second request; nothing is written")
 
 
 class Pool(Protocol):
-    """Where jobs are done; they are known by numbers. `done` is called with one, from another thread, at its end."""
+    """Where jobs run. Each job has a number; `done` is called with it from another thread when the job ends."""
 
-    retried_alone: bool  # whether a job whose process died is worth another try
+    retried_alone: bool  # whether a job whose process died is tried again
 
     @property
     def width(self) -> int:
         """Jobs at a time."""
 
     def prepare(self, done: Callable[[int], None]) -> bool:
-        """Begin what must be done before all jobs, as number PREPARATION; whether there is anything."""
+        """Begin what must precede all jobs, as number PREPARATION; returns whether there is anything to do."""
 
     def submit(self, number: int, job: Job, done: Callable[[int], None]) -> None:
         """Begin a job."""
 
     def outcome(self, number: int) -> Outcome:
-        """What became of a job that is done. Raises Died, Lost."""
+        """The outcome of a job that has ended. Raises Died, Lost."""
 
     def check(self) -> None:
-        """Raise Lost when no job will end any more."""
+        """Raise Lost when the pool is gone and no job will ever end."""
 
     def interrupt(self) -> None:
-        """Let the jobs that run end with their best so far."""
+        """Let running jobs end with their best so far."""
 
     def close(self, kill: bool = False) -> None:
-        """Give back what was taken; with `kill` jobs that run end at once."""
+        """Release the pool; with `kill` running jobs end at once."""
 
 
 class Batch:
-    """The way through many jobs."""
+    """Runs many jobs on a pool."""
 
     def __init__(
-        self, pool: Pool, jobs: Sequence[Callable[[], Job]], tell: Callable[[int, Outcome | None], None]
+        self, pool: Pool, jobs: Sequence[Callable[[], Job]], report: Callable[[int, Outcome | None], None]
     ) -> None:
-        """`jobs` make each job when its turn comes, and may raise. `tell` is called with each number once, with its
-        outcome, and before that with None when its process has died and it will be begun once more.
+        """`jobs` make each job when its turn comes, and may raise.
+
+        `report` is called once with each number and its outcome. Where a process died and its job will be tried again,
+        it is called with None before that.
         """
-        self.pool, self.jobs, self.tell = pool, jobs, tell
+        self.pool, self.jobs, self.report = pool, jobs, report
         self.waiting = deque(range(len(jobs)))
         self.alone: deque[int] = deque()
         self.running: set[int] = set()
@@ -75,17 +77,17 @@ class Batch:
         self._events: queue.SimpleQueue[int] = queue.SimpleQueue()
 
     def run(self) -> None:
-        """Do all jobs."""
+        """Run all jobs."""
         with _requests_to(lambda: self._events.put(REQUEST)):
             if len(self.jobs) > 1 and self.pool.prepare(self._events.put):
                 self.running.add(PREPARATION)
             while self.waiting or self.alone or self.running:
                 self._begin()
                 if self.running:
-                    self._heed()
+                    self._handle_event()
 
     def _begin(self) -> None:
-        """Begin what there is room for."""
+        """Begin as many jobs as there is room for."""
         if PREPARATION in self.running:
             return
         while self.waiting and len(self.running) < self.pool.width:
@@ -96,14 +98,14 @@ class Batch:
     def _submit(self, number: int) -> None:
         try:
             job = self.jobs[number]()
-        except Exception as error:  # noqa: BLE001  a file that cannot be read is this job's fate, not that of others
-            self.tell(number, failed(error))
+        except Exception as error:  # noqa: BLE001  an unreadable file ends this job, not the others
+            self.report(number, failed(error))
             return
         self.running.add(number)
         self.pool.submit(number, job, self._events.put)
 
-    def _heed(self) -> None:
-        """Wait for something to happen, and act on it."""
+    def _handle_event(self) -> None:
+        """Wait for an event, and handle it."""
         try:
             event = self._events.get(timeout=TICK)
         except queue.Empty:
@@ -111,13 +113,13 @@ class Batch:
         if event == REQUEST:
             self._request()
         elif event == NO_EVENT:
-            self._look()
+            self._check_pool()
         elif event in self.running:
             self.running.discard(event)
             self._end(event)
 
     def _end(self, number: int) -> None:
-        """A job has ended."""
+        """Report the outcome of a job that has ended, or keep it for another try."""
         try:
             outcome = self.pool.outcome(number)
         except Lost as error:
@@ -129,22 +131,22 @@ class Batch:
             self.died.add(number)
             if self.pool.retried_alone and not again and not self.stopping and number != PREPARATION:
                 self.alone.append(number)
-                self.tell(number, None)
+                self.report(number, None)
                 return
             code = INTERRUPTED if self.stopping else FAULT
             outcome = Outcome(None, code, f"{error}{', and again when it was alone' if again else ''}")
         if number != PREPARATION:
-            self.tell(number, outcome)
+            self.report(number, outcome)
 
-    def _look(self) -> None:
-        """Give up where the pool is gone."""
+    def _check_pool(self) -> None:
+        """Give up if the pool is gone."""
         try:
             self.pool.check()
         except Lost as error:
             self._give_up(Outcome(None, InvalidInput.exit_code, str(error)))
 
     def _request(self) -> None:
-        """Somebody wants an end."""
+        """Handle a request to end: the first lets running jobs end, the second ends them at once."""
         before, self._last_request = self._last_request, time.monotonic()
         if self._last_request - before <= SAME_REQUEST:
             return
@@ -157,28 +159,28 @@ class Batch:
         self.pool.interrupt()
 
     def _drop(self, outcome: Outcome) -> None:
-        """Do not begin what waits."""
+        """Report `outcome` for all waiting jobs and do not begin them."""
         while self.waiting:
-            self.tell(self.waiting.popleft(), outcome)
+            self.report(self.waiting.popleft(), outcome)
         while self.alone:
-            self.tell(self.alone.popleft(), Outcome(None, INTERRUPTED, "its process died; there was no second try"))
+            self.report(self.alone.popleft(), Outcome(None, INTERRUPTED, "its process died; there was no second try"))
 
     def _give_up(self, outcome: Outcome) -> None:
-        """All that is not done ends so."""
+        """Report `outcome` for all running and waiting jobs."""
         for number in sorted(self.running - {PREPARATION}):
-            self.tell(number, outcome)
+            self.report(number, outcome)
         self.running.clear()
         self._drop(NOT_STARTED if outcome == CUT_SHORT else outcome)
 
 
 @contextmanager
-def _requests_to(note: Callable[[], None]) -> Iterator[None]:
-    """Have requests to end noted instead of raised, where they would be raised."""
+def _requests_to(handle: Callable[[], None]) -> Iterator[None]:
+    """Within the block, call `handle` for a request to end where Python would raise KeyboardInterrupt."""
     before: dict[signal.Signals, Any] = {}
     if threading.current_thread() is threading.main_thread():
         before = {kind: signal.getsignal(kind) for kind in REQUESTS if callable(signal.getsignal(kind))}
     for kind in before:
-        signal.signal(kind, lambda number, frame: note())
+        signal.signal(kind, lambda number, frame: handle())
     try:
         yield
     finally:

@@ -1,8 +1,8 @@
-"""A Dask cluster as the place where jobs are done: this side of it, and what its workers run.
+"""Jobs on a Dask cluster: the client's side, and what its workers run.
 
-Scene and targets travel inside the job and are kept by the scheduler, which gives the job to another worker when one
-dies; the result comes back to the client, which writes it. So workers need no files, and one that is lost costs time
-only. A worker does one job at a time, however many threads it has: a fit is one thread's work.
+Scene and targets travel inside the job. The scheduler keeps the job and gives it to another worker when one dies; the
+client gets the result and writes it. So workers need no files, and losing one costs only time. A worker does one job
+at a time, however many threads it has: a fit is one thread's work.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from clothfit.base.version import __version__
 from clothfit.many.job import FAULT, NOT_STARTED, Died, Job, Lost, Outcome, run
 
 CONNECT = 4.0  # s to wait for the scheduler
-GONE = 5.0  # s without the scheduler after which it will not come back
+GONE = 5.0  # s of silence after which the scheduler counts as lost
 
-REFRESH = 2.0  # s between questions how many workers there are
-AHEAD = 2  # jobs per worker that the scheduler has, so that none waits for the next one to travel
+REFRESH = 2.0  # s between counts of the workers
+AHEAD = 2  # jobs that the scheduler holds per worker, so that no worker waits for its next job
 
 _turn = threading.Lock()
 _stopped: set[str] = set()
@@ -48,14 +48,14 @@ def work(job: Job, batch: str) -> Outcome:
 
 
 def stop(batch: str) -> None:
-    """End what a worker does for a batch, with the best so far."""
+    """End a worker's job of a batch with the best so far."""
     _stopped.add(batch)
     if _current == batch:
         interrupts.request()
 
 
 def knock(address: str) -> None:
-    """Raise InvalidInput when nobody listens at an address: the client of Dask would take longer to say so."""
+    """Raise InvalidInput when no scheduler listens at an address, sooner than Dask's client would."""
     parts = re.fullmatch(r"(?:tcp|tls)://(.+):(\d{1,5})/?", address)
     if not parts:
         raise InvalidInput(f"--cluster: {address} is no address of a scheduler; one looks like tcp://host:8786")
@@ -72,15 +72,13 @@ class Cluster:
     retried_alone = False  # the scheduler has tried again, on several workers
 
     def __init__(self, address: str) -> None:
-        """`address`: as in tcp://host:port. Raises InvalidInput when there is no such scheduler, or a worker has
-        another version of this program, or none.
-        """
+        """`address`: tcp://host:port. Raises InvalidInput without a scheduler there, or if a worker lacks this version."""
         try:
             from distributed import Client
         except ImportError:
             raise InvalidInput("--cluster needs the package distributed: install clothfit[cluster]") from None
         for name in [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]:
-            logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is told as the fate of a job
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # outcomes of jobs report what matters
         self.address, self.batch = address, uuid.uuid4().hex
         knock(address)
         try:
@@ -99,15 +97,15 @@ class Cluster:
 
     @property
     def width(self) -> int:
-        """Jobs that the scheduler is given at a time."""
+        """Jobs that the scheduler gets at a time."""
         if time.monotonic() - self._asked > REFRESH and self._client.status == "running":
             self._asked = time.monotonic()
-            with suppress(Exception):  # a scheduler that is going; `check` will tell
+            with suppress(Exception):  # the scheduler may be ending; `check` will notice
                 self._workers = len(self._client.nthreads())
         return max(1, AHEAD * self._workers)
 
     def prepare(self, done: Callable[[int], None]) -> bool:
-        """There is nothing to do before."""
+        """Nothing must precede the jobs."""
         return False
 
     def submit(self, number: int, job: Job, done: Callable[[int], None]) -> None:
@@ -116,18 +114,18 @@ class Cluster:
         def ended(future: Any) -> None:
             try:
                 self._results[number] = future.result()
-            except BaseException as error:  # noqa: BLE001  told in `outcome`
+            except BaseException as error:  # noqa: BLE001  `outcome` reports it
                 self._results[number] = error
             done(number)
 
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a job is large, and safe only in the scheduler's hands
+            warnings.simplefilter("ignore")  # about its size: a job must travel whole to be safe
             future = self._client.submit(work, job, self.batch, key=f"clothfit-{self.batch}-{number}", pure=False)
         self._futures[number] = future
         future.add_done_callback(ended)
 
     def outcome(self, number: int) -> Outcome:
-        """What became of a job that is done. Raises Died, Lost."""
+        """The outcome of a job that has ended. Raises Died, Lost."""
         from distributed import CancelledError, KilledWorker
 
         found = self._results.pop(number)
@@ -143,20 +141,20 @@ class Cluster:
         return found
 
     def check(self) -> None:
-        """Raise Lost when the scheduler has been silent for long."""
+        """Raise Lost when the scheduler has been silent too long."""
         if self._client.status == "running":
             self._seen = time.monotonic()
         elif time.monotonic() - self._seen > GONE:
             raise Lost(self._gone)
 
     def interrupt(self) -> None:
-        """Let the jobs that run end with their best so far."""
-        with suppress(Exception):  # a scheduler that is gone will be noticed
+        """Let running jobs end with their best so far."""
+        with suppress(Exception):  # `check` notices a lost scheduler
             self._client.run(stop, self.batch, on_error="ignore")
 
     def close(self, kill: bool = False) -> None:
-        """Leave the cluster; with `kill` jobs are left undone."""
-        with suppress(Exception):  # it may be gone
+        """Leave the cluster; with `kill` its jobs are cancelled."""
+        with suppress(Exception):  # the scheduler may be lost
             if kill and self._client.status == "running":
                 self.interrupt()
                 self._client.cancel(list(self._futures.values()), force=True)
@@ -168,7 +166,7 @@ class Cluster:
         return f"the scheduler at {self.address} was lost"
 
     def _check_versions(self) -> None:
-        """Raise InvalidInput where a worker has another version of this program, or none."""
+        """Raise InvalidInput when a worker has another version of this program, or none."""
         found = self._client.run(eval, "__import__('clothfit').__version__", on_error="return")
         for worker, version in found.items():
             if version != __version__:

@@ -1,7 +1,7 @@
-"""Fit many scenes, and each from several starts; of these the one with the lowest cost is the result.
+"""Fit many scenes, each from one or several starts; the start with the lowest cost gives the result.
 
-The results do not depend on how many processes there are, on the order in which they end, nor on where they run, as
-long as the machines round alike.
+The results do not depend on the number of processes, on the order in which they end, or on where they run, as long as
+the machines round alike.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import budget
 from clothfit.fit.options import FitOptions
 from clothfit.many.batch import Batch, Pool
-from clothfit.many.job import INTERRUPTED, File, Goal, Job, Outcome, loaded, read
+from clothfit.many.job import INTERRUPTED, File, Job, JobTarget, Outcome, loaded, read
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array
@@ -59,7 +59,7 @@ class Result:
 
 
 def result(outcomes: list[Outcome]) -> Result:
-    """The result of a scene from those of its starts."""
+    """The result of a scene from the outcomes of its starts."""
     costs = [o.fit.cost if o.fit is not None and o.usable else np.inf for o in outcomes]
     usable = [i for i, o in enumerate(outcomes) if o.usable]
     return Result(outcomes, min(usable, key=lambda i: (costs[i], i)) if usable else 0)
@@ -72,15 +72,16 @@ def fit_all(
     done: Callable[[int, Result], None] | None = None,
     died: Callable[[int], None] | None = None,
 ) -> list[Result]:
-    """Fit scenes, each from so many starts; their results, in their order.
+    """Fit scenes, each from `starts` starts; returns their results in order.
 
-    `makers` give the job of a scene by the number of the start. `done` is called as each scene is, with its index,
-    `died` when a process has died with one and it will be begun once more. The pool is closed in the end.
+    Each of `makers` makes the jobs of one scene by the number of the start. `done` is called with the index and result
+    of each scene that is fitted, `died` with the index when a process has died and its job will be tried again. The
+    pool is closed in the end.
     """
     found: list[dict[int, Outcome]] = [{} for _ in makers]
     results: dict[int, Result] = {}
 
-    def tell(number: int, outcome: Outcome | None) -> None:
+    def report(number: int, outcome: Outcome | None) -> None:
         scene, start = divmod(number, starts)
         if outcome is None:
             if died:
@@ -95,7 +96,7 @@ def fit_all(
     jobs = [partial(make, start) for make in makers for start in range(starts)]
     killed = True
     try:
-        Batch(pool, jobs, tell).run()
+        Batch(pool, jobs, report).run()
         killed = False
     finally:
         pool.close(kill=killed)
@@ -103,7 +104,7 @@ def fit_all(
 
 
 def chosen_pool(count: int, jobs: int | None, cluster: str | None) -> Pool:
-    """Where so many jobs are done: on `jobs` processes (default: one per core), or on a Dask cluster."""
+    """The pool for `count` jobs: `jobs` processes (default: one per core), or a Dask cluster."""
     if cluster is not None:
         from clothfit.many.cluster import Cluster
 
@@ -123,7 +124,7 @@ def limited(options: FitOptions, pool: Pool) -> FitOptions:
 
 
 def check_numbers(starts: int, seed: int, jobs: int | None) -> None:
-    """Raise InvalidInput on numbers that cannot be."""
+    """Raise InvalidInput on impossible numbers."""
     for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
         if value is not None and value < least:
             raise InvalidInput(f"{name} must be at least {least}; {value} was given")
@@ -150,16 +151,16 @@ def estimate_many(
     and does not stop the others. Raises InvalidInput when there is no such cluster, or an argument is impossible.
     """
     check_numbers(starts, seed, jobs)
-    goals = [None] * len(scenes) if targets is None else list(targets)
-    if len(goals) != len(scenes):
-        raise InvalidInput(f"targets: {len(goals)} are given for {len(scenes)} scenes; give one item for each")
+    given = [None] * len(scenes) if targets is None else list(targets)
+    if len(given) != len(scenes):
+        raise InvalidInput(f"targets: {len(given)} are given for {len(scenes)} scenes; give one item for each")
     first = start if start is None or isinstance(start, (int, float, np.ndarray)) else packed(start)
 
     pool = chosen_pool(len(scenes) * starts, jobs, cluster)
     each = limited(FitOptions(**options, checkpoint=None, resume=False), pool)
 
     def make(index: int, number: int) -> Job:
-        return Job(packed(scenes[index]), packed_goals(goals[index], scenes[index]), first, number, seed, each)
+        return Job(packed(scenes[index]), packed_targets(given[index], scenes[index]), first, number, seed, each)
 
     makers = [partial(make, index) for index in range(len(scenes))]
     return fit_all(makers, starts, pool, done)
@@ -174,13 +175,13 @@ def packed(scene: Path | Scene) -> File:
     return File(dumps(scene), scene.name)
 
 
-def packed_goals(targets: Any, main: Path | Scene) -> tuple[Goal, ...]:
+def packed_targets(targets: Any, main: Path | Scene) -> tuple[JobTarget, ...]:
     """Targets of a scene as they travel. Raises InvalidInput when one cannot be read."""
     listed = [] if targets is None else targets if isinstance(targets, list) else [targets]
-    return tuple(packed_goal(main, *item) if isinstance(item, tuple) else packed_goal(main, item) for item in listed)
+    return tuple(packed_target(main, *(item if isinstance(item, tuple) else (item,))) for item in listed)
 
 
-def packed_goal(main: Path | Scene, motion: Any, scene: Path | Scene | None = None) -> Goal:
+def packed_target(main: Path | Scene, motion: Any, scene: Path | Scene | None = None) -> JobTarget:
     """A target, and the scene it was recorded in where that is not the `main` one, as they travel.
 
     Raises InvalidInput when one cannot be read.

@@ -1,7 +1,7 @@
-"""One fit that can be done anywhere: what it needs travels with it, and what became of it comes back.
+"""One fit as data, which any process or machine can do, and its outcome.
 
-A job holds the contents of its files, not their paths, so that another machine can do it; all is plain data. Nothing
-that happens in a fit is raised: it is an outcome, with the exit code and the sentence that a command would end with.
+A job holds the contents of its files instead of paths, so that another machine can do it. A fit that fails raises
+nothing: its outcome holds the exit code and the message of a command that failed in this way.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ FAULT, INTERRUPTED = 1, 130
 
 
 class Died(Exception):
-    """A worker process ended in the middle of a job; the message is a sentence for the user."""
+    """A worker process ended during a job; the message is a sentence for the user."""
 
 
 class Lost(Exception):
@@ -43,14 +43,14 @@ class Lost(Exception):
 
 
 class File(NamedTuple):
-    """The content of a file, and its name in messages."""
+    """The content of a file, and its name for messages."""
 
     data: bytes
     name: str
 
 
-Goal: TypeAlias = "tuple[File | Recorded, File | None]"
-"""A target, and the scene it was recorded in where that is another one."""
+JobTarget: TypeAlias = "tuple[File | Recorded, File | None]"
+"""A target, and the scene it was recorded in if that is another one."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Job:
     """One fit."""
 
     scene: File
-    goals: tuple[Goal, ...] = ()  # none: the scene's own motion
+    targets: tuple[JobTarget, ...] = ()  # none: the scene's own motion
     start: float | Array | File | None = None
     number: int = 0  # of the start (`clothfit.many.starts`)
     seed: int = 0
@@ -70,11 +70,11 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a job."""
+    """How a job ended."""
 
     fit: Fit | None
     exit_code: int
-    error: str | None = None  # a sentence; None where a result can be written
+    error: str | None = None  # a sentence; None if a result can be written
     checkpointed: bool = False  # whether its checkpoint was written
 
     @property
@@ -107,15 +107,15 @@ def read(path: str | os.PathLike[str]) -> File:
 
 
 def run(job: Job) -> Outcome:
-    """Do a job. KeyboardInterrupt ends it with the best so far; it is never raised here, and nothing else is."""
+    """Do a job. KeyboardInterrupt ends it with the best so far; nothing is ever raised."""
     try:
         return finished(job, fitted(job))
-    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  whatever it is, others go on
+    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  other jobs go on
         return failed(error)
 
 
 def finished(job: Job, fit: Fit) -> Outcome:
-    """The outcome of a fit that came to an end."""
+    """The outcome of a job whose fit returned."""
     error = None
     if fit.status == Status.DIVERGED:
         error = (
@@ -136,7 +136,7 @@ def failed(error: BaseException) -> Outcome:
 
 
 def fitted(job: Job) -> Fit:
-    """The fit that a job asks for."""
+    """Do the fit of a job."""
     from clothfit.base import threads
     from clothfit.fit.estimate import fit
     from clothfit.many import starts
@@ -145,13 +145,13 @@ def fitted(job: Job) -> Fit:
         raise InvalidInput(f"this worker has clothfit {__version__}, the job comes from {job.version}; install one")
     with threads.single():
         scene = loaded(job.scene)
-        targets = [goal(item, scene) for item in job.goals] or None
+        targets = [target_of(item, scene) for item in job.targets] or None
         first = loaded(job.start) if isinstance(job.start, File) else job.start
         start = starts.numbered(scene, targets, first, job.number, job.seed, job.options.tolerance)
         return fit(scene, targets, start, replace(job.options, checkpoint=job.checkpoint, resume=job.resume))
 
 
-def goal(item: Goal, scene: Scene) -> Recorded | tuple[Recorded, Scene]:
+def target_of(item: JobTarget, scene: Scene) -> Recorded | tuple[Recorded, Scene]:
     """A target as `estimate` takes it."""
     from clothfit.motion.motion import load_motion
 

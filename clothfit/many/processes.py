@@ -1,8 +1,8 @@
 """Worker processes on this machine, each of which does one job at a time (joblib's loky).
 
-Each slot is an executor of its own with a single process: when a process dies, the job it had is known, and no other
-process comes to harm. Processes are started with one thread for dense algebra and compiled loops, so that they do not
-fight for cores, and with requests to end held back until they are ready for them.
+Each slot is an executor with a single process: when a process dies, its job is known and the other processes are not
+affected. Processes get one thread for dense algebra and compiled loops, so that they do not compete for cores, and
+receive requests to end only when they are ready for them.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Processes:
         self._results: dict[int, Future[Any]] = {}
 
     def prepare(self, done: Callable[[int], None]) -> bool:
-        """Let one process compile what all need, where that has not been done on this machine."""
+        """Let one process compile what all need, unless that has been done on this machine."""
         missing = self.width > 1 and is_cold()
         if missing:
             self._begin(PREPARATION, warm, None, done)
@@ -67,7 +67,7 @@ class Processes:
         future.add_done_callback(lambda _: done(number))
 
     def outcome(self, number: int) -> Outcome:
-        """What became of a job that is done. Raises Died."""
+        """The outcome of a job that has ended. Raises Died."""
         from joblib.externals.loky.process_executor import BrokenProcessPool
 
         executor, future = self._busy.pop(number), self._results.pop(number)
@@ -76,16 +76,16 @@ class Processes:
         except BrokenProcessPool:
             executor.shutdown(wait=False)
             raise Died(DIED) from None
-        except Exception as error:  # noqa: BLE001  what cannot be sent, there or back
+        except Exception as error:  # noqa: BLE001  job or result could not be sent
             found = Outcome(None, FAULT, f"a fault of the program: {type(error).__name__}: {error}")
         self._idle.append(executor)
         return found
 
     def check(self) -> None:
-        """A process that dies is noticed without asking."""
+        """Do nothing: the executor notices when its process dies."""
 
     def interrupt(self) -> None:
-        """Let the jobs that run end with their best so far."""
+        """Let running jobs end with their best so far."""
         for executor in self._busy.values():
             for pid in list(executor._processes or {}):
                 with suppress(OSError):  # it has just ended
@@ -103,7 +103,7 @@ class Processes:
 
         from joblib.externals.loky.process_executor import ProcessPoolExecutor
 
-        resource_tracker.ensure_running()  # where it is started later, it lets requests through again
+        resource_tracker.ensure_running()  # started later, it would unblock the requests
         logging.getLogger("concurrent.futures").setLevel(logging.CRITICAL)
         start = partial(prepare, os.getpid())
         return ProcessPoolExecutor(max_workers=1, timeout=None, initializer=start, env=ONE_THREAD)
@@ -111,7 +111,7 @@ class Processes:
 
 @contextmanager
 def _requests_held() -> Iterator[None]:
-    """Hold requests to end back: processes that are started within inherit that."""
+    """Block requests to end; processes started within the block inherit that."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

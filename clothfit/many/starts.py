@@ -1,9 +1,9 @@
 """Several starts for one fit: where one ends in a poor minimum, another may not.
 
-The first start, number 0, is the one that a fit takes anyway. Each other one multiplies the masses, stiffnesses and
-lengths of a cloth by one factor per kind, drawn log-uniformly between 1/10 and 10, and shifts what is not positive by
-up to its typical size. What it draws depends on the seed and its number only, so the fifth start of eight is the fifth
-of a hundred. What no motion can show is left as it is.
+Start number 0 is the one that a fit takes anyway. Each other start multiplies the masses, stiffnesses and lengths of a
+cloth by one factor per kind, drawn log-uniformly between 1/10 and 10, and shifts values that may be negative by up to
+their typical size. A start depends only on the seed and its number, so the fifth of eight is also the fifth of a
+hundred. Values that are not identifiable stay as they are.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ def numbered(
     seed: int,
     tolerance: float | None = None,
 ) -> float | Array | Scene | None:
-    """The start of that number: `start` itself for 0, else a scene with the values that are drawn.
+    """The start with that number: `start` itself for 0, else a scene with drawn values.
 
-    They are drawn around `start`; where there is none, around the scene's values, or, where these are the truth that
-    the fit may not know (`target` None), around the best of a coarse search. `tolerance` is that of the fit.
+    They are drawn around `start`. Without one they are drawn around the scene's values, or, where these are the hidden
+    truth (`target` is None), around the best values of a coarse search. `tolerance` is that of the fit.
     """
     if number == 0:
         return start
@@ -47,7 +47,7 @@ def numbered(
 
 
 def drawn(scene: Scene, middle: Array, draw: np.random.Generator) -> Array:
-    """Values (P,) around `middle` (P,), within the bounds."""
+    """Draw values (P,) around `middle` (P,), within the bounds."""
     p = middle.copy()
     lower, upper = bounds(scene)
     for block in scene.blocks:

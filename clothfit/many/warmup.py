@@ -1,8 +1,8 @@
-"""Compiling ahead of time all that commands can need: for images, for continuous integration, for the impatient.
+"""Compile everything that commands can need ahead of time: for images, continuous integration, or a quick first run.
 
-What is compiled depends on the types of arguments only, so a strip of a few vertices that goes every way once compiles
-the same as a cloth of thousands. Large cloths are solved with other types, and very large ones with others again: for
-these the strip is called large.
+Compiled code depends only on the types of arguments, so a strip of a few vertices, put through every method once,
+compiles the same code as a cloth of thousands. Large and very large cloths are solved with other types; to compile for
+these, the strip is treated as large.
 """
 
 from __future__ import annotations
@@ -32,41 +32,42 @@ from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene, load
 
-STEP = 0.001  # s, short, so that explicit steps stay stable
-FITTED_KINDS = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}  # what else to fit
+STEP = 0.001  # s, short enough for explicit steps
+# to fit as well as masses and stiffnesses
+FITTED_KINDS = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}
 EVERYWHERE = {"windVel": True, "gravity": True}
 LARGE_FROM, NEVER = 10, 2**31  # vertices
 
 
 class Part(NamedTuple):
-    """One part of the program, and what it took to compile it."""
+    """One part of the program and what compiling it took."""
 
     name: str
-    compiled: int  # functions, each time for other types
+    compiled: int  # functions, counted once for each combination of types
     seconds: float
 
 
 def warm_up(report: Callable[[Part], None] = lambda part: None, small: bool = False) -> list[Part]:
-    """Compile what is not compiled yet, part by part; `report` is called after each.
+    """Compile what is not compiled yet, part by part; `report` is called after each part.
 
-    Everything, or with `small` only what cloths need that are not large. That it was done is noted beside the code,
-    with the names of its files: where they are all there nothing is done.
+    With `small` only the code for cloths that are not large is compiled. A record beside the compiled code lists its
+    files; while all of them exist nothing is done.
     """
     processor = cpu_target.target_context.codegen().magic_tuple()
-    note = kernel_cache.file_name("warmup", small, processor)
-    noted = kernel_cache.load(note)
-    if noted is not None and all(kernel_cache.load(name) for name in noted[1].decode().split()):
-        KernelCache.used = noted[0]
+    record = kernel_cache.file_name("warmup", small, processor)
+    recorded = kernel_cache.load(record)
+    if recorded is not None and all(kernel_cache.load(name) for name in recorded[1].decode().split()):
+        KernelCache.used = recorded[0]
         return [Part(name, 0, 0.0) for name in (SMALL_PARTS if small else PARTS)]
     parts = use_everything(report, small)
     if not KernelCache.failed:
-        with suppress(OSError):  # then it is done again the next time
-            KernelCache.used = kernel_cache.save(note, "\n".join(sorted(KernelCache.names)).encode())
+        with suppress(OSError):  # without the record it is done again the next time
+            KernelCache.used = kernel_cache.save(record, "\n".join(sorted(KernelCache.names)).encode())
     return parts
 
 
 def use_everything(report: Callable[[Part], None], small: bool) -> list[Part]:
-    """Run all that is compiled."""
+    """Run everything that is compiled, part by part."""
     parts = []
     for name, use in (SMALL_PARTS if small else PARTS).items():
         began = time.perf_counter()
@@ -85,7 +86,7 @@ def compilations() -> Iterator[list[str]]:
     class Listener(event.Listener):
         def on_start(self, event: Any) -> None:
             dispatcher = event.data["dispatcher"]
-            if isinstance(dispatcher, CPUDispatcher):  # not calls back into Python, prepared anew by every process
+            if isinstance(dispatcher, CPUDispatcher):  # not callbacks into Python, which every process compiles anew
                 found.append(f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__name__}")
 
         def on_end(self, event: Any) -> None:
@@ -101,7 +102,7 @@ def compilations() -> Iterator[list[str]]:
 
 @contextmanager
 def called(large: bool, very_large: bool) -> Iterator[None]:
-    """Within, every cloth is taken for a large or a very large one, or none is."""
+    """Within the block, treat every cloth as large, as very large, or as neither."""
     before = sparse.TWO_THREADS_FROM, sparse.MULTIGRID_FROM
     sparse.TWO_THREADS_FROM = LARGE_FROM if large else NEVER
     sparse.MULTIGRID_FROM = LARGE_FROM if very_large else NEVER
@@ -112,7 +113,7 @@ def called(large: bool, very_large: bool) -> Iterator[None]:
 
 
 def strip_scene(settings: str = "LL", kinds: dict[str, str] | None = None, **fields: Any) -> Scene:
-    """A strip in the wind over a sphere, six frames; `kinds` are fitted besides, `fields` are those of the file."""
+    """A strip in the wind over a sphere, six frames; `kinds` are fitted as well, `fields` replace those of the file."""
     columns = range(12)
     springs = [(0, 1)] + [(2 * i + a, 2 * i + b) for i in columns[:-1] for a, b in ((0, 2), (1, 3), (0, 3), (2, 3))]
     corners = [2 * i + a for i in columns[:-1] for a in (0, 1, 3, 0, 3, 2)]
@@ -141,7 +142,7 @@ def strip_scene(settings: str = "LL", kinds: dict[str, str] | None = None, **fie
 
 
 def simulations() -> None:
-    """Move the strip by all methods, and as a reference for their errors."""
+    """Simulate the strip with all integrators, and by the method of reference motions."""
     for method in (0, 1, 2):
         scene = strip_scene(integrationMethod=method)
         energies(scene, simulate(scene))
@@ -149,7 +150,7 @@ def simulations() -> None:
 
 
 def gradients() -> None:
-    """Differentiate its motion, both ways."""
+    """Differentiate its motion, backward and forward."""
     scene = strip_scene(kinds=FITTED_KINDS)
     objective, p = Objective(scene, simulate(scene)), parameters(scene)
     objective.cost_and_gradient(p)
@@ -157,7 +158,7 @@ def gradients() -> None:
 
 
 def fits() -> None:
-    """Fit it by each method, and to what a capture sees."""
+    """Fit it by each method, also to a noisy target that is observed in part."""
     for method in ("auto", "gauss-newton", "l-bfgs-b"):
         estimate(strip_scene(), method=method, budget=4)
     scene = strip_scene()
@@ -166,19 +167,19 @@ def fits() -> None:
 
 
 def fits_of_all_kinds() -> None:
-    """Fit all that can be fitted."""
+    """Fit every kind of parameter."""
     for method in (0, 2):
         scene = strip_scene(kinds=FITTED_KINDS, fit=EVERYWHERE, integrationMethod=method)
         estimate(scene, method="gauss-newton", budget=4)
 
 
 def large(very: bool) -> None:
-    """All of it for a large cloth or a very large one, as shortly as possible."""
+    """Differentiate and fit the strip as a large or a very large cloth, as briefly as possible."""
     with called(large=True, very_large=very):
         gradients()
         work = implicit.workspace(build(strip_scene(), 0))
         if work.solver.second is not None:
-            serve: Any = cg_two_threads.serve  # would be called where there is a second processor only
+            serve: Any = cg_two_threads.serve  # otherwise called only where there is a second processor
             serve.compile(tuple(map(numba.typeof, (work.A, work.solver.cg, work.solver.second))))
         estimate(strip_scene(), method="momentum", budget=1, intervals=False)
         estimate(strip_scene(kinds=FITTED_KINDS, fit=EVERYWHERE), method="gauss-newton", budget=2, intervals=False)
@@ -199,35 +200,7 @@ PARTS: dict[str, Callable[[], None]] = {
 
 
 def warm(nothing: object = None) -> None:
-    """Compile what fits use, by one of a small cloth; the others find it in the cache. Takes some 20 s."""
-
-    scene = load(small_cloth())
+    """Compile what fits use by fitting the strip twice; other processes find it in the cache. Takes some 20 s."""
+    scene = strip_scene(delta=0.02)
     estimate(scene, start=0.5, budget=5)
     estimate(scene, start=0.5, budget=2, method="l-bfgs-b", intervals=False)
-
-
-def small_cloth() -> dict[str, Any]:
-    """A square of four vertices over a sphere, in the wind."""
-    zero = {"x": 0.0, "y": 0.0, "z": 0.0}
-    cloth = {
-        "vertPos": [{"x": float(i), "y": 0.1 * i * j, "z": float(j)} for j in (0, 1) for i in (0, 1)],
-        "vertIsFixed": [True, False, False, False],
-        "vertMass": [0.02] * 4,
-        "springs": [0, 1, 0, 2, 1, 3, 2, 3, 0, 3],
-        "springStiffness": [20.0, 30.0, 25.0, 20.0, 10.0],
-        "triangles": [0, 2, 3, 0, 3, 1],
-        "dragCoefficient": 0.1,
-        "damping": 0.1,
-        "optimizationSettings": "LL",
-    }
-    return {
-        "title": "small",
-        "integrationMethod": 2,
-        "delta": 0.02,
-        "tolerance": 1e-5,
-        "optimizationIterations": 12,
-        "forwardSubSteps": 1,
-        "windVel": {"x": 1.0, "y": 0.5, "z": 0.2},
-        "objects": [cloth],
-        "colliders": [{"type": 1, "pos": zero, "rot": zero, "scale": {"x": 0.2, "y": 0.2, "z": 0.2}}],
-    }

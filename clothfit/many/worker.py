@@ -1,7 +1,7 @@
-"""What a worker process does with jobs, and with requests to end.
+"""What a worker process does with jobs and with requests to end.
 
-A request (Ctrl-C reaches the whole group of processes, and the parent passes on what it gets) ends the job that runs
-with its best result so far; later jobs are not begun. A worker whose parent is gone ends: nobody would take its result.
+A request (Ctrl-C reaches the whole group of processes, and the parent passes requests on) ends the running job with its
+best result so far; later jobs are not begun. A worker whose parent has ended ends too: its result would be lost.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from clothfit.base import interrupts
 from clothfit.base.interrupts import REQUESTS
 from clothfit.many.job import NOT_STARTED, Job, Outcome, run
 
-WATCH = 1.0  # s between looks for the parent
+WATCH = 1.0  # s between checks for the parent
 
 _stopped = False
 _running = False
 
 
 def prepare(parent: int) -> None:
-    """Make a new process ready; `parent` is the number of the process that started it.
+    """Make a new process ready; `parent` is the id of the process that started it.
 
-    It was started with requests held back, so that none could hit Python while it loads; they arrive now.
+    Requests were blocked until now, so that none could interrupt Python while it loads.
     """
     interrupts.handle(_request)
     threading.Thread(target=_watch, args=(parent,), daemon=True).start()
@@ -33,7 +33,7 @@ def prepare(parent: int) -> None:
 
 
 def work(job: Job) -> Outcome:
-    """Do a job, unless a request came before."""
+    """Do a job, unless a request to end came before."""
     global _running
     outcome = NOT_STARTED
     if _stopped:
@@ -43,13 +43,13 @@ def work(job: Job) -> Outcome:
         _running = True
         outcome = run(job)
         _running = False
-    except KeyboardInterrupt:  # just before or after
+    except KeyboardInterrupt:  # just before the job or after it
         pass
     return outcome
 
 
 def _request(number: int, frame: object) -> None:
-    """Interrupt the job that runs, once: what comes after that must not hit the sending of its result."""
+    """Interrupt the running job once; later requests must not interrupt the sending of its result."""
     global _stopped, _running
     _stopped = True
     if _running:

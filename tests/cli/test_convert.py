@@ -21,7 +21,7 @@ from clothfit.cli.fitting.plan import planned
 from clothfit.cli.program import run
 from clothfit.formats import obj
 from clothfit.formats.convention import Reading
-from clothfit.many.estimate_many import packed_goals
+from clothfit.many.estimate_many import packed_targets
 
 TRIANGLES = [[0, 1, 2], [2, 1, 3]]
 
@@ -186,7 +186,7 @@ def test_many_scenes_have_their_own_caches(say, folder):
         assert len(first[0][0].times) == frames
         assert second == first  # the next start is given the same motion
         assert [each["file"] for each in item.readings] == [f"{item.path[:3]}_*.obj"]
-    (goal,) = packed_goals("two_*.obj", "two.json")
+    (goal,) = packed_targets("two_*.obj", "two.json")
     assert (len(goal[0].times), goal[1]) == (5, None)
 
 

@@ -281,7 +281,7 @@ DIVERGENCE = {
             EVALUATE + "scene.json --steps 300", {"scene.json": {**HARD, "optimizationIterations": 5}}
         ),
         "…; the frames before are shown": Case("report scene.json scene.json --steps 300", {"scene.json": HARD}),
-        "no steps that fit into the time are short enough for a reference motion; allow more time (--budget), or "
+        "no steps that fit into the time are short enough for a reference motion; allow more time (--budget) or "
         "fewer frames (--steps)": patched(
             SPEED + "--budget 1e-9", "clothfit.evaluation.work_precision.REFERENCE_SECONDS", 0.0
         ),

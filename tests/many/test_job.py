@@ -5,7 +5,6 @@ import pickle
 from dataclasses import replace
 
 import numba
-import numpy as np
 import pytest
 from helpers.scenes import even, trial, write_scene
 
@@ -99,6 +98,3 @@ def test_whether_fits_are_compiled_is_known_from_the_cache(tmp_path, monkeypatch
     assert is_cold()
 
 
-def test_the_small_cloth_is_a_scene():
-    scene = load(warmup.small_cloth())
-    assert np.all(scene.cloths[0].rest > 0)

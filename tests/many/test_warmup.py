@@ -159,6 +159,7 @@ def test_its_scene_has_all_that_can_act_on_a_cloth():
     assert scene.wind.any()
     assert scene.cloths[0].drag > 0
     assert scene.cloths[0].triangles.size
+    assert (scene.cloths[0].rest > 0).all()
 
 
 def test_a_strip_can_be_called_large_and_very_large():

@@ -18,7 +18,7 @@ from clothfit.cli.fitting import checkpoints
 from clothfit.cli.fitting.files import Files, default_name
 from clothfit.cli.fitting.target_options import is_number
 from clothfit.fit.options import FitOptions
-from clothfit.many.job import File, Goal, Job, loaded, read
+from clothfit.many.job import File, Job, JobTarget, loaded, read
 from clothfit.optimise.checkpoint import Checkpoint
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class Item:
             self.motions.clear()
         return Job(self.file(self.path), targets, first, number, seed, options, kept, resume)
 
-    def targets(self) -> tuple[Goal, ...]:
+    def targets(self) -> tuple[JobTarget, ...]:
         """The targets, each with its scene."""
         pairs = self.files.pairs
         return tuple((self.motion(motion, own), None if own is None else self.file(own)) for motion, own in pairs)
