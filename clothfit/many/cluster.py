@@ -72,7 +72,7 @@ class Cluster:
     retried_alone = False  # the scheduler has tried again, on several workers
 
     def __init__(self, address: str) -> None:
-        """`address`: tcp://host:port. Raises InvalidInput without a scheduler there, or if a worker lacks this version."""
+        """`address`: tcp://host:port. Raises InvalidInput if no scheduler is there or a worker lacks this version."""
         try:
             from distributed import Client
         except ImportError:

@@ -96,5 +96,3 @@ def test_whether_fits_are_compiled_is_known_from_the_cache(tmp_path, monkeypatch
     assert not is_cold()
     monkeypatch.setattr("clothfit.kernels.cache.folders", lambda: (tmp_path / "none",))
     assert is_cold()
-
-
