@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from clothfit.base.arrays import Array, aligned
+from clothfit.base.arrays import Array, staggered
 from clothfit.engine.solve import cg, sparse, ssor, two_threads
 from clothfit.engine.solve.cg import CHECK_WITHIN, CONVERGED, INDEFINITE, LIMIT
 from clothfit.engine.solve.two_threads import SERVES, STOP, Worker
@@ -33,7 +33,8 @@ class Second(NamedTuple):
 def second(A: sparse.BlockMatrix) -> Second | None:
     """Memory for the second subdomain of a matrix; None where all its rows are in the first."""
     begin, end = A.subdomains[1]
-    return Second(aligned(len(A.diagonal) - 1, 4), two_threads.worker()) if begin < end else None
+    _, far = staggered(2, len(A.diagonal) - 1, 4)  # half a page from where x begins, and away from the others
+    return Second(far, two_threads.worker()) if begin < end else None
 
 
 @kernel
