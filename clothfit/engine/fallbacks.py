@@ -47,5 +47,5 @@ class Fallbacks(NamedTuple):
         return found
 
 
-NONE = Fallbacks()
-"""Of ordinary steps."""
+NO_FALLBACKS = Fallbacks()
+"""Those of ordinary steps."""

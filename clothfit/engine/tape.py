@@ -17,14 +17,14 @@ from clothfit.base import memory
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import human
-from clothfit.engine.fallbacks import NONE
+from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.rollout import STRETCH, Rollout, empty, fill, iterations_of, state_bytes, velocity
 from clothfit.engine.snapshots import Plan
 from clothfit.engine.solve.guess import Past
 from clothfit.engine.step import implicit
 from clothfit.engine.system import System
 
-SHORT = 16
+SHORTEST_PART = 16
 """Steps of a part, at least, where none is needed again."""
 
 
@@ -53,7 +53,7 @@ class Tape:
         """Without a plan the motion can only be told forwards."""
         self.system, self.steps, self.tolerance = system, steps, tolerance
         iterations = iterations_of(system)
-        self.plan = plan or Plan(min(max(steps, 1), max(SHORT, STRETCH // (len(system.x0) * iterations))))
+        self.plan = plan or Plan(min(max(steps, 1), max(SHORTEST_PART, STRETCH // (len(system.x0) * iterations))))
         needed = self.plan.length * state_bytes(system)
         free = memory.missing(needed)
         if free is not None:
@@ -62,7 +62,7 @@ class Tape:
                 f"{human(needed)} of memory, {human(free)} are free; use fewer iterations (forwardSubSteps)"
             )
         self.good = 0  # steps known to be good, all of them once it was told, unless the motion diverged
-        self.remedies = NONE  # what the good steps needed, once it was told
+        self.fallbacks = NO_FALLBACKS  # what the good steps needed, once it was told
         self.fault: Array | None = None  # (n, 3), the positions after the first step that is not good
         self.fault_velocity: Array = system.v0  # (n, 3), there
         self._work = implicit.workspace(system)
@@ -75,11 +75,11 @@ class Tape:
         is cut before the step that is not good.
         """
         at = self._kept[0]
-        self.remedies = NONE
+        self.fallbacks = NO_FALLBACKS
         for begin in range(0, self.steps or 1, self.plan.length):
             end = min(begin + self.plan.length, self.steps)
             part, at = self._part(at, end)
-            self.remedies = self.remedies.with_those_of(part)
+            self.fallbacks = self.fallbacks.with_those_of(part)
             if self.plan.strides and end < self.steps and end % self.plan.strides[0] == 0:
                 self._kept[end] = at
             yield part

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.engine.fallbacks import NONE, Fallbacks
+from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.fit.confidence import Confidence
 from clothfit.fit.holdout import HeldOut
 from clothfit.motion.divergence import Diverged
@@ -65,7 +65,7 @@ class Fit:
     prior: list[Scatter] | None = None  # None: the result has no prior
     holdout: HeldOut | None = None  # None: nothing was kept out of the fit
     memory: Needs | None = None  # that was predicted, bytes
-    remedies: Fallbacks = NONE  # how many steps of the fitted motion were solved directly, clamped or shortened
+    remedies: Fallbacks = NO_FALLBACKS  # how many steps of the fitted motion were solved directly, clamped or shortened
 
 
 def result(

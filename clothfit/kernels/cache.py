@@ -43,18 +43,19 @@ from numba.core.serialize import dumps
 
 PACKAGE = Path(__file__).resolve().parents[1]
 PREFIX = "kernels-"
-MARK = b"clothfit kernel 1\n"  # what a file begins with; then the SHA-256 of the rest
+FILE_MARK = b"clothfit kernel 1\n"  # what a file begins with; then the SHA-256 of the rest
 DAY = 24 * 3600.0  # s
 # files with types and constants that kernels use, but no kernel
-TYPES = ("base/arrays.py", "base/limits.py", "engine/system.py", "derivative/stencil.py")
+TYPE_FILES = ("base/arrays.py", "base/limits.py", "engine/system.py", "derivative/stencil.py")
 GRADIENT = "derivative.adjoint.sweep_back-*"  # files of the cache that any fit by gradients leaves
 config: Any = numba.config  # numba has no types
 
 
 def sources() -> list[Path]:
     """The files that compiled code depends on: those with kernels, and the constants and types kernels use."""
+    types = {PACKAGE / name for name in TYPE_FILES}
     files = [path for path in sorted(PACKAGE.rglob("*.py")) if "cli" not in path.relative_to(PACKAGE).parts]
-    return [path for path in files if path.relative_to(PACKAGE).as_posix() in TYPES or b"kernel" in path.read_bytes()]
+    return [path for path in files if path in types or b"kernel" in path.read_bytes()]
 
 
 @cache
@@ -106,8 +107,8 @@ def load(name: str) -> tuple[Path, bytes] | None:
     for folder in usable():
         with suppress(OSError):
             data = (folder / name).read_bytes()
-            mark, content = data[: len(MARK) + 32], data[len(MARK) + 32 :]
-            if mark == MARK + hashlib.sha256(content).digest():
+            mark, content = data[: len(FILE_MARK) + 32], data[len(FILE_MARK) + 32 :]
+            if mark == FILE_MARK + hashlib.sha256(content).digest():
                 return folder, content
     return None
 
@@ -121,7 +122,7 @@ def save(name: str, content: bytes) -> Path:
     for folder in usable():
         try:
             _make(folder)
-            _write(folder / name, MARK + hashlib.sha256(content).digest() + content)
+            _write(folder / name, FILE_MARK + hashlib.sha256(content).digest() + content)
             return folder
         except OSError as error:
             first = first or error
@@ -162,7 +163,7 @@ def _warn(message: str) -> None:
     warnings.warn(message, RuntimeWarning, stacklevel=2)
 
 
-tell: Callable[[str], None] = _warn
+warn: Callable[[str], None] = _warn
 """What is called, once, with a sentence when compiled code cannot be kept."""
 
 
@@ -216,7 +217,7 @@ class KernelCache(FunctionCache):
         except OSError as error:
             KernelCache.failed = True
             reason = error.strerror or str(error)
-            tell(f"compiled code cannot be kept, so every start compiles again: {folders()[0]}: {reason}")
+            warn(f"compiled code cannot be kept, so every start compiles again: {folders()[0]}: {reason}")
 
     def _file(self, key: object) -> str:
         """The file's name for a function's signature, bytecode and processor."""

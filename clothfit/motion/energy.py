@@ -32,7 +32,7 @@ from clothfit.kernels.kernel import kernel
 from clothfit.motion.motion import Motion, check_counts
 from clothfit.scene.scene import Scene
 
-KINETIC, ELASTIC, GRAVITY, CONTACT, WIND, DAMPING, DRAG = COLUMNS = range(7)
+KINETIC, ELASTIC, GRAVITY, CONTACT, WIND, DAMPING, DRAG = ENERGY_COLUMNS = range(7)
 """Columns of the accounts of one cloth: four of states, three of the steps that end there."""
 
 AT_ONCE = 20_000
@@ -99,15 +99,15 @@ def energies(scene: Scene, motion: Motion) -> Energy:
             f"{motion.name}: energies need every vertex, and a frame after every step of {scene.delta:.4g} s; give a "
             "motion as `simulate` makes it"
         )
-    parts = [account(build(scene, index), motion.of(index)) for index in range(len(scene.cloths))]
+    parts = [balances(build(scene, index), motion.of(index)) for index in range(len(scene.cloths))]
     kinetic, elastic, gravity, contact, *given = np.sum(parts, axis=0).T
     blown, damped, dragged = np.cumsum(given, axis=1)
     return Energy(motion.times, kinetic, elastic, gravity - gravity[0], contact, blown, -damped, -dragged)
 
 
-def account(system: System, x: Array) -> Array:
+def balances(system: System, x: Array) -> Array:
     """What is stored at each frame and given over the step before it, (F, 7) J, of one cloth's positions (F, n, 3)."""
-    out = np.zeros((len(x), len(COLUMNS)))
+    out = np.zeros((len(x), len(ENERGY_COLUMNS)))
     length = max(1, AT_ONCE // len(system.x0))
     for begin in range(0, len(x), length):
         end = min(begin + length, len(x))

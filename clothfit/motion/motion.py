@@ -25,7 +25,7 @@ from clothfit.base.errors import InvalidMotion
 from clothfit.base.limits import FARTHEST
 from clothfit.base.reading import unchanged
 from clothfit.base.writing import Data, put, write_atomically
-from clothfit.engine.fallbacks import NONE, Fallbacks
+from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.formats.animation import increasing
 from clothfit.formats.files import check_room
 from clothfit.scene.scene import Scene
@@ -58,7 +58,7 @@ class Motion:
     vertex_counts: tuple[int, ...]  # number of vertices of each object
     observed: Flags | None = None  # (frames, vertices), which positions were seen; None: all
     name: str = "motion"  # for messages
-    remedies: Fallbacks = NONE  # how many of its steps were solved directly, clamped or shortened
+    remedies: Fallbacks = NO_FALLBACKS  # how many of its steps were solved directly, clamped or shortened
     weights: Array | None = None  # (frames, vertices), 0 or more: how often each position counts; None: all once
 
     def of(self, cloth: int) -> Array:

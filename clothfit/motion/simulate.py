@@ -10,7 +10,7 @@ import numpy as np
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import checked_tolerance
 from clothfit.base.memory import check_memory
-from clothfit.engine.fallbacks import NONE
+from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.system import build
 from clothfit.engine.tape import Tape
 from clothfit.motion.divergence import Fault, last_states, outcome, with_bad
@@ -42,13 +42,13 @@ def simulate_cloths(
         raise InvalidInput(f"{scene.name}: delta: {count - 1} steps of {scene.delta:g} s do not end at a finite time")
     positions = np.full((count, sum(counts), 3), np.nan)
     motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
-    remedies, good, fault = NONE, count - 1, None
+    remedies, good, fault = NO_FALLBACKS, count - 1, None
     for index in cloths:
         tape, last = Tape(build(scene, index), count - 1, accuracy), None
         for part in tape.forward():
             motion.of(index)[part.first : part.first + part.steps + 1] = part.x
             last = last_states(part, last)
-        remedies = remedies.together(tape.remedies)
+        remedies = remedies.together(tape.fallbacks)
         if tape.fault is not None and last is not None and tape.good < good:
             good, fault = tape.good, Fault(index, with_bad(last, tape.fault, tape.fault_velocity))
     moved = np.repeat([index in cloths for index in range(len(counts))], counts)

@@ -19,7 +19,7 @@ from clothfit.base.limits import checked_tolerance
 from clothfit.base.memory import budget
 from clothfit.derivative import adjoint
 from clothfit.derivative.adjoint import CostDerivative, Observer, TrajectoryMemory
-from clothfit.engine.fallbacks import NONE, Fallbacks
+from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.snapshots import Plan
 from clothfit.engine.system import System, build
@@ -247,9 +247,9 @@ class Objective:
 
     def remedies(self, p: Array) -> Fallbacks:
         """Which fallbacks the steps of the motions of p (P,) need. Raises Diverged."""
-        found = NONE
+        found = NO_FALLBACKS
         for run in self.runs:
-            found = found.together(self.simulate(run, p)[1].remedies)
+            found = found.together(self.simulate(run, p)[1].fallbacks)
         return found
 
     def plan(self, run: Run) -> Plan:

@@ -103,7 +103,7 @@ def test_no_more_is_held_and_computed_than_the_plan_says(chosen, monkeypatch):
 
 
 def test_a_tape_without_a_plan_holds_a_few_steps(monkeypatch):
-    monkeypatch.setattr(tape, "SHORT", 3)
+    monkeypatch.setattr(tape, "SHORTEST_PART", 3)
     monkeypatch.setattr(tape, "STRETCH", 1)
     system = gentle()
     memory, _ = kept(system)

@@ -236,7 +236,7 @@ def test_functions_of_one_name_and_line_are_told_apart_by_what_they_hold(places)
 @compiles
 def test_where_nothing_can_be_kept_it_runs_and_says_so_once(places, monkeypatch):
     heard = []
-    monkeypatch.setattr(kernel_cache, "tell", heard.append)
+    monkeypatch.setattr(kernel_cache, "warn", heard.append)
     for folder in places:
         block(folder)
     function = compiled(doubled)

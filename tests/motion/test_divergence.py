@@ -32,7 +32,7 @@ def fault_of(made):
 @pytest.mark.parametrize("length", [1, 3, 16])
 @pytest.mark.parametrize("method", ["explicit", "symplectic"])
 def test_the_last_states_are_those_of_the_steps_whatever_the_parts(method, length, monkeypatch):
-    monkeypatch.setattr(tape, "SHORT", length)
+    monkeypatch.setattr(tape, "SHORTEST_PART", length)
     monkeypatch.setattr(tape, "STRETCH", 1)
     made = wild(method)
     error = fault_of(made)

@@ -67,7 +67,7 @@ class Console:
 
         from clothfit.kernels import cache as kernel_cache
 
-        kernel_cache.tell = self.warn
+        kernel_cache.warn = self.warn
         if _listening:  # an earlier command's, in the same process
             event.unregister("numba:compile", _listening.pop())
         _listening.append(_first_compilation(self, message))

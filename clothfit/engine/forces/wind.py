@@ -195,7 +195,7 @@ def add_pushforward(faces, y, u, w, s, dy, du, direction, h, out):
         for corner in range(3):
             j = faces.corners[i, corner]
             change = sub(load3(w, j), load3(u, j))
-            passing = eta - dot(n, change)
-            dpassing = deta - dot(dn, change) + dot(n, load3(du, j))
-            add_along(out, j, h * (dkappa * passing + kappa * dpassing), n)
-            add_along(out, j, h * kappa * passing, dn)
+            through = eta - dot(n, change)
+            dthrough = deta - dot(dn, change) + dot(n, load3(du, j))
+            add_along(out, j, h * (dkappa * through + kappa * dthrough), n)
+            add_along(out, j, h * kappa * through, dn)

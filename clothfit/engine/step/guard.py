@@ -27,7 +27,7 @@ from clothfit.kernels.vectors import combine
 SLACK = 1e-3
 """Rise that is left alone, relative to the kinetic and stored energy before the step."""
 
-FLOOR = 1e-20
+LEAST_RISE = 1e-20
 """The same in J: rounding, in a cloth that does not move and is not stretched."""
 
 SHORTEST = 40
@@ -57,7 +57,7 @@ def moving(vertex, v):
 @kernel
 def rises(before, after, work):
     """Whether a step added more energy than the weight's work, all in J."""
-    return not after - work <= (1.0 + SLACK) * before + FLOOR
+    return not after - work <= (1.0 + SLACK) * before + LEAST_RISE
 
 
 @kernel

@@ -15,8 +15,8 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic, models, register_model
 
-NUMBER, INDEX = ir.DoubleType(), ir.IntType(32)
-QUAD, PAIR = ir.VectorType(NUMBER, 4), ir.VectorType(NUMBER, 2)
+DOUBLE, INDEX = ir.DoubleType(), ir.IntType(32)
+QUAD, PAIR = ir.VectorType(DOUBLE, 4), ir.VectorType(DOUBLE, 2)
 ALIGNED = 8  # bytes: the rows of NumPy's arrays promise no more
 Code = tuple[Any, Callable[..., Any]]
 
@@ -86,7 +86,7 @@ def load3(_context: Any, a: Any, i: Any) -> Code:
         array, i = values
         start = place(context, builder, signature.args[0], array, i, ir.Constant(i.type, 0))
         low = read(builder, start, PAIR)
-        last = read(builder, builder.gep(start, [INDEX(2)]), NUMBER)
+        last = read(builder, builder.gep(start, [INDEX(2)]), DOUBLE)
         high = builder.insert_element(ir.Constant(PAIR, [0.0, 0.0]), last, INDEX(0))
         return shuffled(builder, low, high, [0, 1, 2, 3])
 
