@@ -17,12 +17,12 @@ import numpy as np
 
 from clothfit.base import threads
 from clothfit.base.arrays import Array
-from clothfit.engine.fallbacks import NONE
+from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.rollout import Rollout, rollout, velocity
 from clothfit.engine.system import System
 from clothfit.motion import divergence
 from clothfit.motion.divergence import Diverged
-from clothfit.motion.energy import CONTACT, GRAVITY, WIND, account
+from clothfit.motion.energy import CONTACT, GRAVITY, WIND, balances
 from clothfit.objective.objective import Objective
 from hard_cases import CASES, Case, bounds_objective
 
@@ -58,11 +58,11 @@ def run(systems: list[System], steps: int) -> Run:
     seconds = time.perf_counter() - began
     good = min(good for _, good in made)
     (bad,) = [index for index, (_, own) in enumerate(made) if own == good][:1]
-    accounts = np.sum([account(s, m.x[: good + 1]) for s, (m, _) in zip(systems, made, strict=True)], axis=0)
+    accounts = np.sum([balances(s, m.x[: good + 1]) for s, (m, _) in zip(systems, made, strict=True)], axis=0)
     accounts[:, GRAVITY] -= accounts[0, GRAVITY]
     total = accounts[:, : CONTACT + 1].sum(axis=1)
     rises = np.diff(total) - accounts[1:, WIND]
-    remedies = NONE
+    remedies = NO_FALLBACKS
     for memory, _ in made:
         remedies = remedies.with_those_of(memory.part(0, good))
     return Run(

@@ -2,11 +2,12 @@
 
 Grids of SIDE² vertices (`grids.py`), between the 1,500 from which the rows of a solve are shared by two threads and the
 8,000 from which multigrid takes over. Each is fitted, one stiffness per spring, to its own motion, from stiffnesses a
-third too large, with a few evaluations: all of `estimate`, by `--method`. The fit runs in turn with the second
-thread and without (NUMBA_NUM_THREADS=1, read at every solve) in one process on two cores, compiled beforehand. Seconds
-are medians over the rounds. `gain` is the time without over the time with, the median of the ratios within each round,
-and beside it the least and the largest; the results of both must be the same to the last bit. Load in the heading
-counts other programs too: where it is above 1 before the start, the second core is not free and the gain is too low.
+third too large, with a few evaluations: all of `estimate`, by `--method`. The default method also solves dense systems,
+whose time the second thread does not change; with l-bfgs-b nearly all is steps and gradients. The fit runs in turn with
+the second thread and without (NUMBA_NUM_THREADS=1, read at every solve) in one process on two cores, compiled
+beforehand. Seconds are medians over the rounds. `gain` is the time without over the time with, the median of the ratios
+within each round, and beside it the least and the largest; both results must be the same to the last bit. The load in
+the heading counts other programs: where it is above 0.5, the second core is not free and the gain comes out too low.
 """
 
 from __future__ import annotations
@@ -57,9 +58,11 @@ def fits(side: int, frames: int, evaluations: int, method: str) -> tuple[dict[st
 
 def row(side: int, given: argparse.Namespace) -> str:
     """One line of the table."""
+    import clothfit
+
     works, found = fits(side, given.frames, given.evaluations, given.method)
     seconds = measure.in_turn(works, given.rounds)
-    one, two = (np.append(found[name].cost, found[name].parameters) for name in works)
+    one, two = (np.append(found[name].cost, clothfit.parameters(found[name].scene)) for name in works)
     if one.tobytes() != two.tobytes():
         raise SystemExit(f"{side}²: two threads give another result than one")
     gains = seconds["one"] / seconds["two"]

@@ -14,7 +14,7 @@ from helpers.physics import ball, scene, thing
 import clothfit
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
-from clothfit.motion.energy import CONTACT, GRAVITY, account
+from clothfit.motion.energy import CONTACT, GRAVITY, balances
 
 sys.path.insert(0, str(BENCHMARKS))
 try:
@@ -33,7 +33,7 @@ def totals(system, steps=STEPS):
     """Positions, energy (steps + 1,), J, and the most that is ever in one place, of a motion that stays finite."""
     memory, good = rollout(system, steps, TOLERANCE)
     assert good == steps
-    stored = account(system, memory.x)[:, : CONTACT + 1]
+    stored = balances(system, memory.x)[:, : CONTACT + 1]
     stored[:, GRAVITY] -= stored[0, GRAVITY]
     return memory, stored.sum(axis=1), np.abs(stored).max()
 
