@@ -1,4 +1,4 @@
-"""What commands say, all of it on standard error: messages and tables. Standard output is for data.
+"""Messages and tables of commands, on standard error. Standard output is for data.
 
 Colour only on a terminal, and not where NO_COLOR is set.
 """
@@ -32,12 +32,12 @@ class Console:
         return sys.stderr.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
     def say(self, message: str) -> None:
-        """Tell the user something, unless quiet."""
+        """Print a message, unless quiet."""
         if not self.quiet:
             self._print(message)
 
     def detail(self, message: str) -> None:
-        """Tell something that only --verbose asks for, with the time since the start."""
+        """Print a message with the time since the start, with --verbose only."""
         if self.verbose:
             self._print(f"[{time.perf_counter() - self.began:7.2f} s] {message}")
 
@@ -50,7 +50,7 @@ class Console:
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
     def warn(self, message: str) -> None:
-        """Tell that something is not as the user may think."""
+        """Print a warning."""
         self.say(f"warning: {message}")
 
     def table(self, rows: Sequence[Sequence[str]]) -> None:

@@ -63,8 +63,8 @@ def output_for(
     """Decide where the result goes and check that it can go there.
 
     The default name is the scene's with `suffix` in place of its own; `inputs` are the files, besides the scene, that
-    must not be written over; `text` tells that the result may be shown on a terminal. Raises InvalidInput when the
-    place cannot be written, or is one of the inputs and `overwrite` is not given.
+    must not be written over; `text` means that a terminal may show the result. Raises InvalidInput when the place cannot
+    be written, or is one of the inputs and `overwrite` is not given.
     """
     from clothfit.base.writing import check_writable
 
@@ -81,8 +81,10 @@ def output_for(
 
 
 def write_scene(scene: Scene, out: Output) -> None:
-    """Write a scene whole. Where it should replace the one it was read from, and somebody has changed that meanwhile,
-    it goes beside it and InvalidInput says so. An interrupt is for the caller to hold back.
+    """Write a scene whole; the caller holds interrupts back.
+
+    If it should replace the file that it was read from, and that has changed meanwhile, the scene goes into a file
+    beside it. Raises InvalidInput with the name of that file.
     """
     from clothfit.scene.scene import dumps
 
@@ -96,7 +98,7 @@ def write_scene(scene: Scene, out: Output) -> None:
 
 
 def unchanged(scene: Scene, path: str) -> bool:
-    """Whether a file still holds the text that the scene was read from; so one that is gone does not."""
+    """Whether a file is there and still holds the text that the scene was read from."""
     source = scene.source
     try:
         return Path(path).read_bytes() == source.encode(source.text)
@@ -110,7 +112,7 @@ def is_among(path: str, others: Iterable[str | None]) -> bool:
 
 
 def same_file(a: str, b: str) -> bool:
-    """Whether two paths lead to one file, or would."""
+    """Whether two paths lead to the same file, or would if it existed."""
     try:
         return os.path.samefile(a, b)
     except OSError:

@@ -30,10 +30,10 @@ def read_scene(path: str, console: Console) -> Scene:
 
 
 def check_there(*paths: str) -> None:
-    """Check that there are scenes at the paths, for the same reason. Raises InvalidScene."""
+    """Check that the files exist, before the libraries load. Raises InvalidScene."""
     for path in paths:
         try:
-            with suppress(ValueError):  # no possible name; whoever reads it finds the words
+            with suppress(ValueError):  # an impossible name; reading it gives the message
                 if path != STREAM:
                     os.stat(path)
         except OSError as error:
@@ -47,6 +47,6 @@ def frames_of(steps: int | None, scene: Scene) -> int:
 
 
 def one_stream(*paths: str | None) -> None:
-    """Raise InvalidInput when standard input should be read twice."""
+    """Raise InvalidInput when standard input would be read twice."""
     if sum(path == STREAM for path in paths) > 1:
         raise InvalidInput("standard input (-) can be only one of the inputs")

@@ -12,9 +12,9 @@ from clothfit.base.interrupts import REQUESTS, SAME_REQUEST, handle
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Let interrupts wait: for the short time in which a result is written and told.
+    """Hold interrupts back for the short time in which a result is written and printed.
 
-    Where that takes long, as nobody reads from a pipe, one that comes a moment after another ends it.
+    If that takes long, because nobody reads from a pipe, a second interrupt a moment after the first ends it.
     """
     first: list[float] = []
 

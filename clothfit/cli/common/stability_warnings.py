@@ -14,7 +14,7 @@ STRETCH_ADVICE = "the motion is not to be believed unless they are that soft; tr
 
 
 def warn_of_steps(scene: Scene, frames: int, console: Console) -> None:
-    """Tell, before they are taken, when explicit or symplectic steps will not stay stable."""
+    """Warn, before the simulation, when explicit or symplectic steps will not stay stable."""
     from clothfit.engine.stability import warning
 
     sentence = warning(scene, frames - 1)
@@ -23,7 +23,7 @@ def warn_of_steps(scene: Scene, frames: int, console: Console) -> None:
 
 
 def warn_of_stretch(scene: Scene, motion: Motion, console: Console) -> None:
-    """Tell when a simulated motion ends in a state that cannot be believed, though it is finite."""
+    """Warn when a simulated motion is finite but ends in a state that cannot be right."""
     from clothfit.motion.divergence import overstretched, overstretched_from
 
     for index in range(len(scene.cloths)):

@@ -1,4 +1,4 @@
-"""Slips of the pen on the command line: what was probably meant; and which arguments are files, for completion."""
+"""Typing errors on the command line, with what was probably meant; and which arguments are files, for completion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `clothfit evaluate --speed` tells: a table, what its errors mean, and advice."""
+"""What `clothfit evaluate --speed` prints: a table, what its errors mean, and advice."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def chosen(
 
 @contextmanager
 def named_if_lost(kept: Checkpoint | None) -> Iterator[None]:
-    """Tell, where the result cannot be written, that there is a checkpoint to go on from."""
+    """If the result cannot be written, name the checkpoint to resume from in the error."""
     try:
         yield
     except InvalidInput as error:
@@ -59,9 +59,9 @@ def named_if_lost(kept: Checkpoint | None) -> Iterator[None]:
 
 
 def closed(kept: Checkpoint | None, asked: bool, status: str, in_place: bool, console: Console) -> None:
-    """Take away a checkpoint that nobody asked for and that is of no more use; tell how to go on from another.
+    """Remove a checkpoint that nobody asked for and that is no longer useful; print how to resume from another one.
 
-    A fit cannot go on that has written its result over its own scene (`in_place`).
+    A fit that has written its result over its own scene (`in_place`) cannot be resumed.
     """
     if kept is None or not kept.written:
         return

@@ -1,7 +1,7 @@
-"""The files that `clothfit estimate` is told of: those it reads besides a scene, and those it writes.
+"""The files that the options of `clothfit estimate` name: those it reads besides a scene, and those it writes.
 
 In the names, {stem} stands for the scene's name without folder and suffix, {folder} for its folder, so that one option
-can speak of many scenes.
+can name the files of many scenes.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from clothfit.formats.convention import Reading
 
 @dataclass(frozen=True)
 class Files:
-    """What the options of files say."""
+    """The options that name files."""
 
     targets: tuple[str, ...]  # of a motion, or of a motion and a scene
     start: str | None  # a number, or of a scene

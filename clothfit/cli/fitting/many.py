@@ -1,4 +1,4 @@
-"""`clothfit estimate` of several scenes, from several starts, or on a cluster: begin, write what ends, tell."""
+"""`clothfit estimate` of several scenes, from several starts, or on a cluster: start the fits, write each result, print a table."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ class Writer:
         self.console.say(f"{self.ended} of {len(self.items)}: {item.path}: {result_line}")
 
     def refuse(self, item: Item, message: str) -> None:
-        """Tell why there is no result; an error is told even where nothing else is."""
+        """Print why there is no result; an error is printed even with --quiet."""
         if not self.console.quiet:
             self.console.say(f"{self.ended} of {len(self.items)}: {item.path}: error: {message}")
             return
@@ -140,7 +140,7 @@ class Writer:
         self.console.warn(f"{self.items[index].path}: the process that fitted it died; it is tried again at the end")
 
     def close(self, item: Item, result: Result) -> None:
-        """Take checkpoints away that are of no more use."""
+        """Remove checkpoints that are no longer useful."""
         for kept, outcome in zip(item.kept, result.outcomes, strict=True):
             asked = item.files.checkpoint is not None
             checkpoints.closed(kept, asked, outcome.status, item.files.in_place, self.console)

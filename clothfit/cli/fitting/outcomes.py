@@ -1,4 +1,4 @@
-"""What `clothfit estimate` writes and tells of a fit."""
+"""What `clothfit estimate` writes and prints of a fit."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def finish(
     more: dict[str, Any] | None = None,
     log: FitLog | None = None,
 ) -> int:
-    """Write the result and tell about it, with `more` for --json, also to the log; returns the exit code."""
+    """Write the result and print it, with `more` in the summary for --json and the log; returns the exit code."""
     result = summary(scene, found, out) | (more or {})
     for warning in found.warnings:
         console.warn(f"{scene.name}: {warning}")
@@ -46,7 +46,7 @@ def finish(
 
 
 def conclude(result: dict[str, Any], out: Output, as_json: bool, log: FitLog | None) -> None:
-    """Hand the summary to who asked for it."""
+    """Write the summary to the log and print it as JSON, where asked for."""
     if log is not None:
         log.end(document("estimate", result))
     if as_json:
@@ -54,7 +54,7 @@ def conclude(result: dict[str, Any], out: Output, as_json: bool, log: FitLog | N
 
 
 def describe(found: Fit, out: Output, console: Console) -> None:
-    """Tell the result in a few lines."""
+    """Print the result in a few lines."""
     console.say(
         f"{found.status}: RMSE {metres(found.rmse)} over {found.frames} frames, "
         f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s → {out.name}"

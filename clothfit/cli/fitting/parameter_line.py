@@ -1,4 +1,4 @@
-"""What `clothfit estimate` tells of each kind of parameter that it fitted, in a line."""
+"""The line that `clothfit estimate` prints for each kind of parameter that it fitted."""
 
 from __future__ import annotations
 

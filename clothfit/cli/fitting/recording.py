@@ -1,4 +1,4 @@
-"""What is kept of the way of one fit, beside its result: the log, and the pictures that are drawn of it."""
+"""Records of one fit beside its result: the log, and the pictures drawn of it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Report = Callable[["Progress"], None]
 
 @dataclass
 class Recording:
-    """The options, and what has been seen."""
+    """The options of records, and the progress so far."""
 
     pictures: Pictures
     log_path: str | None
@@ -41,7 +41,7 @@ class Recording:
         self.log = log_of(self.log_path, (*used, *self.pictures.files), resume, console)
 
     def report(self, show: Report | None) -> Report | None:
-        """What is called with the progress of the fit; None where nobody looks."""
+        """The function that receives the progress of the fit; None where nothing records it."""
         own = [] if show is None else [show]
         if self.log is not None:
             own.append(self.log.record)
@@ -55,5 +55,5 @@ class Recording:
         return report_all if own else None
 
     def draw(self, found: Fit, scene: Scene, targets: Sequence[Goal], console: Console) -> None:
-        """Draw the pictures of the fit that has ended."""
+        """Draw the pictures of the finished fit."""
         self.pictures.estimated(found, scene, targets, self.history, console)

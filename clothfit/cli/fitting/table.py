@@ -1,4 +1,4 @@
-"""What `clothfit estimate` tells of many scenes at its end: a table, or objects for scripts."""
+"""What `clothfit estimate` prints of many scenes at its end: a table, or objects for scripts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the options of `clothfit estimate` mean that say what to fit to, and from where."""
+"""The options of `clothfit estimate` for targets, objectives and the start."""
 
 from __future__ import annotations
 
