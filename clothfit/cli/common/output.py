@@ -63,8 +63,8 @@ def output_for(
     """Decide where the result goes and check that it can go there.
 
     The default name is the scene's with `suffix` in place of its own; `inputs` are the files, besides the scene, that
-    must not be written over; `text` means that a terminal may show the result. Raises InvalidInput when the place cannot
-    be written, or is one of the inputs and `overwrite` is not given.
+    must not be written over; `text` means that a terminal may show the result. Raises InvalidInput when the place
+    cannot be written, or is one of the inputs and `overwrite` is not given.
     """
     from clothfit.base.writing import check_writable
 

@@ -153,7 +153,7 @@ class Shown:
             return ["looking at target and start …"]
         found = [f"{state(self.progress)} of at most {self.progress.budget}"]
         parts = ((stage(self.progress), ", "), (pace(self.progress, self.rate), ", "))
-        found += [between.join(words) for words, between in parts if words]
+        found += [between.join(items) for items, between in parts if items]
         curve = sparkline(self.errors)
         return [*found, f"{curve} {metres(self.errors[0])} → {metres(self.errors[-1])}"] if len(curve) > 1 else found
 

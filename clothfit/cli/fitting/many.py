@@ -1,4 +1,4 @@
-"""`clothfit estimate` of several scenes, from several starts, or on a cluster: start the fits, write each result, print a table."""
+"""`clothfit estimate` of several scenes, from several starts, or on a cluster: fit all, write each, print a table."""
 
 from __future__ import annotations
 

@@ -41,8 +41,8 @@ def mesh(path: str, asked: Asked, console: Console) -> Cloth:
 
     found, notes = read_mesh(path, asked.up, asked.handedness, asked.scale)
     name = Path(path).name
-    for note in notes:
-        console.say(f"{name}: {note}")
+    for sentence in notes:
+        console.say(f"{name}: {sentence}")
     numbering = None
     if asked.weld is not None:
         welded = weld(found, asked.distance)
