@@ -9,8 +9,8 @@ the runs there is an older file in the place of the output. Afterwards
 - the inputs have the bytes they had;
 - the checkpoint is absent or whole;
 - there is no other file but those, and hidden temporaries;
-- the same command, with `--resume` where there is a checkpoint, ends well, with the undisturbed output to the last
-  byte, and leaves no temporary.
+- the same command, with `--resume` where there is a checkpoint, ends well and leaves no temporary; a simulation gives
+  the undisturbed output to the last byte, a fit the same minimum.
 
 Prints a table, and each fault; the exit code is 1 where there is one.
 """
@@ -18,6 +18,7 @@ Prints a table, and each fault; the exit code is 1 where there is one.
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import random
 import shutil
@@ -44,6 +45,7 @@ LATE = 0.2  # the last part of a run
 WRITING = 0.003  # s that a file is being written for, at most, when its writer is killed
 OLD = b"an older file\n"
 LONGEST = 300  # s
+SAME_COST = 1e-3  # relative difference of two costs at the same minimum
 
 
 @dataclass
@@ -55,6 +57,7 @@ class Run:
     output: str
     checkpoint: str | None = None
     result: bytes = b""  # of a run that nobody disturbed
+    cost: float = 0.0  # of such a fit
     seconds: float = 0.0  # that it took
     counts: Counter[str] = field(default_factory=Counter)
 
@@ -83,7 +86,13 @@ def prepared(folder: Path, scene: Path, frames: int, steps: int, warm: int) -> l
                 raise SystemExit(f"{run.arguments[0]} fails undisturbed: {told}")
             run.seconds = time.perf_counter() - began
         run.result = (folder / run.output).read_bytes()
+        run.cost = cost_of(run, folder)
     return runs
+
+
+def cost_of(run: Run, folder: Path) -> float:
+    """The cost of a fit by its checkpoint; 0 for a simulation."""
+    return decoded((folder / run.checkpoint).read_bytes(), run.checkpoint)[1].cost if run.checkpoint else 0.0
 
 
 def disturbed(run: Run, folder: Path, chance: random.Random) -> list[str]:
@@ -141,7 +150,11 @@ def repeated(run: Run, folder: Path) -> list[str]:
     told = process.communicate(timeout=LONGEST)[1].decode()
     if process.returncode:
         return [f"ends with {process.returncode}: {told}"]
-    faults = [] if (folder / run.output).read_bytes() == run.result else [f"{run.output} has another content"]
+    faults = []
+    if run.checkpoint is None and (folder / run.output).read_bytes() != run.result:
+        faults.append(f"{run.output} has another content")
+    if not math.isclose(cost_of(run, folder), run.cost, rel_tol=SAME_COST):
+        faults.append(f"ends at a cost of {cost_of(run, folder):g}, not {run.cost:g}")
     return faults + [f"{name} stayed" for name in temporaries(folder)]
 
 

@@ -12,7 +12,6 @@ the search, so the result is never worse than the best of them.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -42,8 +41,7 @@ def find(search: Search, start: Array, others: Callable[[], list[Array]] | None,
     search.enter("starts")
     guesses = [start]
     if others is not None and not is_near(search, search.visit(start)):
-        known = search.journal.recall("others", lambda: np.array(others()))
-        guesses += [np.where(search.fitted, p, start) for p in known]
+        guesses += [np.where(search.fitted, p, start) for p in others()]
     centre = min(guesses, key=lambda p: search.measure(p, early))
     status = by_gauss_newton(search, centre, centre, tau)
     if exact and np.array_equal(search.best.p, exact[-1]):  # noisy as it is, it costs less
@@ -68,11 +66,10 @@ def by_momentum(
     search.enter("momentum")
     found: list[tuple[float, Array]] = []
     for treatment in treatments:
-        fit = partial(momentum.fit, search.objective, start, search.fitted, treatment)
-        p = search.journal.recall("momentum", fit)
+        p = momentum.fit(search.objective, start, search.fitted, treatment)
         if np.array_equal(p, start):
             return []
-        if early is not None and early_cost(search, p, early) > early.still:
+        if early is not None and early.cost_or_infinity(p) > early.still:  # no evaluation of the whole
             continue
         found.append((search.visit(p), p))
         if is_near(search):
@@ -85,14 +82,8 @@ def balances_can_hold(search: Search, start: Array, early: Objective) -> bool:
     if not is_long(search):
         return True
     search.enter("momentum", early)
-    fit = partial(momentum.fit, early, start, search.fitted, momentum.TREATMENTS[0])
-    p = search.journal.recall("early momentum", fit)
-    return early_cost(search, p, early) <= FAR_ERROR**2 * early.still
-
-
-def early_cost(search: Search, p: Array, early: Objective) -> float:
-    """The cost of values (P,) over a few frames; it does not count as an evaluation."""
-    return float(search.journal.recall("early cost", lambda: np.array(early.cost_or_infinity(p)), p))
+    p = momentum.fit(early, start, search.fitted, momentum.TREATMENTS[0])
+    return early.cost_or_infinity(p) <= FAR_ERROR**2 * early.still
 
 
 def one_value_each(search: Search) -> bool:
@@ -129,7 +120,7 @@ def scanned(search: Search, cloth: int, start: Array) -> Array:
     p = search.best.p.copy()
     for block in scannable(search.objective, cloth):
         p[block.part] = start[block.part]
-    return search.journal.recall("scan", lambda: np.array(scan(search.objective, cloth, p)))
+    return np.array(scan(search.objective, cloth, p))
 
 
 def by_brent(search: Search, p: Array, place: int, bracket: Array) -> None:

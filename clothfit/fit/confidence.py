@@ -69,8 +69,8 @@ class Hidden:
     directions: Array  # (F, ·), orthonormal
 
 
-def confidence(search: Search, start: Array) -> Confidence | None:
-    """What the data say at the best point of a search that began at `start` (P,).
+def confidence(search: Search) -> Confidence | None:
+    """What the data say at the best point of a search.
 
     None where that would take too long (`trajectory.LARGEST`) or too much memory, or where nothing could be evaluated.
     """
@@ -80,19 +80,19 @@ def confidence(search: Search, start: Array) -> Confidence | None:
     if not np.isfinite(search.best.cost) or expensive:
         return None
     try:
-        return found_with(problem, quick, start)
+        return found_with(problem, quick)
     except Diverged:
         return None
 
 
-def found_with(problem: Trajectory, quick: tuple[Model, float, int] | None, start: Array) -> Confidence:
+def found_with(problem: Trajectory, quick: tuple[Model, float, int] | None) -> Confidence:
     """The confidence by the model of a trajectory, or by a `quick` one with its squares and count. Raises Diverged."""
     search = problem.search
     seen = residual_squares(search.objective, search.best.p)
     model, squares, count = quick or (problem.model(search.y), *seen)
     known = posterior(Local(search, model, squares, count, learned_prior(search, model, squares, count)))
     hidden, noise = not_shown(known), variance(*seen, known.determined)  # of a residual of the motion
-    p, cost = set_back(known, hidden, noise, start)
+    p, cost = set_back(known, hidden, noise, search.start)
     low, high = intervals(known, hidden, quick is not None)
     rank = problem.size - hidden.directions.shape[1]
     return Confidence(p, cost, low, high, known.whole(hidden.flags), rank, float(np.sqrt(noise)))

@@ -26,7 +26,7 @@ from clothfit.motion.simulate import simulate, simulate_cloths
 from clothfit.objective.experiment import Targets, experiments
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.objective import Objective
-from clothfit.optimise.checkpoint import Checkpoint, Journal, identity, opened
+from clothfit.optimise.checkpoint import Checkpoint, State, identity, opened
 from clothfit.optimise.progress import Progress
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
@@ -101,24 +101,33 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     if options.foreseen:
         options.foreseen(objective.needs)
     given = None if hidden else objective.experiments
-    journal = opened(options.checkpoint, options.resume, identity(scene, given, start, **options.identity))
-    with journal.trusted():
-        found = searched(objective, start, hidden, options, journal)
+    same = identity(scene, given, start, **options.identity)
+    checkpoint, state = opened(options.checkpoint, options.resume, same, len(parameters(scene)))
+    found = searched(objective, start, hidden, options, checkpoint, state)
     return with_holdout(with_fallbacks(found, objective), kept_out, options)
 
 
 def searched(
-    objective: Objective, start: float | Array | Scene | None, hidden: bool, options: FitOptions, journal: Journal
+    objective: Objective,
+    start: float | Array | Scene | None,
+    hidden: bool,
+    options: FitOptions,
+    checkpoint: Checkpoint | None,
+    state: State | None,
 ) -> Fit:
-    """The result of a search; `hidden`: the scene's own values are the truth, which the fit may not know."""
-    p, warnings = first_point(objective, start, hidden, options.method, journal)
-    search = Search(objective, p, options.rmse_tolerance, options.budget, options.report, journal)
-    first = search.best.p  # within the bounds
+    """The result of a search, which goes on from a `state` that is given; `hidden`: the scene's own values are the
+    truth, which the fit may not know.
+    """
+    p, warnings = (state.start, []) if state else first_point(objective, start, hidden, options.method)
+    search = Search(objective, p, options.rmse_tolerance, options.budget, options.report, checkpoint, state)
+    search.warn(*warnings)
     others = partial(other_starts, objective, p, hidden) if start is None else None
     status = run(search, options.method, p, others, options.prior_width())
-    seconds, warnings = search.progress.seconds, [*warnings, *search.warnings, *journal.warnings]
-    known = assess(search, status, first, warnings) if options.intervals else None
-    return result(search, status, options.method, warnings, start is not None, first, known, seconds)
+    seconds, warnings = search.progress.seconds, [*search.warnings]
+    if checkpoint and checkpoint.fault:
+        warnings.append(checkpoint.fault)
+    known = assess(search, status, warnings) if options.intervals else None
+    return result(search, status, options.method, warnings, start is not None, known, seconds)
 
 
 def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[Objective, Objective | None]:
@@ -147,8 +156,8 @@ def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tup
     return objective, kept_out
 
 
-def assess(search: Search, status: Status, start: Array, warnings: list[str]) -> Confidence | None:
-    """The confidence in the result of a search that began at `start` (P,), or a warning why there is none."""
+def assess(search: Search, status: Status, warnings: list[str]) -> Confidence | None:
+    """The confidence in the result of a search, or a warning why there is none."""
     if status == Status.DIVERGED or not search.fitted.any():
         return None
     if status == Status.INTERRUPTED:
@@ -156,7 +165,7 @@ def assess(search: Search, status: Status, start: Array, warnings: list[str]) ->
         return None
     try:
         with threads.single(), interrupts.heard():
-            known = confidence(search, start)
+            known = confidence(search)
     except KeyboardInterrupt:
         warnings.append("no intervals, as their computation was interrupted")
         return None

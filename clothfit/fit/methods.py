@@ -9,8 +9,8 @@ import numpy as np
 from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
-from clothfit.fit.auto import by_momentum, find
-from clothfit.fit.trajectory_fit import by_gauss_newton
+from clothfit.fit.auto import by_momentum, find, one_value_each
+from clothfit.fit.trajectory_fit import by_gauss_newton, go_on, resumed_prior
 from clothfit.optimise import momentum
 from clothfit.optimise.scipy_methods import METHODS, minimise
 from clothfit.optimise.search import Search
@@ -20,21 +20,22 @@ from clothfit.optimise.status import Status, Stop
 def run(
     search: Search, method: str, start: Array, others: Callable[[], list[Array]] | None, tau: float | None
 ) -> Status:
-    """Search by a method until it or the user ends it; returns the status."""
+    """Search by a method until it or the user ends it; returns the status. A fit that had ended is not repeated."""
+    state = search.resumed
+    if state is not None and state.status in (Status.CONVERGED, Status.STALLED):
+        if len(state.centre):
+            search.best.believe(resumed_prior(search, state, tau))
+        return state.status
     try:
         with threads.single(), interrupts.heard():
             status = found_by(search, method, start, others, tau)
     except Stop as stop:
         status = stop.status
     except KeyboardInterrupt:
-        search.take_known()
         if not np.isfinite(search.best.cost):
             raise  # there is no result yet
         status = Status.INTERRUPTED
-    finally:
-        search.journal.write()
-    search.take_known()
-    return status if np.isfinite(search.best.cost) else Status.DIVERGED
+    return search.finish(status)
 
 
 def found_by(
@@ -51,6 +52,9 @@ def found_by(
             raise InvalidInput("memory: too little for the balance of momentum; use another method, or allow more")
         by_momentum(search, start)
         return search.verdict()
+    state = search.resumed
+    if state is not None and len(state.before) and not one_value_each(search):
+        return go_on(search, state, tau)
     if method == "gauss-newton":
         return by_gauss_newton(search, start, start, tau)
     return find(search, start, others, tau)

@@ -74,11 +74,10 @@ def result(
     method: str,
     warnings: list[str],
     started: bool,
-    start: Array,
     known: Confidence | None,
     seconds: float,
 ) -> Fit:
-    """The result for the user of a search that began at `start` (P,), which the user gave where `started`."""
+    """The result for the user of a search; the user gave its start where `started`."""
     scene = search.objective.scene
     p, cost = (search.best.p, search.best.cost) if known is None else (known.p, known.cost)
     lost = [block for block in scene.blocks if block.mode == "G" and search.objective.unidentifiable(block)]
@@ -92,7 +91,7 @@ def result(
         frames=search.objective.frames,
         evaluations=search.budget.evaluations,
         seconds=seconds,
-        parameters=[fitted_block(search, block, start, p, known) for block in scene.blocks],
+        parameters=[fitted_block(search, block, p, known) for block in scene.blocks],
         warnings=warnings,
         rank=None if known is None else known.rank,
         sigma=None if known is None else known.sigma,
@@ -113,8 +112,8 @@ def with_fallbacks(found: Fit, objective: Objective) -> Fit:
     return replace(found, remedies=fallbacks, warnings=warnings)
 
 
-def fitted_block(search: Search, block: Block, start: Array, p: Array, known: Confidence | None) -> FittedBlock:
-    """The result of a block that began at `start` (P,) and ended at p (P,)."""
+def fitted_block(search: Search, block: Block, p: Array, known: Confidence | None) -> FittedBlock:
+    """The result of a block that ended at p (P,)."""
     part = block.part
     lower, upper = (end[part] for end in bounds(search.objective.scene))
     lost = ~search.fitted[part]
@@ -124,6 +123,7 @@ def fitted_block(search: Search, block: Block, start: Array, p: Array, known: Co
         ends = zip(known.low[part].tolist(), known.high[part].tolist(), strict=True)
         interval = [None if np.isnan(low) else (low, high) for low, high in ends]
     bound = (at_lower(p[part], lower) | at_upper(p[part], upper)) & ~lost
+    start = search.start
     still = np.abs(p - start) <= UNMOVED * np.maximum(np.abs(start), search.coordinates.change(start))
     listed = [[int(i) for i in np.flatnonzero(flags)] for flags in (bound, lost, still[part] & ~lost)]
     return FittedBlock(

@@ -5,7 +5,6 @@ starts at the best of a coarse search (`coarse_search`) in the proportions of a 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from clothfit.fit.fabric import proportions
 from clothfit.fit.start_warnings import start_warnings
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
-from clothfit.optimise.checkpoint import Journal
 from clothfit.scene.fit_vector import bounds, parameters
 from clothfit.scene.kinds import LETTERED
 from clothfit.scene.scene import Scene
@@ -26,7 +24,7 @@ SELF_STARTING = ("auto", "momentum")
 
 
 def first_point(
-    objective: Objective, start: float | Array | Scene | None, hidden: bool, method: str, journal: Journal
+    objective: Objective, start: float | Array | Scene | None, hidden: bool, method: str
 ) -> tuple[Array, list[str]]:
     """The first point (P,) of a method, with warnings; `start` is what the user gives.
 
@@ -36,12 +34,12 @@ def first_point(
     if hidden and start is None and method in SELF_STARTING:
         p = np.where(objective.identifiable, fabric(scene), parameters(scene))
         return p, start_warnings(objective, p)
-    p = journal.recall("start", partial(choose_start, objective, start, hidden))
+    p = choose_start(objective, start, hidden)
     warnings = start_warnings(objective, p)
     if not np.isfinite(objective.cost_or_infinity(p)):
         instead = "the fit starts from the best of a coarse search instead"
         warnings.append(f"the simulation diverges at the start; {instead}")
-        p = journal.recall("second start", partial(neutral_start, objective, [p]))
+        p = neutral_start(objective, [p])
     return p, warnings
 
 

@@ -7,16 +7,19 @@ too many values for a dense model first multiplies them by one factor for each k
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
 from clothfit.fit.stages import Stage, is_far, is_long, is_near, stage_tolerance, stages
 from clothfit.optimise import matrix_free, scipy_methods
+from clothfit.optimise.checkpoint import State
 from clothfit.optimise.common_factors import Shared
-from clothfit.optimise.gauss_newton import minimise_resumed
+from clothfit.optimise.gauss_newton import SMALL, minimise
 from clothfit.optimise.prior import Prior, none
-from clothfit.optimise.search import Search
+from clothfit.optimise.search import Descent, Search
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import LARGEST, Trajectory
 
@@ -32,22 +35,50 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
         if is_far(search):
             return status
         near, windows = is_near(search), False
-    return by_stages(search, p, centre, tau, stages(search, near, windows))
-
-
-def by_stages(search: Search, p: Array, centre: Array, tau: float | None, parts: Sequence[Stage]) -> Status:
-    """Gauss–Newton from p (P,) through all stages, and back to the best point of before where that costs less."""
-    best, best_cost, status = search.best.p, search.best.cost, Status.STALLED
     every = Trajectory(search, search.objective)
-    y, prior = every.y(p), every.prior(every.y(centre), tau)
+    descent = Descent(every.prior(every.y(centre), tau), every.y(p), 0.0, 0, search.best.p, search.best.cost)
+    return by_stages(search, descent, stages(search, near, windows))
+
+
+def go_on(search: Search, state: State, tau: float | None) -> Status:
+    """Begin the stage anew in which a fit was ended, and go on from there; returns the status. Raises Stop."""
+    prior = resumed_prior(search, state, tau)
+    search.best.believe(prior)
+    *found, last = stages(search, False, windows=True)
+    last = last._replace(patience=last.patience._replace(flat=SMALL))  # it may begin where no step lowers the cost
+    left = [stage for stage in found if stage.objective.frames >= state.window and not state.radius] + [last]
+    descent = Descent(prior, state.y, state.radius, state.window, state.before, state.before_cost)
+    status = by_stages(search, descent, left)
+    centre = search.parameters(prior.centre)
+    if np.array_equal(search.best.p, state.before) and not np.allclose(state.before, centre, rtol=1e-9):
+        return by_gauss_newton(search, search.best.p, centre, tau)  # as `auto.find` does
+    return status
+
+
+def resumed_prior(search: Search, state: State, tau: float | None) -> Prior:
+    """The prior of a fit that was ended, with the widths that it had learned. Raises InvalidInput where they are of
+    another number than the groups.
+    """
+    every = Trajectory(search, search.objective)
+    prior = every.prior(state.centre, tau)
+    if (len(state.centre), len(state.tau)) != (every.size, len(prior.groups)):
+        raise InvalidInput("the checkpoint is not what a fit has written; begin anew, without --resume")
+    return replace(prior, tau=state.tau)
+
+
+def by_stages(search: Search, descent: Descent, parts: Sequence[Stage]) -> Status:
+    """Gauss–Newton through all stages, and back to the best point of before where that costs less."""
+    y, prior, status = descent.y, descent.prior, Status.STALLED
     for stage in parts:
         part, whole = Trajectory(search, stage.objective), stage.objective is search.objective
         search.enter("gauss-newton", stage.objective)
+        search.best.follow(descent._replace(prior=prior, y=y, window=stage.objective.frames))
         if not np.isfinite(part.cost(y)):
             break
         search.best.believe(prior)
         if part.operations() <= LARGEST and part.fits():
-            y, prior, status = by_dense_model(part, stage, y, prior)
+            y, prior, status = by_dense_model(part, stage, y, prior, descent.radius or None)
+            descent = descent._replace(radius=0.0)
             if not whole and stage.objective.steps == search.objective.steps and is_far(search):
                 break
         elif matrix_free.fits(part):
@@ -57,23 +88,26 @@ def by_stages(search: Search, p: Array, centre: Array, tau: float | None, parts:
             search.best.believe(None)
             search.warn("too little memory for the matrices of gauss-newton: l-bfgs-b took its place (--memory)")
             status = scipy_methods.minimise(search, "l-bfgs-b") if whole else status
-    if best_cost < search.best.cost:
+    search.best.follow(None)
+    if descent.before_cost < search.best.cost:
         search.best.believe(None)
-        search.accept(best, best_cost)
+        search.accept(descent.before, descent.before_cost)
     return Status.STALLED if status == Status.CONVERGED and search.on_plateau() else status
 
 
-def by_dense_model(part: Trajectory, stage: Stage, y: Array, prior: Prior) -> tuple[Array, Prior, Status]:
+def by_dense_model(
+    part: Trajectory, stage: Stage, y: Array, prior: Prior, radius: float | None
+) -> tuple[Array, Prior, Status]:
     """One stage of Gauss–Newton from y (Q,); the last point, the prior that it learned, and how it ended."""
     search, whole = part.search, part.objective is part.search.objective
     accepted = part.accepted if whole else part.passed
     problem = part.problem(stage.least, stage.patience)
-    y, prior, status = minimise_resumed(search, problem, y, prior, accepted, stage.iterations)
+    model, prior, status = minimise(problem, y, prior, accepted, stage.iterations, radius)
     search.best.believe(prior)
     if not whole:
         search.enter("gauss-newton")
-        search.visit(search.parameters(y))
-    return y, prior, status
+        search.visit(search.parameters(model.y))
+    return model.y, prior, status
 
 
 def too_many(search: Search) -> bool:
@@ -94,8 +128,8 @@ def by_factors(search: Search, p: Array, windows: bool) -> tuple[Array, Status]:
             break
         search.enter("factors", stage.objective)
         problem = part.problem(stage.least, stage.patience)
-        z, _, status = minimise_resumed(search, problem, z, none(part.size), part.passed, stage.iterations)
-        y = part.all(z)
+        model, _, status = minimise(problem, z, none(part.size), part.passed, stage.iterations)
+        y = part.all(model.y)
         search.visit(search.parameters(y))
     if is_far(search):
         loose = search.objective.until(search.objective.steps + 1, stage_tolerance(search.objective))

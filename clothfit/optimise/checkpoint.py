@@ -1,19 +1,13 @@
-"""The file from which a fit goes on after it was killed.
+"""The file from which a fit goes on after it was killed, and what it holds.
 
-It is written whole or not at all: a line with the name of the format and a checksum of all that follows; a line of JSON
-with what is fitted to what, and how (`identity`), and with the names and shapes of the records (`journal`); their
-numbers, one after the other, as 8 bytes each, little-endian. Nothing in it is ever run.
+A fit that is resumed does not repeat its way: it restarts the stage that it was in (`fit.auto`), or the optimiser, from
+the best values, with the prior that it had learned, and counts evaluations and seconds from its first beginning. It so
+comes to the same minimum, not to the same last bits.
 
-What a fit remembers of its way, so that it can go on after it was killed.
-
-A fit is deterministic, and all that takes long in it are a few kinds of stage: a cost, a cost with its gradient, a
-momentum fit, a scan. Each asks `recall` instead of computing at once, and the answers are kept in order. A fit that is
-resumed walks the same way again and is answered from the journal, until that ends and the computing begins: it needs to
-know nothing of where the earlier one was. Gauss–Newton, whose models are too large to keep, replaces all that it has
-asked by its state after each iteration (`replace`); what came before that is not walked again.
-
-Written: after each iteration of Gauss–Newton; otherwise at most once a second, and so rarely that writing takes at most
-a twentieth of the time; and at the end, whatever the end. Killed at any instant, a fit loses what came since.
+The file is written whole or not at all: a line with the name of the format and a checksum of all that follows, then a
+line of JSON with what is fitted to what, and how (`identity`), and with the `State`. It is written after the first
+evaluation, then at most once a second and so rarely that writing takes at most a twentieth of the time, and at the end.
+Nothing in it is ever run.
 """
 
 from __future__ import annotations
@@ -24,9 +18,9 @@ import math
 import os
 import stat
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,35 +30,38 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.reading import whole
 from clothfit.base.writing import check_writable, write_atomically
 from clothfit.objective.experiment import Experiment
+from clothfit.optimise.status import Status
 from clothfit.scene.scene import Scene, dumps
 
-FORMAT = b"clothfit checkpoint 1 "
+FORMAT_LINE = b"clothfit checkpoint 2 "
+SECRET = "#"  # before a digest, which says nothing to a reader
+
 EVERY = 1.0
 """Seconds between two writings, at least, …"""
 
-SHARE = 20.0
+WRITING_SHARE = 20.0
 """… and this many times what the last one took."""
 
-SECRET = "#"  # before a digest, which says nothing to a reader
 
+class State(NamedTuple):
+    """What a fit goes on from; P parameters, of which Q are fitted."""
 
-class Record(NamedTuple):
-    """What one stage of a fit found."""
-
-    name: str
-    values: Array  # of any shape
-    text: str = ""
-
-
-class Content(NamedTuple):
-    """What a checkpoint holds of the way so far."""
-
+    start: Array  # (P,), where the fit began
+    best: Array  # (P,)
+    cost: float  # of the best point
+    gradient: Array  # (P,), of that, as far as it is known
+    centre: Array  # (Q,), coordinates around which the prior scatters; (0,) without one
+    tau: tuple[float, ...]  # its widths
+    y: Array  # (Q,), from where Gauss–Newton goes on; (0,) where it is not under way, as `before`
+    radius: float  # of its trust region; 0: not chosen yet
+    window: int  # frames that it compares
+    before: Array  # (P,), the best point before it
+    before_cost: float
+    history: Sequence[float]  # best cost at each evaluation
+    beside: int  # further simulations
     seconds: float  # that the fit has taken
-    best: Array  # (1 + P,), the best cost and its parameters; (0,) where there is none
-    records: Sequence[Record]
-
-
-NOTHING = Content(0.0, np.zeros(0), ())
+    warnings: Sequence[str]
+    status: Status | None = None  # None while it runs
 
 
 @dataclass
@@ -74,6 +71,9 @@ class Checkpoint:
     path: str | os.PathLike[str]
     after: float = 0.0  # s: a fit that is shorter writes nothing
     written: bool = False  # whether the file is this fit's
+    identity: Mapping[str, str] = field(default_factory=dict)  # of this fit
+    fault: str = ""  # why the last writing failed
+    due: float = -math.inf  # when it is time for the next writing
 
     def check(self) -> None:
         """Raise InvalidInput when the file cannot be written, or is there and is no checkpoint."""
@@ -81,20 +81,35 @@ class Checkpoint:
         if os.path.exists(self.path) and stat.S_ISFIFO(os.stat(self.path).st_mode):  # to open it may take forever
             raise InvalidInput(f"{self._name}: is a pipe, which keeps nothing; name a file for the checkpoint")
         if os.path.isfile(self.path) and os.path.getsize(self.path):
-            self._content(len(FORMAT))
+            self._content(len(FORMAT_LINE))
 
-    def write(self, identity: Mapping[str, str], content: Content) -> None:
-        """Replace the file. Raises InvalidInput."""
-        write_atomically(self.path, encoded(identity, content))
-        self.written = True
+    def save(self, state: Callable[[], State], now: bool = False) -> None:
+        """Write the state, if not `now`, then only where it is time; a fault is a warning, for the fit goes on."""
+        began = time.perf_counter()
+        if not now and began < self.due:
+            return
+        found = state()
+        if found.seconds < self.after:
+            return
+        try:
+            write_atomically(self.path, encoded(self.identity, found))
+            self.written, self.fault = True, ""
+        except InvalidInput as error:
+            self.fault = f"the checkpoint is not up to date: {error}"
+        end = time.perf_counter()
+        self.due = end + max(EVERY, WRITING_SHARE * (end - began))
 
-    def read(self, identity: Mapping[str, str]) -> Content:
-        """What the file holds. Raises InvalidInput when it is not there, is damaged or belongs to another fit."""
-        there, content = decoded(self._content(), self._name)
+    def read(self, count: int) -> State:
+        """The state of a fit of so many parameters. Raises InvalidInput when the file is not there, is damaged or
+        belongs to another fit.
+        """
+        there, state = decoded(self._content(), self._name)
         self.written = True
-        if reasons := differences(there, identity):
+        if reasons := differences(there, self.identity):
             raise InvalidInput(f"{self._name}: belongs to another fit: {'; '.join(reasons)}")
-        return content
+        if len(state.best) != count:
+            raise InvalidInput(f"{self._name}: is not what a fit has written; begin anew, without --resume")
+        return state
 
     def remove(self) -> None:
         """Take the file away where this fit has written it."""
@@ -116,47 +131,80 @@ class Checkpoint:
             raise InvalidInput(f"{self._name}: there is no such checkpoint to resume from") from None
         except OSError as error:
             raise InvalidInput(f"{self._name}: cannot be read: {error.strerror or error}") from None
-        if not data.startswith(FORMAT):
+        if not data.startswith(FORMAT_LINE):
             raise InvalidInput(f"{self._name}: is not a checkpoint that this clothfit can read; name another file")
         return data
 
 
-def encoded(identity: Mapping[str, str], content: Content) -> bytes:
+def opened(
+    checkpoint: str | os.PathLike[str] | Checkpoint | None, resume: bool, identity: Mapping[str, str], count: int
+) -> tuple[Checkpoint | None, State | None]:
+    """The checkpoint of a fit of so many parameters, and the state to go on from where it is resumed.
+
+    Raises InvalidInput.
+    """
+    if checkpoint is None:
+        if resume:
+            raise InvalidInput("resume: a checkpoint is needed, the file to resume from")
+        return None, None
+    file = checkpoint if isinstance(checkpoint, Checkpoint) else Checkpoint(checkpoint)
+    file.check()
+    file.identity = dict(identity)
+    return file, file.read(count) if resume else None
+
+
+def encoded(identity: Mapping[str, str], state: State) -> bytes:
     """The bytes of a file."""
-    records = [Record("best", content.best), *content.records]
-    shapes = [[record.name, record.text, *record.values.shape] for record in records]
-    head = {"identity": dict(identity), "seconds": content.seconds, "records": shapes}
-    numbers = b"".join(np.asarray(record.values, "<f8").tobytes() for record in records)
-    rest = json.dumps(head).encode() + b"\n" + numbers
-    return FORMAT + checksum(rest) + b"\n" + rest
+    rest = json.dumps({"identity": dict(identity), "state": state._asdict()}, default=np.ndarray.tolist).encode()
+    return FORMAT_LINE + checksum(rest) + b"\n" + rest
 
 
-def decoded(data: bytes, name: str) -> tuple[dict[str, str], Content]:
-    """Identity and content in the bytes of a file, called `name` in messages. Raises InvalidInput."""
+def decoded(data: bytes, name: str) -> tuple[dict[str, str], State]:
+    """Identity and state in the bytes of a file, called `name` in messages. Raises InvalidInput."""
     first, _, rest = data.partition(b"\n")
-    if first != FORMAT + checksum(rest):
+    if first != FORMAT_LINE + checksum(rest):
         raise InvalidInput(f"{name}: is damaged: its checksum is wrong; begin anew, without --resume")
-    text, _, numbers = rest.partition(b"\n")
     try:
-        return _understood(json.loads(text), np.frombuffer(numbers, "<f8").astype(float))
+        head = json.loads(rest)
+        identity, state = head["identity"], _understood(head["state"])
+        possible = all(isinstance(text, str) for text in identity.values()) and is_possible(state)
     except (ValueError, TypeError, LookupError, AttributeError, RecursionError, OverflowError):  # not by `encoded`
-        raise InvalidInput(f"{name}: is not what a fit has written; begin anew, without --resume") from None
+        possible = False
+    if not possible:
+        raise InvalidInput(f"{name}: is not what a fit has written; begin anew, without --resume")
+    return identity, state
 
 
-def _understood(head: Any, flat: Array) -> tuple[dict[str, str], Content]:
-    """The same from the line of JSON and all numbers. Raises one of several errors where they are not in order."""
-    records, start = [], 0
-    for label, word, *shape in head["records"]:
-        if not (isinstance(label, str) and isinstance(word, str) and all(type(n) is int and n >= 0 for n in shape)):
-            raise ValueError("no record")
-        end = start + math.prod(shape)
-        records.append(Record(label, flat[start:end].reshape(shape), word))
-        start = end
-    texts, seconds = head["identity"], head["seconds"]
-    plain = all(isinstance(text, str) for text in texts.values())
-    if not (plain and start == len(flat) and records[0].values.ndim == 1 and 0 <= float(seconds) < math.inf):
-        raise ValueError("no content")
-    return texts, Content(float(seconds), records[0].values, records[1:])
+def _understood(values: Mapping[str, Any]) -> State:
+    """A state from JSON. Raises one of several errors where the values are of other types."""
+    names = ("start", "best", "gradient", "centre", "y", "before")
+    start, best, gradient, centre, y, before = (np.array(values[name], float) for name in names)
+    numbers = (float(values[name]) for name in ("cost", "before_cost", "radius", "seconds"))
+    cost, before_cost, radius, seconds = numbers
+    tau, history = (tuple(float(value) for value in values[name]) for name in ("tau", "history"))
+    window, beside = (int(values[name]) for name in ("window", "beside"))
+    warnings, status = [str(text) for text in values["warnings"]], values["status"]
+    return State(
+        start, best, cost, gradient, centre, tau, y, radius, window, before, before_cost, history, beside, seconds,
+        warnings, None if status is None else Status(status),
+    )  # fmt: skip
+
+
+def is_possible(state: State) -> bool:
+    """Whether a fit can have come to a state."""
+    arrays = (state.start, state.best, state.gradient, state.centre, state.y, state.before)
+    return (
+        all(array.ndim == 1 and bool(np.isfinite(array).all()) for array in arrays)
+        and len(state.start) == len(state.best) == len(state.gradient)
+        and len(state.before) in (0, len(state.best))
+        and len(state.y) in (0, len(state.centre))
+        and all(0 <= number < math.inf for number in (state.cost, state.radius, state.seconds))
+        and state.before_cost >= 0
+        and all(width > 0 for width in state.tau)
+        and not any(math.isnan(cost) for cost in state.history)
+        and all(text.isprintable() for text in state.warnings)
+        and min(state.window, state.beside) >= 0
+    )
 
 
 def checksum(data: bytes) -> bytes:
@@ -218,132 +266,3 @@ def differences(there: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
             secret = old.startswith(SECRET) or new.startswith(SECRET)
             found.append(f"another {name}" if secret else f"{name}: {old} there, {new} now")
     return found
-
-
-class Journal:
-    """The answers so far, in the order of the questions; without a file nothing is kept."""
-
-    def __init__(
-        self, file: Checkpoint | None = None, identity: Mapping[str, str] | None = None, known: Content = NOTHING
-    ) -> None:
-        """`known`: what an earlier fit has kept of the same way."""
-        self.file, self.identity, self.known = file, dict(identity or {}), known
-        self.records = list(known.records)
-        self.place = 0  # of the next record, where the way is being repeated
-        self.search: Any = None  # whose best point and seconds are kept
-        self.fault = ""  # why the last writing failed
-        self.strayed = False  # whether the way was another than the one known
-        self._changed, self._next = False, -np.inf
-
-    @property
-    def repeating(self) -> bool:
-        """Whether the way is still known."""
-        return self.place < len(self.records)
-
-    @property
-    def warnings(self) -> list[str]:
-        """What the user should know."""
-        found = [f"the checkpoint is not up to date: {self.fault}"] if self.fault else []
-        if self.strayed:
-            found.append("the way of the checkpoint could be followed only in part (other versions of the libraries?)")
-        return found
-
-    @contextmanager
-    def trusted(self) -> Iterator[None]:
-        """Take records for those of such a fit: what goes wrong in the block is put down to a file that was resumed
-        from, whose checksum anybody can make. Raises InvalidInput.
-        """
-        try:
-            yield
-        except (ValueError, LookupError, TypeError, ArithmeticError) as error:
-            if isinstance(error, InvalidInput) or self.file is None or self.known is NOTHING:
-                raise
-            name = os.fspath(self.file.path)
-            raise InvalidInput(f"{name}: holds what no such fit has found; begin anew, without --resume") from error
-
-    def recall(self, name: str, compute: Callable[[], Array], point: Array | None = None) -> Array:
-        """An array of any shape: what is known of it, else what `compute` gives, which is kept.
-
-        `compute` must not ask the journal itself. Where a `point` is given, only the answer for that point will do.
-        """
-        if self.file is None:
-            return compute()
-        label = name if point is None else f"{name} at {hashlib.sha256(point.tobytes()).hexdigest()[:16]}"
-        record = self.next(label)
-        if record is None:
-            record = Record(label, compute())
-            self._keep(record)
-        return record.values.copy()  # what is kept stays, whatever becomes of the answer
-
-    def next(self, name: str) -> Record | None:
-        """The next record of a known way, which must have that name: one with another ends what is known."""
-        if not self.repeating:
-            return None
-        if self.records[self.place].name != name:
-            self.strayed = True
-            self.records = self.records[: self.place]
-            return None
-        self.place += 1
-        return self.records[self.place - 1]
-
-    def is_behind(self, cost: float) -> bool:
-        """Whether a fit whose best point has that cost is not yet, or no more, where the known one was.
-
-        Past the end of a known way it is further, even if at a larger cost: what the prior adds is not in the cost.
-        """
-        known = self.known.best
-        return len(known) > 0 and (self.repeating or (self.strayed and bool(known[0] < cost)))
-
-    def follows(self, name: str) -> bool:
-        """Whether the next record of a known way has that name."""
-        return self.repeating and self.records[self.place].name == name
-
-    def replace(self, place: int, records: Sequence[Record], now: bool = True) -> None:
-        """Put records in the place of all from `place` on, and write, if not `now`, then in time."""
-        if self.file is not None:
-            self.records = [*self.records[:place], *records]  # in one step: an interrupt may come between any two
-            self.place, self._changed = len(self.records), True
-            self.write(now)
-
-    def _keep(self, record: Record) -> None:
-        self.place += 1  # first: an interrupt may come between, and nothing must seem to be left of a known way
-        self.records.append(record)
-        self._changed = True
-        self.write(now=False)
-
-    def write(self, now: bool = True) -> None:
-        """Write the file, if not `now`, then only where it is time; a fault is a warning, for the fit goes on."""
-        began = time.perf_counter()
-        if self.file is None or not self._changed or not (now or began >= self._next):
-            return
-        content = self._content()
-        if content.seconds < self.file.after:
-            return
-        try:
-            self.file.write(self.identity, content)
-            self.fault, self._changed = "", False
-        except InvalidInput as error:
-            self.fault = str(error)
-        end = time.perf_counter()
-        self._next = end + max(EVERY, SHARE * (end - began))
-
-    def _content(self) -> Content:
-        at = self.search
-        if at is None:
-            return Content(self.known.seconds, self.known.best, self.records)
-        best = self.known.best if self.is_behind(at.best.cost) else np.array([at.best.cost, *at.best.p])
-        return Content(at.progress.seconds, best, self.records)
-
-
-def opened(checkpoint: str | os.PathLike[str] | Checkpoint | None, resume: bool, same: Mapping[str, str]) -> Journal:
-    """The journal in a checkpoint, with what an earlier fit left there where it is resumed.
-
-    `same` is what must be the same for that (`checkpoint.identity`). Raises InvalidInput.
-    """
-    if checkpoint is None:
-        if resume:
-            raise InvalidInput("resume: a checkpoint is needed, the file to resume from")
-        return Journal()
-    file = checkpoint if isinstance(checkpoint, Checkpoint) else Checkpoint(checkpoint)
-    file.check()
-    return Journal(file, same, file.read(same)) if resume else Journal(file, same)

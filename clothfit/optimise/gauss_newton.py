@@ -14,7 +14,7 @@ say nothing: it also ends where two steps in a row would save less than 1e-5 of 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -22,9 +22,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.optimise import bounded
-from clothfit.optimise.checkpoint import Record
 from clothfit.optimise.prior import Prior
-from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 
 LEFT = 1e-2
@@ -69,18 +67,6 @@ class Model:
 
 
 @dataclass(frozen=True)
-class State:
-    """Where a fit stands after an iteration: all that the next one depends on."""
-
-    y: Array  # (Q,)
-    radius: float
-    tau: tuple[float, ...]
-    iteration: int
-    mark: tuple[float, float] = (0.0, np.inf)  # iteration and cost when it last became much lower
-    last: tuple[float, float] = (np.inf, np.inf)  # what the iteration's model would have saved, and its cost
-
-
-@dataclass(frozen=True)
 class Problem:
     """What is minimised, as functions of the coordinates y (Q,)."""
 
@@ -97,17 +83,19 @@ def minimise(
     problem: Problem,
     y: Array,
     prior: Prior,
-    state: State | None = None,
-    accepted: Callable[[State, Model], None] | None = None,
+    accepted: Callable[[Prior, Model, float], None] | None = None,
     iterations: int = 200,
+    radius: float | None = None,
 ) -> tuple[Model, Prior, Status]:
-    """Go down from y, or from a `state` that `accepted` was given; returns the last model, the prior and the status."""
-    if state is None:
-        state = State(y, FIRST_RADIUS * np.sqrt(max(len(y), 1)), prior.tau, 0)
-    prior, radius = replace(prior, tau=state.tau), state.radius
-    model = problem.model(state.y)
-    mark, last = state.mark, state.last
-    for iteration in range(state.iteration, iterations):
+    """Go down from y (Q,); returns the last model, the prior and the status.
+
+    `accepted` is called with the prior, the model and the radius after each iteration, and may raise Stop.
+    """
+    radius = FIRST_RADIUS * np.sqrt(max(len(y), 1)) if radius is None else radius
+    model = problem.model(y)
+    mark = (0.0, np.inf)  # iteration and cost when it last became much lower
+    last = (np.inf, np.inf)  # what the last model would have saved, and its cost
+    for iteration in range(iterations):
         patience = problem.patience
         if not model.cost > (1.0 - patience.slow) * mark[1]:
             mark = (float(iteration), model.cost)
@@ -132,7 +120,7 @@ def minimise(
             return model, prior, ended(saving <= patience.flat * model.cost)
         model = problem.model(model.y + step)
         if accepted:
-            accepted(State(model.y, radius, prior.tau, iteration + 1, mark, last), model)
+            accepted(prior, model, radius)
     return model, prior, Status.LIMIT
 
 
@@ -193,77 +181,3 @@ def descend(
             break
         step, new, radius = wider, beyond, 2.0 * radius
     return step, radius, True
-
-
-RUNNING = "running"
-
-
-class Descent:
-    """One descent, and its place in the journal of the search.
-
-    After each accepted iteration the journal keeps the state and how the search stands, in the place of all that this
-    descent has asked before. A descent that has ended keeps its outcome in the same way.
-    """
-
-    def __init__(self, search: Search, prior: Prior, count: int) -> None:
-        """`count`: Q."""
-        self.search, self.journal, self.place = search, search.journal, search.journal.place
-        self.name, self.widths = f"Gauss-Newton of {count} with {len(prior.tau)}", len(prior.tau)
-
-    def known(self) -> tuple[State, Status | None] | None:
-        """The last state that is known of it, and its status where it has ended; the search then stands as it did.
-
-        Raises Stop.
-        """
-        if not self.journal.follows(self.name):
-            return None
-        record, standing = self.journal.next(self.name), self.journal.next("standing")
-        if record is None or standing is None:
-            return None
-        ended = None if record.text == RUNNING else Status(record.text)  # ValueError where there is none
-        iteration, radius, *marks = record.values[:6].tolist()
-        rest = record.values[6:]
-        self.search.restore(standing.values)
-        tau = tuple(rest[: self.widths].tolist())
-        mark, last = (marks[0], marks[1]), (marks[2], marks[3])
-        return State(rest[self.widths :], radius, tau, int(iteration), mark, last), ended
-
-    def keep(self, state: State, status: str = RUNNING) -> None:
-        """Keep a state; at once where the descent goes on from it."""
-        values = np.array([state.iteration, state.radius, *state.mark, *state.last, *state.tau, *state.y])
-        records = [Record(self.name, values, status), Record("standing", self.search.state_vector())]
-        self.journal.replace(self.place, records, now=status == RUNNING)
-
-
-def minimise_resumed(
-    search: Search,
-    problem: Problem,
-    y: Array,
-    prior: Prior,
-    accepted: Callable[[State, Model], None] | None = None,
-    iterations: int = 200,
-) -> tuple[Array, Prior, Status]:
-    """Go down from y (Q,) as `minimise` does; returns the last point (Q,), the prior and the status.
-
-    `accepted` may raise Stop.
-    """
-    descent = Descent(search, prior, len(y))
-    known = descent.known()
-    if known and known[1]:
-        return known[0].y, replace(prior, tau=known[0].tau), known[1]
-    state = known[0] if known else None
-    if state is not None:
-        search.budget.history.pop()  # the model at its point is made again, and was counted
-    last = [state or State(y, 0.0, prior.tau, 0)]
-
-    def keep(state: State, model: Model) -> None:
-        last[0] = state
-        try:
-            if accepted:
-                accepted(state, model)
-        finally:  # the search may end here, and be resumed with a larger budget
-            descent.keep(state)
-
-    model, prior, status = minimise(problem, y, prior, state, keep, iterations)
-    descent.keep(replace(last[0], y=model.y, tau=prior.tau), status)
-    return model.y, prior, status

@@ -88,7 +88,7 @@ class Residuals:
         sigma = np.sqrt(variance(cost if np.isfinite(cost) else 0.0, part.residuals(), 0.0))
         widths = [WIDTH if prior.learns else tau for tau in prior.tau]
         self.weights = [sigma / tau for tau in widths]
-        self.worst, self.count = 0.0, 0
+        self.worst, self.count, self.lowest = 0.0, 0, np.inf
 
     def __call__(self, y: Array) -> Array:
         """r (N + …,) at y (Q,)."""
@@ -107,6 +107,10 @@ class Residuals:
         below = [w * self.prior.deviation(y, g) for w, g in zip(self.weights, self.prior.groups, strict=True)]
         r = np.concatenate([*parts, *below])
         self.count, self.worst = len(r), max(self.worst, float(np.abs(r).max(initial=0.0)))
+        best, squares = self.part.search.best, float(r @ r)
+        if squares < self.lowest and best.descent is not None:  # a resumed fit begins there
+            self.lowest = squares
+            best.follow(best.descent._replace(y=y.copy()))
         return r
 
     def jacobian(self, y: Array) -> LinearOperator:

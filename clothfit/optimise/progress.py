@@ -31,12 +31,12 @@ class Progress:
 class Reporter:
     """The stage of a fit, the frames that it compares, its last accepted point, and who wants to know."""
 
-    def __init__(self, report: Callable[[Progress], None] | None, p: Array, frames: int, seconds: float = 0.0) -> None:
-        """`p` (P,): the first point; `frames`: all that are compared; `seconds` that were spent before."""
+    def __init__(self, report: Callable[[Progress], None] | None, p: Array, frames: int) -> None:
+        """`p` (P,): the first point; `frames`: all that are compared."""
         self.receiver, self.p, self.frames = report, p, frames
         self.stage, self.window, self.window_rmse = "start", frames, np.nan
         self.iterations, self.step = 0, np.nan
-        self.began = time.perf_counter() - seconds
+        self.began = time.perf_counter()
 
     @property
     def seconds(self) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings as python_warnings
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -79,12 +78,12 @@ def short(search: Search, objective: Objective, y: Array) -> tuple[Array, Status
     def cost(y: Array) -> tuple[float, Array]:
         p = search.parameters(y)
         search.count()
-        answer = search.journal.recall("loose gradient", partial(cost_and_gradient, objective, p), p)
-        search.advance(p, objective.rmse(float(answer[0])))
-        if not np.isfinite(answer).all():
+        value, gradient = cost_and_gradient(objective, p)
+        search.advance(p, objective.rmse(value))
+        if not (np.isfinite(value) and np.isfinite(gradient).all()):
             return 1e3, np.zeros(len(y))  # the line search steps back
-        slope = answer[1:] * search.coordinates.derivative(p)
-        return float(answer[0]) / unit, slope[search.fitted] / unit
+        by_y = gradient * search.coordinates.derivative(p)
+        return value / unit, by_y[search.fitted] / unit
 
     found = minimize(
         cost, y, jac=True, method="L-BFGS-B", bounds=search.bounds,

@@ -10,15 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
-from clothfit.optimise.checkpoint import Journal
+from clothfit.optimise.checkpoint import Checkpoint, State
 from clothfit.optimise.coordinates import Coordinates
 from clothfit.optimise.progress import Progress, Reporter
 from clothfit.optimise.status import Budget, Status, Stop
@@ -44,6 +43,17 @@ HEIGHT = 1e3
 """Height of the bowl at its bottom, relative to the largest cost met; twice that at distance 1 from the best point."""
 
 
+class Descent(NamedTuple):
+    """Gauss–Newton by stages, of which each can begin anew; with a prior it may end at a larger cost."""
+
+    prior: Prior
+    y: Array  # (Q,), where the stage begins; in the last one, the point that was accepted last
+    radius: float  # of its trust region; 0: not chosen yet
+    window: int  # frames that it compares
+    before: Array  # (P,), the best point before all stages
+    before_cost: float
+
+
 class BestSoFar:
     """The best point of a search: that of the lowest cost, or the last one that a fit with a prior accepted."""
 
@@ -52,6 +62,7 @@ class BestSoFar:
         self.p, self.cost = p, np.inf
         self.gradient = np.zeros(len(p))  # of the last best point that was evaluated with one
         self.prior: Prior | None = None  # what the point was found with
+        self.descent: Descent | None = None  # that is under way
 
     def replace(self, p: Array, cost: float, gradient: Array | None = None) -> None:
         """Make parameters (P,) of that cost, and gradient (P,) where it is known, the best point."""
@@ -62,6 +73,10 @@ class BestSoFar:
     def believe(self, prior: Prior | None) -> None:
         """Name the prior with which better points are looked for."""
         self.prior = prior
+
+    def follow(self, descent: Descent | None) -> None:
+        """Name the descent that is under way from now on, if any."""
+        self.descent = descent
 
     @property
     def follows_cost(self) -> bool:
@@ -79,23 +94,26 @@ class Search:
         rmse_tolerance: float,
         budget: int,
         report: Callable[[Progress], None] | None = None,
-        journal: Journal | None = None,
+        checkpoint: Checkpoint | None = None,
+        state: State | None = None,
     ) -> None:
         """`start` (P,): values of all parameters; those that cannot be identified keep them.
 
-        The `journal` answers what it knows, keeps the rest, and is told how far the search is.
+        The search keeps its state in the `checkpoint`, and goes on from a `state` that is given.
         """
         self.objective, self.fitted, self.rmse_tolerance = objective, objective.identifiable, rmse_tolerance
         start = np.array(start, float)
         self.coordinates = Coordinates(objective.scene, start)
-        self.best = BestSoFar(np.where(self.fitted, self.coordinates.clipped(start), start))
+        self.start = np.where(self.fitted, self.coordinates.clipped(start), start)
+        self.best = BestSoFar(self.start)
         self.budget = Budget(budget)
-        self.journal = journal or Journal()
-        self.journal.search = self
-        self.progress = Reporter(report, self.best.p, objective.frames, self.journal.known.seconds)
+        self.progress = Reporter(report, self.start, objective.frames)
+        self.checkpoint, self.resumed = checkpoint, state
         self.warnings: list[str] = []  # what the user should know
         self.unit, self.worst = 0.0, 0.0  # the first cost, and the largest
         self._shaken, self._plateau = np.nan, False  # the cost at which the plateau was looked for, and what was found
+        if state is not None:
+            self._restore(state)
 
     @property
     def y(self) -> Array:
@@ -118,8 +136,7 @@ class Search:
         """Scaled cost and its gradient (Q,). Raises Stop when the fit has ended or its budget is used up."""
         self.budget.check()
         p = self.parameters(y)
-        answer = self.journal.recall("gradient", partial(cost_and_gradient, self.objective, p), p)
-        cost, gradient = float(answer[0]), answer[1:]
+        cost, gradient = cost_and_gradient(self.objective, p)
         usable = bool(np.isfinite(cost) and np.isfinite(gradient).all())
         if usable:
             self._remember(p, cost, gradient)
@@ -147,9 +164,7 @@ class Search:
     def measure(self, p: Array, objective: Objective | None = None) -> float:
         """The cost at parameters (P,), of another objective where one is given; it counts, but is not remembered."""
         self.count()
-        measured = objective or self.objective
-        name = f"cost of {measured.steps} steps"
-        return float(self.journal.recall(name, lambda: np.array(measured.cost_or_infinity(p)), p))
+        return (objective or self.objective).cost_or_infinity(p)
 
     def count(self) -> None:
         """Count an evaluation. Raises Stop when the budget is used up."""
@@ -164,19 +179,6 @@ class Search:
         if self._is_near():
             raise Stop(Status.CONVERGED)
 
-    def state_vector(self) -> Array:
-        """The state of the search (3 + 2 P + evaluations,)."""
-        best = self.best
-        return np.array([best.cost, self.unit, self.worst, *best.p, *best.gradient, *self.budget.history])
-
-    def restore(self, state: Array) -> None:
-        """Go on from a `state_vector`. Raises Stop when the error is small enough."""
-        count = len(self.best.p)
-        self.unit, self.worst = float(state[1]), float(state[2])
-        self.best.gradient = state[3 + count : 3 + 2 * count]
-        self.budget.history = state[3 + 2 * count :].tolist()
-        self.accept(state[3 : 3 + count], float(state[0]))
-
     def enter(self, stage: str, objective: Objective | None = None) -> None:
         """Name what is done from now on, and its objective: the search's own, or one of fewer frames."""
         self.progress.enter(stage, (objective or self.objective).frames)
@@ -187,27 +189,48 @@ class Search:
         self.progress.advance(p, float(step), window_rmse)
 
     def report(self) -> None:
-        """Report how far the search is, where there is a result."""
-        if np.isfinite(self.best.cost) and not self.journal.repeating:
+        """Keep and report how far the search is, where there is a result."""
+        if np.isfinite(self.best.cost):
+            if self.checkpoint is not None:
+                self.checkpoint.save(self.state)
             cost, budget = self.best.cost, self.budget
             self.progress.report(budget.evaluations, budget.limit, cost, self.objective.rmse(cost))
 
-    def warn(self, text: str) -> None:
-        """Keep a warning for the user, once."""
-        if text not in self.warnings:
-            self.warnings.append(text)
+    def finish(self, status: Status) -> Status:
+        """Keep how the search ended; "diverged" where there is no result."""
+        if not np.isfinite(self.best.cost):
+            return Status.DIVERGED
+        if self.checkpoint is not None:
+            self.checkpoint.save(lambda: self.state()._replace(status=status), now=True)
+        return status
+
+    def state(self) -> State:
+        """What a resumed search goes on from."""
+        best, none = self.best, np.zeros(0)
+        prior, y, radius, window, before, before_cost = best.descent or (best.prior, none, 0.0, 0, none, 0.0)
+        centre, tau = (prior.centre, prior.tau) if prior else (none, ())
+        return State(
+            self.start, best.p, best.cost, best.gradient, centre, tau, y, radius, window, before,
+            before_cost, self.budget.history, self.budget.beside, self.progress.seconds, self.warnings,
+        )  # fmt: skip
+
+    def _restore(self, state: State) -> None:
+        best = np.where(self.fitted, self.coordinates.clipped(state.best), self.start)
+        self.best.replace(best, state.cost, state.gradient)
+        self.budget.history, self.budget.beside = list(state.history), state.beside
+        self.progress.began -= state.seconds
+        self.warnings = list(state.warnings)
+
+    def warn(self, *texts: str) -> None:
+        """Keep warnings for the user, each once."""
+        self.warnings += [text for text in texts if text not in self.warnings]
 
     def aside(self, budget: int) -> Search:
         """This search with a budget of its own, whose evaluations nobody counts or reports."""
         other = copy(self)
         other.budget, other.progress = Budget(budget), Reporter(None, self.progress.p, self.progress.frames)
+        other.checkpoint = None
         return other
-
-    def take_known(self) -> None:
-        """Make the best point that the journal knows the best one, where the way did not lead there again."""
-        if self.journal.is_behind(self.best.cost):
-            known = self.journal.known.best
-            self.best.replace(known[1:], float(known[0]))
 
     def _remember(self, p: Array, cost: float, gradient: Array) -> None:
         self.unit = self.unit or max(cost, np.finfo(float).tiny)
@@ -265,10 +288,9 @@ class Search:
         return float(np.abs(change).max(initial=0.0) / self.best.cost)
 
 
-def cost_and_gradient(objective: Objective, p: Array) -> Array:
-    """Cost and gradient at p (P,) in one array (1 + P,); infinite and 0 where the simulation diverges."""
+def cost_and_gradient(objective: Objective, p: Array) -> tuple[float, Array]:
+    """Cost and gradient (P,) at p (P,); infinite and 0 where the simulation diverges."""
     try:
-        cost, gradient = objective.cost_and_gradient(p)
+        return objective.cost_and_gradient(p)
     except Diverged:
-        cost, gradient = np.inf, np.zeros(len(p))
-    return np.array([cost, *gradient])
+        return np.inf, np.zeros(len(p))

@@ -7,7 +7,6 @@ products with vectors, each a tangent or an adjoint sweep along the motion.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -63,14 +62,15 @@ class Trajectory:
         ends = self.search.coordinates
         return ends.lower[self.fitted], ends.upper[self.fitted]
 
-    def accepted(self, state: gauss_newton.State, model: gauss_newton.Model) -> None:
+    def accepted(self, prior: Prior, model: gauss_newton.Model, radius: float) -> None:
         """Make the point of a model the best one of the search. Raises Stop when the error is small enough."""
-        if self.search.best.prior:
-            self.search.best.believe(replace(self.search.best.prior, tau=state.tau))
+        best = self.search.best
+        best.believe(prior)
+        best.follow(best.descent and best.descent._replace(prior=prior, y=model.y, radius=radius))
         self.search.accept(self.parameters(model.y), model.cost)
 
-    def passed(self, state: gauss_newton.State, model: gauss_newton.Model) -> None:
-        """Tell of an iteration on fewer frames."""
+    def passed(self, prior: Prior, model: gauss_newton.Model, radius: float) -> None:
+        """Report an iteration on fewer frames."""
         self.search.advance(self.parameters(model.y), self.objective.rmse(model.cost))
         self.search.report()
 

@@ -19,7 +19,7 @@ from random import Random
 import numpy as np
 
 from clothfit.cli.program import run
-from clothfit.optimise.checkpoint import FORMAT, checksum
+from clothfit.optimise.checkpoint import FORMAT_LINE, checksum
 from fuzz.mutations import KINDS, damaged, motion, scene, with_token
 
 CODES = (0, 3, 4, 5)
@@ -129,13 +129,8 @@ def checkpoint_bytes(chance: Random) -> bytes:
     if chance.random() < 0.3:
         return damaged(chance, data)
     rest = data.partition(b"\n")[2]
-    head, _, numbers = rest.partition(b"\n")
-    if chance.random() < 0.5:
-        head = damaged(chance, head)
-    else:
-        numbers = damaged(chance, numbers)
-    rest = head + b"\n" + numbers
-    return FORMAT + checksum(rest) + b"\n" + rest
+    rest = with_token(chance, rest) if chance.random() < 0.5 else damaged(chance, rest)
+    return FORMAT_LINE + checksum(rest) + b"\n" + rest
 
 
 def tried(one: Case, slow: float = SLOW) -> Verdict:

@@ -1,4 +1,4 @@
-"""Checkpoints: the file, the journal in it, and fits that go on to the same result, wherever they were ended."""
+"""Checkpoints: the file, what is in it, and fits that go on to the same minimum, wherever they were ended."""
 
 import json
 import os
@@ -20,41 +20,53 @@ from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import save_motion
 from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
-from clothfit.optimise import checkpoint as journal
 from clothfit.optimise import checkpoint as module
-from clothfit.optimise.checkpoint import Checkpoint, Content, Journal, Record, decoded, encoded, identity
+from clothfit.optimise.checkpoint import Checkpoint, State, decoded, encoded, identity
+from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import load
 
 needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
-NUMBERS = {"start": np.array([1.0, 2.0]), "cost": np.array(3.0), "none": np.zeros((0, 2))}
-CONTENT = Content(12.5, np.array([0.5, 1.0, np.inf]), [Record(n, values, "a word") for n, values in NUMBERS.items()])
+STATE = State(
+    start=np.array([1.0, 2.0, 0.1 + 0.2]), best=np.array([0.5, 1.0, 5e-324]), cost=1.0 / 3.0, gradient=np.arange(3.0),
+    centre=np.zeros(2), tau=(0.3, np.inf), y=np.ones(2), radius=0.5, window=20, before=np.ones(3), before_cost=np.inf,
+    history=(np.inf, 2.0), beside=2, seconds=12.5, warnings=["a word"], status=Status.LIMIT,
+)  # fmt: skip
 SAME = {"scene": "#1", "method": "auto"}
 
 
+def file_of(path, identity=SAME):
+    """A checkpoint of that fit."""
+    return Checkpoint(path, identity=identity)
+
+
+def written(path, identity=SAME, state=STATE):
+    """The same, with a file."""
+    file = file_of(path, identity)
+    file.save(lambda: state, now=True)
+    return file
+
+
 def same(one, other):
-    """Whether two contents are equal to the bit."""
-    assert (one.seconds, one.best.tobytes()) == (other.seconds, other.best.tobytes())
-    pairs = list(zip(one.records, other.records, strict=True))
-    assert [(a.name, a.text, a.values.shape) for a, _ in pairs] == [(b.name, b.text, b.values.shape) for _, b in pairs]
-    assert [a.values.tobytes() for a, _ in pairs] == [b.values.tobytes() for _, b in pairs]
+    """Whether two states are equal to the bit."""
+    for a, b in zip(one, other, strict=True):
+        assert type(a) is type(b)
+        assert a.tobytes() == b.tobytes() if isinstance(a, np.ndarray) else a == b
 
 
 # --- the file
 
 
 def test_a_file_gives_back_every_bit(tmp_path):
-    file = Checkpoint(tmp_path / "fit.checkpoint")
-    file.write(SAME, CONTENT)
-    same(file.read(SAME), CONTENT)
+    same(written(tmp_path / "fit.checkpoint").read(3), STATE)
     assert os.listdir(tmp_path) == ["fit.checkpoint"]
 
 
 def test_every_damage_is_noticed():
-    data = encoded(SAME, CONTENT)
-    same(decoded(data, "x")[1], CONTENT)
+    data = encoded(SAME, STATE)
+    same(decoded(data, "x")[1], STATE)
     damaged = [data[:i] + bytes([data[i] ^ 1]) + data[i + 1 :] for i in range(len(data))]
     for broken in [*damaged, *(data[:i] for i in range(len(data))), data + b"\0"]:
         with pytest.raises(InvalidInput, match="x: is damaged: its checksum is wrong"):
@@ -64,7 +76,7 @@ def test_every_damage_is_noticed():
 def test_a_file_of_another_kind_is_neither_read_nor_replaced(tmp_path):
     path = tmp_path / "scene.json"
     path.write_text("{}")
-    for action in (lambda: Checkpoint(path).check(), lambda: Checkpoint(path).read(SAME)):
+    for action in (lambda: Checkpoint(path).check(), lambda: Checkpoint(path).read(3)):
         with pytest.raises(InvalidInput, match=r"scene\.json: is not a checkpoint that this clothfit can read"):
             action()
     assert path.read_text() == "{}"
@@ -72,20 +84,20 @@ def test_a_file_of_another_kind_is_neither_read_nor_replaced(tmp_path):
 
 def test_what_cannot_be_read_is_told(tmp_path):
     with pytest.raises(InvalidInput, match="x: there is no such checkpoint to resume from"):
-        Checkpoint(tmp_path / "x").read(SAME)
+        Checkpoint(tmp_path / "x").read(3)
     with pytest.raises(InvalidInput, match="it is a folder"):
         Checkpoint(tmp_path).check()
     with pytest.raises(InvalidInput, match="is not a file"):
-        Checkpoint(tmp_path).read(SAME)
+        Checkpoint(tmp_path).read(3)
 
 
 def test_only_what_this_fit_has_written_is_removed(tmp_path):
     path = tmp_path / "c"
-    Checkpoint(path).write(SAME, CONTENT)
+    written(path)
     Checkpoint(path).remove()
     assert path.exists()
-    file = Checkpoint(path)
-    file.read(SAME)
+    file = file_of(path)
+    file.read(3)
     file.remove()
     assert not path.exists()
 
@@ -101,9 +113,9 @@ def test_only_what_this_fit_has_written_is_removed(tmp_path):
     ],
 )
 def test_what_differs_is_named(tmp_path, there, said):
-    Checkpoint(tmp_path / "c").write(there, CONTENT)
+    written(tmp_path / "c", there)
     with pytest.raises(InvalidInput) as caught:
-        Checkpoint(tmp_path / "c").read(SAME)
+        file_of(tmp_path / "c").read(3)
     assert str(caught.value) == f"{tmp_path / 'c'}: belongs to another fit: {said}"
 
 
@@ -122,94 +134,65 @@ def test_the_identity_tells_fits_apart():
     assert identity(scene, None, 1) == identity(scene, None, 1.0)
 
 
-# --- the journal
+IMPOSSIBLE = {
+    "another number of parameters": {"best": np.ones(2)},
+    "no number": {"start": np.array([1.0, np.nan, 1.0])},
+    "no cost": {"cost": np.inf},
+    "no width": {"tau": (0.0,)},
+    "no history": {"history": [np.nan]},
+    "no row": {"gradient": np.ones((3, 1))},
+    "no count": {"beside": -1},
+    "no frames": {"window": -1},
+    "no end": {"status": "over"},
+    "no words": {"warnings": ["\x1b[2J"]},
+    "nothing": {"before": None},
+}
 
 
-class Counted:
-    """Something to compute, and how often it was."""
-
-    def __init__(self, value):
-        self.value, self.count = np.array(value), 0
-
-    def __call__(self):
-        self.count += 1
-        return self.value
+@pytest.mark.parametrize("kind", IMPOSSIBLE)
+def test_a_state_that_no_fit_has_is_refused(tmp_path, kind):
+    file = written(tmp_path / "c", state=STATE._replace(**IMPOSSIBLE[kind]))
+    with pytest.raises(InvalidInput, match="c: is not what a fit has written; begin anew, without --resume"):
+        file.read(3)
 
 
-def test_without_a_file_all_is_computed():
-    notes, what = Journal(), Counted(1.0)
-    assert [float(notes.recall("a", what)) for _ in range(3)] == [1.0] * 3
-    assert (what.count, notes.records, notes.repeating) == (3, [], False)
+def test_a_state_of_another_number_of_parameters_is_refused(tmp_path):
+    with pytest.raises(InvalidInput, match="c: is not what a fit has written"):
+        written(tmp_path / "c").read(4)
 
 
-def test_what_is_known_is_not_computed(tmp_path):
-    file, what = Checkpoint(tmp_path / "c"), Counted([1.0, 2.0])
-    before = Journal(file, SAME)
-    before.recall("a", what)
-    before.recall("b", what, np.ones(2))
-    before.write()
-    after = Journal(file, SAME, file.read(SAME))
-    for name, point in (("a", None), ("b", np.ones(2))):
-        assert after.repeating
-        np.testing.assert_array_equal(after.recall(name, what, point), [1.0, 2.0])
-    assert (what.count, after.repeating, after.warnings) == (2, False, [])
-    after.recall("c", what)
-    assert what.count == 3
-
-
-@pytest.mark.parametrize(("name", "point"), [("other", np.ones(2)), ("a", np.full(2, 1.0 + 1e-15))])
-def test_another_way_is_computed_from_where_it_parts(tmp_path, name, point):
-    notes, what = Journal(Checkpoint(tmp_path / "c"), SAME), Counted(1.0)
-    for _ in range(3):
-        notes.recall("a", what, np.ones(2))
-    again = Journal(notes.file, SAME, Content(0.0, np.zeros(0), notes.records))
-    again.recall("a", what, np.ones(2))
-    again.recall(name, what, point)
-    assert (what.count, len(again.records), again.repeating, len(again.warnings)) == (4, 2, False, 1)
-
-
-def test_what_was_answered_can_be_changed_without_harm(tmp_path):
-    notes = Journal(Checkpoint(tmp_path / "c"), SAME)
-    notes.recall("a", Counted([1.0]))
-    again = Journal(notes.file, SAME, Content(0.0, np.zeros(0), notes.records))
-    again.recall("a", Counted([5.0]))[:] = 7.0
-    assert again.records[0].values == [1.0]
+# --- when it is written
 
 
 def test_it_is_written_at_once_then_rarely_and_when_asked(tmp_path, monkeypatch):
-    monkeypatch.setattr(journal, "EVERY", np.inf)
-    notes = Journal(Checkpoint(tmp_path / "c"), SAME)
-    counts = []
-    for _ in range(3):
-        notes.recall("a", Counted(1.0))
-        counts.append(len(notes.file.read(SAME).records))
-    notes.write()
-    assert [*counts, len(notes.file.read(SAME).records)] == [1, 1, 1, 3]
+    monkeypatch.setattr(module, "EVERY", np.inf)
+    file, windows = file_of(tmp_path / "c"), []
+    for window in range(3):
+        file.save(lambda window=window: STATE._replace(window=window))
+        windows.append(file.read(3).window)
+    file.save(lambda: STATE, now=True)
+    assert [*windows, file.read(3).window] == [0, 0, 0, STATE.window]
 
 
 def test_a_short_fit_writes_nothing(tmp_path):
-    notes = Journal(Checkpoint(tmp_path / "c", after=60.0), SAME)
-    notes.recall("a", Counted(1.0))
-    notes.write()
-    assert not notes.file.written
-    long = Journal(notes.file, SAME, Content(61.0, np.zeros(0), ()))
-    long.recall("a", Counted(1.0))
-    assert notes.file.written
+    file = Checkpoint(tmp_path / "c", after=60.0)
+    file.save(lambda: STATE, now=True)
+    assert not file.written
+    file.save(lambda: STATE._replace(seconds=61.0))
+    assert file.written
 
 
-def test_a_disk_that_is_full_is_a_warning_until_there_is_room(tmp_path, monkeypatch):
+def test_a_disk_that_is_full_is_a_fault_until_there_is_room(tmp_path, monkeypatch):
     def full(*_):
         raise InvalidInput("no space")
 
-    notes = Journal(Checkpoint(tmp_path / "c"), SAME)
+    file = file_of(tmp_path / "c")
     with monkeypatch.context() as patch:
         patch.setattr(module, "write_atomically", full)
-        notes.recall("a", Counted(1.0))
-        notes.write()
-        assert notes.warnings == ["the checkpoint is not up to date: no space"]
-    notes.write()
-    assert notes.warnings == []
-    assert len(notes.file.read(SAME).records) == 1
+        file.save(lambda: STATE, now=True)
+        assert (file.fault, file.written) == ("the checkpoint is not up to date: no space", False)
+    file.save(lambda: STATE, now=True)
+    assert (file.fault, file.written) == ("", True)
 
 
 # --- fits
@@ -242,15 +225,28 @@ def arguments(case):
 
 
 def equal(found, whole):
-    """That two fits are the same but for the time they took; bit by bit, as the same is computed in the same order."""
-    for name in ("status", "method", "cost", "rmse", "frames", "evaluations", "parameters", "warnings"):
+    """That two fits are the same but for the time they took."""
+    for name in ("status", "method", "cost", "rmse", "frames", "evaluations", "parameters", "prior", "warnings"):
         assert getattr(found, name) == getattr(whole, name)
     assert parameters(found.scene).tobytes() == parameters(whole.scene).tobytes()
 
 
-def until_the_end(limit, *given, **options):
-    """A fit that is interrupted at the latest after `limit` reports, and resumed until it ends; and how often."""
-    for count in range(1000):
+SAME_COST, SAME_FLOOR = 1e-3, 0.25
+"""Relative difference of two costs at the same minimum, and where L-BFGS-B ends: where 50 evaluations gain less than
+0.1 %, which on its slow way into the noise is not always at the same cost. Exact fits end below a tolerance.
+"""
+
+
+def same_minimum(found, whole):
+    """That two fits have ended at the same minimum."""
+    assert found.status == whole.status
+    same = SAME_FLOOR if whole.method == "l-bfgs-b" else SAME_COST
+    assert found.cost == pytest.approx(whole.cost, rel=same, abs=1e-10)  # m²: far below what noise leaves
+
+
+def in_pieces(limits, *given, **options):
+    """A fit that is interrupted after so many reports, again and again, then goes on to its end."""
+    for count, limit in enumerate([*limits, 10**9]):
         reports = iter(range(limit - 1))
 
         def report(_progress, reports=reports):
@@ -258,54 +254,50 @@ def until_the_end(limit, *given, **options):
                 raise KeyboardInterrupt
 
         found = estimate(*given, report=report, resume=count > 0, **options)
-        if found.status != "interrupted":
-            return found, count
-    raise AssertionError("it does not end")
+    return found
 
 
 @needs_compilation
 @pytest.mark.parametrize("case", CASES)
-def test_a_fit_that_is_interrupted_wherever_it_reports_comes_to_the_same_end(tmp_path, case):
+@pytest.mark.parametrize("limits", [(2,), (5, 3), (9, 2, 4)])
+def test_a_fit_that_is_interrupted_comes_to_the_same_minimum(tmp_path, case, limits):
     given = arguments(case)
-    whole = estimate(*given, budget=100)
-    # 2: a fit that goes on reports the point it starts from, then the next one
-    found, count = until_the_end(2, *given, budget=100, checkpoint=tmp_path / "c")
-    equal(found, whole)
-    assert count > 0
+    whole = estimate(*given, budget=400)
+    found = in_pieces(limits, *given, budget=400, checkpoint=tmp_path / "c")
+    same_minimum(found, whole)
+    assert found.evaluations >= limits[0]
     assert found.seconds > 0
 
 
 @needs_compilation
 @pytest.mark.parametrize("case", ["auto per spring", "held by the prior", "windows", "l-bfgs-b"])
-def test_every_file_that_a_kill_could_leave_leads_to_the_same_end(tmp_path, monkeypatch, case):
+def test_every_file_that_a_kill_could_leave_leads_to_the_same_minimum(tmp_path, monkeypatch, case):
     given = arguments(case)
     kept = []
-    original = Checkpoint.write
 
-    def write(self, same, content):
-        original(self, same, content)
-        kept.append((tmp_path / "c").read_bytes())
+    def write(path, data):
+        kept.append(data)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Checkpoint, "write", write)
-        patch.setattr(journal, "EVERY", 0.0)  # at every record
-        patch.setattr(journal, "SHARE", 0.0)
-        whole = estimate(*given, budget=60, checkpoint=tmp_path / "c")
-    equal(whole, estimate(*given, budget=60))
-    assert len(kept) > 20
-    for data in [*kept[:: max(1, len(kept) // 10)], *kept[-4:]]:
+        patch.setattr(module, "write_atomically", write)
+        patch.setattr(module, "EVERY", 0.0)  # at every report
+        patch.setattr(module, "WRITING_SHARE", 0.0)
+        whole = estimate(*given, budget=400, checkpoint=tmp_path / "c")
+    equal(whole, estimate(*given, budget=400))  # keeping it changes nothing
+    assert len(kept) > 5
+    for data in [*kept[:: max(1, len(kept) // 8)], *kept[-4:]]:
         (tmp_path / "c").write_bytes(data)
-        equal(estimate(*given, budget=60, checkpoint=tmp_path / "c", resume=True), whole)
+        same_minimum(estimate(*given, budget=400, checkpoint=tmp_path / "c", resume=True), whole)
 
 
 @needs_compilation
 @pytest.mark.parametrize("case", ["auto per spring", "l-bfgs-b"])
 def test_a_spent_budget_can_be_raised(tmp_path, case):
     given = arguments(case)
-    whole = estimate(*given, budget=80)
+    whole = estimate(*given, budget=400)
     short = estimate(*given, budget=15, checkpoint=tmp_path / "c")
     assert (short.status, short.evaluations) == ("limit", 15)
-    equal(estimate(*given, budget=80, checkpoint=tmp_path / "c", resume=True), whole)
+    same_minimum(estimate(*given, budget=400, checkpoint=tmp_path / "c", resume=True), whole)
 
 
 @needs_compilation
@@ -319,7 +311,7 @@ def test_a_resumed_fit_is_never_worse_than_what_it_resumes(tmp_path, options):
 
 @needs_compilation
 @pytest.mark.parametrize("case", CASES)
-def test_a_fit_that_had_ended_is_told_again_without_computing(tmp_path, monkeypatch, case):
+def test_a_fit_that_had_ended_gives_its_result_without_computing(tmp_path, monkeypatch, case):
     given = arguments(case)
     whole = estimate(*given, budget=100, checkpoint=tmp_path / "c", intervals=False)
     costs, models = [], []
@@ -329,10 +321,7 @@ def test_a_fit_that_had_ended_is_told_again_without_computing(tmp_path, monkeypa
     found = estimate(*given, budget=100, checkpoint=tmp_path / "c", resume=True, intervals=False)
     monkeypatch.undo()
     equal(found, whole)
-    # Is the start finite? And for SciPy's methods: is the best point on a plateau, looked for around it twice.
-    assert len(costs) <= 1 + 2 * (whole.status != "limit")
-    # That the budget is spent shows only after it: one model is made, a second one refused.
-    assert len(models) <= 2 * (whole.status == "limit")
+    assert (costs, models) == ([], [])
 
 
 def counting(original, calls):
@@ -413,8 +402,8 @@ def test_an_explicit_checkpoint_is_kept(tmp_path, files, capsys):
     assert f"to go on, repeat the command with --resume and more --max-evaluations: {kept}" in said
     code, found, said = summary(capsys, path, "--target", target, "--checkpoint", kept, "--resume")
     assert code == 0
-    different = {"seconds": 0, "memory": None}  # what is free differs from moment to moment
-    assert {**found, **different} == {**whole, **different}
+    assert (found["status"], found.keys()) == (whole["status"], whole.keys())
+    assert found["cost"] == pytest.approx(whole["cost"], rel=SAME_COST)
     assert "--resume" not in said
     assert os.path.exists(kept)
 
@@ -458,7 +447,7 @@ def test_places_that_cannot_be_are_refused(tmp_path, options, said, capsys):
     scene = write_scene(tmp_path, even("nG", 5, 3, 3))
     names = {"scene": scene, "out": str(tmp_path / "out"), "other": str(tmp_path / "o"), "damaged": str(tmp_path / "d")}
     (tmp_path / "o").write_text("my notes")
-    (tmp_path / "d").write_bytes(encoded(SAME, CONTENT)[:-1])
+    (tmp_path / "d").write_bytes(encoded(SAME, STATE)[:-1])
     assert run(["estimate", scene, *(option.format(**names) for option in options)]) == 3
     assert capsys.readouterr().err.startswith(f"error: {said.format(**names)}")
     assert sorted(os.listdir(tmp_path)) == ["d", "o", "scene.json"]
@@ -474,13 +463,13 @@ def test_a_file_in_the_place_of_the_default_checkpoint_stays(tmp_path, capsys):
 
 
 @needs_compilation
-def test_killed_at_any_instant_a_fit_comes_to_the_same_end(tmp_path, files):
+def test_killed_at_any_instant_a_fit_comes_to_the_same_minimum(tmp_path, files):
     path, target = files
     kept, out = tmp_path / "c", tmp_path / "out.json"
     call = ["estimate", path, "--target", target, "--checkpoint", str(kept), "-q", "-o", str(out)]
     whole = started(*call)
     assert whole.returncode == 0
-    expected, _ = out.read_bytes(), kept.unlink()
+    expected, _ = decoded(kept.read_bytes(), "c")[1], kept.unlink()
     random = np.random.default_rng(0)
     for _ in range(3):
         before = stamp(kept)
@@ -492,7 +481,10 @@ def test_killed_at_any_instant_a_fit_comes_to_the_same_end(tmp_path, files):
         process.wait(timeout=50)
         decoded(kept.read_bytes(), "c")
     assert started(*call, "--resume").returncode == 0
-    assert out.read_bytes() == expected
+    found = decoded(kept.read_bytes(), "c")[1]
+    assert found.status == expected.status
+    assert found.cost == pytest.approx(expected.cost, rel=SAME_COST)
+    assert parameters(load(out)).tobytes() == found.best.tobytes()
 
 
 def stamp(path):

@@ -14,8 +14,7 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import residual_count
 from clothfit.objective.running_residuals import free_columns
-from clothfit.optimise.gauss_newton import State
-from clothfit.optimise.prior import FIRST
+from clothfit.optimise.prior import FIRST, none
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters, with_parameters
@@ -148,7 +147,7 @@ def test_of_all_frames_the_best_is_remembered_of_fewer_none():
 def test_accepted_points_are_the_searchs():
     part = trajectory("one")
     model = part.model(at(part) + 0.1)
-    part.accepted(State(model.y, 1.0, (), 1), model)
+    part.accepted(none(part.size), model, 1.0)
     assert part.search.best.cost == model.cost
     np.testing.assert_allclose(part.search.y, model.y, rtol=1e-13)  # rounding of log and exp
 
