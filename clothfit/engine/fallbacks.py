@@ -1,4 +1,4 @@
-"""What the steps of a motion needed beyond the ordinary, counted: nothing of it stays unsaid."""
+"""Fallbacks: where ordinary steps or solves were not enough, counted, so that the user hears of every one."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ if TYPE_CHECKING:
 
 
 class Fallbacks(NamedTuple):
-    """How many linear systems or steps needed what."""
+    """How many linear systems or steps needed which fallback."""
 
-    direct_solves: int = 0  # a factorisation, as conjugate gradients did not come to the tolerance
-    clamped_steps: int = 0  # a positive definite matrix in place of their own (`system.clamped`)
-    shortened_steps: int = 0  # to be shortened, as they would have added energy (`step.guard`)
+    direct_solves: int = 0  # factorisations where conjugate gradients did not reach the tolerance
+    clamped_steps: int = 0  # steps with a positive definite matrix in place of their own (`system.clamped`)
+    shortened_steps: int = 0  # steps shortened because they would have added energy (`step.guard`)
 
     def with_those_of(self, part: Rollout) -> Fallbacks:
         """These and those of a part of a motion."""
@@ -28,7 +28,7 @@ class Fallbacks(NamedTuple):
         return Fallbacks(*(a + b for a, b in zip(self, other, strict=True)))
 
     def sentences(self, steps: int) -> list[str]:
-        """What a user should know of a motion, or motions, of so many steps in all."""
+        """What a user should know, for motions of this many steps in all."""
         found = []
         if self.direct_solves:
             found.append(

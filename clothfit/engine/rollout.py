@@ -2,7 +2,7 @@
 
 A Rollout is the memory of a part of one cloth's motion: positions after every step and the velocities of every
 iteration in it. States are kept, matrices are not: they are assembled again, which takes a tenth of the memory and
-little time. `tape` tells a whole motion part by part.
+little time. A `tape` goes through a whole motion part by part.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import copy
 
 STRETCH = 20_000
-"""Vertices × steps between two looks for an interrupt: about 10 ms."""
+"""Vertices × steps between two checks for an interrupt: about 10 ms."""
 
 
 class Rollout(NamedTuple):
@@ -71,7 +71,7 @@ class Rollout(NamedTuple):
 
 
 def empty(system: System, steps: int) -> Rollout:
-    """Memory for so many steps from the start."""
+    """Memory for this many steps from the start."""
     n, iterations = len(system.x0), iterations_of(system)
     x, w = np.empty((steps + 1, n, 3)), np.zeros((steps, iterations, n, 3))
     x[0] = system.x0
@@ -85,7 +85,7 @@ def iterations_of(system: System) -> int:
 
 
 def state_bytes(system: System) -> int:
-    """What a Rollout holds of each step, in bytes."""
+    """Bytes that a Rollout holds of each step."""
     return 24 * len(system.x0) * (1 + iterations_of(system)) + 21
 
 
@@ -146,15 +146,15 @@ def velocities(part, t):
 def run(system, tolerance, work, part, start, stop):
     """Fill a Rollout from its step `start` to below `stop`.
 
-    Returns the number of good steps since its beginning, and whether the next failed; where neither it did nor `stop`
-    is reached, it is to be taken with the clamped system, and the guess for it is made.
+    Returns the number of good steps since its beginning, and whether the next one failed. If it did not fail, and
+    `stop` is not reached, the caller must take it with the clamped system; its first guess is ready.
     """
     x, w, used, solves, capped, theta, _, before = part
     first, energy, safe = work.solution, 0.0, system.springs.cap <= 1.0
     t, checked = start, start if guard.applies(system) else stop
     while t < stop:
         v = velocity(part, t)
-        now, power = transition.prepare(system, x[t], v, work)  # tells the energy that step t − 1 led to
+        now, power = transition.prepare(system, x[t], v, work)  # the energy that step t − 1 led to
         if t > checked and guard.rises(energy, now, system.h * power):
             checked = t
             if shortened(system, part, t - 1, energy):
@@ -180,7 +180,7 @@ def run(system, tolerance, work, part, start, stop):
 
 @kernel
 def shortened(system, part, t, energy):
-    """Shorten step t, which began with some energy, J, where it added some; returns whether it did."""
+    """Shorten step t, which began with this energy, J, if it added energy; returns whether it was shortened."""
     x, v = part.x, velocity(part, t + 1)
     if guard.raised(system, energy, x[t], v, x[t + 1]):
         part.theta[t] = guard.shorten(system, energy, x[t], v, x[t + 1])
@@ -189,7 +189,7 @@ def shortened(system, part, t, energy):
 
 @kernel
 def finite(x):
-    """Whether all coordinates are numbers of a sensible size."""
+    """Whether all coordinates are numbers, and not too far away."""
     for i in range(len(x)):
         size = abs(x[i, 0]) + abs(x[i, 1]) + abs(x[i, 2])
         if not size < FARTHEST:  # so that NaN counts as well

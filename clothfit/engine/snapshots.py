@@ -1,8 +1,8 @@
 """Which states of a motion are kept where not all of them fit into memory.
 
-A reverse sweep needs the states of a motion in the opposite order. Where all of them do not fit, snapshots are kept
-and the steps between two of them computed again when their turn comes: with one level of snapshots every step is
-computed twice, with L levels at most L + 1 times, and m^L stretches need only L m snapshots. A. Griewank, Achieving
+A reverse sweep needs the states of a motion in the opposite order. Where not all of them fit, snapshots are kept, and
+the steps between two of them are computed again when their turn comes. With one level of snapshots every step is
+computed twice, with L levels at most L + 1 times, and m^L parts need only L m snapshots. A. Griewank, Achieving
 logarithmic growth of temporal and spatial complexity in reverse automatic differentiation, Optimization Methods and
 Software 1, 1992.
 """
@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 LIVE = 3
-"""Snapshots that are in hand while steps are computed, beside those that are kept."""
+"""Snapshots in use while steps are computed, beside those that are kept."""
 
 
 class Plan(NamedTuple):
@@ -21,12 +21,12 @@ class Plan(NamedTuple):
 
     length: int  # steps whose states are held at a time
     strides: tuple[int, ...] = ()  # steps between snapshots, from coarse to fine; the last is `length`
-    snapshots: int | None = None  # kept at a time; None: every state is kept, or none is needed again
+    snapshots: int | None = None  # the most at a time; None: every state is kept, or none is needed again
 
 
 def plan(steps: int, state: int, snapshot: int, most: float) -> Plan | None:
-    """How to keep `steps` states of `state` bytes within `most` bytes, with the fewest steps computed again; a snapshot
-    has `snapshot` bytes. None where that cannot be.
+    """The plan that keeps `steps` states of `state` bytes within `most` bytes and computes the fewest steps again; a
+    snapshot has `snapshot` bytes. None where no plan is small enough.
     """
     if steps * state <= most:
         return Plan(max(steps, 1), (max(steps, 1),))
@@ -49,5 +49,5 @@ def size(found: Plan, state: int, snapshot: int) -> int:
 
 
 def least(steps: int, state: int, snapshot: int) -> int:
-    """Bytes with which a motion of so many steps can be swept back."""
+    """The fewest bytes with which a motion of this many steps can be swept back."""
     return min([steps * state, *(size(found, state, snapshot) for found in plans(steps))])

@@ -1,8 +1,8 @@
-"""A whole motion told part by part, forwards and backwards, in as little memory as a plan says.
+"""A whole motion part by part, forwards and backwards, in as little memory as a plan allows.
 
-One part is held at a time. Snapshots at the ends of some parts let the motion be computed again from there; a step
-depends on nothing but its state and the first guess of its solve, both of which a snapshot has, so that what is
-computed again is the same to the last bit. Which snapshots there are is said by `memory.Plan`.
+One part is held at a time. Snapshots at the ends of some parts let the motion be computed again from there. A step
+depends on nothing but its state and the first guess of its solve, and a snapshot has both, so the second time gives the
+same to the last bit. `snapshots.Plan` says where the snapshots are.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from clothfit.engine.step import implicit
 from clothfit.engine.system import System
 
 SHORTEST_PART = 16
-"""Steps of a part, at least, where none is needed again."""
+"""Steps of a part, at least, of a motion that only goes forwards."""
 
 
 class Snapshot(NamedTuple):
-    """All that the steps after it depend on; what is carried from step to step belongs here."""
+    """All that the later steps depend on: whatever one step hands to the next belongs here."""
 
     step: int
     x: Array  # (n, 3), m
     v: Array  # (n, 3), m/s
-    past: Past  # what the first guesses are made of
+    past: Past  # solutions of the last steps, for the first guesses
 
 
 class Held(NamedTuple):
@@ -50,7 +50,7 @@ class Tape:
     """T steps of one cloth from its start; linear systems are solved to `tolerance`, relative."""
 
     def __init__(self, system: System, steps: int, tolerance: float, plan: Plan | None = None) -> None:
-        """Without a plan the motion can only be told forwards."""
+        """Without a plan the motion only goes forwards. Raises InvalidInput where its parts do not fit into memory."""
         self.system, self.steps, self.tolerance = system, steps, tolerance
         iterations = iterations_of(system)
         self.plan = plan or Plan(min(max(steps, 1), max(SHORTEST_PART, STRETCH // (len(system.x0) * iterations))))
@@ -61,18 +61,18 @@ class Tape:
                 f"{self.plan.length} steps of {len(system.x0)} vertices, with {iterations} velocities each, take "
                 f"{human(needed)} of memory, {human(free)} are free; use fewer iterations (forwardSubSteps)"
             )
-        self.good = 0  # steps known to be good, all of them once it was told, unless the motion diverged
-        self.fallbacks = NO_FALLBACKS  # what the good steps needed, once it was told
-        self.fault: Array | None = None  # (n, 3), the positions after the first step that is not good
-        self.fault_velocity: Array = system.v0  # (n, 3), there
+        self.good = 0  # steps known to be good; after `forward` all of them, unless the motion diverged
+        self.fallbacks = NO_FALLBACKS  # those of the good steps, after `forward`
+        self.fault: Array | None = None  # (n, 3), m, the positions after the first step that is not good
+        self.fault_velocity: Array = system.v0  # (n, 3), m/s, the velocities there
         self._work = implicit.workspace(system)
         self._room: Rollout | None = None
         self._held: Held | None = None
         self._kept = {0: Snapshot(0, system.x0, system.v0, deepcopy(self._work.past))}
 
     def forward(self) -> Iterator[Rollout]:
-        """All parts from the start; each may be used until the next is asked for. Where the motion diverges, the last
-        is cut before the step that is not good.
+        """All parts from the start; each is valid until the next is taken. Where the motion diverges, the last part
+        ends before the step that is not good.
         """
         at = self._kept[0]
         self.fallbacks = NO_FALLBACKS
@@ -87,11 +87,11 @@ class Tape:
                 return
 
     def backward(self) -> Iterator[Rollout]:
-        """All parts of a motion that was told and is good, from the end."""
+        """All parts of a good motion from the end, after `forward`."""
         yield from self._back(0, self.steps, 0)
 
     def _back(self, begin: int, end: int, level: int) -> Iterator[Rollout]:
-        """The parts between two steps, from the later one; there are snapshots at each stride of that level."""
+        """The parts between two steps, the last first; there are snapshots at each stride of that level."""
         stride, finer = self.plan.strides[level], self.plan.strides[level + 1 :]
         for first in reversed(range(begin, end, stride)):
             last = min(first + stride, end)
@@ -105,7 +105,7 @@ class Tape:
                 del self._kept[mark]
 
     def _mark(self, first: int, marks: range) -> None:
-        """Keep snapshots at some steps after `first`, where there is one."""
+        """Keep snapshots at the steps `marks`, from the one at `first` on."""
         at = self._kept[first]
         for end in range(first + self.plan.length, max(marks, default=first) + 1, self.plan.length):
             _, at = self._part(at, end)

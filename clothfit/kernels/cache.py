@@ -10,7 +10,7 @@ than all else that a command does at its start. So here:
 - a file's name says what is in it: function, types, processor, versions. There is no index;
 - files appear whole or not at all, and carry a checksum: what is damaged counts as absent, and is written anew;
 - folders are made when there is something to write, never when a module is imported;
-- where nothing can be written the program runs all the same, and says so once.
+- where nothing can be written the program still runs, and warns once.
 
 Folders that are read, and written to where that is possible, in this order: what NUMBA_CACHE_DIR says, else
 `__pycache__` in the package; the user's cache folder; one in the folder for temporary files. A file can run anything
@@ -103,7 +103,7 @@ def file_name(name: str, *key: object) -> str:
 
 
 def load(name: str) -> tuple[Path, bytes] | None:
-    """Give what was kept under a name, and the folder; None where there is nothing, or nothing whole."""
+    """The folder and the content that was kept under a name; None where there is none, or it is damaged."""
     for folder in usable():
         with suppress(OSError):
             data = (folder / name).read_bytes()
@@ -114,9 +114,9 @@ def load(name: str) -> tuple[Path, bytes] | None:
 
 
 def save(name: str, content: bytes) -> Path:
-    """Keep something under a name, in the first folder where that is possible; gives the folder.
+    """Keep `content` under a name, in the first folder where that is possible; returns the folder.
 
-    Raises OSError, that of the first folder, where it is possible in none.
+    Raises the OSError of the first folder where no folder can be written.
     """
     first: OSError | None = None
     for folder in usable():
@@ -164,11 +164,11 @@ def _warn(message: str) -> None:
 
 
 warn: Callable[[str], None] = _warn
-"""What is called, once, with a sentence when compiled code cannot be kept."""
+"""Called once, with a sentence, when compiled code cannot be kept; a program may replace it."""
 
 
 class KernelCache(FunctionCache):
-    """What numba asks for compiled code of one function, and gives it to."""
+    """The cache of one function, which numba asks for compiled code and hands compiled code to."""
 
     failed = False  # whether something could not be written. These two are of the class: they hold for all functions
     used: Path | None = None  # the folder that was last written to, or read from
@@ -227,5 +227,5 @@ class KernelCache(FunctionCache):
 
 
 def is_cold() -> bool:
-    """Whether fits would have to be compiled first."""
+    """Whether a fit would have to compile first."""
     return not config.DISABLE_JIT and not any(any(folder.glob(GRADIENT)) for folder in usable())

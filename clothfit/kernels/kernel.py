@@ -1,6 +1,6 @@
 """The one decorator of all compiled functions.
 
-Compiled code is kept, see `kernel_cache`. `error_model="numpy"`: a division by zero gives inf or NaN, which the
+Compiled code is kept on disk by `cache`. `error_model="numpy"`: a division by zero gives inf or NaN, which the
 per-step check notices, instead of a branch at every division. No fast-math flag: fusing a·b + c into one rounding
 (`contract`) would gain a sixth, but which products are fused depends on what is inlined where, and that differs
 between code just compiled and the same code from the cache; without it, repeated runs agree to the last bit.
@@ -22,7 +22,7 @@ import numba
 from clothfit.kernels.cache import KernelCache
 
 F = TypeVar("F", bound=Callable[..., object])
-FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # nobody calls by a C function pointer
+FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # nothing calls by a C function pointer
 
 
 @overload

@@ -1,11 +1,11 @@
 """Where the energy of a motion is, frame by frame, and where it went.
 
 Stored, J: kinetic ½ Σ m |v|²; elastic ½ Σ k (L − L₀)² in the springs; gravity −Σ m g·(x − x₀), 0 at the start; contact
-½ Σ κ (r − δ)² in the spheres' push. What holds still stores what it does, for good: a spring between fixed vertices.
+½ Σ κ (r − δ)² in the spheres' push. A spring between fixed vertices counts too, with a constant.
 
 Given and taken over a step of displacement h w, each force f at the state where the step takes it: the wind gives
 h f·w with the push on a cloth that holds still; damping (of vertices and springs) and drag (what the cloth's own
-velocity changes in the push of the air) take −h f·w. The rest of what is missing,
+velocity changes in the push of the air) take −h f·w. What is still missing,
 
     numerical = start + wind − damping − drag − what is stored,
 
@@ -33,10 +33,10 @@ from clothfit.motion.motion import Motion, check_counts
 from clothfit.scene.scene import Scene
 
 KINETIC, ELASTIC, GRAVITY, CONTACT, WIND, DAMPING, DRAG = ENERGY_COLUMNS = range(7)
-"""Columns of the accounts of one cloth: four of states, three of the steps that end there."""
+"""Columns of the balances of one cloth: four of states, three of the steps that end there."""
 
 AT_ONCE = 20_000
-"""Vertices × frames that are looked at together: what is copied meanwhile is small."""
+"""Vertices × frames that are computed together, so that copies stay small."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +136,7 @@ def means(system: System, x: Array, begin: int, end: int) -> Array:
 
 
 def last_velocity(system: System, x: Array) -> Array:
-    """Velocity (n, 3) at the last frame of explicit steps, which no position after it shows: by the step itself."""
+    """Velocity (n, 3) at the last frame of explicit steps: no later position shows it, so the step is taken again."""
     if len(x) == 1:
         return system.v0
     v, before = np.empty_like(system.v0), (x[-1] - x[-2]) / system.h

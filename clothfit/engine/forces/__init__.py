@@ -27,7 +27,7 @@ step's linear system; lam or λ the adjoint variable, the solution of A λ = ∂
 front (dx) a change. A vertex or spring index is i; a and b are a spring's ends, p0 p1 p2 the components of a vector p.
 
 To add a force: write such a module, give `System` a field for it and `system.build` a line, and add a line to each
-function of `forces/total.py` and to those of `energy.py`, which keeps the accounts.
+function of `forces/total.py` and of `motion/energy.py`, which keeps the accounts.
 
 To add a kind of parameter p: a row in `kinds.KINDS`; a field in `arrays.Elements`, in the same order, and its lines in
 `system.with_elements` and `system.all_elements`; the field in the JSON schema, there also in `fit`, and its attribute
@@ -36,6 +36,6 @@ in `scene.Cloth` or `scene.Scene`; what hides it in `identifiability.hidden`; an
     add_pullback       grad.p += ∂φ/∂p            where `grad.p` is not empty
     add_pushforward    out += h ∂F/∂p · dp        where `direction.p` is not empty
 
-An empty array says that nobody asks, so a scene pays only for the kinds it fits. Fit vector, bounds, coordinates,
-saving, summaries and the tests of derivatives read the table.
+An empty array means that the derivative is not needed, so a scene pays only for the kinds it fits. Fit vector, bounds,
+coordinates, saving, summaries and the tests of derivatives read the table.
 """

@@ -28,7 +28,7 @@ from clothfit.kernels.lanes.products import cross, dot, vector
 class Faces(NamedTuple):
     """Constants of the faces of one cloth that feel the air."""
 
-    corners: Indices  # (T, 3), the vertices a, b, c; no rows where nobody needs the air
+    corners: Indices  # (T, 3), the vertices a, b, c; no rows where the air does nothing
     drag: float  # drag coefficient, kg/(m⁶ s)
     wind: Array  # W, (3,), m/s
 

@@ -9,9 +9,9 @@ orders of magnitude in a crushed one, and what follows is garbage. Then only a p
 V being the energy stored in springs and contacts, the last term the work of the weight. Some θ always serves: as θ → 0
 the kinetic energy goes, and where there is none, w = h A⁻¹ f points downhill as A is positive definite (`clamped`).
 
-Left as the format has it: a contact that begins with the step, of whose sphere the step knew nothing, unless the cloth
-starts deep in a sphere; all steps in wind, which brings energy, while air at rest only takes it away; and rises below a
-thousandth.
+Some steps are taken whole although the energy rises: where a contact begins with the step, which knew nothing of the
+sphere, unless the cloth starts deep in a sphere; in wind, which brings energy, while air at rest only takes it away;
+and where the rise is below a thousandth.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from clothfit.kernels.lanes.products import dot, vector
 from clothfit.kernels.vectors import combine
 
 SLACK = 1e-3
-"""Rise that is left alone, relative to the kinetic and stored energy before the step."""
+"""A rise that is tolerated, relative to the kinetic and stored energy before the step."""
 
 LEAST_RISE = 1e-20
-"""The same in J: rounding, in a cloth that does not move and is not stretched."""
+"""A rise that is tolerated, J: rounding in a cloth that does not move and is not stretched."""
 
 SHORTEST = 40
 """Halvings at most; v⁺ is then 1e-12 of w."""
