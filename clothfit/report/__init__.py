@@ -1,6 +1,6 @@
 """A page that shows a fitted scene: the motion beside its target in 3-D, charts, parameters.
 
-showing (what is compared, frame by frame) → contents (all that the page tells, arrays packed by packing, the fit's way
-from log) → assembly (the HTML file, from the parts in `web/`) → page (the function that users call).
+showing (the compared motions) → contents (everything on the page; packing packs its arrays, log reads the course of the
+fit) → assembly (the HTML file, from the parts in `web/`) → page (the public function).
 To add a chart: its numbers in contents, and a module in `web/`.
 """

@@ -1,7 +1,7 @@
-"""What a page is told: everything that it shows, as one JSON document with packed arrays.
+"""The content of a page: everything that it shows, as one JSON document with packed arrays.
 
-Lengths in m, times in s, masses in kg, stiffnesses in N/m; the page chooses other units where they suit. Vertices,
-springs and triangles of all objects are counted through, in file order.
+Lengths in m, times in s, masses in kg, stiffnesses in N/m; the page converts units where others suit better. Vertices,
+springs and triangles are numbered over all objects, in file order.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ STATUS = {
     Status.LIMIT: "ended at the limit of evaluations",
     Status.INTERRUPTED: "interrupted; the best so far",
 }
-"""How a fit ended, in words; others are not believed."""
+"""How a fit ended, as text; any other status in a log is ignored."""
 
 NO_LOG = "the fit's cost and its 95 % intervals are here where its log is given (estimate --log, report --log)"
 
 
 def content(truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | None) -> dict[str, Any]:
-    """All that the page shows of a fitted scene; `target` is the name of the motion it was fitted to, or None."""
+    """Everything that the page shows of a fitted scene; `target` names the motion it was fitted to, if any."""
     low, step = box(show.fitted, show.target)
     return {
         "version": __version__,
@@ -58,7 +58,7 @@ def content(truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | No
 
 
 def motion(show: Shown, low: Array, step: Array) -> dict[str, Any]:
-    """Both motions, where the target was observed, and how far they are apart."""
+    """Both motions, which positions of the target were observed, and the errors."""
     observed = ~np.isnan(show.target[:, :, 0])
     return {
         "times": show.times.tolist(),
@@ -77,7 +77,7 @@ def curve(show: Shown) -> dict[str, Any]:
 
 
 def mesh(scene: Scene) -> dict[str, Any]:
-    """What the motion moves, with the fitted values."""
+    """The mesh of all objects, with the fitted values."""
     starts = np.cumsum([0, *scene.vertex_counts])[:-1]
     cloths = list(zip(scene.cloths, starts, strict=True))
 
@@ -106,7 +106,7 @@ def surroundings(scene: Scene) -> dict[str, Any]:
 
 
 def facts(truth: Scene, show: Shown, log: Log, target: str | None) -> list[list[str]]:
-    """The summary: names and values."""
+    """The rows of the summary: names and values."""
     rows = [["compared with", "the scene's own motion (a trial)" if target is None else target]]
     for name, part in distances(show.evaluation).items():
         rows.append([f"{name}, {part.frames}", f"RMSE {metres(part.rmse)}, at most {metres(part.max_error)}"])
@@ -120,7 +120,7 @@ def facts(truth: Scene, show: Shown, log: Log, target: str | None) -> list[list[
 
 
 def distances(found: Evaluation) -> dict[str, Distance]:
-    """The distances of the two motions, by the frames they are over; each once."""
+    """The distances between the two motions, by the frames they cover; equal ones once."""
     parts = {"fitted frames": found.fitted, "all frames": found.horizon}
     if found.fitted.frames == found.horizon.frames:
         del parts["all frames"]
@@ -147,25 +147,23 @@ def ended(summary: Mapping[str, Any]) -> list[list[str]]:
 def deviation(found: Deviation) -> list[str]:
     """A row of the table of deviations."""
     both = (found.median_relative_deviation, found.max_relative_deviation)
-    told = ["not identifiable" if value is None else f"{100 * value:.2g} %" for value in both]
-    return [f"{owned(found.object, found.name)} ({found.mode})", str(found.count), *told]
+    cells = ["not identifiable" if value is None else f"{100 * value:.2g} %" for value in both]
+    return [f"{owned(found.object, found.name)} ({found.mode})", str(found.count), *cells]
 
 
 def bound(step: Array) -> str:
-    """What the picture's positions are good to."""
+    """A remark on how exact the positions in the page are."""
     return f"positions in this page are rounded to {metres(float(step.max()) / 2)} or less; errors are not"
 
 
 def block(found: Block, truth: Scene, fitted: Scene, log: Log, trial: bool) -> dict[str, Any]:
-    """What became of a block of parameters: values of the fit and of the scene, and intervals, one per element; those
-    of vectors by their length.
-    """
+    """A block of parameters: fitted and given values and intervals, one per element; of vectors the lengths."""
     values, given = (parameters(scene, flags=truth)[found.part] for scene in (fitted, truth))
     shown: Flags = identifiable(truth)[found.part]
     ends = intervals(log.summary, found.cloth, found.name, found.mode, found.count)
     rows = [[np.nan, np.nan] if each is None else each for each in ends or [None] * found.count]
     components, low_high = found.kind.components, np.array(rows, np.float64).reshape(-1, 2)
-    if components > 1:  # arrows: their lengths have no intervals of their own
+    if components > 1:  # vectors: the intervals are of components, not of lengths
         values, given = (np.linalg.norm(each.reshape(-1, components), axis=1) for each in (values, given))
         shown = np.asarray(shown.reshape(-1, components).any(axis=1))
         low_high = np.full((len(values), 2), np.nan)

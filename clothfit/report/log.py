@@ -1,8 +1,8 @@
 """How a fit went: its cost after each evaluation, and its summary with the intervals.
 
 A log is a file of `clothfit estimate --log`: one JSON object a line, of which `evaluations`, `cost`, `rmse` and
-`seconds` are read; the last has under `summary` what `clothfit estimate --json` prints. It may come from anybody and
-may end early: what cannot be read is left out and told.
+`seconds` are read; the last has under `summary` what `clothfit estimate --json` prints. A log is not trusted and may
+end early: lines that cannot be read are left out, and a warning counts them.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from clothfit.base.reading import unchanged, whole
 from clothfit.scene.text import name_of
 
 MOST_BYTES = 200_000_000
-"""Of a log."""
+"""Largest log that is read."""
 
 MOST_POINTS = 2000
-"""Of the curve of the cost; of more, every k-th."""
+"""Most points of the cost curve; of more, every k-th is kept."""
 
 
 class Point(NamedTuple):
-    """How far a fit was."""
+    """The state of a fit after some evaluations."""
 
     evaluations: int
     cost: float  # best so far, m² of positions
@@ -54,14 +54,14 @@ def read_log(path: str | os.PathLike[str]) -> Log:
         raise InvalidInput(f"{name}: the log cannot be read: {getattr(error, 'strerror', None) or error}") from None
     points, summary, lost = [], None, 0
     for line in text.splitlines():
-        told = parsed(line)
-        if told is None:
+        record = parsed(line)
+        if record is None:
             lost += bool(line.strip())
             continue
-        point = point_of(told)
+        point = point_of(record)
         points += [] if point is None else [point]
-        if isinstance(told.get("summary"), dict):
-            summary = told["summary"]
+        if isinstance(record.get("summary"), dict):
+            summary = record["summary"]
     if not points and summary is None:
         raise InvalidInput(f"{name}: no line of it tells how a fit went; give a file that estimate --log has written")
     warnings = [f"{name}: {counted(lost, 'line', 'lines')} that cannot be read left out"] if lost else []
@@ -79,9 +79,9 @@ def parsed(line: str) -> dict[str, Any] | None:
     return found if isinstance(found, dict) else None
 
 
-def point_of(told: Mapping[str, Any]) -> Point | None:
-    """The point that a line tells; None where it does not."""
-    values = [number(told.get(key)) for key in Point._fields]
+def point_of(record: Mapping[str, Any]) -> Point | None:
+    """The point in the record of a line; None where there is none."""
+    values = [number(record.get(key)) for key in Point._fields]
     if any(value is None or value < 0 for value in values):
         return None
     evaluations, *rest = values
@@ -100,7 +100,7 @@ def number(value: object) -> float | None:
 
 
 def thinned(points: list[Point]) -> list[Point]:
-    """As many of the points, in order, as a curve needs, the last one included."""
+    """At most about `MOST_POINTS` of the points, evenly chosen, with the last one."""
     every = -(-len(points) // MOST_POINTS) or 1
     return [*points[:-1:every], *points[-1:]]
 
@@ -117,7 +117,7 @@ def recorder(log: list[Point], show: Callable[[Any], None] | None) -> Callable[[
 
 
 def intervals(summary: Mapping[str, Any], place: int | None, name: str, mode: str, count: int) -> list[Any] | None:
-    """The 95 % intervals of a block of parameters, [low, high] or None each; None where a summary has none that fit."""
+    """The 95 % intervals of a block of parameters, each [low, high] or None; None without such a block."""
     blocks = summary.get("parameters")
     for block in blocks if isinstance(blocks, list) else []:
         if not isinstance(block, dict) or [block.get(key) for key in ("object", "name", "mode")] != [place, name, mode]:

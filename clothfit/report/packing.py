@@ -22,41 +22,39 @@ from clothfit.base.arrays import Array, Flags
 Record: TypeAlias = dict[str, Any]
 
 GRID_STEPS = 2**16 - 1
-"""Of the grid, along each axis."""
+"""Steps of the grid along each axis."""
 
 ERROR_GRADES = 2**8 - 1
-"""Grades of an error: its square root is kept in 8 bits, so that small ones differ as well."""
+"""Largest grade of an error: its square root is kept in 8 bits, so that small errors differ as well."""
 
 BROWSERS = {"f": "float32", "u": "uint32", "i": "int32", "b": "uint8"}
-"""The types that records have, by the kinds of NumPy's."""
+"""The types of records, by NumPy's kinds of type."""
 
 
 def deflated(data: bytes) -> str:
-    """Bytes, deflated, as text."""
+    """Bytes, deflated and in base64."""
     return base64.b64encode(zlib.compress(data, 6)).decode()
 
 
 def inflated(text: str) -> bytes:
-    """The bytes again."""
+    """The bytes in a deflated text."""
     return zlib.decompress(base64.b64decode(text))
 
 
 def packed(array: NDArray[Any]) -> Record:
-    """The record of an array, its numbers in 32 bits, flags in 8."""
+    """The record of an array: numbers in 32 bits, flags in 8."""
     kind = BROWSERS[array.dtype.kind]
     data = array.astype(np.dtype(kind).newbyteorder("<")).tobytes()
     return {"type": kind, "shape": list(array.shape), "data": deflated(data)}
 
 
 def unpacked(record: Record) -> NDArray[Any]:
-    """The array of a record, as the page has it."""
+    """The array of a record, as the page unpacks it."""
     return np.frombuffer(inflated(record["data"]), record["type"]).reshape(record["shape"])
 
 
 def box(*motions: Array) -> tuple[Array, Array]:
-    """The smallest coordinates (3,) of motions (frames, vertices, 3), m, and the steps (3,) of a grid that holds all of
-    them; NaN is left out.
-    """
+    """The lowest corner (3,) of motions (frames, vertices, 3), m, and the steps (3,) of a grid over them."""
     points = [motion.reshape(-1, 3) for motion in motions]
     low = np.nanmin([np.nanmin(each, axis=0) for each in points], axis=0)
     high = np.nanmax([np.nanmax(each, axis=0) for each in points], axis=0)
@@ -64,7 +62,7 @@ def box(*motions: Array) -> tuple[Array, Array]:
 
 
 def packed_positions(positions: Array, low: Array, step: Array) -> Record:
-    """The record of positions (frames, vertices, 3), m, within the box; where they are NaN, those before stay."""
+    """The record of positions (frames, vertices, 3), m, within the box; NaN is replaced by the position before."""
     grid = np.zeros(positions.shape, np.uint16)
     held = np.zeros(positions.shape[1:], np.uint16)
     for frame, x in enumerate(positions):
@@ -72,7 +70,7 @@ def packed_positions(positions: Array, low: Array, step: Array) -> Record:
         held[seen] = np.rint(((x - low) / step)[seen])
         grid[frame] = held
     change = grid.copy()
-    for _ in range(2):  # of 16 bits, whatever overflows comes back in the sum
+    for _ in range(2):  # overflows of 16 bits cancel when the changes are summed
         change[1:] = np.diff(change, axis=0)
     signed = change.view(np.int16)
     folded = ((signed << 1) ^ (signed >> 15)).view(np.uint16)
@@ -82,7 +80,7 @@ def packed_positions(positions: Array, low: Array, step: Array) -> Record:
 
 
 def unpacked_positions(record: Record) -> Array:
-    """The positions of a record, m, as the page has them."""
+    """The positions of a record, m, as the page unpacks them."""
     planes = np.frombuffer(inflated(record["data"]), np.uint8).reshape(2, *record["shape"]).astype(np.uint16)
     folded = planes[0] | planes[1] << 8
     grid = (folded >> 1) ^ -(folded & 1)
@@ -93,7 +91,7 @@ def unpacked_positions(record: Record) -> Array:
 
 
 def packed_errors(errors: Array) -> Record:
-    """The record of errors (frames, vertices), m, 0 or more; 0 stands for NaN as well."""
+    """The record of errors (frames, vertices), m; NaN becomes 0."""
     most = float(np.nanmax(errors, initial=0.0))
     share = np.nan_to_num(errors / most) if most > 0 else np.zeros(errors.shape)
     grades = np.rint(ERROR_GRADES * np.sqrt(share)).astype(np.uint8)

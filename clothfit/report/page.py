@@ -42,6 +42,6 @@ def made(
     commands: Sequence[str] = (),
     inputs: Sequence[tuple[str, str]] = (),
 ) -> bytes:
-    """The same of motions that are simulated already."""
-    told: dict[str, Any] = content(truth, fitted, show, log or Log(), None if target is None else target.name)
-    return page({**told, "commands": list(commands), "inputs": [list(pair) for pair in inputs]})
+    """The page of motions that are already simulated."""
+    parts: dict[str, Any] = content(truth, fitted, show, log or Log(), None if target is None else target.name)
+    return page({**parts, "commands": list(commands), "inputs": [list(pair) for pair in inputs]})

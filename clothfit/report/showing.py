@@ -1,7 +1,7 @@
 """The two motions that a page shows, at the same times, and the distance between them.
 
-Without a target motion both scenes are simulated, over the fitted frames and beyond. With one, its frames are the
-times, and the fitted motion is taken there, between two steps on the straight line.
+Without a target motion both scenes are simulated, over the fitted frames and beyond. With one, the times are those of
+its frames, and the fitted motion is interpolated linearly between its steps.
 
 F frames, V vertices of all objects.
 """
@@ -30,32 +30,33 @@ from clothfit.pictures.polygons import FARTHEST_SHOWN
 from clothfit.scene.scene import Scene
 
 MOST_POSITIONS = 3_200_000
-"""Of both motions together: a page with them takes about 15 MB."""
+"""Most positions of both motions together: a page with them takes about 15 MB."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What a page shows."""
+    """The motions and errors that a page shows."""
 
     times: Array  # (F,), s
     fitted: Array  # (F, V, 3), m
     target: Array  # (F, V, 3), m; NaN where not observed
     error: Array  # (F, V), m; NaN where not observed
-    curve_times: Array  # (C,), s, of all frames that were compared; those shown are every k-th of them
+    curve_times: Array  # (C,), s, of all compared frames, of which every k-th is shown
     rmse: Array  # (C,), m, over the objects that are fitted; NaN where nothing was observed
     largest: Array  # (C,), m
     fitted_until: float  # s, the end of the fitted frames
     evaluation: Evaluation
-    notes: list[str]  # what is not as a reader may think
+    notes: list[str]  # warnings for the reader
 
 
 def shown(
     truth: Scene, fitted: Scene, target: Motion | None = None, frames: int | None = None, most: int = MOST_POSITIONS
 ) -> Shown:
-    """Simulate what is to be shown; `frames` (default: as `evaluate`, fewer of large scenes) counts the initial state.
+    """Simulate the motions of a page.
 
-    Of more than `most` positions every k-th frame is shown. Raises InvalidInput when scenes and target do not fit,
-    Diverged when a motion has no second frame.
+    `frames` (default: as `evaluate`, fewer for large scenes) counts the initial state. Where there are more than `most`
+    positions, every k-th frame is shown. Raises InvalidInput when scenes and target do not match, Diverged when a
+    motion has no second frame.
     """
     check_same_objects(truth, fitted)
     length = default_length(truth, most) if frames is None else max(frames, truth.frames)
@@ -75,7 +76,7 @@ def shown(
 
 
 def default_length(scene: Scene, most: int) -> int:
-    """Frames to simulate: as `evaluate` does, but no more than fit into a page, where the fitted ones do."""
+    """Frames to simulate: as `evaluate`, but beyond the fitted ones no more than fit into a page."""
     room = most // (2 * sum(scene.vertex_counts))
     return max(scene.frames, min(HORIZON, room))
 
@@ -83,7 +84,7 @@ def default_length(scene: Scene, most: int) -> int:
 def motions(
     truth: Scene, fitted: Scene, target: Motion | None, length: int
 ) -> tuple[Motion, Motion, list[str]]:
-    """The target, the fitted motion, at its steps, and what happened where one diverged."""
+    """The target, the fitted motion after each step, and the faults of motions that diverged."""
     every = range(len(truth.cloths))
     faults: list[str | None] = []
     if target is None:
@@ -102,7 +103,7 @@ def motions(
 def pictured(
     truth: Scene, own: Motion, goal: Motion, evaluation: Evaluation, notes: list[str], diverged: bool, most: int
 ) -> Shown:
-    """Both motions at the times of the target, as far as both reach, thinned where they are too many."""
+    """Both motions at the times of the target, as far as both reach; of too many frames every k-th."""
     step, fraction = frame_places(goal, truth.delta)
     places = step + fraction
     count = int(np.searchsorted(places, len(own.positions) - 1, side="right"))
@@ -129,7 +130,7 @@ def seen(motion: Motion) -> Flags:
 
 
 def near_enough(*both: Array) -> int:
-    """How many frames, 2 at least, of motions (F, V, 3) to show of which one diverges: until it leaves the picture."""
+    """The number of frames, at least 2, before one of the motions (F, V, 3) has left the picture."""
     start = np.concatenate([motion[0] for motion in both])
     centre = np.nanmean(start, axis=0)
     size = max(float(np.nanmax(np.abs(start - centre))), 1e-3)

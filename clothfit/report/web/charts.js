@@ -5,10 +5,10 @@ import { decades, length, lengthUnit, short, ticks } from "clothfit/words";
 
 const WIDTH = 400, HEIGHT = 190;
 const FRAME = { left: 50, right: 10, top: 20, bottom: 34 };
-const LOG = 30;  // values of which the middle is less than the largest by more than this factor have an axis of logarithms
-const DEEPEST = 1e-8;  // of such an axis, as a part of the largest value
+const LOG = 30;  // the axis is logarithmic where the largest value exceeds the lower quartile by more than this factor
+const DEEPEST = 1e-8;  // the lowest value of such an axis, relative to the largest
 
-/** A frame with axes; gives the element, and the places of values. */
+/** A frame with axes; returns its elements and the functions that place values. */
 function frame({ x, y, xTitle, yTitle, label }) {
   const [x0, x1] = [FRAME.left, WIDTH - FRAME.right], [y0, y1] = [HEIGHT - FRAME.bottom, FRAME.top];
   const turn = y.log ? Math.log10 : (value) => value;
@@ -36,8 +36,8 @@ function frame({ x, y, xTitle, yTitle, label }) {
   return { picture, back, front, across, up, timeAt, x0, x1, y0, y1 };
 }
 
-/** An axis for values above 0 (null left out), m where `metres`, with room at its ends; of logarithms `always`, or
- * where the values differ much. */
+/** An axis for values above 0 (without null), in m where `metres`, with room at its ends; logarithmic if `always`, or
+ * if the values differ much. */
 function axisOf(values, metres, always = false) {
   const known = values.filter((value) => value > 0);
   if (known.length === 0) return { low: 0, high: 1, log: false, name: short };
@@ -50,7 +50,7 @@ function axisOf(values, metres, always = false) {
   return { low: log ? low : 0, high: log ? high * 1.6 : high * 1.08, log, name, unit: log ? "" : unit };
 }
 
-/** The error of each frame; `jump(time)` is called where it is clicked; gives the element and what moves its cursor. */
+/** The error of each frame; a click calls `jump(time)`. Returns the element and the function that moves its cursor. */
 export function errorChart(curve, jump) {
   const { times, rmse, largest, fitted_until: until } = curve;
   const y = axisOf([...rmse, ...largest], true);
@@ -108,18 +108,18 @@ export function costChart(history) {
   return box.picture;
 }
 
-/** Call with the place, in units of the picture, where a pointer is pressed and drawn. */
-function onDrag(picture, told) {
-  const tell = (event) => {
+/** Call `moved` with the place, in units of the picture, where a pointer is pressed or dragged. */
+function onDrag(picture, moved) {
+  const report = (event) => {
     const box = picture.getBoundingClientRect();
-    told(((event.clientX - box.left) / box.width) * WIDTH);
+    moved(((event.clientX - box.left) / box.width) * WIDTH);
   };
   picture.classList.add("live");
   picture.addEventListener("pointerdown", (event) => {
     picture.setPointerCapture(event.pointerId);
-    tell(event);
+    report(event);
   });
-  picture.addEventListener("pointermove", (event) => { if (event.buttons) tell(event); });
+  picture.addEventListener("pointermove", (event) => { if (event.buttons) report(event); });
 }
 
 function nearest(times, time) {
@@ -131,7 +131,7 @@ function nearest(times, time) {
   return Math.abs(times[high] - time) < Math.abs(times[low] - time) ? high : low;
 }
 
-/** A line of text with coloured marks, what a chart's lines are. */
+/** The key of a chart: a line of text with the colours of its lines. */
 export function key(...entries) {
   const parts = entries.map(([kind, text]) => make("span", { class: "entry" }, make("i", { class: `swatch ${kind}` }), text));
   return make("p", { class: "key" }, ...parts);

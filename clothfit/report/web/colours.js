@@ -1,4 +1,4 @@
-// Scales of colours: even steps to the eye, told apart by all kinds of eyes, readable without colour from dark to light.
+// Scales of colours: perceptually even, suited to every kind of colour vision, readable in grey from dark to light.
 
 const STOPS = {
   // from quiet to loud: for errors, masses, stiffnesses

@@ -1,4 +1,4 @@
-// Bring the page to life: unpack what it holds, build the picture and the charts, and let time pass.
+// Start the page: unpack its content, build the picture and the charts, and let time pass.
 
 import { Cloth, edgesOf } from "clothfit/cloth";
 import { gradient } from "clothfit/colours";
@@ -12,7 +12,7 @@ import { unpacked, unpackedErrors, unpackedFlags, unpackedPositions } from "clot
 import { viewOf } from "clothfit/view";
 import { length, short } from "clothfit/words";
 
-const SLOW = 45, PATIENCE = 700;  // ms between frames, and for how long, before a picture that plays becomes coarser
+const SLOW = 45, PATIENCE = 700;  // ms: frames slower than the first for longer than the second make a playing picture coarser
 
 const at = (id) => document.getElementById(id);
 const trouble = (text) => { at("trouble").textContent = text; at("trouble").hidden = false; };
@@ -79,7 +79,7 @@ function buildModes(chosen) {
 }
 
 function toggles({ stage }) {
-  const parts = { fitted: ["cloth"], target: ["goal"], mesh: ["threads"] };
+  const parts = { fitted: ["cloth"], target: ["targetParts"], mesh: ["threads"] };
   const switches = {};
   for (const [name, [part]] of Object.entries(parts)) {
     const button = at(`show-${name}`);
@@ -135,7 +135,7 @@ function actions(player, stage, switches, choose) {
   ];
 }
 
-/** Let time pass: move, and draw where something has changed; more coarsely while a slow machine plays. */
+/** Let time pass and draw what has changed, more coarsely while a slow machine plays. */
 function run(player, stage) {
   let before = performance.now(), level = 0, slow = 0;
   const tick = (now) => {
@@ -176,7 +176,7 @@ async function main() {
     moveCursor(player.time);
     if (stage) stage.stale = true;
   };
-  const tell = (frame) => {
+  const describe = (frame) => {
     at("scrub").value = frame;
     at("scrub").setAttribute("aria-valuetext", `frame ${frame}, ${short(motion.times[frame])} seconds`);
     at("clock").replaceChildren(make("b", {}, `${motion.times[frame].toFixed(2)} s`), `  ${frame} / ${motion.times.length - 1}`);
@@ -186,7 +186,7 @@ async function main() {
     const error = seen ? ["RMSE ", make("b", {}, length(rmse)), ` · largest ${length(largest)}`] : ["target not observed"];
     at("readout").replaceChildren(`${phase} · `, ...error);
   };
-  const player = new Player(motion.times, show, tell);
+  const player = new Player(motion.times, show, describe);
   moveCursor = fillSide(at("side"), content, mesh, blocks, (time) => { player.pause(); player.goTo(time); });
   const choose = (mode) => chooseMode(mode, picture, player);
   buildModes(choose);
@@ -203,7 +203,7 @@ async function main() {
   player.goTo(motion.times[0]);
   run(player, stage);
   if (!matchMedia("(prefers-reduced-motion: reduce)").matches) player.play();
-  window.clothfit = { player, stage, ...picture };  // for those who look behind the page
+  window.clothfit = { player, stage, ...picture };  // for tests, and for users of the developer tools
   document.documentElement.dataset.ready = "yes";
 }
 

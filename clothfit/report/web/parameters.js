@@ -1,4 +1,4 @@
-// What became of the parameters: a map on the cloth, a histogram, the sorted values with their intervals.
+// The fitted parameters: a map on the cloth, a histogram, the sorted values with their intervals.
 
 import { key } from "clothfit/charts";
 import { css, gradient } from "clothfit/colours";
@@ -11,7 +11,7 @@ const MOST_SPRINGS = 6000;  // that a map draws as lines
 
 /** A card for a block of parameters; `mesh` are the arrays of the whole scene. */
 export function parameterCard(block, mesh) {
-  const parts = [make("h2", {}, block.title, make("small", {}, told(block)))];
+  const parts = [make("h2", {}, block.title, make("small", {}, owner(block)))];
   if (block.mode === "G" || block.values.length < 4) {
     parts.push(valueTable(block));
   } else {
@@ -31,8 +31,8 @@ export function parameterCard(block, mesh) {
   return make("section", { class: "card" }, ...parts);
 }
 
-/** Whose the values are, and how many. */
-function told(block) {
+/** The owner of the values, and their number. */
+function owner(block) {
   const many = block.mode === "G" ? "one value for all" : `${block.values.length} values, one per ${block.of}`;
   return `${block.owner} · ${many}`;
 }
@@ -49,14 +49,14 @@ function valueTable(block) {
   return make("table", { class: "values" }, make("thead", {}, make("tr", {}, ...heads)), make("tbody", {}, ...rows));
 }
 
-/** The map of a block; of so many springs that no line could be seen, of the mean of those at each vertex. */
+/** The map of a block; of too many springs for lines, the mean of the springs at each vertex. */
 function mapCard(block, mesh, scale) {
   if (block.of !== "spring" || block.values.length <= MOST_SPRINGS) return map(block, mesh, scale);
   const means = meansOfSprings(block, mesh);
   return map(means, mesh, scaleOf(means.values, block.unit), "mean of the springs at a vertex");
 }
 
-/** The same block with a value for each vertex. */
+/** The block with one value for each vertex: the mean of the springs there. */
 function meansOfSprings(block, mesh) {
   const first = mesh.firsts[block.object], start = mesh.springFirsts[block.object];
   const values = new Float32Array(mesh.vertex_counts[block.object]), count = new Uint32Array(values.length);
@@ -128,7 +128,7 @@ function drawSprings(pen, block, mesh, place, first, tint) {
   }
 }
 
-/** Places on the two axes of the world in which points spread most, the middle at 0; what lies flat looks as from above. */
+/** Places along the two world axes in which points spread most, with the middle at 0; a level cloth is seen from above. */
 function flattened(x) {
   const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
   for (let i = 0; i < x.length; i++) {
@@ -142,7 +142,7 @@ function flattened(x) {
   return { x: along(a, a === 0 ? -1 : 1), y: along(b, 1), spread: [spread[a], spread[b]] };
 }
 
-/** Values in order of size, the interval of each, and what the scene says of the same one. */
+/** The values in order of size, with their intervals and the scene's values. */
 function sortedChart(block, scale) {
   const order = Array.from(block.values.keys()).filter((i) => block.shown[i]).sort((a, b) => block.values[a] - block.values[b]);
   const every = Math.ceil(order.length / MOST_POINTS) || 1;
@@ -173,7 +173,7 @@ function sortedChart(block, scale) {
   return picture;
 }
 
-/** How many values lie where. */
+/** A histogram of the values. */
 function histogram(block, scale) {
   const counts = new Uint32Array(BARS), given = new Uint32Array(BARS);
   const shown = Array.from(block.values.keys()).filter((i) => block.shown[i]);

@@ -1,11 +1,11 @@
-// Time: what frame is shown, how fast it moves on, and the controls of it.
+// Time: which frame is shown, how fast time passes, and its controls.
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 
 export class Player {
-  /** `times`, s, of the frames; `show(frame, share)` draws; `told(frame)` is called when another frame is reached. */
-  constructor(times, show, told) {
-    Object.assign(this, { times, show, told, time: times[0], playing: false, speed: 1, frame: -1 });
+  /** `times`, s, of the frames; `show(frame, share)` draws; `reached(frame)` is called when the frame changes. */
+  constructor(times, show, reached) {
+    Object.assign(this, { times, show, reached, time: times[0], playing: false, speed: 1, frame: -1 });
     this.last = times[times.length - 1];
   }
 
@@ -27,7 +27,7 @@ export class Player {
     this.show(frame, frame + 1 < this.times.length ? share : 0);
     if (frame !== this.frame) {
       this.frame = frame;
-      this.told(frame);
+      this.reached(frame);
     }
   }
 
@@ -56,7 +56,7 @@ export class Player {
     if (this.playing) this.pause(); else this.play();
   }
 
-  /** Move on by seconds of the clock; at the end it begins again. */
+  /** Let seconds of real time pass; after the end it begins again. */
   pass(seconds) {
     if (!this.playing) return;
     const time = this.time + seconds * this.speed;

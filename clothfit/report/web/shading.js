@@ -1,6 +1,6 @@
-// What the cloth's colours can tell: distance to the target, mass, stiffness, strain; each with its legend.
+// What the cloth's colours can show: distance to the target, mass, stiffness, strain; each with its legend.
 //
-// A vertex has the mean of the springs at it, where a quantity belongs to springs.
+// A quantity of springs is shown at each vertex as the mean over the springs there.
 
 import { BufferAttribute, DynamicDrawUsage } from "three";
 import { table } from "clothfit/colours";
@@ -10,8 +10,8 @@ export const MODES = [
   ["plain", "Plain"], ["error", "Error"], ["mass", "Mass"], ["stiffness", "Stiffness"], ["strain", "Strain"],
 ];
 
-const INVISIBLE = 1e-4;  // of the picture's size: an error below it nobody sees, so no colour makes much of it
-const WIDE = 30;  // values that differ by more than this factor have a scale of logarithms
+const INVISIBLE = 1e-4;  // of the picture's size: smaller errors are invisible, so the colours do not resolve them
+const WIDE = 30;  // values that differ by more than this factor have a logarithmic scale
 const UNKNOWN = 0.18;  // a grey, in linear light
 const TABLES = { rising: table("rising"), both: table("both") };
 
@@ -33,7 +33,7 @@ export class Shading {
     };
   }
 
-  /** Choose what the colours tell; null stands for none. */
+  /** Choose what the colours show; returns the colour attribute, or null for none. */
   choose(mode) {
     this.mode = mode;
     if (mode in this.still) this.paintScale(this.still[mode]);
@@ -109,7 +109,7 @@ export class Shading {
     return sum.map((value, i) => (this.degree[i] ? value / this.degree[i] : NaN));
   }
 
-  /** What the legend says: title, scale of colours, labels from left to right; null for none. */
+  /** The legend: title, scale of colours, labels from left to right; null for none. */
   get legend() {
     const percent = (share) => `${share > 0 ? "+" : ""}${short(100 * share, 2)} %`;
     switch (this.mode) {

@@ -6,7 +6,8 @@ import { parameterCard } from "clothfit/parameters";
 
 const card = (title, ...parts) => make("section", { class: "card" }, make("h2", {}, title), ...parts);
 
-/** Fill the column; `jump(time)` moves the player. Gives what moves the cursors to a time and tells the error there. */
+/** Fill the column; `jump(time)` moves the player. Returns a function that moves the cursor to a time and returns the
+ * error there. */
 export function fillSide(side, content, mesh, blocks, jump) {
   side.append(summary(content));
   const error = errorChart(content.curve, jump);
@@ -14,7 +15,7 @@ export function fillSide(side, content, mesh, blocks, jump) {
                    make("p", { class: "quiet" }, "Press or drag in the chart to go to a frame.")));
   if (content.history.length > 1) side.append(card("Cost per evaluation", costChart(content.history)));
   side.append(...blocks.map((block) => parameterCard(block, mesh)));
-  side.append(repeat(content));
+  side.append(commandLines(content));
   return error.move;
 }
 
@@ -35,7 +36,7 @@ function deviations(rows) {
   return make("div", { class: "wide" }, table);
 }
 
-function repeat(content) {
+function commandLines(content) {
   const digests = content.inputs.map(([name, digest]) => make("div", {}, `${name} `, make("code", {}, digest)));
   const version = `clothfit ${content.version}${digests.length ? "; SHA-256 of what was read:" : ""}`;
   return card(

@@ -16,7 +16,7 @@ const SKINS = {
           sphere: "#596173" },
 };
 
-/** Pixels along each side as a part of all, whether there are shadows and the target's edges: for slow machines. */
+/** Levels of detail, for slow machines: resolution along each side, whether shadows, whether the target's edges. */
 export const LEVELS = [[1, true, true], [0.75, true, true], [0.6, false, true], [0.5, false, false]];
 
 export class Stage {
@@ -45,7 +45,7 @@ export class Stage {
     this.rim = new DirectionalLight("#cfdcff", 0.7);
     this.key.position.set(-0.45, 1, 0.6).normalize().multiplyScalar(3 * radius).add(centre);
     this.rim.position.set(0.7, 0.35, -0.8).multiplyScalar(3 * radius).add(centre);
-    this.lamp = new DirectionalLight("#ffffff", 0.75);  // goes with the camera, so that no side is black
+    this.lamp = new DirectionalLight("#ffffff", 0.75);  // moves with the camera, so that no side is black
     for (const each of [this.key, this.rim, this.lamp]) each.target.position.copy(centre);
     this.key.castShadow = true;
     this.key.shadow.mapSize.set(1024, 1024);
@@ -79,11 +79,11 @@ export class Stage {
     const size = Math.max(4, 9 - Math.log2(this.fitted.motion.vertices) / 2);
     this.seen = new Points(this.target.dots, new PointsMaterial({ color: TARGET, size, sizeAttenuation: false }));
     this.seen.visible = this.target.observed !== null || this.fitted.triangles.length === 0;
-    this.goal = new Group().add(this.veil, this.hem, this.seen);
-    for (const each of [this.cloth, this.threads, ...this.goal.children]) {
-      each.frustumCulled = false;  // what moves has no box that stays right
+    this.targetParts = new Group().add(this.veil, this.hem, this.seen);
+    for (const each of [this.cloth, this.threads, ...this.targetParts.children]) {
+      each.frustumCulled = false;  // the bounding box of a moving cloth would be out of date
     }
-    this.scene.add(this.cloth, this.threads, this.goal);
+    this.scene.add(this.cloth, this.threads, this.targetParts);
     [this.veil, this.hem, this.seen].forEach((each, order) => { each.renderOrder = 1 + order; });
   }
 
@@ -178,7 +178,7 @@ export class Stage {
     this.stale = true;
   }
 
-  /** With colours per vertex the target steps back, so that they can be read. */
+  /** Colour the cloth per vertex; the target then fades, so that the colours can be read. */
   paint(attribute) {
     const material = this.cloth.material;
     if (attribute) this.fitted.faces.setAttribute("color", attribute);
@@ -203,7 +203,7 @@ export class Stage {
     this.stale = true;
   }
 
-  /** Look at everything from where the cloth is seen best. */
+  /** Show everything, from the side on which the cloth is seen best. */
   fit() {
     const { points, radius, azimuth, height } = this.view;
     this.orbit.fit(points, radius, azimuth, height);

@@ -1,4 +1,4 @@
-// Numbers as people read them.
+// Numbers as readable text.
 
 const LENGTHS = [[1, "m"], [1e-3, "mm"], [1e-6, "µm"], [1e-9, "nm"]];
 
