@@ -10,6 +10,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from clothfit.base import threads
 
+pytestmark = pytest.mark.slow  # starts processes
+
 
 def used():
     """Threads of each BLAS that is loaded."""

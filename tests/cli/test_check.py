@@ -9,7 +9,10 @@ from helpers.scenes import cloth, document, sphere, started, trial, write_scene
 from clothfit.cli.program import run
 from clothfit.objective.objective import Objective
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of motions are slow without compilation")
+pytestmark = [
+    pytest.mark.slow,  # starts processes
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of motions are slow without compilation"),
+]
 
 KEYS = {
     "schema_version", "command", "scene", "verdict", "frames", "target", "flagged", "parameters", "tests",

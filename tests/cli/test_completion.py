@@ -11,6 +11,8 @@ from helpers.scenes import environment
 
 from clothfit.cli.program import COMMANDS, group, run
 
+pytestmark = pytest.mark.slow  # starts processes
+
 VARIABLE = "_CLOTHFIT_COMPLETE"
 
 

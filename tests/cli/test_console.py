@@ -14,6 +14,8 @@ from clothfit.cli.common.progress import progress
 from clothfit.cli.program import run
 from clothfit.optimise.progress import Progress
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 
 class Terminal(io.StringIO):
     """A standard error that says it is a terminal."""

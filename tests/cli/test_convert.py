@@ -23,6 +23,8 @@ from clothfit.formats import obj
 from clothfit.formats.convention import Reading
 from clothfit.many.estimate_many import packed_targets
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 TRIANGLES = [[0, 1, 2], [2, 1, 3]]
 
 

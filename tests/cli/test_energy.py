@@ -13,6 +13,8 @@ from clothfit.motion.motion import load_motion
 from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import load
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 NAMES = ("kinetic", "elastic", "gravity", "contact", "wind", "damping", "drag", "total", "dissipated", "numerical")
 STORED = {"kinetic", "elastic", "gravity", "contact", "total"}
 FLOWS = {"wind", "damping", "drag", "numerical", "dissipated"}

@@ -21,7 +21,10 @@ from clothfit.fit.estimate import estimate, record_target
 from clothfit.motion.motion import load_motion, save_motion
 from clothfit.scene.scene import load
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+pytestmark = [
+    pytest.mark.slow,  # starts processes
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
+]
 
 KEYS = {"schema_version", "command", "scene", "status", "method", "cost", "rmse", "frames", "evaluations", "seconds"}
 KEYS |= {"parameters", "output", "warnings", "rank", "sigma", "prior", "holdout", "memory"}

@@ -13,7 +13,10 @@ from clothfit.evaluation import work_precision as precision
 from clothfit.evaluation.setting import grid
 from clothfit.scene.scene import load
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+pytestmark = [
+    pytest.mark.slow,  # compiles a fit
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
+]
 
 KEYS = {
     "schema_version", "command", "scene", "delta", "frames", "simulated_frames", "vertices", "reference", "rows", "own",

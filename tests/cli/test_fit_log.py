@@ -14,6 +14,8 @@ from clothfit.cli.fitting.fit_log import KEYS, FitLog, earlier
 from clothfit.cli.program import run
 from clothfit.optimise.progress import Progress
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 FIT = ["--method", "gauss-newton", "--start", "0.05"]
 
 

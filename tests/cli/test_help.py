@@ -13,6 +13,8 @@ from clothfit.fit.options import check_method
 from clothfit.objective.comparison import objective_weights
 from clothfit.objective.loss import loss_named
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 PAGES = [[], *[[name] for name in COMMANDS]]
 
 

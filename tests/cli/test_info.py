@@ -12,6 +12,8 @@ from helpers.scenes import MISSING, changed, cloth, document, sphere, started, t
 from clothfit.cli.program import run
 from clothfit.cli.validate import split
 
+pytestmark = pytest.mark.slow  # starts processes
+
 SIDE = str(EXAMPLES / "side.json")
 INFO = {"schema_version", "command", "scene", "title", "integrator", "delta", "frames", "duration", "tolerance",
         "newton_iterations", "wind", "gravity", "spheres", "objects", "flagged", "stability", "memory",

@@ -20,7 +20,10 @@ from clothfit.motion.motion import save_motion
 from clothfit.optimise.checkpoint import decoded
 from clothfit.scene.scene import load
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+pytestmark = [
+    pytest.mark.slow,  # starts processes
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
+]
 
 FEW = ["--method", "l-bfgs-b", "--max-evaluations", "6", "--no-intervals"]
 

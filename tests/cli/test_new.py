@@ -17,6 +17,8 @@ from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh
 from clothfit.scene.mesh_numbering import numberings
 
+pytestmark = pytest.mark.slow  # starts processes
+
 KEYS = {"schema_version", "command", "scene", "vertices", "triangles", "springs", "mass", "fixed", "renumbered",
         "problems", "output"}  # fmt: skip
 

@@ -9,6 +9,8 @@ from helpers.scenes import names, trial, write_scene
 
 from clothfit.cli.program import run
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 pytest.importorskip("matplotlib", reason="matplotlib is not installed; no picture is drawn")
 pytest.importorskip("PIL", reason="Pillow is not installed; no animation is drawn")
 

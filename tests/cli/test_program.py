@@ -9,6 +9,8 @@ from helpers.scenes import environment, needs_full_disk, started, trial, write_s
 from clothfit import __version__
 from clothfit.cli.program import COMMANDS, group, run
 
+pytestmark = pytest.mark.slow  # starts processes
+
 
 def said(capsys, *arguments):
     """Exit code, standard output and standard error of a command in this process."""

@@ -9,6 +9,8 @@ from rich.console import Console
 from clothfit.cli.common.progress import BARS, CURVE_WIDTH, Pace, Shown, duration, pace, plain, sparkline, stage
 from clothfit.optimise.progress import Progress
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 
 def step(evaluations, **fields):
     told = {"iteration": 7, "step": 0.032, "stage": "gauss-newton", "window": 20, "frames": 100, "window_rmse": 1.2e-3}

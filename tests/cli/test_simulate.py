@@ -27,6 +27,8 @@ from clothfit.motion.motion import load_motion
 from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import load
 
+pytestmark = pytest.mark.slow  # starts processes
+
 NAMED = ("schema_version", "command", "scene", "frames", "vertices", "seconds", "output", "diverged", "dump")
 KEYS = {*NAMED, *Fallbacks._fields}
 SCENE = trial("nG", 6, 3, 3)

@@ -13,6 +13,8 @@ from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import load_motion
 from clothfit.scene.scene import load
 
+pytestmark = pytest.mark.slow  # starts processes
+
 KEYS = {"schema_version", "command", "scene", "frames", "observed", "noise", "output"}
 
 

@@ -10,6 +10,8 @@ from clothfit.derivative import adjoint
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import all_elements, with_elements
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 STEPS = 6
 VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 2), ("implicit", 5)]
 

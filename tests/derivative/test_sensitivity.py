@@ -12,6 +12,8 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3)]
 FITS = {
     "mass L": ("Ln", {}),

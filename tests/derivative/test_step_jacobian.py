@@ -11,6 +11,8 @@ from clothfit.engine.rollout import rollout, velocity
 from clothfit.engine.step import implicit, transition
 from clothfit.engine.system import EXPLICIT, zeros
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3)]
 STEP = 4  # of which the matrices are taken: the cloth is moving by then
 

@@ -12,6 +12,8 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters, with_parameters
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 P = np.array([0.3, -20.0, 1.5])
 RNG = np.random.default_rng(10)
 DIRECTION = P * np.array([0.7, -0.5, 1.0])

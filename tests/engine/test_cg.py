@@ -7,6 +7,8 @@ from helpers.ring import ALL, FREE, N, dense_solution, matrix, right_side
 
 from clothfit.engine.solve import cg, sparse
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 
 def solve(A, b, w, tolerance=1e-14, limit=200):
     return cg.solve(A, b, tolerance, limit, cg.workspace(N), w)

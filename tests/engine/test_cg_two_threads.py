@@ -9,6 +9,8 @@ from helpers.scenes import cloth, needs_compiler
 import clothfit
 from clothfit.engine.solve import cg, cg_two_threads, sparse, two_threads
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 
 def solve(A, b, w, tolerance=1e-14, limit=200):
     return cg_two_threads.solve(A, b, tolerance, limit, cg.workspace(len(b)), cg_two_threads.second(A), w)

@@ -11,6 +11,8 @@ from clothfit.engine.rollout import rollout, velocities, velocity
 from clothfit.engine.step import guard, implicit
 from clothfit.engine.system import all_elements
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 STEPS = 60
 
 

@@ -9,6 +9,8 @@ from helpers.scenes import needs_compiler
 from clothfit.engine.solve import cg, linear, multigrid, sparse
 from clothfit.engine.solve.multigrid import BOOST, LAST_SWEEPS
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 SIDE = 7
 N = SIDE * SIDE
 FREE = free_but(N, 0, 6, 20)

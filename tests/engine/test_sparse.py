@@ -7,6 +7,8 @@ from helpers.physics import dense_matrix, square, stored, times
 
 from clothfit.engine.solve import sparse
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 RNG = np.random.default_rng(5)
 ENDS = np.array([[0, 1], [3, 1], [1, 3], [2, 4], [4, 0], [2, 3]], np.int32)  # (1, 3) twice, both ways round
 

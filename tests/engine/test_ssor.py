@@ -9,6 +9,8 @@ from helpers.matrices import free_but, in_order, joined, lanes_of, matrix, parts
 from clothfit.base.arrays import aligned
 from clothfit.engine.solve import sparse, ssor
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 SIDE = 6
 N = SIDE * SIDE
 FREE = free_but(N, 3, 17)

@@ -12,6 +12,8 @@ from clothfit.engine.rollout import rollout
 from clothfit.engine.stability import ACCURACY, drag, frequency, growth, limit, longest_step, warning
 from clothfit.engine.system import EXPLICIT, IMPLICIT, SYMPLECTIC, clamped
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 K, M = 800.0, 0.5  # ω = 40 rad/s
 SPRING = {"mass": M, "stiffness": K, "fixed": [0]}
 

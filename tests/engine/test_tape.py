@@ -14,6 +14,8 @@ from clothfit.engine.rollout import state_bytes
 from clothfit.engine.snapshots import Plan, least, plan
 from clothfit.engine.tape import Tape
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 STEPS = 13
 VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3)]
 PLANS = {

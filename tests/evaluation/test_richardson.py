@@ -9,6 +9,8 @@ from clothfit.evaluation.richardson import Halving, converged, extent, per_frame
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.simulate import simulate
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 STILL = {"gravity": xyz((0, 0, 0))}
 
 

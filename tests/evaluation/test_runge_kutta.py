@@ -7,6 +7,8 @@ from helpers.physics import gentle, system, thing, xyz
 from clothfit.engine import rollout
 from clothfit.evaluation.runge_kutta import record
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 STILL = {"gravity": xyz((0, 0, 0))}
 
 

@@ -5,6 +5,8 @@ from helpers.physics import scene, thing
 
 from clothfit.evaluation.setting import Setting, grid, own
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 POINT = thing([(0, 0, 0)])
 
 

@@ -14,6 +14,8 @@ from clothfit.evaluation.richardson import converged
 from clothfit.evaluation.setting import Setting
 from clothfit.evaluation.trial import TIMED_RUNS, Trial, expected, judge, rerun, sampled, undisturbed
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 FALL = scene(thing([(0, 2, 0)]), thing([(0, 0, 0), (1, 0, 0)]), delta=0.1)
 
 

@@ -18,7 +18,10 @@ from clothfit.evaluation.trial import Trial, judge
 from clothfit.evaluation.work_precision import WorkPrecision, front, known_frames, table, work_precision
 from clothfit.motion.divergence import Diverged
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+pytestmark = [
+    pytest.mark.slow,  # compiles a fit
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
+]
 
 ONE = clothfit.load(document(cloth(), cloth(3, 2), optimizationIterations=11, forwardSubSteps=3))
 

@@ -17,7 +17,10 @@ from clothfit.objective.identifiability import identifiable
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import dumps
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+pytestmark = [
+    pytest.mark.slow,  # compiles a fit
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
+]
 
 LENGTHS = load_text(json.dumps(document(cloth(3, 3)))).cloths[0].lengths
 RNG = np.random.default_rng(31)

@@ -22,7 +22,10 @@ from clothfit.optimise.status import Stop
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import load
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+pytestmark = [
+    pytest.mark.slow,  # compiles a fit
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
+]
 
 NEVER = 0.0  # an RMSE that no fit reaches
 

@@ -20,7 +20,10 @@ from clothfit.optimise.scipy_methods import METHODS
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.scene.scene import dumps, load
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="thousands of simulations need compilation")
+pytestmark = [
+    pytest.mark.slow,  # compiles a fit
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="thousands of simulations need compilation"),
+]
 
 UNSTABLE_ABOVE = 50.0  # N/m: explicit steps of `unstable` explode at a stiffness of 100, not at its own 30
 

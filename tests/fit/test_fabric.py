@@ -9,6 +9,8 @@ from clothfit.fit.fabric import normalised, proportions
 from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh, areas
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 RNG = np.random.default_rng(12)
 
 

@@ -16,6 +16,8 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.experiment import experiments
 from clothfit.scene.fit_vector import parameters
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
 

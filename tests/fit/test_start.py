@@ -14,7 +14,10 @@ from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.scene.scene import load
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+pytestmark = [
+    pytest.mark.slow,  # compiles a fit
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
+]
 
 FINEST = 10**0.125
 """Ratio of neighbouring values on the finest grid."""

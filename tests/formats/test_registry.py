@@ -17,6 +17,8 @@ from clothfit.formats.axes import Axes
 from clothfit.formats.convention import Convention, Reading
 from clothfit.formats.registry import FORMATS
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 SCENE = clothfit.load(trial("nG", 12))
 MOTION = clothfit.simulate(SCENE)
 HALF = 2.0**-24  # of the last of float32's 24 bits, relative

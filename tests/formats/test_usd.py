@@ -18,6 +18,8 @@ from clothfit.formats import usd, usd_reader
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import RIGHT, Axes
 
+pytestmark = pytest.mark.slow  # starts processes
+
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 2, 0]])
 FRAMES = np.stack([CORNERS + f for f in range(3)])
 SIZES, POLYGONS = [4, 3], [0, 1, 2, 3, 2, 4, 3]

@@ -11,6 +11,8 @@ from helpers.scenes import cloth, document, trial
 from clothfit import Diverged, Objective, load, simulate
 from clothfit.inspection.forecast import forecast
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 
 @pytest.mark.parametrize("name", ["side", "drape"])
 def test_the_memory_of_a_fit_is_what_the_fit_foresees(name):

@@ -16,6 +16,8 @@ from clothfit.cli.common.console import COMPILING
 from clothfit.kernels import cache as kernel_cache
 from clothfit.kernels.cache import KernelCache
 
+pytestmark = pytest.mark.slow  # starts processes
+
 compiles = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 has_owners = pytest.mark.skipif(not hasattr(os, "getuid"), reason="this system's folders have no owners")
 

@@ -11,6 +11,8 @@ from helpers.paths import TESTS
 
 from clothfit.kernels import cache as kernel_cache
 
+pytestmark = pytest.mark.slow  # starts processes
+
 BITS = """
 import hashlib, sys
 sys.path.insert(0, sys.argv[1])

@@ -9,6 +9,8 @@ from clothfit.base.errors import InvalidInput
 from clothfit.many.batch import CUT_SHORT, PREPARATION, Batch
 from clothfit.many.job import FAULT, NOT_STARTED, Died, File, Job, Lost, Outcome
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 JOB = Job(File(b"", "a"))
 DONE = Outcome(None, 0)
 BEST = Outcome(None, 130, "best so far")

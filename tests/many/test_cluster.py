@@ -23,7 +23,10 @@ from clothfit.many.job import Job, read
 from clothfit.scene.scene import dumps
 
 distributed = pytest.importorskip("distributed", reason="distributed is not installed; there is no cluster")
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+pytestmark = [
+    pytest.mark.slow,  # starts processes
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
+]
 
 FEW = {"method": "l-bfgs-b", "budget": 40, "intervals": False}
 

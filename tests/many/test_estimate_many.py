@@ -18,7 +18,10 @@ from clothfit.many.processes import Processes
 from clothfit.many.starts import numbered
 from clothfit.scene.scene import dumps, load
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+pytestmark = [
+    pytest.mark.slow,  # compiles a fit
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
+]
 
 FEW = {"method": "l-bfgs-b", "budget": 8}
 SOME = {"budget": 9, "intervals": False}

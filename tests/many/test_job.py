@@ -19,7 +19,10 @@ from clothfit.many.job import NOT_STARTED, File, Job, failed, read, run
 from clothfit.motion.motion import save_motion
 from clothfit.scene.scene import dumps, load
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+pytestmark = [
+    pytest.mark.slow,  # compiles a fit
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
+]
 
 FEW = {"method": "l-bfgs-b", "budget": 5}
 

@@ -10,6 +10,8 @@ from clothfit.objective.identifiability import identifiable
 from clothfit.scene.fit_vector import bounds, parameters
 from clothfit.scene.scene import load
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 
 def values(scene, number, seed=0, start=None):
     """The drawn start (P,) of a scene with a target."""

@@ -15,6 +15,8 @@ from clothfit.meshes.mesh_file import read_mesh
 from clothfit.motion.files import for_tools
 from clothfit.scene.mesh_numbering import numberings
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 FLOAT32 = 1e-6  # m, of positions of a few metres in single precision
 
 

@@ -22,6 +22,8 @@ from clothfit.objective.target import target
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 RNG = np.random.default_rng(31)
 SYSTEM = build(scene(cloth(3, 2)), 0)
 N, FRAMES, DELTA = 6, 12, 0.02

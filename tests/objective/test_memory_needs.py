@@ -22,6 +22,8 @@ from clothfit.objective.memory_needs import snapshot_bytes
 from clothfit.objective.objective import Objective, cost_and_gradient
 from clothfit.scene.fit_vector import parameters, with_parameters
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 SLOW = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="fits are slow without compilation")
 FRAMES = 80
 PLENTY = 10**9

@@ -12,6 +12,8 @@ from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import load
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 SCENE = load(trial("nL", 12, 3, 3))
 MOTION = simulate(SCENE, tolerance=TIGHT)
 P = 1.3 * parameters(SCENE)

@@ -11,6 +11,8 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.balances import Track, balances, smoothed, summed_twice, track
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 12)]
 
 

@@ -27,6 +27,8 @@ from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import load
 
+pytestmark = pytest.mark.slow  # starts processes
+
 needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
 STATE = State(

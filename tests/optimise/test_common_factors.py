@@ -13,7 +13,10 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters, with_parameters
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="dozens of simulations are slow without compilation")
+pytestmark = [
+    pytest.mark.slow,  # compiles a fit
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="dozens of simulations are slow without compilation"),
+]
 
 
 def both(settings="LL", **fit):

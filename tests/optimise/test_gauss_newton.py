@@ -18,6 +18,8 @@ from clothfit.optimise.gauss_newton import (
 )
 from clothfit.optimise.prior import first, none
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 WIDE = np.full(2, 1e3)
 
 

@@ -15,6 +15,8 @@ from clothfit.optimise import momentum
 from clothfit.optimise.momentum import TREATMENTS, Treatment
 from clothfit.scene.fit_vector import parameters
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 SLOW = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="dozens of simulations are slow without compilation")
 VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 12)]
 AIR = {"windVel": xyz((4, 2, -3))}

@@ -16,6 +16,8 @@ from clothfit.objective.running_residuals import MatrixResiduals, free_columns, 
 from clothfit.optimise import normal_equations as normal
 from clothfit.scene.fit_vector import parameters, with_parameters
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 SLOW = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="dozens of simulations are slow without compilation")
 FRAMES, DELTA = 12, 0.02
 OBJECTIVES = ["position", "velocity", "edge-length", "spectrum", {"position": 1.0, "edge-length": 2.0, "velocity": 0.1}]

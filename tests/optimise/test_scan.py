@@ -12,7 +12,10 @@ from clothfit.optimise.scan import POINTS, Course, brackets, coarse_first, is_mi
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters
 from clothfit.scene.scene import load
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+pytestmark = [
+    pytest.mark.slow,  # compiles a fit
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
+]
 
 
 def flag(settings="nG", frames=80, nx=4, ny=3, stiffness=30.0, mass=0.01, **fields):

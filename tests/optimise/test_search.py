@@ -13,6 +13,8 @@ from clothfit.optimise.status import STALL_EVALUATIONS, Stop
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters
 from clothfit.scene.scene import load
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 
 class Played(Objective):
     """An objective whose answers are given one by one: costs with gradients, or an exception."""

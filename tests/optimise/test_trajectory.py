@@ -20,7 +20,10 @@ from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="dozens of simulations are slow without compilation")
+pytestmark = [
+    pytest.mark.slow,  # compiles a fit
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="dozens of simulations are slow without compilation"),
+]
 
 FITS = {"damping": "G", "vertVel": "G", "springRestLength": "L"}
 SETTINGS = {

@@ -13,6 +13,8 @@ from helpers.scenes import load_text, sphere, trial, write_scene
 
 import clothfit
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 TIGHT = 1e-13
 WINDY = {"windVel": {"x": 3.0, "y": 1.0, "z": -2.0}, "dragCoefficient": 0.5}
 LIBRARIES = ("numba", "scipy", "jax", "torch", "warp")

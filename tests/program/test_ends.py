@@ -16,6 +16,8 @@ import clothfit
 from clothfit.base import writing
 from clothfit.cli.program import run
 
+pytestmark = pytest.mark.slow  # starts processes
+
 unix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals, pipes and limits")
 SECONDS = 50
 

@@ -12,6 +12,8 @@ from helpers.paths import EXAMPLES
 
 import clothfit
 
+pytestmark = pytest.mark.slow  # starts processes
+
 SETTINGS = {"side": "nL", "corners": "Ln", "flag": "nG", "drape": "Gn"}
 FIXED = {
     "side": list(range(132, 144)),

@@ -18,6 +18,8 @@ from clothfit.fit import estimate as fitting
 from clothfit.kernels.cache import is_cold
 from clothfit.many import warmup
 
+pytestmark = pytest.mark.slow  # starts processes
+
 unix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals, pipes and limits")
 NOBODY = 65534
 SECONDS = 50

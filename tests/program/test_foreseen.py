@@ -10,6 +10,8 @@ from helpers.scenes import environment, names
 from clothfit.base import memory
 from clothfit.cli.program import run
 
+pytestmark = pytest.mark.slow  # starts processes
+
 SECONDS = 50
 
 

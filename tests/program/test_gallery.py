@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from helpers.paths import ROOT
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 Image = pytest.importorskip("PIL.Image", reason="Pillow draws the films")
 SPEC = util.spec_from_file_location("gallery_page", ROOT / "docs" / "gallery.py")
 gallery = util.module_from_spec(SPEC)

@@ -26,6 +26,8 @@ from clothfit.scene import schema as structure
 from clothfit.scene import text as source
 from clothfit.scene.scene import dumps
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 TEXT = json.dumps(scene())
 chances = st.randoms(use_true_random=False)
 many = settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))

@@ -9,6 +9,8 @@ from helpers.scenes import environment
 
 import clothfit
 
+pytestmark = pytest.mark.slow  # starts processes
+
 CALLS = {
     "load": ["path_or_file"],
     "save": ["scene", "path_or_file"],

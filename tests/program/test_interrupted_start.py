@@ -7,6 +7,8 @@ import sys
 import pytest
 from helpers.scenes import environment, trial, write_scene
 
+pytestmark = pytest.mark.slow  # starts processes
+
 # Sends the signal at the moment when a module is about to be imported.
 START = """
 import os, sys

@@ -15,6 +15,8 @@ from helpers.paths import ROOT
 import clothfit
 from clothfit.scene import schema as structure
 
+pytestmark = pytest.mark.slow  # starts processes
+
 PACKAGE = ROOT / "clothfit"
 WHERE = (
     "import clothfit.scene.schema as s; print(s.schema_path()); "

@@ -17,7 +17,10 @@ PAGES = {path.name: path.read_text("utf-8") for path in sorted((ROOT / "docs").g
 PAGES = {"first": (ROOT / "README.md").read_text("utf-8"), **PAGES}
 SHOWN = re.compile(r"^\$ clothfit (.*)\n((?:(?!\$).*\n)*)", re.MULTILINE)  # a command and what it prints
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="fits of 144 vertices need compilation")
+pytestmark = [
+    pytest.mark.slow,  # compiles a fit
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="fits of 144 vertices need compilation"),
+]
 
 
 def blocks(language, page="first"):

@@ -26,7 +26,10 @@ CASES = hard_cases.CASES
 STILL = [name for name, case in CASES.items() if not case.windy]
 WINDY = [name for name, case in CASES.items() if case.windy]
 STEPS, TOLERANCE = 100, 1e-5
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="cloths of 144 vertices need compilation")
+pytestmark = [
+    pytest.mark.slow,  # compiles a fit
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="cloths of 144 vertices need compilation"),
+]
 
 
 def totals(system, steps=STEPS):

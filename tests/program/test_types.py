@@ -10,6 +10,8 @@ import pytest
 
 import clothfit
 
+pytestmark = pytest.mark.slow  # starts processes
+
 pytest.importorskip("mypy", reason="mypy is not installed; the extras test and dev have it")
 
 SCRIPT = """

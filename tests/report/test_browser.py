@@ -15,7 +15,10 @@ from clothfit.report.log import Log, Point
 from clothfit.report.page import report_page
 from clothfit.scene.scene import load
 
-pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="the motions need compilation")
+pytestmark = [
+    pytest.mark.slow,  # starts processes
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="the motions need compilation"),
+]
 
 HOSTILE = "</script><img src=x onerror=\"window.pwned=1\"><script>window.pwned=2</script>{{content}}&amp;"
 FRAMES = 30

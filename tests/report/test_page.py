@@ -31,6 +31,8 @@ from clothfit.report.packing import (
 from clothfit.report.showing import default_length, shown
 from clothfit.scene.scene import load
 
+pytestmark = pytest.mark.slow  # compiles a fit
+
 needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of steps need compilation")
 
 
