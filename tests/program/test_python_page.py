@@ -58,6 +58,7 @@ def test_every_function_says_what_it_raises_or_returns():
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="fits need compilation")
 @pytest.mark.parametrize("name", [name for name in EXAMPLES if name != python.START])
+@pytest.mark.slow  # some compile a fit
 def test_an_example_runs_and_gives_what_the_page_shows(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     source = f"{EXAMPLES[python.START]}\n{EXAMPLES[name]}\n"
