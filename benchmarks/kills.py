@@ -81,9 +81,9 @@ def prepared(folder: Path, scene: Path, frames: int, steps: int, warm: int) -> l
         for _ in range(1 + warm):  # the first may compile
             began = time.perf_counter()
             process = run.begin(folder)
-            told = process.communicate(timeout=LONGEST)[1].decode()
+            output = process.communicate(timeout=LONGEST)[1].decode()
             if process.returncode:
-                raise SystemExit(f"{run.arguments[0]} fails undisturbed: {told}")
+                raise SystemExit(f"{run.arguments[0]} fails undisturbed: {output}")
             run.seconds = time.perf_counter() - began
         run.result = (folder / run.output).read_bytes()
         run.cost = cost_of(run, folder)
@@ -147,9 +147,9 @@ def repeated(run: Run, folder: Path) -> list[str]:
     """What is wrong when the command is given again."""
     resume = ["--resume"] if run.checkpoint and (folder / run.checkpoint).exists() else []
     process = run.begin(folder, *resume)
-    told = process.communicate(timeout=LONGEST)[1].decode()
+    output = process.communicate(timeout=LONGEST)[1].decode()
     if process.returncode:
-        return [f"ends with {process.returncode}: {told}"]
+        return [f"ends with {process.returncode}: {output}"]
     faults = []
     if run.checkpoint is None and (folder / run.output).read_bytes() != run.result:
         faults.append(f"{run.output} has another content")
@@ -191,8 +191,8 @@ def main(count: int, seed: int, frames: int, steps: int) -> None:
     print(f"| command | seconds | {' | '.join(names)} |")
     print("|---|---|" + "---|" * len(names))
     for run in runs:
-        told = " | ".join(str(run.counts[name]) for name in names)
-        print(f"| `{run.arguments[0]}` | {run.seconds:.1f} | {told} |")
+        counts = " | ".join(str(run.counts[name]) for name in names)
+        print(f"| `{run.arguments[0]}` | {run.seconds:.1f} | {counts} |")
     print(f"{sum(run.counts['killed'] for run in runs)} kills, {len(faults)} faults")
     for fault in faults:
         print(fault, file=sys.stderr)

@@ -71,8 +71,8 @@ def in_turn(works: Mapping[str, Work], rounds: int, clock: str = "wall") -> dict
 def add_options(parser: argparse.ArgumentParser, rounds: int, peers: list[str]) -> None:
     """The options that the scripts share."""
     parser.add_argument("--rounds", type=int, default=rounds, help=f"runs of each program (default: {rounds})")
-    told = f"default: {', '.join(peers)}, as far as installed"
-    parser.add_argument("--peers", nargs="*", default=peers, choices=PEERS, help=told)
+    peers_help = f"default: {', '.join(peers)}, as far as installed"
+    parser.add_argument("--peers", nargs="*", default=peers, choices=PEERS, help=peers_help)
     parser.add_argument("--cores", type=int, default=1, help="cores that each program may use (default: 1)")
     parser.add_argument("--clock", default="wall", choices=CLOCKS, help="cpu: on a busy machine, with one core")
 
@@ -99,7 +99,7 @@ def machine() -> str:
 
 
 def processor() -> str:
-    """The processor's name, and its frequency now where Linux tells it."""
+    """The processor's name, and its current frequency where Linux reports it."""
     try:
         lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
     except OSError:

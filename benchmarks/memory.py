@@ -58,8 +58,8 @@ def child(arguments: list[str]) -> tuple[str, float]:
 def row(name: str, arguments: list[str]) -> None:
     """Run one child and print its row."""
     text, peak = child(arguments)
-    told = json.loads(text.splitlines()[-1]) if text.strip() else {}
-    needs = told.get("memory") or told
+    summary = json.loads(text.splitlines()[-1]) if text.strip() else {}
+    needs = summary.get("memory") or summary
     sizes = [needs.get(key) for key in ("foreseen", "budget")]
     numbers = [f"{size / 1e6:.0f}" if size and size < float(NO_LIMIT) else "–" for size in sizes]
     kept = (needs["snapshots"] or "all states") if needs else "–"

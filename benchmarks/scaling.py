@@ -90,12 +90,12 @@ def print_peak(side: int, steps: int) -> None:
 
 def cells(name: str, program: Any, step: Seconds, gradient: Seconds) -> list[str]:
     """What a row says of one program."""
-    told = []
+    row = []
     for seconds in (step, gradient):
-        told.append(f"{1e3 * np.median(seconds[name]):.3g}" if name in seconds else "–")
+        row.append(f"{1e3 * np.median(seconds[name]):.3g}" if name in seconds else "–")
         ratio = name in seconds and name != "clothfit"
-        told.append(f"{np.median(seconds['clothfit'] / seconds[name]):.2f}" if ratio else "–")
-    return [program.name, f"{program.iterations:.0f}", *told]
+        row.append(f"{np.median(seconds['clothfit'] / seconds[name]):.2f}" if ratio else "–")
+    return [program.name, f"{program.iterations:.0f}", *row]
 
 
 def exponent(times: dict[int, float]) -> str:
@@ -133,8 +133,8 @@ def main() -> None:
     print()
     for what, kind in grown.items():
         for name, times in kind.items():
-            if told := exponent(times):
-                print(f"- {name}, {what}: {told}")
+            if found := exponent(times):
+                print(f"- {name}, {what}: {found}")
 
 
 if __name__ == "__main__":

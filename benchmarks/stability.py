@@ -128,8 +128,8 @@ def main() -> None:
         table(given.only, given.steps, given.json)
         if given.only in "bounds":
             for name, found in at_bounds():
-                told = {"case": f"bounds: {name}", "clothfit": found}
-                print(json.dumps(told) if given.json else f"\n{name}: {found}")
+                record = {"case": f"bounds: {name}", "clothfit": found}
+                print(json.dumps(record) if given.json else f"\n{name}: {found}")
 
 
 def table(only: str, steps: int, as_json: bool) -> None:
@@ -141,8 +141,8 @@ def table(only: str, steps: int, as_json: bool) -> None:
         if only in name:
             systems = case.systems()
             plain, own = (run(each, steps) for each in ([s._replace(guarded=False) for s in systems], systems))
-            told = {"case": name, "plain": asdict(plain), "clothfit": asdict(own)}
-            print(json.dumps(told) if as_json else f"| {' | '.join(cells(name, case, plain, own))} |", flush=True)
+            record = {"case": name, "plain": asdict(plain), "clothfit": asdict(own)}
+            print(json.dumps(record) if as_json else f"| {' | '.join(cells(name, case, plain, own))} |", flush=True)
 
 
 if __name__ == "__main__":

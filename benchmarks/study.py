@@ -78,9 +78,9 @@ def frames() -> None:
     for name in ("side", "flag"):
         for count in FRAMES:
             fit, report, seconds = fitted(scene_of(name, "nL", count))
-            told = STUDY_FRAMES.get((name, count), "")
+            theirs = STUDY_FRAMES.get((name, count), "")
             print(
-                f"| {name} | {count} | {told} | {metres(fit.rmse)} | {metres(report.horizon.rmse)} | {seconds:.2f} |",
+                f"| {name} | {count} | {theirs} | {metres(fit.rmse)} | {metres(report.horizon.rmse)} | {seconds:.2f} |",
                 flush=True,
             )
 

@@ -1,7 +1,7 @@
-"""Make the example scenes: `python examples/make.py` writes them, `--check` tells whether they are up to date.
+"""Make the example scenes: `python examples/make.py` writes them, `--check` only checks that they are up to date.
 
-Four cloths of 12 × 12 vertices over 7 m, as the front end would build them (`clothfit.mesh`). What each holds and
-hides is said in `README.md` beside this file. Units: m, kg, s, N/m.
+Four cloths of 12 × 12 vertices over 7 m, as the front end would build them (`clothfit.mesh`). `README.md` beside this
+file says what each holds and hides. Units: m, kg, s, N/m.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from clothfit.meshes.mesh import Mesh, object_document, plane
 
 FOLDER = Path(__file__).resolve().parent
 DIVISIONS, SIZE = 10, 7.0
-DIGITS = 12  # significant ones written: the last bits, where one machine may differ from another, are cut off
+DIGITS = 12  # significant digits written; machines may differ in the digits after them
 WIND = (106.066, 0.0, -106.066)  # 150 m/s; air drag grows with the cube of a face's area, here 0.2 m²
 SPHERE_CENTRE, SPHERE_DIAMETER = (0.0, -4.1, 0.0), 8.0  # its top 0.1 m below the cloth
 

@@ -119,7 +119,7 @@ class Cluster:
             done(number)
 
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about its size: a job must travel whole to be safe
+            warnings.simplefilter("ignore")  # Dask warns of large jobs, but must hold them
             future = self._client.submit(work, job, self.batch, key=f"clothfit-{self.batch}-{number}", pure=False)
         self._futures[number] = future
         future.add_done_callback(ended)

@@ -37,7 +37,7 @@ SLOWED_BELOW, SLOWED_TO = 0.5, 2.0
 """Seconds: a motion shorter than the first is slowed down to last the second."""
 
 LAST_FRAME_PAUSE = 0.6
-"""Seconds that the last frame stays longer."""
+"""Seconds for which the last frame is shown."""
 
 PALETTE_SIZE = 96
 GIF_ASPECT = (0.45, 1.0)  # height by width, at least and at most

@@ -63,7 +63,7 @@ def read_log(path: str | os.PathLike[str]) -> Log:
         if isinstance(record.get("summary"), dict):
             summary = record["summary"]
     if not points and summary is None:
-        raise InvalidInput(f"{name}: no line of it tells how a fit went; give a file that estimate --log has written")
+        raise InvalidInput(f"{name}: no line of it is the record of a fit; give a file that estimate --log has written")
     warnings = [f"{name}: {counted(lost, 'line', 'lines')} that cannot be read left out"] if lost else []
     if summary is None:
         warnings.append(f"{name}: ends early, without the fit's summary; there are no intervals")

@@ -108,7 +108,7 @@ OPTIONS = {
     ),
     "an export is several files, which need a folder; name one with -o": Case("export scene.json --to csv -o -"),
     "the log cannot be read: …": Case("report scene.json scene.json --log missing.jsonl"),
-    "no line of it tells how a fit went; give a file that estimate --log has written": Case(
+    "no line of it is the record of a fit; give a file that estimate --log has written": Case(
         "report scene.json scene.json --log fit.jsonl", {"fit.jsonl": b"no\nlog\n"}
     ),
 }
