@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
 
 class Track(NamedTuple):
-    """What a target tells of one cloth at each of T + 1 steps."""
+    """What a target shows of one cloth at each of T + 1 steps."""
 
     x: Array  # (T + 1, n, 3), m
     seen: Flags  # (T + 1, n)
 
 
 def track(goal: Target, system: System) -> Track:
-    """What a target tells of a cloth at the times of the steps; its start, and fixed vertices, are known."""
+    """What a target shows of a cloth at the times of the steps; the start and fixed vertices are known."""
     whole = np.flatnonzero(goal.fraction == 0)
     frames, n = goal.last_step + 1, len(system.x0)
     x, seen = np.broadcast_to(system.x0, (frames, n, 3)).copy(), np.zeros((frames, n), bool)

@@ -3,10 +3,11 @@
     min_δ  δᵀ H δ + 2 gᵀ δ   with   lower ≤ δ ≤ upper
 
 H (Q, Q) may be singular: what it does not determine stays 0, the shortest solution. Bounds are met by projected Newton
-steps: what lies at a bound that the slope presses it against is held, the rest is solved, and the way there is cut by
-the bounds. Every step goes down, so that even where they are cut short the result is no worse than δ = 0. D. P.
-Bertsekas, Projected Newton methods for optimization problems with simple constraints, SIAM Journal on Control and
-Optimization 20, 1982.
+steps: a coordinate that the derivative presses against its bound is held, the others are solved, and the bounds cut
+the step. Every step lowers the value, so even where the steps end early the result is no worse than δ = 0.
+
+D. P. Bertsekas, Projected Newton methods for optimization problems with simple constraints, SIAM Journal on Control
+and Optimization 20, 1982.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags
 
 STEPS = 100
-"""Projected steps; a handful suffices but where many bounds hold of coordinates that are strongly coupled."""
+"""Projected steps; a handful suffices, except where many bounds hold strongly coupled coordinates."""
 
 HALVINGS = 40
-"""Of a step that the bounds cut, until it goes down."""
+"""Halvings of a step that the bounds cut, until it lowers the value."""
 
-ROUNDS = 20
-"""Of Newton's iteration for the radius."""
+RADIUS_ROUNDS = 20
+"""Rounds of Newton's iteration for the radius."""
 
 SINGULAR = 1e-13
 """Reciprocal condition below which H counts as singular."""
@@ -48,8 +49,8 @@ def solve(H: Array, g: Array, lower: Array, upper: Array, radius: float = np.inf
 
 def pressed(H: Array, g: Array, lower: Array, upper: Array, delta: Array) -> Flags:
     """Which coordinates (Q,) lie at a bound and would leave it outwards."""
-    slope = H @ delta + g
-    return np.asarray(((delta <= lower) & (slope >= 0)) | ((delta >= upper) & (slope <= 0)))
+    derivative = H @ delta + g
+    return np.asarray(((delta <= lower) & (derivative >= 0)) | ((delta >= upper) & (derivative <= 0)))
 
 
 def downwards(H: Array, g: Array, lower: Array, upper: Array, delta: Array, target: Array) -> Array | None:
@@ -74,7 +75,7 @@ def within(H: Array, g: Array, radius: float = np.inf) -> Array:
         return within_singular(H, g, radius)
     delta = -substitute(factor, g)
     shift = 0.0
-    for _ in range(ROUNDS):  # Newton's iteration on 1/|δ|, which is nearly linear in μ
+    for _ in range(RADIUS_ROUNDS):  # Newton's iteration on 1/|δ|, which is nearly linear in μ
         length = float(np.linalg.norm(delta))
         if length <= 1.01 * radius:
             break

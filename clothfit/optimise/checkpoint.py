@@ -218,17 +218,17 @@ def identity(scene: Scene, targets: Sequence[Experiment] | None, start: object, 
     `targets` None: the scene's own motion; `start` as `fit.estimate` takes it; `options`: whatever else changes the
     way of a fit.
     """
-    goals = "the scene's own motion"
+    compared = "the scene's own motion"
     if targets is not None:
         parts: list[bytes | Array] = []
         for target in targets:
             parts += [*arrays(target), b"" if target.scene is scene else dumps(target.scene)]
-        goals = digest(*parts)
+        compared = digest(*parts)
     first = dumps(start) if isinstance(start, Scene) else start
     if isinstance(first, (bytes, np.ndarray, list, tuple)):
         first = digest(first if isinstance(first, bytes) else np.asarray(first, float))
     texts = {name.replace("_", " "): plainly(value) for name, value in options.items()}
-    own = {"scene": digest(dumps(scene)), "target": goals, "start": plainly(first)}
+    own = {"scene": digest(dumps(scene)), "target": compared, "start": plainly(first)}
     return {**own, **texts}
 
 

@@ -2,7 +2,7 @@
 
 Near a point y the residuals are r + J d, so the cost is |r|² + 2 gᵀd + dᵀH d with H = JᵀJ and g = Jᵀr (`normal`).
 Each iteration minimises that, with the prior's penalty added, inside the bounds and a ball whose radius follows how
-well the model foretold the cost; a trial costs one simulation, a hundredth of the model, so several are made of one
+well the model predicted the cost; a trial costs one simulation, a hundredth of the model, so several are made of one
 model. J. J. Moré, The Levenberg–Marquardt algorithm, 1978.
 
 It ends where the step that is left is small against what the noise leaves open: the cost it would save is below a
@@ -32,7 +32,7 @@ SMALL = 1e-5
 """The same relative to the whole cost, twice in a row: where the way is fast, the second is below `LEFT`."""
 
 ENOUGH, POOR, GOOD = 1e-4, 0.25, 0.75
-"""Achieved over foretold reduction: what a step needs, and below or above which the trust region shrinks or grows."""
+"""Achieved over predicted reduction: what a step needs, and below or above which the trust region shrinks or grows."""
 
 FIRST_RADIUS = 1.0
 """Of the trust region, in root mean square of the coordinates: a factor e."""
@@ -151,7 +151,7 @@ class Quadratic:
             return self.whole
         return bounded.solve(self.H, self.g, self.lower, self.upper, radius)
 
-    def foretold(self, step: Array) -> float:
+    def reduction(self, step: Array) -> float:
         """By how much a step lowers the model."""
         return -float(2 * self.g @ step + step @ self.H @ step)
 
@@ -166,15 +166,15 @@ def descend(
     """A step that lowers `total` from `value`, the new radius, and whether there is one."""
     while radius > SMALLEST * np.sqrt(len(model.y)):
         step = model.within(radius)
-        new, foretold = total(model.at(step)), model.foretold(step)
-        if new < value and value - new >= ENOUGH * foretold:
+        new, predicted = total(model.at(step)), model.reduction(step)
+        if new < value and value - new >= ENOUGH * predicted:
             break
         radius = POOR * min(radius, float(np.linalg.norm(step)))
     else:
         return np.zeros(len(model.y)), radius, False
-    if value - new < POOR * foretold:
+    if value - new < POOR * predicted:
         return step, 0.5 * radius, True
-    while value - new > GOOD * model.foretold(step) and np.linalg.norm(step) < np.linalg.norm(model.whole):
+    while value - new > GOOD * model.reduction(step) and np.linalg.norm(step) < np.linalg.norm(model.whole):
         wider = model.within(2.0 * radius)
         beyond = total(model.at(wider))
         if not beyond < new:

@@ -1,8 +1,8 @@
 """The trajectory fit of many parameters on a large cloth, where no matrix of the fit is ever formed.
 
 SciPy's trust-region reflective method (`least_squares`) asks for products of the Jacobian with vectors: J z is a
-tangent sweep along the motion, Jᵀ r an adjoint sweep, each about as dear as a simulation. Its inner solver, LSMR, takes
-some dozens of them for a step. The prior keeps one width here, since learning it needs the matrix. D. Fong, M.
+tangent sweep along the motion, Jᵀ r an adjoint sweep, each about as expensive as a simulation. Its inner solver, LSMR,
+takes some dozens of them for a step. The prior keeps one width here, since learning it needs the matrix. D. Fong, M.
 Saunders, LSMR: an iterative algorithm for sparse least-squares problems, SIAM Journal on Scientific Computing 33, 2011.
 """
 
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 WIDTH = 1.0
 """τ of a prior that would be learned: a factor e."""
 
-ROUNDS = 3
+RESTARTS = 3
 """Restarts with the variance of the residuals that is left."""
 
 EVALUATIONS = 40
-"""Of the residuals, in each round."""
+"""Evaluations of the residuals in each round."""
 
-SETTLED = 1e-4
+RESTART_SAVING = 1e-4
 """Relative reduction of the cost by a round that ends the fit."""
 
 LEAST, ROUGH = 1e-10, 1e-3
@@ -61,7 +61,7 @@ def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Arr
     solve: Any = least_squares
     bounds = (part.problem().lower, part.problem().upper)
     status = Status.LIMIT
-    for _ in range(ROUNDS if whole else 1):
+    for _ in range(RESTARTS if whole else 1):
         residuals = Residuals(part, prior, y)
         before = float(residuals(y) @ residuals(y))
         found = solve(
@@ -73,7 +73,7 @@ def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Arr
         if whole:
             part.search.visit(part.search.parameters(y))
         status = Status.CONVERGED if found.status > 0 else Status.LIMIT
-        if 2.0 * found.cost > (1.0 - SETTLED) * before:
+        if 2.0 * found.cost > (1.0 - RESTART_SAVING) * before:
             break
     return y, status
 

@@ -9,9 +9,9 @@ stiffnesses by a common factor where nothing else acts) keep their part of p₀.
 
 Noise: an error of a position enters three balances, with weights 1, −2, 1 over h². Summing the balances twice over time
 undoes that: row t then compares where the forces so far carry the vertex with where it is, and the errors
-of different rows are independent again, which is how least squares weighs right. What is left is the noise within the
-forces, lessened by smoothing the target over a few frames. Which treatment is best is for the motion to say: see
-`TREATMENTS`. Reference for equation-error estimation: L. Ljung, System Identification, 1999, chapter 7.
+of different rows are independent again, as least squares assumes. What is left is the noise within the forces;
+smoothing the target over a few frames lessens it. A fit tries several `TREATMENTS` and keeps the best. Reference for
+equation-error estimation: L. Ljung, System Identification, 1999, chapter 7.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ TREATMENTS = (
 def fit(objective: Objective, p: Array, fitted: Flags, treatment: Treatment = TREATMENTS[0]) -> Array:
     """Fit the masses and stiffnesses among the parameters p (P,) that are `fitted` (P,); the rest stays.
 
-    What no complete balance tells of stays as well: everything, where the target has no three successive steps.
+    What no complete balance determines stays as well: everything, where the target shows no three successive steps.
     """
     lower, upper = bounds(objective.scene)
     found = p.copy()
@@ -173,16 +173,16 @@ def solve(C: csr_array, r: Array, p: Array, lower: Array, upper: Array) -> Array
     from scipy.sparse import diags_array
 
     size = np.sqrt(np.asarray(C.multiply(C).sum(axis=0)).reshape(-1))
-    told = size > 0
-    scale = np.where(told, size, 1.0)
+    determined = size > 0
+    scale = np.where(determined, size, 1.0)
     scaled = C @ diags_array(1.0 / scale)
     low, high = (lower - p) * scale, (upper - p) * scale
     if len(p) > DENSE:
         q = iterated(scaled, r)
-        return np.asarray(np.where(told, np.clip(p + q / scale, lower, upper), p))
+        return np.asarray(np.where(determined, np.clip(p + q / scale, lower, upper), p))
     H = (scaled.T @ scaled).toarray()
     q = np.zeros(len(p))
     for _ in range(3):
         g = -(scaled.T @ (r - scaled @ q))
         q = q + bounded.solve(H, g, low - q, high - q)
-    return np.asarray(np.where(told, np.clip(p + q / scale, lower, upper), p))
+    return np.asarray(np.where(determined, np.clip(p + q / scale, lower, upper), p))

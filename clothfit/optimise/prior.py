@@ -4,8 +4,8 @@ In the coordinates y of a fit (log parameters), the values of one kind of one cl
 
     penalty = Σ_groups (σ²/τ²) |P (y − y₀)|²,   P: deviation from the group's mean, so that a common factor is free
 
-with σ² the variance of a residual. Where the data say more than that, it does nothing; where they are noisy or say
-nothing, it keeps values near their neighbours' instead of far out. τ is found from the data with the fit (the
+with σ² the variance of a residual. Where the data determine more than that, it does nothing; where they are noisy or
+determine nothing, it keeps values near those of the group. τ is found from the data with the fit (the
 evidence, with the number of well-determined parameters γ): D. J. C. MacKay, Bayesian interpolation, Neural
 Computation 4, 1992. A τ that the user gives is kept, and then the mean is held to the start as well.
 """
@@ -19,14 +19,14 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Indices
 
-FIRST = 0.3
+FIRST_TAU = 0.3
 """τ before the data have been asked, in log parameters: a third more or less."""
 
 NARROWEST, WIDEST = 1e-3, 3.0
-ROUNDS = 12  # of learning τ from one quadratic model
+TAU_ROUNDS = 12  # of learning τ from one quadratic model
 RIDGE = 1e-14
 """Added to the matrix, relative to its largest entry, so that what nothing determines does not stop its inversion."""
-SETTLED = 0.02  # relative change of τ
+TAU_TOLERANCE = 0.02  # relative change of τ
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Prior:
         at y with `count` residuals.
         """
         prior, sigma2 = self, variance(cost, count, len(y))
-        for _ in range(ROUNDS if len(y) else 0):
+        for _ in range(TAU_ROUNDS if len(y) else 0):
             A = prior.matrix(sigma2)
             covariance = inverse(H + A)
             step = -covariance @ (g + A @ (y - prior.centre))
@@ -80,7 +80,7 @@ class Prior:
             tau = prior.tau
             if self.learns:
                 prior = replace(prior, tau=prior._widths(y + step, covariance, sigma2))
-            if np.allclose(prior.tau, tau, rtol=SETTLED):
+            if np.allclose(prior.tau, tau, rtol=TAU_TOLERANCE):
                 break
         return prior, sigma2
 
@@ -119,4 +119,4 @@ def none(count: int) -> Prior:
 def first(centre: Array, groups: Sequence[Indices], tau: float | None) -> Prior:
     """Groups of coordinates around `centre`, with a fixed τ or (None) one that is learned."""
     kept = tuple(group for group in groups if len(group) > (1 if tau is None else 0))
-    return Prior(np.array(centre), kept, (FIRST if tau is None else tau,) * len(kept), tau is None)
+    return Prior(np.array(centre), kept, (FIRST_TAU if tau is None else tau,) * len(kept), tau is None)

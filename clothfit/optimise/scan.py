@@ -34,11 +34,12 @@ LOOKS = 12
 """How often a motion's cost is looked at on its way."""
 
 LARGE = 400
-"""Vertices of a cloth whose steps are dear. Of such a one only the first frames are looked at, `STATES` vertices times
-frames and no fewer than `FIRST`, at `SOME` points by the number of values, within a factor of `REACH` of the start.
+"""Vertices of a cloth whose steps are expensive. A scan simulates only its first frames, `STATES` vertices times
+frames and no fewer than `FIRST_FRAMES`, at `SOME` points by the number of values, within a factor of `REACH` of the
+start.
 """
 
-STATES, FIRST, SOME, REACH = 60_000, 20, {1: 60, 2: 11}, 100.0
+STATES, FIRST_FRAMES, SOME, REACH = 60_000, 20, {1: 60, 2: 11}, 100.0
 
 LOOSE = 3e-4
 """Tolerance of the linear systems, relative."""
@@ -81,7 +82,7 @@ def scan(objective: Objective, cloth: int, p: Array) -> list[list[Bracket]]:
 
 
 def is_large(objective: Objective, cloth: int) -> bool:
-    """Whether a cloth's steps are dear."""
+    """Whether a cloth's steps are expensive."""
     return objective.scene.vertex_counts[cloth] >= LARGE
 
 
@@ -99,7 +100,7 @@ def beginning(objective: Objective) -> Objective:
     if "spectrum" in objective.weights:
         return objective
     frames = STATES // max(objective.scene.vertex_counts)
-    return objective.until(objective.first_step + max(frames, FIRST))
+    return objective.until(objective.first_step + max(frames, FIRST_FRAMES))
 
 
 def brackets(axis: Array, i: int) -> Bracket:

@@ -28,7 +28,7 @@ METHODS = {
 
 MEMORY = 30  # steps that L-BFGS-B remembers; SciPy's 10 converge about half as fast on per-vertex fits
 
-SHORT, SETTLED = 40, 1e-3
+SHORT_EVALUATIONS, SHORT_SAVING = 40, 1e-3
 """Evaluations of a short descent, and relative reduction of the cost by a step that ends it."""
 
 
@@ -87,6 +87,6 @@ def short(search: Search, objective: Objective, y: Array) -> tuple[Array, Status
 
     found = minimize(
         cost, y, jac=True, method="L-BFGS-B", bounds=search.bounds,
-        options={"maxfun": SHORT, "maxcor": MEMORY, "ftol": SETTLED, "gtol": 0.0},
+        options={"maxfun": SHORT_EVALUATIONS, "maxcor": MEMORY, "ftol": SHORT_SAVING, "gtol": 0.0},
     )  # fmt: skip
     return np.asarray(found.x), Status.CONVERGED if found.status == 0 else Status.STALLED

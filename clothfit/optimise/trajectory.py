@@ -1,8 +1,8 @@
 """The trajectory fit: the cost of whole motions as the problem that Gauss–Newton solves.
 
 Few parameters or small cloths: the sensitivity of each motion to all of them, dense, summed into the normal equations
-(`normal`). Many parameters on large cloths: the Jacobian is never formed; SciPy's trust-region method asks for its
-products with vectors, each a tangent or an adjoint sweep along the motion.
+(`normal_equations`). Many parameters on large cloths: the Jacobian is never formed; SciPy's trust-region method
+asks for its products with vectors, each a tangent or an adjoint sweep along the motion.
 """
 
 from __future__ import annotations
@@ -113,9 +113,9 @@ class Trajectory:
                 continue
             local = np.full(len(p), -1, np.int32)
             local[acting >= 0] = place
-            part, slope, value = run_model(run, self.objective, p, local, factor)
+            part, derivative, value = run_model(run, self.objective, p, local, factor)
             H[np.ix_(own, own)] += part
-            g[own] += slope
+            g[own] += derivative
             cost += value
         return gauss_newton.Model(y, cost, H, g)
 

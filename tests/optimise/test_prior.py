@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clothfit.optimise.prior import FIRST, NARROWEST, WIDEST, first, inverse, none, variance
+from clothfit.optimise.prior import FIRST_TAU, NARROWEST, WIDEST, first, inverse, none, variance
 
 
 def linear(size, tau, noise, rows=None, seed=0):
@@ -38,7 +38,7 @@ def test_the_width_is_learned_from_the_data(tau, noise):
     size = 150
     model, truth = linear(size, tau, noise)
     prior = first(np.zeros(size), [np.arange(size)], None)
-    assert prior.tau == (FIRST,)
+    assert prior.tau == (FIRST_TAU,)
     prior, sigma2, y = converged(prior, model, np.zeros(size))
     # A scatter of 150 values is known to 1 / sqrt(300) = 6 %; where noise hides half of them, to twice that; 3 sigma.
     assert prior.tau[0] == pytest.approx(np.std(truth), rel=0.4)
