@@ -36,21 +36,11 @@ def deflated(data: bytes) -> str:
     return base64.b64encode(zlib.compress(data, 6)).decode()
 
 
-def inflated(text: str) -> bytes:
-    """The bytes in a deflated text."""
-    return zlib.decompress(base64.b64decode(text))
-
-
 def packed(array: NDArray[Any]) -> Record:
     """The record of an array: numbers in 32 bits, flags in 8."""
     kind = BROWSERS[array.dtype.kind]
     data = array.astype(np.dtype(kind).newbyteorder("<")).tobytes()
     return {"type": kind, "shape": list(array.shape), "data": deflated(data)}
-
-
-def unpacked(record: Record) -> NDArray[Any]:
-    """The array of a record, as the page unpacks it."""
-    return np.frombuffer(inflated(record["data"]), record["type"]).reshape(record["shape"])
 
 
 def box(*motions: Array) -> tuple[Array, Array]:
@@ -77,17 +67,6 @@ def packed_positions(positions: Array, low: Array, step: Array) -> Record:
     planes = np.concatenate([(folded & 255).astype(np.uint8).ravel(), (folded >> 8).astype(np.uint8).ravel()])
     data = deflated(planes.tobytes())
     return {"shape": list(positions.shape), "low": low.tolist(), "step": step.tolist(), "data": data}
-
-
-def unpacked_positions(record: Record) -> Array:
-    """The positions of a record, m, as the page unpacks them."""
-    planes = np.frombuffer(inflated(record["data"]), np.uint8).reshape(2, *record["shape"]).astype(np.uint16)
-    folded = planes[0] | planes[1] << 8
-    grid = (folded >> 1) ^ -(folded & 1)
-    for _ in range(2):
-        grid = np.cumsum(grid, axis=0, dtype=np.uint16)
-    positions: Array = np.asarray(record["low"]) + np.asarray(record["step"]) * grid
-    return positions
 
 
 def packed_errors(errors: Array) -> Record:

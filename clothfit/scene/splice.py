@@ -51,12 +51,6 @@ def splice(text: str, objects: Sequence[Mapping[str, Any]], scene: Mapping[str, 
     return "".join([*pieces, text[done:]])
 
 
-def object_spans(text: str) -> list[dict[str, Span]]:
-    """Find the fields of each object of a scene: name to (start, end) of the value in the text."""
-    scene = dict(_members(text, _after(text, 0)))
-    return [dict(_members(text, start)) for start, _ in _items(text, scene["objects"][0])]
-
-
 def _edits(text: str, start: int, spans: Mapping[str, Span], values: Mapping[str, Any]) -> Iterator[Edit]:
     """What to change in the object at `start`, with fields at `spans`, for new values of some of its fields."""
     missing = {}

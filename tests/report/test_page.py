@@ -8,6 +8,7 @@ import numba
 import numpy as np
 import pytest
 from helpers.scenes import cloth, document, even, sphere, trial, write_scene
+from helpers.unpacking import unpacked, unpacked_positions
 
 from clothfit import report_page
 from clothfit.base.errors import InvalidInput
@@ -25,8 +26,6 @@ from clothfit.report.packing import (
     packed_errors,
     packed_flags,
     packed_positions,
-    unpacked,
-    unpacked_positions,
 )
 from clothfit.report.showing import default_length, shown
 from clothfit.scene.scene import load

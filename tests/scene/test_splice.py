@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clothfit.scene.splice import object_spans, splice
+from clothfit.scene.splice import _after, _items, _members, splice
 
 TEXT = """
 { "springStiffness": [1, 2], "note": "\\"objects\\": [ { ]}",
@@ -19,6 +19,12 @@ VALUES = [
     {"vertMass": [0.1, 0.1, 0.019999999552965165, 3.0], "springStiffness": []},
     {"vertMass": [7.0], "springStiffness": [5.0, 6.0]},
 ]
+
+
+def object_spans(text):
+    """Find the fields of each object of a scene: name to (start, end) of the value in the text."""
+    scene = dict(_members(text, _after(text, 0)))
+    return [dict(_members(text, start)) for start, _ in _items(text, scene["objects"][0])]
 
 
 def test_equal_values_leave_the_text_alone():
