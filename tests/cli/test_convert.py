@@ -184,7 +184,7 @@ def test_many_scenes_have_their_own_caches(say, folder):
     files = Files(("{stem}_*.obj",), None, "out/", False, None, False, Reading(up="z"))
     items = planned(("one.json", "two.json"), files, 2, True, Console(quiet=True))
     for item, frames in zip(items, (4, 5), strict=True):
-        first, second = (item.job(number, 0, {}).goals for number in (0, 1))
+        first, second = (item.job(number, 0, {}).targets for number in (0, 1))
         assert len(first[0][0].times) == frames
         assert second == first  # the next start is given the same motion
         assert [each["file"] for each in item.readings] == [f"{item.path[:3]}_*.obj"]
