@@ -16,8 +16,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.fit.stages import FAR_ERROR, first_frames, is_long, is_near
-from clothfit.fit.trajectory_fit import by_gauss_newton
+from clothfit.fit.trajectory_fit import FAR_ERROR, by_gauss_newton, first_frames, is_long, is_near
 from clothfit.objective.objective import Objective
 from clothfit.optimise import momentum
 from clothfit.optimise.scan import is_large, scan, scannable

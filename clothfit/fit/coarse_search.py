@@ -16,7 +16,6 @@ from itertools import product
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.fit.fabric import normalised
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.objective.target import first_step, target
@@ -86,3 +85,11 @@ def neighbours(exponents: Exponents, width: float) -> Iterator[Exponents]:
         point = tuple(float(e + s) for e, s in zip(exponents, step, strict=True))
         if any(step) and all(DECADES[0] <= e <= DECADES[-1] for e in point):
             yield point
+
+
+def normalised(values: Array) -> Array:
+    """Values relative to their geometric mean; 1 where there is none."""
+    known = values > 0
+    middle = np.exp(np.log(values[known]).mean()) if known.any() else 1.0
+    relative: Array = np.where(known, values, middle) / middle
+    return relative

@@ -11,25 +11,30 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import checked_tolerance
+from clothfit.fit.auto import by_momentum, find, one_value_each
 from clothfit.fit.confidence import Confidence, confidence
 from clothfit.fit.holdout import judged, split
-from clothfit.fit.methods import run
 from clothfit.fit.options import BUDGET, FIT_TOLERANCE, RMSE_TOLERANCE, FitOptions
 from clothfit.fit.result import Fit, result, with_fallbacks
 from clothfit.fit.start import first_point, other_starts
+from clothfit.fit.trajectory_fit import by_gauss_newton, go_on, resumed_prior
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate, simulate_cloths
 from clothfit.objective.experiment import Targets, experiments
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.objective import Objective
+from clothfit.optimise import momentum
 from clothfit.optimise.checkpoint import Checkpoint, State, identity, opened
 from clothfit.optimise.progress import Progress
+from clothfit.optimise.scipy_methods import METHODS, minimise
 from clothfit.optimise.search import Search
-from clothfit.optimise.status import Status
+from clothfit.optimise.status import Status, Stop
 from clothfit.scene.fit_vector import fitted_cloths, parameters
 from clothfit.scene.scene import Scene
 
@@ -122,7 +127,7 @@ def searched(
     search = Search(objective, p, options.rmse_tolerance, options.budget, options.report, checkpoint, state)
     search.warn(*warnings)
     others = partial(other_starts, objective, p, hidden) if start is None else None
-    status = run(search, options.method, p, others, options.prior_width())
+    status = search_by(search, options.method, p, others, options.prior_width())
     seconds, warnings = search.progress.seconds, [*search.warnings]
     if checkpoint and checkpoint.fault:
         warnings.append(checkpoint.fault)
@@ -154,6 +159,49 @@ def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tup
             "is nothing to fit to"
         )
     return objective, kept_out
+
+
+def search_by(
+    search: Search, method: str, start: Array, others: Callable[[], list[Array]] | None, tau: float | None
+) -> Status:
+    """Search by a method until it or the user ends it; returns the status. A fit that had ended is not repeated."""
+    state = search.resumed
+    if state is not None and state.status in (Status.CONVERGED, Status.STALLED):
+        if len(state.centre):
+            search.best.believe(resumed_prior(search, state, tau))
+        return state.status
+    try:
+        with threads.single(), interrupts.heard():
+            status = found_by(search, method, start, others, tau)
+    except Stop as stop:
+        status = stop.status
+    except KeyboardInterrupt:
+        if not np.isfinite(search.best.cost):
+            raise  # there is no result yet
+        status = Status.INTERRUPTED
+    return search.finish(status)
+
+
+def found_by(
+    search: Search, method: str, start: Array, others: Callable[[], list[Array]] | None, tau: float | None
+) -> Status:
+    """Search by a method; returns the status. Raises Stop."""
+    if not search.fitted.any():
+        search(search.y)
+        return search.verdict()
+    if method in METHODS:
+        return minimise(search, method)
+    if method == "momentum":
+        if not momentum.fits(search.objective):
+            raise InvalidInput("memory: too little for the balance of momentum; use another method, or allow more")
+        by_momentum(search, start)
+        return search.verdict()
+    state = search.resumed
+    if state is not None and len(state.before) and not one_value_each(search):
+        return go_on(search, state, tau)
+    if method == "gauss-newton":
+        return by_gauss_newton(search, start, start, tau)
+    return find(search, start, others, tau)
 
 
 def assess(search: Search, status: Status, warnings: list[str]) -> Confidence | None:

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.fit.null_space import inverse_beside, null_space
 from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.prior import NARROWEST, Prior, inverse, none, variance
 from clothfit.optimise.search import Search
@@ -26,6 +25,8 @@ from clothfit.scene.fit_vector import at_lower, at_upper, bounds
 
 VARIANCE_ROUNDS = 10  # of finding σ² and γ, which depend on each other
 PRIOR_ROUNDS = 4  # times that the prior learns its width
+NULL_EIGENVALUE = 1e-12
+"""Eigenvalue of H with a unit diagonal, relative to the largest, below which it is rounding."""
 
 
 @dataclass(frozen=True)
@@ -135,3 +136,29 @@ def learned_prior(search: Search, model: Model, squares: float, count: int) -> P
     for _ in range(PRIOR_ROUNDS):
         prior, _ = prior.learned(model.H, model.g, model.y, squares, count)
     return prior
+
+
+def null_space(H: Array) -> Array:
+    """An orthonormal basis (F, ·) of the directions in which H is zero but for rounding."""
+    unit, by = scaled(H)
+    values, vectors = np.linalg.eigh(unit)
+    null = vectors[:, values <= NULL_EIGENVALUE * values.max(initial=0.0)] / by[:, None]
+    return np.asarray(np.linalg.qr(null / np.maximum(np.linalg.norm(null, axis=0), np.finfo(float).tiny))[0])
+
+
+def inverse_beside(H: Array, null: Array) -> Array:
+    """The inverse (F, F) of H on the complement of its null space (F, ·)."""
+    unit, by = scaled(H)
+    basis = null * by[:, None]
+    basis = np.linalg.qr(basis)[0]
+    K = inverse(unit + basis @ basis.T) / np.outer(by, by)
+    across = np.eye(len(H)) - null @ null.T
+    return np.asarray(across @ K @ across)
+
+
+def scaled(H: Array) -> tuple[Array, Array]:
+    """H (F, F) with a unit diagonal, and the divisors (F,) of its rows and columns; zeros stay."""
+    size = np.sqrt(np.maximum(np.diag(H), 0.0))
+    size[size <= NULL_EIGENVALUE * size.max(initial=0.0)] = 0.0
+    by = np.where(size > 0, size, 1.0)
+    return H / np.outer(by, by) * np.outer(size > 0, size > 0), by

@@ -1,5 +1,10 @@
 """Where a fit starts: at the given values, or at the scene's. Where these are the truth, which the fit may not know, it
-starts at the best of a coarse search (`coarse_search`) in the proportions of a fabric (`fabric`) or with equal values.
+starts at the best of a coarse search (`coarse_search`) in the proportions of a fabric or with equal values.
+
+A fabric has one density and one stiffness; the front end shares them out by geometry: a vertex' mass is proportional
+to the area of its triangles, a traction spring's stiffness to the area at its edge over its length squared, a bending
+spring's to a quarter of twice that of the second triangle at the edge it bends over (`meshes.mesh`). Springs and
+vertices that belong to no triangle get the geometric mean of the others.
 """
 
 from __future__ import annotations
@@ -7,14 +12,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
-from clothfit.fit.coarse_search import best_scales
-from clothfit.fit.fabric import proportions
-from clothfit.fit.start_warnings import start_warnings
+from clothfit.base.messages import owned
+from clothfit.fit.coarse_search import best_scales, normalised
+from clothfit.meshes.mesh import BENDING_SHARE, Mesh, areas
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
+from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import bounds, parameters
 from clothfit.scene.kinds import LETTERED
 from clothfit.scene.scene import Scene
@@ -120,3 +127,78 @@ def lettered(scene: Scene) -> Flags:
     """Which parameters (P,) are masses or stiffnesses."""
     found = scene.blocks
     return np.repeat(np.array([block.name in LETTERED for block in found], bool), [block.count for block in found])
+
+
+def proportions(cloth: Cloth) -> tuple[Array, Array]:
+    """Relative masses (n,) and stiffnesses (S,) of a uniform fabric, each with geometric mean 1."""
+    area = areas(Mesh(cloth.positions, cloth.triangles))
+    mass = np.zeros(len(cloth.mass))
+    np.add.at(mass, cloth.triangles, area[:, None] / 3)
+    return normalised(mass), normalised(spring_areas(cloth, area) / cloth.lengths**2)
+
+
+def spring_areas(cloth: Cloth, area: Array) -> Array:
+    """The area (S,) that each spring stands for, m²; 0 where it is neither an edge nor bends over one."""
+    n = len(cloth.mass)
+    sides = np.sort(cloth.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    opposite, shared = cloth.triangles[:, [2, 0, 1]].reshape(-1), np.repeat(area, 3)
+    key = sides[:, 0].astype(np.int64) * n + sides[:, 1]
+    order = np.argsort(key, kind="stable")
+    pairs = np.flatnonzero(np.diff(key[order]) == 0)  # two triangles at one edge
+    first, second = order[pairs], order[pairs + 1]
+    across = np.sort(np.stack([opposite[first], opposite[second]], axis=1), axis=1)
+    bend_key = across[:, 0].astype(np.int64) * n + across[:, 1]
+    bend_area = BENDING_SHARE * 2.0 * shared[second]
+    ends = np.sort(cloth.springs, axis=1)
+    own = ends[:, 0].astype(np.int64) * n + ends[:, 1]
+    traction = summed(key, shared, own)
+    return np.where(traction > 0, traction, summed(bend_key, bend_area, own))
+
+
+def summed(keys: NDArray[np.int64], values: Array, wanted: NDArray[np.int64]) -> Array:
+    """Sum of the values of each wanted key; 0 where there is none."""
+    distinct, group = np.unique(keys, return_inverse=True)
+    if not len(distinct):
+        return np.zeros(len(wanted))
+    sums = np.bincount(group.reshape(-1), weights=values, minlength=len(distinct))
+    place = np.clip(np.searchsorted(distinct, wanted), 0, len(distinct) - 1)
+    found: Array = np.where(distinct[place] == wanted, sums[place], 0.0)
+    return found
+
+
+def start_warnings(objective: Objective, p: Array) -> list[str]:
+    """The warnings of a fit that starts at p (P,)."""
+    return [*undetermined(objective.scene), *outside_bounds(objective, p)]
+
+
+def undetermined(scene: Scene) -> list[str]:
+    """Warnings of cloths whose fitted masses and stiffnesses the motion shows only up to a common factor.
+
+    Weight, inertia, node damping and springs all scale with them, and so does air drag where it is fitted, too; only
+    air drag that is known, and spheres, do not.
+    """
+    found = []
+    for i, cloth in enumerate(() if scene.spheres else scene.cloths):
+        if "n" in cloth.settings:
+            continue
+        if not cloth.feels_air:
+            what = "feels neither air nor spheres, so its motion shows masses and stiffnesses"
+        elif cloth.mode("drag") != "n":
+            what = "feels no spheres, so its motion shows masses, stiffnesses and drag"
+        else:
+            continue
+        found.append(f"objects[{i}] {what} only up to one common factor")
+    return found
+
+
+def outside_bounds(objective: Objective, p: Array) -> list[str]:
+    """Warnings of starting values (P,) that the bounds will move."""
+    lower, upper = bounds(objective.scene)
+    outside = identifiable(objective.scene) & ((p < lower) | (p > upper))
+    counts = [(block, int(outside[block.part].sum())) for block in objective.blocks]
+    return [
+        f"{owned(block.cloth, block.name)}: {count} of {block.count} starting values lie outside the bounds "
+        f"{block.kind.lower:g} … {block.kind.upper:g} and start at the bound; the truth may lie outside as well"
+        for block, count in counts
+        if count
+    ]

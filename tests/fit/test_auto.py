@@ -6,11 +6,10 @@ import pytest
 from helpers.physics import scene, xyz
 from helpers.scenes import cloth, even, trial
 
-from clothfit.fit import stages, trajectory_fit
+from clothfit.fit import trajectory_fit
 from clothfit.fit.auto import balances_can_hold, by_momentum, find
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.fit.stages import FAR_ERROR, FIRST_WINDOW, first_window, is_near, window_lengths
-from clothfit.fit.trajectory_fit import by_gauss_newton
+from clothfit.fit.trajectory_fit import FAR_ERROR, FIRST_WINDOW, by_gauss_newton, first_window, is_near, window_lengths
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import Motion, as_motion
 from clothfit.motion.simulate import simulate
@@ -209,7 +208,7 @@ def test_a_start_that_diverges_is_left():
 
 def wide(monkeypatch):
     """Take every fit for a long one with more values than a dense model has room for."""
-    monkeypatch.setattr(stages, "LONG_POSITIONS", 0)
+    monkeypatch.setattr(trajectory_fit, "LONG_POSITIONS", 0)
     monkeypatch.setattr(trajectory_fit, "LARGEST", 0.0)
 
 

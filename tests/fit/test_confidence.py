@@ -9,8 +9,8 @@ from helpers.scenes import cloth, document, even, load_text, trial
 from scipy import stats
 
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.fit.null_space import inverse_beside, null_space
 from clothfit.fit.options import OWN_METHODS
+from clothfit.fit.posterior import inverse_beside, null_space
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import as_motion
 from clothfit.motion.simulate import simulate

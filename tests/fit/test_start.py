@@ -6,8 +6,7 @@ import pytest
 from helpers.scenes import changed, document, even, trial
 
 from clothfit.fit.coarse_search import COARSE_FRAMES, best_scales, neighbours
-from clothfit.fit.fabric import proportions
-from clothfit.fit.start import fabric, neutral, neutral_start
+from clothfit.fit.start import fabric, neutral, neutral_start, proportions
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective

@@ -5,7 +5,8 @@ import pytest
 from helpers.physics import scene, thing
 from helpers.scenes import cloth
 
-from clothfit.fit.fabric import normalised, proportions
+from clothfit.fit.coarse_search import normalised
+from clothfit.fit.start import proportions
 from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh, areas
 
