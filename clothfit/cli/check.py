@@ -11,8 +11,8 @@ from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.base.messages import counted, owned
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.json_summary import print_json
 from clothfit.cli.common.options import check_numbers, standard_command
+from clothfit.cli.common.output import print_json
 from clothfit.cli.common.scenes import one_stream, read_scene
 
 if TYPE_CHECKING:

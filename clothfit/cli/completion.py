@@ -5,8 +5,8 @@ from __future__ import annotations
 import click
 
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.json_summary import print_json
 from clothfit.cli.common.options import standard_command
+from clothfit.cli.common.output import print_json
 
 SHELLS = ("bash", "zsh", "fish")
 

@@ -13,9 +13,8 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.json_summary import print_json
 from clothfit.cli.common.options import standard_command
-from clothfit.cli.common.output import STREAM, Output, output_for
+from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import one_stream, read_scene
 from clothfit.formats.convention import Convention, Reading
 

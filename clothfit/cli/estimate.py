@@ -13,14 +13,12 @@ from clothfit.base.messages import owned
 from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, standard_command
+from clothfit.cli.common.output import uninterrupted
 from clothfit.cli.common.progress import progress
-from clothfit.cli.common.scenes import read_scene
-from clothfit.cli.common.signals import uninterrupted
-from clothfit.cli.common.stability_warnings import warn_of_steps
+from clothfit.cli.common.scenes import read_scene, warn_of_steps
 from clothfit.cli.fitting import estimate_report
-from clothfit.cli.fitting.files import Files
+from clothfit.cli.fitting.files import Files, read_start, read_target, weights
 from clothfit.cli.fitting.recording import Recording
-from clothfit.cli.fitting.target_options import read_start, read_target, weights
 from clothfit.fit.options import FitOptions
 
 if TYPE_CHECKING:

@@ -10,10 +10,9 @@ import click
 from clothfit.base.messages import metres, owned
 from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.json_summary import print_json
 from clothfit.cli.common.options import check_numbers, standard_command
-from clothfit.cli.common.scenes import check_there, frames_of, one_stream, read_scene
-from clothfit.cli.common.stability_warnings import warn_of_steps
+from clothfit.cli.common.output import print_json
+from clothfit.cli.common.scenes import check_there, frames_of, one_stream, read_scene, warn_of_steps
 from clothfit.cli.evaluating import evaluate_speed
 
 if TYPE_CHECKING:

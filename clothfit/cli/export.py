@@ -11,11 +11,9 @@ import click
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.json_summary import print_json
 from clothfit.cli.common.options import standard_command
-from clothfit.cli.common.output import STREAM, output_for
+from clothfit.cli.common.output import STREAM, output_for, print_json, uninterrupted
 from clothfit.cli.common.scenes import read_scene
-from clothfit.cli.common.signals import uninterrupted
 from clothfit.export.tools import TOOLS
 
 if TYPE_CHECKING:

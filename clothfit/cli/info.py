@@ -10,8 +10,8 @@ import click
 
 from clothfit.base.messages import counted, owned
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.json_summary import print_json
 from clothfit.cli.common.options import standard_command
+from clothfit.cli.common.output import print_json
 from clothfit.cli.common.scenes import read_scene
 
 if TYPE_CHECKING:

@@ -10,11 +10,9 @@ import click
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.json_summary import print_json
 from clothfit.cli.common.options import standard_command
-from clothfit.cli.common.output import STREAM, Output, output_for
-from clothfit.cli.common.scenes import check_there
-from clothfit.cli.common.stability_warnings import warn_of_steps
+from clothfit.cli.common.output import STREAM, Output, output_for, print_json
+from clothfit.cli.common.scenes import check_there, warn_of_steps
 from clothfit.cli.making.asked import PLANE, Asked, numbers, understood
 from clothfit.cli.making.cloth import Cloth, held, mesh, placed, plane
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import signal
 import sys
 import time
@@ -15,21 +16,24 @@ import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
+from itertools import groupby
 from typing import NoReturn
 
 import click
 
 from clothfit.base import interrupts
-from clothfit.base.errors import ClothfitError
+from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.base.interrupts import REQUESTS, SAME_REQUEST
 from clothfit.base.messages import harmless
 from clothfit.base.version import __version__
-from clothfit.cli.common.help import ExamplesFirst
+from clothfit.cli.common.help import ExamplesFirst, slip
 from clothfit.cli.common.options import loudness
-from clothfit.cli.common.sequences import gathered
-from clothfit.cli.common.usage import slip
 
 _last_request = -SAME_REQUEST
+
+OBJ_SUFFIX = ".obj"
+FEWEST = 3
+"""Files of a sequence, in a row on the command line; two may be meant as two."""
 
 SUMMARIES = {
     "new": "make a scene of a plane or a mesh",
@@ -138,6 +142,33 @@ def run(arguments: list[str]) -> int:
             raise
         kind = type(error).__name__
         return _fail(f"a fault of the program: {kind}: {error} (set CLOTHFIT_TRACEBACK=1 to see where)", 1)
+
+
+def gathered(arguments: Sequence[str]) -> list[str]:
+    """Arguments, with one name for each OBJ sequence.
+
+    In `--target frames/a_*.obj` without quotes, the shell puts the names of all files in the place of the one with a
+    `*`. Where some in a row are exactly the files of one sequence, they become its name again.
+    """
+    made: list[str] = []
+    for alike, group in groupby(arguments, lambda each: each.lower().endswith(OBJ_SUFFIX)):
+        names = list(group)
+        pattern = _pattern(names) if alike and len(names) >= FEWEST else None
+        made += names if pattern is None else [pattern]
+    return made
+
+
+def _pattern(names: list[str]) -> str | None:
+    """The name of the sequence that has just these files; None where there is none."""
+    from clothfit.formats.obj import ANY, frames_of
+
+    folder, name = os.path.split(names[0])
+    for number in re.finditer("[0-9]+", name):
+        pattern = os.path.join(folder, f"{name[: number.start()]}{ANY}{name[number.end() :]}")
+        with suppress(InvalidInput):
+            if sorted(frames_of(pattern)) == sorted(names):
+                return pattern
+    return None
 
 
 def _refuse(error: click.UsageError) -> int:

@@ -13,13 +13,10 @@ import click
 
 from clothfit.base.messages import counted, metres
 from clothfit.cli.common import motions
-from clothfit.cli.common.command_line import command_line
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.json_summary import print_json
 from clothfit.cli.common.options import check_numbers, standard_command
-from clothfit.cli.common.output import STREAM, Output, output_for
-from clothfit.cli.common.scenes import check_there, frames_of, one_stream, read_scene
-from clothfit.cli.common.stability_warnings import warn_of_steps
+from clothfit.cli.common.output import STREAM, Output, output_for, print_json
+from clothfit.cli.common.scenes import check_there, frames_of, one_stream, read_scene, warn_of_steps
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Reading
@@ -27,6 +24,9 @@ if TYPE_CHECKING:
     from clothfit.report.log import Log
     from clothfit.report.showing import Shown
     from clothfit.scene.scene import Scene
+
+SILENT = ("quiet", "verbose", "as_json")
+"""Parameters of a command that change no result."""
 
 
 @standard_command("report")
@@ -133,6 +133,27 @@ def summary(show: Shown, size: int, out: Output) -> dict[str, Any]:
         "bytes": size,
         "output": out.path,
     }
+
+
+def command_line(context: click.Context) -> str:
+    """The command of a context, with the options that were given, as a line to copy."""
+    options: list[str] = []
+    arguments: list[str] = []
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        value = context.params.get(name)
+        if name in SILENT or value is None or value is False or value == () or value == parameter.default:
+            continue
+        given = [str(each) for each in (value if isinstance(value, tuple) else (value,))]
+        if isinstance(parameter, click.Option):
+            option = parameter.opts[0]
+            options += [option] if value is True else [part for each in given for part in (option, each)]
+        else:
+            arguments += given
+    parts = [*arguments, *options]
+    if any(each.startswith("-") and each != "-" for each in arguments):
+        parts = [*options, "--", *arguments]
+    return shlex.join(["clothfit", context.info_name or "", *parts])
 
 
 def evaluation(scene_path: str, fitted_path: str, target_path: str | None, reading: Reading) -> str:

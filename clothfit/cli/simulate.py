@@ -11,11 +11,9 @@ import click
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.json_summary import print_json
 from clothfit.cli.common.options import check_numbers, standard_command
-from clothfit.cli.common.output import STREAM, Output, output_for, same_file
-from clothfit.cli.common.scenes import frames_of, read_scene
-from clothfit.cli.common.stability_warnings import warn_of_steps, warn_of_stretch
+from clothfit.cli.common.output import STREAM, Output, output_for, print_json, same_file
+from clothfit.cli.common.scenes import frames_of, read_scene, warn_of_steps, warn_of_stretch
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array

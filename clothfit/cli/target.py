@@ -10,11 +10,9 @@ from clothfit.base.limits import check_capture
 from clothfit.base.messages import metres
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.json_summary import print_json
 from clothfit.cli.common.options import check_numbers, standard_command
-from clothfit.cli.common.output import output_for
-from clothfit.cli.common.scenes import frames_of, read_scene
-from clothfit.cli.common.stability_warnings import warn_of_steps, warn_of_stretch
+from clothfit.cli.common.output import output_for, print_json
+from clothfit.cli.common.scenes import frames_of, read_scene, warn_of_steps, warn_of_stretch
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Convention

@@ -11,9 +11,8 @@ import click
 
 from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.json_summary import print_json
 from clothfit.cli.common.options import standard_command
-from clothfit.cli.common.output import STREAM
+from clothfit.cli.common.output import STREAM, print_json
 from clothfit.cli.common.scenes import one_stream
 
 PLACE = re.compile(r"(top level|line \d+, column \d+|(?:[\w.\[\]]|\"[^\"]*\")+): (.*)", re.DOTALL)

@@ -9,8 +9,8 @@ import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.json_summary import print_json
 from clothfit.cli.common.options import standard_command
+from clothfit.cli.common.output import print_json
 
 
 @standard_command("warmup")

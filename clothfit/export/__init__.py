@@ -1,7 +1,6 @@
 """Fitted masses and stiffnesses for other cloth tools: one module per tool.
 
-tools lists them; tables (CSV), obi (Unity), blender and vellum (Houdini) write; topology and weights are what they
-share.
+tools lists them; tables (CSV), obi (Unity), blender and vellum (Houdini) write; topology is what they share.
 To add a tool: a module with `files(scene) -> {name: content}`, a line in `tools.TOOLS`, and what its numbers mean in
 `docs/export.md`.
 """

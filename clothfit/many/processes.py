@@ -3,6 +3,9 @@
 Each slot is an executor with a single process: when a process dies, its job is known and the other processes are not
 affected. Processes get one thread for dense algebra and compiled loops, so that they do not compete for cores, and
 receive requests to end only when they are ready for them.
+
+A request (Ctrl-C reaches the whole group of processes, and the parent passes requests on) ends a process's job with its
+best result so far; later jobs are not begun. A process whose parent has ended ends too: its result would be lost.
 """
 
 from __future__ import annotations
@@ -10,23 +13,73 @@ from __future__ import annotations
 import logging
 import os
 import signal
+import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
 
+from clothfit.base import interrupts
 from clothfit.base.interrupts import REQUESTS
 from clothfit.kernels.cache import is_cold
 from clothfit.many.batch import PREPARATION
-from clothfit.many.job import FAULT, Died, Job, Outcome
+from clothfit.many.job import FAULT, NOT_STARTED, Died, Job, Outcome, run
 from clothfit.many.warmup import warm
-from clothfit.many.worker import prepare, work
 
 LIBRARIES = ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "BLIS_NUM", "VECLIB_MAXIMUM", "NUMBA_NUM", "NUMEXPR_NUM")
 ONE_THREAD = {f"{name}_THREADS": "1" for name in LIBRARIES}
 
+WATCH = 1.0  # s between checks for the parent
+
 DIED = "the process that fitted it died, out of memory or killed"
+
+_stopped = False
+_running = False
+
+
+def prepare(parent: int) -> None:
+    """Make a new process ready; `parent` is the id of the process that started it.
+
+    Requests were blocked until now, so that none could interrupt Python while it loads.
+    """
+    interrupts.handle(_request)
+    threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, REQUESTS)
+
+
+def work(job: Job) -> Outcome:
+    """Do a job, unless a request to end came before."""
+    global _running
+    outcome = NOT_STARTED
+    if _stopped:
+        return outcome
+    interrupts.clear()
+    try:
+        _running = True
+        outcome = run(job)
+        _running = False
+    except KeyboardInterrupt:  # just before the job or after it
+        pass
+    return outcome
+
+
+def _request(number: int, frame: object) -> None:
+    """Interrupt the running job once; later requests must not interrupt the sending of its result."""
+    global _stopped, _running
+    _stopped = True
+    if _running:
+        _running = False
+        interrupts.request()
+        raise KeyboardInterrupt
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(WATCH)
+    os._exit(1)
 
 
 def usable_cores() -> int:

@@ -15,10 +15,9 @@ from helpers.scenes import trial, write_scene
 
 import clothfit
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.sequences import gathered
 from clothfit.cli.fitting.files import Files
 from clothfit.cli.fitting.plan import planned
-from clothfit.cli.program import run
+from clothfit.cli.program import gathered, run
 from clothfit.formats import obj
 from clothfit.formats.convention import Reading
 from clothfit.many.estimate_many import packed_targets

@@ -11,8 +11,8 @@ from helpers.paths import ROOT
 from helpers.scenes import cloth
 
 from clothfit import load
+from clothfit.export.blender import painted
 from clothfit.export.tools import exported
-from clothfit.export.weights import painted
 
 
 @pytest.fixture(scope="module")

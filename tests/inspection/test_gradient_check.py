@@ -10,8 +10,8 @@ from clothfit.base.errors import InvalidInput
 from clothfit.derivative import verify
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
-from clothfit.inspection.contacts import Switch, contacts, first_switch
 from clothfit.inspection.gradient_check import check_scene, default_frames
+from clothfit.inspection.ladder import Switch, contacts, first_switch
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective

@@ -2,6 +2,8 @@
 
 A command's docstring is its help text: paragraphs between empty lines, the first a plain sentence or two, one of them
 the examples, lines of a shell under a `\\b`. Options stand in sections, those that all commands have at the end.
+
+Here too: what was probably meant by a word that no command or option has, and which arguments are files to complete.
 """
 
 from __future__ import annotations
@@ -9,9 +11,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from inspect import cleandoc
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
+
+from clothfit.base.messages import meant
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
 
 COMMON = ("as_json", "quiet", "verbose", "version")
 """Parameters that every command has, besides the help itself."""
@@ -19,6 +26,9 @@ EXAMPLE_WIDTH = 78  # columns of an example: 80 and the indentation of two
 
 Sections = Mapping[str, tuple[str, ...]]
 """Titles of sections to the options in them, by their long names."""
+
+FILE_NAMES = {"SCENE", "FITTED", "MOTION", "FILE", "FOLDER", "MESH", "IN", "OUT", "PATH"}
+"""Words in the name of a value that make it the name of a file."""
 
 
 class Text(NamedTuple):
@@ -92,3 +102,36 @@ class ExamplesFirst(click.Command):
             records = [record for option in options if (record := option.get_help_record(ctx)) is not None]
             with formatter.section(title):
                 formatter.write_dl(records)
+
+
+class FileName(click.types.StringParamType):
+    """A text that a shell completes as the name of a file; whoever reads the file finds out what it is."""
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Let the shell do it."""
+        from click.shell_completion import CompletionItem
+
+        return [CompletionItem(incomplete, type="file")]
+
+
+def complete_files(command: click.Command) -> click.Command:
+    """The command, with file names completed where the name of a value says that it is one."""
+    for parameter in command.params:
+        names = re.findall(r"[A-Z]+", parameter.metavar or "")
+        if parameter.type is click.STRING and FILE_NAMES & set(names):
+            parameter.type = FileName()
+    return command
+
+
+def slip(error: click.UsageError) -> str:
+    """The error's sentence, without its full stop, on one line; with what was probably meant, where something was."""
+    context, message = error.ctx, error.format_message()
+    if context is not None and isinstance(error, click.NoSuchOption):
+        options = [name for option in context.command.get_params(context) for name in option.opts]
+        known = [name for name in options if name.startswith("-")]
+        message = error.message.rstrip(".") + meant(error.option_name, known)
+    elif context is not None and isinstance(error, click.exceptions.NoSuchCommand):
+        known = context.command.list_commands(context) if isinstance(context.command, click.Group) else []
+        message = error.message.rstrip(".") + meant(error.command_name, known)
+    message = " ".join(message.split()).rstrip(".")
+    return f"{message[:1].lower()}{message[1:]}"

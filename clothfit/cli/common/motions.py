@@ -12,8 +12,7 @@ import click
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import F
-from clothfit.cli.common.output import STREAM, Output, same_file
-from clothfit.cli.common.signals import uninterrupted
+from clothfit.cli.common.output import STREAM, Output, same_file, uninterrupted
 from clothfit.formats.convention import CHOICES, Convention, Reading
 
 if TYPE_CHECKING:

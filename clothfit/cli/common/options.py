@@ -12,8 +12,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import checked_tolerance
 from clothfit.base.version import __version__
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.help import ExamplesFirst, Sections
-from clothfit.cli.common.usage import complete_files
+from clothfit.cli.common.help import ExamplesFirst, Sections, complete_files
 
 F = TypeVar("F", bound=Callable[..., object])
 

@@ -1,22 +1,50 @@
-"""Where the result of a command goes: a file that may be written, or standard output."""
+"""Where the result of a command goes: a file that may be written, or standard output; and what --json prints of it."""
 
 from __future__ import annotations
 
+import json
+import math
 import os
+import signal
 import sys
-from collections.abc import Iterable
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli.common.signals import uninterrupted
+from clothfit.base.interrupts import REQUESTS, SAME_REQUEST, handle
 
 if TYPE_CHECKING:
     from clothfit.base.writing import Data
     from clothfit.scene.scene import Scene
 
 STREAM = "-"
+SCHEMA_VERSION = 1  # of what --json prints
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Hold interrupts back for the short time in which a result is written and printed.
+
+    If that takes long, because nobody reads from a pipe, a second interrupt a moment after the first ends it.
+    """
+    first: list[float] = []
+
+    def wait(number: int, frame: object) -> None:
+        first.append(time.monotonic())
+        if first[-1] - first[0] > SAME_REQUEST:
+            raise KeyboardInterrupt
+
+    before = [(kind, signal.getsignal(kind)) for kind in REQUESTS]
+    handle(wait)
+    try:
+        yield
+    finally:
+        for kind, handler in before:
+            signal.signal(kind, handler)
 
 
 @dataclass(frozen=True)
@@ -119,3 +147,23 @@ def same_file(a: str, b: str) -> bool:
         return os.path.realpath(a) == os.path.realpath(b)
     except ValueError:  # no possible name
         return False
+
+
+def document(command: str, summary: dict[str, Any]) -> dict[str, Any]:
+    """The object that --json prints."""
+    return {"schema_version": SCHEMA_VERSION, "command": command, **summary}
+
+
+def print_json(command: str, summary: dict[str, Any], out: Output | None = None) -> None:
+    """Print a summary as JSON on standard output, or on standard error when the result itself goes there."""
+    text = json.dumps(plain(document(command, summary)), allow_nan=False)
+    print(text, file=sys.stderr if out is not None and out.is_stream else sys.stdout, flush=True)
+
+
+def plain(value: Any) -> Any:
+    """The value with what JSON cannot hold, numbers that are not finite, replaced by None."""
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,4 +1,4 @@
-"""The scenes that a command reads, and how many of their frames."""
+"""The scenes that a command reads, how many of their frames, and warnings of simulations that cannot be trusted."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from clothfit.cli.common.output import STREAM
 from clothfit.scene.text import name_of
 
 if TYPE_CHECKING:
+    from clothfit.motion.motion import Motion
     from clothfit.scene.scene import Scene
+
+STRETCH_ADVICE = "the motion is not to be believed unless they are that soft; try a smaller delta"
 
 
 def read_scene(path: str, console: Console) -> Scene:
@@ -50,3 +53,22 @@ def one_stream(*paths: str | None) -> None:
     """Raise InvalidInput when standard input would be read twice."""
     if sum(path == STREAM for path in paths) > 1:
         raise InvalidInput("standard input (-) can be only one of the inputs")
+
+
+def warn_of_steps(scene: Scene, frames: int, console: Console) -> None:
+    """Warn, before the simulation, when explicit or symplectic steps will not stay stable."""
+    from clothfit.engine.stability import warning
+
+    sentence = warning(scene, frames - 1)
+    if sentence:
+        console.warn(sentence)
+
+
+def warn_of_stretch(scene: Scene, motion: Motion, console: Console) -> None:
+    """Warn when a simulated motion is finite but ends in a state that cannot be right."""
+    from clothfit.motion.divergence import overstretched, overstretched_from
+
+    for index in range(len(scene.cloths)):
+        begins = overstretched_from(scene, index, motion.of(index))
+        if begins is not None:
+            console.warn(f"{scene.name}: objects[{index}]: {overstretched(begins)}; {STRETCH_ADVICE}")

@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.json_summary import print_json
-from clothfit.cli.common.output import STREAM, same_file
+from clothfit.cli.common.output import STREAM, print_json, same_file, uninterrupted
 from clothfit.cli.common.progress import PLAIN_INTERVAL
 from clothfit.cli.common.scenes import frames_of, read_scene
-from clothfit.cli.common.signals import uninterrupted
 from clothfit.cli.evaluating import speed_table
 
 if TYPE_CHECKING:

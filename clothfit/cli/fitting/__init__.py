@@ -1,5 +1,5 @@
 """The parts of `clothfit estimate`.
 
-target_options and plan (what is fitted to what) → checkpoints, recording and fit_log (what is kept on the way) →
-parameter_line, outcomes and table (what is said of the result) → estimate_report; many is for several scenes.
+files (what is fitted to what, what is read and written) → checkpoints and recording (what is kept on the way) →
+outcomes (what is said of the result) → estimate_report; plan and many are for several scenes.
 """

@@ -11,7 +11,6 @@ import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.cli import report
-from clothfit.cli.common.command_line import command_line
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.output import STREAM, Output, output_for
 from clothfit.cli.fitting import outcomes
@@ -82,4 +81,4 @@ def chosen(path: str | None, scenes: tuple[str, ...], single: bool, files: Files
         raise click.UsageError(why, context)
     if files.of(scenes[0]).pairs[:1] and files.of(scenes[0]).pairs[0][1] is not None:
         raise click.UsageError("--report shows the first --target, which must be of SCENE itself, without @", context)
-    return Page(filled(path, scenes[0]), command_line(context))
+    return Page(filled(path, scenes[0]), report.command_line(context))

@@ -15,8 +15,7 @@ from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.output import STREAM, Output
 from clothfit.cli.fitting import checkpoints
-from clothfit.cli.fitting.files import Files, default_name
-from clothfit.cli.fitting.target_options import is_number
+from clothfit.cli.fitting.files import Files, default_name, is_number
 from clothfit.fit.options import FitOptions
 from clothfit.many.job import File, Job, JobTarget, loaded, read
 from clothfit.optimise.checkpoint import Checkpoint
