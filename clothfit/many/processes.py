@@ -26,7 +26,6 @@ from clothfit.base.interrupts import REQUESTS
 from clothfit.kernels.cache import is_cold
 from clothfit.many.batch import PREPARATION
 from clothfit.many.job import FAULT, NOT_STARTED, Died, Job, Outcome, run
-from clothfit.many.warmup import warm
 
 LIBRARIES = ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "BLIS_NUM", "VECLIB_MAXIMUM", "NUMBA_NUM", "NUMEXPR_NUM")
 ONE_THREAD = {f"{name}_THREADS": "1" for name in LIBRARIES}
@@ -105,6 +104,8 @@ class Processes:
         """Let one process compile what all need, unless that has been done on this machine."""
         missing = self.width > 1 and is_cold()
         if missing:
+            from clothfit.many.warmup import warm  # here, as a process that does a job needs none of its imports
+
             self._begin(PREPARATION, warm, None, done)
         return missing
 
