@@ -14,9 +14,10 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import check_memory
 from clothfit.fit.options import FIT_TOLERANCE
 from clothfit.motion.divergence import Diverged
-from clothfit.motion.motion import Motion, check_counts, checked_motion
+from clothfit.motion.motion import Motion, checked_motion
 from clothfit.motion.simulate import simulate_cloths
 from clothfit.motion.times import frame_places
+from clothfit.objective.experiment import check_same_sizes
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.target import sample
 from clothfit.objective.target import target as target_of
@@ -76,7 +77,6 @@ def evaluate(
         check_memory(length, sum(truth.vertex_counts), 1)  # two motions; else the second would be refused late
         goal, fault = finite_part(truth, compared, length, near)
     else:
-        check_counts(target, truth)
         goal, fault = checked_motion(target, truth), None
     step, fraction = frame_places(goal, truth.delta)
     length = min(length, int(step[-1]) + (fraction[-1] > 0) + 1)
@@ -109,11 +109,7 @@ def finite_part(scene: Scene, compared: Collection[int], frames: int, needed: in
 
 def check_same_objects(truth: Scene, fitted: Scene) -> None:
     """Raise InvalidInput unless both scenes have the same numbers of vertices and springs and the same time step."""
-    sizes = [[(len(c.mass), len(c.stiffness)) for c in scene.cloths] for scene in (truth, fitted)]
-    if sizes[0] != sizes[1]:
-        raise InvalidInput(
-            f"{fitted.name}: its objects have (vertices, springs) {sizes[1][:8]}, those of {truth.name} {sizes[0][:8]}"
-        )
+    check_same_sizes(fitted, truth)
     if truth.delta != fitted.delta:
         raise InvalidInput(f"{fitted.name}: its delta is {fitted.delta:g} s, that of {truth.name} {truth.delta:g} s")
 
@@ -134,11 +130,16 @@ def distance(own: Motion, goal: Motion, delta: float, compared: Collection[int],
 
 def deviations(truth: Scene, fitted: Scene) -> list[Deviation]:
     """Relative deviations of the parameters flagged in the true scene."""
-    true, found, kept = parameters(truth), parameters(fitted, flags=truth), identifiable(truth)
-    listed = []
+    listed, each = [], relative_deviations(truth, fitted)
     for block in truth.blocks:
-        usable = kept[block.part] & (true[block.part] != 0)
-        ratio = np.abs(found[block.part][usable] / true[block.part][usable] - 1.0)
-        middle, largest = (float(np.median(ratio)), float(ratio.max())) if ratio.size else (None, None)
+        known = each[block.part][~np.isnan(each[block.part])]
+        middle, largest = (float(np.median(known)), float(known.max())) if known.size else (None, None)
         listed.append(Deviation(block.cloth, block.name, block.mode, block.count, middle, largest))
     return listed
+
+
+def relative_deviations(truth: Scene, fitted: Scene) -> Array:
+    """|fitted / true − 1| (P,) of the parameters flagged in the true scene; NaN where one is 0 or not identifiable."""
+    true, found = parameters(truth), parameters(fitted, flags=truth)
+    usable = identifiable(truth) & (true != 0)
+    return np.asarray(np.abs(found / np.where(usable, true, np.nan) - 1.0))

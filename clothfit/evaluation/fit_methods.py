@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clothfit.base.errors import InvalidInput
+from clothfit.evaluation.evaluate import relative_deviations
 from clothfit.evaluation.work_precision import front
 from clothfit.fit.estimate import estimate
 from clothfit.fit.options import check_method
 from clothfit.fit.result import Fit
-from clothfit.objective.identifiability import identifiable
 from clothfit.optimise.progress import Progress
 from clothfit.optimise.status import Status, Stop
-from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
 
 COMPARED = ("auto", "momentum", "gauss-newton", "l-bfgs-b")
@@ -74,7 +73,9 @@ def fitted(scene: Scene, method: str, evaluations: int, seconds: float) -> FitRo
     timed(few, method, WARM_UP_EVALUATIONS, seconds)  # compiling and loading shall not count
     found, took = timed(scene, method, evaluations, seconds)
     rmse = found.rmse if math.isfinite(found.rmse) else None
-    deviation = None if rmse is None else median_deviation(scene, found.scene)
+    deviations = relative_deviations(scene, found.scene)
+    known = deviations[~np.isnan(deviations)]
+    deviation = None if rmse is None or not known.size else float(np.median(known))
     return FitRow(method, found.status, took, found.evaluations, rmse, deviation)
 
 
@@ -88,12 +89,3 @@ def timed(scene: Scene, method: str, evaluations: int, seconds: float) -> tuple[
 
     found = estimate(scene, method=method, budget=evaluations, report=watch, intervals=False)
     return found, time.perf_counter() - began
-
-
-def median_deviation(truth: Scene, found: Scene) -> float | None:
-    """Median of |found / true − 1| over the identifiable parameters that are not 0; None without any."""
-    true, other = parameters(truth), parameters(found, flags=truth)
-    usable = identifiable(truth) & (true != 0)
-    if not usable.any():
-        return None
-    return float(np.median(np.abs(other[usable] / true[usable] - 1.0)))

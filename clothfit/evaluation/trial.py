@@ -18,6 +18,7 @@ from clothfit.base.arrays import Array
 from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import build
 from clothfit.evaluation.setting import Setting
+from clothfit.motion.times import interpolated, snapped
 from clothfit.scene.scene import INTEGRATORS, Scene
 
 TIMED_RUNS = 5
@@ -104,13 +105,7 @@ def sampled(x: Array, ratio: float, frames: int) -> Array:
 
     A step between two states is `ratio` times the scene's.
     """
-    if ratio <= 1.0:
-        return x[:: round(1.0 / ratio)]
-    place = np.arange(frames) / ratio
-    step = np.minimum(place.astype(int), len(x) - 2)
-    fraction = (place - step)[:, None, None]
-    between: Array = (1.0 - fraction) * x[step] + fraction * x[step + 1]
-    return between
+    return interpolated(x, *snapped(np.arange(frames) / ratio))
 
 
 def expected(trial: Trial, before: Sequence[Trial]) -> float:

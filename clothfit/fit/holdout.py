@@ -10,7 +10,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.motion.divergence import Diverged
-from clothfit.motion.motion import Motion
+from clothfit.motion.motion import Motion, at_frames
 from clothfit.motion.times import frame_places
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
@@ -54,9 +54,8 @@ def split_frames(experiment: Experiment, fraction: float) -> tuple[Experiment, E
     first = frames - min(max(round(fraction * frames), 1), frames - 2)
     late = np.zeros(seen(motion).shape, bool)
     late[first:frames] = True
-    arrays = {name: getattr(motion, name) for name in ("positions", "times", "observed", "weights")}
-    early = replace(motion, **{name: value[:first] for name, value in arrays.items() if value is not None})
-    return Experiment(early, scene), Experiment(replace(motion, observed=seen(motion) & late), scene)
+    early, rest = at_frames(motion, slice(first)), replace(motion, observed=seen(motion) & late)
+    return Experiment(early, scene), Experiment(rest, scene)
 
 
 def choose_vertices(scene: Scene, given: Sequence[Experiment], fraction: float) -> Flags:
@@ -92,9 +91,7 @@ def split_vertices(experiment: Experiment, chosen: Flags) -> tuple[Experiment, E
 
 def seen(motion: Motion) -> Flags:
     """Which positions (frames, vertices) count in a comparison."""
-    everything = np.ones(motion.positions.shape[:2], bool)
-    observed = everything if motion.observed is None else motion.observed
-    return observed if motion.weights is None else observed & (motion.weights > 0)
+    return motion.seen() if motion.weights is None else motion.seen() & (motion.weights > 0)
 
 
 def judged(objective: Objective, p: Array, of: str, fraction: float) -> HeldOut:

@@ -39,15 +39,10 @@ class Local:
     count: int  # N
     prior: Prior
 
-    @property
-    def fitted(self) -> Flags:
-        """Which parameters (P,) the search fits."""
-        return self.search.fitted
-
     @cached_property
     def scale(self) -> Array:
         """∂y/∂z (Q,)."""
-        return np.asarray(self.search.coordinates.weight[self.fitted])
+        return np.asarray(self.search.coordinates.weight[self.search.fitted])
 
     @cached_property
     def information(self) -> Array:
@@ -58,7 +53,7 @@ class Local:
     def width(self) -> Array:
         """Distance (Q,) of the bounds."""
         ends = self.search.coordinates
-        return (ends.upper - ends.lower)[self.fitted] / self.scale
+        return (ends.upper - ends.lower)[self.search.fitted] / self.scale
 
     def derivative(self, sigma2: float) -> Array:
         """Half the derivative (Q,) of cost and penalty by z."""
@@ -69,7 +64,7 @@ class Local:
         """Which parameters (Q,) the data push against a bound."""
         p, (lower, upper) = self.search.best.p, bounds(self.search.objective.scene)
         derivative = self.derivative(variance(self.squares, self.count, 0.0))
-        down, up = at_lower(p, lower)[self.fitted], at_upper(p, upper)[self.fitted]
+        down, up = at_lower(p, lower)[self.search.fitted], at_upper(p, upper)[self.search.fitted]
         return np.asarray((down & (derivative > 0)) | (up & (derivative < 0)))
 
 
@@ -101,8 +96,8 @@ class Posterior:
 
     def whole(self, flags: Flags) -> Flags:
         """Flags (P,) of all parameters from those of the free ones (F,)."""
-        found = np.zeros(len(self.local.fitted), bool)
-        found[np.flatnonzero(self.local.fitted)[self.free[flags]]] = True
+        found = np.zeros(len(self.local.search.fitted), bool)
+        found[np.flatnonzero(self.local.search.fitted)[self.free[flags]]] = True
         return found
 
 

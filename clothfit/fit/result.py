@@ -80,7 +80,8 @@ def result(
     """The result for the user of a search; the user gave its start where `started`."""
     scene = search.objective.scene
     p, cost = (search.best.p, search.best.cost) if known is None else (known.p, known.cost)
-    lost = [block for block in scene.blocks if block.mode == "G" and search.objective.unidentifiable(block)]
+    kept = search.objective.identifiable
+    lost = [block for block in scene.blocks if block.mode == "G" and not kept[block.part].all()]
     return Fit(
         # the scene's values, which may differ, not their mean
         scene=with_parameters(scene, p, [] if started else lost),

@@ -172,7 +172,7 @@ def by_factors(search: Search, p: Array, windows: bool) -> tuple[Array, Status]:
         y = part.all(model.y)
         search.visit(search.parameters(y))
     if is_far(search):
-        loose = search.objective.until(search.objective.steps + 1, stage_tolerance(search.objective))
+        loose = loosened(search.objective, search.objective.steps + 1)
         search.enter("l-bfgs-b", loose)
         y, status = scipy_methods.short(search, loose, search.y)
         search.visit(search.parameters(y))
@@ -188,13 +188,11 @@ def stages(search: Search, near: bool, windows: bool) -> list[Stage]:
         return [last]
     windows = windows and "spectrum" not in objective.weights  # that of a part is another spectrum
     lengths = window_lengths(first_window(objective), whole) if windows else [whole]
-    tolerance = stage_tolerance(objective)
     patience = STAGE_PATIENCE if is_long(search) else PATIENT
-    found = [
-        Stage(objective.until(frames, tolerance), WINDOW_SAVING, WINDOW_ITERATIONS, patience) for frames in lengths[:-1]
-    ]
-    if tolerance > objective.tolerance and is_long(search):
-        found.append(Stage(objective.until(whole, tolerance), LOOSE_SAVING, WHOLE_ITERATIONS, STAGE_PATIENCE))
+    parts = [loosened(objective, frames) for frames in lengths[:-1]]
+    found = [Stage(part, WINDOW_SAVING, WINDOW_ITERATIONS, patience) for part in parts]
+    if objective.tolerance < STAGE_TOLERANCE and is_long(search):
+        found.append(Stage(loosened(objective, whole), LOOSE_SAVING, WHOLE_ITERATIONS, STAGE_PATIENCE))
     return [*found, last]
 
 
@@ -205,7 +203,7 @@ def first_window(objective: Objective) -> int:
 
 def first_frames(objective: Objective) -> Objective:
     """The objective over the first window, solved loosely."""
-    return objective.until(first_window(objective), stage_tolerance(objective))
+    return loosened(objective, first_window(objective))
 
 
 def window_lengths(frames: int, last: int) -> list[int]:
@@ -217,9 +215,9 @@ def window_lengths(frames: int, last: int) -> list[int]:
     return [*lengths, last]
 
 
-def stage_tolerance(objective: Objective) -> float:
-    """The tolerance of the linear systems where the motion is still far from the target's."""
-    return max(STAGE_TOLERANCE, objective.tolerance)
+def loosened(objective: Objective, frames: int) -> Objective:
+    """The objective over some frames, its linear systems solved as where the motion is still far from the target's."""
+    return objective.until(frames, max(STAGE_TOLERANCE, objective.tolerance))
 
 
 def is_long(search: Search) -> bool:

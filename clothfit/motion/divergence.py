@@ -90,12 +90,9 @@ def last_states(part: Rollout, before: States | None) -> States:
     v = part.w[after, part.used[after] - 1] if part.steps else part.v[None].copy()
     v[steps == 0] = part.v
     own = States(part.first + steps, part.x[first:].copy(), v)
-    return own if before is None or first > 0 else joined(before, own)
-
-
-def joined(before: States, own: States) -> States:
-    """The last states of both; `own` begins with the state that ends `before`."""
-    kept = slice(max(0, len(own.steps) - 1 + len(before.steps) - STATES_KEPT), -1)
+    if before is None or first > 0:
+        return own
+    kept = slice(max(0, len(own.steps) - 1 + len(before.steps) - STATES_KEPT), -1)  # its last state is the first of own
     return following(States(before.steps[kept], before.x[kept], before.v[kept]), own)
 
 

@@ -93,8 +93,7 @@ def energies(scene: Scene, motion: Motion) -> Energy:
     """
     check_counts(motion, scene)
     steps = scene.delta * np.arange(len(motion.times))
-    seen = motion.observed is None or bool(motion.observed.all())
-    if not seen or not np.allclose(motion.times, steps, rtol=1e-6, atol=1e-6 * scene.delta):
+    if not motion.seen().all() or not np.allclose(motion.times, steps, rtol=1e-6, atol=1e-6 * scene.delta):
         raise InvalidInput(
             f"{motion.name}: energies need every vertex, and a frame after every step of {scene.delta:.4g} s; give a "
             "motion as `simulate` makes it"

@@ -49,14 +49,13 @@ class Interpretation:
     rate: str  # where the times come from
     notes: tuple[str, ...] = ()  # sentences on what else was assumed
     matches: Matches | None = None  # of markers
-    given: bool = False  # whether the user's map assigns them
     start: Alignment | None = None  # of the first frame; None without a scene, or without a frame at time 0
 
     def __str__(self) -> str:
         size = f"{counted(self.frames, 'frame', 'frames')} of {counted(self.points, 'point', 'points')}"
         parts = [f"{self.file}: {self.format}, {size}, {self.rate}; {self.axes}", *self.notes]
         if self.matches is not None:
-            parts.append(self.matches.sentence(self.given))
+            parts.append(str(self.matches))
         return "; ".join(parts)
 
     @property
@@ -156,11 +155,8 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
     _check_count(positions.shape[1], own, name)
     arrays = {"positions": positions, "times": times, "observed": observed}
     motion = _cut(check_motion(arrays, own, name), reading, name)
-    given = reading.markers is not None
-    start = _start(motion, scene, axes)
-    taken = Interpretation(
-        name, found.name, axes, *_extent(motion, points), rate, tuple(notes), matches, given, start
-    )
+    extent, start = _extent(motion, points), _start(motion, scene, axes)
+    taken = Interpretation(name, found.name, axes, *extent, rate, tuple(notes), matches, start)
     triangles = None if read.triangles is None else facing(read.triangles, axes)
     return Loaded(motion, taken, triangles, read.names if scene is None else None, timed)
 
@@ -258,5 +254,4 @@ def _cut(motion: Motion, reading: Reading, name: str) -> Motion:
 def _start(motion: Motion, scene: Scene | None, axes: Axes) -> Alignment | None:
     if scene is None or motion.times[0] != 0:
         return None
-    seen = np.ones(motion.positions.shape[1], bool) if motion.observed is None else motion.observed[0]
-    return alignment(motion.positions[0], seen, initial(scene), axes)
+    return alignment(motion.positions[0], motion.seen()[0], initial(scene), axes)

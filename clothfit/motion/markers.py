@@ -43,16 +43,16 @@ class Matches(NamedTuple):
     columns: Indices  # of the markers in the file
     vertices: Indices  # numbered through the scene
     omission: str | None  # a sentence on the markers left out
+    mapped: bool  # whether the user's map assigns them
 
     @property
     def distances(self) -> Array:
         """The distances of the markers that were seen, m."""
         return np.array([match.distance for match in self.each if np.isfinite(match.distance)])
 
-    def sentence(self, given: bool) -> str:
-        """A sentence on them; `given`: whether a map assigns them."""
+    def __str__(self) -> str:
         gaps = self.distances
-        how = "by the map" if given else "the nearest vertex to each"
+        how = "by the map" if self.mapped else "the nearest vertex to each"
         summary = f"{counted(len(self.each), 'marker', 'markers')}, {how}"
         if not len(gaps):
             return summary
@@ -87,7 +87,8 @@ def matched(
     gaps = np.linalg.norm(first[columns] - initial(scene)[vertices], axis=1)
     gaps[~ever[columns]] = np.nan
     each = [Match(names[i], *owner(v, scene), float(gap)) for i, v, gap in zip(columns, vertices, gaps, strict=True)]
-    return Matches(tuple(each), np.array(columns, np.int32), np.array(vertices, np.int32), omission)
+    places = np.array(columns, np.int32), np.array(vertices, np.int32)
+    return Matches(tuple(each), *places, omission, path is not None)
 
 
 def nearest(points: Array, scene: Scene) -> list[int]:

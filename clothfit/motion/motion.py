@@ -14,7 +14,7 @@ import io
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import IO, Any, Protocol
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,18 +37,6 @@ LONGEST_REASON = 150
 """Characters of a library's reason why it cannot read a file."""
 
 
-class Shaped(Protocol):
-    """An array, or its header in a file."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Its sizes."""
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """The type of its items."""
-
-
 @dataclass(frozen=True, eq=False)
 class Motion:
     """Positions of all vertices of a scene at some times, simulated or recorded."""
@@ -65,11 +53,10 @@ class Motion:
         """Positions (frames, n, 3) of one object."""
         return self.positions[:, self._part(cloth)]
 
-    def seen(self, cloth: int) -> Flags:
-        """Which positions (frames, n) of one object were observed."""
-        if self.observed is None:
-            return np.ones((len(self.positions), self.vertex_counts[cloth]), bool)
-        return self.observed[:, self._part(cloth)]
+    def seen(self, cloth: int | None = None) -> Flags:
+        """Which positions (frames, n) of one object were observed (default: of all objects)."""
+        observed = np.ones(self.positions.shape[:2], bool) if self.observed is None else self.observed
+        return observed if cloth is None else observed[:, self._part(cloth)]
 
     def weights_of(self, cloth: int) -> Array | None:
         """How often each position (frames, n) of one object counts; None: all once."""
@@ -143,32 +130,23 @@ def check_counts(motion: Motion, scene: Scene) -> None:
         )
 
 
-def check_shapes(arrays: Mapping[str, Shaped], scene: Scene, name: str) -> None:
+def check_shapes(arrays: Mapping[str, NDArray[Any] | npz.Stored], scene: Scene, name: str) -> None:
     """Raise InvalidMotion, naming the array and what would be right, where types or shapes do not fit the scene."""
-
-    def check(key: str, shapes: tuple[tuple[int, ...], ...], kinds: str, message: str) -> None:
-        if key in arrays and not (arrays[key].shape in shapes and arrays[key].dtype.kind in kinds):
-            raise InvalidMotion(f"{name}: {key}: {message}")
-
-    def has(key: str) -> str:
-        return f"has shape {arrays[key].shape} and type {arrays[key].dtype}" if key in arrays else ""
-
-    total = sum(scene.vertex_counts)
-    if "positions" not in arrays:
-        raise InvalidMotion(f"{name}: positions: is missing")
-    shape, dtype = arrays["positions"].shape, arrays["positions"].dtype
-    check("positions", (shape,), "fiu", f"has type {dtype}, numbers are needed")
+    require("positions" in arrays, f"{name}: positions", "is missing")
+    shape, dtype, total = arrays["positions"].shape, arrays["positions"].dtype, sum(scene.vertex_counts)
+    require(dtype.kind in "fiu", f"{name}: positions", f"has type {dtype}, numbers are needed")
     frames = shape[0] if shape else 0
-    right = ((frames, total, 3),) if frames else ()
-    check("positions", right, "fiu", f"has shape {shape}, (frames, {total}, 3) fits {scene.name}")
-    check("times", ((frames,),), "fiu", f"needs {frames} numbers, one per frame")
-    check("observed", ((frames, total),), "b", f"{has('observed')}, ({frames}, {total}) bool fits")
-    check(
-        "weights",
-        ((total,), (frames, total)),
-        "fiub",
-        f"{has('weights')}, ({total},) or ({frames}, {total}) numbers fit",
-    )
+    right = frames and shape == (frames, total, 3)
+    require(right, f"{name}: positions", f"has shape {shape}, (frames, {total}, 3) fits {scene.name}")
+    others: dict[str, tuple[list[tuple[int, ...]], str, str]] = {
+        "times": ([(frames,)], "fiu", f"{frames} numbers, one per frame, fit"),
+        "observed": ([(frames, total)], "b", f"({frames}, {total}) bool fits"),
+        "weights": ([(total,), (frames, total)], "fiub", f"({total},) or ({frames}, {total}) numbers fit"),
+    }
+    for key, (shapes, kinds, needed) in others.items():
+        if (array := arrays.get(key)) is not None:
+            right = array.shape in shapes and array.dtype.kind in kinds
+            require(right, f"{name}: {key}", f"has shape {array.shape} and type {array.dtype}, {needed}")
 
 
 def check_positions(positions: Array, observed: Flags | None, name: str) -> None:

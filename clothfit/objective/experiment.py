@@ -35,9 +35,7 @@ def experiments(scene: Scene, targets: Targets) -> list[Experiment]:
     Raises InvalidMotion when a motion does not fit its scene, InvalidInput when there is none or the objects of a scene
     are not those of the main one.
     """
-    listed: Sequence[Any] = [targets]
-    if isinstance(targets, (list, tuple)) and not is_pair(targets):
-        listed = targets
+    listed: Sequence[Any] = targets if isinstance(targets, (list, tuple)) and not is_pair(targets) else [targets]
     if not listed:
         raise InvalidInput("target: none is given; at least one motion is needed")
     return [
@@ -66,11 +64,16 @@ def flagged_as(scene: Scene, main: Scene) -> Scene:
     """The scene with the flags of `main`, so that one fit vector belongs to both. Raises InvalidInput."""
     if scene is main:
         return scene
+    check_same_sizes(scene, main)
+    pairs = zip(scene.cloths, main.cloths, strict=True)
+    cloths = tuple(replace(own, settings=other.settings, fits=other.fits) for own, other in pairs)
+    return replace(scene, cloths=cloths, fits=main.fits)
+
+
+def check_same_sizes(scene: Scene, main: Scene) -> None:
+    """Raise InvalidInput unless the objects of both scenes have the same numbers of vertices and springs."""
     sizes = [[(len(c.mass), len(c.stiffness)) for c in one.cloths] for one in (scene, main)]
     if sizes[0] != sizes[1]:
         raise InvalidInput(
             f"{scene.name}: its objects have (vertices, springs) {sizes[0][:8]}, those of {main.name} {sizes[1][:8]}"
         )
-    pairs = zip(scene.cloths, main.cloths, strict=True)
-    cloths = tuple(replace(own, settings=other.settings, fits=other.fits) for own, other in pairs)
-    return replace(scene, cloths=cloths, fits=main.fits)

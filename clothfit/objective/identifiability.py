@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from clothfit.base.arrays import Flags
-from clothfit.scene.block import Block, reached
+from clothfit.scene.block import reached
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import size
 from clothfit.scene.scene import Scene
@@ -58,23 +58,13 @@ def shown_by(cloth: Cloth, seen: Flags) -> Flags:
     return np.isin(part, part[free & seen])
 
 
-def unidentifiable(scene: Scene, block: Block, seen: Seen = None) -> list[int]:
-    """The parameters of a block that the motion cannot reveal, counted within the block.
-
-    `seen` gives, for each fitted cloth, the vertices (n,) that a target shows (default: all).
-    """
-    cloths = reached(scene.cloths, block.name) if block.cloth is None else [block.cloth]
-    masks = [
-        hidden(scene.cloths[i], block.name, len(scene.spheres), None if seen is None else seen[i]) for i in cloths
-    ]
-    if block.mode == "G":
-        return list(range(block.count)) if all(mask.all() for mask in masks) else []
-    return [int(i) for i in np.flatnonzero(np.repeat(masks[0], block.kind.components))]
-
-
 def identifiable(scene: Scene, seen: Seen = None) -> Flags:
-    """Which entries of the fit vector (P,) a motion can reveal."""
+    """Which entries of the fit vector (P,) a motion can reveal; `seen` as above (default: all)."""
     kept = np.ones(size(scene), bool)
     for block in scene.blocks:
-        kept[block.start + np.array(unidentifiable(scene, block, seen), int)] = False
+        cloths = reached(scene.cloths, block.name) if block.cloth is None else [block.cloth]
+        shown = [None if seen is None else seen[i] for i in cloths]
+        masks = [hidden(scene.cloths[i], block.name, len(scene.spheres), s) for i, s in zip(cloths, shown, strict=True)]
+        one_for_all = not all(mask.all() for mask in masks)
+        kept[block.part] = one_for_all if block.mode == "G" else ~np.repeat(masks[0], block.kind.components)
     return kept

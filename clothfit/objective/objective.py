@@ -20,7 +20,6 @@ from clothfit.base.memory import budget
 from clothfit.derivative import adjoint
 from clothfit.derivative.adjoint import CostDerivative, Observer, TrajectoryMemory
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
-from clothfit.engine.rollout import Rollout
 from clothfit.engine.snapshots import Plan
 from clothfit.engine.system import System, build
 from clothfit.engine.tape import Tape
@@ -31,10 +30,9 @@ from clothfit.objective.experiment import Experiment, Targets, experiments
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.loss import loss_named
 from clothfit.objective.memory_needs import Needs
-from clothfit.objective.run import Run, seen_in, simulate, simulate_all, still
+from clothfit.objective.run import Run, seen_in, simulate, still
 from clothfit.objective.running_cost import SquaredDistances, running_cost
 from clothfit.objective.target import first_step, target
-from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import check_shape, elements, extra_kinds, fitted_cloths, parameters
 from clothfit.scene.scene import Scene
 
@@ -165,13 +163,11 @@ class Objective:
     @cached_property
     def identifiable(self) -> Flags:
         """Which values of the fit vector (P,) at least one of the targets can reveal."""
-        groups = [[run for run in self.runs if run.experiment == k] for k in range(len(self.experiments))]
-        pairs = zip(self.experiments, groups, strict=True)
-        return np.asarray(np.any([identifiable(one.scene, seen_in(own)) for one, own in pairs], axis=0))
-
-    def unidentifiable(self, block: Block) -> list[int]:
-        """The parameters of a block that none of the experiments can reveal, counted within the block."""
-        return [int(i) for i in np.flatnonzero(~self.identifiable[block.part])]
+        revealed = [
+            identifiable(experiment.scene, seen_in(run for run in self.runs if run.experiment == number))
+            for number, experiment in enumerate(self.experiments)
+        ]
+        return np.asarray(np.any(revealed, axis=0))
 
     def rmse(self, cost: float) -> float:
         """Root mean square distance, m, of a cost, m²; for other objectives in the unit of what they compare."""
@@ -190,10 +186,6 @@ class Objective:
         """G(p), m², for p (P,). Raises Diverged."""
         return sum(self.cost_of_run(run, p) for run in self.runs)
 
-    def cost_of(self, cloth: int, p: Array) -> float:
-        """The part of G(p), m², that one fitted cloth contributes. Raises Diverged."""
-        return sum(self.cost_of_run(run, p) for run in self.runs if run.cloth == cloth)
-
     def cost_of_run(self, run: Run, p: Array) -> float:
         """The part of G(p), m², that one run contributes. Raises Diverged."""
         cost = running_cost(run.comparison)
@@ -203,7 +195,7 @@ class Objective:
     def cost_or_infinity(self, p: Array, cloth: int | None = None) -> float:
         """G(p), m², or the part of one fitted cloth; infinite where the simulation diverges or the cost overflows."""
         try:
-            value = self.cost(p) if cloth is None else self.cost_of(cloth, p)
+            value = sum(self.cost_of_run(run, p) for run in self.runs if cloth in (run.cloth, None))
         except Diverged:
             return np.inf
         return value if np.isfinite(value) else np.inf
@@ -262,10 +254,6 @@ class Objective:
         With a `plan` the motion can be swept back. Raises Diverged.
         """
         return simulate(run, p, self.tolerance, observers, plan)
-
-    def simulate_all(self, run: Run, p: Array) -> tuple[System, Rollout]:
-        """The same with all states kept. Raises Diverged."""
-        return simulate_all(run, p, self.tolerance)
 
 
 def cost_and_gradient(

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.derivative.adjoint import Observer
-from clothfit.engine.rollout import Rollout, empty, rollout
+from clothfit.engine.rollout import empty
 from clothfit.engine.snapshots import Plan
 from clothfit.engine.system import System, with_elements
 from clothfit.engine.tape import Tape
@@ -57,22 +57,12 @@ def simulate(
     return system, tape
 
 
-def simulate_all(run: Run, p: Array, tolerance: float) -> tuple[System, Rollout]:
-    """The same with all states kept, without observers. Raises Diverged."""
-    system = run.changed(p)
-    memory, good = rollout(system, run.steps, tolerance)
-    check(run, good)
-    return system, memory
-
-
 def check(run: Run, good: int) -> None:
     """Raise Diverged unless all steps of the run are good; `good` is the number of those that are."""
     if good < run.steps:
-        step, t = good + 1, (good + 1) * run.scene.delta
-        message = (
-            f"{run.scene.name}: objects[{run.cloth}] diverged at step {step} (t = {t:.4g} s); try a smaller delta"
-        )
-        raise Diverged(message, step)
+        step = good + 1
+        place = f"objects[{run.cloth}] diverged at step {step} (t = {step * run.scene.delta:.4g} s)"
+        raise Diverged(f"{run.scene.name}: {place}; try a smaller delta", step)
 
 
 def at_rest(run: Run, observe: Observer) -> None:

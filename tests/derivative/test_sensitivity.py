@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.costs import simulate_all
 from helpers.physics import METHODS, TIGHT, ball, dense_matrix, scene, sheet, xyz
 
 from clothfit.derivative import sensitivity
@@ -53,7 +54,7 @@ def fitted(kind, method="implicit", newton=1, **fields):
 
 def simulated(objective, p):
     """The system, its motion, and a column for every parameter, with factors of different sizes."""
-    system, memory = objective.simulate_all(objective.runs[0], p)
+    system, memory = simulate_all(objective, objective.runs[0], p)
     factor = np.linspace(0.5, 2.0, len(p))
     column = np.random.default_rng(7).permutation(len(p)).astype(np.int32)  # in no order
     return system, memory, columns(system, objective.blocks, column, factor, len(p)), column, factor
@@ -100,7 +101,7 @@ def test_the_columns_are_the_derivative_of_the_motion():
         for sign in (1, -1):
             moved = p.copy()
             moved[i] += sign * t
-            ends.append(objective.simulate_all(objective.runs[0], moved)[1].x[-1][free].reshape(-1))
+            ends.append(simulate_all(objective, objective.runs[0], moved)[1].x[-1][free].reshape(-1))
         measured = factor[i] * (ends[0] - ends[1]) / (2 * t)
         # rounding of positions, 1e-15, over 1e-6, against changes of 1e-5 and more
         assert np.linalg.norm(last[:, column[i]] - measured) < 1e-5 * np.linalg.norm(measured) + 1e-9

@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.sparse import csr_array
 
+from clothfit.engine.rollout import rollout
 from clothfit.motion.times import interpolation
 from clothfit.objective.running_cost import NO_DERIVATIVE
 from clothfit.objective.target import accumulate, sample
@@ -35,3 +36,11 @@ def jacobian(made, x):
     """J (N, 3 n (T + 1)) of a motion, columns in the order of x."""
     whole = made.jacobian_of(sample(made.goal, x))
     return csr_array((whole.data, whole.indices, whole.indptr), shape=(whole.shape[0], x.size))
+
+
+def simulate_all(objective, run, p):
+    """The system of a run at p (P,), and its motion with all states kept."""
+    system = run.changed(p)
+    memory, good = rollout(system, run.steps, objective.tolerance)
+    assert good == run.steps
+    return system, memory

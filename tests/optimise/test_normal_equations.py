@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 import pytest
-from helpers.costs import jacobian, residual
+from helpers.costs import jacobian, residual, simulate_all
 from helpers.physics import TIGHT, scene, xyz
 from helpers.scenes import cloth
 
@@ -50,7 +50,7 @@ def objective(kind, times, loss="linear"):
 def parts(aim, p):
     """∂r/∂x of the free coordinates, r, the sweep, and its size."""
     (run,) = aim.runs
-    system, memory = aim.simulate_all(run, p)
+    system, memory = simulate_all(aim, run, p)
     wanted = columns(system, aim.blocks, np.arange(len(p), dtype=np.int32), np.ones(len(p)), len(p))
     by_position = jacobian(run.comparison, memory.x)[:, free_columns(system.vertex.free, run.steps)]
     size = (3 * int(system.vertex.free.sum()), len(p))

@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 import pytest
-from helpers.costs import residual
+from helpers.costs import residual, simulate_all
 from helpers.physics import METHODS, TIGHT, scene, xyz
 from helpers.scenes import cloth, even, trial
 
@@ -93,7 +93,7 @@ def test_h_is_that_of_the_residuals_slopes(kind, objective, method):
     def residuals(y):
         p = part.search.parameters(y)
         runs = part.objective.runs
-        return np.concatenate([residual(run.comparison, part.objective.simulate_all(run, p)[1].x) for run in runs])
+        return np.concatenate([residual(run.comparison, simulate_all(part.objective, run, p)[1].x) for run in runs])
 
     J = np.stack([(residuals(y + t * e) - residuals(y - t * e)) / (2 * t) for e in np.eye(part.size)], axis=1)
     H = part.model(y).H
