@@ -418,7 +418,7 @@ def test_a_long_fit_keeps_one_beside_its_output_until_it_has_ended(tmp_path, fil
     assert not beside.exists()  # shorter than a minute
     assert run(["estimate", path, "--target", target, "--resume"]) == 3
     assert "scene.fitted.json.checkpoint: there is no such checkpoint to resume from" in capsys.readouterr().err
-    monkeypatch.setattr(checkpoints, "LONG_FIT", 0.0)
+    monkeypatch.setattr(checkpoints, "UNASKED_AFTER", 0.0)
     assert summary(capsys, path, "--target", target, "--max-evaluations", "30")[0] == 5
     assert beside.exists()
     assert summary(capsys, path, "--target", target, "--resume")[0] == 0
@@ -428,7 +428,7 @@ def test_a_long_fit_keeps_one_beside_its_output_until_it_has_ended(tmp_path, fil
 @needs_compilation
 def test_a_fit_in_place_leaves_no_checkpoint_for_a_scene_that_is_gone(files, tmp_path, capsys, monkeypatch):
     path, target = files
-    monkeypatch.setattr(checkpoints, "LONG_FIT", 0.0)
+    monkeypatch.setattr(checkpoints, "UNASKED_AFTER", 0.0)
     assert summary(capsys, path, "--target", target, "--in-place", "--max-evaluations", "30")[0] == 5
     assert sorted(os.listdir(tmp_path)) == ["scene.json", "t.npz"]
 
