@@ -112,8 +112,7 @@ def judge(found: SceneCheck, console: Console) -> int:
 
 def summary(found: SceneCheck, target_path: str | None) -> dict[str, Any]:
     """What --json prints."""
-    names = ("cloth", "name", "mode", "count")
-    blocks = [dict(zip(("object", *names[1:]), (getattr(b, n) for n in names), strict=True)) for b in found.blocks]
+    blocks = [{"object": b.cloth, "name": b.name, "mode": b.mode, "count": b.count} for b in found.blocks]
     return {
         "scene": found.scene,
         "verdict": found.verdict,

@@ -122,12 +122,7 @@ def chosen_faces(mesh: tuple[int, Indices] | None, loaded: Loaded, mesh_path: st
 
 
 def written(
-    loaded: Loaded,
-    out: Output,
-    scene: Scene | None,
-    faces: Indices | None,
-    convention: Convention,
-    console: Console,
+    loaded: Loaded, out: Output, scene: Scene | None, faces: Indices | None, convention: Convention, console: Console
 ) -> dict[str, Any]:
     """Write the motion; what --json says of that."""
     from clothfit.formats.axes import SCENE

@@ -12,7 +12,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import owned
 from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_numbers, standard_command
+from clothfit.cli.common.options import check_least, check_numbers, standard_command
 from clothfit.cli.common.output import uninterrupted
 from clothfit.cli.common.progress import progress
 from clothfit.cli.common.scenes import read_scene, warn_of_steps
@@ -42,36 +42,21 @@ SECTIONS = {  # of the help
 
 @standard_command("estimate", SECTIONS)
 @click.argument("scene_paths", metavar="SCENE...", nargs=-1, required=True)
-@click.option(
-    "--target",
-    "target_paths",
-    metavar="MOTION[@SCENE]",
-    multiple=True,
-    help="Motion to match, and the scene it was recorded in; may be repeated.  [default: the scene's own motion]",
-)
+@click.option("--target", "target_paths", metavar="MOTION[@SCENE]", multiple=True,
+              help="Motion to match, and the scene it was recorded in; may be repeated.  "
+              "[default: the scene's own motion]")
 @motions.reads
-@click.option(
-    "--objective",
-    "objectives",
-    metavar="NAME[=WEIGHT]",
-    multiple=True,
-    help="Quantity to compare: position, velocity, edge-length or spectrum; may be repeated.  [default: position]",
-)
+@click.option("--objective", "objectives", metavar="NAME[=WEIGHT]", multiple=True,
+              help="Quantity to compare: position, velocity, edge-length or spectrum; may be repeated.  "
+              "[default: position]")
 @click.option("--loss", default="linear", metavar="NAME",
               help="Loss of a distance: linear, soft_l1 or huber.  [default: linear]")
 @click.option("--loss-scale", type=float, metavar="METRES",
               help="Distances above this count as outliers.  [default: 0.01]")
-@click.option(
-    "--start",
-    metavar="VALUE|SCENE",
-    help="Values to start from.  [default: the scene's values with --target, else a coarse search]",
-)
-@click.option(
-    "--method",
-    default="auto",
-    metavar="NAME",
-    help="Optimiser: auto, momentum, gauss-newton, l-bfgs-b or another one of SciPy.  [default: auto]",
-)
+@click.option("--start", metavar="VALUE|SCENE",
+              help="Values to start from.  [default: the scene's values with --target, else a coarse search]")
+@click.option("--method", default="auto", metavar="NAME",
+              help="Optimiser: auto, momentum, gauss-newton, l-bfgs-b or another one of SciPy.  [default: auto]")
 @click.option("--max-evaluations", type=int, default=1000, metavar="N",
               help="Stop after N evaluations of the cost.  [default: 1000]")
 @click.option("--rmse", type=float, default=1e-8, metavar="METRES",
@@ -79,17 +64,13 @@ SECTIONS = {  # of the help
 @click.option("--tolerance", type=float, metavar="T", help="Relative tolerance of the linear solver.  [default: 1e-10]")
 @click.option("--checkpoint", metavar="FILE", help="Save the state of the fit here.  [default: <output>.checkpoint]")
 @click.option("--resume", is_flag=True, help="Continue an interrupted fit from its checkpoint.")
-@click.option(
-    "--prior",
-    default="auto",
-    metavar="TAU",
-    help="Width of the prior around the start in log parameters; none; auto: estimated from the data.  [default: auto]",
-)
+@click.option("--prior", default="auto", metavar="TAU",
+              help="Width of the prior around the start in log parameters; none; auto: estimated from the data.  "
+              "[default: auto]")
 @click.option("--holdout", type=float, metavar="FRACTION",
               help="Exclude this share of the target, and report the error on it.")
-@click.option(
-    "--holdout-of", default="frames", metavar="WHAT", help="Exclude the last frames, or vertices.  [default: frames]"
-)
+@click.option("--holdout-of", default="frames", metavar="WHAT",
+              help="Exclude the last frames, or vertices.  [default: frames]")
 @click.option("--no-intervals", is_flag=True,
               help="Skip the analysis of which parameters the motion determines, and the 95 % intervals.")
 @click.option("--memory", metavar="SIZE",
@@ -112,20 +93,13 @@ def command(
     target_paths: tuple[str, ...],
     reading: Reading,
     objectives: tuple[str, ...],
-    loss: str,
-    loss_scale: float | None,
     start: str | None,
-    method: str,
     max_evaluations: int,
     rmse: float,
     tolerance: float | None,
     checkpoint: str | None,
     resume: bool,
-    prior: str,
-    holdout: float | None,
-    holdout_of: str,
     no_intervals: bool,
-    memory: str | None,
     path: str | None,
     report_path: str | None,
     in_place: bool,
@@ -137,6 +111,7 @@ def command(
     pictures: pictures.Pictures,
     as_json: bool,
     console: Console,
+    **as_given: Any,
 ) -> int:
     """Fit the parameters that SCENE flags and write the scene with only those numbers changed.
 
@@ -160,8 +135,8 @@ def command(
     check_values(max_evaluations, rmse, starts, seed, jobs)
     check_numbers(tolerance=tolerance)
     options = FitOptions(
-        method, max_evaluations, rmse, tolerance, None, weights(objectives), loss, loss_scale, prior,
-        holdout=holdout, holdout_of=holdout_of, intervals=not no_intervals, memory=memory,
+        budget=max_evaluations, rmse_tolerance=rmse, tolerance=tolerance, objective=weights(objectives),
+        intervals=not no_intervals, **as_given,
     )  # fmt: skip
     files = Files(target_paths, start, path, in_place, checkpoint, resume, reading)
     single = len(scene_paths) == 1 and starts == 1 and cluster is None
@@ -234,12 +209,11 @@ def report_needs(console: Console, needs: Needs) -> None:
 
 def check_values(max_evaluations: int, rmse: float, starts: int, seed: int, jobs: int | None) -> None:
     """Raise InvalidInput on option values that cannot be."""
-    if max_evaluations < 1:
-        raise InvalidInput(f"--max-evaluations must be at least 1; {max_evaluations} was given")
+    check_least(1, max_evaluations=max_evaluations)
     if not rmse >= 0:
         raise InvalidInput(f"--rmse must be at least 0; {rmse:g} m was given")
-    for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
-        if value is not None and value < least:
-            raise InvalidInput(f"--{name} must be at least {least}; {value} was given")
+    check_least(1, starts=starts)
+    check_least(0, seed=seed)
+    check_least(1, jobs=jobs)
     if starts > MOST_STARTS:
         raise InvalidInput(f"--starts must be at most {MOST_STARTS}; {starts} was given")

@@ -28,22 +28,16 @@ SPEED_OPTIONS = ("--speed", "--error", "--budget", "--fit", "--max-evaluations")
 @click.argument("fitted_path", metavar="FITTED", required=False)
 @click.option("--target", "target_path", metavar="MOTION", help="Compare with this motion instead of SCENE's own.")
 @motions.reads
-@click.option(
-    "--steps",
-    type=int,
-    metavar="N",
-    help="Simulate N steps for the longer comparison.  [default: 499; with --speed those of SCENE]",
-)
+@click.option("--steps", type=int, metavar="N",
+              help="Simulate N steps for the longer comparison.  [default: 499; with --speed those of SCENE]")
 @click.option("--speed", is_flag=True, help="Measure the speed and error of integrators, steps and tolerances instead.")
 @click.option("--error", type=float, metavar="METRES",
               help="With --speed: recommend the cheapest setting within this error.")
 @click.option("--budget", type=float, metavar="SECONDS",
               help="With --speed: measure for about this long.  [default: 60]")
 @click.option("--fit", is_flag=True, help="With --speed: compare the optimisers too.")
-@click.option(
-    "--max-evaluations", type=int, metavar="N",
-    help="With --fit: evaluate the cost at most N times with each.  [default: 100]"
-)
+@click.option("--max-evaluations", type=int, metavar="N",
+              help="With --fit: evaluate the cost at most N times with each.  [default: 100]")
 @pictures.options
 def command(
     scene_path: str,
@@ -133,9 +127,7 @@ def compare(
 def summary(report: Evaluation) -> dict[str, Any]:
     """What --json prints."""
     return {
-        "frames": report.fitted.frames,
-        "rmse": report.fitted.rmse,
-        "max_error": report.fitted.max_error,
+        **asdict(report.fitted),
         "horizon": asdict(report.horizon),
         "diverged": report.diverged,
         "parameters": [asdict(deviation) for deviation in report.parameters],

@@ -12,7 +12,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
-from clothfit.cli.common.output import STREAM, output_for, print_json, uninterrupted
+from clothfit.cli.common.output import STREAM, make_folder, output_for, print_json, uninterrupted
 from clothfit.cli.common.scenes import read_scene
 from clothfit.export.tools import TOOLS
 
@@ -26,10 +26,8 @@ MOST_NAMES = 5
 
 @standard_command("export")
 @click.argument("fitted_path", metavar="FITTED")
-@click.option(
-    "--to", "tool", type=click.Choice(list(TOOLS)), required=True, metavar="TOOL",
-    help="Tool: csv, obi, blender or vellum."
-)
+@click.option("--to", "tool", type=click.Choice(list(TOOLS)), required=True, metavar="TOOL",
+              help="Tool: csv, obi, blender or vellum.")
 @click.option("-o", "--output", "path", metavar="FOLDER", help="Folder of the files.  [default: <stem>-<tool>]")
 def command(fitted_path: str, tool: str, path: str | None, as_json: bool, console: Console) -> int:
     """Write the masses and stiffnesses of FITTED in the form that other cloth tools read.
@@ -49,7 +47,7 @@ def command(fitted_path: str, tool: str, path: str | None, as_json: bool, consol
     from clothfit.export.tools import exported
 
     made = exported(scene, tool)
-    make(folder)
+    make_folder(folder)
     outputs = [(output_for(os.path.join(folder, name), fitted_path, "", ()), data) for name, data in made.items()]
     with uninterrupted():
         for out, data in outputs:
@@ -72,14 +70,6 @@ def folder_of(path: str | None, fitted_path: str, tool: str) -> str:
     if path == STREAM or (path is None and fitted_path == STREAM):
         raise InvalidInput("an export is several files, which need a folder; name one with -o")
     return path or str(Path(fitted_path).with_name(f"{Path(fitted_path).stem}-{tool}"))
-
-
-def make(folder: str) -> None:
-    """Make the folder where there is none. Raises InvalidInput."""
-    try:
-        os.makedirs(folder, exist_ok=True)
-    except OSError as error:
-        raise InvalidInput(f"cannot make the folder {folder}: {error.strerror or error}") from None
 
 
 def summary(scene: Scene, tool: str, folder: str, names: list[str]) -> dict[str, Any]:

@@ -56,15 +56,11 @@ def command(scene_path: str, as_json: bool, console: Console) -> int:
     show_rest(scene, ahead, [each.name for each in wanted if each.object is None], strange, console)
     if as_json:
         needed = {"motion": ahead.motion, "fit": ahead.fit, "free": free()}
-        own = {"objects": objects_summary(objects, meshes), "flagged": [asdict(each) for each in wanted]}
+        each_object = [{**asdict(own), "mesh_vertices": count} for own, count in zip(objects, meshes, strict=True)]
+        own = {"objects": each_object, "flagged": [asdict(each) for each in wanted]}
         others = {"stability": [asdict(each) for each in ahead.steps], "memory": needed, "unknown_fields": strange}
         print_json("info", {**whole(scene), **own, **others, "warnings": scene.warnings})
     return 0
-
-
-def objects_summary(objects: Sequence[Facts], meshes: Sequence[int | None]) -> list[dict[str, Any]]:
-    """What --json prints of each object."""
-    return [{**asdict(own), "mesh_vertices": count} for own, count in zip(objects, meshes, strict=True)]
 
 
 def whole(scene: Scene) -> dict[str, Any]:
@@ -130,9 +126,7 @@ def column(own: Facts, wanted: Sequence[Flagged]) -> dict[str, str]:
     }
 
 
-def show_rest(
-    scene: Scene, ahead: Forecast, wanted: Sequence[str], strange: Sequence[str], console: Console
-) -> None:
+def show_rest(scene: Scene, ahead: Forecast, wanted: Sequence[str], strange: Sequence[str], console: Console) -> None:
     """Stability, what to fit of the scene as a whole, memory and what nobody knows."""
     from clothfit.base.memory import free, human
 

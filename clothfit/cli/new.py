@@ -59,8 +59,7 @@ MOST_NAMED = 12
               help="Parameters to fit: two letters n, G or L for masses and "
               "stiffnesses; or damping, drag, velocity, rest, wind, gravity.  [default: nG]")
 @click.option("--integrator", default="implicit", metavar="NAME",
-              help="Integrator: implicit, symplectic or explicit.  [default: "
-              "implicit]")
+              help="Integrator: implicit, symplectic or explicit.  [default: implicit]")
 @click.option("--delta", type=float, metavar="SECONDS", help="Time step in s.  [default: 0.02]")
 @click.option("--fps", type=float, metavar="F", help="Time steps per second, instead of --delta.")
 @click.option("--frames", type=int, default=100, metavar="N",
@@ -83,7 +82,7 @@ def command(given: str | None, path: str | None, as_json: bool, console: Console
     is_plane = mesh_path == PLANE
     asked.check(is_plane)
     out = output(mesh_path, path, is_plane)
-    stem = PLANE if is_plane else Path(mesh_path).stem.replace("*", "").rstrip("_-. ") or "mesh"
+    stem = PLANE if is_plane else stem_of(mesh_path)
     cloth = plane(asked) if is_plane else mesh(mesh_path, asked, console)
     cloth = cloth._replace(mesh=cloth.mesh._replace(positions=placed(cloth.mesh, asked)))
     fixed = held(cloth, asked)
@@ -106,13 +105,13 @@ def output(mesh_path: str, path: str | None, is_plane: bool) -> Output:
     check_there(*([] if "*" in mesh_path else [mesh_path]))
     from clothfit.meshes.mesh_file import sources
 
-    return output_for(path or default_name(mesh_path), mesh_path, "", tuple(sources(mesh_path)), text=True)
+    beside = str(Path(mesh_path).with_name(f"{stem_of(mesh_path)}.json"))
+    return output_for(path or beside, mesh_path, "", tuple(sources(mesh_path)), text=True)
 
 
-def default_name(mesh_path: str) -> str:
-    """Beside the mesh, and of a sequence without the star."""
-    path = Path(mesh_path)
-    return str(path.with_name((path.stem.replace("*", "").rstrip("_-. ") or "mesh") + ".json"))
+def stem_of(mesh_path: str) -> str:
+    """The name of a mesh without folder and suffix, of a sequence without the star."""
+    return Path(mesh_path).stem.replace("*", "").rstrip("_-. ") or "mesh"
 
 
 def made(cloth: Cloth, fixed: Flags, asked: Asked, title: str) -> Scene:

@@ -7,6 +7,7 @@ import os
 import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -34,10 +35,8 @@ SILENT = ("quiet", "verbose", "as_json")
 @click.argument("fitted_path", metavar="FITTED")
 @click.option("--target", "target_path", metavar="MOTION", help="Compare with this motion instead of SCENE's own.")
 @motions.reads
-@click.option(
-    "--steps", type=int, metavar="N",
-    help="Show N steps.  [default: 499, fewer for large scenes, but at least the fitted ones]"
-)
+@click.option("--steps", type=int, metavar="N",
+              help="Show N steps.  [default: 499, fewer for large scenes, but at least the fitted ones]")
 @click.option("--log", "log_path", metavar="FILE",
               help="Show the cost and the intervals of the fit, from a log of estimate --log.")
 @click.option("-o", "--output", "path", metavar="FILE",
@@ -121,12 +120,9 @@ def show_result(show: Shown, size: int, out: Output, console: Console, said: str
 
 def summary(show: Shown, size: int, out: Output) -> dict[str, Any]:
     """What --json prints."""
-    near, far = show.evaluation.fitted, show.evaluation.horizon
     return {
-        "frames": near.frames,
-        "rmse": near.rmse,
-        "max_error": near.max_error,
-        "horizon": {"frames": far.frames, "rmse": far.rmse, "max_error": far.max_error},
+        **asdict(show.evaluation.fitted),
+        "horizon": asdict(show.evaluation.horizon),
         "shown": len(show.times),
         "diverged": show.evaluation.diverged,
         "notes": show.notes,

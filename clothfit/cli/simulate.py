@@ -74,12 +74,14 @@ def command(
     dump = dump_of(dump_path, scene_path, out)
     pictures.check(scene_path, out.path, dump_path)
     warn_of_steps(scene, frames, console)
+    import clothfit
+
     console.announce_compilation()
     began = time.perf_counter()
     motion, error = moved(scene, frames, tolerance)
     seconds = time.perf_counter() - began
     console.detail("simulated")
-    energy = energy_of(scene, motion, with_energy)
+    energy = clothfit.energies(scene, motion) if with_energy else None
     motions.write(motion, out, scene, convention, console, energy_arrays(energy))
     if error is None:
         report(scene, motion, seconds, out, console)
@@ -136,15 +138,6 @@ def place(scene: Scene, error: Diverged) -> dict[str, Any]:
     fault = error.fault
     where = {"object": None, "vertex": None} if fault is None else {"object": fault.cloth, "vertex": fault.vertex}
     return {"step": error.step, "time": error.step * scene.delta, **where}
-
-
-def energy_of(scene: Scene, motion: Motion, wanted: bool) -> Energy | None:
-    """Where the energy of the motion is, where that is asked for."""
-    if not wanted:
-        return None
-    from clothfit.motion.energy import energies
-
-    return energies(scene, motion)
 
 
 def dump_of(path: str | None, scene_path: str, out: Output) -> Output | None:
@@ -211,6 +204,4 @@ def energy_summary(energy: Energy | None) -> dict[str, Any]:
     values, (rise, frame) = energy_columns(energy), energy.largest_rise
     ends = {end: {name: float(values[name][k]) for name in STORED} for end, k in (("start", 0), ("end", -1))}
     flows = {name: float(values[name][-1]) for name in (*FLOWS, "dissipated")}
-    return {
-        "energy": {**ends, **flows, "largest_rise": rise, "largest_rise_frame": frame, "scale": energy.scale},
-    }
+    return {"energy": {**ends, **flows, "largest_rise": rise, "largest_rise_frame": frame, "scale": energy.scale}}

@@ -22,14 +22,10 @@ if TYPE_CHECKING:
 @click.argument("scene_path", metavar="SCENE")
 @click.option("--steps", type=int, metavar="N",
               help="Simulate N time steps.  [default: the scene's optimizationIterations - 1]")
-@click.option(
-    "--noise", type=float, default=0.0, metavar="METRES",
-    help="Add noise of this standard deviation per coordinate.  [default: 0]"
-)
-@click.option(
-    "--observed", type=float, default=1.0, metavar="FRACTION",
-    help="Keep this share of the vertices, drawn at random.  [default: 1]"
-)
+@click.option("--noise", type=float, default=0.0, metavar="METRES",
+              help="Add noise of this standard deviation per coordinate.  [default: 0]")
+@click.option("--observed", type=float, default=1.0, metavar="FRACTION",
+              help="Keep this share of the vertices, drawn at random.  [default: 1]")
 @click.option("--every", type=int, default=1, metavar="K", help="Keep every K-th frame.  [default: 1]")
 @click.option("--fps", type=float, metavar="F",
               help="Record F frames per second, interpolated between steps.  [default: all steps]")
@@ -83,12 +79,6 @@ def command(
     spoiled = f"noise {metres(noise)}" if noise else "no noise"
     console.say(f"{scene.name}: {len(motion.times)} frames, {seen:.0%} seen, {spoiled} → {out.name}")
     if as_json:
-        summary = {
-            "scene": scene.name,
-            "frames": len(motion.times),
-            "observed": seen,
-            "noise": noise,
-            "output": out.path,
-        }
-        print_json("target", summary, out)
+        counts = {"frames": len(motion.times), "observed": seen, "noise": noise}
+        print_json("target", {"scene": scene.name, **counts, "output": out.path}, out)
     return 0

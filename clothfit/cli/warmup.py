@@ -45,11 +45,6 @@ def command(small: bool, as_json: bool, console: Console) -> int:
     what = f"{compiled} functions compiled in {seconds:.1f} s, kept" if compiled else "everything is compiled, kept"
     console.say(f"{what} in {folder}")
     if as_json:
-        summary = {
-            "compiled": compiled,
-            "seconds": seconds,
-            "folder": folder,
-            "parts": [part._asdict() for part in parts],
-        }
-        print_json("warmup", summary)
+        own = [part._asdict() for part in parts]
+        print_json("warmup", {"compiled": compiled, "seconds": seconds, "folder": folder, "parts": own})
     return 0

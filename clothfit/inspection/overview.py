@@ -113,19 +113,16 @@ def spring_kinds(springs: Indices, triangles: Indices) -> tuple[Flags, Flags]:
 
 def flagged(scene: Scene) -> list[Flagged]:
     """The kinds of parameters that a fit determines, in the order of the fit vector."""
-    found = []
-    for index, kind, values in _asked(scene):
-        owner = scene if index is None else scene.cloths[index]
-        mode = owner.mode(kind.name)
-        found.append(Flagged(index, kind.name, mode, len(values) if mode == "L" else kind.components))
-    return found
+    return [
+        Flagged(index, kind.name, mode, len(values) if mode == "L" else kind.components)
+        for index, kind, mode, values in _asked(scene)
+    ]
 
 
 def beyond_bounds(scene: Scene) -> list[str]:
     """A sentence for each flagged kind whose values, where a fit starts, are not within the bounds."""
     found = []
-    for index, kind, values in _asked(scene):
-        mode = (scene if index is None else scene.cloths[index]).mode(kind.name)
+    for index, kind, mode, values in _asked(scene):
         if kind.name == "rest" and mode == "G":  # a factor on the lengths
             continue
         starts = np.array([values.mean()]) if mode == "G" and kind.components == 1 else values
@@ -137,15 +134,13 @@ def beyond_bounds(scene: Scene) -> list[str]:
     return found
 
 
-def _asked(scene: Scene) -> Iterator[tuple[int | None, Kind, Array]]:
-    """Yield object, kind and flat values of each flagged kind."""
-    for index, cloth in enumerate(scene.cloths):
-        for kind in CLOTH_KINDS:
-            if cloth.mode(kind.name) != "n":
-                yield index, kind, np.ravel(getattr(cloth, kind.name))
-    for kind in SCENE_KINDS:
-        if scene.mode(kind.name) != "n":
-            yield None, kind, np.ravel(getattr(scene, kind.name))
+def _asked(scene: Scene) -> Iterator[tuple[int | None, Kind, str, Array]]:
+    """Yield object, kind, mode and flat values of each flagged kind."""
+    own = [(index, cloth, kind) for index, cloth in enumerate(scene.cloths) for kind in CLOTH_KINDS]
+    for index, owner, kind in (*own, *((None, scene, kind) for kind in SCENE_KINDS)):
+        mode = owner.mode(kind.name)
+        if mode != "n":
+            yield index, kind, mode, np.ravel(getattr(owner, kind.name))
 
 
 def unknown_fields(scene: Scene) -> list[str]:

@@ -30,6 +30,7 @@ EXIT_CODES = {
 }  # fmt: skip
 """Exit codes by the status of a fit."""
 
+NEVER_FINITE = "no values that were tried gave a simulation that stays finite; nothing is written"
 FAULT, INTERRUPTED = 1, 130
 """Exit codes where there is no fit."""
 
@@ -116,11 +117,7 @@ def run(job: Job) -> Outcome:
 
 def finished(job: Job, fit: Fit) -> Outcome:
     """The outcome of a job whose fit returned."""
-    error = None
-    if fit.status == Status.DIVERGED:
-        error = (
-            f"{fit.scene.name}: no values that were tried gave a simulation that stays finite; nothing is written"
-        )
+    error = f"{fit.scene.name}: {NEVER_FINITE}" if fit.status == Status.DIVERGED else None
     return Outcome(fit, EXIT_CODES[fit.status], error, job.checkpoint is not None and job.checkpoint.written)
 
 

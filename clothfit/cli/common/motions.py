@@ -25,6 +25,12 @@ if TYPE_CHECKING:
 UNEVEN = 1e-3
 """Of a time step: differences between steps that are no rounding."""
 
+READING = {
+    "scale": "--scale", "up": "--up", "handedness": "--handedness", "fps": "--fps", "frames": "--frames",
+    "markers": "--map",
+}  # fmt: skip
+"""Fields of `Reading` to their options."""
+
 
 def axes(function: F, prefix: str = "", what: str = "the motion file", whose: str = "the format's") -> F:
     """Add the options that say how a file's coordinates are meant, else as `whose` are."""
@@ -43,16 +49,8 @@ def reads(function: Callable[..., int]) -> Callable[..., int]:
     """Add the options that say what a motion file does not; they come as one argument, `reading`."""
 
     @wraps(function)
-    def reading(
-        scale: float | None,
-        up: str | None,
-        handedness: str | None,
-        read_fps: float | None,
-        frames: str | None,
-        markers: str | None,
-        **rest: Any,
-    ) -> int:
-        said = Reading(scale, up, handedness, read_fps, frames, markers)
+    def reading(**rest: Any) -> int:
+        said = Reading(**{name: rest.pop(name) for name in READING})
         if not said.plain and not any(rest.get(name) for name in ("target_path", "target_paths", "in_path")):
             raise click.UsageError(
                 "--scale, --up, --handedness, --fps, --frames and --map describe the motion of --target; add that",
@@ -66,8 +64,7 @@ def reads(function: Callable[..., int]) -> Callable[..., int]:
         click.option("--map", "markers", metavar="FILE",
                      help="CSV file that maps markers to vertices: marker, object, vertex.  [default: the nearest]"),
         click.option("--frames", metavar="A:B", help="Frames of the motion file, as a Python slice.  [default: all]"),
-        click.option("--fps", "read_fps", type=float, metavar="F",
-                     help=f"Frames per second of the motion file.  {by_default}"),
+        click.option("--fps", type=float, metavar="F", help=f"Frames per second of the motion file.  {by_default}"),
     ):
         made = option(made)
     return axes(made, whose="the file's, else the format's")
@@ -110,15 +107,8 @@ def load(path: str, scene: Scene | None, reading: Reading, console: Console, ass
 
 def arguments(reading: Reading) -> list[str]:
     """The options of a command that say the same."""
-    said = {
-        "--scale": reading.scale,
-        "--up": reading.up,
-        "--handedness": reading.handedness,
-        "--fps": reading.fps,
-        "--frames": reading.frames,
-        "--map": reading.markers,
-    }
-    return [word for name, value in said.items() if value is not None for word in (name, str(value))]
+    said = {option: getattr(reading, name) for name, option in READING.items()}
+    return [word for option, value in said.items() if value is not None for word in (option, str(value))]
 
 
 def readings_summary(readings: list[dict[str, Any]]) -> dict[str, Any]:
@@ -127,11 +117,7 @@ def readings_summary(readings: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def check(
-    out: Output,
-    convention: Convention,
-    inputs: Iterable[str | None],
-    frames: int | None = None,
-    gaps: bool = False,
+    out: Output, convention: Convention, inputs: Iterable[str | None], frames: int | None = None, gaps: bool = False
 ) -> None:
     """Check, before long work, that a motion of so many frames (None: not known yet) can be written, with or without
     `gaps`, and not over any of the `inputs`. Raises InvalidInput.

@@ -47,7 +47,22 @@ def standard_command(name: str, sections: Sections | None = None) -> Callable[[C
 
 def check_numbers(steps: int | None = None, tolerance: float | None = None) -> None:
     """Check options before the libraries load, which takes longer. Raises InvalidInput for a value out of range."""
-    if steps is not None and steps < 1:
-        raise InvalidInput(f"--steps must be at least 1; {steps} was given")
+    check_least(1, steps=steps)
     if tolerance is not None:
         checked_tolerance(tolerance, tolerance)
+
+
+def check_least(least: int, **options: int | None) -> None:
+    """Raise InvalidInput for an option, by the name of its parameter, whose number is too small."""
+    for name, value in options.items():
+        if value is not None and value < least:
+            raise InvalidInput(f"--{name.replace('_', '-')} must be at least {least}; {value} was given")
+
+
+def is_number(text: str) -> bool:
+    """Whether a text, which may stand for something else, is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

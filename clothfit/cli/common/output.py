@@ -108,6 +108,14 @@ def output_for(
     return Output(path, overwrite)
 
 
+def make_folder(path: str) -> None:
+    """Make a folder where there is none. Raises InvalidInput."""
+    try:
+        os.makedirs(path, exist_ok=True)
+    except OSError as error:
+        raise InvalidInput(f"cannot make the folder {path}: {error.strerror or error}") from None
+
+
 def write_scene(scene: Scene, out: Output) -> None:
     """Write a scene whole; the caller holds interrupts back.
 

@@ -152,8 +152,7 @@ class Shown:
         if self.progress is None:
             return ["looking at target and start …"]
         found = [f"{state(self.progress)} of at most {self.progress.budget}"]
-        parts = ((stage(self.progress), ", "), (pace(self.progress, self.rate), ", "))
-        found += [between.join(items) for items, between in parts if items]
+        found += [", ".join(items) for items in (stage(self.progress), pace(self.progress, self.rate)) if items]
         curve = sparkline(self.errors)
         return [*found, f"{curve} {metres(self.errors[0])} → {metres(self.errors[-1])}"] if len(curve) > 1 else found
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.options import check_least
 from clothfit.cli.common.output import STREAM, print_json, same_file, uninterrupted
 from clothfit.cli.common.progress import PLAIN_INTERVAL
 from clothfit.cli.common.scenes import frames_of, read_scene
@@ -42,14 +43,16 @@ def measure(scene_path: str, asked: SpeedOptions, as_json: bool, console: Consol
     frames = frames_of(asked.steps, scene)
     if asked.plot is not None:
         check_plot(asked.plot, scene_path)
-    if asked.fit:
-        check_flags(scene)
+    if asked.fit and not scene.blocks:
+        raise InvalidInput(f"{scene.name}: --fit: no object flags anything to fit; set its optimizationSettings")
+    from clothfit.evaluation import fit_methods
     from clothfit.evaluation import work_precision as precision
 
     console.announce_compilation()
     with progress(console) as report:
         found = precision.work_precision(scene, frames, asked.budget or precision.MEASURE_SECONDS, report)
-        fits = compare_fits(scene, asked.max_evaluations, report) if asked.fit else None
+        evaluations = asked.max_evaluations or fit_methods.FIT_EVALUATIONS
+        fits = fit_methods.compare_methods(scene, evaluations=evaluations, report=report) if asked.fit else None
     if asked.plot is not None:
         from clothfit.pictures.diagram import save_diagram
 
@@ -71,8 +74,7 @@ def check_values(error: float | None, budget: float | None, max_evaluations: int
     for name, value, unit in (("--error", error, "m"), ("--budget", budget, "s")):
         if value is not None and not 0 < value < float("inf"):
             raise InvalidInput(f"{name} must be above 0 and finite; {value:g} {unit} was given")
-    if max_evaluations is not None and max_evaluations < 1:
-        raise InvalidInput(f"--max-evaluations must be at least 1; {max_evaluations} was given")
+    check_least(1, max_evaluations=max_evaluations)
 
 
 def check_plot(plot: str, scene_path: str) -> None:
@@ -82,20 +84,6 @@ def check_plot(plot: str, scene_path: str) -> None:
     if scene_path != STREAM and same_file(plot, scene_path):
         raise InvalidInput(f"cannot write {plot}: it is an input, which is never written over")
     check(plot)
-
-
-def check_flags(scene: Scene) -> None:
-    """Raise InvalidInput, before long work, when there is nothing to fit."""
-
-    if not scene.blocks:
-        raise InvalidInput(f"{scene.name}: --fit: no object flags anything to fit; set its optimizationSettings")
-
-
-def compare_fits(scene: Scene, max_evaluations: int | None, report: Report | None) -> list[FitRow]:
-    """The methods of estimation against each other."""
-    from clothfit.evaluation import fit_methods
-
-    return fit_methods.compare_methods(scene, evaluations=max_evaluations or fit_methods.FIT_EVALUATIONS, report=report)
 
 
 @contextmanager
@@ -129,12 +117,7 @@ def summary(found: WorkPrecision, scene: Scene, asked: SpeedOptions, fits: list[
         "frames": len(reference.positions),
         "simulated_frames": found.frames,
         "vertices": sum(scene.vertex_counts),
-        "reference": {
-            "integrator": reference.integrator,
-            "step": reference.step,
-            "order": reference.order,
-            "error": reference.error,
-        },
+        "reference": {name: getattr(reference, name) for name in ("integrator", "step", "order", "error")},
         "rows": [plain_row(row) for row in found.rows],
         "own": plain_row(found.own),
         "requested_error": asked.error,
@@ -145,19 +128,9 @@ def summary(found: WorkPrecision, scene: Scene, asked: SpeedOptions, fits: list[
 
 
 def plain_row(row: Row) -> dict[str, Any]:
-    """A row as JSON has it."""
-    return {
-        "integrator": row.setting.integrator,
-        "step": row.step,
-        "ratio": row.setting.ratio,
-        "tolerance": row.setting.tolerance,
-        "newton_iterations": row.setting.newton,
-        "status": row.status,
-        "runs": row.runs,
-        "ms_per_step": row.ms_per_step,
-        "seconds_per_simulated_second": row.seconds_per_second,
-        "error": row.error,
-        "max_error": row.max_error,
-        "own": row.own,
-        "pareto": row.pareto,
-    }
+    """A row as JSON has it: with its setting's values beside its own."""
+    values = asdict(row)
+    setting = values.pop("setting")
+    setting["newton_iterations"] = setting.pop("newton")
+    values["seconds_per_simulated_second"] = values.pop("seconds_per_second")
+    return setting | values

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.options import is_number
 from clothfit.cli.common.output import STREAM, Output, output_for
 from clothfit.cli.common.scenes import one_stream, read_scene
 from clothfit.formats.convention import Reading
@@ -128,12 +129,3 @@ def read_start(start: str | None, console: Console) -> float | Scene | None:
     if start is None:
         return None
     return float(start) if is_number(start) else read_scene(start, console)
-
-
-def is_number(text: str) -> bool:
-    """Whether a --start is a value, not a file."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

@@ -60,7 +60,7 @@ def fit(
     pool = chosen_pool(len(items) * effort.starts, effort.jobs, effort.cluster)
     announce_compilation(pool, len(items) * effort.starts, console)
     each = limited(options, pool)
-    makers: list[Callable[[int], Job]] = [partial(job, item, effort, each) for item in items]
+    makers: list[Callable[[int], Job]] = [partial(item.job, seed=effort.seed, options=each) for item in items]
     writer = Writer(items, console)
     results = fit_all(makers, effort.starts, pool, writer.done, writer.died)
     with uninterrupted():
@@ -72,11 +72,6 @@ def fit(
             print_json("estimate", {"scenes": scenes, "seconds": time.perf_counter() - began})
     codes = [writer.code(index, one) for index, one in enumerate(results)]
     return INTERRUPTED if INTERRUPTED in codes else next(code for code in SEVERITY if code in codes)
-
-
-def job(item: Item, effort: Effort, options: FitOptions, number: int) -> Job:
-    """The fit of a scene from a start."""
-    return item.job(number, effort.seed, options)
 
 
 def announce_compilation(pool: Any, count: int, console: Console) -> None:

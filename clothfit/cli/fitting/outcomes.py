@@ -9,13 +9,16 @@ from typing import TYPE_CHECKING, Any
 from clothfit.base.messages import counted, metres, owned
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.output import Output, document, print_json, write_scene
-from clothfit.many.job import EXIT_CODES
+from clothfit.many.job import EXIT_CODES, NEVER_FINITE
 from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
     from clothfit.cli.fitting.recording import FitLog
     from clothfit.fit.result import Fit, FittedBlock
     from clothfit.scene.scene import Scene
+
+AS_IN_FIT = ("status", "method", "cost", "rmse", "frames", "evaluations", "seconds", "rank", "sigma")
+"""Keys of the summary for --json that are attributes of `Fit`."""
 
 
 def finish(
@@ -35,9 +38,7 @@ def finish(
         conclude(result | {"output": None}, out, as_json, log)
         from clothfit.motion.divergence import Diverged
 
-        raise Diverged(
-            f"{scene.name}: no values that were tried gave a simulation that stays finite; nothing is written", 0
-        )
+        raise Diverged(f"{scene.name}: {NEVER_FINITE}", 0)
     write_scene(found.scene, out)
     describe(found, out, console)
     conclude(result, out, as_json, log)
@@ -102,15 +103,7 @@ def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
     """What --json prints."""
     return {
         "scene": scene.name,
-        "status": found.status,
-        "method": found.method,
-        "cost": found.cost,
-        "rmse": found.rmse,
-        "frames": found.frames,
-        "evaluations": found.evaluations,
-        "seconds": found.seconds,
-        "rank": found.rank,
-        "sigma": found.sigma,
+        **{name: getattr(found, name) for name in AS_IN_FIT},
         "prior": found.prior and [asdict(scatter) for scatter in found.prior],
         "memory": found.memory and found.memory.summary(),
         "holdout": found.holdout and asdict(found.holdout),

@@ -13,9 +13,10 @@ import click
 from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.output import STREAM, Output
+from clothfit.cli.common.options import is_number
+from clothfit.cli.common.output import STREAM, Output, make_folder
 from clothfit.cli.fitting import checkpoints
-from clothfit.cli.fitting.files import Files, default_name, is_number
+from clothfit.cli.fitting.files import Files, default_name
 from clothfit.fit.options import FitOptions
 from clothfit.many.job import File, Job, JobTarget, loaded, read
 from clothfit.optimise.checkpoint import Checkpoint
@@ -77,9 +78,7 @@ class Item:
         return File(self.stream, "standard input")
 
 
-def planned(
-    paths: tuple[str, ...], files: Files, starts: int, local: bool, console: Console
-) -> list[Item]:
+def planned(paths: tuple[str, ...], files: Files, starts: int, local: bool, console: Console) -> list[Item]:
     """What to do with each scene. Raises UsageError or InvalidInput where the options cannot be for all of them.
 
     `local`: whether the fits are done on this machine, and can keep checkpoints.
@@ -139,10 +138,7 @@ def within(files: Files, scene_path: str) -> Files:
     """The files of one of many scenes: the result goes into the folder that is named. Raises InvalidInput."""
     if files.path is None or not is_folder(files.path):
         return files
-    try:
-        os.makedirs(files.path, exist_ok=True)
-    except OSError as error:
-        raise InvalidInput(f"cannot make the folder {files.path}: {error.strerror or error}") from None
+    make_folder(files.path)
     return replace(files, path=os.path.join(files.path, default_name(scene_path)))
 
 

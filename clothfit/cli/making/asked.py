@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from clothfit.base.errors import InvalidInput
+from clothfit.cli.common.options import is_number
 
 if TYPE_CHECKING:
     from clothfit.meshes.mesh import Mesh
@@ -92,7 +93,7 @@ class Asked:
     def extent(self) -> tuple[float, float]:
         """Width and height of a plane, m. Raises InvalidInput."""
         sides = (self.size or "1").split("x")
-        if len(sides) > 2 or "," in (self.size or "") or not all(_number(side) for side in sides):
+        if len(sides) > 2 or "," in (self.size or "") or not all(is_number(side) for side in sides):
             refuse_text("--size", self.size or "", "2 or 2x1.5")
         width, *rest = numbers("--size", ",".join(sides), len(sides), "2 or 2x1.5")
         return width, rest[0] if rest else width
@@ -159,19 +160,11 @@ def understood(path: str | None, asked: Asked) -> tuple[str, Asked]:
 
     Raises MissingParameter.
     """
-    if path is None and asked.weld and not _number(asked.weld):
+    if path is None and asked.weld and not is_number(asked.weld):
         return asked.weld, replace(asked, weld="")
     if path is None:
         raise click.MissingParameter(param_hint="'plane|MESH'", param_type="argument", ctx=click.get_current_context())
     return path, asked
-
-
-def _number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def numbers(option: str, text: str, count: int, example: str) -> tuple[float, ...]:
