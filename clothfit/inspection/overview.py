@@ -136,11 +136,12 @@ def beyond_bounds(scene: Scene) -> list[str]:
 
 def _asked(scene: Scene) -> Iterator[tuple[int | None, Kind, str, Array]]:
     """Yield object, kind, mode and flat values of each flagged kind."""
-    own = [(index, cloth, kind) for index, cloth in enumerate(scene.cloths) for kind in CLOTH_KINDS]
-    for index, owner, kind in (*own, *((None, scene, kind) for kind in SCENE_KINDS)):
-        mode = owner.mode(kind.name)
-        if mode != "n":
-            yield index, kind, mode, np.ravel(getattr(owner, kind.name))
+    owners: list[tuple[int | None, Cloth | Scene]] = [*enumerate(scene.cloths), (None, scene)]
+    for index, owner in owners:
+        for kind in SCENE_KINDS if index is None else CLOTH_KINDS:
+            mode = owner.mode(kind.name)
+            if mode != "n":
+                yield index, kind, mode, np.ravel(getattr(owner, kind.name))
 
 
 def unknown_fields(scene: Scene) -> list[str]:

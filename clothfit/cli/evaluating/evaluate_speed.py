@@ -130,7 +130,7 @@ def summary(found: WorkPrecision, scene: Scene, asked: SpeedOptions, fits: list[
 def plain_row(row: Row) -> dict[str, Any]:
     """A row as JSON has it: with its setting's values beside its own."""
     values = asdict(row)
-    setting = values.pop("setting")
+    setting: dict[str, Any] = values.pop("setting")
     setting["newton_iterations"] = setting.pop("newton")
     values["seconds_per_simulated_second"] = values.pop("seconds_per_second")
     return setting | values
