@@ -127,7 +127,7 @@ def searched(
     search = Search(objective, p, options.rmse_tolerance, options.budget, options.report, checkpoint, state)
     search.warn(*warnings)
     others = partial(other_starts, objective, p, hidden) if start is None else None
-    status = search_by(search, options.method, p, others, options.prior_width())
+    status = search_by(search, options, p, others)
     seconds, warnings = search.progress.seconds, [*search.warnings]
     if checkpoint and checkpoint.fault:
         warnings.append(checkpoint.fault)
@@ -161,18 +161,16 @@ def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tup
     return objective, kept_out
 
 
-def search_by(
-    search: Search, method: str, start: Array, others: Callable[[], list[Array]] | None, tau: float | None
-) -> Status:
+def search_by(search: Search, options: FitOptions, start: Array, others: Callable[[], list[Array]] | None) -> Status:
     """Search by a method until it or the user ends it; returns the status. A fit that had ended is not repeated."""
     state = search.resumed
     if state is not None and state.status in (Status.CONVERGED, Status.STALLED):
         if len(state.centre):
-            search.best.believe(resumed_prior(search, state, tau))
+            search.best.believe(resumed_prior(search, state, options.prior_width()))
         return state.status
     try:
         with threads.single(), interrupts.heard():
-            status = found_by(search, method, start, others, tau)
+            status = found_by(search, options, start, others)
     except Stop as stop:
         status = stop.status
     except KeyboardInterrupt:
@@ -182,10 +180,9 @@ def search_by(
     return search.finish(status)
 
 
-def found_by(
-    search: Search, method: str, start: Array, others: Callable[[], list[Array]] | None, tau: float | None
-) -> Status:
+def found_by(search: Search, options: FitOptions, start: Array, others: Callable[[], list[Array]] | None) -> Status:
     """Search by a method; returns the status. Raises Stop."""
+    method, tau = options.method, options.prior_width()
     if not search.fitted.any():
         search(search.y)
         return search.verdict()

@@ -56,7 +56,11 @@ class FitOptions:
     def check(self) -> None:
         """Raise InvalidInput when a value is not possible."""
         check_method(self.method)
-        check_holdout(self.holdout, self.holdout_of)
+        if self.holdout_of not in HOLDOUTS:
+            asked = f"there is nothing called {self.holdout_of!r} to keep out"
+            raise InvalidInput(f"holdout: {asked}; use {' or '.join(HOLDOUTS)}")
+        if self.holdout is not None and not 0 < self.holdout < 1:
+            raise InvalidInput(f"holdout must be a fraction above 0 and below 1; {self.holdout:g} was given")
         self.prior_width()
         if self.budget < 1:
             raise InvalidInput(f"budget: {self.budget} evaluations are too few, at least 1 is needed")
@@ -98,11 +102,3 @@ def check_method(method: str) -> None:
     if method not in METHODS:
         known = (*OWN_METHODS, *METHODS)
         raise InvalidInput(f"method: there is no {method!r}; use {', '.join(known)}{meant(method, known)}")
-
-
-def check_holdout(fraction: float | None, of: str) -> None:
-    """Raise InvalidInput unless the fraction is between 0 and 1 and `of` is one of HOLDOUTS."""
-    if of not in HOLDOUTS:
-        raise InvalidInput(f"holdout: there is nothing called {of!r} to keep out; use {' or '.join(HOLDOUTS)}")
-    if fraction is not None and not 0 < fraction < 1:
-        raise InvalidInput(f"holdout must be a fraction above 0 and below 1; {fraction:g} was given")

@@ -127,9 +127,7 @@ def fitted_block(search: Search, block: Block, p: Array, known: Confidence | Non
     start = search.start
     still = np.abs(p - start) <= UNMOVED * np.maximum(np.abs(start), search.coordinates.change(start))
     listed = [[int(i) for i in np.flatnonzero(flags)] for flags in (bound, lost, still[part] & ~lost)]
-    return FittedBlock(
-        block.cloth, block.name, block.mode, block.count, listed[0], listed[1], listed[2], interval
-    )
+    return FittedBlock(block.cloth, block.name, block.mode, block.count, *listed, interval)
 
 
 def scatter(search: Search) -> list[Scatter] | None:

@@ -9,8 +9,6 @@ vertices that belong to no triangle get the geometric mean of the others.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,7 +44,7 @@ def first_point(
     if not np.isfinite(objective.cost_or_infinity(p)):
         instead = "the fit starts from the best of a coarse search instead"
         warnings.append(f"the simulation diverges at the start; {instead}")
-        p = neutral_start(objective, [p])
+        p = best_scales(objective, [p])[0]
     return p, warnings
 
 
@@ -85,12 +83,11 @@ def given_start(scene: Scene, start: float | Array, others: Array) -> Array:
     return p
 
 
-def neutral_start(objective: Objective, patterns: Sequence[Array] | None = None) -> Array:
-    """The best starting values (P,) that a coarse search finds, in the proportions of one of the `patterns` (P,):
-    those of a fabric and equal ones where none are given, so that nothing depends on the scene's flagged values.
+def neutral_start(objective: Objective) -> Array:
+    """The best starting values (P,) that a coarse search finds, in the proportions of a fabric or equal: they do not
+    depend on the scene's flagged values.
     """
-    scene = objective.scene
-    return best_scales(objective, patterns or (fabric(scene), neutral(scene)))[0]
+    return best_scales(objective, (fabric(objective.scene), neutral(objective.scene)))[0]
 
 
 def other_starts(objective: Objective, start: Array, hidden: bool) -> list[Array]:

@@ -74,9 +74,8 @@ def unordered(points: Array, others: Array) -> float:
 
 def options(axes: Axes, other: Axes) -> str:
     """The command's options for axes that differ from `other`."""
-    named = {"up": "--up", "handedness": "--handedness", "scale": "--scale"}
-    changed = [name for name in named if getattr(axes, name) != getattr(other, name)]
-    return " ".join(f"{named[name]} {getattr(axes, name)}" for name in changed)
+    changed = [name for name in axes._fields if getattr(axes, name) != getattr(other, name)]
+    return " ".join(f"--{name} {getattr(axes, name)}" for name in changed)
 
 
 def differences(axes: Axes, other: Axes) -> int:

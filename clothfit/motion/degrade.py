@@ -32,7 +32,10 @@ def degrade(
     """
     check_capture(noise, observed, every, fps)
     generator = np.random.default_rng(seed)
-    motion = thinned(motion, every) if fps is None else at_rate(motion, fps)
+    if fps is not None:
+        motion = at_rate(motion, fps)
+    else:  # a copy: noise and gaps are written into it
+        motion = replace(motion, **{name: array[::every].copy() for name, array in arrays_of(motion).items()})
     positions, kept = motion.positions, motion.observed
     if noise > 0:
         for frame in positions:  # one by one: an array as large as `positions` would take as much memory again
@@ -47,11 +50,6 @@ def degrade(
         kept = np.broadcast_to(seen, positions.shape[:2]).copy() if kept is None else kept & seen
         positions[~kept] = np.nan
     return replace(motion, observed=kept)
-
-
-def thinned(motion: Motion, every: int) -> Motion:
-    """Every K-th frame, as a copy."""
-    return replace(motion, **{name: array[::every].copy() for name, array in arrays_of(motion).items()})
 
 
 def at_rate(motion: Motion, fps: float) -> Motion:

@@ -60,9 +60,7 @@ class Diverged(ClothfitError):
 
     exit_code = 4
 
-    def __init__(
-        self, message: str, step: int, motion: Motion | None = None, fault: Fault | None = None
-    ) -> None:
+    def __init__(self, message: str, step: int, motion: Motion | None = None, fault: Fault | None = None) -> None:
         self.step = step
         self.motion = motion
         self.fault = fault
@@ -98,9 +96,7 @@ def last_states(part: Rollout, before: States | None) -> States:
 
 def following(one: States, other: States) -> States:
     """The states of both, one after the other."""
-    return States(
-        np.concatenate([one.steps, other.steps]), np.concatenate([one.x, other.x]), np.concatenate([one.v, other.v])
-    )
+    return States(*(np.concatenate(pair) for pair in zip(one, other, strict=True)))
 
 
 def with_bad(states: States, x: Array, v: Array) -> States:

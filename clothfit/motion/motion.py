@@ -200,9 +200,7 @@ def archive(motion: Motion, extra: Mapping[str, NDArray[Any]] | None = None, tim
     return npz.archive(arrays)
 
 
-def load_motion(
-    path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene, name: str | None = None
-) -> Motion:
+def load_motion(path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene, name: str | None = None) -> Motion:
     """Read a motion of `scene` and check it. `name`: in messages (default: the file's). Raises InvalidMotion."""
     if name is None:
         name = os.path.basename(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else "motion"

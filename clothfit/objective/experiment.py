@@ -39,14 +39,10 @@ def experiments(scene: Scene, targets: Targets) -> list[Experiment]:
     if not listed:
         raise InvalidInput("target: none is given; at least one motion is needed")
     return [
-        item if is_checked(item, scene) else experiment(scene, *(item if is_pair(item) else (item, scene)))
+        item if isinstance(item, Experiment) and item.scene is scene  # it was made here before
+        else experiment(scene, *(item if is_pair(item) else (item, scene)))
         for item in listed
-    ]
-
-
-def is_checked(item: object, scene: Scene) -> bool:
-    """Whether it is an experiment of the scene, made here before."""
-    return isinstance(item, Experiment) and item.scene is scene
+    ]  # fmt: skip
 
 
 def is_pair(item: object) -> bool:

@@ -73,7 +73,6 @@ class Objective:
         Raises InvalidMotion when a motion does not fit its scene or an objective, InvalidInput for other arguments.
         """
         self.scene = scene
-        self._measure = (objective, loss, loss_scale)
         self.memory = budget(memory)
         self.tolerance = checked_tolerance(tolerance, TIGHT)
         self.blocks = scene.blocks
@@ -100,10 +99,10 @@ class Objective:
         """
         wanted = frames if isinstance(frames, Sequence) else [frames] * len(self._ends)
         shorter = [first if end is None else min(first, end) for first, end in zip(wanted, self._ends, strict=True)]
-        objective, loss, scale = self._measure
+        scale = None if self.loss.is_linear else self.loss.scale
         return Objective(
             self.scene, self.experiments, tolerance or self.tolerance, shorter,
-            objective=objective, loss=loss, loss_scale=scale, memory=self.memory,
+            objective=self.weights, loss=self.loss.name, loss_scale=scale, memory=self.memory,
         )  # fmt: skip
 
     @cached_property
@@ -144,10 +143,8 @@ class Objective:
     @property
     def frames(self) -> int:
         """Number of frames that are compared, of all targets together."""
-        lengths: dict[int, int] = {}
-        for run in self.runs:
-            lengths[run.experiment] = max(lengths.get(run.experiment, 0), len(run.comparison.goal.step))
-        return sum(lengths.values())
+        # all cloths of an experiment have the same frames
+        return sum({run.experiment: len(run.comparison.goal.step) for run in self.runs}.values())
 
     @property
     def shows_motion(self) -> bool:
