@@ -96,7 +96,8 @@ def last_states(part: Rollout, before: States | None) -> States:
 
 def following(one: States, other: States) -> States:
     """The states of both, one after the other."""
-    return States(*(np.concatenate(pair) for pair in zip(one, other, strict=True)))
+    steps, x, v = (np.concatenate(pair) for pair in zip(one, other, strict=True))
+    return States(steps, x, v)
 
 
 def with_bad(states: States, x: Array, v: Array) -> States:
