@@ -126,7 +126,7 @@ def fitted_block(search: Search, block: Block, p: Array, known: Confidence | Non
     bound = (at_lower(p[part], lower) | at_upper(p[part], upper)) & ~lost
     start = search.start
     still = np.abs(p - start) <= UNMOVED * np.maximum(np.abs(start), search.coordinates.change(start))
-    at_bound, hidden, unmoved = ([int(i) for i in np.flatnonzero(flags)] for flags in (bound, lost, still[part] & ~lost))
+    at_bound, hidden, unmoved = (np.flatnonzero(each).tolist() for each in (bound, lost, still[part] & ~lost))
     return FittedBlock(block.cloth, block.name, block.mode, block.count, at_bound, hidden, unmoved, interval)
 
 

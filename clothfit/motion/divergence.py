@@ -96,8 +96,9 @@ def last_states(part: Rollout, before: States | None) -> States:
 
 def following(one: States, other: States) -> States:
     """The states of both, one after the other."""
-    steps, x, v = (np.concatenate(pair) for pair in zip(one, other, strict=True))
-    return States(steps, x, v)
+    return States(
+        np.concatenate([one.steps, other.steps]), np.concatenate([one.x, other.x]), np.concatenate([one.v, other.v])
+    )
 
 
 def with_bad(states: States, x: Array, v: Array) -> States:
