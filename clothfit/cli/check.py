@@ -42,7 +42,7 @@ def command(
     memory: str | None,
     as_json: bool,
     console: Console,
-) -> int:
+) -> None:
     """Check the gradient of the cost of a fit of SCENE, at the scene's own values.
 
     The Taylor and difference tests compare it with the cost along a random direction; the dot product test compares the
@@ -66,7 +66,7 @@ def command(
     show(found, scene, steps is not None, target_path, console)
     if as_json:
         print_json("check", {**summary(found, target_path), **motions.readings_summary(readings), "seconds": seconds})
-    return judge(found, console)
+    judge(found, console)
 
 
 def show(found: SceneCheck, scene: Scene, chosen: bool, target_path: str | None, console: Console) -> None:
@@ -92,9 +92,9 @@ def row(test: Finding) -> tuple[str, ...]:
     return test.name, measured, bar, f"{test.verdict}: {test.why}" if test.why else test.verdict
 
 
-def judge(found: SceneCheck, console: Console) -> int:
-    """Tell the verdict; returns the exit code. Raises ClothfitError for a wrong gradient, which is a fault of the
-    program, InvalidInput where this scene does not show whether it is one.
+def judge(found: SceneCheck, console: Console) -> None:
+    """Tell the verdict. Raises ClothfitError for a wrong gradient, which is a fault of the program, InvalidInput where
+    this scene does not show whether it is one.
     """
     failed = [test.name for test in found.tests if test.verdict == "failed"]
     if failed:
@@ -107,7 +107,6 @@ def judge(found: SceneCheck, console: Console) -> int:
             f"{found.scene}: whether the gradient is right cannot be seen here ({found.why}); try fewer or more --steps"
         )
     console.say(f"{found.scene}: the gradient is right")
-    return 0
 
 
 def summary(found: SceneCheck, target_path: str | None) -> dict[str, Any]:

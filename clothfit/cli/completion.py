@@ -13,7 +13,7 @@ SHELLS = ("bash", "zsh", "fish")
 
 @standard_command("completion")
 @click.argument("shell", type=click.Choice(SHELLS), metavar="bash|zsh|fish")
-def command(shell: str, as_json: bool, console: Console) -> int:
+def command(shell: str, as_json: bool, console: Console) -> None:
     """Print the script with which a shell completes commands, options and file names.
 
     \b
@@ -29,7 +29,6 @@ def command(shell: str, as_json: bool, console: Console) -> int:
         print_json("completion", {"shell": shell, "script": text})
     else:
         click.echo(text, nl=False)
-    return 0
 
 
 def script(shell: str) -> str:

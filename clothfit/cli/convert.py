@@ -48,7 +48,7 @@ def command(
     to_handedness: str | None,
     as_json: bool,
     console: Console,
-) -> int:
+) -> None:
     """Convert a motion from the format of IN to that of OUT; their suffixes name the formats.
 
     A sequence of OBJ files has one name, with * in place of the frame number. --scale, --up, --handedness, --fps,
@@ -77,7 +77,6 @@ def command(
         summary = {name: taken[name] for name in ("frames", "points")}
         summary |= {"seconds": taken["duration"], "reading": [taken], **output, "output": out.path}
         print_json("convert", summary, out)
-    return 0
 
 
 def place(in_path: str, out_path: str, others: tuple[str | None, ...]) -> Output:

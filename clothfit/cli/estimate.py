@@ -16,7 +16,7 @@ from clothfit.cli.common.options import check_least, check_numbers, standard_com
 from clothfit.cli.common.output import uninterrupted
 from clothfit.cli.common.progress import progress
 from clothfit.cli.common.scenes import read_scene, warn_of_steps
-from clothfit.cli.fitting import estimate_report
+from clothfit.cli.fitting import outcomes
 from clothfit.cli.fitting.files import Files, read_start, read_target, weights
 from clothfit.cli.fitting.recording import Recording
 from clothfit.fit.options import FitOptions
@@ -140,7 +140,7 @@ def command(
     )  # fmt: skip
     files = Files(target_paths, start, path, in_place, checkpoint, resume, reading)
     single = len(scene_paths) == 1 and starts == 1 and cluster is None
-    page = estimate_report.chosen(report_path, scene_paths, single, files)
+    page = outcomes.page_of(report_path, scene_paths, single, files)
     if not single:
         refuse_recording({**pictures.given, "--log": log})
         from clothfit.cli.fitting import many
@@ -155,7 +155,7 @@ def fit_one(
     files: Files,
     options: FitOptions,
     recording: Recording,
-    page: estimate_report.Page | None,
+    page: outcomes.Page | None,
     console: Console,
     as_json: bool,
 ) -> int:
@@ -165,7 +165,7 @@ def fit_one(
     out = files.output(scene_path)
     if page:
         page.output(scene_path, files, out)
-    from clothfit.cli.fitting import checkpoints, outcomes
+    from clothfit.cli.fitting import checkpoints
     from clothfit.fit import estimate as fitting
 
     options.check()

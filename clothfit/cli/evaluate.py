@@ -53,7 +53,7 @@ def command(
     pictures: pictures.Pictures,
     as_json: bool,
     console: Console,
-) -> int:
+) -> None:
     """Measure how far the motion and the parameters of FITTED are from those of SCENE.
 
     With --speed and without FITTED, measure how accurate each way to simulate SCENE is for its time.
@@ -69,14 +69,15 @@ def command(
         refuse(alone, "--speed takes one scene; {} does not go with it")
         refuse({"--max-evaluations": None if fit else max_evaluations}, "{} goes with --fit only")
         asked = evaluate_speed.SpeedOptions(steps, error, budget, fit, max_evaluations, pictures.plot)
-        return evaluate_speed.measure(scene_path, asked, as_json, console)
+        evaluate_speed.measure(scene_path, asked, as_json, console)
+        return
     given: dict[str, object] = {"--error": error, "--budget": budget, "--max-evaluations": max_evaluations}
     refuse(given | {"--fit": fit or None}, "{} goes with --speed only")
     if fitted_path is None:
         context = click.get_current_context()
         missing = next(p for p in context.command.params if p.name == "fitted_path")
         raise click.MissingParameter(ctx=context, param=missing)
-    return compare(scene_path, fitted_path, target_path, reading, steps, pictures, as_json, console)
+    compare(scene_path, fitted_path, target_path, reading, steps, pictures, as_json, console)
 
 
 def refuse(given: dict[str, object], why: str) -> None:
@@ -95,7 +96,7 @@ def compare(
     pictures: pictures.Pictures,
     as_json: bool,
     console: Console,
-) -> int:
+) -> None:
     """Compare a fitted scene with the true one."""
     one_stream(scene_path, fitted_path, target_path)
     check_numbers(steps)
@@ -121,7 +122,6 @@ def compare(
         from clothfit.motion.divergence import Diverged
 
         raise Diverged(f"{report.diverged}; the horizon ends before that", report.horizon.frames)
-    return 0
 
 
 def summary(report: Evaluation) -> dict[str, Any]:

@@ -29,7 +29,7 @@ MOST_NAMES = 5
 @click.option("--to", "tool", type=click.Choice(list(TOOLS)), required=True, metavar="TOOL",
               help="Tool: csv, obi, blender or vellum.")
 @click.option("-o", "--output", "path", metavar="FOLDER", help="Folder of the files.  [default: <stem>-<tool>]")
-def command(fitted_path: str, tool: str, path: str | None, as_json: bool, console: Console) -> int:
+def command(fitted_path: str, tool: str, path: str | None, as_json: bool, console: Console) -> None:
     """Write the masses and stiffnesses of FITTED in the form that other cloth tools read.
 
     csv: tables of objects, vertices and springs. obi: masses and compliances, 1/k, of Obi Cloth for Unity, as JSON.
@@ -62,7 +62,6 @@ def command(fitted_path: str, tool: str, path: str | None, as_json: bool, consol
     console.say(f"{scene.name}: {', '.join(parts)} → {folder}: {names}")
     if as_json:
         print_json("export", summary(scene, tool, folder, list(made)))
-    return 0
 
 
 def folder_of(path: str | None, fitted_path: str, tool: str) -> str:

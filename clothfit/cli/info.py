@@ -28,7 +28,7 @@ MOST_LISTED = 5
 
 @standard_command("info")
 @click.argument("scene_path", metavar="SCENE")
-def command(scene_path: str, as_json: bool, console: Console) -> int:
+def command(scene_path: str, as_json: bool, console: Console) -> None:
     """Print what SCENE holds: counts, masses, stiffnesses, the parameters to fit, the stable steps and the memory it
     takes.
 
@@ -60,7 +60,6 @@ def command(scene_path: str, as_json: bool, console: Console) -> int:
         own = {"objects": each_object, "flagged": [asdict(each) for each in wanted]}
         others = {"stability": [asdict(each) for each in ahead.steps], "memory": needed, "unknown_fields": strange}
         print_json("info", {**whole(scene), **own, **others, "warnings": scene.warnings})
-    return 0
 
 
 def whole(scene: Scene) -> dict[str, Any]:

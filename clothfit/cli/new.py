@@ -68,7 +68,7 @@ MOST_NAMED = 12
               help="Relative tolerance of the linear solver.  [default: 1e-5]")
 @click.option("--title", metavar="TEXT", help="Name of the scene.  [default: the file's]")
 @click.option("-o", "--output", "path", metavar="SCENE", help="Scene file.  [default: <stem>.json]")
-def command(given: str | None, path: str | None, as_json: bool, console: Console, **options: Any) -> int:
+def command(given: str | None, path: str | None, as_json: bool, console: Console, **options: Any) -> None:
     """Make a scene of one cloth: a plane, or a mesh from a file (.obj, .glb, .ply, .usd), as the front end builds it.
 
     \b
@@ -93,7 +93,6 @@ def command(given: str | None, path: str | None, as_json: bool, console: Console
     report(scene, cloth, out, console)
     if as_json:
         print_json("new", summary(scene, cloth, out), out)
-    return 0
 
 
 def output(mesh_path: str, path: str | None, is_plane: bool) -> Output:

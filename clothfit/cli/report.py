@@ -51,7 +51,7 @@ def command(
     path: str | None,
     as_json: bool,
     console: Console,
-) -> int:
+) -> None:
     """Write a page that plays FITTED over SCENE, or over a target motion, in 3-D, with charts.
 
     The page is one HTML file and needs no network. Open it in a browser.
@@ -86,7 +86,6 @@ def command(
         from clothfit.motion.divergence import Diverged
 
         raise Diverged(f"{show.evaluation.diverged}; the frames before are shown", len(show.times))
-    return 0
 
 
 def write(

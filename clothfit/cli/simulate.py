@@ -55,7 +55,7 @@ def command(
     pictures: pictures.Pictures,
     as_json: bool,
     console: Console,
-) -> int:
+) -> None:
     """Move the cloths of SCENE as the editor's engine does and write their positions.
 
     \b
@@ -95,7 +95,6 @@ def command(
     pictures.simulated(scene, motion, energy, console)
     if error is not None:
         raise error
-    return 0
 
 
 def moved(scene: Scene, frames: int, tolerance: float | None) -> tuple[Motion, Diverged | None]:

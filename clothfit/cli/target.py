@@ -49,7 +49,7 @@ def command(
     convention: Convention,
     as_json: bool,
     console: Console,
-) -> int:
+) -> None:
     """Record the motion of SCENE with its own parameters, perfect or as a capture would see it.
 
     With --fps frames may lie between time steps. They are interpolated linearly between the states, as a fit does when
@@ -81,4 +81,3 @@ def command(
     if as_json:
         counts = {"frames": len(motion.times), "observed": seen, "noise": noise}
         print_json("target", {"scene": scene.name, **counts, "output": out.path}, out)
-    return 0

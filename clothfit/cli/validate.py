@@ -30,7 +30,7 @@ class Verdict:
 
 @standard_command("validate")
 @click.argument("scene_paths", metavar="SCENE...", nargs=-1, required=True)
-def command(scene_paths: tuple[str, ...], as_json: bool, console: Console) -> int:
+def command(scene_paths: tuple[str, ...], as_json: bool, console: Console) -> None:
     """Check scenes and print every problem, without simulating.
 
     \b
@@ -52,7 +52,6 @@ def command(scene_paths: tuple[str, ...], as_json: bool, console: Console) -> in
     if wrong:
         names = ", ".join(verdict.path for verdict in wrong)
         raise InvalidInput(f"{len(wrong)} of {len(verdicts)} scenes are not valid: {names}")
-    return 0
 
 
 def judge(path: str) -> Verdict:

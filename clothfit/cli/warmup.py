@@ -15,7 +15,7 @@ from clothfit.cli.common.output import print_json
 
 @standard_command("warmup")
 @click.option("--small", is_flag=True, help="Compile only what cloths of fewer than 1500 free vertices need: a third.")
-def command(small: bool, as_json: bool, console: Console) -> int:
+def command(small: bool, as_json: bool, console: Console) -> None:
     """Compile everything for this machine ahead, so that no command has to wait for it.
 
     The compiled code is stored in NUMBA_CACHE_DIR if that is set, else with the package or, if that is not writable, in
@@ -47,4 +47,3 @@ def command(small: bool, as_json: bool, console: Console) -> int:
     if as_json:
         own = [part._asdict() for part in parts]
         print_json("warmup", {"compiled": compiled, "seconds": seconds, "folder": folder, "parts": own})
-    return 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from functools import wraps
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import F
+from clothfit.cli.common.options import Action, F
 from clothfit.cli.common.output import STREAM, Output, same_file, uninterrupted
 from clothfit.formats.convention import CHOICES, Convention, Reading
 
@@ -45,11 +45,11 @@ def axes(function: F, prefix: str = "", what: str = "the motion file", whose: st
     return function
 
 
-def reads(function: Callable[..., int]) -> Callable[..., int]:
+def reads(function: Action) -> Action:
     """Add the options that say what a motion file does not; they come as one argument, `reading`."""
 
     @wraps(function)
-    def reading(**rest: Any) -> int:
+    def reading(**rest: Any) -> int | None:
         said = Reading(**{name: rest.pop(name) for name in READING})
         if not said.plain and not any(rest.get(name) for name in ("target_path", "target_paths", "in_path")):
             raise click.UsageError(
@@ -59,7 +59,7 @@ def reads(function: Callable[..., int]) -> Callable[..., int]:
         return function(**rest, reading=said)
 
     by_default = "[default: its times, else one frame per time step]"
-    made: Callable[..., int] = reading
+    made: Action = reading
     for option in (
         click.option("--map", "markers", metavar="FILE",
                      help="CSV file that maps markers to vertices: marker, object, vertex.  [default: the nearest]"),
@@ -70,11 +70,11 @@ def reads(function: Callable[..., int]) -> Callable[..., int]:
     return axes(made, whose="the file's, else the format's")
 
 
-def writes(function: Callable[..., int]) -> Callable[..., int]:
+def writes(function: Action) -> Action:
     """Add the options that say how a motion file is written; they come as one argument, `convention`."""
 
     @wraps(function)
-    def convention(scale: float | None, up: str | None, handedness: str | None, **rest: Any) -> int:
+    def convention(scale: float | None, up: str | None, handedness: str | None, **rest: Any) -> int | None:
         return function(**rest, convention=Convention(scale, up, handedness))
 
     return axes(convention)

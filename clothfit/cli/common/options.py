@@ -15,6 +15,8 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.help import ExamplesFirst, Sections, complete_files
 
 F = TypeVar("F", bound=Callable[..., object])
+Action = Callable[..., int | None]
+"""What a command does; None is the exit code 0."""
 
 
 def loudness(function: F) -> F:
@@ -23,15 +25,15 @@ def loudness(function: F) -> F:
     return click.option("-q", "--quiet", is_flag=True, help="Print errors only.")(verbose(function))
 
 
-def standard_command(name: str, sections: Sections | None = None) -> Callable[[Callable[..., int]], click.Command]:
+def standard_command(name: str, sections: Sections | None = None) -> Callable[[Action], click.Command]:
     """A command with the options that every command has; its function receives a `console` for its messages.
 
     `sections` groups its other options in the help.
     """
 
-    def decorate(function: Callable[..., int]) -> click.Command:
+    def decorate(function: Action) -> click.Command:
         @wraps(function)
-        def speaking(quiet: bool, verbose: bool, **arguments: Any) -> int:
+        def speaking(quiet: bool, verbose: bool, **arguments: Any) -> int | None:
             before: dict[str, bool] = click.get_current_context().obj or {}
             console = Console(quiet or before.get("quiet", False), verbose or before.get("verbose", False))
             return function(**arguments, console=console)

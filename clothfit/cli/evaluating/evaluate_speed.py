@@ -36,7 +36,7 @@ class SpeedOptions:
     plot: str | None  # file of the diagram
 
 
-def measure(scene_path: str, asked: SpeedOptions, as_json: bool, console: Console) -> int:
+def measure(scene_path: str, asked: SpeedOptions, as_json: bool, console: Console) -> None:
     """Measure integrators, and methods of estimation where asked; print and draw the result."""
     check_values(asked.error, asked.budget, asked.max_evaluations)
     scene = read_scene(scene_path, console)
@@ -60,13 +60,12 @@ def measure(scene_path: str, asked: SpeedOptions, as_json: bool, console: Consol
             save_diagram(found, asked.plot, asked.error)
     if as_json:
         print_json("evaluate", summary(found, scene, asked, fits))
-        return 0
+        return
     speed_table.show(found, scene, asked.error, console)
     if fits is not None:
         speed_table.show_fits(fits, console)
     if asked.plot is not None:
         console.say(f"diagram → {asked.plot}")
-    return 0
 
 
 def check_values(error: float | None, budget: float | None, max_evaluations: int | None) -> None:
