@@ -142,7 +142,7 @@ def command(
     single = len(scene_paths) == 1 and starts == 1 and cluster is None
     page = outcomes.page_of(report_path, scene_paths, single, files)
     if not single:
-        refuse_recording({**pictures.given, "--log": log})
+        refuse_recording({"--plot": pictures.plot, "--gif": pictures.gif, "--log": log})
         from clothfit.cli.fitting import many
 
         return many.fit(scene_paths, files, options, many.Effort(starts, seed, jobs, cluster), console, as_json)
@@ -209,11 +209,9 @@ def report_needs(console: Console, needs: Needs) -> None:
 
 def check_values(max_evaluations: int, rmse: float, starts: int, seed: int, jobs: int | None) -> None:
     """Raise InvalidInput on option values that cannot be."""
-    check_least(1, max_evaluations=max_evaluations)
+    check_least(1, max_evaluations=max_evaluations, starts=starts, jobs=jobs)
+    check_least(0, seed=seed)
     if not rmse >= 0:
         raise InvalidInput(f"--rmse must be at least 0; {rmse:g} m was given")
-    check_least(1, starts=starts)
-    check_least(0, seed=seed)
-    check_least(1, jobs=jobs)
     if starts > MOST_STARTS:
         raise InvalidInput(f"--starts must be at most {MOST_STARTS}; {starts} was given")

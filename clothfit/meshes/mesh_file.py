@@ -23,10 +23,7 @@ MESHES = (".obj", ".glb", ".ply", ".usd", ".usda", ".usdc")
 
 
 def read_mesh(
-    path: str | os.PathLike[str],
-    up: str | None = None,
-    handedness: str | None = None,
-    scale: float | None = None,
+    path: str | os.PathLike[str], up: str | None = None, handedness: str | None = None, scale: float | None = None
 ) -> tuple[Mesh, tuple[str, ...]]:
     """Read a mesh into the scene's axes and metres; returns it with sentences on what was assumed.
 

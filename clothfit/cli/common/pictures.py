@@ -40,19 +40,9 @@ class Pictures:
     gif: str | None
 
     @property
-    def given(self) -> dict[str, object]:
-        """The options by their names."""
-        return {"--plot": self.plot, "--gif": self.gif}
-
-    @property
     def files(self) -> tuple[str | None, str | None]:
         """Where they go."""
         return self.plot, self.gif
-
-    @property
-    def wanted(self) -> bool:
-        """Whether there are any."""
-        return self.plot is not None or self.gif is not None
 
     def check(self, *used: str | None) -> None:
         """Raise InvalidInput, before long work, where a picture cannot be made or written, or is a file that is `used`
@@ -84,7 +74,7 @@ class Pictures:
         """Draw a fit of a scene, over the first of its targets or over its own motion; nobody waits for it who has
         asked for the end.
         """
-        if not self.wanted:
+        if not any(self.files):
             return
         if found.status == Status.INTERRUPTED:
             console.say("nothing is drawn, as the fit was interrupted")
@@ -107,7 +97,7 @@ class Pictures:
         self, truth: Scene, fitted: Scene, target: Motion | None, horizon: int, report: Evaluation, console: Console
     ) -> None:
         """Draw a fitted scene beside the true one."""
-        if not self.wanted:
+        if not any(self.files):
             return
         from clothfit.pictures.overlay import overlaid
 
