@@ -14,71 +14,74 @@ TYPE_CHECKING = False  # what `typing` calls so is true for type checkers only, 
 if TYPE_CHECKING:
     from typing import Any
 
-    from clothfit.base.errors import ClothfitError, InvalidInput, InvalidMotion, InvalidScene
+    from clothfit.base.errors import ClothfitError as ClothfitError
+    from clothfit.base.errors import InvalidInput as InvalidInput
+    from clothfit.base.errors import InvalidMotion as InvalidMotion
+    from clothfit.base.errors import InvalidScene as InvalidScene
     from clothfit.derivative import verify as verify
-    from clothfit.evaluation.evaluate import Evaluation, evaluate
-    from clothfit.evaluation.work_precision import WorkPrecision, work_precision
-    from clothfit.fit.estimate import estimate
-    from clothfit.fit.result import Fit
-    from clothfit.formats.convention import Convention, Reading
-    from clothfit.inspection.gradient_check import SceneCheck, check_scene
-    from clothfit.many.estimate_many import estimate_many
+    from clothfit.evaluation.evaluate import Evaluation as Evaluation
+    from clothfit.evaluation.evaluate import evaluate as evaluate
+    from clothfit.evaluation.work_precision import WorkPrecision as WorkPrecision
+    from clothfit.evaluation.work_precision import work_precision as work_precision
+    from clothfit.fit.estimate import estimate as estimate
+    from clothfit.fit.result import Fit as Fit
+    from clothfit.formats.convention import Convention as Convention
+    from clothfit.formats.convention import Reading as Reading
+    from clothfit.inspection.gradient_check import SceneCheck as SceneCheck
+    from clothfit.inspection.gradient_check import check_scene as check_scene
+    from clothfit.many.estimate_many import estimate_many as estimate_many
     from clothfit.meshes import mesh as mesh
     from clothfit.meshes import problems
     from clothfit.meshes import weld as weld
-    from clothfit.meshes.mesh_file import read_mesh
-    from clothfit.meshes.new_scene import new_scene
-    from clothfit.motion.degrade import degrade
-    from clothfit.motion.divergence import Diverged
-    from clothfit.motion.energy import Energy, energies
-    from clothfit.motion.files import load_motion, save_motion
-    from clothfit.motion.motion import Motion, as_motion
-    from clothfit.motion.simulate import simulate
-    from clothfit.objective.objective import Objective, cost_and_gradient
-    from clothfit.report.page import report_page
-    from clothfit.scene.cloth import Cloth
-    from clothfit.scene.fit_vector import parameters, with_parameters
-    from clothfit.scene.scene import Scene, load, save
+    from clothfit.meshes.mesh_file import read_mesh as read_mesh
+    from clothfit.meshes.new_scene import new_scene as new_scene
+    from clothfit.motion.degrade import degrade as degrade
+    from clothfit.motion.divergence import Diverged as Diverged
+    from clothfit.motion.energy import Energy as Energy
+    from clothfit.motion.energy import energies as energies
+    from clothfit.motion.files import load_motion as load_motion
+    from clothfit.motion.files import save_motion as save_motion
+    from clothfit.motion.motion import Motion as Motion
+    from clothfit.motion.motion import as_motion as as_motion
+    from clothfit.motion.simulate import simulate as simulate
+    from clothfit.objective.objective import Objective as Objective
+    from clothfit.objective.objective import cost_and_gradient as cost_and_gradient
+    from clothfit.report.page import report_page as report_page
+    from clothfit.scene.cloth import Cloth as Cloth
+    from clothfit.scene.fit_vector import parameters as parameters
+    from clothfit.scene.fit_vector import with_parameters as with_parameters
+    from clothfit.scene.scene import Scene as Scene
+    from clothfit.scene.scene import load as load
+    from clothfit.scene.scene import save as save
 
     mesh_problems = problems
 
-_HOME = {
-    "degrade": "motion.degrade",
-    "Convention": "formats.convention",
-    "Reading": "formats.convention",
-    "Energy": "motion.energy",
-    "energies": "motion.energy",
-    "ClothfitError": "base.errors",
-    "Diverged": "motion.divergence",
-    "InvalidInput": "base.errors",
-    "InvalidMotion": "base.errors",
-    "InvalidScene": "base.errors",
-    "Evaluation": "evaluation.evaluate",
-    "evaluate": "evaluation.evaluate",
-    "Fit": "fit.result",
-    "estimate": "fit.estimate",
-    "estimate_many": "many.estimate_many",
-    "read_mesh": "meshes.mesh_file",
-    "new_scene": "meshes.new_scene",
-    "Motion": "motion.motion",
-    "as_motion": "motion.motion",
-    "load_motion": "motion.files",
-    "save_motion": "motion.files",
-    "simulate": "motion.simulate",
-    "Objective": "objective.objective",
-    "cost_and_gradient": "objective.objective",
-    "WorkPrecision": "evaluation.work_precision",
-    "work_precision": "evaluation.work_precision",
-    "report_page": "report.page",
-    "parameters": "scene.fit_vector",
-    "with_parameters": "scene.fit_vector",
-    "Cloth": "scene.cloth",
-    "Scene": "scene.scene",
-    "SceneCheck": "inspection.gradient_check",
-    "check_scene": "inspection.gradient_check",
-    "load": "scene.scene",
-    "save": "scene.scene",
+_HOMES = {
+    "base.errors": ("ClothfitError", "InvalidInput", "InvalidMotion", "InvalidScene"),
+    "scene.cloth": ("Cloth",),
+    "scene.fit_vector": ("parameters", "with_parameters"),
+    "scene.scene": ("Scene", "load", "save"),
+    "formats.convention": ("Convention", "Reading"),
+    "meshes.mesh_file": ("read_mesh",),
+    "meshes.new_scene": ("new_scene",),
+    "motion.degrade": ("degrade",),
+    "motion.divergence": ("Diverged",),
+    "motion.energy": ("Energy", "energies"),
+    "motion.files": ("load_motion", "save_motion"),
+    "motion.motion": ("Motion", "as_motion"),
+    "motion.simulate": ("simulate",),
+    "objective.objective": ("Objective", "cost_and_gradient"),
+    "fit.estimate": ("estimate",),
+    "fit.result": ("Fit",),
+    "evaluation.evaluate": ("Evaluation", "evaluate"),
+    "evaluation.work_precision": ("WorkPrecision", "work_precision"),
+    "inspection.gradient_check": ("SceneCheck", "check_scene"),
+    "many.estimate_many": ("estimate_many",),
+    "report.page": ("report_page",),
 }
+"""Modules to the public names that they have."""
+
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 # for users as well, by their own names: clothfit.verify.check(…)
 _MODULES = {
@@ -88,43 +91,7 @@ _MODULES = {
     "weld": "meshes.weld",
 }
 
-__all__ = [
-    "Cloth",
-    "ClothfitError",
-    "Convention",
-    "Diverged",
-    "Energy",
-    "Evaluation",
-    "Fit",
-    "InvalidInput",
-    "InvalidMotion",
-    "InvalidScene",
-    "Motion",
-    "Objective",
-    "Reading",
-    "Scene",
-    "SceneCheck",
-    "WorkPrecision",
-    "as_motion",
-    "check_scene",
-    "cost_and_gradient",
-    "degrade",
-    "energies",
-    "estimate",
-    "estimate_many",
-    "evaluate",
-    "load",
-    "load_motion",
-    "new_scene",
-    "parameters",
-    "read_mesh",
-    "report_page",
-    "save",
-    "save_motion",
-    "simulate",
-    "with_parameters",
-    "work_precision",
-]
+__all__ = sorted(_HOME)
 
 
 if not TYPE_CHECKING:  # to them it would be an attribute for every name, of no type
