@@ -84,12 +84,7 @@ _HOMES = {
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 # for users as well, by their own names: clothfit.verify.check(…)
-_MODULES = {
-    "mesh": "meshes.mesh",
-    "mesh_problems": "meshes.problems",
-    "verify": "derivative.verify",
-    "weld": "meshes.weld",
-}
+_MODULES = {"mesh": "meshes.mesh", "mesh_problems": "meshes.problems", "verify": "derivative.verify", "weld": "meshes.weld"}
 
 __all__ = sorted(_HOME)
 

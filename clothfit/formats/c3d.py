@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.writing import Data
-from clothfit.formats.animation import Animation
+from clothfit.formats.animation import Animation, rated, with_gaps
 from clothfit.formats.axes import UPS, Axes
 from clothfit.formats.c3d_parameters import BLOCK_BYTES, INTEGER, INTEL, KEY, REAL, TEXT, Parameters
-from clothfit.formats.demands import rated, with_gaps
 from clothfit.formats.files import check_room, content, name_of
 from clothfit.formats.markers import label, labels_of, marker_animation, scale_of, unit_of
 

@@ -21,9 +21,8 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.memory import human
 from clothfit.base.writing import Data
-from clothfit.formats.animation import Animation
+from clothfit.formats.animation import Animation, times_of
 from clothfit.formats.axes import RIGHT
-from clothfit.formats.demands import times_of
 from clothfit.formats.files import check_room, name_of
 from clothfit.formats.gltf import BIN_CHUNK, GLB_MAGIC, JSON_CHUNK, Document
 from clothfit.formats.gltf_meshes import meshes_at

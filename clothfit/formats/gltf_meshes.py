@@ -14,8 +14,7 @@ from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidMotion
 from clothfit.formats.files import check_room
 from clothfit.formats.gltf import Document
-from clothfit.formats.gltf_scene import Placed, Tracks
-from clothfit.formats.tracks import transform
+from clothfit.formats.gltf_scene import Placed, Tracks, transform
 
 AT_REST = {"translation": [0.0] * 3, "rotation": [0.0, 0.0, 0.0, 1.0], "scale": [1.0] * 3}
 

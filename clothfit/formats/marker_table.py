@@ -8,6 +8,11 @@ A column `frame` may replace `time`; with both, the time counts. Names of coordi
 the line of names; where they are not commas, a comma in a number is the decimal one. Lines that begin with # are
 comments; `# unit: mm`, `# up: z`, `# handedness: left` and `# rate: 100` replace the defaults metres, y, right, and an
 unknown rate. An empty cell, or NaN, is a gap. Numbers are written in full.
+
+In the files that OptiTrack's Motive exports the first line has facts, name and value in turn, among them the unit and
+the rate. The lines above the table give each column's kind (`Marker`, `Rigid Body`, …), its name, its identity, and
+whether it is a position or a rotation; then come Frame, Time (Seconds), X, Y, Z, …. y is up and the axes are
+right-handed. Only markers are read.
 """
 
 from __future__ import annotations
@@ -23,13 +28,24 @@ import numpy as np
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.messages import shown
 from clothfit.base.writing import Data
-from clothfit.formats import motive
-from clothfit.formats.animation import Animation
-from clothfit.formats.axes import RIGHT
-from clothfit.formats.demands import times_of, with_gaps
+from clothfit.formats.animation import Animation, times_of, with_gaps
+from clothfit.formats.axes import RIGHT, Axes
 from clothfit.formats.files import check_room, name_of
-from clothfit.formats.markers import METRES_PER_UNIT, labels_of, number_table, text_of, unit_of
+from clothfit.formats.markers import (
+    METRES_PER_UNIT,
+    labels_of,
+    marker_animation,
+    number,
+    number_table,
+    scale_of,
+    text_of,
+    unit_of,
+)
 from clothfit.formats.table import Table, animation_of, table_of
+
+MOTIVE_FIRST_CELL = "Format Version"
+MARKER_KINDS = ("marker", "unlabeled marker")
+"""The kinds of columns to read."""
 
 TIME_COLUMNS = ("time", "t", "times", "seconds", "time_s", "timestamp")
 FRAME_COLUMNS = ("frame", "frames", "frame#", "frame number", "frame_number")
@@ -42,8 +58,8 @@ COORDINATE = re.compile(r"(.*?)[\s_.:\-]?([xyzXYZ])\s*(?:[(\[]\s*([A-Za-z]+)\s*[
 def read(path: str | os.PathLike[str]) -> Animation:
     """The markers of a file, NaN where they were not seen. Raises InvalidMotion, with the line."""
     name, text = name_of(path), text_of(path)
-    if text.startswith(motive.FIRST_CELL):
-        return motive.parsed(text, name)
+    if text.startswith(MOTIVE_FIRST_CELL):
+        return _motive(text, name)
     table = table_of(text, name)
     marker, coordinates = table.column(MARKER_COLUMNS), [table.column((axis,)) for axis in "xyz"]
     time, frame = table.column(TIME_COLUMNS), table.column(FRAME_COLUMNS)
@@ -127,3 +143,43 @@ def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Dat
     for time, row in zip(times.tolist(), positions.reshape(len(positions), -1).tolist(), strict=True):
         writer.writerow([repr(time), *("" if each != each else repr(each) for each in row)])
     return {os.fspath(path): text.getvalue().encode()}
+
+
+def _motive(text: str, name: str) -> Animation:
+    """The markers of a text that Motive exported. Raises InvalidMotion, with the line."""
+    reader = csv.reader(io.StringIO(text))
+    try:
+        facts = next(reader)
+        above: list[list[str]] = []
+        for cells in reader:
+            if cells and cells[0].strip().lower() == "frame":
+                break
+            if any(cells):
+                above.append([each.strip() for each in cells])
+        triples = _triples(above)
+        wanted = [1, *(first + axis for first in triples.values() for axis in range(3))]
+        rows = (
+            [number(cells[i] if i < len(cells) else "", f"{name}: line {reader.line_num}") for i in wanted]
+            for cells in reader
+            if any(cells)
+        )
+        table = number_table(rows, len(wanted))
+    except csv.Error as error:
+        raise InvalidMotion(f"{name}: it is not a table of cells ({error})") from None
+    notes: list[str] = []
+    unit = dict(zip(facts[::2], facts[1::2], strict=False)).get("Length Units", "")
+    axes = Axes("y", "right", scale_of(unit, notes, "m"))
+    positions = table[:, 1:].reshape(len(table), len(triples), 3)
+    return marker_animation(positions, axes, table[:, 0], list(triples), notes, name)
+
+
+def _triples(above: list[list[str]]) -> dict[str, int]:
+    """The first column of each marker's position, by its name, from the lines above the table."""
+    if len(above) < 3:
+        return {}
+    kinds, names, what = above[0], above[1], above[-1]
+    found: dict[str, int] = {}
+    for i in range(2, min(map(len, (kinds, names, what)))):
+        if kinds[i].lower() in MARKER_KINDS and what[i].lower() == "position":
+            found.setdefault(names[i], i)
+    return found

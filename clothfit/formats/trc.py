@@ -15,9 +15,8 @@ import numpy as np
 
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.writing import Data
-from clothfit.formats.animation import Animation
+from clothfit.formats.animation import Animation, rate_of, times_of, with_gaps
 from clothfit.formats.axes import Axes
-from clothfit.formats.demands import rate_of, times_of, with_gaps
 from clothfit.formats.files import name_of
 from clothfit.formats.markers import labels_of, marker_animation, number, number_table, scale_of, text_of, unit_of
 

@@ -20,9 +20,8 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.writing import Data
-from clothfit.formats.animation import Animation
+from clothfit.formats.animation import Animation, rate_of, times_of
 from clothfit.formats.axes import Axes
-from clothfit.formats.demands import rate_of, times_of
 from clothfit.formats.files import content, name_of
 
 READER = "clothfit.formats.usd_reader"

@@ -16,12 +16,7 @@ MOST_RECORDED_FRAMES = 1e18
 
 
 def degrade(
-    motion: Motion,
-    noise: float = 0.0,
-    observed: float = 1.0,
-    every: int = 1,
-    seed: int = 0,
-    fps: float | None = None,
+    motion: Motion, noise: float = 0.0, observed: float = 1.0, every: int = 1, seed: int = 0, fps: float | None = None
 ) -> Motion:
     """Make a motion look like a capture: noise, unseen vertices, fewer frames.
 

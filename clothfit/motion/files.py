@@ -69,11 +69,7 @@ def save_motion(
 
 
 def animation(
-    motion: Motion,
-    found: Format,
-    axes: Axes,
-    triangles: Indices | None = None,
-    names: tuple[str, ...] | None = None,
+    motion: Motion, found: Format, axes: Axes, triangles: Indices | None = None, names: tuple[str, ...] | None = None
 ) -> Animation:
     """A motion as a file holds it, with faces `triangles` (T, 3) in the scene's axes and `names` of its markers.
 

@@ -21,10 +21,9 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.messages import counted
 from clothfit.base.reading import unchanged
-from clothfit.formats.animation import Animation
+from clothfit.formats.animation import ASSUMED_RATE, Animation
 from clothfit.formats.axes import SCENE, Axes, facing, to_scene
 from clothfit.formats.convention import Reading
-from clothfit.formats.demands import ASSUMED_RATE
 from clothfit.formats.files import name_of, refused
 from clothfit.formats.registry import Format, foreign, module_of
 from clothfit.motion.alignment import Alignment, alignment

@@ -91,9 +91,7 @@ def fits(objective: Objective) -> bool:
     return ENTRY * max((sum(each) for each in sizes), default=0) <= objective.room
 
 
-def information(
-    objective: Objective, p: Array, fitted: Flags, factor: Array
-) -> tuple[Array, Array, float, int] | None:
+def information(objective: Objective, p: Array, fitted: Flags, factor: Array) -> tuple[Array, Array, float, int] | None:
     """H = CᵀC and g = −Cᵀr (Q,) of the balances at p (P,), by the parameters that are `fitted`, times `factor` (P,);
     their sum of squares and number. None unless every free vertex is seen at every step and only masses and
     stiffnesses are fitted: then a direction that the balances do not show leaves the motion as it is, and only then.

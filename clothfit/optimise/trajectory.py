@@ -155,9 +155,7 @@ class Trajectory:
         return first(centre, [group for group in groups if len(group)], tau)
 
 
-def run_model(
-    run: Run, objective: Objective, p: Array, column: Indices, factor: Array
-) -> tuple[Array, Array, float]:
+def run_model(run: Run, objective: Objective, p: Array, column: Indices, factor: Array) -> tuple[Array, Array, float]:
     """H, g and the cost of one run at p (P,), by the columns of `column` (P,), with derivatives multiplied by `factor`
     (P,). Raises Diverged.
     """

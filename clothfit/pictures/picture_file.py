@@ -36,9 +36,8 @@ def check(path: str | os.PathLike[str], kinds: Sequence[str] = PLOTS) -> str:
     try:
         import_module(module)
     except ImportError:
-        raise InvalidInput(
-            f"{name}: a picture needs {library}; install it with: pip install 'clothfit[plot]'"
-        ) from None
+        need = f"a picture needs {library}; install it with: pip install 'clothfit[plot]'"
+        raise InvalidInput(f"{name}: {need}") from None
     return kind
 
 

@@ -1,6 +1,6 @@
 """A page that shows a fitted scene: the motion beside its target in 3-D, charts, parameters.
 
 showing (the compared motions) → contents (everything on the page; packing packs its arrays, log reads the course of the
-fit) → assembly (the HTML file, from the parts in `web/`) → page (the public function).
+fit) → page (the HTML file, from the parts in `web/`).
 To add a chart: its numbers in contents, and a module in `web/`.
 """

@@ -1,16 +1,31 @@
-"""A report: two scenes and perhaps a target motion → one HTML page."""
+"""A report: two scenes and perhaps a target motion → one HTML page that needs neither network nor other files.
+
+The parts are in `web/`: the page with places `{{name}}` for the others, its style, and JavaScript modules that import
+one another by name. Each module goes into an import map as a `data:` address, as modules cannot be loaded from
+`file://`. The content of the page is a JSON document in a `script` element that no browser runs. Names and titles are
+escaped; as a second safeguard, a content security policy lets nothing load and runs only scripts with the nonce. (It
+allows `data:` as well, because not every browser passes the nonce on to imports.)
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import base64
+import hashlib
+import html
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from clothfit.motion.motion import Motion
-from clothfit.report.assembly import page
 from clothfit.report.contents import content
 from clothfit.report.log import Log
 from clothfit.report.showing import Shown, shown
 from clothfit.scene.scene import Scene
+
+WEB = Path(__file__).parent / "web"
+THREE = "three/three.module.min.js"
 
 
 def report_page(
@@ -45,3 +60,36 @@ def made(
     """The page of motions that are already simulated."""
     parts: dict[str, Any] = content(truth, fitted, show, log or Log(), None if target is None else target.name)
     return page({**parts, "commands": list(commands), "inputs": [list(pair) for pair in inputs]})
+
+
+def page(shows: Mapping[str, Any]) -> bytes:
+    """The page that shows a content."""
+    text = script_text(shows)
+    modules = {path.stem: path.read_bytes() for path in sorted(WEB.glob("*.js"))}
+    addresses = {"three": data_address((WEB / THREE).read_bytes())}
+    addresses |= {f"clothfit/{name}": data_address(source, f"clothfit/{name}.js") for name, source in modules.items()}
+    parts = {
+        "title": html.escape(str(shows["title"])),
+        "nonce": hashlib.sha256(text.encode()).hexdigest()[:32],
+        "style": (WEB / "page.css").read_text("utf-8"),
+        "imports": json.dumps({"imports": addresses}),
+        "content": text,
+    }
+    return filled((WEB / "page.html").read_text("utf-8"), parts).encode("utf-8", errors="replace")
+
+
+def filled(template: str, parts: Mapping[str, str]) -> str:
+    """A template with its places filled in one pass, so that places in the inserted text stay as they are."""
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
+
+
+def data_address(source: bytes, name: str = "") -> str:
+    """A module as a `data:` address; `name` appears in a browser's developer tools."""
+    named = source + f"\n//# sourceURL={name}\n".encode() if name else source
+    return f"data:text/javascript;base64,{base64.b64encode(named).decode()}"
+
+
+def script_text(shows: Mapping[str, Any]) -> str:
+    """A content as JSON that cannot end a `script` element or begin a comment."""
+    text = json.dumps(shows, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

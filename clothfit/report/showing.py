@@ -81,9 +81,7 @@ def default_length(scene: Scene, most: int) -> int:
     return max(scene.frames, min(HORIZON, room))
 
 
-def motions(
-    truth: Scene, fitted: Scene, target: Motion | None, length: int
-) -> tuple[Motion, Motion, list[str]]:
+def motions(truth: Scene, fitted: Scene, target: Motion | None, length: int) -> tuple[Motion, Motion, list[str]]:
     """The target, the fitted motion after each step, and the faults of motions that diverged."""
     every = range(len(truth.cloths))
     faults: list[str | None] = []

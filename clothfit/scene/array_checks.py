@@ -154,9 +154,7 @@ def check_lengths(positions: Array, springs: Indices, place: str, problems: list
     _report_springs(~np.isfinite(length), springs, place, far, problems)
 
 
-def new_values(
-    values: npt.ArrayLike, shape: int | tuple[int, ...], place: str, problems: list[str]
-) -> Array | None:
+def new_values(values: npt.ArrayLike, shape: int | tuple[int, ...], place: str, problems: list[str]) -> Array | None:
     """Copy given values of a kind into an array of that shape, of finite numbers."""
     shape = (shape,) if isinstance(shape, int) else shape
     try:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from clothfit.formats.tracks import Track
+from clothfit.formats.gltf_scene import Track
 
 HALF = np.sqrt(0.5)
 

@@ -18,7 +18,6 @@ from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import as_motion, save_motion
 from clothfit.motion.simulate import simulate
 from clothfit.pictures.overlay import per_frame
-from clothfit.report.assembly import WEB, page
 from clothfit.report.log import intervals, read_log
 from clothfit.report.packing import (
     box,
@@ -27,6 +26,7 @@ from clothfit.report.packing import (
     packed_flags,
     packed_positions,
 )
+from clothfit.report.page import WEB, page
 from clothfit.report.showing import default_length, shown
 from clothfit.scene.scene import load
 

@@ -31,7 +31,7 @@ from clothfit.base.arrays import Array, Indices
 from clothfit.engine.solve.sparse import add_block, outer, subtract_block
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, pack, splat, store3, sub
-from clothfit.kernels.lanes.products import dot
+from clothfit.kernels.vectors import dot
 
 
 class Springs(NamedTuple):

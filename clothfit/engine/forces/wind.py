@@ -22,7 +22,7 @@ from clothfit.base.arrays import Array, Indices
 from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, splat, store3, sub
-from clothfit.kernels.lanes.products import cross, dot, vector
+from clothfit.kernels.vectors import cross, dot, vector
 
 
 class Faces(NamedTuple):

@@ -21,8 +21,7 @@ from clothfit.engine.forces.spheres import contact
 from clothfit.engine.system import IMPLICIT
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, sum3
-from clothfit.kernels.lanes.products import dot, vector
-from clothfit.kernels.vectors import combine
+from clothfit.kernels.vectors import combine, dot, vector
 
 SLACK = 1e-3
 """A rise that is tolerated, relative to the kinetic and stored energy before the step."""

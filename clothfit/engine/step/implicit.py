@@ -30,8 +30,7 @@ from clothfit.engine.system import System
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add as add_lanes
 from clothfit.kernels.lanes.operations import fma, load3, mul, splat, store3, sum3
-from clothfit.kernels.lanes.products import dot, vector
-from clothfit.kernels.vectors import add, add_mass, add_rows_dot, combine, copy, hold_fixed
+from clothfit.kernels.vectors import add, add_mass, add_rows_dot, combine, copy, dot, hold_fixed, vector
 
 
 class Workspace(NamedTuple):
