@@ -83,8 +83,9 @@ _HOMES = {
 
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
-# for users as well, by their own names: clothfit.verify.check(…)
-_MODULES = {"mesh": "meshes.mesh", "mesh_problems": "meshes.problems", "verify": "derivative.verify", "weld": "meshes.weld"}
+_MODULES = {  # for users as well, by their own names: clothfit.verify.check(…)
+    "mesh": "meshes.mesh", "mesh_problems": "meshes.problems", "verify": "derivative.verify", "weld": "meshes.weld",
+}  # fmt: skip
 
 __all__ = sorted(_HOME)
 

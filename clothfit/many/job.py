@@ -25,9 +25,7 @@ if TYPE_CHECKING:
     from clothfit.optimise.checkpoint import Checkpoint
     from clothfit.scene.scene import Scene
 
-EXIT_CODES = {
-    Status.CONVERGED: 0, Status.STALLED: 5, Status.LIMIT: 5, Status.INTERRUPTED: 130, Status.DIVERGED: 4,
-}  # fmt: skip
+EXIT_CODES = {Status.CONVERGED: 0, Status.STALLED: 5, Status.LIMIT: 5, Status.INTERRUPTED: 130, Status.DIVERGED: 4}
 """Exit codes by the status of a fit."""
 
 NEVER_FINITE = "no values that were tried gave a simulation that stays finite; nothing is written"
