@@ -121,11 +121,13 @@ def test_maps_of_many_values_show_some_of_them(monkeypatch):
     assert mass.places.shape == (10, 3)
 
 
-@pytest.mark.parametrize("history", [[], HISTORY[:1], HISTORY])
-def test_convergence_is_drawn_whatever_is_known(history):
+@pytest.mark.parametrize(("history", "last"), [([], None), (HISTORY[:1], 0.2), (HISTORY, 0.02)])
+def test_convergence_is_drawn_whatever_is_known(history, last):
     axes = matplotlib.figure.Figure().add_subplot()
     charts.convergence(axes, history)
     axes.figure.savefig(io.BytesIO())
+    best = [line for line in axes.lines if line.get_label() == "best, all frames"]
+    assert [line.get_ydata()[-1] for line in best] == ([] if last is None else [pytest.approx(last)])
 
 
 def test_an_error_of_nothing_has_no_logarithm():
