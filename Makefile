@@ -44,7 +44,8 @@ quick: $(VENV)/installed-test
 fuzz: $(VENV)/installed-test
 	cd tests && ../$(BIN)/python -m fuzz --keep ../build/faults $(FUZZ)
 
-lint: $(VENV)/installed-dev
+# types of the optional libraries are looked up as well
+lint: $(VENV)/installed-test $(VENV)/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
