@@ -106,7 +106,7 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     if options.foreseen:
         options.foreseen(objective.needs)
     given = None if hidden else objective.experiments
-    same = identity(scene, given, start, **options.identity)
+    same = identity(scene, given, start, **options.identity) if options.checkpoint else {}  # digests of all arrays
     checkpoint, state = opened(options.checkpoint, options.resume, same, len(parameters(scene)))
     found = searched(objective, start, hidden, options, checkpoint, state)
     return with_holdout(with_fallbacks(found, objective), kept_out, options)

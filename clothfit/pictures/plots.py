@@ -103,10 +103,10 @@ def composed(
 
 def place(band: SubFigure, parts: Sequence[Part]) -> None:
     """Draw the parts of a row side by side; a row of maps alone is not stretched to the whole width."""
-    shares = [part.share for part in parts]
-    free = 0.0 if max(shares) >= CHART_SHARE else max(0.0, IN_A_ROW * MAP_SHARE - sum(shares))
-    widths = [*shares, free] if free else shares
-    right = 0.985 if shares[-1] >= CHART_SHARE else 0.94  # room for colour bars and text beyond
+    fractions = [part.share for part in parts]
+    free = 0.0 if max(fractions) >= CHART_SHARE else max(0.0, IN_A_ROW * MAP_SHARE - sum(fractions))
+    widths = [*fractions, free] if free else fractions
+    right = 0.985 if fractions[-1] >= CHART_SHARE else 0.94  # room for colour bars and text beyond
     grid = band.add_gridspec(1, len(widths), width_ratios=widths, left=0.062, right=right,
                              bottom=0.165, top=0.845, wspace=0.24)  # fmt: skip
     for column, part in enumerate(parts):
