@@ -11,6 +11,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import index
 from typing import IO, Any
 
 import numpy as np
@@ -102,6 +103,24 @@ class Scene:
             raise InvalidScene(problems, self.name)
         return replace(self, cloths=tuple(cloths), **changed)
 
+    def with_step(self, delta: float, frames: int | None = None, method: int | str | None = None) -> Scene:
+        """Make a new scene that is simulated with another time step `delta`, s, and so many `frames`, by an integration
+        method, its name or its number; None keeps what there is. Steps of delta/K reach the frame i as frame K i.
+
+        Raises InvalidScene when one of them is impossible.
+        """
+        if isinstance(method, str) and method not in INTEGRATORS:
+            raise InvalidScene(f"there is no integrator {method!r}; there are {', '.join(INTEGRATORS)}", self.name)
+        asked = INTEGRATORS.index(method) if isinstance(method, str) else self.method if method is None else method
+        step = {"integrationMethod": index(asked), "delta": float(delta)}
+        count = index(self.frames if frames is None else frames)
+        given = {**step, "optimizationIterations": count, "forwardSubSteps": self.newton_iterations}
+        problems = structure.problems_of({**given, "objects": [{}]})
+        own = [problem for problem in problems if not problem.startswith("objects")]  # the empty one's
+        if own:
+            raise InvalidScene(own, self.name)
+        return replace(self, method=index(asked), delta=float(delta), frames=count)
+
 
 def load(path_or_file: Readable) -> Scene:
     """Load a scene from a path, an open text or binary file, or a dict with the fields of the file.
@@ -143,7 +162,10 @@ def save(scene: Scene, path_or_file: str | os.PathLike[str] | IO[str] | IO[bytes
 def dumps(scene: Scene) -> bytes:
     """Give the text of a scene: the one it came from, but for the values that differ."""
     objects = [{kind.field: _plain(cloth, kind) for kind in CLOTH_KINDS} for cloth in scene.cloths]
-    whole = {kind.field: _plain(scene, kind) for kind in SCENE_KINDS}
+    whole: dict[str, Any] = {kind.field: _plain(scene, kind) for kind in SCENE_KINDS}
+    kept = structure.defaults("scene")["optimizationIterations"]
+    whole |= {"integrationMethod": scene.method, "delta": scene.delta}
+    whole["optimizationIterations"] = Optional(scene.frames, scene.frames != kept)
     return scene.source.encode(splice(scene.source.text, objects, whole))
 
 

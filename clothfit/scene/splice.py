@@ -91,8 +91,10 @@ def _insertion(text: str, start: int, missing: Mapping[str, Any]) -> Edit:
 
 
 def _renumbered(numbers: str, values: Sequence[float]) -> str:
+    """The text of numbers with other values; one that is an `int` is written without a decimal point."""
     tokens = NUMBER_TOKEN.findall(numbers)
-    new = iter([t if float(t) == value else repr(float(value)) for t, value in zip(tokens, values, strict=True)])
+    made = [repr(value if isinstance(value, int) else float(value)) for value in values]
+    new = iter([t if float(t) == value else n for t, value, n in zip(tokens, values, made, strict=True)])
     return NUMBER_TOKEN.sub(lambda _: next(new), numbers)
 
 

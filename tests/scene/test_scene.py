@@ -121,6 +121,49 @@ def test_saving_changes_only_the_numbers_that_differ():
     assert saved == f"{before}26.125{after}"
 
 
+@pytest.mark.parametrize(
+    ("old", "asked", "new"),
+    [
+        ('"delta": 0.02,', {"delta": 0.02 / 3}, '"delta": 0.006666666666666667,'),
+        ('"delta": 2.0e-2,', {"delta": 0.02}, '"delta": 2.0e-2,'),
+        ('"integrationMethod": 2,', {"method": "symplectic"}, '"integrationMethod": 1,'),
+        ('"optimizationIterations": 100,', {"frames": 298}, '"optimizationIterations": 298,'),
+    ],
+)
+def test_another_step_changes_these_numbers_and_no_other_byte(old, asked, new):
+    text = TEXT.replace(old.replace("2.0e-2", "0.02"), old)
+    assert text.count(old) == 1
+    made = load_text(text)
+    changed = made.with_step(**{"delta": made.delta, **asked})
+    saved = scene.dumps(changed)
+    assert saved.decode() == text.replace(old, new)
+    again = load_text(saved)
+    assert (again.method, again.delta, again.frames) == (changed.method, changed.delta, changed.frames)
+
+
+def test_frames_that_the_text_lacks_are_added_where_they_are_not_the_default():
+    text = TEXT.replace(' "optimizationIterations": 100,', "")
+    made = load_text(text)
+    assert scene.dumps(made.with_step(made.delta, 100)).decode() == text
+    saved = scene.dumps(made.with_step(made.delta / 2, np.int64(199))).decode()
+    assert saved == text.replace('"delta": 0.02,', '"delta": 0.01,')[:-1] + ', "optimizationIterations": 199}'
+
+
+@pytest.mark.parametrize(
+    ("asked", "text"),
+    [
+        ({"delta": 0.0}, "delta: 0.0 is too small"),
+        ({"delta": np.inf}, "delta: .* is not a finite number"),
+        ({"delta": 0.1, "frames": 1}, "optimizationIterations: 1 is too small"),
+        ({"delta": 0.1, "method": 9}, "integrationMethod: 9 is not one of 0, 1, 2"),
+        ({"delta": 0.1, "method": "magic"}, "there is no integrator 'magic'; there are explicit, symplectic, implicit"),
+    ],
+)
+def test_an_impossible_step_is_refused(asked, text):
+    with pytest.raises(InvalidScene, match=text):
+        load_text(TEXT).with_step(**asked)
+
+
 def test_saving_to_a_bad_path_is_refused(tmp_path):
     with pytest.raises(InvalidInput, match=r"cannot write .*absent does not exist"):
         scene.save(scene.load(document()), tmp_path / "absent" / "scene.txt")
