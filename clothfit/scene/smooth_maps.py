@@ -1,13 +1,17 @@
 """Smooth maps over a cloth: the lowest modes of the Laplacian of its mesh, the basis of mode M.
 
-The Laplacian is that of linear finite elements with lumped masses, which on a rectangle gives cosines: L φ = λ M φ with
+The Laplacian is that of linear finite elements, with the areas nearest to each vertex as masses, which on a rectangle
+gives cosines: L φ = λ M φ with
 
-    L_ij = −(cot α + cot β)/2   at the edge ij, α and β the angles opposite it       M_i = Σ area/3
+    L_ij = −(cot α + cot β)/2   at the edge ij, α and β the angles opposite it
+    M_i  = Σ (|ij|² cot α + |ik|² cot β)/8   over the triangles ijk, α and β opposite ij and ik; where a triangle is
+           obtuse, half of its area at that corner and a quarter at the others
 
 Its weights follow the shape of the cloth, not the density of the mesh. They are kept above 0, so that obtuse and flat
 triangles do no harm. Springs that leave the triangles, or join pieces of them, are bars of weight ℓ/L, L their length
 and ℓ its mean; without triangles all springs are such bars.
-Source: Pinkall and Polthier (1993), Computing discrete minimal surfaces and their conjugates.
+Sources: Pinkall and Polthier (1993), Computing discrete minimal surfaces and their conjugates; Meyer, Desbrun, Schröder
+and Barr (2003), Discrete differential-geometry operators for triangulated 2-manifolds.
 
 n vertices.
 """
@@ -22,7 +26,7 @@ from clothfit.base.arrays import Array
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.directions import Slots, angles, connected, edges_of, keys
 
-LEAST_WEIGHT, MOST_COTANGENT = 1e-3, 1e3
+LEAST_WEIGHT, MOST_COTANGENT = 1e-9, 1e3
 """Bounds of the weights: the least beside that of 1 of an equilateral mesh, and the cotangent of an angle of 1e-3."""
 
 LEAST_MASS = 1e-3
@@ -34,7 +38,7 @@ DENSE = 300
 SPARE = 4
 """Modes that are found beyond those that are asked for, so that the last ones are not half of an equal pair."""
 
-EQUAL = 1e-3
+EQUAL = 1e-6
 """Eigenvalues whose relative difference is below this belong to one plane, in which any direction is smooth alike."""
 
 TIE = 1e-6
@@ -80,11 +84,9 @@ def laplacian(cloth: Cloth) -> Laplacian:
     n, triangles = len(cloth.positions), cloth.triangles
     edges = edges_of(triangles)
     angle = angles(cloth.positions, triangles)
-    cotangent = np.clip(np.cos(angle) / np.maximum(np.sin(angle), 1 / MOST_COTANGENT), -MOST_COTANGENT, MOST_COTANGENT)
+    cotangent = np.cos(angle) / np.maximum(np.sin(angle), 1 / MOST_COTANGENT)
     weight = np.bincount(edges.of.reshape(-1), cotangent.reshape(-1) / 2, len(edges.key))
-    at = cloth.positions[triangles]
-    normal = np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0])
-    mass = np.bincount(triangles.reshape(-1), np.repeat(np.sqrt((normal * normal).sum(axis=1)) / 6, 3), n)
+    mass = np.bincount(triangles.reshape(-1), _shares(cloth.positions[triangles], angle, cotangent).reshape(-1), n)
     bars = _bars(cloth, connected(edges.ends, n))
     length = np.sqrt(((cloth.positions[bars[:, 0]] - cloth.positions[bars[:, 1]]) ** 2).sum(axis=1))
     mean = float(length.mean()) if len(bars) else 1.0
@@ -95,13 +97,26 @@ def laplacian(cloth: Cloth) -> Laplacian:
     return Laplacian(np.concatenate([edges.ends, bars]).astype(np.intp), weights, np.maximum(mass, least))
 
 
+def _shares(at: Array, angle: Array, cotangent: Array) -> Array:
+    """The area (T, 3), m², of a triangle with corners `at` (T, 3, 3) that belongs to each of them."""
+    side = np.roll(at, -1, axis=1) - np.roll(at, 1, axis=1)  # opposite each corner
+    part = (side * side).sum(axis=2) * cotangent / 8
+    nearest = part.sum(axis=1)[:, None] - part
+    normal = np.cross(side[:, 0], side[:, 1])
+    area = np.sqrt((normal * normal).sum(axis=1))[:, None] / 2
+    wide = angle > np.pi / 2
+    mixed: Array = np.where(wide.any(axis=1, keepdims=True), area * np.where(wide, 0.5, 0.25), nearest)
+    return mixed
+
+
 def _bars(cloth: Cloth, piece: Slots) -> Slots:
     """The springs (B, 2), each pair of vertices once, that leave the triangles or join `piece` (n,) to another."""
     _, first = np.unique(keys(cloth.springs), return_index=True)
     ends = cloth.springs[np.sort(first)].astype(np.intp)
-    in_triangle = np.zeros(len(cloth.positions), bool)
-    in_triangle[cloth.triangles] = True
-    found: Slots = ends[~in_triangle[ends].all(axis=1) | (piece[ends[:, 0]] != piece[ends[:, 1]])]
+    alone = np.ones(len(cloth.positions), bool)
+    alone[cloth.triangles] = False
+    a, b = ends.T
+    found: Slots = ends[alone[a] | alone[b] | (piece[a] != piece[b])]
     return found
 
 
