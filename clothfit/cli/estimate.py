@@ -183,8 +183,9 @@ def fit_one(
     with progress(console) as show:
         report = page.listening(recording.report(show)) if page else recording.report(show)
         own = replace(
-            options, report=report, checkpoint=kept, resume=files.resume, foreseen=partial(report_needs, console)
-        )
+            options, report=report, checkpoint=kept, resume=files.resume, foreseen=partial(report_needs, console),
+            hinted=lambda hint: console.say(f"hint: {hint.text}"),
+        )  # fmt: skip
         found = fitting.fit(scene, targets or None, first, own)
     with uninterrupted(), checkpoints.named_if_lost(kept):
         code = outcomes.finish(scene, found, out, console, as_json, motions.readings_summary(readings), recording.log)

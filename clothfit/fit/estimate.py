@@ -19,9 +19,10 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import checked_tolerance
 from clothfit.fit.auto import by_momentum, find, one_value_each
 from clothfit.fit.confidence import Confidence, confidence
+from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import judged, split
 from clothfit.fit.options import BUDGET, FIT_TOLERANCE, RMSE_TOLERANCE, FitOptions
-from clothfit.fit.result import Fit, result, with_fallbacks
+from clothfit.fit.result import Fit, result, with_fallbacks, with_verdict
 from clothfit.fit.start import first_point, other_starts
 from clothfit.fit.trajectory_fit import by_gauss_newton, go_on, resumed_prior
 from clothfit.motion.motion import Motion
@@ -65,6 +66,7 @@ def estimate(
     intervals: bool = True,
     memory: int | str | None = None,
     foreseen: Callable[[Needs], None] | None = None,
+    hinted: Callable[[Hint], None] | None = None,
 ) -> Fit:
     """Fit the flagged values of a scene to one target motion or to several.
 
@@ -88,14 +90,15 @@ def estimate(
     With a file as `checkpoint` a fit that was killed goes on from there when `resume` is true; `budget`,
     `rmse_tolerance` and `report` may differ then. KeyboardInterrupt ends the fit with status "interrupted" and the best
     result so far; before the first evaluation it passes through. `foreseen` is called with the memory that the fit will
-    need, before it begins. Where matrices do not fit into `memory`, another method takes over, with a warning.
+    need, before it begins, `hinted` with each hint that the targets give before a fit. Where matrices do not fit into
+    `memory`, another method takes over, with a warning.
 
     Raises InvalidInput when nothing is flagged, or an argument, the target or the checkpoint does not fit; Diverged
     when the scene's own motion, needed as the target, diverges.
     """
     return fit(scene, target, start, FitOptions(
         method, budget, rmse_tolerance, tolerance, report, objective, loss, loss_scale, prior,
-        checkpoint, resume, holdout, holdout_of, intervals, memory, foreseen,
+        checkpoint, resume, holdout, holdout_of, intervals, memory, foreseen, hinted,
     ))  # fmt: skip
 
 
@@ -105,11 +108,16 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     objective, kept_out = objectives(scene, target, options)
     if options.foreseen:
         options.foreseen(objective.needs)
+    hints = [] if hidden else early_hints(objective.experiments)
+    if options.hinted:
+        for hint in hints:
+            options.hinted(hint)
     given = None if hidden else objective.experiments
     same = identity(scene, given, start, **options.identity) if options.checkpoint else {}  # digests of all arrays
     checkpoint, state = opened(options.checkpoint, options.resume, same, len(parameters(scene)))
     found = searched(objective, start, hidden, options, checkpoint, state)
-    return with_holdout(with_fallbacks(found, objective), kept_out, options)
+    found = with_verdict(with_fallbacks(found, objective), objective, options.rmse_tolerance, hidden)
+    return with_holdout(replace(found, hints=hints), kept_out, options)
 
 
 def searched(

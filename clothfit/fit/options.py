@@ -17,6 +17,7 @@ from clothfit.base.limits import checked_tolerance
 from clothfit.base.messages import meant
 
 if TYPE_CHECKING:
+    from clothfit.fit.hints import Hint
     from clothfit.objective.memory_needs import Needs
     from clothfit.optimise.checkpoint import Checkpoint
     from clothfit.optimise.progress import Progress
@@ -52,6 +53,7 @@ class FitOptions:
     intervals: bool = True
     memory: int | str | None = None  # bytes, or as "200MB"; None: half of what is free
     foreseen: Callable[[Needs], None] | None = None
+    hinted: Callable[[Hint], None] | None = None  # called with each hint that comes before the fit
 
     def check(self) -> None:
         """Raise InvalidInput when a value is not possible."""

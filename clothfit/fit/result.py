@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.fit.confidence import Confidence
+from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import HeldOut
+from clothfit.fit.verdict import ADEQUATE, Verdict, verdict
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.objective import Objective
@@ -65,7 +68,15 @@ class Fit:
     prior: list[Scatter] | None = None  # None: the result has no prior
     holdout: HeldOut | None = None  # None: nothing was kept out of the fit
     memory: Needs | None = None  # that was predicted, bytes
+    travel: float | None = None  # root mean square distance of the compared positions from the start, m
+    hints: list[Hint] = field(default_factory=list)  # what the target shows of its difference from the scene
+    verdict: Verdict | None = None  # on the model; None: it was not looked at
     remedies: Fallbacks = NO_FALLBACKS  # how many steps of the fitted motion were solved directly, clamped or shortened
+
+    @property
+    def relative_rmse(self) -> float | None:
+        """The error as a fraction of the distance travelled; None where nothing moves or the motion diverges."""
+        return self.rmse / self.travel if self.travel and np.isfinite(self.rmse) else None
 
 
 def result(
@@ -111,6 +122,24 @@ def with_fallbacks(found: Fit, objective: Objective) -> Fit:
     texts = fallbacks.sentences(sum(run.steps for run in objective.runs))
     warnings = [*found.warnings, *(f"the fitted motion: {text}" for text in texts)]
     return replace(found, remedies=fallbacks, warnings=warnings)
+
+
+def with_verdict(found: Fit, objective: Objective, tolerance: float, trial: bool) -> Fit:
+    """The fit with the distance travelled and the verdict on its model, without one where there is no motion, and after
+    an interrupt. `tolerance`, m, is the error that is good enough; `trial`: the target is the scene's own motion.
+    """
+    found = replace(found, travel=objective.travel)
+    if found.status in (Status.DIVERGED, Status.INTERRUPTED) or found.relative_rmse is None:
+        return found
+    reached = objective.rmse(found.cost) <= tolerance
+    if reached or (trial and found.status == Status.CONVERGED):
+        return replace(found, verdict=Verdict(ADEQUATE, found.relative_rmse))
+    try:
+        with interrupts.heard():
+            p = parameters(found.scene, objective.scene)
+            return replace(found, verdict=verdict(objective, p, found.relative_rmse))
+    except (Diverged, KeyboardInterrupt):
+        return found
 
 
 def fitted_block(search: Search, block: Block, p: Array, known: Confidence | None) -> FittedBlock:

@@ -30,7 +30,7 @@ from clothfit.objective.experiment import Experiment, Targets, experiments
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.loss import loss_named
 from clothfit.objective.memory_needs import Needs
-from clothfit.objective.run import Run, seen_in, simulate, still
+from clothfit.objective.run import Run, at_rest, seen_in, simulate, still
 from clothfit.objective.running_cost import SquaredDistances, running_cost
 from clothfit.objective.target import first_step, target
 from clothfit.scene.fit_vector import check_shape, elements, extra_kinds, fitted_cloths, parameters
@@ -111,6 +111,16 @@ class Objective:
         return sum(still(run) for run in self.runs)
 
     @cached_property
+    def travel(self) -> float:
+        """Root mean square distance, m, of the observed positions from where their cloths start."""
+        squares = 0.0
+        for run in self.runs:
+            distances = unweighted(run)
+            at_rest(run, distances.update)
+            squares += distances.value
+        return float(np.sqrt(squares / max(self.observations, 1)))
+
+    @cached_property
     def needs(self) -> Needs:
         """The memory that a gradient takes. Raises InvalidInput when `memory` is too little."""
         return storage.needs(self.runs, [experiment.motion for experiment in self.experiments], self.memory)
@@ -174,7 +184,7 @@ class Objective:
         """Root mean square distance of the observed positions at p (P,), m, for any objective. Raises Diverged."""
         squares = 0.0
         for run in self.runs:
-            distances = SquaredDistances(run.comparison.goal._replace(weights=np.zeros((0, 0))))
+            distances = unweighted(run)
             self.simulate(run, p, distances.update)
             squares += distances.value
         return float(np.sqrt(squares / max(self.observations, 1)))
@@ -251,6 +261,11 @@ class Objective:
         With a `plan` the motion can be swept back. Raises Diverged.
         """
         return simulate(run, p, self.tolerance, observers, plan)
+
+
+def unweighted(run: Run) -> SquaredDistances:
+    """The squared distances of a run, m², each of which counts once."""
+    return SquaredDistances(run.comparison.goal._replace(weights=np.zeros((0, 0))))
 
 
 def cost_and_gradient(

@@ -16,6 +16,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import counted, metres, owned
 from clothfit.base.version import __version__
 from clothfit.evaluation.evaluate import Deviation, Distance, Evaluation
+from clothfit.fit.verdict import DIFFERS
 from clothfit.objective.identifiability import identifiable
 from clothfit.optimise.status import Status
 from clothfit.report.log import Log, intervals, number
@@ -135,6 +136,7 @@ def ended(summary: Mapping[str, Any]) -> list[list[str]]:
     evaluations, seconds, sigma = (number(summary.get(key)) for key in ("evaluations", "seconds", "sigma"))
     if evaluations is not None and seconds is not None:
         rows.append(["took", f"{counted(round(evaluations), 'evaluation', 'evaluations')} in {seconds:.3g} s"])
+    rows += judged(summary)
     holdout = summary.get("holdout")
     kept_out = number(holdout.get("rmse")) if isinstance(holdout, Mapping) else None
     if kept_out is not None and kept_out >= 0:
@@ -142,6 +144,20 @@ def ended(summary: Mapping[str, Any]) -> list[list[str]]:
     if sigma is not None and sigma > 0:
         rows.append(["noise", f"{metres(sigma)} per coordinate, where the model is right"])
     return rows
+
+
+def judged(summary: Mapping[str, Any]) -> list[list[str]]:
+    """Whether the model can reproduce the target, and hints, as far as they are known."""
+    rows, verdict, hints = [], summary.get("verdict"), summary.get("hints")
+    relative = number(summary.get("relative_rmse"))
+    if relative is not None:
+        rows.append(["error", f"{100 * relative:.2g} % of the distance travelled"])
+    left = number(verdict.get("unexplained")) if isinstance(verdict, Mapping) else None
+    if isinstance(verdict, Mapping) and left is not None:
+        differs = f"differs: {100 * left:.2g} % of the motion unexplained"
+        rows.append(["model", differs if verdict.get("model") == DIFFERS else "adequate: what is left is noise"])
+    texts = [hint.get("text") for hint in hints if isinstance(hint, Mapping)] if isinstance(hints, list) else []
+    return rows + [["hint", text] for text in texts if isinstance(text, str)]
 
 
 def deviation(found: Deviation) -> list[str]:

@@ -26,7 +26,12 @@ if TYPE_CHECKING:
     from clothfit.report.log import Point
     from clothfit.scene.scene import Scene
 
-AS_IN_FIT = ("status", "method", "cost", "rmse", "frames", "evaluations", "seconds", "rank", "sigma")
+WORTH_A_WORD = 1e-5
+"""Error relative to the distance travelled below which its percentage says nothing."""
+
+AS_IN_FIT = (
+    "status", "method", "cost", "rmse", "frames", "evaluations", "seconds", "rank", "sigma", "travel", "relative_rmse",
+)
 """Keys of the summary for --json that are attributes of `Fit`."""
 
 
@@ -65,9 +70,12 @@ def conclude(result: dict[str, Any], out: Output, as_json: bool, log: FitLog | N
 def describe(found: Fit, out: Output, console: Console) -> None:
     """Print the result in a few lines."""
     console.say(
-        f"{found.status}: RMSE {metres(found.rmse)} over {found.frames} frames, "
+        f"{ending(found)}: RMSE {error(found)} over {found.frames} frames, "
         f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s → {out.name}"
     )
+    for hint in found.hints:
+        if not hint.early:  # the others were said before
+            console.say(f"hint: {hint.text}")
     if found.holdout:
         kept = counted(found.holdout.observations, "position", "positions")
         console.say(f"holdout: RMSE {metres(found.holdout.rmse)} over {kept} kept out of the fit")
@@ -77,6 +85,26 @@ def describe(found: Fit, out: Output, console: Console) -> None:
             console.warn(f"{place}: {len(block.at_bound)} of {block.count} at a bound: {indices(block.at_bound)}")
         if known := certainty(block):
             console.say(f"{place}: {known}")
+
+
+def ending(found: Fit) -> str:
+    """How the fit ended, and whether its model can reproduce the target."""
+    if found.verdict is None or not found.verdict.differs:
+        return str(found.status)
+    left = f"{percent(found.verdict.unexplained)} of the motion unexplained"
+    return f"{found.status}, {left}" if found.status == Status.LIMIT else f"{found.status}, the model differs: {left}"
+
+
+def error(found: Fit) -> str:
+    """The error in metres, and in percent of the distance travelled."""
+    if found.relative_rmse is None or found.relative_rmse < WORTH_A_WORD:
+        return metres(found.rmse)
+    return f"{metres(found.rmse)}, {percent(found.relative_rmse)} of the distance travelled,"
+
+
+def percent(fraction: float) -> str:
+    """A fraction in percent with two digits."""
+    return f"{100 * fraction:.2g} %" if fraction < 1 else f"{100 * fraction:.0f} %"
 
 
 def certainty(block: FittedBlock) -> str:
@@ -116,6 +144,8 @@ def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
         "prior": found.prior and [asdict(scatter) for scatter in found.prior],
         "memory": found.memory and found.memory.summary(),
         "holdout": found.holdout and asdict(found.holdout),
+        "verdict": found.verdict and asdict(found.verdict),
+        "hints": [{"code": hint.code, "text": hint.text} for hint in found.hints],
         "parameters": [asdict(block) for block in found.parameters],
         "warnings": found.warnings,
         "output": out.path,

@@ -1,0 +1,161 @@
+"""Free fall: at its start a vertex far from held ones falls freely, whatever masses and springs are.
+
+Where springs lie across gravity and none is stretched, a vertex moves along gravity by u(t) with u' = v₀ + a t − d u,
+d a damping, so that
+
+    u = v₀ t + a t²/2 − d ∫u dt
+
+is linear in v₀, a and d: three numbers for the mean of many vertices over the first frames. Where a is not the scene's
+gravity, for near and far vertices alike, the target's clock or its gravity is another one: with times stretched by c,
+a is g / c². A sheet that hangs in the direction of gravity shows nothing of this, nor does one in wind.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.motion.motion import Motion
+from clothfit.scene.cloth import Cloth
+from clothfit.scene.scene import Scene
+
+ACROSS = 0.2
+"""|cos| of the angle between a spring and gravity below which a vertex falls far before the spring pulls."""
+
+FEWEST_EDGES, FEWEST_VERTICES, GROUPS = 3, 12, 3
+"""Edges from a held vertex from which on one counts as far, how many there must be, and groups of them that agree."""
+
+FALL_FRAMES, MOST_FRAMES = 4, 16
+"""Frames after the first that the regression takes."""
+
+DEPTH = 0.2
+"""Fall, relative to the distance from held vertices, up to which springs hardly pull."""
+
+OTHER, AGREEMENT, SURE = 0.1, 0.06, 6.0
+"""Relative difference of an acceleration from gravity that is worth a word, the largest one between groups, and the
+least difference from gravity in standard errors.
+"""
+
+SMOOTH = 0.01
+"""What the regression may leave, relative to the fall: more is not a free fall."""
+
+RANGE = (0.05, 20.0)
+"""Accelerations relative to gravity that another clock or gravity can mean."""
+
+
+class Fall(NamedTuple):
+    """How a cloth begins to fall."""
+
+    acceleration: float  # along gravity, m/s²
+    gravity: float  # of the scene, m/s²
+
+    @property
+    def rate(self) -> float:
+        """How much slower than the scene's the target's clock goes, if its gravity is the same."""
+        return float(np.sqrt(self.gravity / self.acceleration))
+
+
+class Measured(NamedTuple):
+    """The regression of some groups of vertices."""
+
+    values: Array  # (G,), a, m/s²
+    errors: Array  # (G,), their standard errors
+    damped: float  # factor of a, where the target was made with backward Euler, a step for each frame
+    left: float  # of the mean fall, relative to it
+
+    def differs(self, g: float) -> bool:
+        """Whether all groups fall alike, and not by `g`, m/s², whatever made the target."""
+        low, high = sorted((self.values[0], self.values[0] * self.damped))
+        apart = max(low - g, g - high)
+        alike = np.ptp(self.values) <= AGREEMENT * abs(self.values[0]) and self.left <= SMOOTH
+        sure = SURE * self.errors.max() <= apart and self.errors.max() <= AGREEMENT * abs(self.values[0])
+        return bool(alike and sure and apart > OTHER * g and RANGE[0] <= self.values[0] / g <= RANGE[1])
+
+
+def other_fall(scene: Scene, motion: Motion) -> Fall | None:
+    """The fall of the target's vertices where it is not that of the scene's gravity; None where it is, or unknown."""
+    g = float(np.linalg.norm(scene.gravity))
+    if not g > 0 or scene.mode("gravity") != "n" or not np.isclose(motion.times[0], 0.0):
+        return None
+    for i, cloth in enumerate(scene.cloths):
+        groups = far_groups(scene, cloth)
+        found = None if groups is None else measured(motion, i, scene.gravity / g, *groups)
+        if found is not None and found.differs(g):
+            return Fall(float(found.values[0]), g)
+    return None
+
+
+def far_groups(scene: Scene, cloth: Cloth) -> tuple[list[Indices], float] | None:
+    """The vertices of a cloth that fall freely at first, in groups, the farthest from held ones first, and how far, m,
+    they may fall; None where that is not known.
+    """
+    windy = cloth.feels_air and (scene.wind.any() or scene.mode("wind") != "n")
+    if windy or cloth.velocity.any() or cloth.mode("velocity") != "n" or not len(cloth.springs):
+        return None
+    down = scene.gravity / np.linalg.norm(scene.gravity)
+    edges = cloth.positions[cloth.springs[:, 0]] - cloth.positions[cloth.springs[:, 1]]
+    lengths = np.maximum(cloth.lengths, np.finfo(float).tiny)
+    loose = (np.abs(edges @ down) <= ACROSS * lengths) & (np.abs(cloth.rest - cloth.lengths) <= 1e-3 * lengths)
+    far = np.ones(len(cloth.mass), bool)
+    far[cloth.springs[~loose].ravel()] = False
+    for sphere in scene.spheres:
+        far &= np.linalg.norm(cloth.positions - sphere.centre, axis=1) > 1.5 * sphere.radius
+    away = graph_distance(cloth)
+    far &= ~cloth.fixed & (away >= FEWEST_EDGES)
+    if far.sum() < FEWEST_VERTICES:
+        return None
+    order = np.flatnonzero(far)[np.argsort(-away[far], kind="stable")]
+    order = order[: max(len(order) // 2, FEWEST_VERTICES)]
+    finite = away[order][np.isfinite(away[order])]
+    depth = DEPTH * float(np.median(lengths)) * float(finite.min() if len(finite) else MOST_FRAMES)
+    return np.array_split(order, GROUPS), depth
+
+
+def graph_distance(cloth: Cloth) -> Array:
+    """Springs (n,) from each vertex to the nearest held one; infinite where there is none."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import shortest_path
+
+    n, held = len(cloth.mass), np.flatnonzero(cloth.fixed)
+    a, b = cloth.springs.T
+    ends = np.concatenate([a, held]), np.concatenate([b, np.full(len(held), n)])  # vertex n joins all held ones
+    graph = coo_array((np.ones(len(ends[0])), ends), shape=(n + 1, n + 1)).tocsr()
+    found = shortest_path(graph, directed=False, unweighted=True, indices=[n])
+    return np.asarray(found).reshape(-1)[:n] - 1.0
+
+
+def measured(
+    motion: Motion, cloth: int, down: Array, groups: list[Indices], depth: float
+) -> Measured | None:
+    """How each group falls along `down`, at most `depth`, m; None where the target shows too little."""
+    positions, seen = motion.of(cloth)[: MOST_FRAMES + 1], motion.seen(cloth)[: MOST_FRAMES + 1]
+    vertices = np.concatenate(groups)
+    throughout: Flags = np.asarray(seen[:, vertices].all(axis=0))
+    if throughout.sum() < FEWEST_VERTICES:
+        return None
+    groups = [group[np.asarray(seen[:, group].all(axis=0))] for group in groups]
+    if min(map(len, groups)) < 2:
+        return None
+    whole = fallen(positions, vertices[throughout], down).mean(axis=1)
+    deep = np.flatnonzero(np.abs(whole) > depth)
+    last = max(int(deep[0]) if len(deep) else len(whole) - 1, FALL_FRAMES)
+    if last >= len(whole):
+        return None
+    times, u = motion.times[: last + 1], whole[: last + 1]
+    passed = np.concatenate([[0.0], np.cumsum(np.diff(times) * (u[1:] + u[:-1]) / 2.0)])
+    columns = np.stack([times, times**2 / 2.0, -passed], axis=1)[1:]
+    solve = np.linalg.pinv(columns)
+    velocity, acceleration, damping = solve @ u[1:]
+    if abs(velocity) > abs(acceleration) * times[1]:  # it moves already
+        return None
+    own = [solve[1] @ fallen(positions[: last + 1], group, down)[1:] for group in groups]
+    values, errors = (np.array([each(a) for a in own]) for each in (np.mean, lambda a: a.std(ddof=1) / np.sqrt(len(a))))
+    left = float(np.abs(columns @ (velocity, acceleration, damping) - u[1:]).max() / np.abs(u).max())
+    return Measured(values, errors, 1.0 + 0.5 * damping * float(times[1]), left)
+
+
+def fallen(positions: Array, vertices: Indices, down: Array) -> Array:
+    """How far (F, V) the vertices have moved along `down`, m."""
+    return np.asarray((positions[:, vertices] - positions[0, vertices]) @ down)

@@ -1,0 +1,204 @@
+"""Hints: what a target itself shows of its difference from the scene, said before a fit.
+
+Another clock or gravity (`free_fall`), another place, held vertices that move, lengths that are not the scene's, and
+vertices that change places. `residual_hints` has those that a fitted motion shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothfit.base.arrays import Array, Flags
+from clothfit.base.messages import counted, metres
+from clothfit.fit.free_fall import other_fall
+from clothfit.motion.motion import Motion
+from clothfit.objective.experiment import Experiment
+from clothfit.scene.cloth import Cloth
+from clothfit.scene.scene import Scene
+
+AWAY, RIGID = 0.005, 0.2
+"""Distance of the first frame from the scene's start, relative to its size, that is worth a word, and the largest part
+of it that may be left where the target is only moved and turned.
+"""
+
+MOVES, PERSISTS = 0.01, 0.5
+"""Movement of held vertices, relative to that of the others, and its correlation from frame to frame: noise has none.
+"""
+
+SHORTER, MOSTLY = 0.9, 0.95
+"""Length of edges relative to their rest lengths: the median, and of three quarters of them, that is shorter."""
+
+STARTS = 1e-3  # steps; a first frame within is that of the start
+
+EXCHANGE = 0.1
+"""Two vertices change places where that leaves less than this part of their jumps."""
+
+
+MOST, MOST_JUMPS = 3_000_000, 64
+"""Numbers of a target that one look takes, and vertices among which it seeks two that change places."""
+
+
+@dataclass(frozen=True)
+class Hint:
+    """What the user should look at, and what helps."""
+
+    code: str  # "time_scale", "time_offset", "placement", "held_vertices_move", "rest_lengths", "swapped_markers", …
+    text: str  # a sentence
+    early: bool = True  # said before the fit
+
+
+def early_hints(given: list[Experiment]) -> list[Hint]:
+    """What the targets show before a fit, each kind once."""
+    found: dict[str, Hint] = {}
+    for motion, scene in given:
+        for hint in hints_of(scene, motion):
+            found.setdefault(hint.code, hint)
+    return list(found.values())
+
+
+def hints_of(scene: Scene, motion: Motion) -> Iterator[Hint]:
+    """What one target shows."""
+    if (fall := other_fall(scene, motion)) is not None:
+        yield Hint(
+            "time_scale",
+            f"the target falls at {fall.acceleration:.3g} m/s² instead of {fall.gravity:.3g}: another clock (rate "
+            f"{fall.rate:.3g}), or gravity; use --fit-time, or fit gravity",
+        )
+    yield from placed(scene, motion)
+    for i, cloth in enumerate(scene.cloths):
+        positions, seen = motion.of(i), motion.seen(i)
+        yield from held_that_move(cloth, positions, seen, f"objects[{i}]")
+        yield from shrunk(cloth, positions, seen, f"objects[{i}]")
+        yield from exchanged(positions, seen, f"objects[{i}]")
+
+
+def placed(scene: Scene, motion: Motion) -> Iterator[Hint]:
+    """Does the target begin where the scene does?"""
+    if motion.times[0] > STARTS * scene.delta:
+        return
+    seen = motion.seen()[0]
+    start = np.concatenate([cloth.positions for cloth in scene.cloths])[seen]
+    points = motion.positions[0][seen]
+    if len(points) < 3:
+        return
+    size = float(np.linalg.norm(np.ptp(start, axis=0)))
+    distance, left = (rms(each - start) for each in (points, moved_onto(points, start)))
+    if distance > AWAY * size and left < RIGID * distance:
+        yield Hint(
+            "placement",
+            f"the target's first frame is {metres(distance)} (RMS) away from the scene's start, and {metres(left)} "
+            "when it is moved and turned as a whole; use --fit-placement",
+        )
+
+
+def rigid(points: Array, others: Array) -> tuple[Array, Array]:
+    """The rotation (3, 3) and translation (3,), m, that bring points (n, 3) nearest to others (n, 3).
+
+    W. Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst. A 32 (1976).
+    """
+    centre, other = points.mean(axis=0), others.mean(axis=0)
+    u, _, v = np.linalg.svd((points - centre).T @ (others - other))
+    turn = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v)) or 1.0])
+    R = (u @ turn @ v).T
+    return R, other - R @ centre
+
+
+def moved_onto(points: Array, others: Array) -> Array:
+    """The points (n, 3), moved and turned as a whole so that they are nearest to the others (n, 3)."""
+    R, t = rigid(points, others)
+    return np.asarray(points @ R.T + t)
+
+
+def held_that_move(cloth: Cloth, positions: Array, seen: Flags, name: str) -> Iterator[Hint]:
+    """Do vertices that the scene holds move in the target (F, n, 3)?"""
+    known = seen.all(axis=0)
+    held, free = (some(np.flatnonzero(known & each), len(positions)) for each in (cloth.fixed, ~cloth.fixed))
+    if not len(held) or not len(free) or len(positions) < 4:
+        return
+    away = positions[:, held] - positions[:, held].mean(axis=0)
+    squares = (away**2).sum(axis=(0, 2))
+    lasting = (away[1:] * away[:-1]).sum(axis=(0, 2)) > PERSISTS * squares
+    travel = rms((positions[:, free] - positions[0, free]).reshape(-1, 3))
+    moving = lasting & (np.sqrt(squares / len(away)) > MOVES * travel)
+    if moving.any():
+        farthest = float(np.sqrt(squares[moving].max() / len(away)))
+        vertices = counted(int(moving.sum()), "vertex", "vertices")
+        first = int(held[moving][0])
+        yield Hint(
+            "held_vertices_move",
+            f"{name}: {vertices} of {len(held)} that the scene holds {'moves' if moving.sum() == 1 else 'move'} in the "
+            f"target, by up to {metres(farthest)} (RMS), vertex {first} the first; free them, or hold others",
+        )
+
+
+def shrunk(cloth: Cloth, positions: Array, seen: Flags, name: str) -> Iterator[Hint]:
+    """Are the edges of the target (F, n, 3) shorter than the scene's rest lengths, most of them, most of the time?"""
+    chosen = some(np.flatnonzero(edges_of(cloth)), len(positions))
+    (a, b), rest = cloth.springs[chosen].T, cloth.rest[chosen]
+    both = seen[:, a] & seen[:, b]
+    if not both.any() or cloth.mode("rest") != "n":
+        return
+    count = both.sum(axis=0)
+    known = count > 0
+    lengths = np.where(both, np.linalg.norm(np.where(both[..., None], positions[:, a] - positions[:, b], 0), axis=2), 0)
+    ratio = (lengths.sum(axis=0)[known] / count[known]) / rest[known]
+    middle = float(np.median(ratio))
+    start = np.flatnonzero(both[0])
+    first = float(np.median(lengths[0, start] / rest[start])) if len(start) else 1.0
+    shorter = middle < SHORTER and float(np.quantile(ratio, 0.75)) < MOSTLY
+    if shorter or abs(first - 1.0) > 1.0 - SHORTER:
+        value, when = (first, "at the start") if abs(first - 1.0) > 1.0 - SHORTER else (middle, "in the mean")
+        yield Hint(
+            "rest_lengths",
+            f"{name}: the target's edges are {100 * abs(value - 1.0):.0f} % {'shorter' if value < 1 else 'longer'} "
+            f"{when} than the scene's rest lengths; fit rest lengths (springRestLength), or check the unit",
+        )
+
+
+def edges_of(cloth: Cloth) -> Flags:
+    """Which springs (S,) lie along an edge of a triangle; all, where none does."""
+    n = len(cloth.mass)
+    sides = np.sort(cloth.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
+    ends = np.sort(cloth.springs, axis=1).astype(np.int64)
+    found = np.isin(ends[:, 0] * n + ends[:, 1], sides[:, 0] * n + sides[:, 1])
+    return found if found.any() else np.ones(len(ends), bool)
+
+
+def exchanged(positions: Array, seen: Flags, name: str) -> Iterator[Hint]:
+    """Do two vertices of the target (F, n, 3) change places from one frame to the next?"""
+    for frame in range(1, len(positions)):
+        both = np.flatnonzero(seen[frame] & seen[frame - 1])
+        if len(both) < 3:
+            continue
+        now, before = positions[frame, both], positions[frame - 1, both]
+        jump = np.linalg.norm(now - before, axis=1)
+        wide = np.flatnonzero(jump > 4.0 * np.median(jump))
+        if not 2 <= len(wide) <= min(len(both) // 2, MOST_JUMPS):
+            continue
+        across = np.linalg.norm(now[wide][:, None] - before[wide][None], axis=2)
+        other = np.argmin(across, axis=1)
+        pairs = [(i, int(j)) for i, j in enumerate(other) if other[j] == i < j]
+        for i, j in pairs:
+            if across[i, j] + across[j, i] < EXCHANGE * (jump[wide[i]] + jump[wide[j]]):
+                first, second = sorted((int(both[wide[i]]), int(both[wide[j]])))
+                yield Hint(
+                    "swapped_markers",
+                    f"{name}: vertices {first} and {second} change places in frame {frame} of the target; exchange "
+                    "them there, or mark them as not observed",
+                )
+                return
+
+
+def some(indices: NDArray[np.intp], frames: int) -> NDArray[np.intp]:
+    """Evenly chosen indices, so few that a look at them in so many frames takes little memory."""
+    every = -(-3 * len(indices) * frames // MOST) or 1
+    return indices[::every]
+
+
+def rms(gaps: Array) -> float:
+    """Root of the mean squared length of vectors (…, 3)."""
+    return float(np.sqrt((gaps**2).sum(axis=-1).mean()))

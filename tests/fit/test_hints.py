@@ -1,0 +1,95 @@
+"""Hints: what targets show before a fit, and what motions of the model itself never show."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.scenes import cloth, document, load_text
+
+from clothfit.fit.hints import hints_of
+from clothfit.motion.degrade import degrade
+from clothfit.motion.simulate import simulate
+
+pytestmark = pytest.mark.slow  # compiles a simulation
+
+
+def sheet(nx=10, ny=10, held="side", frames=12, **fields):
+    """A horizontal sheet with 0.1 m between its vertices."""
+    n = nx * ny
+    fixed = [i < nx if held == "side" else i in (0, nx - 1) for i in range(n)] if held else [False] * n
+    stiffness = [20.0] * len(cloth(nx, ny)["springStiffness"])
+    own = cloth(nx, ny, 0.1, vertIsFixed=fixed, vertMass=[0.002] * n, springStiffness=stiffness)
+    scene = {name: fields.pop(name) for name in ("delta", "windVel", "gravity") if name in fields}
+    made = document({**own, "optimizationSettings": "nG", **fields}, optimizationIterations=frames, **scene)
+    return load_text(json.dumps(made))
+
+
+def codes(scene, motion):
+    return [hint.code for hint in hints_of(scene, motion)]
+
+
+@pytest.mark.parametrize("held", ["side", "corners", None])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_the_model_itself_gives_no_hint(held, noise):
+    for seed, (damping, drag, wind) in enumerate([(0.0, 0.0, 0.0), (10.0, 1.0, 0.0), (0.1, 1e4, 5.0), (3.0, 1e3, 0.0)]):
+        scene = sheet(held=held, damping=damping, dragCoefficient=drag, windVel={"x": 0.0, "y": wind, "z": 0.0})
+        motion = simulate(scene)
+        seen = degrade(motion, noise, seed=seed) if noise else motion
+        assert codes(sheet(held=held, windVel={"x": 0.0, "y": wind, "z": 0.0}), seen) == []
+
+
+@pytest.mark.parametrize("rate", [0.7, 1.32, 2.0])
+def test_another_clock_is_seen_in_the_fall(rate):
+    scene = sheet()
+    motion = simulate(sheet(delta=0.005, frames=30, damping=0.5))
+    (hint,) = hints_of(scene, replace(motion, times=motion.times * rate))
+    assert hint.code == "time_scale"
+    value = float(hint.text.split("falls at ")[1].split()[0])
+    assert value == pytest.approx(9.81 / rate**2, rel=0.01)  # three digits are shown
+    assert "--fit-time" in hint.text
+
+
+def test_another_gravity_is_not_said_where_it_is_fitted():
+    moon = simulate(sheet(gravity={"x": 0.0, "y": -1.62, "z": 0.0}))
+    assert codes(sheet(), moon) == ["time_scale"]
+    made = json.loads(json.dumps({"fit": {"gravity": "G"}}))
+    free = replace(sheet(), fits=made["fit"])
+    assert codes(free, moon) == []
+
+
+def test_a_target_that_is_moved_and_turned_is_said_to_be_so():
+    scene = sheet()
+    motion = degrade(simulate(scene), 1e-3, seed=1)
+    turn = np.array([[np.cos(0.1), 0.0, np.sin(0.1)], [0.0, 1.0, 0.0], [-np.sin(0.1), 0.0, np.cos(0.1)]])
+    moved = replace(motion, positions=motion.positions @ turn.T + [0.03, 0.0, 0.0])
+    (hint,) = hints_of(scene, moved)
+    assert (hint.code, "--fit-placement" in hint.text) == ("placement", True)
+
+
+def test_a_held_vertex_that_moves_is_named():
+    scene = sheet()
+    motion = simulate(scene)
+    moved = motion.positions.copy()
+    moved[:, 3, 0] += 0.05 * np.sin(10.0 * motion.times)
+    (hint,) = hints_of(scene, replace(motion, positions=moved))
+    assert hint.code == "held_vertices_move"
+    assert "1 vertex of 10" in hint.text
+    assert "vertex 3" in hint.text
+
+
+def test_edges_that_are_shorter_than_in_the_scene_are_said():
+    scene = sheet()
+    motion = simulate(scene)
+    texts = {hint.code: hint.text for hint in hints_of(scene, replace(motion, positions=0.7 * motion.positions))}
+    assert "30 % shorter" in texts["rest_lengths"]
+
+
+def test_two_vertices_that_change_places_are_named():
+    scene = sheet()
+    motion = simulate(scene)
+    mixed = motion.positions.copy()
+    mixed[6:, [44, 71]] = mixed[6:, [71, 44]]
+    (hint,) = hints_of(scene, replace(motion, positions=mixed))
+    assert hint.code == "swapped_markers"
+    assert "vertices 44 and 71 change places in frame 6" in hint.text
