@@ -99,17 +99,25 @@ def vertices(values: list[Any], n: int, size: int, place: str, problems: list[st
     """Turn a flat list of indices below n, in groups of `size`, into an array (len / size, size)."""
     if not check_types(values, {int}, "an index (a whole number)", place, problems):
         return None
+    has = f"the object has {counted(n, 'vertex', 'vertices')}"
+    array = check_indices(values, n, place, lambda i: f"vertex {shown(values[i])} does not exist ({has})", problems)
+    group = {1: "numbers", 2: "pairs", 3: "triples"}[size]
+    if len(values) % size:
+        problems.append(f"{place}: {len(values)} indices do not make {group}; a multiple of {size} is needed")
+    return None if array is None or len(values) % size else array.astype(np.int32).reshape(-1, size)
+
+
+def check_indices(
+    values: list[int], n: int, place: str, sentence: Callable[[int], str], problems: list[str]
+) -> npt.NDArray[np.int64] | None:
+    """Turn whole numbers into an array, if all are from 0 to n − 1; `sentence(i)` says what is wrong with item i."""
     try:
         array = np.array(values, dtype=np.int64)
     except OverflowError:
         array = np.array([value if 0 <= value < n else -1 for value in values], dtype=np.int64)
     wrong = np.flatnonzero((array < 0) | (array >= n)).tolist()
-    has = f"the object has {counted(n, 'vertex', 'vertices')}"
-    _report(wrong, place, lambda i: f"vertex {shown(values[i])} does not exist ({has})", problems)
-    group = {2: "pairs", 3: "triples"}[size]
-    if len(values) % size:
-        problems.append(f"{place}: {len(values)} indices do not make {group}; a multiple of {size} is needed")
-    return None if wrong or len(values) % size else array.astype(np.int32).reshape(-1, size)
+    _report(wrong, place, sentence, problems)
+    return None if wrong else array
 
 
 def check_types(values: list[Any], types: set[type], what: str, place: str, problems: list[str]) -> bool:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.scene import array_checks as checks
 from clothfit.scene.kinds import LETTERED, Kind
+from clothfit.scene.weave.layout import NOTHING, Layout
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +31,7 @@ class Cloth:
     velocity: Array  # (n, 3) at the start, m/s; those of fixed vertices do nothing
     rest: Array  # (S,) rest lengths, m, above 0
     fits: Mapping[str, str]  # what else to fit: "damping", "drag", "velocity", "rest" to "G" or "L"
+    layout: Layout = NOTHING  # what the file says of families, regions and the warp
 
     def __post_init__(self) -> None:
         for field in fields(self):

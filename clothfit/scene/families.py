@@ -10,14 +10,16 @@ n vertices, S springs.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Indices
-from clothfit.scene import directions
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.scene.cloth import Cloth
-from clothfit.scene.directions import ACROSS, ALONG, DIAGONAL, NONE, Edges, Keys, Slots
+from clothfit.scene.weave import directions
+from clothfit.scene.weave.directions import ACROSS, ALONG, DIAGONAL, NONE, Edges, Keys, Slots
+from clothfit.scene.weave.layout import ELSEWHERE, Layout
 
 WAYS = (" along", " across", " diagonal", "")  # in the order of the classes of edges
 FAMILIES = (*(f"edges{way}" for way in WAYS), *(f"bending{way}" for way in WAYS), "other")
@@ -35,16 +37,63 @@ class Groups(NamedTuple):
 
 
 def spring_groups(cloth: Cloth) -> Groups:
-    """The groups of the springs of a cloth: their families in each region."""
-    return _kept(FAMILIES, _families(cloth.positions, cloth.triangles, cloth.springs))
+    """The groups of the springs of a cloth: their families in each region.
+
+    A spring lies in the first region that has both its ends. The families are those that the file gives, else those of
+    the mesh, along the warp that it gives.
+    """
+    return _spring_groups(_Same(cloth.positions, cloth.triangles, cloth.springs, cloth.layout))
 
 
 def vertex_groups(cloth: Cloth) -> Groups:
-    """The groups of the vertices of a cloth: its regions."""
-    return _kept((WHOLE,), np.zeros(len(cloth.positions), np.intp))
+    """The groups of the vertices of a cloth: its regions. A vertex lies in the first region that has it."""
+    regions = cloth.layout.regions
+    if not regions:
+        return _kept((WHOLE,), np.zeros(len(cloth.positions), np.intp))
+    names = *(region.name for region in regions), ELSEWHERE
+    return _kept(names, _region(np.arange(len(cloth.positions)), cloth.layout))
 
 
-def _kept(names: tuple[str, ...], of: Slots) -> Groups:
+class _Same:
+    """Some objects as a key: equal to itself and to others of the very same objects, however large they are."""
+
+    def __init__(self, *objects: Any) -> None:
+        self.objects = objects
+
+    def __hash__(self) -> int:
+        return hash(tuple(map(id, self.objects)))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and all(a is b for a, b in zip(self.objects, other.objects, strict=True))
+
+
+@lru_cache(maxsize=8)
+def _spring_groups(key: _Same) -> Groups:
+    """The same, kept: every scene of a fit has the same positions, triangles, springs and layout."""
+    positions, triangles, springs, layout = key.objects
+    names: tuple[str, ...] = layout.names
+    family = layout.family
+    if family is None:
+        given = None if layout.warp is None else np.broadcast_to(layout.warp, triangles.shape)
+        names, family = FAMILIES, families_of(positions, triangles, springs, given)
+    regions = layout.regions
+    if not regions:
+        return _kept(names, family)
+    count = len(regions) + 1
+    whole = [f"{name}, {part}" for name in names for part in (*(region.name for region in regions), ELSEWHERE)]
+    return _kept(tuple(whole), family.astype(np.intp) * count + _region(springs, layout))
+
+
+def _region(elements: Indices | Slots, layout: Layout) -> Slots:
+    """The region of each of some vertices (E,) or springs (E, 2), by their vertices; the last is elsewhere."""
+    found = np.full(len(elements), len(layout.regions))
+    for i in reversed(range(len(layout.regions))):
+        inside = np.isin(elements, layout.regions[i].vertices)
+        found[inside if inside.ndim == 1 else inside.all(axis=1)] = i
+    return found
+
+
+def _kept(names: tuple[str, ...], of: Slots | Indices) -> Groups:
     """The groups that have members."""
     used, found = np.unique(of, return_inverse=True)
     group = found.astype(np.int32)
@@ -52,30 +101,39 @@ def _kept(names: tuple[str, ...], of: Slots) -> Groups:
     return Groups(tuple(names[i] for i in used), group)
 
 
-def _families(positions: Array, triangles: Indices, springs: Indices, given: Array | None = None) -> Slots:
-    """The family (S,) of each spring, an index into FAMILIES."""
+def families_of(positions: Array, triangles: Indices, springs: Indices, given: Array | None = None) -> Slots:
+    """The family (S,) of each spring, an index into FAMILIES; `given` (T, 3) is the direction along the cloth in each
+    triangle, where that is known.
+    """
     key = directions.keys(springs)
     found = np.full(len(springs), OTHER)
     if not len(triangles) or not len(springs):
         return found
     edges = directions.edges_of(triangles)
     of_edge = directions.classes(positions, triangles, edges, given)
-    for keys, family in (
-        _rows(edges, of_edge),
-        _hinges(triangles, edges, of_edge),
-        (edges.key, of_edge),
-    ):  # the later ones win
-        _assign(found, key, keys, family)
+    for keys, family in (_rows(edges, of_edge), _hinges(triangles, edges, of_edge)):
+        known, of = _found(key, keys, family)
+        found[known] = of[known]
+    known, of = _found(key, edges.key, of_edge)
+    known &= _first(key) | (found == OTHER)  # of two springs between the same vertices that may be either one bends
+    found[known] = of[known]
     return found
 
 
-def _assign(found: Slots, key: Keys, keys: Keys, family: Slots) -> None:
-    """Give springs with these keys their families; where a key is there twice, its first one."""
+def _first(key: Keys) -> Flags:
+    """Which of the keys are the first of their kind."""
+    first = np.zeros(len(key), bool)
+    first[np.unique(key, return_index=True)[1]] = True
+    return first
+
+
+def _found(key: Keys, keys: Keys, family: Slots) -> tuple[Flags, Slots]:
+    """Which springs (S,) have one of these keys, and the family that it has; where a key is there twice, its first."""
+    if not len(keys):
+        return np.zeros(len(key), bool), np.full(len(key), OTHER)
     keys, first = np.unique(keys, return_index=True)
-    if len(keys):
-        at = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
-        known = keys[at] == key
-        found[known] = family[first[at[known]]]
+    at = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
+    return keys[at] == key, family[first[at]]
 
 
 def _hinges(triangles: Indices, edges: Edges, of_edge: Slots) -> tuple[Keys, Slots]:

@@ -27,6 +27,7 @@ from clothfit.scene.cloth import Cloth, Sphere
 from clothfit.scene.kinds import CLOTH_KINDS, KIND, LETTERED, SCENE_KINDS, Kind
 from clothfit.scene.splice import Optional, splice
 from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read
+from clothfit.scene.weave.layout import layout_of
 
 SPHERE = 1  # colliders[].type
 INTEGRATORS = ("explicit", "symplectic", "implicit")  # names of the values of integrationMethod
@@ -216,7 +217,7 @@ def _scene(document: dict[str, Any], cloths: tuple[Cloth, ...], name: str, sourc
 
 def _cloth(item: dict[str, Any], place: str, problems: list[str]) -> Cloth | None:
     item = {**structure.defaults("object"), **item}
-    arrays = checks.arrays(item, place, problems)
+    arrays, layout = checks.arrays(item, place, problems), layout_of(item, place, problems)
     if arrays is None:
         return None
     return Cloth(
@@ -225,6 +226,7 @@ def _cloth(item: dict[str, Any], place: str, problems: list[str]) -> Cloth | Non
         damping=float(item["damping"]),
         settings="".join(LETTERS[letter.lower()] for letter in item["optimizationSettings"]),
         fits=_fits(item["fit"], CLOTH_KINDS),
+        layout=layout,
     )
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import copy
 import json
+from collections.abc import Collection
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -23,6 +24,9 @@ from clothfit.scene.conforms import conforms
 LONG_ARRAYS = (
     "vertPos", "vertIsFixed", "vertMass", "vertVel", "springs", "springStiffness", "springRestLength", "triangles",
 )  # fmt: skip
+LONG_PARTS = {"families": ("families", "springs"), "regions": ("region", "vertices")}
+"""Fields of an object that have a long list in them, or in each of their items: its owner in the schema and name."""
+
 MOST_PROBLEMS = 20
 TYPE_NAMES = {
     "array": "a list",
@@ -91,6 +95,8 @@ def _validator() -> Any:
 def _schema_of_outlines() -> dict[str, Any]:
     schema: dict[str, Any] = copy.deepcopy(_schema())
     schema["$defs"]["object"]["properties"].update({name: {"type": "array"} for name in LONG_ARRAYS})
+    for part, name in LONG_PARTS.values():
+        schema["$defs"][part]["properties"][name] = {"type": "array"}
     return schema
 
 
@@ -104,7 +110,20 @@ def _outline(document: Any) -> Any:
 def _short(item: Any) -> Any:
     if not isinstance(item, dict):
         return item
-    return {key: [] if key in LONG_ARRAYS and isinstance(value, list) else value for key, value in item.items()}
+    made = _without(item, LONG_ARRAYS)
+    for field, (_, name) in LONG_PARTS.items():
+        if isinstance(owner := made.get(field), list):
+            made[field] = [_without(each, (name,)) for each in owner]
+        elif field in made:
+            made[field] = _without(owner, (name,))
+    return made
+
+
+def _without(item: Any, names: Collection[str]) -> Any:
+    """A copy of an object without the items of the lists of these names."""
+    if not isinstance(item, dict):
+        return item
+    return {key: [] if key in names and isinstance(value, list) else value for key, value in item.items()}
 
 
 def _problems(error: Any) -> list[tuple[str, str]]:

@@ -6,7 +6,7 @@ from scipy.spatial import Delaunay
 
 from clothfit.meshes.mesh import Mesh, plane, springs
 from clothfit.meshes.new_scene import new_scene
-from clothfit.scene.families import spring_groups, vertex_groups
+from clothfit.scene.families import FAMILIES, families_of, spring_groups, vertex_groups
 
 ALL = (
     "edges along", "edges across", "edges diagonal", "bending along", "bending across", "bending diagonal",
@@ -111,3 +111,46 @@ def test_all_vertices_are_one_group():
     groups = vertex_groups(new_scene(plane(3, 1.0)).cloths[0])
     assert groups.names == ("all",)
     assert groups.of.tolist() == [0] * 25
+
+
+def test_flexion_springs_over_two_cells_in_a_row_bend():
+    """Springs from each vertex to the second next one in its row or column, as many simulators have them."""
+    mesh = plane(4, 1.0)
+    index = np.arange(36).reshape(6, 6)
+    rows = [index[:, :-2], index[:, 2:]], [index[:-2], index[2:]]
+    pairs = np.concatenate([np.stack([a.reshape(-1), b.reshape(-1)], axis=1) for a, b in rows]).astype(np.int32)
+    family = families_of(mesh.positions, mesh.triangles, pairs)
+    assert [FAMILIES[k] for k in family] == ["bending along"] * 24 + ["bending across"] * 24
+
+
+def test_springs_beside_the_mesh_are_others():
+    mesh = plane(2, 1.0)
+    far = np.array([[0, 15], [0, 14], [3, 12]], np.int32)
+    assert [FAMILIES[k] for k in families_of(mesh.positions, mesh.triangles, far)] == ["other"] * 3
+    assert [FAMILIES[k] for k in families_of(mesh.positions, mesh.triangles[:0], far)] == ["other"] * 3
+    assert len(families_of(mesh.positions, mesh.triangles, far[:0])) == 0
+
+
+def test_cells_that_are_cut_crosswise_have_the_directions_of_their_triangles():
+    """A vertex in the middle of each cell: the half diagonals are the sides of right-angled cells."""
+    n = 5
+    x, z = np.meshgrid(np.arange(n + 1.0), np.arange(n + 1.0))
+    cx, cz = np.meshgrid(np.arange(n) + 0.5, np.arange(n) + 0.5)
+    points = np.column_stack([np.append(x, cx), np.zeros((n + 1) ** 2 + n * n), np.append(z, cz)])
+    corner = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    a, b, c, d = (part.reshape(-1) for part in (corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]))
+    m = (n + 1) ** 2 + np.arange(n * n)
+    triangles = np.concatenate([np.stack(each, axis=1) for each in ((a, b, m), (b, c, m), (c, d, m), (d, a, m))])
+    found = counts(Mesh(points, triangles.astype(np.int32)))
+    assert {name: found[name] for name in ("edges along", "edges across", "edges diagonal")} == {
+        "edges along": 2 * n * n, "edges across": 2 * n * n, "edges diagonal": 2 * n * (n + 1)
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "triangles", [[(0, 1, 2)], [(0, 0, 0)], [(0, 1, 2), (0, 1, 2)], [(0, 1, 2), (0, 1, 3), (0, 1, 4)]]
+)
+def test_strange_triangles_have_families(triangles):
+    points = np.array([(0, 0, 0), (1, 0, 0), (0, 0, 0), (0, 1, 0), (0, 0, 1)], float)
+    pairs = np.array([(0, 1), (1, 2), (3, 4), (2, 3)], np.int32)
+    assert len(families_of(points, np.array(triangles, np.int32), pairs)) == 4
