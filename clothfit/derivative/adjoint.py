@@ -15,10 +15,11 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Elements
-from clothfit.engine.rollout import Rollout, velocities, velocity
+from clothfit.engine.march import state_before, velocities, velocity
+from clothfit.engine.rollout import Rollout
 from clothfit.engine.solve import guess, linear
-from clothfit.engine.step import implicit, transition
-from clothfit.engine.system import System, clamped, zeros
+from clothfit.engine.step import bdf2, implicit, transition
+from clothfit.engine.system import BDF2, System, clamped, zeros
 from clothfit.engine.tape import Tape
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import add, copy, hold_fixed
@@ -47,20 +48,31 @@ def gradient(
     """
     derivative_of = by_position if callable(by_position) else whole(by_position)
     grad, work, safe = zeros(system, kinds), implicit.workspace(system), clamped(system)
-    x_bar, v_bar = np.zeros_like(system.x0), np.zeros_like(system.x0)
+    state = states(system)
+    sweep: Callable[..., None] = sweep_bdf2_back if system.method == BDF2 else sweep_back
     for segment in memory.backward():
         for chunk in reversed(segment.parts()):
             after, by_position = memory.steps - chunk.first, derivative_of(chunk)
             with linear.served(work.A, work.solver):
                 for begin, end in reversed(alike(chunk)):
-                    form = safe if chunk.clamped[begin] else system
-                    state = x_bar, v_bar
-                    sweep_back(form, chunk, by_position, begin, end, tolerance, work, after - end, *state, grad)
+                    taken = forms(safe if chunk.clamped[begin] else system)
+                    sweep(*taken, chunk, by_position, begin, end, tolerance, work, after - end, *state, grad)
             interrupts.check()
     if "velocity" in kinds:
-        hold_fixed(system.vertex.free, v_bar)
-        grad = grad._replace(velocity=v_bar)
+        hold_fixed(system.vertex.free, state[1])
+        grad = grad._replace(velocity=state[1])
     return grad
+
+
+def forms(system: System) -> tuple[System, ...]:
+    """The systems with which the steps of a motion are taken."""
+    return bdf2.forms(system) if system.method == BDF2 else (system,)
+
+
+def states(system: System) -> tuple[Array, ...]:
+    """What a sweep carries, 0 at its start, by or of the position and the velocity (n, 3) of a state: for BDF2 of two.
+    """
+    return tuple(np.zeros_like(system.x0) for _ in range(4 if system.method == BDF2 else 2))
 
 
 def whole(by_position: Array) -> CostDerivative:
@@ -85,19 +97,20 @@ class Sweep:
     def __init__(self, system: System, direction: Elements, tolerance: float) -> None:
         self.system, self.direction, self.tolerance = system, direction, tolerance
         self.work, self.safe = implicit.workspace(system), clamped(system)
-        self.dx, self.dv = np.zeros_like(system.x0), np.zeros_like(system.x0)
+        self.state = states(system)
+        self.sweep: Callable[..., None] = sweep_bdf2_forward if system.method == BDF2 else sweep_forward
         if len(direction.velocity) > 0:
-            copy(direction.velocity, self.dv)
-            hold_fixed(system.vertex.free, self.dv)
+            copy(direction.velocity, self.state[1])
+            hold_fixed(system.vertex.free, self.state[1])
 
     def through(self, chunk: Rollout) -> Array:
         """Change of the positions (T, n, 3) after each step of the next chunk of the motion."""
         change = np.empty_like(chunk.x[1:])
         with linear.served(self.work.A, self.work.solver):
             for begin, end in alike(chunk):
-                form = self.safe if chunk.clamped[begin] else self.system
-                state = self.dx, self.dv
-                sweep_forward(form, chunk, begin, end, self.direction, self.tolerance, self.work, *state, change)
+                taken = forms(self.safe if chunk.clamped[begin] else self.system)
+                given = self.direction, self.tolerance, self.work
+                self.sweep(*taken, chunk, begin, end, *given, *self.state, change)
         interrupts.check()
         return change
 
@@ -131,4 +144,45 @@ def sweep_forward(system, chunk, begin, end, direction, tolerance, work, dx, dv,
         v, w = velocity(chunk, t), velocities(chunk, t)
         guess.advance(work.past, chunk.first + t, work.solution)
         transition.pushforward(system, x[t], v, w, used[t], theta[t], tolerance, work, dx, dv, direction)
+        copy(dx, change[t])
+
+
+@kernel
+def sweep_bdf2_back(
+    euler, inner, chunk, by_position, begin, end, tolerance, work, before, x_bar, v_bar, x_rest, v_rest, grad
+):
+    """What `sweep_back` does, for the two `bdf2.forms`; x_rest, v_rest is what the steps that have been swept add to
+    the gradient by the state before them.
+    """
+    x, used, theta = chunk.x, chunk.used, chunk.theta
+    for t in range(end - 1, begin - 1, -1):
+        add(1.0, by_position[t + 1], x_bar)
+        v, w, (x_before, v_before) = velocity(chunk, t), velocities(chunk, t), state_before(chunk, t)
+        guess.advance(work.past, before + end - 1 - t, work.solution)
+        if chunk.euler[t]:
+            implicit.pullback(euler, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
+            for bar, rest in ((x_bar, x_rest), (v_bar, v_rest)):
+                add(1.0, rest, bar)
+                rest[:] = 0.0
+        else:
+            state = x_bar, v_bar, x_rest, v_rest
+            bdf2.pullback(inner, x[t], v, x_before, v_before, w, used[t], tolerance, work, *state, grad)
+
+
+@kernel
+def sweep_bdf2_forward(
+    euler, inner, chunk, begin, end, direction, tolerance, work, dx, dv, dx_before, dv_before, change
+):
+    """What `sweep_forward` does, for the two `bdf2.forms`; dx_before, dv_before is the change one step earlier."""
+    x, used, theta = chunk.x, chunk.used, chunk.theta
+    for t in range(begin, end):
+        v, w, (x_before, v_before) = velocity(chunk, t), velocities(chunk, t), state_before(chunk, t)
+        guess.advance(work.past, chunk.first + t, work.solution)
+        if chunk.euler[t]:
+            copy(dx, dx_before)
+            copy(dv, dv_before)
+            implicit.pushforward(euler, x[t], v, w, used[t], theta[t], tolerance, work, dx, dv, direction)
+        else:
+            state = dx, dv, dx_before, dv_before
+            bdf2.pushforward(inner, x[t], v, x_before, v_before, w, used[t], tolerance, work, *state, direction)
         copy(dx, change[t])

@@ -21,10 +21,11 @@ from clothfit.derivative import adjoint
 from clothfit.derivative.adjoint import Observer, TrajectoryMemory
 from clothfit.derivative.stencil import stencil
 from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian
-from clothfit.engine.rollout import velocities, velocity
+from clothfit.engine.march import state_before, velocities, velocity
+from clothfit.engine.rollout import Rollout
 from clothfit.engine.solve import sparse
-from clothfit.engine.step import implicit
-from clothfit.engine.system import EXPLICIT, System, clamped
+from clothfit.engine.step import bdf2, implicit
+from clothfit.engine.system import BDF2, EXPLICIT, System, clamped
 from clothfit.kernels.kernel import kernel
 
 FEW_COLUMNS = 16
@@ -61,42 +62,95 @@ def sweep(
 
     `observe` gets each chunk of the motion before dX after its steps is yielded.
     """
-    free = system.vertex.free
-    place = np.where(free, np.cumsum(free) - 1, -1).astype(np.int32)
-    near, work, safe = stencil(system, 2), implicit.workspace(system), clamped(system)
-    step, change = jacobian(system, near, rest=len(columns.rest.column) > 0), np.zeros_like(system.x0)
-    mass = np.repeat(system.vertex.mass[free], 3)[:, None]
-    size = (3 * int(free.sum()), columns.width)
-    dx, dv, dy, du, dw = (np.zeros(size) for _ in range(5))
-    for column, start in columns.velocity:
-        dv[:, column] = start[free].reshape(-1)
+    carried = Carried(system, columns)
     for chunk in (chunk for segment in memory.forward() for chunk in segment.parts()):
         if observe:
             observe(chunk)
         for t in range(chunk.steps):
-            v, form, theta = velocity(chunk, t), safe if chunk.clamped[t] else system, chunk.theta[t]
-            iterates = velocities(chunk, t)
-            for k in range(chunk.used[t]):
-                w = iterates[k]
-                u = v if k == 0 else iterates[k - 1]
-                differentiate(form, near, chunk.x[t], v, w, u, k, work, step)
-                np.copyto(du, dv if k == 0 else dw)
-                np.copyto(dy, dx) if k == 0 else np.add(dx, system.h * du, out=dy)
-                right = mass * dv
-                add_product(near, place, step.by_y, dy, right)
-                if np.any(step.by_u):
-                    add_product(near, place, step.by_u, du, right)
-                add_vertex_columns(place, step.by_mass, columns.mass, right)
-                add_spring_columns(place, system.springs.ends, step.by_stiffness, columns.stiffness, right)
-                add_spring_columns(place, system.springs.ends, step.by_rest, columns.rest, right)
-                for column, direction in columns.everywhere:
-                    differentiate_globally(form, chunk.x[t], v, w, u, k, work, direction, change)
-                    right[:, column] += change[free].reshape(-1)
-                dw = solver(work.A)(right)
-            dx += system.h * (dv if system.method == EXPLICIT else theta * dw)
-            np.multiply(theta, dw, out=dv)
+            carried.through(chunk, t)
             interrupts.check()
-            yield dx
+            yield carried.dx
+
+
+class Point(NamedTuple):
+    """What a step is linearised with, of n vertices: the arguments of `step_jacobian.differentiate`."""
+
+    system: System
+    x: Array  # (n, 3), m; x̃ of a BDF2 step
+    v: Array  # (n, 3), m/s; ṽ of a BDF2 step
+    u: Array  # (n, 3), m/s, velocity that the iteration starts from
+    later: bool  # whether it is one of Newton's, linearised at x + h u
+
+
+def point(system: System, chunk: Rollout, t: int, work: implicit.Workspace) -> Point:
+    """Where the first iteration of step t of a chunk starts."""
+    x, v = chunk.x[t], velocity(chunk, t)
+    if system.method != BDF2:
+        return Point(system, x, v, v, False)
+    euler, inner = bdf2.forms(system)
+    if chunk.euler[t]:
+        return Point(euler, x, v, v, False)
+    x_before, v_before = state_before(chunk, t)
+    bdf2.extrapolate(x, v, x_before, v_before, work)
+    return Point(inner, work.x_base, work.v_base, work.u, True)
+
+
+class Carried:
+    """The change of a state along all columns, (3 f, Q), and what the steps make of it."""
+
+    def __init__(self, system: System, columns: Columns) -> None:
+        """At the start of the motion."""
+        self.system, self.safe, self.columns, free = system, clamped(system), columns, system.vertex.free
+        self.place = np.where(free, np.cumsum(free) - 1, -1).astype(np.int32)
+        self.near, self.work = stencil(system, 2), implicit.workspace(system)
+        self.by, self.change = jacobian(system, self.near, rest=len(columns.rest.column) > 0), np.zeros_like(system.x0)
+        self.mass = np.repeat(system.vertex.mass[free], 3)[:, None]
+        size = (3 * int(free.sum()), columns.width)
+        self.dx, self.dv, self.dx_before, self.dv_before, self.dy = (np.zeros(size) for _ in range(5))
+        for column, start in columns.velocity:
+            self.dv[:, column] = start[free].reshape(-1)
+
+    def through(self, chunk: Rollout, t: int) -> None:
+        """Step t of a chunk of the motion."""
+        at = point(self.safe if chunk.clamped[t] else self.system, chunk, t, self.work)
+        iterates, theta = velocities(chunk, t), chunk.theta[t]
+        dw = self.start(at)
+        for k in range(chunk.used[t]):
+            at = at if k == 0 else at._replace(u=iterates[k - 1], later=True)
+            right = self.right(at, iterates[k], dw)
+            dw = np.ascontiguousarray(solver(self.work.A)(right))
+        self.dx += at.system.h * (self.dv if self.system.method == EXPLICIT else theta * dw)
+        np.multiply(theta, dw, out=self.dv)
+
+    def start(self, at: Point) -> Array:
+        """Make dx and dv those of the point, and return that of the velocity which the first iteration starts from."""
+        if not at.later:
+            if self.system.method == BDF2:
+                self.dx_before[:], self.dv_before[:] = self.dx, self.dv
+            return self.dv
+        du = 2.0 * self.dv - self.dv_before
+        for d, before in (self.dx, self.dx_before), (self.dv, self.dv_before):
+            old = d.copy()
+            d += (d - before) / 3.0
+            before[:] = old
+        return du
+
+    def right(self, at: Point, w: Array, du: Array) -> Array:
+        """The right-hand side of an iteration to w; its matrix is left in the workspace."""
+        system, near, place, by = at.system, self.near, self.place, self.by
+        differentiate(system, near, at.x, at.v, w, at.u, at.later, self.work, by)
+        dy = np.add(self.dx, system.h * du, out=self.dy) if at.later else self.dx
+        right = self.mass * self.dv
+        add_product(near, place, by.by_y, dy, right)
+        if np.any(by.by_u):
+            add_product(near, place, by.by_u, du, right)
+        add_vertex_columns(place, by.by_mass, self.columns.mass, right)
+        add_spring_columns(place, system.springs.ends, by.by_stiffness, self.columns.stiffness, right)
+        add_spring_columns(place, system.springs.ends, by.by_rest, self.columns.rest, right)
+        for column, direction in self.columns.everywhere:
+            differentiate_globally(system, at.x, at.v, w, at.u, at.later, self.work, direction, self.change)
+            right[:, column] += self.change[system.vertex.free].reshape(-1)
+        return right
 
 
 def tangents(

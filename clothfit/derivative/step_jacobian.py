@@ -50,12 +50,14 @@ def jacobian(system: System, stencil: Stencil, rest: bool = False) -> Jacobian:
 
 
 @kernel
-def differentiate(system, stencil, x, v, w, u, k, work, out):
-    """Fill `out` with the derivative of iteration k, which goes from u to w, and work.A with its matrix."""
+def differentiate(system, stencil, x, v, w, u, later, work, out):
+    """Fill `out` with the derivative of an iteration from u to w, the first or a `later` one, and work.A with its
+    matrix.
+    """
     A, y, s, lam, gy, gu = work.A, work.y, work.s, work.solution, work.gy, work.gu
     at, to = u, w  # what the forces are linearised at, and the velocity their model is for
     if system.method == IMPLICIT:
-        implicit.linearise(system, x, w, u, k, A, work.b, y, s)
+        implicit.linearise(system, x, w, u, later, A, work.b, y, s)
     else:
         copy(x, y)
         s[:] = 0.0
@@ -67,7 +69,7 @@ def differentiate(system, stencil, x, v, w, u, k, work, out):
             pull(system, y, at, to, s, v, w, lam, gy, gu, out.row)
             if system.method != IMPLICIT:
                 total.add_damping(system, y, system.h, lam, gu)
-            elif k > 0:
+            elif later:
                 add_newton(system, A, y, lam, work.b, gu)
             keep(system, stencil, color, c, gy, gu, out)
 
@@ -123,8 +125,8 @@ def keep(system, stencil, color, c, gy, gu, out):
 
 
 @kernel
-def differentiate_globally(system, x, v, w, u, k, work, direction, out):
-    """out (n, 3) = C dp in iteration k for a change `direction` of elements that act everywhere."""
+def differentiate_globally(system, x, v, w, u, later, work, direction, out):
+    """out (n, 3) = C dp in an iteration for a change `direction` of elements that act everywhere."""
     y, s, zero = work.y, work.s, work.gy
     zero[:] = 0.0
     at, to = u, w
@@ -132,12 +134,12 @@ def differentiate_globally(system, x, v, w, u, k, work, direction, out):
         copy(x, y)
         s[:] = 0.0
         at, to = v, v
-    elif k == 0:
-        copy(x, y)
-        combine(system.h, w, 0.0, w, s)
-    else:
+    elif later:
         combine(1.0, x, system.h, u, y)
         combine(system.h, w, -system.h, u, s)
+    else:
+        copy(x, y)
+        combine(system.h, w, 0.0, w, s)
     out[:] = 0.0
     total.add_pushforward(system, y, at, to, s, zero, zero, direction, system.h, out)
     add_mass(direction.mass, 1.0, v, out)

@@ -8,19 +8,18 @@ little time. A `tape` goes through a whole motion part by part.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.base.limits import FARTHEST
 from clothfit.base.memory import check_memory
-from clothfit.engine.solve import guess, linear
-from clothfit.engine.step import guard, implicit, transition
-from clothfit.engine.system import IMPLICIT, System, clamped
-from clothfit.kernels.kernel import kernel
-from clothfit.kernels.vectors import copy
+from clothfit.engine.march import run, run_bdf2
+from clothfit.engine.solve import linear
+from clothfit.engine.step import bdf2, implicit
+from clothfit.engine.system import BDF2, IMPLICIT, System, clamped
 
 STRETCH = 20_000
 """Vertices × steps between two checks for an interrupt: about 10 ms."""
@@ -35,7 +34,11 @@ class Rollout(NamedTuple):
     solves: Indices  # (T, 2), CG iterations and direct solves of each step
     clamped: Flags  # (T,), steps taken with the clamped system, as their matrix was not positive definite
     theta: Array  # (T,), part of each step that was taken, 1 unless it was shortened (`step.guard`)
+    euler: Flags  # (T,), steps of a BDF2 motion that are implicit Euler steps (`step.bdf2`)
     v: Array  # (n, 3), velocity before the first of the steps, m/s
+    x_before: Array  # (n, 3), position one step before that, m; any, where nothing was before
+    v_before: Array  # (n, 3), the velocity there, m/s
+    ready: bool = False  # whether the first of the steps can be a BDF2 step
     first: int = 0  # steps of the motion before it
 
     @property
@@ -45,7 +48,7 @@ class Rollout(NamedTuple):
 
     def part(self, begin: int, end: int) -> Rollout:
         """The steps from `begin` to below `end`, counted here; not a copy."""
-        v = self.w[begin - 1, self.used[begin - 1] - 1] if begin else self.v
+        x_before, v_before = (self.x[begin - 1], self.velocity(begin - 1)) if begin else (self.x_before, self.v_before)
         return Rollout(
             self.x[begin : end + 1],
             self.w[begin:end],
@@ -53,9 +56,17 @@ class Rollout(NamedTuple):
             self.solves[begin:end],
             self.clamped[begin:end],
             self.theta[begin:end],
-            v,
+            self.euler[begin:end],
+            self.velocity(begin),
+            x_before,
+            v_before,
+            bool(self.theta[begin - 1] == 1.0) if begin else self.ready,
             self.first + begin,
         )
+
+    def velocity(self, t: int) -> Array:
+        """Velocity (n, 3) before step t, m/s."""
+        return self.w[t - 1, self.used[t - 1] - 1] if t else self.v
 
     def parts(self) -> list[Rollout]:
         """Parts short enough to be interrupted."""
@@ -76,17 +87,18 @@ def empty(system: System, steps: int) -> Rollout:
     x, w = np.empty((steps + 1, n, 3)), np.zeros((steps, iterations, n, 3))
     x[0] = system.x0
     used, solves = np.ones(steps, np.int32), np.zeros((steps, 2), np.int32)
-    return Rollout(x, w, used, solves, np.zeros(steps, bool), np.ones(steps), system.v0)
+    flags = np.zeros((2, steps), bool)
+    return Rollout(x, w, used, solves, flags[0], np.ones(steps), flags[1], system.v0, system.x0, system.v0)
 
 
 def iterations_of(system: System) -> int:
     """Most iterations N of a step."""
-    return system.newton_iterations if system.method == IMPLICIT else 1
+    return system.newton_iterations if system.method in (IMPLICIT, BDF2) else 1
 
 
 def state_bytes(system: System) -> int:
     """Bytes that a Rollout holds of each step."""
-    return 24 * len(system.x0) * (1 + iterations_of(system)) + 21
+    return 24 * len(system.x0) * (1 + iterations_of(system)) + 22
 
 
 def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]:
@@ -101,15 +113,12 @@ def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]
 
 def fill(system: System, tolerance: float, work: implicit.Workspace, part: Rollout) -> int:
     """Compute the steps of a part whose x[0], v and first are set; returns how many are good."""
-    safe = clamped(system)
+    own, safe = (partial(advance, form, tolerance, work, part) for form in (system, clamped(system)))
     with linear.served(work.A, work.solver):
         for begin, end in stretches(part.steps, len(system.x0)):
             done, refused = begin, False
             while done < end:
-                if refused:
-                    done, failed = run(safe, tolerance, work, part, done, done + 1)
-                else:
-                    done, failed = run(system, tolerance, work, part, done, end)
+                done, failed = safe(done, done + 1) if refused else own(done, end)
                 interrupts.check()
                 if failed:
                     return int(done)
@@ -117,81 +126,19 @@ def fill(system: System, tolerance: float, work: implicit.Workspace, part: Rollo
     return part.steps
 
 
+def advance(
+    system: System, tolerance: float, work: implicit.Workspace, part: Rollout, start: int, stop: int
+) -> tuple[int, bool]:
+    """Run steps of a part with the method of the system; see `run`."""
+    if system.method == BDF2:
+        done, failed = run_bdf2(*bdf2.forms(system), tolerance, work, part, start, stop)
+    else:
+        done, failed = run(system, tolerance, work, part, start, stop)
+    return done, failed
+
+
 def stretches(steps: int, n: int) -> Iterator[tuple[int, int]]:
     """Split the steps of a cloth of n vertices into runs, from first to below last, short enough to be interrupted."""
     length = max(1, STRETCH // n)
     for first in range(0, steps, length):
         yield first, min(first + length, steps)
-
-
-@kernel
-def velocity(part, t):
-    """Velocity (n, 3) before step t of a Rollout."""
-    if t == 0:
-        return part.v
-    return part.w[t - 1, part.used[t - 1] - 1]
-
-
-@kernel
-def velocities(part, t):
-    """Velocities (N, n, 3) of the iterations of step t, as they were before the step was shortened."""
-    w, theta = part.w[t], part.theta[t]
-    if theta < 1.0:
-        w = w.copy()
-        w[part.used[t] - 1] /= theta  # a power of ½: nothing is lost
-    return w
-
-
-@kernel
-def run(system, tolerance, work, part, start, stop):
-    """Fill a Rollout from its step `start` to below `stop`.
-
-    Returns the number of good steps since its beginning, and whether the next one failed. If it did not fail, and
-    `stop` is not reached, the caller must take it with the clamped system; its first guess is ready.
-    """
-    x, w, used, solves, capped, theta, _, before = part
-    first, energy, safe = work.solution, 0.0, system.springs.cap <= 1.0
-    t, checked = start, start if guard.applies(system) else stop
-    while t < stop:
-        v = velocity(part, t)
-        now, power = transition.prepare(system, x[t], v, work)  # the energy that step t − 1 led to
-        if t > checked and guard.rises(energy, now, system.h * power):
-            checked = t
-            if shortened(system, part, t - 1, energy):
-                continue
-        energy = now
-        if not safe:
-            copy(v, first)
-            guess.advance(work.past, before + t, first)
-            solves[t] = 0
-        used[t], iterations, direct = transition.step(system, x[t], v, first, tolerance, work, w[t], x[t + 1])
-        solves[t, 0] += iterations
-        solves[t, 1] += direct
-        theta[t], capped[t] = 1.0, safe
-        if used[t] == 0:
-            return t, False
-        if not finite(x[t + 1]):
-            return t, True
-        t += 1
-    if checked < stop:
-        shortened(system, part, stop - 1, energy)
-    return stop, False
-
-
-@kernel
-def shortened(system, part, t, energy):
-    """Shorten step t, which began with this energy, J, if it added energy; returns whether it was shortened."""
-    x, v = part.x, velocity(part, t + 1)
-    if guard.raised(system, energy, x[t], v, x[t + 1]):
-        part.theta[t] = guard.shorten(system, energy, x[t], v, x[t + 1])
-    return part.theta[t] < 1.0
-
-
-@kernel
-def finite(x):
-    """Whether all coordinates are numbers, and not too far away."""
-    for i in range(len(x)):
-        size = abs(x[i, 0]) + abs(x[i, 1]) + abs(x[i, 2])
-        if not size < FARTHEST:  # so that NaN counts as well
-            return False
-    return True

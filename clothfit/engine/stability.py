@@ -33,8 +33,11 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.engine.forces.spheres import STIFFNESS
-from clothfit.engine.system import EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
+from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
 from clothfit.scene.scene import INTEGRATORS, Scene
+
+UNLIMITED = (IMPLICIT, BDF2)
+"""Methods whose steps are stable however long they are."""
 
 ACCURACY = 0.01
 """Of ω², relative."""
@@ -55,8 +58,8 @@ class Limit(NamedTuple):
 
 
 def limit(system: System, omega: float | None = None) -> Limit:
-    """The limit of a cloth, with its own method; nothing limits implicit steps. `omega`: its `frequency`, if known."""
-    if system.method == IMPLICIT:
+    """The limit of a cloth, with its own method; nothing limits some. `omega`: its `frequency`, if known."""
+    if system.method in UNLIMITED:
         return Limit(0.0, inf, 1.0)
     with np.errstate(all="ignore"):  # of values at the ends of the range of doubles
         omega = frequency(system) if omega is None else omega
@@ -70,7 +73,7 @@ def limit(system: System, omega: float | None = None) -> Limit:
 
 def warning(scene: Scene, steps: int) -> str | None:
     """The warning before so many steps of a scene, where some of its cloths will not stay stable; None otherwise."""
-    if scene.method == IMPLICIT:
+    if scene.method in UNLIMITED:
         return None
     limits = [limit(build(scene, index)) for index in range(len(scene.cloths))]
     index = max(range(len(limits)), key=lambda i: limits[i].growth)
@@ -89,7 +92,7 @@ def warning(scene: Scene, steps: int) -> str | None:
 
 def advice(scene: Scene, index: int) -> str:
     """What a user can try after the motion of a cloth diverged."""
-    if scene.method == IMPLICIT:
+    if scene.method in UNLIMITED:
         return "try a smaller delta"
     step = limit(build(scene, index)).step
     why = f" ({INTEGRATORS[scene.method]} steps: {known(step)})" if step < inf else ""

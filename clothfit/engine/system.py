@@ -16,7 +16,7 @@ from clothfit.engine.forces import spheres, springs, vertex, wind
 from clothfit.engine.solve import sparse
 from clothfit.scene.scene import Scene
 
-EXPLICIT, SYMPLECTIC, IMPLICIT = 0, 1, 2
+EXPLICIT, SYMPLECTIC, IMPLICIT, BDF2 = 0, 1, 2, 3
 """Values of the scene's `integrationMethod`."""
 
 
@@ -26,9 +26,9 @@ class System(NamedTuple):
     x0: Array  # (n, 3), positions at the start, m
     v0: Array  # (n, 3), velocities at the start, m/s; 0 at fixed vertices
     h: float  # time step, s
-    method: int  # EXPLICIT, SYMPLECTIC or IMPLICIT
-    newton_iterations: int  # linear solves per implicit step, at least 1
-    guarded: bool  # False: implicit steps as the format has them, whatever comes of it
+    method: int  # EXPLICIT, SYMPLECTIC, IMPLICIT or BDF2
+    newton_iterations: int  # linear solves per implicit or BDF2 step, at least 1
+    guarded: bool  # False: such steps as the format has them, whatever comes of it
     vertex: vertex.Vertex
     springs: springs.Springs
     faces: wind.Faces

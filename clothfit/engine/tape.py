@@ -11,18 +11,16 @@ from collections.abc import Iterator
 from copy import deepcopy
 from typing import NamedTuple
 
-import numpy as np
-
 from clothfit.base import memory
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import human
 from clothfit.engine.fallbacks import NO_FALLBACKS
-from clothfit.engine.rollout import STRETCH, Rollout, empty, fill, iterations_of, state_bytes, velocity
+from clothfit.engine.rollout import STRETCH, Rollout, empty, fill, iterations_of, state_bytes
 from clothfit.engine.snapshots import Plan
 from clothfit.engine.solve.guess import Past
 from clothfit.engine.step import implicit
-from clothfit.engine.system import System
+from clothfit.engine.system import BDF2, System
 
 SHORTEST_PART = 16
 """Steps of a part, at least, of a motion that only goes forwards."""
@@ -34,6 +32,9 @@ class Snapshot(NamedTuple):
     step: int
     x: Array  # (n, 3), m
     v: Array  # (n, 3), m/s
+    x_before: Array  # (n, 3), m, one step before; any, at the start
+    v_before: Array  # (n, 3), m/s
+    ready: bool  # whether the next step can be a BDF2 step
     past: Past  # solutions of the last steps, for the first guesses
 
 
@@ -68,7 +69,8 @@ class Tape:
         self._work = implicit.workspace(system)
         self._room: Rollout | None = None
         self._held: Held | None = None
-        self._kept = {0: Snapshot(0, system.x0, system.v0, deepcopy(self._work.past))}
+        x, v = system.x0, system.v0
+        self._kept = {0: Snapshot(0, x, v, x, v, False, deepcopy(self._work.past))}
 
     def forward(self) -> Iterator[Rollout]:
         """All parts from the start; each is valid until the next is taken. Where the motion diverges, the last part
@@ -122,14 +124,18 @@ class Tape:
     def _computed(self, at: Snapshot, end: int) -> Held:
         if self._room is None:
             self._room = empty(self.system, self.plan.length)
-        part = self._room.part(0, end - at.step)._replace(v=at.v, first=at.step)
+        part = self._room.part(0, end - at.step)._replace(v=at.v, x_before=at.x_before, v_before=at.v_before)
+        part = part._replace(ready=at.ready, first=at.step)
         part.x[0] = at.x
         self._held = None  # an interrupt may come
         work = self._work._replace(past=deepcopy(at.past))
         good = fill(self.system, self.tolerance, work, part)
         self.good = max(self.good, at.step + good)
         if good < part.steps:
-            self.fault, self.fault_velocity = part.x[good + 1].copy(), np.array(velocity(part, good + 1))
+            self.fault, self.fault_velocity = part.x[good + 1].copy(), part.velocity(good + 1).copy()
             part = part.part(0, good)
-        v = np.array(velocity(part, good))
-        return Held(at.step, end, part, Snapshot(end, part.x[good].copy(), v, work.past))
+        last = part.part(good, good)
+        x, v = last.x[0].copy(), last.v.copy()
+        two = self.system.method == BDF2
+        x_before, v_before = (last.x_before.copy(), last.v_before.copy()) if two else (x, v)
+        return Held(at.step, end, part, Snapshot(end, x, v, x_before, v_before, last.ready, work.past))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from clothfit.engine.system import IMPLICIT
+from clothfit.engine.system import BDF2, IMPLICIT
 from clothfit.scene.scene import INTEGRATORS, Scene
 
 EXPLICIT_RATIOS = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16, 1 / 32)
 """Steps of the explicit integrators to try, relative to the scene's delta; they are stable only when short."""
 IMPLICIT_RATIOS = (4.0, 2.0, 1.0, 1 / 2, 1 / 4, 1 / 8)
-"""Steps of the implicit integrator to try; powers of two, so they reach the frames without rounding."""
+"""Steps of the implicit integrator and of BDF2 to try; powers of two, so they reach the frames without rounding."""
 TOLERANCES = (1e-3, 1e-5, 1e-8)
 NEWTON_COUNTS = (1, 2, 4)
 
@@ -49,8 +49,8 @@ class Setting:
 
 def own(scene: Scene) -> Setting:
     """The scene's own setting, with which the editor plays it."""
-    implicit = scene.method == IMPLICIT
-    tolerance, newton = (scene.tolerance, scene.newton_iterations) if implicit else (None, None)
+    solves = scene.method in (IMPLICIT, BDF2)
+    tolerance, newton = (scene.tolerance, scene.newton_iterations) if solves else (None, None)
     return Setting(INTEGRATORS[scene.method], 1.0, tolerance, newton)
 
 
@@ -61,9 +61,11 @@ def grid(scene: Scene) -> list[Setting]:
     others = [t for t in TOLERANCES if not math.isclose(t, scene.tolerance, rel_tol=1e-3)]
     tolerances = sorted([scene.tolerance, *others], reverse=True)
     iterations = sorted({scene.newton_iterations, *NEWTON_COUNTS})
+    once = sorted({scene.newton_iterations, 1}) if scene.method == BDF2 else [1]  # more gain nothing: see `step.bdf2`
     found += [
-        Setting(INTEGRATORS[IMPLICIT], ratio, tolerance, newton)
-        for newton in iterations
+        Setting(INTEGRATORS[method], ratio, tolerance, newton)
+        for method, counts in ((IMPLICIT, iterations), (BDF2, once))
+        for newton in counts
         for tolerance in tolerances
         for ratio in IMPLICIT_RATIOS
     ]

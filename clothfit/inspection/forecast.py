@@ -8,8 +8,8 @@ from math import inf
 import numpy as np
 
 from clothfit.engine.rollout import state_bytes
-from clothfit.engine.stability import frequency, limit
-from clothfit.engine.system import IMPLICIT, build
+from clothfit.engine.stability import UNLIMITED, frequency, limit
+from clothfit.engine.system import build
 from clothfit.objective import memory_needs as storage
 from clothfit.scene.fit_vector import fitted_cloths
 from clothfit.scene.scene import INTEGRATORS, Scene
@@ -41,7 +41,7 @@ def forecast(scene: Scene) -> Forecast:
         state.append(state_bytes(system))
         with np.errstate(all="ignore"):  # of values at the ends of the range of doubles
             omega = frequency(system)
-        for method in set(least) - {IMPLICIT}:
+        for method in set(least) - set(UNLIMITED):
             least[method] = min(least[method], limit(system._replace(method=method), omega).step)
     steps = tuple(Steps(name, least[i], scene.delta <= least[i]) for i, name in enumerate(INTEGRATORS))
     return Forecast(steps, motion_bytes(scene), fit_bytes(scene, state))

@@ -13,7 +13,7 @@ from clothfit.engine import snapshots
 from clothfit.engine.rollout import state_bytes
 from clothfit.engine.snapshots import Plan
 from clothfit.engine.step import implicit
-from clothfit.engine.system import System
+from clothfit.engine.system import BDF2, System
 from clothfit.motion.motion import Motion
 from clothfit.objective.run import Run
 from clothfit.objective.running_cost import running_cost
@@ -81,9 +81,9 @@ def needs(runs: Sequence[Run], targets: Sequence[Motion], budget: int) -> Needs:
 
 
 def snapshot_bytes(system: System) -> int:
-    """Bytes of a snapshot: a position, a velocity and what the first guesses are made of."""
+    """Bytes of a snapshot: position and velocity, of BDF2 of two steps, and what the first guesses are made of."""
     past = implicit.workspace(system).past
-    return 2 * system.x0.nbytes + sum(np.asarray(field).nbytes for field in past)
+    return (4 if system.method == BDF2 else 2) * system.x0.nbytes + sum(np.asarray(field).nbytes for field in past)
 
 
 def motion_bytes(motion: Motion) -> int:

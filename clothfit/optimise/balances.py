@@ -101,7 +101,7 @@ def fill(system, near, x, v, work, step, out):
     for t in range(len(out.residual)):
         r = out.residual[t]
         u = v[t + 1] if newton else v[t]
-        differentiate(system, near, x[t], v[t], v[t + 1], u, 1 if newton else 0, work, step)
+        differentiate(system, near, x[t], v[t], v[t + 1], u, newton, work, step)
         r[:] = 0.0
         if system.method == IMPLICIT and not newton:
             sparse.multiply(work.A, v[t + 1], r)  # r = A w − M v − b, with what `differentiate` left

@@ -24,7 +24,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.columns import columns
 from clothfit.derivative.sensitivity import Columns
-from clothfit.engine.system import EXPLICIT
+from clothfit.engine.system import BDF2, EXPLICIT
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run
 from clothfit.optimise import bounded
@@ -84,6 +84,8 @@ def fit(objective: Objective, p: Array, fitted: Flags, treatment: Treatment = TR
 
 def fits(objective: Objective) -> bool:
     """Whether the balances fit into what an objective may hold."""
+    if any(run.system.method == BDF2 for run in objective.runs):
+        return False
     sizes = (
         (run.steps * (3 * len(run.system.x0) + 6 * len(run.system.springs.rest)) for run in group)
         for group in ([run for run in objective.runs if run.cloth == cloth] for cloth in objective.cloths)

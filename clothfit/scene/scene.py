@@ -30,7 +30,7 @@ from clothfit.scene.text import Readable, Source, constant_problem, name_of, par
 from clothfit.scene.weave.layout import layout_of
 
 SPHERE = 1  # colliders[].type
-INTEGRATORS = ("explicit", "symplectic", "implicit")  # names of the values of integrationMethod
+INTEGRATORS = ("explicit", "symplectic", "implicit", "bdf2")  # names of the values of integrationMethod
 LETTERS: dict[str | bool, str] = {"n": "n", "g": "G", "l": "L", False: "n", True: "G"}
 
 
@@ -39,11 +39,11 @@ class Scene:
     """A valid scene, immutable; `load` and `new_scene` make one. Units are those of SI, axes y up and left-handed."""
 
     title: str  # for people
-    method: int  # 0 explicit, 1 symplectic, 2 implicit Euler
+    method: int  # 0 explicit, 1 symplectic, 2 implicit Euler, 3 BDF2
     delta: float  # time step, s
     tolerance: float  # of the linear solver, relative to the right-hand side
     frames: int  # that a fit compares, the initial one included
-    newton_iterations: int  # per implicit step; 1 is the linearised step
+    newton_iterations: int  # per implicit or BDF2 step; 1 is the linearised step
     wind: Array  # (3,) m/s, read-only
     gravity: Array  # (3,) m/s², read-only
     fits: Mapping[str, str]  # what to fit of the scene as a whole: "wind" or "gravity" to "G"

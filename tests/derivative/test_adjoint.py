@@ -13,7 +13,8 @@ from clothfit.engine.system import all_elements, with_elements
 pytestmark = pytest.mark.slow  # compiles a fit
 
 STEPS = 6
-VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 2), ("implicit", 5)]
+ONE = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 2), ("bdf2", 1)]
+VARIANTS = [*ONE, ("implicit", 5), ("bdf2", 3)]
 
 
 def positions(system, change, t):
@@ -51,7 +52,7 @@ def test_the_gradient_is_the_transpose_of_the_tangent(method, newton):
     assert abs(np.vdot(weight, forward) - back) < 1e-12 * abs(back)
 
 
-@pytest.mark.parametrize(("method", "newton"), [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 2)])
+@pytest.mark.parametrize(("method", "newton"), ONE)
 def test_each_entry_of_the_gradient_against_a_central_difference(method, newton):
     system = gentle(method, newton, nx=2, ny=2)
     memory, weight = swept(system)

@@ -15,7 +15,7 @@ from clothfit.scene.fit_vector import parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
-VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3)]
+VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3), ("bdf2", 1), ("bdf2", 3)]
 FITS = {
     "mass L": ("Ln", {}),
     "mass G": ("Gn", {}),

@@ -7,7 +7,8 @@ from helpers.physics import METHODS, TIGHT, gentle, relative
 
 from clothfit.derivative.stencil import stencil
 from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian
-from clothfit.engine.rollout import rollout, velocity
+from clothfit.engine.march import velocity
+from clothfit.engine.rollout import rollout
 from clothfit.engine.step import implicit, transition
 from clothfit.engine.system import EXPLICIT, zeros
 

@@ -7,7 +7,8 @@ from helpers.physics import GRAVITY, TIGHT, ball, cloth, gentle, relative, thing
 
 from clothfit.derivative import adjoint
 from clothfit.engine.forces import spheres, springs, total
-from clothfit.engine.rollout import rollout, velocities, velocity
+from clothfit.engine.march import velocities, velocity
+from clothfit.engine.rollout import rollout
 from clothfit.engine.step import guard, implicit
 from clothfit.engine.system import all_elements
 

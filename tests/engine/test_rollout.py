@@ -10,10 +10,11 @@ from helpers.physics import GRAVITY, METHODS, TIGHT, ball, gentle, placed, rotat
 from helpers.scenes import cloth
 
 from clothfit.base.limits import FARTHEST
-from clothfit.engine.rollout import finite, rollout, velocity
+from clothfit.engine.march import finite, velocity
+from clothfit.engine.rollout import rollout
 from clothfit.engine.step import implicit, transition
 
-ALL = list(METHODS)
+ALL = ["explicit", "symplectic", "implicit"]  # with one state before a step; test_bdf2 has the method with two
 
 
 def run(system, steps, tolerance=TIGHT):
@@ -192,7 +193,7 @@ def test_newton_keeps_momentum_as_well():
 
 # Symmetry -------------------------------------------------------------------------------------------------------------
 
-VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3)]
+VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3), ("bdf2", 1)]
 
 
 @pytest.mark.parametrize(("method", "newton"), VARIANTS)

@@ -17,7 +17,7 @@ from clothfit.engine.tape import Tape
 pytestmark = pytest.mark.slow  # compiles a fit
 
 STEPS = 13
-VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3)]
+VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3), ("bdf2", 1), ("bdf2", 3)]
 PLANS = {
     "every state": Plan(STEPS, (STEPS,)),
     "each step alone": Plan(1, (1,), STEPS),

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.slow  # compiles a fit
 POINT = thing([(0, 0, 0)])
 
 
-@pytest.mark.parametrize("method", [0, 1, 2])
+@pytest.mark.parametrize("method", [0, 1, 2, 3])
 @pytest.mark.parametrize("newton", [1, 3])
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-5, 9.999999747378752e-06])
 def test_the_scenes_own_is_in_the_grid_once(method, newton, tolerance):
@@ -21,11 +21,14 @@ def test_the_scenes_own_is_in_the_grid_once(method, newton, tolerance):
 
 def test_it_has_integrators_steps_tolerances_and_iterations():
     found = grid(scene(POINT))
-    assert {s.integrator for s in found} == {"explicit", "symplectic", "implicit"}
+    assert {s.integrator for s in found} == {"explicit", "symplectic", "implicit", "bdf2"}
     implicit = [s for s in found if s.integrator == "implicit"]
     assert {s.tolerance for s in implicit} == {1e-3, 1e-5, 1e-8}
     assert {s.newton for s in implicit} == {1, 2, 4}
     assert {1.0, 0.5, 0.25, 0.125} <= {s.ratio for s in implicit}
+    second = [s for s in found if s.integrator == "bdf2"]
+    assert {(s.ratio, s.tolerance) for s in second} == {(s.ratio, s.tolerance) for s in implicit}
+    assert {s.newton for s in second} == {1}
     assert {1.0, 0.5, 0.25, 0.125} <= {s.ratio for s in found if s.integrator == "symplectic"}
 
 

@@ -14,7 +14,17 @@ import clothfit.scene.scene
 from clothfit.base.arrays import Array, Elements
 from clothfit.engine.forces import spheres, springs, vertex, wind
 from clothfit.engine.solve import sparse
-from clothfit.engine.system import EXPLICIT, IMPLICIT, SYMPLECTIC, System, all_elements, build, with_elements, zeros
+from clothfit.engine.system import (
+    BDF2,
+    EXPLICIT,
+    IMPLICIT,
+    SYMPLECTIC,
+    System,
+    all_elements,
+    build,
+    with_elements,
+    zeros,
+)
 from clothfit.scene.scene import Scene
 from helpers.scenes import cloth, document
 
@@ -22,7 +32,7 @@ TIGHT = 1e-14  # tolerance of linear systems: their error is then rounding
 GRAVITY = 9.81
 KINDS = Elements._fields[2:]  # besides masses and stiffnesses
 STATES = ("rest", "random", "stretched", "compressed")
-METHODS = {"explicit": EXPLICIT, "symplectic": SYMPLECTIC, "implicit": IMPLICIT}
+METHODS = {"explicit": EXPLICIT, "symplectic": SYMPLECTIC, "implicit": IMPLICIT, "bdf2": BDF2}
 
 
 class State(NamedTuple):

@@ -40,7 +40,7 @@ BROKEN = [
     (("delta",), 10**400, "delta", "finite"),
     (("tolerance",), 0, "tolerance", "above 0"),
     (("tolerance",), 1, "tolerance", "below 1"),
-    (("integrationMethod",), 3, "integrationMethod", "3 is not one of 0, 1, 2"),
+    (("integrationMethod",), 4, "integrationMethod", "4 is not one of 0, 1, 2, 3"),
     (("integrationMethod",), True, "integrationMethod", "true is not a whole number"),
     (("integrationMethod",), 2.0, "integrationMethod", "2.0 is not a whole number"),
     (("optimizationIterations",), 1, "optimizationIterations", "at least 2"),

@@ -68,6 +68,26 @@ def raised(system, before, x, v, x_new):
 
 
 @kernel
+def energy(system, x, v):
+    """The kinetic and stored energy of a state x, v (n, 3), J."""
+    return moving(system.vertex, v)[0] + total.stored_energy(system, x, x)
+
+
+@kernel
+def passes(system, before, x, x_new, v_new):
+    """The energy, J, after a BDF2 step from x to x_new, v_new, and whether it adds none; `before` it there was that."""
+    kinetic, _ = moving(system.vertex, v_new)
+    after, work = kinetic + total.stored_energy(system, x_new, x_new), 0.0
+    for i in range(len(x)):
+        for c in range(3):
+            work += system.vertex.mass[i] * system.vertex.gravity[c] * (x_new[i, c] - x[i, c])
+    if not rises(before, after, work):
+        return after, True
+    known = x_new if starts_deep(system.spheres, system.x0) else x
+    return after, not rises(before, kinetic + total.stored_energy(system, x_new, known), work)
+
+
+@kernel
 def starts_deep(spheres, x0):
     """Whether a motion begins with a vertex deeper in a sphere than half of its radius."""
     for c in range(len(spheres.radius)):

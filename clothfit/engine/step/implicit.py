@@ -47,12 +47,15 @@ class Workspace(NamedTuple):
     solution: Array  # of the derivative's system (λ or dw), holding its first guess before
     gy: Array  # derivative by y
     gu: Array  # derivative by u
+    x_base: Array  # of BDF2, as all below: x̃
+    v_base: Array  # ṽ
+    u: Array  # the extrapolated velocity
 
 
 def workspace(system: System) -> Workspace:
     """Memory for the steps of `system` and their derivatives."""
     n = len(system.x0)
-    vectors = [np.zeros((n, 3)) for _ in range(7)]
+    vectors = [np.zeros((n, 3)) for _ in range(10)]
     A = sparse.zeros(system.pattern, n)
     return Workspace(A, linear.workspace(A), guess.past(n), np.zeros((0, 3)), *vectors)
 
@@ -140,46 +143,55 @@ def pullback(system, x, v, iterates, used, theta, tolerance, work, x_bar, v_bar,
 
     work.solution holds a first guess of λ and receives λ of the first iteration.
     """
-    h, mass, free = system.h, system.vertex.mass, system.vertex.free
-    A, b, y, s, lam, gy, gu = work.A, work.b, work.y, work.s, work.solution, work.gy, work.gu
-    w_bar = work.w_bar
-    combine(theta, v_bar, theta * h, x_bar, w_bar)
+    combine(theta, v_bar, theta * system.h, x_bar, work.w_bar)
     v_bar[:] = 0.0
     for k in range(used - 1, -1, -1):
-        w = iterates[k]
         u = v if k == 0 else iterates[k - 1]
-        linearise(system, x, w, u, k, A, work.nothing, y, s)
-        copy(w_bar, b)
-        hold_fixed(free, b)
-        linear.solve(A, b, tolerance, work.solver, lam, True)
-        gy[:] = 0.0
-        gu[:] = 0.0
-        total.add_pullback(system, y, u, w, s, lam, h, grad, gy, gu)
-        add_rows_dot(-1.0, lam, w, grad.mass)
-        add_rows_dot(1.0, lam, v, grad.mass)
-        add_mass(mass, 1.0, lam, v_bar)
-        add(1.0, gy, x_bar)
+        pull_iteration(system, x, v, iterates[k], u, k > 0, tolerance, work, x_bar, v_bar, grad)
         if k == 0:
-            add(1.0, gu, v_bar)
-        else:
-            # y = x + h u and s = h (w − u): ū = h (gy − h K λ) + gu, and −h² K λ = A λ − M λ + h D λ
-            sparse.multiply(A, lam, w_bar)
-            add_mass(mass, -1.0, lam, w_bar)
-            total.add_damping(system, y, h, lam, w_bar)
-            add(h, gy, w_bar)
-            add(1.0, gu, w_bar)
+            add(1.0, work.gu, v_bar)
 
 
 @kernel
-def linearise(system, x, w, u, k, A, b, y, s):
-    """The point y, A and b (see `assemble`) and the offset s of iteration k, which went from u to w."""
+def pull_iteration(system, x, v, w, u, later, tolerance, work, x_bar, v_bar, grad):
+    """Carry work.w_bar, the gradient by w, back through the iteration from u to w: add to x_bar, v_bar and `grad`.
+
+    The first iteration leaves the gradient by u in work.gu, a `later` one all of it, by y = x + h u too, in work.w_bar.
+    """
+    h, mass, free = system.h, system.vertex.mass, system.vertex.free
+    A, b, y, s, lam, gy, gu = work.A, work.b, work.y, work.s, work.solution, work.gy, work.gu
+    w_bar = work.w_bar
+    linearise(system, x, w, u, later, A, work.nothing, y, s)
+    copy(w_bar, b)
+    hold_fixed(free, b)
+    linear.solve(A, b, tolerance, work.solver, lam, True)
+    gy[:] = 0.0
+    gu[:] = 0.0
+    total.add_pullback(system, y, u, w, s, lam, h, grad, gy, gu)
+    add_rows_dot(-1.0, lam, w, grad.mass)
+    add_rows_dot(1.0, lam, v, grad.mass)
+    add_mass(mass, 1.0, lam, v_bar)
+    add(1.0, gy, x_bar)
+    if later:
+        # y = x + h u and s = h (w − u): ū = h (gy − h K λ) + gu, and −h² K λ = A λ − M λ + h D λ
+        sparse.multiply(A, lam, w_bar)
+        add_mass(mass, -1.0, lam, w_bar)
+        total.add_damping(system, y, h, lam, w_bar)
+        add(h, gy, w_bar)
+        add(1.0, gu, w_bar)
+
+
+@kernel
+def linearise(system, x, w, u, later, A, b, y, s):
+    """The point y, A and b (see `assemble`), and the offset s of an iteration from u to w, the first or a `later` one.
+    """
     h = system.h
-    if k == 0:
-        copy(x, y)
-        combine(h, w, 0.0, w, s)
-    else:
+    if later:
         combine(1.0, x, h, u, y)
         combine(h, w, -h, u, s)
+    else:
+        copy(x, y)
+        combine(h, w, 0.0, w, s)
     assemble(system, y, u, A, b)
 
 
@@ -189,28 +201,34 @@ def pushforward(system, x, v, iterates, used, theta, tolerance, work, dx, dv, di
 
     work.solution holds a first guess of dw and receives dw of the last iteration.
     """
+    for k in range(used):
+        u = v if k == 0 else iterates[k - 1]
+        copy(dv if k == 0 else work.solution, work.gu)
+        push_iteration(system, x, v, iterates[k], u, k > 0, tolerance, work, dx, dv, direction)
+    combine(theta, work.solution, 0.0, work.solution, dv)
+    add(system.h, dv, dx)
+
+
+@kernel
+def push_iteration(system, x, v, w, u, later, tolerance, work, dx, dv, direction):
+    """Write dw, the change of w in the iteration from u to w, to work.solution, a first guess of it before. The change
+    of u is in work.gu.
+    """
     h, mass, free = system.h, system.vertex.mass, system.vertex.free
     A, b, y, s, dw, dy, du = work.A, work.b, work.y, work.s, work.solution, work.gy, work.gu
-    for k in range(used):
-        w = iterates[k]
-        u = v if k == 0 else iterates[k - 1]
-        linearise(system, x, w, u, k, A, work.nothing, y, s)
-        if k == 0:
-            b[:] = 0.0
-            copy(dv, du)
-            copy(dx, dy)
-        else:
-            # ds = −h du, and −h² K du = A du − M du + h D du
-            copy(dw, du)
-            combine(1.0, dx, h, du, dy)
-            sparse.multiply(A, du, b)
-            add_mass(mass, -1.0, du, b)
-            total.add_damping(system, y, h, du, b)
-        total.add_pushforward(system, y, u, w, s, dy, du, direction, h, b)
-        add_mass(mass, 1.0, dv, b)
-        add_mass(direction.mass, 1.0, v, b)
-        add_mass(direction.mass, -1.0, w, b)
-        hold_fixed(free, b)
-        linear.solve(A, b, tolerance, work.solver, dw, True)
-    combine(theta, dw, 0.0, dw, dv)
-    add(h, dv, dx)
+    linearise(system, x, w, u, later, A, work.nothing, y, s)
+    if later:
+        # ds = −h du, and −h² K du = A du − M du + h D du
+        combine(1.0, dx, h, du, dy)
+        sparse.multiply(A, du, b)
+        add_mass(mass, -1.0, du, b)
+        total.add_damping(system, y, h, du, b)
+    else:
+        b[:] = 0.0
+        copy(dx, dy)
+    total.add_pushforward(system, y, u, w, s, dy, du, direction, h, b)
+    add_mass(mass, 1.0, dv, b)
+    add_mass(direction.mass, 1.0, v, b)
+    add_mass(direction.mass, -1.0, w, b)
+    hold_fixed(free, b)
+    linear.solve(A, b, tolerance, work.solver, dw, True)

@@ -1,0 +1,156 @@
+"""Step after step in compiled loops: those of the methods with one state before a step, and that of BDF2 with two.
+
+The functions take a `rollout.Rollout` to fill or to read.
+"""
+
+from __future__ import annotations
+
+from clothfit.base.limits import FARTHEST
+from clothfit.engine.solve import guess
+from clothfit.engine.step import bdf2, guard, implicit, transition
+from clothfit.kernels.kernel import kernel
+from clothfit.kernels.vectors import combine, copy
+
+
+@kernel
+def velocity(part, t):
+    """Velocity (n, 3) before step t of a Rollout."""
+    if t == 0:
+        return part.v
+    return part.w[t - 1, part.used[t - 1] - 1]
+
+
+@kernel
+def velocities(part, t):
+    """Velocities (N, n, 3) of the iterations of step t, as they were before the step was shortened."""
+    w, theta = part.w[t], part.theta[t]
+    if theta < 1.0:
+        w = w.copy()
+        w[part.used[t] - 1] /= theta  # a power of ½: nothing is lost
+    return w
+
+
+@kernel
+def run(system, tolerance, work, part, start, stop):
+    """Fill a Rollout from its step `start` to below `stop`.
+
+    Returns the number of good steps since its beginning, and whether the next one failed. If it did not fail, and
+    `stop` is not reached, the caller must take it with the clamped system; its first guess is ready.
+    """
+    x, w, used, solves, capped, theta = part.x, part.w, part.used, part.solves, part.clamped, part.theta
+    before = part.first
+    first, energy, safe = work.solution, 0.0, system.springs.cap <= 1.0
+    t, checked = start, start if guard.applies(system) else stop
+    while t < stop:
+        v = velocity(part, t)
+        now, power = transition.prepare(system, x[t], v, work)  # the energy that step t − 1 led to
+        if t > checked and guard.rises(energy, now, system.h * power):
+            checked = t
+            if shortened(system, part, t - 1, energy):
+                continue
+        energy = now
+        if not safe:
+            copy(v, first)
+            guess.advance(work.past, before + t, first)
+            solves[t] = 0
+        used[t], iterations, direct = transition.step(system, x[t], v, first, tolerance, work, w[t], x[t + 1])
+        solves[t, 0] += iterations
+        solves[t, 1] += direct
+        theta[t], capped[t] = 1.0, safe
+        if used[t] == 0:
+            return t, False
+        if not finite(x[t + 1]):
+            return t, True
+        t += 1
+    if checked < stop:
+        shortened(system, part, stop - 1, energy)
+    return stop, False
+
+
+@kernel
+def shortened(system, part, t, energy):
+    """Shorten step t, which began with this energy, J, if it added energy; returns whether it was shortened."""
+    x, v = part.x, velocity(part, t + 1)
+    if guard.raised(system, energy, x[t], v, x[t + 1]):
+        part.theta[t] = guard.shorten(system, energy, x[t], v, x[t + 1])
+    return part.theta[t] < 1.0
+
+
+@kernel
+def finite(x):
+    """Whether all coordinates are numbers, and not too far away."""
+    for i in range(len(x)):
+        size = abs(x[i, 0]) + abs(x[i, 1]) + abs(x[i, 2])
+        if not size < FARTHEST:  # so that NaN counts as well
+            return False
+    return True
+
+
+@kernel
+def state_before(part, t):
+    """Position and velocity (n, 3) one step before step t of a Rollout begins."""
+    if t == 0:
+        return part.x_before, part.v_before
+    return part.x[t - 1], velocity(part, t - 1)
+
+
+@kernel
+def run_bdf2(euler, inner, tolerance, work, part, start, stop):
+    """What `run` does, for the two `bdf2.forms`."""
+    x, first, safe = part.x, work.solution, euler.springs.cap <= 1.0
+    guarded = guard.applies(euler)
+    energy = guard.energy(euler, x[start], velocity(part, start)) if guarded else 0.0
+    for t in range(start, stop):
+        v = velocity(part, t)
+        if not safe:
+            copy(v, first)
+            guess.advance(work.past, part.first + t, first)
+            part.solves[t] = 0
+        part.theta[t], part.clamped[t] = 1.0, safe
+        part.euler[t] = part.theta[t - 1] < 1.0 if t > 0 else not part.ready
+        if not part.euler[t]:
+            energy, taken = second_order(euler, inner, tolerance, work, part, t, energy, guarded)
+            if part.used[t] == 0:
+                return t, False
+            if taken:
+                continue
+            part.euler[t] = True
+        implicit.prepare(euler, x[t], v, work)
+        used, iterations, direct = implicit.step(euler, x[t], v, first, tolerance, work, part.w[t])
+        count(part, t, used, iterations, direct)
+        if used == 0:
+            return t, False
+        w = part.w[t, used - 1]
+        combine(1.0, x[t], euler.h, w, x[t + 1])
+        if not finite(x[t + 1]):
+            return t, True
+        if guarded:
+            shortened(euler, part, t, energy)
+            energy = guard.energy(euler, x[t + 1], w)
+    return stop, False
+
+
+@kernel
+def second_order(euler, inner, tolerance, work, part, t, energy, guarded):
+    """Take step t by BDF2; returns the energy after it, if it is taken, else that before, J, and whether it is. Where
+    it is to be taken with the clamped systems, 0 iterations are used.
+    """
+    x, v, (x_before, v_before) = part.x, velocity(part, t), state_before(part, t)
+    used, iterations, direct = bdf2.step(
+        inner, x[t], v, x_before, v_before, work.solution, tolerance, work, part.w[t], x[t + 1]
+    )
+    count(part, t, used, iterations, direct)
+    if used == 0 or not finite(x[t + 1]):
+        return energy, False
+    if not guarded:
+        return energy, True
+    after, passes = guard.passes(euler, energy, x[t], x[t + 1], part.w[t, used - 1])
+    return (after if passes else energy), passes
+
+
+@kernel
+def count(part, t, used, iterations, direct):
+    """Note what a solution of step t took."""
+    part.used[t] = used
+    part.solves[t, 0] += iterations
+    part.solves[t, 1] += direct

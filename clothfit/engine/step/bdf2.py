@@ -1,0 +1,118 @@
+"""The step of second order: BDF2 (the backward differentiation formula of two steps), linearised once where the motion
+so far leads to.
+
+    v⁺ = (4 v − v₋)/3 + h' M⁻¹ f(x⁺, v⁺),   x⁺ = (4 x − x₋)/3 + h' v⁺,   h' = 2h/3
+
+with x₋, v₋ the state one step before x, v. With x̃ = (4 x − x₋)/3 and ṽ = (4 v − v₋)/3 for x and v, and h' for h, it is
+the equation of the implicit step, and its solution one of Newton's iterations (`implicit`): from the extrapolated
+velocity u = 2 v − v₋, at the point y = x̃ + h' u,
+
+    r = M (w − ṽ) − h' F(w),   F(w) = f(y, u) + K s + D (w − u),   s = h' (w − u),   x⁺ = x̃ + h' w,   v⁺ = w
+
+As u is wrong by O(h²) only, one iteration leaves the order as it is; linearised at (x, v) most of it is lost. All
+functions of the implicit step serve with the `inner` system, whose step is h'; here stands what goes in and out.
+
+BDF2 is stable for every oscillation, and damps those that it cannot follow: E. Hairer, G. Wanner, Solving ordinary
+differential equations II, section V.1. It needs two states a step apart: the first step, one after a step that was
+shortened, and those that would add energy (`guard`) are implicit Euler steps. Arrays are (n, 3).
+"""
+
+from __future__ import annotations
+
+from clothfit.engine.step import implicit
+from clothfit.engine.system import IMPLICIT, System
+from clothfit.kernels.kernel import kernel
+from clothfit.kernels.vectors import add, combine, copy, hold_fixed
+
+
+def forms(system: System) -> tuple[System, System]:
+    """The systems of the implicit steps that a BDF2 motion takes: its Euler steps, and the inner one of the others."""
+    euler = system._replace(method=IMPLICIT)
+    return euler, euler._replace(h=2.0 / 3.0 * system.h)
+
+
+@kernel
+def ahead(third, a, before, out):
+    """out = a + third (a − before): exact where nothing changes."""
+    for i in range(len(out)):
+        for c in range(3):
+            out[i, c] = a[i, c] + third * (a[i, c] - before[i, c])
+
+
+@kernel
+def extrapolate(x, v, x_before, v_before, work):
+    """Write x̃, ṽ and u to the workspace."""
+    ahead(1.0 / 3.0, x, x_before, work.x_base)
+    ahead(1.0 / 3.0, v, v_before, work.v_base)
+    ahead(1.0, v, v_before, work.u)
+
+
+@kernel
+def step(inner, x, v, x_before, v_before, first, tolerance, work, w, x_new):
+    """Write w, the velocities of the iterations (N, n, 3), and the new positions, from a first guess of the velocity;
+    returns what `implicit.step` does.
+    """
+    extrapolate(x, v, x_before, v_before, work)
+    implicit.assemble_newton(inner, work.x_base, work.v_base, work.u, work.y, work.A, work.gy, work.b)
+    hold_fixed(inner.vertex.free, work.b)
+    used, iterations, direct = implicit.step(inner, work.x_base, work.v_base, first, tolerance, work, w)
+    combine(1.0, work.x_base, inner.h, w[used - 1], x_new)
+    return used, iterations, direct
+
+
+@kernel
+def pullback(inner, x, v, x_before, v_before, w, used, tolerance, work, x_bar, v_bar, x_rest, v_rest, grad):
+    """Turn x_bar, v_bar, the gradient by the state after the step, into that by x, v; add to `grad`.
+
+    x_rest, v_rest hold what steps after this one add to the gradient by x, v, and receive what this one adds to that
+    by x_before, v_before.
+    """
+    extrapolate(x, v, x_before, v_before, work)
+    combine(1.0, v_bar, inner.h, x_bar, work.w_bar)
+    v_bar[:] = 0.0
+    for k in range(used - 1, -1, -1):
+        u = work.u if k == 0 else w[k - 1]
+        implicit.pull_iteration(inner, work.x_base, work.v_base, w[k], u, True, tolerance, work, x_bar, v_bar, grad)
+    u_bar = work.w_bar
+    spread(1.0 / 3.0, x_bar, x_rest)
+    spread(1.0 / 3.0, v_bar, v_rest)
+    add(2.0, u_bar, v_bar)
+    add(-1.0, u_bar, v_rest)
+
+
+@kernel
+def spread(third, bar, rest):
+    """The gradient `bar` by a + third (a − before) as that by a, with `rest` in it, and by `before`, in `rest`."""
+    for i in range(len(bar)):
+        for c in range(3):
+            part = third * bar[i, c]
+            bar[i, c] += part + rest[i, c]
+            rest[i, c] = -part
+
+
+@kernel
+def pushforward(inner, x, v, x_before, v_before, w, used, tolerance, work, dx, dv, dx_before, dv_before, direction):
+    """Turn dx, dv, the change of x, v, into that of the state after the step, for the change `direction`; the change
+    of x_before, v_before becomes that of x, v.
+    """
+    extrapolate(x, v, x_before, v_before, work)
+    ahead(1.0, dv, dv_before, work.gu)
+    advance(1.0 / 3.0, dx, dx_before)
+    advance(1.0 / 3.0, dv, dv_before)
+    for k in range(used):
+        u = work.u if k == 0 else w[k - 1]
+        if k > 0:
+            copy(work.solution, work.gu)
+        implicit.push_iteration(inner, work.x_base, work.v_base, w[k], u, True, tolerance, work, dx, dv, direction)
+    copy(work.solution, dv)
+    add(inner.h, dv, dx)
+
+
+@kernel
+def advance(third, a, before):
+    """a, before = a + third (a − before), a."""
+    for i in range(len(a)):
+        for c in range(3):
+            old = a[i, c]
+            a[i, c] = old + third * (old - before[i, c])
+            before[i, c] = old
