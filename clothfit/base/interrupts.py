@@ -1,15 +1,23 @@
-"""Requests to end that arrive while compiled code runs.
+"""Requests to end, and deadlines, that arrive while compiled code runs.
 
 Python calls the handler of a signal only when compiled code returns or calls back into Python, and an exception that
 the handler raises in such a call can get lost. So the handler also calls `request`, and the simulation calls `check`
 after every stretch of steps.
+
+Work with a result worth keeping runs in `deferred`. Once it calls `hold`, a signal only records the request, and
+KeyboardInterrupt comes from `check` alone: never between two lines that belong together. Whoever catches it calls
+`answer`: what is left is short, and nothing raises any more until the block ends.
 """
 
 from __future__ import annotations
 
 import signal
+import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import Any
 
 REQUESTS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 """Signals that ask the program to end: Ctrl-C, a polite kill, a closed terminal."""
@@ -17,7 +25,23 @@ REQUESTS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if
 SAME_REQUEST = 1.0
 """Seconds within which two requests count as one."""
 
-_requested = False
+
+class OutOfTime(Exception):
+    """The deadline of what runs has passed (`limited`)."""
+
+
+@dataclass
+class State:
+    """What was asked of this process."""
+
+    requested: float | None = None  # when the program was asked to end, s of the monotonic clock
+    depth: int = 0  # blocks of `deferred` that are open
+    holding: bool = False  # whether there is a result to keep
+    answered: bool = False  # whether the result is on its way out
+    deadline: float = float("inf")  # s of the monotonic clock
+
+
+_state = State()
 
 
 def handle(handler: Callable[[int, object], object]) -> None:
@@ -29,20 +53,100 @@ def handle(handler: Callable[[int, object], object]) -> None:
 
 def request() -> None:
     """Record that the program should end."""
-    global _requested
-    _requested = True
+    if _state.requested is None:
+        _state.requested = time.monotonic()
 
 
 def clear() -> None:
     """Forget a request."""
-    global _requested
-    _requested = False
+    _state.requested, _state.answered = None, False
+
+
+def requested() -> bool:
+    """Whether there was a request, answered or not."""
+    return _state.requested is not None
 
 
 def check() -> None:
-    """Raise KeyboardInterrupt when there was a request."""
-    if _requested:
+    """Raise KeyboardInterrupt when there was a request, OutOfTime when the deadline has passed."""
+    if _state.requested is not None and not _state.answered:
         raise KeyboardInterrupt
+    if time.monotonic() > _state.deadline:
+        raise OutOfTime
+
+
+def hold() -> None:
+    """Say that there is a result to keep: from now on only `check` raises, up to the end of `deferred`."""
+    _state.holding = _state.depth > 0
+
+
+def answer() -> None:
+    """Say that the request is being answered: `check` raises no more KeyboardInterrupt, up to the end of `deferred`."""
+    _state.holding = _state.answered = _state.depth > 0
+
+
+@contextmanager
+def deferred() -> Iterator[None]:
+    """Let requests wait for the next `check` once there is a result (`hold`).
+
+    A second request, later than `SAME_REQUEST`, to something that does not look raises KeyboardInterrupt there. The end
+    of the outermost block forgets the request.
+    """
+    before: dict[signal.Signals, Any] = {}
+    if _state.depth == 0 and threading.current_thread() is threading.main_thread():
+        before = {kind: handler for kind in REQUESTS if callable(handler := signal.getsignal(kind))}
+    _state.depth += 1
+    try:
+        for kind, handler in before.items():
+            signal.signal(kind, _waiting(handler))
+        yield
+    finally:
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
+        _state.depth -= 1
+        if _state.depth == 0:
+            _state.holding = False
+            clear()
+
+
+def _waiting(handler: Callable[[int, object], object]) -> Callable[[int, object], None]:
+    """What stands for a handler within `deferred`."""
+
+    def wait(number: int, frame: object) -> None:
+        if not _state.holding:
+            handler(number, frame)
+            return
+        since = _state.requested
+        with suppress(KeyboardInterrupt):  # it may note the request for itself
+            handler(number, frame)
+        request()
+        if since is not None and not _state.answered and time.monotonic() - since > SAME_REQUEST:
+            raise KeyboardInterrupt
+
+    return wait
+
+
+@contextmanager
+def limited(seconds: float | None) -> Iterator[None]:
+    """Raise OutOfTime from `check` after so many seconds; never later than a deadline around this one."""
+    before = _state.deadline
+    if seconds is not None:
+        _state.deadline = min(before, time.monotonic() + max(seconds, 0.0))
+    try:
+        yield
+    finally:
+        _state.deadline = before
+
+
+@contextmanager
+def grace(seconds: float) -> Iterator[None]:
+    """Let what is short run for so many seconds more, where less is left until the deadline."""
+    before = _state.deadline
+    _state.deadline = max(before, time.monotonic() + seconds)
+    try:
+        yield
+    finally:
+        _state.deadline = before
 
 
 @contextmanager

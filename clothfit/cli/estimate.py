@@ -8,18 +8,21 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import owned
 from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.options import check_least, check_numbers, standard_command
-from clothfit.cli.common.output import uninterrupted
+from clothfit.cli.common.options import check_least, check_numbers, duration, standard_command
+from clothfit.cli.common.output import keep_scene, uninterrupted
 from clothfit.cli.common.progress import progress
 from clothfit.cli.common.scenes import read_scene, warn_of_steps
 from clothfit.cli.fitting import outcomes
 from clothfit.cli.fitting.files import Files, read_start, read_target, weights
 from clothfit.cli.fitting.recording import Recording
 from clothfit.fit.options import FitOptions
+from clothfit.many.job import INTERRUPTED
+from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Reading
@@ -32,7 +35,7 @@ MOST_STARTS = 10_000
 SECTIONS = {  # of the help
     "What to fit to": ("--target", "--objective", "--loss", "--loss-scale"),
     "The file of the target": ("--fps", "--frames", "--scale", "--up", "--handedness", "--map"),
-    "How to fit": ("--start", "--method", "--prior", "--max-evaluations", "--rmse", "--tolerance"),
+    "How to fit": ("--start", "--method", "--prior", "--budget", "--max-evaluations", "--rmse", "--tolerance"),
     "How far to trust it": ("--holdout", "--holdout-of", "--no-intervals"),
     "What is written": ("--output", "--in-place", "--report", "--plot", "--gif", "--log"),
     "Long and large fits": ("--checkpoint", "--resume", "--memory"),
@@ -57,6 +60,8 @@ SECTIONS = {  # of the help
               help="Values to start from.  [default: the scene's values with --target, else a coarse search]")
 @click.option("--method", default="auto", metavar="NAME",
               help="Optimiser: auto, momentum, gauss-newton, l-bfgs-b or another one of SciPy.  [default: auto]")
+@click.option("--budget", "time_budget", metavar="SECONDS",
+              help="Stop after this time, such as 30, 30s, 2m or 1h, with the best so far.  [default: no limit]")
 @click.option("--max-evaluations", type=int, default=1000, metavar="N",
               help="Stop after N evaluations of the cost.  [default: 1000]")
 @click.option("--rmse", type=float, default=1e-8, metavar="METRES",
@@ -94,6 +99,7 @@ def command(
     reading: Reading,
     objectives: tuple[str, ...],
     start: str | None,
+    time_budget: str | None,
     max_evaluations: int,
     rmse: float,
     tolerance: float | None,
@@ -136,7 +142,7 @@ def command(
     check_numbers(tolerance=tolerance)
     options = FitOptions(
         budget=max_evaluations, rmse_tolerance=rmse, tolerance=tolerance, objective=weights(objectives),
-        intervals=not no_intervals, **as_given,
+        intervals=not no_intervals, seconds=duration(time_budget, "--budget"), **as_given,
     )  # fmt: skip
     files = Files(target_paths, start, path, in_place, checkpoint, resume, reading)
     single = len(scene_paths) == 1 and starts == 1 and cluster is None
@@ -180,16 +186,21 @@ def fit_one(
     console.detail(f"fitting {flagged or 'nothing'} over {scene.frames} frames")
     warn_of_steps(scene, scene.frames, console)
     console.announce_compilation()
-    with progress(console) as show:
-        report = page.listening(recording.report(show)) if page else recording.report(show)
-        own = replace(
-            options, report=report, checkpoint=kept, resume=files.resume, foreseen=partial(report_needs, console),
-            hinted=lambda hint: console.say(f"hint: {hint.text}"),
-        )  # fmt: skip
-        found = fitting.fit(scene, targets or None, first, own)
-    with uninterrupted(), checkpoints.named_if_lost(kept):
-        code = outcomes.finish(scene, found, out, console, as_json, motions.readings_summary(readings), recording.log)
-        checkpoints.closed(kept, files.checkpoint is not None, found.status, files.in_place, console)
+    with interrupts.deferred():
+        with progress(console) as show:
+            report = page.listening(recording.report(show)) if page else recording.report(show)
+            own = replace(
+                options, report=report, checkpoint=kept, resume=files.resume, foreseen=partial(report_needs, console),
+                hinted=lambda hint: console.say(f"hint: {hint.text}"), found=partial(keep_scene, out=out),
+            )  # fmt: skip
+            found = fitting.fit(scene, targets or None, first, own)
+        with uninterrupted(), checkpoints.named_if_lost(kept):
+            more = motions.readings_summary(readings)
+            code = outcomes.finish(scene, found, out, console, as_json, more, recording.log)
+            checkpoints.closed(kept, files.checkpoint is not None, found.status, files.in_place, console)
+        late = interrupts.requested() and found.status != Status.INTERRUPTED
+    if late:
+        return INTERRUPTED
     recording.draw(found, scene, targets, console)
     if page:
         page.write(scene_path, scene, found, files, out, targets, console)

@@ -7,9 +7,11 @@ or a stalled line search, the best point that it visited is the result.
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +24,10 @@ from clothfit.fit.confidence import Confidence, confidence
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import judged, split
 from clothfit.fit.options import BUDGET, FIT_TOLERANCE, RMSE_TOLERANCE, FitOptions
-from clothfit.fit.result import Fit, result, with_fallbacks, with_verdict
-from clothfit.fit.start import first_point, other_starts
+from clothfit.fit.result import Fit, fitted_scene, result, with_fallbacks, with_verdict
+from clothfit.fit.start import FirstPoint, choose_start, first_point, other_starts
 from clothfit.fit.trajectory_fit import by_gauss_newton, go_on, resumed_prior
+from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate, simulate_cloths
 from clothfit.objective.experiment import Targets, experiments
@@ -38,6 +41,9 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
 from clothfit.scene.fit_vector import fitted_cloths, parameters
 from clothfit.scene.scene import Scene
+
+GRACE = 0.5
+"""Seconds for each look at a result whose time is up."""
 
 
 def record_target(scene: Scene, frames: int | None = None, tolerance: float | None = None) -> Motion:
@@ -67,6 +73,8 @@ def estimate(
     memory: int | str | None = None,
     foreseen: Callable[[Needs], None] | None = None,
     hinted: Callable[[Hint], None] | None = None,
+    seconds: float | None = None,
+    found: Callable[[Scene], None] | None = None,
 ) -> Fit:
     """Fit the flagged values of a scene to one target motion or to several.
 
@@ -89,22 +97,26 @@ def estimate(
 
     With a file as `checkpoint` a fit that was killed goes on from there when `resume` is true; `budget`,
     `rmse_tolerance` and `report` may differ then. KeyboardInterrupt ends the fit with status "interrupted" and the best
-    result so far; before the first evaluation it passes through. `foreseen` is called with the memory that the fit will
-    need, before it begins, `hinted` with each hint that the targets give before a fit. Where matrices do not fit into
-    `memory`, another method takes over, with a warning.
+    result so far; before the first evaluation it passes through. After `seconds` the fit ends with status "limit" and
+    the best result so far; the intervals take the time that the search leaves. `found` is called with the best scene
+    when the search has ended, before anything else is looked at. Whatever ends a fit, its result costs no more than its
+    start.
+
+    `foreseen` is called with the memory that the fit will need, before it begins, `hinted` with each hint that the
+    targets give before a fit. Where matrices do not fit into `memory`, another method takes over, with a warning.
 
     Raises InvalidInput when nothing is flagged, or an argument, the target or the checkpoint does not fit; Diverged
     when the scene's own motion, needed as the target, diverges.
     """
     return fit(scene, target, start, FitOptions(
         method, budget, rmse_tolerance, tolerance, report, objective, loss, loss_scale, prior,
-        checkpoint, resume, holdout, holdout_of, intervals, memory, foreseen, hinted,
+        checkpoint, resume, holdout, holdout_of, intervals, memory, foreseen, hinted, seconds, found,
     ))  # fmt: skip
 
 
 def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions) -> Fit:
     """Do what `estimate` says, with its options as one object."""
-    options, hidden = options.checked(), target is None
+    options, hidden, began = options.checked(), target is None, time.monotonic()
     objective, kept_out = objectives(scene, target, options)
     if options.foreseen:
         options.foreseen(objective.needs)
@@ -115,9 +127,29 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     given = None if hidden else objective.experiments
     same = identity(scene, given, start, **options.identity) if options.checkpoint else {}  # digests of all arrays
     checkpoint, state = opened(options.checkpoint, options.resume, same, len(parameters(scene)))
-    found = searched(objective, start, hidden, options, checkpoint, state)
-    found = with_verdict(with_fallbacks(found, objective), objective, options.rmse_tolerance, hidden)
-    return with_holdout(replace(found, hints=hints), kept_out, options)
+    with interrupts.deferred():
+        left = None if options.seconds is None else options.seconds - (time.monotonic() - began)
+        with interrupts.limited(left):
+            found = replace(searched(objective, start, hidden, options, checkpoint, state), hints=hints)
+        return assessed(found, objective, kept_out, hidden, options)
+
+
+def assessed(
+    found: Fit, objective: Objective, kept_out: Objective | None, hidden: bool, options: FitOptions
+) -> Fit:
+    """The fit with what its motion says: fallbacks, the verdict on its model, and how far it is from what was kept out
+    of it.
+    """
+    if found.status == Status.DIVERGED:
+        return found
+    found = looked_at(replace(found, travel=objective.travel), with_fallbacks, objective, options=options)
+    found = looked_at(found, with_verdict, objective, options.rmse_tolerance, hidden, options=options)
+    if kept_out is None:
+        return found
+    known = looked_at(found, with_holdout, kept_out, options, options=options)
+    if known is found:
+        return replace(found, warnings=[*found.warnings, "no holdout, as the fit was ended"])
+    return known
 
 
 def searched(
@@ -131,16 +163,44 @@ def searched(
     """The result of a search, which goes on from a `state` that is given; `hidden`: the scene's own values are the
     truth, which the fit may not know.
     """
-    p, warnings = (state.start, []) if state else first_point(objective, start, hidden, options.method)
-    search = Search(objective, p, options.rmse_tolerance, options.budget, options.report, checkpoint, state)
+    first = FirstPoint(state.start, np.inf, []) if state else in_time(objective, start, hidden, options.method)
+    p, cost, warnings = first
+    search = Search(objective, p, options.rmse_tolerance, options.budget, options.report, checkpoint, state, cost)
     search.warn(*warnings)
     others = partial(other_starts, objective, p, hidden) if start is None else None
     status = search_by(search, options, p, others)
+    if options.found and status != Status.DIVERGED:
+        options.found(fitted_scene(search, search.best.p, start is not None))
     seconds, warnings = search.progress.seconds, [*search.warnings]
     if checkpoint and checkpoint.fault:
         warnings.append(checkpoint.fault)
     known = assess(search, status, warnings) if options.intervals else None
     return result(search, status, options.method, warnings, start is not None, known, seconds)
+
+
+def in_time(objective: Objective, start: float | Array | Scene | None, hidden: bool, method: str) -> FirstPoint:
+    """The first point of a method; where the time is up before its cost is known, the values that are given."""
+    try:
+        return first_point(objective, start, hidden, method)
+    except interrupts.OutOfTime:
+        return FirstPoint(choose_start(objective, start, False), np.inf, [])
+
+
+def looked_at(found: Fit, look: Callable[..., Fit], *given: Any, options: FitOptions) -> Fit:
+    """What `look` makes of a fit and what is `given`, within a moment where the time of the fit is limited; the fit as
+    it is where a request or the time ends it.
+    """
+    if found.status == Status.INTERRUPTED or interrupts.requested():
+        return found
+    try:
+        with threads.single(), interrupts.heard(), interrupts.limited(None if options.seconds is None else GRACE):
+            return look(found, *given)
+    except KeyboardInterrupt:
+        interrupts.request()
+        interrupts.answer()
+    except interrupts.OutOfTime:
+        pass
+    return found
 
 
 def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[Objective, Objective | None]:
@@ -174,17 +234,29 @@ def search_by(search: Search, options: FitOptions, start: Array, others: Callabl
     state = search.resumed
     if state is not None and state.status in (Status.CONVERGED, Status.STALLED):
         if len(state.centre):
-            search.best.believe(resumed_prior(search, state, options.prior_width()))
+            search.best.attribute(resumed_prior(search, state, options.prior_width()))
         return state.status
     try:
         with threads.single(), interrupts.heard():
             status = found_by(search, options, start, others)
     except Stop as stop:
         status = stop.status
+    except interrupts.OutOfTime:
+        status = Status.LIMIT
+        if not np.isfinite(search.best.cost):
+            search.warn("the time was used up before the first evaluation, so nothing is fitted")
+            return status
     except KeyboardInterrupt:
         if not np.isfinite(search.best.cost):
             raise  # there is no result yet
+        interrupts.request()
+        interrupts.answer()
         status = Status.INTERRUPTED
+    except (Diverged, MemoryError, np.linalg.LinAlgError) as error:
+        if not np.isfinite(search.best.cost):
+            raise
+        search.warn(f"the search ended early: {str(error) or 'out of memory'}")
+        status = Status.STALLED
     return search.finish(status)
 
 
@@ -220,16 +292,19 @@ def assess(search: Search, status: Status, warnings: list[str]) -> Confidence | 
         with threads.single(), interrupts.heard():
             known = confidence(search)
     except KeyboardInterrupt:
+        interrupts.request()
+        interrupts.answer()
         warnings.append("no intervals, as their computation was interrupted")
+        return None
+    except interrupts.OutOfTime:
+        warnings.append("no intervals, as the time was used up")
         return None
     if known is None:
         warnings.append("no intervals: for so many parameters they would take minutes or more, or too much memory")
     return known
 
 
-def with_holdout(found: Fit, kept_out: Objective | None, options: FitOptions) -> Fit:
+def with_holdout(found: Fit, kept_out: Objective, options: FitOptions) -> Fit:
     """The fit with how far its motion is from what was kept out of it."""
-    if kept_out is None or options.holdout is None or found.status == Status.DIVERGED:
-        return found
     p = parameters(found.scene, kept_out.scene)
-    return replace(found, holdout=judged(kept_out, p, options.holdout_of, options.holdout))
+    return replace(found, holdout=judged(kept_out, p, options.holdout_of, options.holdout or 0.0))

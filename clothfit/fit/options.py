@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from clothfit.objective.memory_needs import Needs
     from clothfit.optimise.checkpoint import Checkpoint
     from clothfit.optimise.progress import Progress
+    from clothfit.scene.scene import Scene
 
 OWN_METHODS = ("auto", "momentum", "gauss-newton")
 """The methods of this package, besides SciPy's (`scipy_methods.METHODS`)."""
@@ -54,6 +55,8 @@ class FitOptions:
     memory: int | str | None = None  # bytes, or as "200MB"; None: half of what is free
     foreseen: Callable[[Needs], None] | None = None
     hinted: Callable[[Hint], None] | None = None  # called with each hint that comes before the fit
+    seconds: float | None = None  # for the search and the intervals; None: no limit
+    found: Callable[[Scene], None] | None = None
 
     def check(self) -> None:
         """Raise InvalidInput when a value is not possible."""
@@ -66,6 +69,8 @@ class FitOptions:
         self.prior_width()
         if self.budget < 1:
             raise InvalidInput(f"budget: {self.budget} evaluations are too few, at least 1 is needed")
+        if self.seconds is not None and not self.seconds > 0:
+            raise InvalidInput(f"seconds must be above 0; {self.seconds:g} was given")
 
     def checked(self) -> FitOptions:
         """The same with the tolerance and the bytes that None stands for. Raises InvalidInput."""

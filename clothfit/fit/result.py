@@ -22,6 +22,9 @@ from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds, parameters, with_parameters
 from clothfit.scene.scene import Scene
 
+MOMENT = 0.5
+"""Seconds for the error of positions where the fit was asked to end."""
+
 UNMOVED = 1e-9
 """Relative change up to which a parameter counts as not having moved: beyond the rounding of exp and log."""
 
@@ -91,11 +94,8 @@ def result(
     """The result for the user of a search; the user gave its start where `started`."""
     scene = search.objective.scene
     p, cost = (search.best.p, search.best.cost) if known is None else (known.p, known.cost)
-    kept = search.objective.identifiable
-    lost = [block for block in scene.blocks if block.mode == "G" and not kept[block.part].all()]
     return Fit(
-        # the scene's values, which may differ, not their mean
-        scene=with_parameters(scene, p, [] if started else lost),
+        scene=fitted_scene(search, p, started),
         status=status,
         method=method,
         cost=cost,
@@ -112,12 +112,15 @@ def result(
     )
 
 
+def fitted_scene(search: Search, p: Array, started: bool) -> Scene:
+    """The scene with the values p (P,) of a search; the user gave its start where `started`."""
+    scene, kept = search.objective.scene, search.objective.identifiable
+    lost = [block for block in scene.blocks if block.mode == "G" and not kept[block.part].all()]
+    return with_parameters(scene, p, [] if started else lost)  # the scene's values, which may differ, not their mean
+
+
 def with_fallbacks(found: Fit, objective: Objective) -> Fit:
-    """The fit with the fallbacks that the steps of its motion needed, and their warnings; unchanged where there is no
-    motion, and after an interrupt: who asks for the end waits for no more steps.
-    """
-    if found.status in (Status.DIVERGED, Status.INTERRUPTED):
-        return found
+    """The fit with the fallbacks that the steps of its motion needed, and their warnings."""
     fallbacks = objective.remedies(parameters(found.scene, objective.scene))
     texts = fallbacks.sentences(sum(run.steps for run in objective.runs))
     warnings = [*found.warnings, *(f"the fitted motion: {text}" for text in texts)]
@@ -125,20 +128,17 @@ def with_fallbacks(found: Fit, objective: Objective) -> Fit:
 
 
 def with_verdict(found: Fit, objective: Objective, tolerance: float, trial: bool) -> Fit:
-    """The fit with the distance travelled and the verdict on its model, without one where there is no motion, and after
-    an interrupt. `tolerance`, m, is the error that is good enough; `trial`: the target is the scene's own motion.
+    """The fit with the verdict on its model, without one where nothing moves. `tolerance`, m, is the error that is good enough; `trial`: the target is the scene's own motion.
     """
-    found = replace(found, travel=objective.travel)
-    if found.status in (Status.DIVERGED, Status.INTERRUPTED) or found.relative_rmse is None:
+    if found.relative_rmse is None:
         return found
     reached = objective.rmse(found.cost) <= tolerance
     if reached or (trial and found.status == Status.CONVERGED):
         return replace(found, verdict=Verdict(ADEQUATE, found.relative_rmse))
     try:
-        with interrupts.heard():
-            p = parameters(found.scene, objective.scene)
-            return replace(found, verdict=verdict(objective, p, found.relative_rmse))
-    except (Diverged, KeyboardInterrupt):
+        p = parameters(found.scene, objective.scene)
+        return replace(found, verdict=verdict(objective, p, found.relative_rmse))
+    except Diverged:
         return found
 
 
@@ -174,10 +174,16 @@ def scatter(search: Search) -> list[Scatter] | None:
 
 
 def position_rmse(search: Search, p: Array, cost: float) -> float:
-    """Root mean square distance, m, of the observed positions at p (P,) of that cost; inf where they diverge."""
+    """Root mean square distance, m, of the observed positions at p (P,) of that cost; inf where they diverge, NaN where
+    a request or the time leaves no moment to look.
+    """
     if search.objective.plain or not np.isfinite(cost):
         return search.objective.rmse(cost)
+    moment = MOMENT if interrupts.requested() else None
     try:
-        return search.objective.position_rmse(p)
+        with interrupts.heard(), interrupts.grace(MOMENT), interrupts.limited(moment):
+            return search.objective.position_rmse(p)
     except Diverged:  # the cost saw only what is finite
         return np.inf
+    except (interrupts.OutOfTime, KeyboardInterrupt):
+        return np.nan

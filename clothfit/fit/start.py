@@ -9,6 +9,8 @@ vertices that belong to no triangle get the geometric mean of the others.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,24 +30,33 @@ SELF_STARTING = ("auto", "momentum")
 """Methods that look for a start themselves where none is given."""
 
 
+class FirstPoint(NamedTuple):
+    """Where a fit starts."""
+
+    p: Array  # (P,)
+    cost: float  # there, as far as it is known; else infinite
+    warnings: list[str]
+
+
 def first_point(
     objective: Objective, start: float | Array | Scene | None, hidden: bool, method: str
-) -> tuple[Array, list[str]]:
-    """The first point (P,) of a method, with warnings; `start` is what the user gives.
+) -> FirstPoint:
+    """The first point of a method; `start` is what the user gives.
 
     `hidden`: the scene's own values are the truth, which the fit may not know. Raises InvalidInput as `choose_start`.
     """
     scene = objective.scene
     if hidden and start is None and method in SELF_STARTING:
         p = np.where(objective.identifiable, fabric(scene), parameters(scene))
-        return p, start_warnings(objective, p)
+        return FirstPoint(p, np.inf, start_warnings(objective, p))
     p = choose_start(objective, start, hidden)
     warnings = start_warnings(objective, p)
-    if not np.isfinite(objective.cost_or_infinity(p)):
+    cost = objective.cost_or_infinity(p)
+    if not np.isfinite(cost):
         instead = "the fit starts from the best of a coarse search instead"
         warnings.append(f"the simulation diverges at the start; {instead}")
         p = best_scales(objective, [p])[0]
-    return p, warnings
+    return FirstPoint(p, cost, warnings)
 
 
 def choose_start(objective: Objective, start: float | Array | Scene | None, hidden: bool) -> Array:

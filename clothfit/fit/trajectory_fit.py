@@ -22,7 +22,7 @@ from clothfit.optimise.checkpoint import State
 from clothfit.optimise.common_factors import Shared
 from clothfit.optimise.gauss_newton import PATIENT, SMALL, Patience, minimise
 from clothfit.optimise.prior import Prior, none
-from clothfit.optimise.search import Descent, Search
+from clothfit.optimise.search import SAME_POINT, Descent, Search
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import LARGEST, Trajectory
 
@@ -83,7 +83,7 @@ def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, 
 def go_on(search: Search, state: State, tau: float | None) -> Status:
     """Begin the stage anew in which a fit was ended, and go on from there; returns the status. Raises Stop."""
     prior = resumed_prior(search, state, tau)
-    search.best.believe(prior)
+    search.best.attribute(prior)
     *found, last = stages(search, False, windows=True)
     last = last._replace(patience=last.patience._replace(flat=SMALL))  # it may begin where no step lowers the cost
     left = [stage for stage in found if stage.objective.frames >= state.window and not state.radius] + [last]
@@ -107,15 +107,16 @@ def resumed_prior(search: Search, state: State, tau: float | None) -> Prior:
 
 
 def by_stages(search: Search, descent: Descent, parts: Sequence[Stage]) -> Status:
-    """Gauss–Newton through all stages, and back to the best point of before where that costs less."""
-    y, prior, status = descent.y, descent.prior, Status.STALLED
+    """Gauss–Newton through all stages; the best point of the search is never worse than before."""
+    best, y, prior, status = search.best, descent.y, descent.prior, Status.STALLED
     for stage in parts:
         part, whole = Trajectory(search, stage.objective), stage.objective is search.objective
         search.enter("gauss-newton", stage.objective)
-        search.best.follow(descent._replace(prior=prior, y=y, window=stage.objective.frames))
+        best.follow(descent._replace(prior=prior, y=y, window=stage.objective.frames))
         if not np.isfinite(part.cost(y)):
             break
-        search.best.believe(prior)
+        if best.descent and not descent.radius:  # a stage that is resumed began before its best point was found
+            best.follow(best.descent._replace(before=best.p, before_cost=best.cost))
         if part.operations() <= LARGEST and part.fits():
             y, prior, status = by_dense_model(part, stage, y, prior, descent.radius or None)
             descent = descent._replace(radius=0.0)
@@ -125,13 +126,12 @@ def by_stages(search: Search, descent: Descent, parts: Sequence[Stage]) -> Statu
             search.enter("matrix-free", stage.objective)
             y, status = matrix_free.minimise(part, y, prior, whole)
         else:
-            search.best.believe(None)
             search.warn("too little memory for the matrices of gauss-newton: l-bfgs-b took its place (--memory)")
+            prior = none(part.size)
             status = scipy_methods.minimise(search, "l-bfgs-b") if whole else status
-    search.best.follow(None)
-    if descent.before_cost < search.best.cost:
-        search.best.believe(None)
-        search.accept(descent.before, descent.before_cost)
+        best.forget()
+    best.follow(None)
+    best.attribute(prior if np.allclose(search.y, y, rtol=SAME_POINT) else best.prior)
     return Status.STALLED if status == Status.CONVERGED and search.on_plateau() else status
 
 
@@ -143,7 +143,6 @@ def by_dense_model(
     accepted = part.accepted if whole else part.passed
     problem = part.problem(stage.least, stage.patience)
     model, prior, status = minimise(problem, y, prior, accepted, stage.iterations, radius)
-    search.best.believe(prior)
     if not whole:
         search.enter("gauss-newton")
         search.visit(search.parameters(model.y))

@@ -77,6 +77,7 @@ class Problem:
     residuals: int
     least: float = 0.0  # relative reduction of the cost below which no more is asked for
     patience: Patience = PATIENT
+    believe: Callable[[Prior, float], None] | None = None  # takes the prior of the moment, and σ²
 
 
 def minimise(
@@ -104,6 +105,8 @@ def minimise(
         learned, sigma2 = prior.learned(model.H, model.g, model.y, model.cost, problem.residuals)
         if iteration < LEARNING:
             prior = prior.between(learned)
+        if problem.believe:
+            problem.believe(prior, sigma2)
         A = prior.matrix(sigma2)
         H, g = model.H + A, model.g + A @ (model.y - prior.centre)
         lower, upper = problem.lower - model.y, problem.upper - model.y

@@ -8,6 +8,7 @@ Saunders, LSMR: an iterative algorithm for sparse least-squares problems, SIAM J
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -86,8 +87,9 @@ class Residuals:
         self.part, self.prior = part, prior
         cost = part.cost(y)
         sigma = np.sqrt(variance(cost if np.isfinite(cost) else 0.0, part.residuals(), 0.0))
-        widths = [WIDTH if prior.learns else tau for tau in prior.tau]
+        widths = tuple(WIDTH if prior.learns else tau for tau in prior.tau)
         self.weights = [sigma / tau for tau in widths]
+        part.believe(replace(prior, tau=widths), float(sigma) ** 2)
         self.worst, self.count, self.lowest = 0.0, 0, np.inf
 
     def __call__(self, y: Array) -> Array:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
@@ -39,6 +40,9 @@ PLATEAU, SHAKE = 1e-3, 0.5
 every other one down: far from a minimum, the motion may no longer depend on the parameters at all.
 """
 
+SAME_POINT = 1e-12
+"""Relative distance of points that differ by the rounding of coordinates."""
+
 HEIGHT = 1e3
 """Height of the bowl at its bottom, relative to the largest cost met; twice that at distance 1 from the best point."""
 
@@ -50,38 +54,100 @@ class Descent(NamedTuple):
     y: Array  # (Q,), where the stage begins; in the last one, the point that was accepted last
     radius: float  # of its trust region; 0: not chosen yet
     window: int  # frames that it compares
-    before: Array  # (P,), the best point before all stages
+    before: Array  # (P,), the best point before it
     before_cost: float
 
 
+class Point(NamedTuple):
+    """A point that a search has visited, over all frames."""
+
+    p: Array  # (P,)
+    cost: float
+    gradient: Array  # (P,), of the last best point that was evaluated with one
+    prior: Prior | None  # what it was found with
+
+
+class Belief(NamedTuple):
+    """A prior while a descent looks for points with it."""
+
+    prior: Prior
+    penalty: Callable[[Array], float]  # of parameters (P,), beside the cost
+    ceiling: float  # the best cost before the descent, which no result may exceed
+
+
 class BestSoFar:
-    """The best point of a search: that of the lowest cost, or the last one that a fit with a prior accepted."""
+    """The best point of a search, which no worse one can replace.
+
+    A point is better where its cost is lower. During a descent with a prior it is better where cost and penalty are
+    lower, by the prior of the moment, if its cost is not above that of the best point before the descent.
+    """
 
     def __init__(self, p: Array) -> None:
         """`p` (P,): where the search starts."""
-        self.p, self.cost = p, np.inf
-        self.gradient = np.zeros(len(p))  # of the last best point that was evaluated with one
-        self.prior: Prior | None = None  # what the point was found with
+        self._point = Point(p, np.inf, np.zeros(len(p)), None)  # replaced as a whole: a signal may come at any time
+        self._belief: Belief | None = None
         self.descent: Descent | None = None  # that is under way
 
-    def replace(self, p: Array, cost: float, gradient: Array | None = None) -> None:
-        """Make parameters (P,) of that cost, and gradient (P,) where it is known, the best point."""
-        self.p, self.cost = p, cost
-        if gradient is not None:
-            self.gradient = gradient
+    @property
+    def p(self) -> Array:
+        """The parameters (P,)."""
+        return self._point.p
 
-    def believe(self, prior: Prior | None) -> None:
-        """Name the prior with which better points are looked for."""
-        self.prior = prior
+    @property
+    def cost(self) -> float:
+        """Their cost."""
+        return self._point.cost
+
+    @property
+    def gradient(self) -> Array:
+        """Its gradient (P,), of the last best point that was evaluated with one."""
+        return self._point.gradient
+
+    @property
+    def prior(self) -> Prior | None:
+        """The prior that the point was found with."""
+        return self._point.prior
+
+    def offer(self, p: Array, cost: float, gradient: Array | None = None) -> bool:
+        """Take parameters (P,) of that cost, and gradient (P,) where it is known, if they are better."""
+        better = self.is_better(p, cost)
+        if better:
+            interrupts.hold()
+            prior = self._belief.prior if self._belief else None
+            self._point = Point(p, cost, self.gradient if gradient is None else gradient, prior)
+        return better
+
+    def is_better(self, p: Array, cost: float) -> bool:
+        """Whether parameters (P,) of that cost are better than the best so far."""
+        if self._belief is None:
+            return cost < self.cost
+        penalty, ceiling = self._belief.penalty, self._belief.ceiling
+        return cost <= ceiling and (cost + penalty(p) < self.cost + penalty(self.p))
+
+    def restore(self, point: Point) -> None:
+        """Begin with a point that is known: the start, or the best one of a search that is resumed."""
+        self._point = point
+
+    def learn(self, gradient: Array) -> None:
+        """Take the gradient (P,) at the best point, which was found without it."""
+        self._point = self._point._replace(gradient=gradient)
+
+    def believe(self, prior: Prior, penalty: Callable[[Array], float]) -> None:
+        """Compare points by cost and penalty from now on, with this prior."""
+        before = self.descent.before_cost if self.descent else self.cost
+        self._belief = Belief(prior, penalty, before)
+
+    def forget(self) -> None:
+        """Compare points by their cost alone from now on."""
+        self._belief = None
+
+    def attribute(self, prior: Prior | None) -> None:
+        """Name the prior that the best point was found with."""
+        self._point = self._point._replace(prior=prior)
 
     def follow(self, descent: Descent | None) -> None:
         """Name the descent that is under way from now on, if any."""
         self.descent = descent
-
-    @property
-    def follows_cost(self) -> bool:
-        """Whether the lowest cost alone is the best: with a prior it need not be."""
-        return self.prior is None or not bool(np.isfinite(self.prior.tau).any())
 
 
 class Search:
@@ -96,8 +162,10 @@ class Search:
         report: Callable[[Progress], None] | None = None,
         checkpoint: Checkpoint | None = None,
         state: State | None = None,
+        start_cost: float = np.inf,
     ) -> None:
-        """`start` (P,): values of all parameters; those that cannot be identified keep them.
+        """`start` (P,): values of all parameters; those that cannot be identified keep them. It is the best point so
+        far where its cost is known.
 
         The search keeps its state in the `checkpoint`, and goes on from a `state` that is given.
         """
@@ -114,6 +182,8 @@ class Search:
         self._shaken, self._plateau = np.nan, False  # the cost at which the plateau was looked for, and what was found
         if state is not None:
             self._restore(state)
+        elif np.array_equal(self.start, start):  # it lies within the bounds
+            self.best.restore(Point(self.start, start_cost, self.best.gradient, None))
 
     @property
     def y(self) -> Array:
@@ -157,14 +227,20 @@ class Search:
         simulation diverges. Raises Stop as calling the search does.
         """
         cost = self.measure(p)
-        if cost < self.best.cost:
-            self.accept(p, cost)
+        self.accept(p, cost)
         return cost
 
     def measure(self, p: Array, objective: Objective | None = None) -> float:
         """The cost at parameters (P,), of another objective where one is given; it counts, but is not remembered."""
         self.count()
+        if objective is None and self._is_known_start(p):
+            return self.best.cost
         return (objective or self.objective).cost_or_infinity(p)
+
+    def _is_known_start(self, p: Array) -> bool:
+        """Whether parameters (P,) are those of the start, and it is the best point so far."""
+        known = self.best.p is self.start and np.isfinite(self.best.cost)
+        return bool(known and np.array_equal(p, self.start))
 
     def count(self) -> None:
         """Count an evaluation. Raises Stop when the budget is used up."""
@@ -172,10 +248,11 @@ class Search:
         self.budget.count(self.best.cost)
 
     def accept(self, p: Array, cost: float) -> None:
-        """Make parameters (P,) of that cost the best point. Raises Stop when the error is small enough."""
-        self.best.replace(p, cost)
-        self.advance(p)
-        self.report()
+        """Make parameters (P,) of that cost the best point where they are. Raises Stop when the error is small enough.
+        """
+        if self.best.offer(p, cost):
+            self.advance(p)
+            self.report()
         if self._is_near():
             raise Stop(Status.CONVERGED)
 
@@ -198,6 +275,9 @@ class Search:
 
     def finish(self, status: Status) -> Status:
         """Keep how the search ended; "diverged" where there is no result."""
+        self.best.forget()
+        if status in (Status.CONVERGED, Status.STALLED):
+            self.best.follow(None)
         if not np.isfinite(self.best.cost):
             return Status.DIVERGED
         if self.checkpoint is not None:
@@ -216,7 +296,7 @@ class Search:
 
     def _restore(self, state: State) -> None:
         best = np.where(self.fitted, self.coordinates.clipped(state.best), self.start)
-        self.best.replace(best, state.cost, state.gradient)
+        self.best.restore(Point(best, state.cost, state.gradient, None))
         self.budget.history, self.budget.beside = list(state.history), state.beside
         self.progress.began -= state.seconds
         self.warnings = list(state.warnings)
@@ -235,9 +315,10 @@ class Search:
     def _remember(self, p: Array, cost: float, gradient: Array) -> None:
         self.unit = self.unit or max(cost, np.finfo(float).tiny)
         self.worst = max(self.worst, cost)
-        if cost < self.best.cost:
-            self.best.replace(p, cost, gradient)
+        if self.best.offer(p, cost, gradient):
             self.advance(p)
+        elif self.best.p is self.start and np.allclose(p, self.start, rtol=SAME_POINT, atol=0.0):
+            self.best.learn(gradient)  # the cost was known, the gradient was not
 
     def _bowl(self, y: Array) -> tuple[float, Array]:
         away = y - self.y

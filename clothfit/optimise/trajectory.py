@@ -62,12 +62,19 @@ class Trajectory:
         ends = self.search.coordinates
         return ends.lower[self.fitted], ends.upper[self.fitted]
 
+    def believe(self, prior: Prior, sigma2: float) -> None:
+        """Compare the points of the search by cost and penalty, with the variance of a residual, m² where positions are
+        compared.
+        """
+        if self.objective is self.search.objective:
+            self.search.best.believe(prior, lambda p: prior.value(self.y(p), sigma2))
+
     def accepted(self, prior: Prior, model: gauss_newton.Model, radius: float) -> None:
-        """Make the point of a model the best one of the search. Raises Stop when the error is small enough."""
+        """Go on from the point of a model, and report it."""
         best = self.search.best
-        best.believe(prior)
         best.follow(best.descent and best.descent._replace(prior=prior, y=model.y, radius=radius))
-        self.search.accept(self.parameters(model.y), model.cost)
+        self.search.advance(self.parameters(model.y))
+        self.search.report()
 
     def passed(self, prior: Prior, model: gauss_newton.Model, radius: float) -> None:
         """Report an iteration on fewer frames."""
@@ -78,7 +85,9 @@ class Trajectory:
         self, least: float = 0.0, patience: gauss_newton.Patience = gauss_newton.PATIENT
     ) -> gauss_newton.Problem:
         """What Gauss–Newton minimises, until a step would save less than the fraction `least` of the cost."""
-        return gauss_newton.Problem(self.model, self.cost, *self.bounds, self.residuals(), least, patience)
+        return gauss_newton.Problem(
+            self.model, self.cost, *self.bounds, self.residuals(), least, patience, self.believe
+        )
 
     def cost(self, y: Array) -> float:
         """The cost at y; infinite where the simulation diverges. Raises Stop as a visit of the search does."""
@@ -88,11 +97,10 @@ class Trajectory:
         return cost
 
     def remember(self, p: Array, cost: float) -> None:
-        """Make parameters (P,) of that cost the best point where they are: of all frames, and of the cost alone; with a
-        prior the lowest cost need not be what is looked for.
+        """Make parameters (P,) of that cost the best point where they are, which only all frames can say. Raises Stop
+        when the error is small enough.
         """
-        best = self.search.best
-        if self.objective is self.search.objective and best.follows_cost and cost < best.cost:
+        if self.objective is self.search.objective:
             self.search.accept(p, cost)
 
     def residuals(self) -> int:

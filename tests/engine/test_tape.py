@@ -142,10 +142,10 @@ def test_an_interrupt_between_parts_does_no_harm(monkeypatch):
     system = gentle()
     memory, weight = kept(system)
     made = told(system, PLANS["two levels"])
-    monkeypatch.setattr(interrupts, "_requested", True)
+    interrupts.request()
     with pytest.raises(KeyboardInterrupt):
         adjoint.gradient(system, made, weight, TIGHT)
-    monkeypatch.setattr(interrupts, "_requested", False)
+    interrupts.clear()
     assert_same(adjoint.gradient(system, made, weight, TIGHT), adjoint.gradient(system, memory, weight, TIGHT))
 
 

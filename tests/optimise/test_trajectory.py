@@ -14,7 +14,7 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import residual_count
 from clothfit.objective.running_residuals import free_columns
-from clothfit.optimise.prior import FIRST_TAU, none
+from clothfit.optimise.prior import FIRST_TAU, first
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters, with_parameters
@@ -147,12 +147,22 @@ def test_of_all_frames_the_best_is_remembered_of_fewer_none():
     assert part.search.best.cost == min(first, second)
 
 
-def test_accepted_points_are_the_searchs():
+def test_with_a_prior_the_best_point_has_the_least_cost_and_penalty_and_costs_no_more_than_before():
     part = trajectory("one")
-    model = part.model(at(part) + 0.1)
-    part.accepted(none(part.size), model, 1.0)
-    assert part.search.best.cost == model.cost
-    np.testing.assert_allclose(part.search.y, model.y, rtol=1e-13)  # rounding of log and exp
+    y, best = at(part), part.search.best
+    start = part.cost(y)  # the minimum is at y + 4 log 1.2
+    prior = first(y + 0.2, [np.arange(part.size)], tau=1.0)
+    part.believe(prior, 1e6 * start)  # the penalty outweighs the cost
+    for away in (0.4, 0.1, 0.25, 0.3):
+        part.cost(y + away)
+    np.testing.assert_allclose(part.search.y, y + 0.25, rtol=1e-12)  # rounding of log and exp
+    assert best.prior is prior
+    part.believe(first(y - 2.0, [np.arange(part.size)], tau=1.0), 1e6 * start)
+    assert part.cost(y - 1.9) > start  # nearer to the centre, but worse than before
+    np.testing.assert_allclose(part.search.y, y + 0.25, rtol=1e-12)
+    best.forget()
+    lowest = part.cost(y + 0.7)
+    assert (best.cost, best.prior) == (lowest, None)
 
 
 def test_the_residuals_are_those_that_a_parameter_can_change():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import wraps
 from typing import Any, TypeVar
@@ -59,6 +60,21 @@ def check_least(least: int, **options: int | None) -> None:
     for name, value in options.items():
         if value is not None and value < least:
             raise InvalidInput(f"--{name.replace('_', '-')} must be at least {least}; {value} was given")
+
+
+UNITS = {"": 1.0, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
+"""Seconds of the units of a duration."""
+
+
+def duration(text: str | None, option: str) -> float | None:
+    """The seconds that the text of an option means: 30, 30s, 2m, 1.5h. Raises InvalidInput."""
+    if text is None:
+        return None
+    number = text.strip().rstrip("abcdefghijklmnopqrstuvwxyz")
+    unit = text.strip()[len(number) :]
+    if not is_number(number) or unit not in UNITS or not 0 < float(number) < math.inf:
+        raise InvalidInput(f"{option}: {text!r} is no time above 0; write it as 30, 30s, 2m or 1h")
+    return float(number) * UNITS[unit]
 
 
 def is_number(text: str) -> bool:

@@ -9,7 +9,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,12 +47,13 @@ def uninterrupted() -> Iterator[None]:
             signal.signal(kind, handler)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Output:
     """Where a result goes: a path, or standard output."""
 
     path: str
     in_place: bool = False  # it is the scene that was read
+    written: bytes | None = None  # the scene that was written there
 
     @property
     def is_stream(self) -> bool:
@@ -117,27 +118,40 @@ def make_folder(path: str) -> None:
 
 
 def write_scene(scene: Scene, out: Output) -> None:
-    """Write a scene whole; the caller holds interrupts back.
+    """Write a scene whole, unless it was written there before; the caller holds interrupts back.
 
     If it should replace the file that it was read from, and that has changed meanwhile, the scene goes into a file
     beside it. Raises InvalidInput with the name of that file.
     """
     from clothfit.scene.scene import dumps
 
-    if not out.in_place or unchanged(scene, out.path):
-        out.put(dumps(scene))
+    data = dumps(scene)
+    if data == out.written:
+        return
+    if not out.in_place or unchanged(scene, out):
+        out.put(data)
+        out.written = data
         return
     beside = Path(out.path)
     other = Output(str(beside.with_suffix(f".fitted{beside.suffix}")))
-    other.put(dumps(scene))
+    other.put(data)
     raise InvalidInput(f"{out.path}: changed while the fit ran, so it is left as it is; the result is in {other.path}")
 
 
-def unchanged(scene: Scene, path: str) -> bool:
-    """Whether a file is there and still holds the text that the scene was read from."""
+def keep_scene(scene: Scene, out: Output) -> None:
+    """Write a scene that may still be replaced by a better known one, where that is a file. A fault is no error yet:
+    the last writing says it.
+    """
+    if not out.is_stream and (os.path.isfile(out.path) or not os.path.exists(out.path)):
+        with suppress(InvalidInput), uninterrupted():
+            write_scene(scene, out)
+
+
+def unchanged(scene: Scene, out: Output) -> bool:
+    """Whether a file is there and still holds the text that the scene was read from, or that was written there."""
     source = scene.source
     try:
-        return Path(path).read_bytes() == source.encode(source.text)
+        return Path(out.path).read_bytes() in (source.encode(source.text), out.written)
     except OSError:
         return False
 

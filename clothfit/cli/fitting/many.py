@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import click
 
+from clothfit.base import interrupts
 from clothfit.base.errors import ClothfitError
 from clothfit.base.messages import metres
 from clothfit.cli.common import motions
@@ -62,14 +63,16 @@ def fit(
     each = limited(options, pool)
     makers: list[Callable[[int], Job]] = [partial(item.job, seed=effort.seed, options=each) for item in items]
     writer = Writer(items, console)
-    results = fit_all(makers, effort.starts, pool, writer.done, writer.died)
-    with uninterrupted():
-        if len(items) == 1:
-            return finish_one(items[0], results[0], console, as_json)
-        console.table(rows(items, results, writer.errors))
-        if as_json:
-            scenes = summaries(items, results, writer.errors)
-            print_json("estimate", {"scenes": scenes, "seconds": time.perf_counter() - began})
+    with interrupts.deferred():
+        interrupts.hold()  # results come from now on
+        results = fit_all(makers, effort.starts, pool, writer.done, writer.died)
+        with uninterrupted():
+            if len(items) == 1:
+                return finish_one(items[0], results[0], console, as_json)
+            console.table(rows(items, results, writer.errors))
+            if as_json:
+                scenes = summaries(items, results, writer.errors)
+                print_json("estimate", {"scenes": scenes, "seconds": time.perf_counter() - began})
     codes = [writer.code(index, one) for index, one in enumerate(results)]
     return INTERRUPTED if INTERRUPTED in codes else next(code for code in SEVERITY if code in codes)
 
