@@ -128,7 +128,8 @@ def with_fallbacks(found: Fit, objective: Objective) -> Fit:
 
 
 def with_verdict(found: Fit, objective: Objective, tolerance: float, trial: bool) -> Fit:
-    """The fit with the verdict on its model, without one where nothing moves. `tolerance`, m, is the error that is good enough; `trial`: the target is the scene's own motion.
+    """The fit with the verdict on its model, without one where nothing moves. `tolerance`, m, is the error that is good
+    enough; `trial`: the target is the scene's own motion.
     """
     if found.relative_rmse is None:
         return found
