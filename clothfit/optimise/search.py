@@ -250,7 +250,7 @@ class Search:
     def accept(self, p: Array, cost: float) -> None:
         """Make parameters (P,) of that cost the best point where they are. Raises Stop when the error is small enough.
         """
-        if self.best.offer(p, cost):
+        if self.best.offer(p, cost) or self._is_known_start(p):
             self.advance(p)
             self.report()
         if self._is_near():
