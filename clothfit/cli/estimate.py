@@ -18,7 +18,7 @@ from clothfit.cli.common.output import keep_scene, uninterrupted
 from clothfit.cli.common.progress import progress
 from clothfit.cli.common.scenes import read_scene, warn_of_steps
 from clothfit.cli.fitting import outcomes
-from clothfit.cli.fitting.files import Files, read_start, read_target, weights
+from clothfit.cli.fitting.files import Files, bounds_of, read_start, read_target, weights
 from clothfit.cli.fitting.recording import Recording
 from clothfit.fit.options import FitOptions
 from clothfit.many.job import INTERRUPTED
@@ -35,7 +35,7 @@ MOST_STARTS = 10_000
 SECTIONS = {  # of the help
     "What to fit to": ("--target", "--objective", "--loss", "--loss-scale"),
     "The file of the target": ("--fps", "--frames", "--scale", "--up", "--handedness", "--map"),
-    "How to fit": ("--start", "--method", "--prior", "--budget", "--max-evaluations", "--rmse", "--tolerance"),
+    "How to fit": ("--start", "--bounds", "--method", "--prior", "--budget", "--max-evaluations", "--rmse", "--tolerance"),
     "How far to trust it": ("--holdout", "--holdout-of", "--no-intervals"),
     "What is written": ("--output", "--in-place", "--report", "--plot", "--gif", "--log"),
     "Long and large fits": ("--checkpoint", "--resume", "--memory"),
@@ -58,6 +58,9 @@ SECTIONS = {  # of the help
               help="Distances above this count as outliers.  [default: 0.01]")
 @click.option("--start", metavar="VALUE|SCENE",
               help="Values to start from.  [default: the scene's values with --target, else a coarse search]")
+@click.option("--bounds", "bounds", metavar="KIND=LOW:HIGH", multiple=True,
+              help="Bounds of a kind of value in its unit, such as stiffness=1:1e6; may be repeated.  "
+              "[default: those of the scene, else 1e-4 to 1e4 and wider around its own values]")
 @click.option("--method", default="auto", metavar="NAME",
               help="Optimiser: auto, momentum, gauss-newton, l-bfgs-b or another one of SciPy.  [default: auto]")
 @click.option("--budget", "time_budget", metavar="SECONDS",
@@ -100,6 +103,7 @@ def command(
     objectives: tuple[str, ...],
     start: str | None,
     time_budget: str | None,
+    bounds: tuple[str, ...],
     max_evaluations: int,
     rmse: float,
     tolerance: float | None,
@@ -142,7 +146,7 @@ def command(
     check_numbers(tolerance=tolerance)
     options = FitOptions(
         budget=max_evaluations, rmse_tolerance=rmse, tolerance=tolerance, objective=weights(objectives),
-        intervals=not no_intervals, seconds=duration(time_budget, "--budget"), **as_given,
+        intervals=not no_intervals, bounds=bounds_of(bounds), seconds=duration(time_budget, "--budget"), **as_given,
     )  # fmt: skip
     files = Files(target_paths, start, path, in_place, checkpoint, resume, reading)
     single = len(scene_paths) == 1 and starts == 1 and cluster is None

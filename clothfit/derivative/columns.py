@@ -15,8 +15,10 @@ LOCAL = ("mass", "stiffness", "rest")
 """Kinds that act on one vertex or spring each; `velocity` acts at the start only, every other kind everywhere."""
 
 
-def columns(system: System, blocks: Sequence[Block], column: Indices, factor: Array, count: int) -> Columns:
-    """The columns of one cloth's sensitivity by the parameters of `blocks`.
+def columns(
+    system: System, blocks: Sequence[Block], p: Array, column: Indices, factor: Array, count: int
+) -> Columns:
+    """The columns of one cloth's sensitivity by the parameters of `blocks` at p (P,).
 
     `column` (P,) gives the column of each parameter, −1 where it is held, `factor` (P,) a factor of its derivative,
     `count` the number of columns.
@@ -27,7 +29,7 @@ def columns(system: System, blocks: Sequence[Block], column: Indices, factor: Ar
     for block in blocks:
         own = np.flatnonzero(column[block.part] >= 0) + block.start
         if block.name in LOCAL and len(own):
-            local[block.name] = share(block, column, factor)
+            local[block.name] = share(block, p, column, factor)
             continue
         for i in own:
             unit = np.zeros(len(column))
@@ -42,11 +44,20 @@ def columns(system: System, blocks: Sequence[Block], column: Indices, factor: Ar
 
 def none(count: int) -> Share:
     """`count` elements without a column."""
-    return Share(np.full(count, -1, np.int32), np.zeros(count))
+    return one_each(np.full(count, -1, np.int32), np.zeros(count))
 
 
-def share(block: Block, column: Indices, factor: Array) -> Share:
-    """The columns and factors of all elements of a block."""
-    own = column[block.part].reshape(-1)
+def one_each(column: Indices, factor: Array) -> Share:
+    """One column for each element."""
+    return Share(np.arange(len(column) + 1, dtype=np.int32), column, factor)
+
+
+def share(block: Block, p: Array, column: Indices, factor: Array) -> Share:
+    """The columns and factors of all elements of a block at p (P,)."""
+    own, factors = column[block.part].reshape(-1), block.factors
+    if factors is not None:
+        entries = factors.entries(p[block.part]) * factor[block.part][factors.column]
+        starts = np.searchsorted(factors.row, np.arange(len(factors.base) + 1)).astype(np.int32)
+        return Share(starts, own[factors.column].astype(np.int32), entries)
     places = own if block.mode == "L" else np.full(block.shape[0], own[0])
-    return Share(places.astype(np.int32), np.array(block.spread(factor), float))
+    return one_each(places.astype(np.int32), np.array(block.spread(factor), float))

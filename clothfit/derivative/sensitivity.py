@@ -36,8 +36,8 @@ DENSE_UNKNOWNS = 1500
 
 
 class Columns(NamedTuple):
-    """Q columns: the share ∂element/∂parameter of each in every mass, stiffness and rest length, at most one column for
-    an element; and directions of the kinds that act everywhere.
+    """Q columns: the share ∂element/∂parameter of each in every mass, stiffness and rest length; and directions of the
+    kinds that act everywhere.
     """
 
     width: int  # Q
@@ -49,10 +49,21 @@ class Columns(NamedTuple):
 
 
 class Share(NamedTuple):
-    """The column of each element, −1 for none, and the factor of its derivative."""
+    """The columns of each of E elements and the factors of its derivatives, row by row as in a sparse matrix: most
+    kinds have one column for an element, smooth maps several.
+    """
 
-    column: Indices
-    factor: Array
+    start: Indices  # (E + 1,): the entries of element i are those from start[i] to start[i + 1] − 1
+    column: Indices  # (N,), −1 for none
+    factor: Array  # (N,)
+
+    def along(self, q: int) -> Array:
+        """The change of the elements (E,) along column q."""
+        entries = np.where(self.column == q, self.factor, 0.0)
+        if len(self.column) + 1 == len(self.start):
+            return entries
+        rows = np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
+        return np.asarray(np.bincount(rows, weights=entries, minlength=len(self.start) - 1), float)
 
 
 def sweep(
@@ -169,8 +180,7 @@ def tangents(
 
 def along(system: System, columns: Columns, q: int) -> Elements:
     """The change of all elements along column q."""
-    elements = [np.where(share.column == q, share.factor, 0.0) for share in columns[1:4]]
-    change = Elements(mass=elements[0], stiffness=elements[1], rest=elements[2])
+    change = Elements(columns.mass.along(q), columns.stiffness.along(q), rest=columns.rest.along(q))
     for column, direction in columns.everywhere:
         if column == q:
             change = direction
@@ -216,21 +226,23 @@ def add_product(near, place, blocks, x, out):
 @kernel
 def add_vertex_columns(place, by_element, share, out):
     """out += C for a kind that acts on its own vertex, `by_element` (n, 3)."""
-    for i in range(len(share.column)):
-        q = share.column[i]
-        if q >= 0 and place[i] >= 0:
-            for c in range(3):
-                out[3 * place[i] + c, q] += share.factor[i] * by_element[i, c]
+    for i in range(len(share.start) - 1):
+        for e in range(share.start[i], share.start[i + 1]):
+            q = share.column[e]
+            if q >= 0 and place[i] >= 0:
+                for c in range(3):
+                    out[3 * place[i] + c, q] += share.factor[e] * by_element[i, c]
 
 
 @kernel
 def add_spring_columns(place, ends, by_element, share, out):
     """out += C for a kind that acts on the two ends of its spring, `by_element` (S, 2, 3)."""
-    for i in range(len(share.column)):
-        q = share.column[i]
-        if q >= 0:
-            for end in range(2):
-                j = place[ends[i, end]]
-                if j >= 0:
-                    for c in range(3):
-                        out[3 * j + c, q] += share.factor[i] * by_element[i, end, c]
+    for i in range(len(share.start) - 1):
+        for e in range(share.start[i], share.start[i + 1]):
+            q = share.column[e]
+            if q >= 0:
+                for end in range(2):
+                    j = place[ends[i, end]]
+                    if j >= 0:
+                        for c in range(3):
+                            out[3 * j + c, q] += share.factor[e] * by_element[i, end, c]

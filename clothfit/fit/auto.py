@@ -88,7 +88,7 @@ def balances_can_hold(search: Search, start: Array, early: Objective) -> bool:
 def one_value_each(search: Search) -> bool:
     """Whether the fit is of single masses and stiffnesses for whole cloths only, which a scan can find."""
     fitted = [block for block in search.objective.blocks if search.fitted[block.part].any()]
-    return all(block.mode == "G" and block.name in LETTERED for block in fitted)
+    return all(block.is_one and block.name in LETTERED for block in fitted)
 
 
 def by_scan(search: Search, start: Array, tau: float | None) -> Status:

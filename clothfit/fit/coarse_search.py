@@ -20,12 +20,11 @@ from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.objective.target import first_step, target
 from clothfit.scene.block import Block
-from clothfit.scene.fit_vector import LOWER, UPPER
 from clothfit.scene.kinds import LETTERED
 
 COARSE_FRAMES = 30  # that are compared, the one before the first that shows anything included
 COARSE_TOLERANCE = 1e-4  # of the linear solver: far below the differences between grid points
-DECADES = [float(e) for e in range(round(math.log10(LOWER)), round(math.log10(UPPER)) + 1)]
+ROUNDING = 1e-9  # of a logarithm
 Exponents = tuple[float, ...]  # of ten, one per kind that is searched
 
 
@@ -49,16 +48,31 @@ def scaled(objective: Objective, p: Array) -> Array:
     for cloth in objective.cloths:
         own = [block for block in objective.blocks if block.cloth == cloth and block.name in LETTERED]
         if own:
-            shapes = [normalised(p[block.part]) for block in own]
-            best = search_grid(partial(grid_cost, objective, cloth, own, shapes, p.copy()), len(own))
+            shapes = [shape(block, p[block.part]) for block in own]
+            best = search_grid(partial(grid_cost, objective, cloth, own, shapes, p.copy()), [*map(decades, own)])
             fill(p, own, shapes, best)
     return p
+
+
+def decades(block: Block) -> Exponents:
+    """The exponents of the decades within the bounds of a block's values."""
+    low, high = (math.log10(end) for end in block.ends)
+    first, last = math.ceil(low - ROUNDING), math.floor(high + ROUNDING)
+    return tuple(float(e) for e in range(first, last + 1)) or (0.5 * (low + high),)
+
+
+def shape(block: Block, p: Array) -> Array:
+    """Parameters p (count,) of a block for values whose geometric mean is 1; of a map only its level changes."""
+    level = block.constant
+    found = p.copy()
+    found[level] = normalised(p[level]) * block.at_level(1.0)[level]
+    return found
 
 
 def fill(p: Array, own: Sequence[Block], shapes: Sequence[Array], exponents: Exponents) -> None:
     """Give each block its one value, times its proportions, within the bounds."""
     for block, proportion, exponent in zip(own, shapes, exponents, strict=True):
-        p[block.part] = np.clip(10.0**exponent * proportion, LOWER, UPPER)
+        p[block.part] = np.clip(np.where(block.constant, 10.0**exponent, 1.0) * proportion, *block.limits)
 
 
 def grid_cost(
@@ -69,21 +83,21 @@ def grid_cost(
     return objective.cost_or_infinity(p, cloth)
 
 
-def search_grid(cost: Callable[[Exponents], float], kinds: int) -> Exponents:
-    """The best point of the decades, refined."""
-    costs = {point: cost(point) for point in product(DECADES, repeat=kinds)}
+def search_grid(cost: Callable[[Exponents], float], axes: Sequence[Exponents]) -> Exponents:
+    """The best point of the decades of each kind, refined."""
+    costs = {point: cost(point) for point in product(*axes)}
     best = min(costs, key=lambda point: costs[point])
     for width in (0.5, 0.25, 0.125):
-        costs |= {point: cost(point) for point in neighbours(best, width)}
+        costs |= {point: cost(point) for point in neighbours(best, width, axes)}
         best = min(costs, key=lambda point: costs[point])
     return best
 
 
-def neighbours(exponents: Exponents, width: float) -> Iterator[Exponents]:
+def neighbours(exponents: Exponents, width: float, axes: Sequence[Exponents]) -> Iterator[Exponents]:
     """The points one step away along each axis and diagonal, within the bounds."""
     for step in product((-width, 0.0, width), repeat=len(exponents)):
         point = tuple(float(e + s) for e, s in zip(exponents, step, strict=True))
-        if any(step) and all(DECADES[0] <= e <= DECADES[-1] for e in point):
+        if any(step) and all(axis[0] <= e <= axis[-1] for e, axis in zip(point, axes, strict=True)):
             yield point
 
 

@@ -39,6 +39,7 @@ from clothfit.optimise.progress import Progress
 from clothfit.optimise.scipy_methods import METHODS, minimise
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
+from clothfit.scene.bounds import from_user
 from clothfit.scene.fit_vector import fitted_cloths, parameters
 from clothfit.scene.scene import Scene
 
@@ -75,6 +76,7 @@ def estimate(
     hinted: Callable[[Hint], None] | None = None,
     seconds: float | None = None,
     found: Callable[[Scene], None] | None = None,
+    bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
 ) -> Fit:
     """Fit the flagged values of a scene to one target motion or to several.
 
@@ -105,18 +107,23 @@ def estimate(
     `foreseen` is called with the memory that the fit will need, before it begins, `hinted` with each hint that the
     targets give before a fit. Where matrices do not fit into `memory`, another method takes over, with a warning.
 
+    `bounds` replaces those of the scene: for a kind, such as "stiffness", its lower and upper bound in its unit, None
+    where the default is to hold.
+
     Raises InvalidInput when nothing is flagged, or an argument, the target or the checkpoint does not fit; Diverged
     when the scene's own motion, needed as the target, diverges.
     """
     return fit(scene, target, start, FitOptions(
         method, budget, rmse_tolerance, tolerance, report, objective, loss, loss_scale, prior,
         checkpoint, resume, holdout, holdout_of, intervals, memory, foreseen, hinted, seconds, found,
+        bounds,
     ))  # fmt: skip
 
 
 def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions) -> Fit:
     """Do what `estimate` says, with its options as one object."""
     options, hidden, began = options.checked(), target is None, time.monotonic()
+    scene = scene.with_bounds(from_user(options.bounds or {}))
     objective, kept_out = objectives(scene, target, options)
     if options.foreseen:
         options.foreseen(objective.needs)
@@ -130,7 +137,8 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     with interrupts.deferred():
         left = None if options.seconds is None else options.seconds - (time.monotonic() - began)
         with interrupts.limited(left):
-            found = replace(searched(objective, start, hidden, options, checkpoint, state), hints=hints)
+            found = searched(objective, start, hidden, options, checkpoint, state)
+            found = replace(found, hints=[*hints, *found.hints])
         return assessed(found, objective, kept_out, hidden, options)
 
 

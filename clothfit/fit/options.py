@@ -57,6 +57,7 @@ class FitOptions:
     hinted: Callable[[Hint], None] | None = None  # called with each hint that comes before the fit
     seconds: float | None = None  # for the search and the intervals; None: no limit
     found: Callable[[Scene], None] | None = None
+    bounds: Mapping[str, tuple[float | None, float | None]] | None = None  # of kinds, by name, in their units
 
     def check(self) -> None:
         """Raise InvalidInput when a value is not possible."""
@@ -67,6 +68,10 @@ class FitOptions:
         if self.holdout is not None and not 0 < self.holdout < 1:
             raise InvalidInput(f"holdout must be a fraction above 0 and below 1; {self.holdout:g} was given")
         self.prior_width()
+        if self.bounds:
+            from clothfit.scene.bounds import from_user
+
+            from_user(self.bounds)
         if self.budget < 1:
             raise InvalidInput(f"budget: {self.budget} evaluations are too few, at least 1 is needed")
         if self.seconds is not None and not self.seconds > 0:
@@ -97,6 +102,7 @@ class FitOptions:
         return {
             "method": self.method, "prior": self.prior, "tolerance": self.tolerance, "holdout": self.holdout,
             "of": self.holdout_of, "objective": self.objective, "loss": self.loss, "loss_scale": self.loss_scale,
+            **({"bounds": dict(self.bounds)} if self.bounds else {}),
         }  # fmt: skip
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
+from clothfit.base.messages import owned
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.fit.confidence import Confidence
 from clothfit.fit.hints import Hint
@@ -19,6 +20,7 @@ from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.scene.block import Block
+from clothfit.scene.bounds import wider
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds, parameters, with_parameters
 from clothfit.scene.scene import Scene
 
@@ -35,12 +37,15 @@ class FittedBlock:
 
     object: int | None  # None: of the scene as a whole
     name: str  # of the kind: "mass", "stiffness", "damping", "drag", "velocity", "rest", "wind" or "gravity"
-    mode: str  # "G" one value for the object, or "L" one per element
+    mode: str  # "F", "R", "M", "G" or "L"
     count: int  # of values
     at_bound: list[int]  # values at a bound of the fit
     unidentifiable: list[int]  # values that the motion does not determine; those that it does not show keep their start
     unmoved: list[int]  # of the others, those that ended where they started
     interval: list[tuple[float, float] | None]  # of 95 %, one per value, in its unit; None where there is none
+    groups: list[str] | None = None  # in modes F, R and M: the names of the groups
+    modes: list[int] | None = None  # in mode M: the values of each group, one for each mode of its map
+    values: list[float] | None = None  # in modes F, R and M: the factors
 
 
 @dataclass(frozen=True)
@@ -109,6 +114,7 @@ def result(
         sigma=None if known is None else known.sigma,
         prior=scatter(search),
         memory=search.objective.needs,
+        hints=bound_hints(search, p),
     )
 
 
@@ -157,7 +163,34 @@ def fitted_block(search: Search, block: Block, p: Array, known: Confidence | Non
     start = search.start
     still = np.abs(p - start) <= UNMOVED * np.maximum(np.abs(start), search.coordinates.change(start))
     at_bound, hidden, unmoved = (np.flatnonzero(each).tolist() for each in (bound, lost, still[part] & ~lost))
-    return FittedBlock(block.cloth, block.name, block.mode, block.count, at_bound, hidden, unmoved, interval)
+    found = FittedBlock(block.cloth, block.name, block.mode, block.count, at_bound, hidden, unmoved, interval)
+    if block.factors is None:
+        return found
+    modes = list(block.factors.modes) if block.mode == "M" else None
+    return replace(found, groups=list(block.factors.names), modes=modes, values=p[part].tolist())
+
+
+def bound_hints(search: Search, p: Array) -> list[Hint]:
+    """What widens the bounds at which values of p (P,) lie."""
+    found = []
+    lower, upper = bounds(search.objective.scene)
+    for block in search.objective.blocks:
+        own = block.part
+        ends = [(at & search.fitted)[own] for at in (at_lower(p, lower), at_upper(p, upper))]
+        if any(end.any() for end in ends):
+            found.append(Hint("bounds", beyond(block, bool(ends[0].any()), bool(ends[1].any())), early=False))
+    return found
+
+
+def beyond(block: Block, down: bool, up: bool) -> str:
+    """A sentence on a block with values at its lower or upper bound, with the option that widens them."""
+    kind, (low, high) = block.kind, wider(block.kind, *block.value_ends)
+    left = [f"{low:g}" if down and low is not None else "", f"{high:g}" if up else ""]
+    which = " and ".join([*["lower"] * down, *["upper"] * up])
+    text = f"{owned(block.cloth, kind.title)}: values lie at the {which} bound of the fit"
+    if not any(left):
+        return f"{text}, {block.value_ends[0]:g} {kind.unit}, and cannot be less"
+    return f"{text}; --bounds {kind.name}={':'.join(left)} widens it"
 
 
 def scatter(search: Search) -> list[Scatter] | None:

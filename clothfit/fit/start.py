@@ -21,7 +21,9 @@ from clothfit.fit.coarse_search import best_scales, normalised
 from clothfit.meshes.mesh import BENDING_SHARE, Mesh, areas
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
+from clothfit.scene.block import Block
 from clothfit.scene.cloth import Cloth
+from clothfit.scene.factors import geometric_mean
 from clothfit.scene.fit_vector import bounds, parameters
 from clothfit.scene.kinds import LETTERED
 from clothfit.scene.scene import Scene
@@ -73,7 +75,8 @@ def choose_start(objective: Objective, start: float | Array | Scene | None, hidd
 
 def given_start(scene: Scene, start: float | Array, others: Array) -> Array:
     """Starting values (P,) from numbers: one for all masses and stiffnesses, beside which the other kinds have the
-    values of `others` (P,), or one for each parameter. Raises InvalidInput.
+    values of `others` (P,), or one for each parameter. Where factors are fitted, one number is the geometric mean of
+    the values, which keep their proportions. Raises InvalidInput.
     """
     count = len(others)
     try:
@@ -84,9 +87,11 @@ def given_start(scene: Scene, start: float | Array, others: Array) -> Array:
         raise InvalidInput(f"start: {values.size} values given, {scene.name} has {count} parameters")
     lower, upper = bounds(scene)
     p, given = np.broadcast_to(values.reshape(-1), (count,)).copy(), np.ones(count, bool)
-    if values.ndim == 0 and lettered(scene).any():
-        given = lettered(scene)
-        p = np.where(given, p, others)
+    if values.ndim == 0:
+        p = np.concatenate([block.at_level(float(values)) for block in scene.blocks])
+        if lettered(scene).any():
+            given = lettered(scene)
+            p = np.where(given, p, others)
     wrong = given & ~((p >= lower) & (p <= upper))  # True for NaN
     if wrong.any():
         i = int(np.argmax(wrong))
@@ -113,12 +118,17 @@ def other_starts(objective: Objective, start: Array, hidden: bool) -> list[Array
 
 
 def neutral(scene: Scene) -> Array:
-    """Values (P,) that do not depend on the scene's flagged ones: the neutral value of each kind."""
+    """Values (P,) that do not depend on the scene's flagged ones: the neutral value of each kind; of factors, which
+    keep the proportions of the scene's values, it is their geometric mean.
+    """
     parts = [np.zeros(0)]
     for block in scene.blocks:
-        lengths = block.name == "rest" and block.mode == "L" and block.cloth is not None
-        values = scene.cloths[block.cloth or 0].lengths if lengths else block.kind.neutral
-        parts.append(np.resize(values, block.count))
+        lengths = scene.cloths[block.cloth].lengths if block.cloth is not None and block.name == "rest" else None
+        if block.factors is not None:
+            parts.append(block.at_level(block.kind.neutral[0] if lengths is None else geometric_mean(lengths)))
+        else:
+            values = block.kind.neutral if lengths is None or block.mode == "G" else lengths
+            parts.append(np.resize(values, block.count))
     return np.concatenate(parts)
 
 
@@ -206,7 +216,12 @@ def outside_bounds(objective: Objective, p: Array) -> list[str]:
     counts = [(block, int(outside[block.part].sum())) for block in objective.blocks]
     return [
         f"{owned(block.cloth, block.name)}: {count} of {block.count} starting values lie outside the bounds "
-        f"{block.kind.lower:g} … {block.kind.upper:g} and start at the bound; the truth may lie outside as well"
+        f"{between(block)} and start at the bound; the truth may lie outside as well"
         for block, count in counts
         if count
     ]
+
+
+def between(block: Block) -> str:
+    """The bounds of a block's values, as text."""
+    return f"{block.ends[0]:g} … {block.ends[1]:g}"

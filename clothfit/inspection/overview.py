@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +14,6 @@ from clothfit.meshes.mesh import keys
 from clothfit.meshes.topology import across, components, edges
 from clothfit.scene import schema as structure
 from clothfit.scene.cloth import Cloth
-from clothfit.scene.kinds import CLOTH_KINDS, SCENE_KINDS, Kind
 from clothfit.scene.mesh_numbering import FIELD
 from clothfit.scene.scene import Scene
 
@@ -36,7 +34,7 @@ class Flagged:
 
     object: int | None  # None: of the scene as a whole
     name: str
-    mode: str  # G or L
+    mode: str  # F, R, M, G or L
     count: int  # parameters
 
 
@@ -113,35 +111,26 @@ def spring_kinds(springs: Indices, triangles: Indices) -> tuple[Flags, Flags]:
 
 def flagged(scene: Scene) -> list[Flagged]:
     """The kinds of parameters that a fit determines, in the order of the fit vector."""
-    return [
-        Flagged(index, kind.name, mode, len(values) if mode == "L" else kind.components)
-        for index, kind, mode, values in _asked(scene)
-    ]
+    return [Flagged(block.cloth, block.name, block.mode, block.count) for block in scene.blocks]
 
 
 def beyond_bounds(scene: Scene) -> list[str]:
     """A sentence for each flagged kind whose values, where a fit starts, are not within the bounds."""
     found = []
-    for index, kind, mode, values in _asked(scene):
-        if kind.name == "rest" and mode == "G":  # a factor on the lengths
+    for block in scene.blocks:
+        kind, (lower, upper), mean = block.kind, block.ends, block.mode == "G"
+        if kind.name == "rest" and mean:  # a factor on the lengths
             continue
-        starts = np.array([values.mean()]) if mode == "G" and kind.components == 1 else values
-        beyond = (starts < kind.lower) | (starts > kind.upper)
+        values = np.ravel(getattr(scene if block.cloth is None else scene.cloths[block.cloth], kind.name))
+        starts = np.array([values.mean()]) if mean and kind.components == 1 else values
+        beyond = (starts < lower) | (starts > upper)
+        if block.factors is not None:
+            beyond &= starts > 0  # no factor moves a value of 0
         if beyond.any():
-            which = "the mean is" if mode == "G" else f"{beyond.sum()} of {len(values)} values are"
-            where = f"{owned(index, kind.title)}: {which} not within {kind.lower:g} … {kind.upper:g} {kind.unit}"
+            which = "the mean is" if mean else f"{beyond.sum()} of {len(values)} values are"
+            where = f"{owned(block.cloth, kind.title)}: {which} not within {lower:g} … {upper:g} {kind.unit}"
             found.append(f"{where}, where a fit looks")
     return found
-
-
-def _asked(scene: Scene) -> Iterator[tuple[int | None, Kind, str, Array]]:
-    """Yield object, kind, mode and flat values of each flagged kind."""
-    owners: list[tuple[int | None, Cloth | Scene]] = [*enumerate(scene.cloths), (None, scene)]
-    for index, owner in owners:
-        for kind in SCENE_KINDS if index is None else CLOTH_KINDS:
-            mode = owner.mode(kind.name)
-            if mode != "n":
-                yield index, kind, mode, np.ravel(getattr(owner, kind.name))
 
 
 def unknown_fields(scene: Scene) -> list[str]:

@@ -135,11 +135,12 @@ def fitted(job: Job) -> Fit:
     from clothfit.base import threads
     from clothfit.fit.estimate import fit
     from clothfit.many import starts
+    from clothfit.scene.bounds import from_user
 
     if job.version != __version__:
         raise InvalidInput(f"this worker has clothfit {__version__}, the job comes from {job.version}; install one")
     with threads.single():
-        scene = loaded(job.scene)
+        scene = loaded(job.scene).with_bounds(from_user(job.options.bounds or {}))
         targets = [target_of(item, scene) for item in job.targets] or None
         first = loaded(job.start) if isinstance(job.start, File) else job.start
         start = starts.numbered(scene, targets, first, job.number, job.seed, job.options.tolerance)

@@ -53,7 +53,7 @@ def drawn(scene: Scene, middle: Array, draw: np.random.Generator) -> Array:
     for block in scene.blocks:
         kind, part = block.kind, block.part
         if kind.log:
-            p[part] *= FACTOR ** draw.uniform(-1.0, 1.0)
+            p[part] *= np.where(block.constant, FACTOR ** draw.uniform(-1.0, 1.0), 1.0)
         else:
             steps = draw.uniform(-1.0, 1.0, kind.components)
             p[part] += np.resize(steps, block.count) * max(kind.scale, float(np.abs(middle[part]).max()))

@@ -57,13 +57,15 @@ def experiment(main: Scene, motion: Recorded, scene: Scene) -> Experiment:
 
 
 def flagged_as(scene: Scene, main: Scene) -> Scene:
-    """The scene with the flags of `main`, so that one fit vector belongs to both. Raises InvalidInput."""
+    """The scene with the flags of `main`, on whose values the factors are, so that one fit vector belongs to both.
+    Raises InvalidInput.
+    """
     if scene is main:
         return scene
     check_same_sizes(scene, main)
     pairs = zip(scene.cloths, main.cloths, strict=True)
     cloths = tuple(replace(own, settings=other.settings, fits=other.fits) for own, other in pairs)
-    return replace(scene, cloths=cloths, fits=main.fits)
+    return replace(scene, cloths=cloths, fits=main.fits, main=main)
 
 
 def check_same_sizes(scene: Scene, main: Scene) -> None:

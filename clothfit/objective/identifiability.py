@@ -65,6 +65,10 @@ def identifiable(scene: Scene, seen: Seen = None) -> Flags:
         cloths = reached(scene.cloths, block.name) if block.cloth is None else [block.cloth]
         shown = [None if seen is None else seen[i] for i in cloths]
         masks = [hidden(scene.cloths[i], block.name, len(scene.spheres), s) for i, s in zip(cloths, shown, strict=True)]
-        one_for_all = not all(mask.all() for mask in masks)
-        kept[block.part] = one_for_all if block.mode == "G" else ~np.repeat(masks[0], block.kind.components)
+        if block.factors is not None:
+            kept[block.part] = block.factors.acting(~masks[0])
+        elif block.mode == "G":
+            kept[block.part] = not all(mask.all() for mask in masks)
+        else:
+            kept[block.part] = ~np.repeat(masks[0], block.kind.components)
     return kept

@@ -33,7 +33,7 @@ from clothfit.objective.memory_needs import Needs
 from clothfit.objective.run import Run, at_rest, seen_in, simulate, still
 from clothfit.objective.running_cost import SquaredDistances, running_cost
 from clothfit.objective.target import first_step, target
-from clothfit.scene.fit_vector import check_shape, elements, extra_kinds, fitted_cloths, parameters
+from clothfit.scene.fit_vector import changes, check_shape, extra_kinds, fitted_cloths, parameters
 from clothfit.scene.scene import Scene
 
 TIGHT = 1e-14
@@ -214,35 +214,38 @@ class Objective:
             cost = running_cost(run.comparison)
             system, tape = self.simulate(run, p, cost.update, plan=self.plan(run))
             total += cost.value
-            self.add_pullback(run, system, tape, cost.derivative, gradient)
+            self.add_pullback(run, p, system, tape, cost.derivative, gradient)
         if not np.isfinite(gradient).all():
             raise Diverged(f"{self.scene.name}: the gradient overflows", 0)
         return total, gradient
 
     def tangent(self, p: Array, direction: Array) -> list[Array]:
         """Change of the positions (T + 1, n, 3) of each run along `direction` (P,) from p. Raises Diverged."""
-        changes = []
+        found = []
         for run in self.runs:
             system, tape = self.simulate(run, p)
-            along = elements(run.scene, run.cloth, direction, absent=0.0)
-            changes.append(adjoint.tangent(system, tape, along, self.tolerance))
-        return changes
+            along = changes(run.scene, run.cloth, p, direction)
+            found.append(adjoint.tangent(system, tape, along, self.tolerance))
+        return found
 
     def pullback(self, p: Array, by_position: Sequence[Array]) -> Array:
         """The transpose of `tangent` at p: (P,) from one weight (T + 1, n, 3) per run. Raises Diverged."""
         gradient = np.zeros(len(check_shape(self.scene, p)))
         for run, weight in zip(self.runs, by_position, strict=True):
-            self.add_pullback(run, *self.simulate(run, p, plan=self.plan(run)), weight, gradient)
+            self.add_pullback(run, p, *self.simulate(run, p, plan=self.plan(run)), weight, gradient)
         return gradient
 
     def add_pullback(
-        self, run: Run, system: System, memory: TrajectoryMemory, by_position: Array | CostDerivative, gradient: Array
-    ) -> None:
-        """Add to `gradient` (P,) that of a cost with ∂G/∂x = by_position (T + 1, n, 3), along a finished motion."""
+        self, run: Run, p: Array, system: System, memory: TrajectoryMemory, by_position: Array | CostDerivative,
+        gradient: Array,
+    ) -> None:  # fmt: skip
+        """Add to `gradient` (P,) that of a cost with ∂G/∂x = by_position (T + 1, n, 3), along the finished motion of p
+        (P,).
+        """
         grad = adjoint.gradient(system, memory, by_position, self.tolerance, extra_kinds(self.scene, run.cloth))
         for block in self.blocks:
             if block.cloth in (run.cloth, None):
-                gradient[block.part] += block.reduce(getattr(grad, block.name))
+                gradient[block.part] += block.reduce(getattr(grad, block.name), p)
 
     def remedies(self, p: Array) -> Fallbacks:
         """Which fallbacks the steps of the motions of p (P,) need. Raises Diverged."""

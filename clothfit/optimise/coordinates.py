@@ -1,10 +1,11 @@
 """The coordinates in which a fit moves its parameters, so that all kinds and modes are of comparable weight.
 
-    masses, stiffnesses, rest lengths:  y = c log p
+    masses, stiffnesses, rest lengths, and factors on them:  y = c log p
     all other kinds:                    y = c p / σ,   σ = max(|start|, the kind's typical size)
 
 with c = sqrt(vertices or springs that the parameter moves): one value for a whole cloth and one value per element then
-weigh the same.
+weigh the same. For a mode of a map c² is the sum of its squares over the vertices or springs, which is what c² is for
+all: the squared change of the logarithms of the values by that of the parameter's.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ class Coordinates:
         scales = np.repeat([block.kind.scale for block in found], counts)
         self.log = np.repeat(np.array([block.kind.log for block in found], bool), counts)
         self.scale = np.where(self.log, 1.0, np.maximum(np.abs(start), scales))  # σ, (P,)
-        self.weight = np.sqrt(np.repeat([block.weight for block in found], counts))  # c, (P,)
+        self.weight = np.sqrt(np.concatenate([np.zeros(0), *(block.weights for block in found)]))  # c, (P,)
         self._ends = bounds(scene)
 
     @property

@@ -20,7 +20,7 @@ from clothfit.objective.running_cost import KeptStates, running_cost
 from clothfit.optimise.prior import Prior, variance
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import Trajectory
-from clothfit.scene.fit_vector import elements
+from clothfit.scene.fit_vector import changes
 
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator
@@ -133,7 +133,7 @@ class Residuals:
             direction *= factor
             above = []
             for (run, system, memory), B in zip(simulated, by_position, strict=True):
-                along = elements(run.scene, run.cloth, direction, absent=0.0)
+                along = changes(run.scene, run.cloth, p, direction)
                 above.append(B @ adjoint.tangent(system, memory, along, objective.tolerance).reshape(-1))
             return np.concatenate([*above, *(w * self.spread(z.reshape(-1)[g]) for w, g in groups)])
 
@@ -142,7 +142,7 @@ class Residuals:
             for (run, system, memory), B in zip(simulated, by_position, strict=True):
                 weight = (B.T @ r[start : start + B.shape[0]]).reshape(-1, *system.x0.shape)
                 start += B.shape[0]
-                objective.add_pullback(run, system, memory, weight, gradient)
+                objective.add_pullback(run, p, system, memory, weight, gradient)
             out += (gradient * factor)[part.fitted]
             for w, g in groups:
                 out[g] += w * self.spread(r[start : start + len(g)])

@@ -63,14 +63,15 @@ TREATMENTS = (
 
 
 def fit(objective: Objective, p: Array, fitted: Flags, treatment: Treatment = TREATMENTS[0]) -> Array:
-    """Fit the masses and stiffnesses among the parameters p (P,) that are `fitted` (P,); the rest stays.
+    """Fit the masses and stiffnesses among the parameters p (P,) that are `fitted` (P,); the rest stays, and so do the
+    factors of maps.
 
     What no complete balance determines stays as well: everything, where the target shows no three successive steps.
     """
     lower, upper = bounds(objective.scene)
     found = p.copy()
     for cloth in objective.cloths:
-        own = [block for block in objective.blocks if block.cloth == cloth and block.name in LETTERED]
+        own = [block for block in objective.blocks if block.cloth == cloth and is_linear(block)]
         places = np.concatenate([np.arange(b.start, b.start + b.count) for b in own] or [np.zeros(0, int)])
         places = places[fitted[places]]
         if not len(places):
@@ -80,6 +81,11 @@ def fit(objective: Objective, p: Array, fitted: Flags, treatment: Treatment = TR
         parts = [rows_of(objective, run, p, own, column, treatment) for run in objective.runs if run.cloth == cloth]
         found[places] = solve(*stacked(parts), p[places], lower[places], upper[places])
     return found
+
+
+def is_linear(block: Block) -> bool:
+    """Whether the balances are linear in the parameters of a block: masses and stiffnesses, but for those of a map."""
+    return block.name in LETTERED and block.mode != "M"
 
 
 def fits(objective: Objective) -> bool:
@@ -135,7 +141,7 @@ def rows_of(
     seen = track(run.comparison.goal, system)
     rows = balances(system, smoothed(seen, system.x0, treatment.frames) if treatment.frames > 1 else seen)
     C, r = matrix(summed_twice(rows) if treatment.summed else rows, system)
-    wanted = columns(system, own, column, np.ones(len(p)), width or int(column.max()) + 1)
+    wanted = columns(system, own, p, column, np.ones(len(p)), width or int(column.max()) + 1)
     return C @ spread(wanted), r
 
 
@@ -143,10 +149,11 @@ def spread(wanted: Columns) -> csr_array:
     """∂(masses, stiffnesses)/∂parameters (n + S, Q)."""
     from scipy.sparse import csr_array
 
-    column = np.concatenate([wanted.mass.column, wanted.stiffness.column])
-    factor = np.concatenate([wanted.mass.factor, wanted.stiffness.factor])
-    moved = np.flatnonzero(column >= 0)
-    return csr_array((factor[moved], (moved, column[moved])), shape=(len(column), wanted.width))
+    shares = (wanted.mass, wanted.stiffness)
+    column, factor = (np.concatenate([getattr(share, name) for share in shares]) for name in ("column", "factor"))
+    entries = np.concatenate([np.diff(share.start) for share in shares])
+    row, moved = np.repeat(np.arange(len(entries)), entries), column >= 0
+    return csr_array((factor[moved], (row[moved], column[moved])), shape=(len(entries), wanted.width))
 
 
 def stacked(parts: Sequence[tuple[csr_array, Array]]) -> tuple[csr_array, Array]:

@@ -55,10 +55,10 @@ Bracket = tuple[float, float, float]
 
 
 def scannable(objective: Objective, cloth: int) -> list[Block]:
-    """The blocks of a cloth that a scan finds: one value of masses, of stiffnesses, or of both."""
+    """The blocks of a cloth that a scan finds: one value, or one factor, of masses, of stiffnesses, or of both."""
     own = [block for block in objective.blocks if block.cloth == cloth and block.name in LETTERED]
     fitted = objective.identifiable
-    return own if own and all(block.mode == "G" and fitted[block.start] for block in own) else []
+    return own if own and all(block.is_one and fitted[block.start] for block in own) else []
 
 
 def scan(objective: Objective, cloth: int, p: Array) -> list[list[Bracket]]:
@@ -88,7 +88,7 @@ def is_large(objective: Objective, cloth: int) -> bool:
 
 def axis_of(block: Block, value: float, count: int, large: bool) -> Array:
     """The values of a block that a scan of so many values tries."""
-    lower, upper = block.kind.lower, block.kind.upper
+    (lower,), (upper,) = block.limits
     if not large:
         return np.geomspace(lower, upper, POINTS[count])
     middle = min(max(value, lower), upper)

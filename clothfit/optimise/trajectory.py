@@ -171,7 +171,7 @@ def run_model(run: Run, objective: Objective, p: Array, column: Indices, factor:
     system, tape = objective.simulate(run, p, cost.update, plan=objective.plan(run))
     count = int(column.max(initial=-1)) + 1
     blocks = [block for block in objective.blocks if block.cloth in (run.cloth, None)]
-    wanted = columns(system, blocks, column, factor, count)
+    wanted = columns(system, blocks, p, column, factor, count)
     few = partial(tangents, system, tape, wanted, objective.tolerance)
     steps = few if count <= FEW_COLUMNS else partial(sweep, system, tape, wanted)
     residuals = cost.residuals(free)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.scene import array_checks as checks
+from clothfit.scene.bounds import Bounds
 from clothfit.scene.kinds import LETTERED, Kind
 from clothfit.scene.weave.layout import NOTHING, Layout
 
@@ -27,19 +28,20 @@ class Cloth:
     triangles: Indices  # (T, 3) the corners of each face
     drag: float  # air drag of the faces, kg/(m^6 s), 0 or more
     damping: float  # α: damps a vertex by α m v (α in 1/s), a spring by (α/2) k along its axis (α in s)
-    settings: str  # two letters, masses then stiffnesses: n keeps them, G fits one value, L one per element
+    settings: str  # two letters, masses then stiffnesses: n keeps them, the others are those of `Kind.modes`
     velocity: Array  # (n, 3) at the start, m/s; those of fixed vertices do nothing
     rest: Array  # (S,) rest lengths, m, above 0
-    fits: Mapping[str, str]  # what else to fit: "damping", "drag", "velocity", "rest" to "G" or "L"
+    fits: Mapping[str, str]  # what else to fit: "damping", "drag", "velocity", "rest" to one of their modes
     layout: Layout = NOTHING  # what the file says of families, regions and the warp
+    bounds: Bounds = field(default_factory=dict)  # of a fit, by kind, before those of the scene
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            if isinstance(array := getattr(self, field.name), np.ndarray):
+        for each in fields(self):
+            if isinstance(array := getattr(self, each.name), np.ndarray):
                 array.setflags(write=False)
 
     def mode(self, name: str) -> str:
-        """How a kind ("mass", "drag", …) is fitted: "n" not at all, "G" one value, "L" one per element."""
+        """How a kind ("mass", "drag", …) is fitted: "n" not at all, or one of the modes of the kind."""
         return self.settings[LETTERED.index(name)] if name in LETTERED else self.fits.get(name, "n")
 
     @cached_property

@@ -20,6 +20,7 @@ TYPE_TESTS: dict[str, Callable[[Any], bool]] = {
     "array": lambda value: type(value) is list,
     "boolean": lambda value: type(value) is bool,
     "integer": lambda value: type(value) is int,
+    "null": lambda value: value is None,
     "number": lambda value: is_number(value),
     "object": lambda value: type(value) is dict,
     "string": lambda value: type(value) is str,
@@ -32,6 +33,11 @@ def is_number(value: object) -> bool:
         return type(value) in (int, float) and math.isfinite(value)  # type: ignore[arg-type]
     except OverflowError:  # an integer beyond the range of doubles
         return False
+
+
+def as_list(rule: str | list[str]) -> list[str]:
+    """The types that a rule allows: one, or a list of them."""
+    return [rule] if isinstance(rule, str) else rule
 
 
 def conforms(value: Any, schema: Schema, root: Schema) -> bool:
@@ -74,6 +80,7 @@ RULES: dict[str, Callable[[Any, Any, Schema, Schema], bool]] = {
     "exclusiveMinimum": lambda value, rule, *_: is_number(value) and value > rule,
     "items": _items,
     "maximum": lambda value, rule, *_: is_number(value) and value <= rule,
+    "maxItems": lambda value, rule, *_: type(value) is list and len(value) <= rule,
     "maxLength": lambda value, rule, *_: type(value) is str and len(value) <= rule,
     "minItems": lambda value, rule, *_: type(value) is list and len(value) >= rule,
     "minimum": lambda value, rule, *_: is_number(value) and value >= rule,
@@ -81,5 +88,5 @@ RULES: dict[str, Callable[[Any, Any, Schema, Schema], bool]] = {
     "properties": _properties,
     "required": lambda value, rule, *_: type(value) is dict and all(name in value for name in rule),
     "then": lambda value, rule, _, root: conforms(value, rule, root),
-    "type": lambda value, rule, *_: TYPE_TESTS[rule](value),
+    "type": lambda value, rule, *_: any(TYPE_TESTS[name](value) for name in as_list(rule)),
 }

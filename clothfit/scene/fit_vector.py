@@ -1,7 +1,8 @@
 """The fit vector: which values a scene flags, their order, and the conversion in both directions.
 
-An object's `optimizationSettings` has two letters, masses then stiffnesses: n nothing, G one value for the whole
-object, L one per vertex or spring; the `fit` of an object or of the scene flags the other `kinds` by the same letters.
+An object's `optimizationSettings` has two letters, masses then stiffnesses: n nothing, F one factor on the values, R
+one for each family and region, M a smooth map of them, G one value for the whole object, L one per vertex or spring;
+the `fit` of an object or of the scene flags the other `kinds` by the letters that their table gives them.
 Parameters are concatenated object by object, for each in the order of the kinds; those of the scene as a whole come
 last. Vectors are stored component by component.
 """
@@ -19,7 +20,7 @@ from clothfit.scene.kinds import CLOTH_KINDS, KIND, KINDS, LETTERED
 from clothfit.scene.scene import Scene
 
 LOWER, UPPER = KIND["mass"].lower, KIND["mass"].upper
-"""Bounds of masses and stiffnesses, kg or N/m; `bounds` gives those of every parameter."""
+"""Default bounds of ordinary masses and stiffnesses, kg or N/m; `bounds` gives those of every parameter."""
 
 AT_BOUND = 1e-9
 """Relative distance within which a value is at its bound: more than the rounding of exp and log."""
@@ -27,9 +28,8 @@ AT_BOUND = 1e-9
 
 def bounds(scene: Scene) -> tuple[Array, Array]:
     """Lower and upper bound (P,) of every parameter."""
-    found = scene.blocks
-    lower, upper = ([np.full(b.count, getattr(b.kind, end)) for b in found] for end in ("lower", "upper"))
-    return np.concatenate([np.zeros(0), *lower]), np.concatenate([np.zeros(0), *upper])
+    ends = [(np.zeros(0), np.zeros(0)), *(block.limits for block in scene.blocks)]
+    return np.concatenate([low for low, _ in ends]), np.concatenate([high for _, high in ends])
 
 
 def at_lower(p: Array, lower: Array | float) -> Flags:
@@ -58,7 +58,8 @@ def fitted_cloths(scene: Scene) -> list[int]:
 def parameters(scene: Scene, flags: Scene | None = None) -> Array:
     """The flagged values (P,), in SI units: of each object in turn its kinds in order, then those of the scene.
 
-    A value that is flagged with G is the mean. `flags` is the scene whose flags count (default: `scene`). Raises
+    A value that is flagged with G is the mean. Factors are those on the scene's own values, 1. `flags` is the scene
+    whose flags count (default: `scene`), and on whose values the factors are; of a map those that come nearest. Raises
     InvalidInput when the objects of the two differ in size.
     """
     parts = [np.zeros(0)]
@@ -104,24 +105,37 @@ def check_shape(scene: Scene, p: Sequence[float] | Array) -> Array:
     return values
 
 
-def elements(scene: Scene, cloth: int, p: Array, absent: float | None = None) -> Elements:
+def elements(scene: Scene, cloth: int, p: Array) -> Elements:
     """Values of one cloth for the fit vector p (P,).
 
-    Masses and stiffnesses that are not flagged have the scene's value, or `absent` where that is given (0 for
-    directions); other kinds that are not flagged are empty.
+    Masses and stiffnesses that are not flagged have the scene's value; other kinds that are not flagged are empty.
     """
-    source = scene.cloths[cloth]
-    values = {
-        name: getattr(source, name) if absent is None else np.full(len(getattr(source, name)), absent)
-        for name in LETTERED
-    }
-    for block in scene.blocks:
-        if block.cloth in (cloth, None):
-            values[block.name] = block.spread(p)
+    values = {name: getattr(scene.cloths[cloth], name) for name in LETTERED}
+    for block in _acting(scene, cloth):
+        values[block.name] = block.spread(p)
+    return _elements(values)
+
+
+def changes(scene: Scene, cloth: int, p: Array, direction: Array) -> Elements:
+    """Change of the values of one cloth at p (P,) along `direction` (P,): 0 of masses and stiffnesses that are not
+    flagged.
+    """
+    values = {name: np.zeros(len(getattr(scene.cloths[cloth], name))) for name in LETTERED}
+    for block in _acting(scene, cloth):
+        values[block.name] = block.change(p, direction)
+    return _elements(values)
+
+
+def _acting(scene: Scene, cloth: int) -> list[Block]:
+    """The blocks that act on a cloth."""
+    return [block for block in scene.blocks if block.cloth in (cloth, None)]
+
+
+def _elements(values: dict[str, Array]) -> Elements:
     return Elements(**{name: np.array(value, float, order="C") for name, value in values.items()})
 
 
 def extra_kinds(scene: Scene, cloth: int) -> list[str]:
     """The kinds beside masses and stiffnesses by which a fit needs the gradient of one cloth."""
-    asked = {block.name for block in scene.blocks if block.cloth in (cloth, None)}
+    asked = {block.name for block in _acting(scene, cloth)}
     return [kind.name for kind in KINDS if kind.name in asked and kind.name not in LETTERED]

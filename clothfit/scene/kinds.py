@@ -3,7 +3,8 @@
 A kind belongs to each vertex, spring or object, or to the scene as a whole. Masses and stiffnesses are flagged by the
 two letters of an object's `optimizationSettings`, every other kind by its field's name in the `fit` of its object or of
 the scene. Mode G is one value for the whole object (for rest lengths one factor on the lengths at `vertPos`), L one
-value per vertex or spring.
+value per vertex or spring. Modes F, R and M are factors on the values that the scene has (`factors`): one for all, one
+for each group of vertices or springs, a smooth map of them.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ class Kind:
     components: int  # 3 for vectors
     unit: str
     valid: str  # the range of values in a scene: "above 0", "0 or more" or "any number"
-    lower: float  # bounds of a fit
+    lower: float  # bounds of a fit where neither the values nor the scene ask for others (`bounds`)
     upper: float
     log: bool  # whether a fit moves its logarithm, or the value itself
     scale: float = 1.0  # typical size, where a fit moves the value itself
@@ -31,15 +32,15 @@ class Kind:
 
 
 KINDS = (
-    Kind("mass", "mass", "vertMass", "vertex", "GL", 1, "kg", "above 0", 1e-4, 1e4, True),
-    Kind("stiffness", "stiffness", "springStiffness", "spring", "GL", 1, "N/m", "0 or more", 1e-4, 1e4, True),
+    Kind("mass", "mass", "vertMass", "vertex", "FRMGL", 1, "kg", "above 0", 1e-4, 1e4, True),
+    Kind("stiffness", "stiffness", "springStiffness", "spring", "FRMGL", 1, "N/m", "0 or more", 1e-4, 1e4, True),
     Kind("damping", "damping", "damping", "object", "G", 1, "1/s", "0 or more", 0.0, 1e4, False, neutral=(0.1,)),
     Kind("drag", "drag", "dragCoefficient", "object", "G", 1, "kg/(m^6 s)", "0 or more", 0.0, 1e4, False),
     Kind(
         "velocity", "velocity", "vertVel", "vertex", "GL", 3, "m/s", "any number", -1e4, 1e4, False,
         neutral=(0.0, 0.0, 0.0),
     ),
-    Kind("rest", "rest length", "springRestLength", "spring", "GL", 1, "m", "above 0", 1e-4, 1e4, True),
+    Kind("rest", "rest length", "springRestLength", "spring", "FRMGL", 1, "m", "above 0", 1e-4, 1e4, True),
     Kind(
         "wind", "wind", "windVel", "scene", "G", 3, "m/s", "any number", -1e4, 1e4, False,
         # not 0: in still air a flat cloth stays flat, and reveals no wind along it

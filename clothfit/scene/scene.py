@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from operator import index
 from typing import IO, Any
@@ -23,15 +23,18 @@ from clothfit.base.writing import write_atomically
 from clothfit.scene import array_checks as checks
 from clothfit.scene import schema as structure
 from clothfit.scene.block import Block, flagged
+from clothfit.scene.bounds import Bounds, from_file
 from clothfit.scene.cloth import Cloth, Sphere
-from clothfit.scene.kinds import CLOTH_KINDS, KIND, LETTERED, SCENE_KINDS, Kind
+from clothfit.scene.kinds import CLOTH_KINDS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
 from clothfit.scene.splice import Optional, splice
 from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read
 from clothfit.scene.weave.layout import layout_of
 
 SPHERE = 1  # colliders[].type
 INTEGRATORS = ("explicit", "symplectic", "implicit", "bdf2")  # names of the values of integrationMethod
-LETTERS: dict[str | bool, str] = {"n": "n", "g": "G", "l": "L", False: "n", True: "G"}
+LETTERS: dict[str | bool, str] = {
+    "n": "n", "f": "F", "r": "R", "m": "M", "g": "G", "l": "L", False: "n", True: "G",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +55,8 @@ class Scene:
     warnings: tuple[str, ...]  # what the file asks for but the program ignores, one sentence each
     name: str  # of the file, for messages
     source: Source  # original text, for saving
+    bounds: Bounds = field(default_factory=dict)  # of a fit, by kind; those of an object go before
+    main: Scene | None = None  # whose values the factors of modes F, R and M multiply; None: this one's
 
     def __post_init__(self) -> None:
         self.wind.setflags(write=False)
@@ -69,11 +74,18 @@ class Scene:
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """What the scene flags, in the order of the fit vector."""
-        return flagged(self.cloths, self.fits)
+        return flagged(self.cloths, self.fits, self.bounds, self.main.blocks if self.main else ())
 
     def default(self, kind: Kind) -> npt.ArrayLike:
         """The value of a kind where the file gives none."""
         return _vector(structure.defaults("scene")[kind.field])
+
+    def with_bounds(self, asked: Bounds) -> Scene:
+        """The scene with these bounds of a fit in place of its own and of its objects'."""
+        if not asked:
+            return self
+        cloths = [replace(c, bounds={k: v for k, v in c.bounds.items() if k not in asked}) for c in self.cloths]
+        return replace(self, cloths=tuple(cloths), bounds={**self.bounds, **asked})
 
     def with_values(
         self, masses: Sequence[npt.ArrayLike], stiffnesses: Sequence[npt.ArrayLike], **others: Any
@@ -138,9 +150,10 @@ def load(path_or_file: Readable) -> Scene:
     cloths = tuple(_cloth(item, f"objects[{i}]", problems) for i, item in enumerate(document["objects"]))
     if parsed.constants and not problems:  # one in a field that is not ours
         problems.append(constant_problem(source))
+    asked = from_file(document["fit"].get("bounds", {}), KINDS, "fit.bounds", problems)
     if problems:
         raise InvalidScene(problems, name)
-    return _scene(document, tuple(cloth for cloth in cloths if cloth), name, source)
+    return _scene(document, tuple(cloth for cloth in cloths if cloth), asked, name, source)
 
 
 def save(scene: Scene, path_or_file: str | os.PathLike[str] | IO[str] | IO[bytes]) -> None:
@@ -193,7 +206,7 @@ def _plain(owner: Cloth | Scene, kind: Kind) -> Any:
     return Optional(plain, not np.array_equal(value, owner.default(kind)))
 
 
-def _scene(document: dict[str, Any], cloths: tuple[Cloth, ...], name: str, source: Source) -> Scene:
+def _scene(document: dict[str, Any], cloths: tuple[Cloth, ...], asked: Bounds, name: str, source: Source) -> Scene:
     colliders = document["colliders"]
     planes = [i for i, item in enumerate(colliders) if item["type"] != SPHERE]
     more = f" (and {len(planes) - 1} more)" if len(planes) > 1 else ""
@@ -207,6 +220,7 @@ def _scene(document: dict[str, Any], cloths: tuple[Cloth, ...], name: str, sourc
         wind=_vector(document["windVel"]),
         gravity=_vector(document["gravity"]),
         fits=_fits(document["fit"], SCENE_KINDS),
+        bounds=asked,
         cloths=cloths,
         spheres=tuple(_sphere(item) for item in colliders if item["type"] == SPHERE),
         warnings=tuple(f"colliders[{i}]: planes are ignored, as in the editor{more}" for i in planes[:1]),
@@ -218,6 +232,7 @@ def _scene(document: dict[str, Any], cloths: tuple[Cloth, ...], name: str, sourc
 def _cloth(item: dict[str, Any], place: str, problems: list[str]) -> Cloth | None:
     item = {**structure.defaults("object"), **item}
     arrays, layout = checks.arrays(item, place, problems), layout_of(item, place, problems)
+    asked = from_file(item["fit"].get("bounds", {}), CLOTH_KINDS, f"{place}.fit.bounds", problems)
     if arrays is None:
         return None
     return Cloth(
@@ -227,13 +242,15 @@ def _cloth(item: dict[str, Any], place: str, problems: list[str]) -> Cloth | Non
         settings="".join(LETTERS[letter.lower()] for letter in item["optimizationSettings"]),
         fits=_fits(item["fit"], CLOTH_KINDS),
         layout=layout,
+        bounds=asked,
     )
 
 
-def _fits(asked: dict[str, str | bool], kinds: Sequence[Kind]) -> dict[str, str]:
+def _fits(asked: dict[str, Any], kinds: Sequence[Kind]) -> dict[str, str]:
     """The modes, by names of kinds, of what a `fit` asks for."""
-    letters = {name: LETTERS[letter.lower() if isinstance(letter, str) else letter] for name, letter in asked.items()}
-    return {kind.name: letters[kind.field] for kind in kinds if letters.get(kind.field, "n") != "n"}
+    letters = {kind.name: asked[kind.field] for kind in kinds if kind.field in asked}
+    modes = {name: LETTERS[letter.lower() if isinstance(letter, str) else letter] for name, letter in letters.items()}
+    return {name: mode for name, mode in modes.items() if mode != "n"}
 
 
 def _sphere(item: dict[str, Any]) -> Sphere:

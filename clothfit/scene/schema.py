@@ -19,7 +19,7 @@ from typing import Any
 
 from clothfit.base.messages import named, place, shown
 from clothfit.scene.conforms import TYPE_TESTS as TYPE_TESTS
-from clothfit.scene.conforms import conforms
+from clothfit.scene.conforms import as_list, conforms
 
 LONG_ARRAYS = (
     "vertPos", "vertIsFixed", "vertMass", "vertVel", "springs", "springStiffness", "springRestLength", "triangles",
@@ -32,6 +32,7 @@ TYPE_NAMES = {
     "array": "a list",
     "boolean": "true or false",
     "integer": "a whole number (without a decimal point)",
+    "null": "null",
     "number": "a number",
     "object": "an object",
     "string": "text in quotes",
@@ -133,24 +134,28 @@ def _problems(error: Any) -> list[tuple[str, str]]:
         missing = [name for name in error.validator_value if name not in error.instance]
         return [(place([*path, name]), "is missing, and it has no default") for name in missing]
     if error.validator == "additionalProperties":  # only a `fit` has a closed list of fields
-        known = error.schema["properties"]
-        strange = [name for name in error.instance if name not in known]
+        known = [name for name in error.schema["properties"] if name != "bounds"]
+        strange = [name for name in error.instance if name not in error.schema["properties"]]
         return [(place([*path, named(name)]), f"cannot be fitted; {', '.join(known)} can") for name in strange]
     return [(place(path), _sentence(error.validator, error.validator_value, error.instance))]
 
 
 def _sentence(rule: str, bound: Any, value: Any) -> str:
     match rule:
-        case "type" if bound == "number" and type(value) in (int, float):
+        case "type" if "number" in as_list(bound) and type(value) in (int, float):
             return f"{shown(value)} is not a finite number within the range of doubles"
         case "type":
-            return f"{shown(value)} is not {TYPE_NAMES[bound]}"
+            return f"{shown(value)} is not {' or '.join(TYPE_NAMES[one] for one in as_list(bound))}"
         case "enum":
             return f"{shown(value)} is not one of {', '.join(map(shown, bound))}"
         case "exclusiveMinimum" | "exclusiveMaximum" | "minimum" | "maximum":
             return f"{shown(value)} is {BOUND_PROBLEMS[rule]} {bound}"
+        case "minItems" if len(value):
+            return f"has {len(value)} of {bound} items"
         case "minItems":
             return f"is empty; at least {bound} is needed"
+        case "maxItems":
+            return f"has {len(value)} items; {bound} are needed"
         case "pattern" | "maxLength":
-            return f"{shown(value)} is not two letters of n, G, L (masses, then stiffnesses)"
+            return f"{shown(value)} is not two letters of n, F, R, M, G, L (masses, then stiffnesses)"
     return f"{shown(value)} breaks the rule {rule} {shown(bound)}"

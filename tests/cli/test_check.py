@@ -66,8 +66,8 @@ def test_the_summary(path, capsys):
 def test_a_wrong_gradient_is_a_fault_of_the_program(path, capsys, monkeypatch):
     right = Objective.add_pullback
 
-    def wrong(objective, run, system, memory, by_position, gradient):
-        right(objective, run, system, memory, by_position, gradient)
+    def wrong(objective, run, p, system, memory, by_position, gradient):
+        right(objective, run, p, system, memory, by_position, gradient)
         gradient[5] *= 1.01
 
     monkeypatch.setattr(Objective, "add_pullback", wrong)

@@ -158,9 +158,13 @@ def test_quiet_says_nothing(path, capsys):
 
 
 def test_a_value_at_a_bound_is_a_warning(tmp_path, capsys):
-    made = write_scene(tmp_path, even("nG", springStiffness=[3e4] * 33))
+    bounds = {"bounds": {"stiffness": [1, 1e4]}}
+    made = write_scene(tmp_path, even("nG", springStiffness=[3e4] * 33, fit=bounds))
     run(["estimate", made, "--start", "10"])
-    assert "warning: objects[0] stiffness: 1 of 1 at a bound: 0\n" in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert "warning: objects[0] stiffness: 1 of 1 at a bound: 0\n" in err
+    widen = "--bounds stiffness=:1e+07 widens it"
+    assert f"hint: objects[0] stiffness: values lie at the upper bound of the fit; {widen}\n" in err
 
 
 def test_a_spent_budget_is_code_5_and_the_best_is_written(path, tmp_path, capsys):

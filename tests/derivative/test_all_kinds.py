@@ -24,6 +24,9 @@ OWN = {
     "velocities": {"vertVel": "L"},
     "rest factor": {"springRestLength": "G"},
     "rest lengths": {"springRestLength": "L"},
+    "rest one factor": {"springRestLength": "F"},
+    "rest families": {"springRestLength": "R"},
+    "rest map": {"springRestLength": "M"},
 }
 WHOLE = {"wind": {"windVel": True}, "gravity": {"gravity": True}}
 EVERY = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}

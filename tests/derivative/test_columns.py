@@ -7,7 +7,7 @@ from helpers.scenes import cloth
 from clothfit.derivative.columns import columns
 from clothfit.derivative.sensitivity import along
 from clothfit.engine.system import build
-from clothfit.scene.fit_vector import elements, parameters, size
+from clothfit.scene.fit_vector import changes, parameters, size
 
 EVERY = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "G"}
 VELOCITIES = [xyz((0.1 * i, 1, -i)) for i in range(9)]
@@ -22,7 +22,7 @@ def made(settings="LG", fit=EVERY, whole=None):
 def of_second(given, column, factor, count):
     """The columns of the second cloth."""
     own = [block for block in given.blocks if block.cloth in (1, None)]
-    return columns(build(given, 1), own, column, factor, count)
+    return columns(build(given, 1), own, parameters(given), column, factor, count)
 
 
 def test_a_column_is_the_change_of_all_elements_by_its_parameter():
@@ -36,7 +36,7 @@ def test_a_column_is_the_change_of_all_elements_by_its_parameter():
     for i in own:
         unit = np.zeros(count)
         unit[i] = factor[i]
-        expected = elements(given, 1, unit, absent=0.0)
+        expected = changes(given, 1, parameters(given), unit)
         change = along(build(given, 1), found, int(column[i]))
         for name, value in expected._asdict().items():
             # a kind that a column does not touch may be left out of its change
@@ -76,7 +76,7 @@ def test_one_value_for_all_has_one_column_with_the_units_of_its_elements():
 
 def test_nothing_to_fit_has_no_columns():
     given = scene(cloth(3, 3))
-    found = columns(build(given, 0), given.blocks, np.zeros(0, np.int32), np.zeros(0), 0)
+    found = columns(build(given, 0), given.blocks, np.zeros(0), np.zeros(0, np.int32), np.zeros(0), 0)
     assert len(parameters(given)) == 0
     assert found.width == 0
     assert (found.mass.column == -1).all()

@@ -28,6 +28,11 @@ FITS = {
     "drag": ("nn", {"dragCoefficient": "G"}),
     "velocity L": ("nn", {"vertVel": "L"}),
     "velocity G": ("nn", {"vertVel": "G"}),
+    "mass F": ("Fn", {}),
+    "mass M": ("Mn", {}),
+    "stiffness R": ("nR", {}),
+    "both M, rest R": ("MM", {"springRestLength": "R"}),
+    "mass R, stiffness F, rest M": ("RF", {"springRestLength": "M"}),
     "every kind": ("GL", {"damping": "G", "dragCoefficient": "G", "vertVel": "G", "springRestLength": "L"}),
 }
 WHOLE = {"wind": {"windVel": True}, "gravity": {"gravity": True}, "every kind": {"windVel": True, "gravity": True}}
@@ -57,7 +62,7 @@ def simulated(objective, p):
     system, memory = simulate_all(objective, objective.runs[0], p)
     factor = np.linspace(0.5, 2.0, len(p))
     column = np.random.default_rng(7).permutation(len(p)).astype(np.int32)  # in no order
-    return system, memory, columns(system, objective.blocks, column, factor, len(p)), column, factor
+    return system, memory, columns(system, objective.blocks, p, column, factor, len(p)), column, factor
 
 
 def one_by_one(objective, p, column, factor):
@@ -147,6 +152,6 @@ def test_parameters_without_a_column_are_held():
     column = np.full(len(p), -1, np.int32)
     kept = [3, 12, 20]
     column[kept] = np.arange(3)
-    some = together(sweep(system, memory, columns(system, objective.blocks, column, factor, 3)))
+    some = together(sweep(system, memory, columns(system, objective.blocks, p, column, factor, 3)))
     every = one_by_one(objective, p, np.arange(len(p)), factor)
     np.testing.assert_allclose(some, every[:, :, kept], atol=1e-12 * np.abs(every).max())  # as above

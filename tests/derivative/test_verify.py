@@ -144,8 +144,8 @@ def test_all_checks_pass_on_an_objective():
 class Faulty(Objective):
     """An objective with a gradient that is wrong by one part in a thousand in one entry."""
 
-    def add_pullback(self, run, system, memory, by_position, gradient):
-        super().add_pullback(run, system, memory, by_position, gradient)
+    def add_pullback(self, run, p, system, memory, by_position, gradient):
+        super().add_pullback(run, p, system, memory, by_position, gradient)
         gradient[5] *= 1.001
 
 

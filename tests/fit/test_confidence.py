@@ -217,7 +217,7 @@ def test_a_fit_that_did_not_arrive_has_intervals_that_reach_there():
 
 @pytest.mark.parametrize(("true", "bound"), [(1e-6, LOWER), (3e4, UPPER)])
 def test_at_a_bound_the_interval_goes_inwards(true, bound):
-    scene = load(even("nG", springStiffness=[true] * 33, damping=0.5))
+    scene = load(even("nG", springStiffness=[true] * 33, damping=0.5, fit={"bounds": {"stiffness": [LOWER, UPPER]}}))
     found = estimate(scene, start=10.0)
     ((low, high),) = intervals(found)
     assert found.parameters[0].at_bound == [0]

@@ -25,6 +25,7 @@ pytestmark = [
     pytest.mark.skipif(numba.config.DISABLE_JIT, reason="thousands of simulations need compilation"),
 ]
 
+BOUNDED = {"bounds": {"stiffness": [LOWER, UPPER]}}
 UNSTABLE_ABOVE = 50.0  # N/m: explicit steps of `unstable` explode at a stiffness of 100, not at its own 30
 
 
@@ -234,7 +235,7 @@ def test_a_cloth_that_cannot_move_has_nothing_to_find(settings):
 
 @pytest.mark.parametrize(("true", "bound"), [(3e4, UPPER), (1e-6, LOWER)])
 def test_a_value_at_a_bound_is_reported(true, bound):
-    scene = load(even("nG", springStiffness=[true] * 33, damping=0.5))
+    scene = load(even("nG", springStiffness=[true] * 33, damping=0.5, fit=BOUNDED))
     found = estimate(scene, start=10.0)
     assert found.parameters[0].at_bound == [0]
     assert parameters(found.scene) == pytest.approx(bound, rel=1e-9)  # rounding of log and exp
@@ -439,7 +440,7 @@ def test_a_common_factor_of_masses_and_stiffnesses_is_named():
 
 
 def test_starting_values_outside_of_the_bounds_are_named():
-    scene = load(even("nG", springStiffness=[1e5] * 33))
+    scene = load(even("nG", springStiffness=[1e5] * 33, fit=BOUNDED))
     (warning,) = estimate(scene, record_target(scene), budget=2).warnings
     assert warning.startswith("objects[0] stiffness: 1 of 1 starting values lie outside the bounds 0.0001 … 10000")
 

@@ -23,10 +23,12 @@ FINEST = 10**0.125
 
 
 def test_neighbours_are_the_points_around_within_the_bounds():
-    assert sorted(neighbours((0.0,), 0.5)) == [(-0.5,), (0.5,)]
-    assert len(set(neighbours((0.0, 1.0), 0.5))) == 8
-    assert sorted(neighbours((4.0,), 0.5)) == [(3.5,)]
-    assert sorted(neighbours((-4.0, 0.0), 1.0)) == [(-4.0, -1.0), (-4.0, 1.0), (-3.0, -1.0), (-3.0, 0.0), (-3.0, 1.0)]
+    axis = (-4.0, 4.0)
+    assert sorted(neighbours((0.0,), 0.5, [axis])) == [(-0.5,), (0.5,)]
+    assert len(set(neighbours((0.0, 1.0), 0.5, [axis] * 2))) == 8
+    assert sorted(neighbours((4.0,), 0.5, [axis])) == [(3.5,)]
+    corner = sorted(neighbours((-4.0, 0.0), 1.0, [axis] * 2))
+    assert corner == [(-4.0, -1.0), (-4.0, 1.0), (-3.0, -1.0), (-3.0, 0.0), (-3.0, 1.0)]
 
 
 @pytest.mark.parametrize(("settings", "true"), [("Gn", 0.02), ("nG", 30.0), ("Ln", 0.02), ("nL", 30.0)])

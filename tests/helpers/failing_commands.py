@@ -159,7 +159,7 @@ SCENES = {
     "optimizationIterations: 0 is too small; it must be at least …": scene(("optimizationIterations",), 0),
     "objects: is empty; at least … is needed": scene(("objects",), []),
     "… breaks the rule …": Case("simulate scene.json", prepare=ruled),
-    "… is not two letters of n, G, L (masses, then stiffnesses)": own("optimizationSettings", "x"),
+    "… is not two letters of n, F, R, M, G, L (masses, then stiffnesses)": own("optimizationSettings", "x"),
     "cannot be fitted; … can": scene(("fit",), {"colour": "G"}),
     "delta: … steps of … s do not end at a finite time": scene(("delta",), 1e308),
 }

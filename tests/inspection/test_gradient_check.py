@@ -52,9 +52,9 @@ def test_the_gradient_is_right_in_hard_places(name):
 RIGHT = Objective.add_pullback
 
 
-def faulty(objective, run, system, memory, by_position, gradient):
+def faulty(objective, run, p, system, memory, by_position, gradient):
     """Half of the gradient is wrong by one part in ten thousand."""
-    RIGHT(objective, run, system, memory, by_position, gradient)
+    RIGHT(objective, run, p, system, memory, by_position, gradient)
     gradient[: len(gradient) // 2] *= 1.0001
 
 

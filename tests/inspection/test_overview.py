@@ -99,9 +99,13 @@ def test_what_is_flagged_is_in_the_order_of_the_fit_vector():
 def test_values_beyond_a_fits_bounds_are_told():
     sheet = mesh.plane(3, 0.1)  # 25 vertices of 0.01 m²
     assert beyond_bounds(new_scene(sheet, fit="nG")) == []
-    (of_each,) = beyond_bounds(new_scene(sheet, fit="Ln", density=0.2))
+    light = {fit: new_scene(sheet, fit=fit, density=0.2) for fit in ("Ln", "Gn", "Fn")}
+    assert [beyond_bounds(scene) for scene in light.values()] == [[]] * 3  # the bounds go beyond the cloth's own values
+    given = {fit: scene.with_bounds({"mass": (1e-4, None)}) for fit, scene in light.items()}
+    (of_each,) = beyond_bounds(given["Ln"])
     assert of_each.startswith("objects[0] mass: 16 of 25 values are not within 0.0001 … 10000 kg")
-    (mean,) = beyond_bounds(new_scene(sheet, fit="Gn", density=0.2))
+    assert beyond_bounds(given["Fn"]) == [of_each]
+    (mean,) = beyond_bounds(given["Gn"])
     assert "the mean is not within" in mean
     assert beyond_bounds(new_scene(sheet, fit="nn", fits={"rest": "G", "wind": "G"})) == []
 

@@ -170,7 +170,7 @@ def test_what_is_not_flagged_has_no_gradient_and_the_rest_is_as_with_all(setting
     goal = truth(every)
     gradient, whole = (cost_and_gradient(scene, goal)[1] for scene in (made, every))
     parts = {"mass": whole[:9], "stiffness": whole[9:]}
-    expected = [block.reduce(parts[block.name]) for block in made.blocks]
+    expected = [block.reduce(parts[block.name], parameters(made)) for block in made.blocks]
     np.testing.assert_array_equal(gradient, np.concatenate(expected))  # the same motion
     assert len(gradient) == sum({"n": 0, "G": 1, "L": n}[s] for s, n in zip(settings, (9, 16), strict=True))
 

@@ -177,7 +177,7 @@ def test_what_is_not_to_be_fitted_stays():
 
 @SLOW
 def test_the_bounds_are_kept():
-    given = made(sheet("nL", springStiffness=[2e4] * 3 + [30.0] * 30))
+    given = made(sheet("nL", springStiffness=[2e4] * 3 + [30.0] * 30, fit={"bounds": {"stiffness": [1, 1e4]}}))
     p, kept, _ = fitted(given, start=np.full(33, 25.0))
     assert (p[:3][kept[:3]] == 1e4).all()
     assert ((p >= 1e-4) & (p <= 1e4)).all()

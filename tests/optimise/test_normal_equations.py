@@ -51,7 +51,7 @@ def parts(aim, p):
     """∂r/∂x of the free coordinates, r, the sweep, and its size."""
     (run,) = aim.runs
     system, memory = simulate_all(aim, run, p)
-    wanted = columns(system, aim.blocks, np.arange(len(p), dtype=np.int32), np.ones(len(p)), len(p))
+    wanted = columns(system, aim.blocks, p, np.arange(len(p), dtype=np.int32), np.ones(len(p)), len(p))
     by_position = jacobian(run.comparison, memory.x)[:, free_columns(system.vertex.free, run.steps)]
     size = (3 * int(system.vertex.free.sum()), len(p))
     return by_position, residual(run.comparison, memory.x), lambda: sweep(system, memory, wanted), size

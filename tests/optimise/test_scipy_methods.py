@@ -41,7 +41,7 @@ def test_no_tolerance_ends_it_before_the_search_does(method):
 
 
 def test_without_bounds_of_its_own_the_values_are_clipped():
-    made = load(even("nG", 8, 3, 3, springStiffness=[3e4] * 16))
+    made = load(even("nG", 8, 3, 3, springStiffness=[3e4] * 16, fit={"bounds": {"stiffness": [1, 1e4]}}))
     search = Search(Objective(made, simulate(made), 1e-10), np.array([9e3]), 0.0, 20)
     with pytest.raises(Stop):
         raise Stop(minimise(search, "bfgs"))

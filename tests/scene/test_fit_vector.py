@@ -5,7 +5,7 @@ import pytest
 from helpers.physics import chain, scene, thing
 
 from clothfit.base.errors import InvalidInput, InvalidScene
-from clothfit.scene.fit_vector import elements, fitted_cloths, parameters, size, with_parameters
+from clothfit.scene.fit_vector import changes, elements, fitted_cloths, parameters, size, with_parameters
 
 MIXED = scene(chain(3, "LG"), chain(4, "nn"), chain(2, "Gn"), chain(4, "nl"))
 
@@ -51,14 +51,14 @@ def test_elements_of_one_cloth_and_of_a_direction():
     p = 2.0 + np.arange(8)
     values = elements(MIXED, 2, p)
     assert (values.mass.tolist(), values.stiffness.tolist()) == ([6, 6], [10])
-    change = elements(MIXED, 2, p, absent=0.0)
+    change = changes(MIXED, 2, p, p)
     assert (change.mass.tolist(), change.stiffness.tolist()) == ([6, 6], [0])
 
 
 def test_the_gradient_of_one_value_is_the_sum_over_the_elements():
     mass, stiffness, *_ = MIXED.blocks
-    assert mass.reduce(np.array([1.0, 2, 3])).tolist() == [1, 2, 3]
-    assert stiffness.reduce(np.array([5.0, 7])).tolist() == [12]
+    assert mass.reduce(np.array([1.0, 2, 3]), parameters(MIXED)).tolist() == [1, 2, 3]
+    assert stiffness.reduce(np.array([5.0, 7]), parameters(MIXED)).tolist() == [12]
 
 
 @pytest.mark.parametrize("p", [np.ones(7), np.ones(9), np.ones((8, 1)), 1.0])

@@ -14,7 +14,7 @@ from clothfit.engine.system import all_elements, build, with_elements
 from clothfit.evaluation.evaluate import deviations
 from clothfit.objective.identifiability import hidden, identifiable
 from clothfit.scene import schema as structure
-from clothfit.scene.fit_vector import bounds, elements, fitted_cloths, parameters, with_parameters
+from clothfit.scene.fit_vector import bounds, changes, elements, fitted_cloths, parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, KINDS, LETTERED, SCENE_KINDS
 from clothfit.scene.scene import dumps
 
@@ -40,7 +40,10 @@ def test_the_table_names_the_elements_and_the_fields_of_the_schema():
     for kind in KINDS:
         assert kind.field in (whole if kind in SCENE_KINDS else own)
     for properties, kinds in ((own, CLOTH_KINDS), (whole, SCENE_KINDS)):
-        modes = {name: field["enum"] for name, field in properties["fit"]["properties"].items()}
+        fields = dict(properties["fit"]["properties"])
+        bounded = CLOTH_KINDS if kinds is CLOTH_KINDS else KINDS
+        assert set(fields.pop("bounds")["properties"]) == {name for k in bounded for name in (k.name, k.field)}
+        modes = {name: field["enum"] for name, field in fields.items()}
         assert set(modes) == {kind.field for kind in kinds if kind in asked}
         for kind in kinds:
             letters = {letter for letter in modes.get(kind.field, []) if isinstance(letter, str)}
@@ -143,7 +146,7 @@ def test_one_value_stands_for_the_mean_of_the_free_vertices_and_of_the_factors()
 def test_elements_are_values_of_what_is_fitted_and_empty_for_the_rest():
     made = load_text(json.dumps(full({"springRestLength": "G"}, whole=["gravity"])))
     p = parameters(made)
-    values, change = elements(made, 0, p), elements(made, 0, p, absent=0.0)
+    values, change = elements(made, 0, p), changes(made, 0, p, p)
     assert [len(part) for part in values] == [len(part) for part in change] == [9, 16, 0, 0, 0, 16, 0, 3]
     system = build(made, 0)
     for mine, its in zip(all_elements(with_elements(system, values))[2:], all_elements(system)[2:], strict=True):

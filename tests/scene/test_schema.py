@@ -125,10 +125,10 @@ def test_the_published_schema_accepts_a_scene_and_describes_the_long_lists():
 
 
 def test_every_field_of_the_schema_has_a_description_with_a_unit():
-    fields = [SCHEMA["properties"], *(part["properties"] for part in SCHEMA["$defs"].values())]
+    fields = [SCHEMA["properties"], *(part.get("properties", {}) for part in SCHEMA["$defs"].values()), SCHEMA["$defs"]]
     described = {name: field["description"] for group in fields for name, field in group.items()}
     assert {"delta", "vertPos", "springStiffness", "scale", "x"} <= set(described)
-    containers = {"objects", "colliders"}
+    containers = {"objects", "colliders", "object", "collider"}
     units = ("unit", " m", " s", " kg", " N/m", " degrees")
     assert [
         name for name, text in described.items() if name not in containers and not any(u in text for u in units)

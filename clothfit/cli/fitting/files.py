@@ -124,6 +124,21 @@ def weights(objectives: tuple[str, ...]) -> dict[str, float]:
     return found
 
 
+def bounds_of(texts: tuple[str, ...]) -> dict[str, tuple[float | None, float | None]] | None:
+    """The bounds of each --bounds KIND=LOW:HIGH, either of which may be left out; None without any."""
+    found: dict[str, tuple[float | None, float | None]] = {}
+    for text in texts:
+        name, equals, ends = text.partition("=")
+        low, colon, high = ends.partition(":")
+        numbers = [end.strip() for end in (low, high)]
+        if not equals or not colon or not any(numbers) or not all(is_number(end) for end in numbers if end):
+            raise InvalidInput(f"--bounds: {text!r} is not KIND=LOW:HIGH, as in stiffness=1:1e6 or mass=1e-6:")
+        if name in found:
+            raise InvalidInput(f"--bounds: {name} is given twice")
+        found[name] = float(low) if numbers[0] else None, float(high) if numbers[1] else None
+    return found or None
+
+
 def read_start(start: str | None, console: Console) -> float | Scene | None:
     """What --start says: a value, or a scene's file."""
     if start is None:

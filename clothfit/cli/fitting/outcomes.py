@@ -83,6 +83,8 @@ def describe(found: Fit, out: Output, console: Console) -> None:
         place = owned(block.object, block.name)
         if block.at_bound:
             console.warn(f"{place}: {len(block.at_bound)} of {block.count} at a bound: {indices(block.at_bound)}")
+        if times := factors(block):
+            console.say(f"{place}: {times}")
         if known := certainty(block):
             console.say(f"{place}: {known}")
 
@@ -105,6 +107,14 @@ def error(found: Fit) -> str:
 def percent(fraction: float) -> str:
     """A fraction in percent with two digits."""
     return f"{100 * fraction:.2g} %" if fraction < 1 else f"{100 * fraction:.0f} %"
+
+
+def factors(block: FittedBlock) -> str:
+    """The factors of groups by their names; empty where no such are fitted."""
+    if block.values is None or block.groups is None or block.modes is not None:
+        return ""
+    parts = (f"{name} × {value:.4g}" for name, value in zip(block.groups, block.values, strict=True))
+    return ", ".join(parts)
 
 
 def certainty(block: FittedBlock) -> str:
