@@ -35,12 +35,14 @@ MOST_STARTS = 10_000
 SECTIONS = {  # of the help
     "What to fit to": ("--target", "--objective", "--loss", "--loss-scale"),
     "The file of the target": ("--fps", "--frames", "--scale", "--up", "--handedness", "--map"),
-    "How to fit": ("--start", "--bounds", "--method", "--prior", "--budget", "--max-evaluations", "--rmse", "--tolerance"),
+    "How to fit": (
+        "--start", "--bounds", "--method", "--prior", "--budget", "--max-evaluations", "--rmse", "--tolerance",
+    ),
     "How far to trust it": ("--holdout", "--holdout-of", "--no-intervals"),
     "What is written": ("--output", "--in-place", "--report", "--plot", "--gif", "--log"),
     "Long and large fits": ("--checkpoint", "--resume", "--memory"),
     "Many fits": ("--starts", "--seed", "--jobs", "--cluster"),
-}
+}  # fmt: skip
 
 
 @standard_command("estimate", SECTIONS)
