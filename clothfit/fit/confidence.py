@@ -14,11 +14,15 @@ mean.
 Where the fit is exact and the target shows every balance of momentum, these replace the residuals: a direction that
 they do not show is one that the motion does not show, and they are found in a tenth of the time. What is left of them
 is no noise but the error of the linear systems, so an interval is the bound that its size sets.
+
+Where the residuals are no noise at all, as the model differs, the covariance comes from blocks of them (`sandwich`), or
+there are no intervals. Where the motion is chaotic, its sensitivities grow so far that all but one direction look like
+rounding beside that: nothing is said of what the motion shows.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -26,6 +30,8 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.fit.posterior import Local, Posterior, learned_prior, posterior
+from clothfit.fit.sandwich import CHAOS, Kept
+from clothfit.fit.verdict import verdict
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.objective.running_cost import running_cost
@@ -35,8 +41,6 @@ from clothfit.optimise.prior import variance
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import at_lower, bounds
-
-COVERAGE = 0.95
 
 HIDDEN_SHARE = 1e-4
 """Part of a parameter in the directions that are not shown, from which on it counts as not determined."""
@@ -48,6 +52,13 @@ EXACT = 1e-8
 """Error, m, that no noise of a target is below."""
 
 
+CHAOTIC = (
+    "no intervals: the motion is chaotic, its sensitivity to the values grows by {:.1g} within {} frames; fit fewer "
+    "frames"
+)
+UNTRUSTED = "no intervals: the model differs, and for so many values, or so few frames, none could be trusted"
+
+
 @dataclass(frozen=True)
 class Confidence:
     """What the data say of all parameters (P,) of a fit."""
@@ -57,8 +68,9 @@ class Confidence:
     low: Array  # of the intervals; NaN where there is none
     high: Array
     hidden: Flags  # fitted parameters that the motion does not determine
-    rank: int  # directions that it shows
+    rank: int | None  # directions that it shows; None where that cannot be known
     sigma: float  # standard deviation of a residual; m where positions are compared
+    warning: str | None = None  # why there are no intervals
 
 
 @dataclass(frozen=True)
@@ -87,15 +99,38 @@ def confidence(search: Search) -> Confidence | None:
 
 def found_with(problem: Trajectory, quick: tuple[Model, float, int] | None) -> Confidence:
     """The confidence by the model of a trajectory, or by a `quick` one with its squares and count. Raises Diverged."""
-    search = problem.search
+    search, kept = problem.search, Kept(problem.size)
     seen = residual_squares(search.objective, search.best.p)
-    model, squares, count = quick or (problem.model(search.y), *seen)
+    model, squares, count = quick or (problem.model(search.y, kept.keep), *seen)
     known = posterior(Local(search, model, squares, count, learned_prior(search, model, squares, count)))
-    hidden, noise = not_shown(known), variance(*seen, known.determined)  # of a residual of the motion
+    noise = variance(*seen, known.determined)  # of a residual of the motion
+    if kept.growth > CHAOS:
+        return without_intervals(known, noise, CHAOTIC.format(kept.growth, search.objective.steps + 1))
+    wrong = quick is None and differs(search)
+    known = replace(known, blocks=kept.blocks(known.local.scale) if wrong else None)
+    hidden = not_shown(known, not wrong)
     p, cost = set_back(known, hidden, noise, search.start)
+    rank, spread = problem.size - hidden.directions.shape[1], float(np.sqrt(noise))
     low, high = intervals(known, hidden, quick is not None)
-    rank = problem.size - hidden.directions.shape[1]
-    return Confidence(p, cost, low, high, known.whole(hidden.flags), rank, float(np.sqrt(noise)))
+    if not wrong or known.blocks is not None:
+        return Confidence(p, cost, low, high, known.whole(hidden.flags), rank, spread)
+    nothing = np.full(len(p), np.nan)
+    return Confidence(p, cost, nothing, nothing, known.whole(hidden.flags), rank, spread, UNTRUSTED)
+
+
+def without_intervals(known: Posterior, noise: float, why: str) -> Confidence:
+    """No intervals, and the result as it is: the model says nothing of which values the motion shows."""
+    search = known.local.search
+    nothing, none = np.full(len(search.fitted), np.nan), np.zeros(len(search.fitted), bool)
+    return Confidence(search.best.p, search.best.cost, nothing, nothing, none, None, float(np.sqrt(noise)), why)
+
+
+def differs(search: Search) -> bool:
+    """Whether the model cannot reproduce the target. Raises Diverged."""
+    objective, p = search.objective, search.best.p
+    travel = objective.travel
+    found = verdict(objective, p, objective.position_rmse(p) / travel) if travel > 0 else None
+    return found is not None and found.differs
 
 
 def is_exact(search: Search, cost: float) -> bool:
@@ -115,11 +150,13 @@ def balances(search: Search) -> tuple[Model, float, int] | None:
     return Model(y, squares, H, g), squares, count
 
 
-def not_shown(known: Posterior) -> Hidden:
-    """The free parameters that are not determined, and the directions that the motion does not show."""
+def not_shown(known: Posterior, is_noise: bool) -> Hidden:
+    """The free parameters that are not determined, and the directions that the motion does not show; what a wrong model
+    leaves, not `is_noise`, does not hide a parameter.
+    """
     width = known.local.width[known.free]
     flags = np.linalg.norm(known.null, axis=1) > HIDDEN_SHARE
-    wide = np.flatnonzero((known.deviation > width) & known.at_minimum & ~flags)
+    wide = np.flatnonzero((known.deviation > width) & known.at_minimum & ~flags & is_noise)
     values, vectors = np.linalg.eigh(known.sigma2 * known.K[np.ix_(wide, wide)] / np.outer(width[wide], width[wide]))
     more = np.zeros((len(known.free), int((values > 1.0).sum())))
     more[wide] = width[wide, None] * vectors[:, values > 1.0]
@@ -129,10 +166,7 @@ def not_shown(known: Posterior) -> Hidden:
 
 def intervals(known: Posterior, hidden: Hidden, exact: bool) -> tuple[Array, Array]:
     """Both ends (P,) of the intervals; NaN where there is none. `exact`: what is left is no noise."""
-    from scipy.special import stdtrit
-
-    local, search = known.local, known.local.search
-    t = float(stdtrit(max(local.count - known.determined, 1.0), 0.5 + 0.5 * COVERAGE))
+    local, search, t = known.local, known.local.search, known.t
     if exact:  # |K Cᵀ r| ≤ sqrt(K_jj) |r|, whatever the r of a linear solver's tolerance are like
         t = max(t, float(np.sqrt(local.count)))
     down = np.zeros(len(local.scale))
@@ -151,9 +185,8 @@ def from_bound(known: Posterior, held: NDArray[np.intp], t: float) -> tuple[Arra
 
     The effect of a mass or stiffness at its lower bound grows in proportion to it; at the upper bound, to 1 / p.
     """
-    local, search = known.local, known.local.search
-    with np.errstate(divide="ignore"):
-        reach = t * np.sqrt(known.sigma2 / np.diag(local.information)[held])
+    search = known.local.search
+    reach = t * known.alone(held)
     reach = np.where(search.coordinates.log[search.fitted][held], np.log1p(reach), reach)
     low = at_lower(search.best.p, bounds(search.objective.scene)[0])[search.fitted][held]
     return np.where(low, 0.0, reach), np.where(low, reach, 0.0)

@@ -309,6 +309,8 @@ def assess(search: Search, status: Status, warnings: list[str]) -> Confidence | 
         return None
     if known is None:
         warnings.append("no intervals: for so many parameters they would take minutes or more, or too much memory")
+    elif known.warning:
+        warnings.append(known.warning)
     return known
 
 

@@ -21,7 +21,7 @@ from clothfit.motion.motion import Motion
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
 
-ACROSS = 0.2
+LIES_ACROSS = 0.2
 """|cos| of the angle between a spring and gravity below which a vertex falls far before the spring pulls."""
 
 FEWEST_EDGES, FEWEST_VERTICES, GROUPS = 3, 12, 3
@@ -33,7 +33,7 @@ FALL_FRAMES, MOST_FRAMES = 4, 16
 DEPTH = 0.2
 """Fall, relative to the distance from held vertices, up to which springs hardly pull."""
 
-OTHER, AGREEMENT, SURE = 0.1, 0.06, 6.0
+OFF, AGREEMENT, SURE = 0.1, 0.06, 6.0
 """Relative difference of an acceleration from gravity that is worth a word, the largest one between groups, and the
 least difference from gravity in standard errors.
 """
@@ -71,7 +71,7 @@ class Measured(NamedTuple):
         apart = max(low - g, g - high)
         alike = np.ptp(self.values) <= AGREEMENT * abs(self.values[0]) and self.left <= SMOOTH
         sure = SURE * self.errors.max() <= apart and self.errors.max() <= AGREEMENT * abs(self.values[0])
-        return bool(alike and sure and apart > OTHER * g and RANGE[0] <= self.values[0] / g <= RANGE[1])
+        return bool(alike and sure and apart > OFF * g and RANGE[0] <= self.values[0] / g <= RANGE[1])
 
 
 def other_fall(scene: Scene, motion: Motion) -> Fall | None:
@@ -97,7 +97,7 @@ def far_groups(scene: Scene, cloth: Cloth) -> tuple[list[Indices], float] | None
     down = scene.gravity / np.linalg.norm(scene.gravity)
     edges = cloth.positions[cloth.springs[:, 0]] - cloth.positions[cloth.springs[:, 1]]
     lengths = np.maximum(cloth.lengths, np.finfo(float).tiny)
-    loose = (np.abs(edges @ down) <= ACROSS * lengths) & (np.abs(cloth.rest - cloth.lengths) <= 1e-3 * lengths)
+    loose = (np.abs(edges @ down) <= LIES_ACROSS * lengths) & (np.abs(cloth.rest - cloth.lengths) <= 1e-3 * lengths)
     far = np.ones(len(cloth.mass), bool)
     far[cloth.springs[~loose].ravel()] = False
     for sphere in scene.spheres:

@@ -18,10 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
+from clothfit.fit.sandwich import Blocks
 from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.prior import NARROWEST, Prior, inverse, none, variance
 from clothfit.optimise.search import Search
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds
+
+COVERAGE = 0.95
 
 VARIANCE_ROUNDS = 10  # of finding σ² and γ, which depend on each other
 PRIOR_ROUNDS = 4  # times that the prior learns its width
@@ -78,11 +81,34 @@ class Posterior:
     K: Array  # (F, F)
     determined: float  # γ
     sigma2: float
+    blocks: Blocks | None = None  # of scores in z (B, Q), where residuals are no noise
 
     @cached_property
     def deviation(self) -> Array:
         """Standard deviations (F,)."""
-        return np.asarray(np.sqrt(self.sigma2 * np.maximum(np.diag(self.K), 0.0)))
+        if self.blocks is None:
+            return np.asarray(np.sqrt(self.sigma2 * np.maximum(np.diag(self.K), 0.0)))
+        S, scale = self.blocks.covariance(), self.local.scale
+        S += self.sigma2 * self.local.prior.matrix(self.sigma2) * np.outer(scale, scale)
+        own = S[np.ix_(self.free, self.free)]
+        return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ki->i", self.K, own, self.K), 0.0)))
+
+    @cached_property
+    def t(self) -> float:
+        """How many standard deviations half an interval has."""
+        from scipy.special import stdtrit
+
+        freedom = self.local.count - self.determined if self.blocks is None else self.blocks.freedom
+        return float(stdtrit(max(freedom, 1.0), 0.5 + 0.5 * COVERAGE))
+
+    def alone(self, places: NDArray[np.intp]) -> Array:
+        """Standard deviations (H,) of parameters of the Q if all others were known."""
+        information = np.diag(self.local.information)[places]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            if self.blocks is None:
+                return np.asarray(np.sqrt(self.sigma2 / information))
+            own = np.diag(self.blocks.covariance())[places]
+            return np.asarray(np.where(information > 0, np.sqrt(own) / information, np.inf))
 
     @cached_property
     def derivative(self) -> Array:

@@ -24,18 +24,38 @@ def chunk_steps(wide: int) -> int:
     return max(1, CHUNK // max(wide, 1))
 
 
-def accumulate(residuals: Residuals, steps: Iterator[Array], size: tuple[int, int]) -> tuple[Array, Array]:
+class Scores:
+    """What each step of a motion adds to g, and how strongly it depends on the coordinates."""
+
+    def __init__(self, by_step: bool) -> None:
+        """`by_step`: g is kept of each step, not of several together."""
+        self.by_step = by_step
+        self.parts: list[Array] = []  # Jᵀr (Q,) of the residuals that some steps complete
+        self.sizes: list[float] = []  # norm of dX after each step
+
+    def add(self, part: Array, dX: Array) -> None:
+        """Take the part of g (Q,) of the next steps, and the sensitivities (steps, 3 f, Q) after them."""
+        self.parts.append(part)
+        self.sizes += [float(np.linalg.norm(each)) for each in dX]
+
+
+def accumulate(
+    residuals: Residuals, steps: Iterator[Array], size: tuple[int, int], scores: Scores | None = None
+) -> tuple[Array, Array]:
     """H (Q, Q) and g (Q,) from the residuals and the sensitivities after each of their T steps, of that `size`:
-    (3 f, Q).
+    (3 f, Q). `scores` takes what each step adds.
     """
     rows, count = size
-    length = chunk_steps(rows * count)
+    length = 1 if scores is not None and scores.by_step else chunk_steps(rows * count)
     H, g, before = np.zeros((count, count)), np.zeros(count), np.zeros(size)
 
     def add(sensitivity: Array, first: int, end: int) -> None:
         J, r = residuals.rows(sensitivity, first, end)
         H[:] += J.T @ J  # of one array, so that only half of the products are computed
-        g[:] += J.T @ r
+        part = J.T @ r
+        g[:] += part
+        if scores is not None:
+            scores.add(part, sensitivity.reshape(-1, rows, count)[1:])
 
     with ThreadPoolExecutor(1) as pool:
         adding: Future[None] | None = None

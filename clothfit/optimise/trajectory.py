@@ -7,6 +7,7 @@ asks for its products with vectors, each a tangent or an adjoint sweep along the
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -107,8 +108,10 @@ class Trajectory:
         """Number of residuals that a parameter can change."""
         return sum(residual_count(run) for run in self.objective.runs)
 
-    def model(self, y: Array) -> gauss_newton.Model:
-        """The cost near y: its residuals, linear in the coordinates. Raises Diverged."""
+    def model(self, y: Array, keep: Callable[[Indices], normal.Scores] | None = None) -> gauss_newton.Model:
+        """The cost near y: its residuals, linear in the coordinates. `keep` gives what takes the scores of a run, from
+        the coordinates that it depends on. Raises Diverged.
+        """
         self.search.count()
         p = self.parameters(y)
         column, factor = self.columns(p)
@@ -121,7 +124,7 @@ class Trajectory:
                 continue
             local = np.full(len(p), -1, np.int32)
             local[acting >= 0] = place
-            part, derivative, value = run_model(run, self.objective, p, local, factor)
+            part, derivative, value = run_model(run, self.objective, p, local, factor, keep and keep(own))
             H[np.ix_(own, own)] += part
             g[own] += derivative
             cost += value
@@ -163,9 +166,11 @@ class Trajectory:
         return first(centre, [group for group in groups if len(group)], tau)
 
 
-def run_model(run: Run, objective: Objective, p: Array, column: Indices, factor: Array) -> tuple[Array, Array, float]:
+def run_model(
+    run: Run, objective: Objective, p: Array, column: Indices, factor: Array, scores: normal.Scores | None = None
+) -> tuple[Array, Array, float]:
     """H, g and the cost of one run at p (P,), by the columns of `column` (P,), with derivatives multiplied by `factor`
-    (P,). Raises Diverged.
+    (P,); `scores` takes what each step adds. Raises Diverged.
     """
     cost, free = running_cost(run.comparison), run.system.vertex.free
     system, tape = objective.simulate(run, p, cost.update, plan=objective.plan(run))
@@ -175,5 +180,5 @@ def run_model(run: Run, objective: Objective, p: Array, column: Indices, factor:
     few = partial(tangents, system, tape, wanted, objective.tolerance)
     steps = few if count <= FEW_COLUMNS else partial(sweep, system, tape, wanted)
     residuals = cost.residuals(free)
-    H, g = normal.accumulate(residuals, steps(residuals.update), (3 * int(free.sum()), count))
+    H, g = normal.accumulate(residuals, steps(residuals.update), (3 * int(free.sum()), count), scores)
     return H, g, cost.value
