@@ -14,7 +14,7 @@ from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.common.scenes import check_there, warn_of_steps
 from clothfit.cli.making.asked import PLANE, Asked, numbers, understood
-from clothfit.cli.making.cloth import Cloth, held, mesh, placed, plane
+from clothfit.cli.making.cloth import Cloth, held, mesh, placed, plane, regions
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Flags
@@ -53,6 +53,10 @@ MOST_NAMED = 12
 @click.option("--fix-vertices", metavar="0,11,20-30", help="Fix vertices by their numbers in the mesh.")
 @click.option("--fix-side", multiple=True, metavar="SIDE[=METRES]", help="Fix the vertices within a distance of the "
               "top, bottom, left, right, front or back.  [distance: 0.001 of the size]")
+@click.option("--region", multiple=True, metavar="NAME=PLACE", help="Name a part for fits in mode R: a box, "
+              "vertices, or a side, written as in the --fix options, such as collar=top=0.05.")
+@click.option("--warp", type=click.Choice(["x", "y", "z"]), help="Axis of the scene that is along the cloth.  "
+              "[default: u of the mesh's texture, else as its grid shows]")
 @click.option("--sphere", multiple=True, metavar="X,Y,Z,R", help="Add a sphere to fall on: centre and radius in m.")
 @click.option("--wind", metavar="X,Y,Z", help="Wind in m/s.  [default: none]")
 @click.option("--fit", multiple=True, metavar="LETTERS|NAME[=L]",
@@ -123,6 +127,7 @@ def made(cloth: Cloth, fixed: Flags, asked: Asked, title: str) -> Scene:
         spheres=[numbers("--sphere", text, 4, "0,-1,0,0.5") for text in asked.sphere],
         wind=asked.blows, integrator=asked.integrator, delta=asked.step,
         frames=asked.frames, tolerance=asked.tolerance, title=title, numbering=cloth.numbering,
+        warp=asked.along, regions=regions(cloth, asked),
     )  # fmt: skip
 
 

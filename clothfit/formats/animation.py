@@ -17,6 +17,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidMotion
 from clothfit.formats.axes import Axes
 from clothfit.formats.files import name_of
+from clothfit.formats.labels import Parts
 
 ASSUMED_RATE = 30.0
 """Frames per second where neither the file nor the user gives a rate."""
@@ -36,6 +37,8 @@ class Animation:
     observed: Flags | None = None  # (frames, points); None: everything was seen
     names: tuple[str, ...] | None = None  # (points,), of markers
     notes: tuple[str, ...] = ()  # sentences on what was assumed
+    texture: Array | None = None  # (T, 3, 2), texture coordinates u, v of the corners of the triangles; NaN unknown
+    parts: Parts = ()  # of a mesh, as the file names them
     spacing: float = 1.0  # frames of the file's own counting between two of these, where it has no times
 
 

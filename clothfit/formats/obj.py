@@ -1,8 +1,9 @@
 """OBJ files, and sequences of them: a file for each frame, `name_0000.obj`, `name_0001.obj`, …, as `name_*.obj`.
 
 The reader takes the lines `v x y z` and `f a b c …`, with corners as `v`, `v/vt`, `v//vn` or `v/vt/vn`, counted from 1
-or backwards from the last vertex before the line, and skips the rest. Vertices keep the order of the file, through all
-its objects and groups; polygons become fans of triangles. OBJ has neither axes nor unit nor time: y up, right-handed
+or backwards from the last vertex before the line; of a single file `obj_labels` reads texture coordinates and names of
+parts. The rest is skipped. Vertices keep the order of the file, through all its objects and groups; polygons become
+fans of triangles. OBJ has neither axes nor unit nor time: y up, right-handed
 and metres are what most programs write. Numbers are written in full, so that float64 survives unchanged.
 """
 
@@ -24,6 +25,7 @@ from clothfit.base.writing import Data
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import POSITION_COPIES, check_room, content, name_of
+from clothfit.formats.obj_labels import labels
 
 ANY = "*"
 """The place of the frame number in the name of a sequence."""
@@ -66,7 +68,9 @@ def read_frames(paths: Sequence[str], path: str | os.PathLike[str]) -> Animation
         if later.faces() not in (0, first.faces()):
             raise InvalidMotion(f"{name_of(each)}: has other faces than {name_of(paths[0])}; is it of another mesh?")
         positions[frame] = points
-    return Animation(positions, RIGHT, triangles=triangles if len(triangles) else None)
+    texture, parts = labels(first.data, triangles) if len(paths) == 1 else (None, ())
+    faces = triangles if len(triangles) else None
+    return Animation(positions, RIGHT, triangles=faces, texture=texture, parts=parts)
 
 
 def frames_of(path: str | os.PathLike[str]) -> list[str]:

@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
+from clothfit.formats.labels import Parts
 
 AIR_DENSITY = 1.2  # kg/m³, density of air
 BENDING_SHARE = 0.25  # a bending spring's share of the object's stiffness
@@ -32,6 +33,8 @@ class Mesh(NamedTuple):
 
     positions: Array  # (n, 3), m
     triangles: Indices  # (T, 3), corners
+    texture: Array | None = None  # (T, 3, 2), texture coordinates u, v of the corners; NaN unknown
+    parts: Parts = ()  # names and vertices of its parts, such as groups and materials
 
 
 class Sides(NamedTuple):

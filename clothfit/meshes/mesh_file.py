@@ -27,8 +27,9 @@ def read_mesh(
 ) -> tuple[Mesh, tuple[str, ...]]:
     """Read a mesh into the scene's axes and metres; returns it with sentences on what was assumed.
 
-    Vertices keep the file's order. `up` ("y", "z"), `handedness` ("left", "right") and `scale`, m per unit, replace
-    what the file or its format says. Raises InvalidInput when the file holds no mesh or cannot be read.
+    Vertices keep the file's order; texture coordinates and named parts come with them. `up` ("y", "z"), `handedness`
+    ("left", "right") and `scale`, m per unit, replace what the file or its format says. Raises InvalidInput when the
+    file holds no mesh or cannot be read.
     """
     name = os.fspath(path)
     suffix, found = suffix_of(name), foreign(name)
@@ -47,7 +48,9 @@ def read_mesh(
             f"{name}: vertex {wrong} is not within {FARTHEST_VERTEX:g} m of the origin; is the unit right?"
         )
     triangles = np.ascontiguousarray(facing(np.asarray(animation.triangles), axes), np.int32)
-    return Mesh(positions, triangles), (f"read as {axes}", *animation.notes)
+    order = facing(np.arange(3, dtype=np.int32)[None], axes)[0]
+    texture = None if animation.texture is None else animation.texture[:, order]
+    return Mesh(positions, triangles, texture, animation.parts), (f"read as {axes}", *animation.notes)
 
 
 def sources(path: str) -> list[str]:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from clothfit.base.arrays import Indices
 from clothfit.base.errors import InvalidInput
+from clothfit.meshes import weave
 from clothfit.meshes.mesh import Mesh, object_document
 from clothfit.scene.kinds import CLOTH_KINDS, KIND, LETTERED, SCENE_KINDS
 from clothfit.scene.mesh_numbering import FIELD
@@ -39,6 +40,8 @@ def new_scene(
     tolerance: float = 1e-5,
     title: str = "scene",
     numbering: Indices | None = None,
+    warp: Sequence[float] | None = None,
+    regions: Mapping[str, npt.ArrayLike] | None = None,
 ) -> Scene:
     """Make a scene of one cloth, with the springs and masses that the front end would give it.
 
@@ -47,7 +50,9 @@ def new_scene(
     those of the file. `fit` is two letters, for masses and stiffnesses: n keeps them, G fits one value, L one each;
     `fits` gives the letters of other kinds, such as {"wind": "G"}. Spheres are (x, y, z, radius), m. `wind` is in m/s,
     the time step `delta` in s. A fit compares `frames` frames. `tolerance` is that of the linear solver, relative.
-    `numbering` (vertices of the mesh before welding,) is `Welded.vertices`. Raises InvalidInput when no scene can be
+    `numbering` (vertices of the mesh before welding,) is `Welded.vertices`. `warp` is the direction along the cloth,
+    which else is that of the mesh's texture coordinates; `regions` gives the vertices of named regions, which come
+    before the parts of the mesh. Raises InvalidInput when no scene can be
     made.
     """
     _check(density=density, stiffness=stiffness, bending=float(bending))
@@ -58,6 +63,7 @@ def new_scene(
     cloth = object_document(
         mesh, held, density=density, stiffness=stiffness, damping=damping, drag=drag, settings=fit, bending=bending
     )
+    cloth |= weave.fields(mesh, np.array(cloth["springs"], np.int32).reshape(-1, 2), warp, regions or {})
     if own:
         cloth["fit"] = own
     if numbering is not None:

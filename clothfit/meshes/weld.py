@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Indices
+from clothfit.formats.labels import Parts
 from clothfit.meshes.mesh import Mesh
 from clothfit.meshes.problems import tiny
 from clothfit.meshes.topology import first_of_each, together
@@ -42,11 +43,20 @@ def weld(mesh: Mesh, distance: float | None = None) -> Welded:
     lot = together(mesh.positions, tiny(mesh) if distance is None else distance)
     triangles = lot[mesh.triangles]
     a, b, c = triangles.T
-    triangles = triangles[(a != b) & (b != c) & (a != c)]
-    triangles = triangles[first_of_each(np.sort(triangles, axis=1))]
+    stay = np.flatnonzero((a != b) & (b != c) & (a != c))
+    stay = stay[first_of_each(np.sort(triangles[stay], axis=1))]
+    triangles = triangles[stay]
     kept = np.unique(triangles)
     number = np.full(len(lot), -1, np.int32)
     number[kept] = np.arange(len(kept))
-    made = Mesh(mesh.positions[kept], number[triangles].reshape(-1, 3))
+    texture = None if mesh.texture is None else mesh.texture[stay]
+    made = Mesh(mesh.positions[kept], number[triangles].reshape(-1, 3), texture, _parts(mesh.parts, number[lot]))
     joined = int((lot != np.arange(len(lot))).sum())
     return Welded(made, number[lot], joined, len(mesh.triangles) - len(triangles))
+
+
+def _parts(parts: Parts, number: Indices) -> Parts:
+    """The parts with the new vertices; those that are left with none are left out."""
+    moved = ((name, np.unique(number[own])) for name, own in parts)
+    left = ((name, own[own >= 0]) for name, own in moved)
+    return tuple((name, own) for name, own in left if len(own))

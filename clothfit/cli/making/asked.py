@@ -20,6 +20,9 @@ PLANE = "plane"
 AIR, CALM = "air", 1.0
 """Stands for the drag of real air; at so many m/s where there is no wind."""
 
+Corner = tuple[float, ...]
+"""Three coordinates, m."""
+
 OF_PLANES = {"size": "--size", "divisions": "--divisions", "upright": "--upright"}
 OF_MESHES = {"scale": "--scale", "up": "--up", "handedness": "--handedness", "weld": "--weld"}
 PAIRS = (("delta", "--delta", "fps", "--fps"), ("bending", "--bending", "no_bending", "--no-bending"))
@@ -48,6 +51,8 @@ class Asked:
     fix_box: tuple[str, ...]
     fix_vertices: str | None
     fix_side: tuple[str, ...]
+    region: tuple[str, ...]
+    warp: str | None
     sphere: tuple[str, ...]
     wind: str | None
     fit: tuple[str, ...]
@@ -104,36 +109,33 @@ class Asked:
         return not self.no_bending if self.bending is None else self.bending
 
     @property
-    def boxes(self) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
+    def boxes(self) -> list[tuple[Corner, Corner]]:
         """Two corners of each box, m. Raises InvalidInput."""
-        found = []
-        for text in self.fix_box:
-            corners = text.split(":")
-            if len(corners) != 2:
-                refuse_text("--fix-box", text, "0,0,0:1,1,1")
-            first, second = (numbers("--fix-box", corner, 3, "0,0,0:1,1,1") for corner in corners)
-            found.append((first, second))
-        return found
+        return [box("--fix-box", text) for text in self.fix_box]
 
     @property
     def ranges(self) -> list[tuple[int, int]]:
         """First and last of each range of vertices. Raises InvalidInput."""
-        found = []
-        for item in (self.fix_vertices or "").split(",") if self.fix_vertices is not None else ():
-            first, dash, last = item.strip().partition("-")
-            ends = (first, last if dash else first)
-            if not all(end.isascii() and end.isdigit() and len(end) < 19 for end in ends):
-                refuse_text("--fix-vertices", self.fix_vertices or "", "0,11,20-30")
-            if int(ends[1]) < int(ends[0]):
-                refuse_text("--fix-vertices", item.strip(), "0,11,20-30")
-            found.append((int(ends[0]), int(ends[1])))
-        return found
+        return [] if self.fix_vertices is None else ranges("--fix-vertices", self.fix_vertices)
 
     @property
     def sides(self) -> list[tuple[str, float | None]]:
         """Each side and how far it reaches, m. Raises InvalidInput."""
-        split = [text.partition("=") for text in self.fix_side]
-        return [(name, numbers("--fix-side", reach, 1, "top=0.02")[0] if by else None) for name, by, reach in split]
+        return [side("--fix-side", text) for text in self.fix_side]
+
+    @property
+    def parts(self) -> list[tuple[str, str]]:
+        """Name and place of each region. Raises InvalidInput."""
+        split = [text.partition("=") for text in self.region]
+        for text, (name, _, where) in zip(self.region, split, strict=True):
+            if not name.strip() or not where:
+                refuse_text("--region", text, "collar=top=0.05, collar=0-11,140 or collar=0,0,0:1,1,1")
+        return [(name.strip(), where) for name, _, where in split]
+
+    @property
+    def along(self) -> tuple[float, ...] | None:
+        """The direction of the warp."""
+        return None if self.warp is None else tuple(float(axis == self.warp) for axis in "xyz")
 
     @property
     def distance(self) -> float | None:
@@ -176,6 +178,35 @@ def numbers(option: str, text: str, count: int, example: str) -> tuple[float, ..
     if len(values) != count or not all(abs(value) < float("inf") for value in values):
         refuse_text(option, text, example)
     return values
+
+
+def box(option: str, text: str) -> tuple[Corner, Corner]:
+    """Two corners of a box, m. Raises InvalidInput."""
+    corners = text.split(":")
+    if len(corners) != 2:
+        refuse_text(option, text, "0,0,0:1,1,1")
+    first, second = (numbers(option, corner, 3, "0,0,0:1,1,1") for corner in corners)
+    return first, second
+
+
+def ranges(option: str, text: str) -> list[tuple[int, int]]:
+    """First and last of each range of vertices. Raises InvalidInput."""
+    found = []
+    for item in text.split(","):
+        first, dash, last = item.strip().partition("-")
+        ends = (first, last if dash else first)
+        if not all(end.isascii() and end.isdigit() and len(end) < 19 for end in ends):
+            refuse_text(option, text, "0,11,20-30")
+        if int(ends[1]) < int(ends[0]):
+            refuse_text(option, item.strip(), "0,11,20-30")
+        found.append((int(ends[0]), int(ends[1])))
+    return found
+
+
+def side(option: str, text: str) -> tuple[str, float | None]:
+    """A side and how far it reaches, m. Raises InvalidInput."""
+    name, by, reach = text.partition("=")
+    return name, numbers(option, reach, 1, "top=0.02")[0] if by else None
 
 
 def refuse_text(option: str, text: str, example: str) -> NoReturn:

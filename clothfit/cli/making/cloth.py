@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
 from clothfit.cli.common.console import Console
-from clothfit.cli.making.asked import Asked, numbers
+from clothfit.cli.making.asked import Asked, box, numbers, ranges, side
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Flags, Indices
@@ -83,15 +83,49 @@ def held(cloth: Cloth, asked: Asked) -> Flags:
     """Which vertices do not move. Raises InvalidInput."""
     import numpy as np
 
-    from clothfit.meshes.fixing import at_side, in_box, listed
+    from clothfit.meshes.fixing import at_side, in_box
 
     positions = cloth.mesh.positions
     fixed = np.zeros(len(positions), bool)
     for corner, opposite in asked.boxes:
         fixed |= in_box(positions, corner, opposite)
-    for side, reach in asked.sides:
-        fixed |= at_side(positions, side, reach)
-    own = np.arange(len(positions)) if cloth.numbering is None else cloth.numbering
-    named = own[listed(len(own), asked.ranges)]
-    fixed[named[named >= 0]] = True
+    for name, reach in asked.sides:
+        fixed |= at_side(positions, name, reach)
+    fixed[numbered(cloth, asked.ranges, "fix vertices")] = True
     return fixed
+
+
+def numbered(cloth: Cloth, chosen: list[tuple[int, int]], option: str) -> Indices:
+    """The vertices in ranges of those of the file. Raises InvalidInput."""
+    import numpy as np
+
+    from clothfit.meshes.fixing import listed
+
+    own = np.arange(len(cloth.mesh.positions), dtype=np.int32) if cloth.numbering is None else cloth.numbering
+    named = own[listed(len(own), chosen, option)]
+    return named[named >= 0]
+
+
+def regions(cloth: Cloth, asked: Asked) -> dict[str, Indices]:
+    """The vertices of each region that is asked for; one that is named again has both places. Raises InvalidInput."""
+    import numpy as np
+
+    found: dict[str, Indices] = {}
+    for name, where in asked.parts:
+        own = place(cloth, where, f"region {name}")
+        found[name] = np.union1d(found.get(name, own), own).astype(np.int32)
+    return found
+
+
+def place(cloth: Cloth, where: str, option: str) -> Indices:
+    """The vertices in a box, at a side, or with these numbers in the mesh. Raises InvalidInput."""
+    import numpy as np
+
+    from clothfit.meshes.fixing import at_side, in_box
+
+    positions = cloth.mesh.positions
+    if ":" in where:
+        return np.flatnonzero(in_box(positions, *box("--region", where))).astype(np.int32)
+    if where[:1].isalpha():
+        return np.flatnonzero(at_side(positions, *side("--region", where), option)).astype(np.int32)
+    return numbered(cloth, ranges("--region", where), option)
