@@ -54,11 +54,14 @@ def read(path: str | os.PathLike[str]) -> Animation:
         notes = (*notes, "between the keys of its animation the motion is not straight; the keys are the frames")
     times = np.unique(np.concatenate([np.zeros(0), *(track.times for track in tracks.values())]))
     with np.errstate(all="ignore"):  # what overflows is reported below
-        positions, triangles = meshes_at(doc, moving or nodes, tracks, times if len(times) else np.zeros(1))
-    if not np.isfinite(positions).all():
+        found = meshes_at(doc, moving or nodes, tracks, times if len(times) else np.zeros(1))
+    if not np.isfinite(found.positions).all():
         raise InvalidMotion(f"{doc.name}: some of its positions are not finite numbers")
-    faces = triangles if len(triangles) else None
-    return Animation(positions, RIGHT, times if len(times) else None, faces, notes=notes)
+    faces = found.triangles if len(found.triangles) else None
+    return Animation(
+        found.positions, RIGHT, times if len(times) else None, faces, notes=notes,
+        texture=found.texture, parts=found.parts,
+    )  # fmt: skip
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:

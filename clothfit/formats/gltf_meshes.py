@@ -6,23 +6,37 @@ node that mirrors its mesh reverses the corners of the triangles, so that their 
 
 from __future__ import annotations
 
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidMotion
 from clothfit.formats.files import check_room
 from clothfit.formats.gltf import Document
 from clothfit.formats.gltf_scene import Placed, Tracks, transform
+from clothfit.formats.labels import Parts, known, parts_of
 
 AT_REST = {"translation": [0.0] * 3, "rotation": [0.0, 0.0, 0.0, 1.0], "scale": [1.0] * 3}
 
 
-def meshes_at(doc: Document, nodes: list[Placed], tracks: Tracks, times: Array) -> tuple[Array, Indices]:
-    """Positions (frames, n, 3) and triangles of all meshes."""
+class Meshes(NamedTuple):
+    """All meshes of a scene: n vertices, T triangles."""
+
+    positions: Array  # (frames, n, 3)
+    triangles: Indices  # (T, 3)
+    texture: Array | None  # (T, 3, 2), of the first texture; NaN unknown
+    parts: Parts  # by nodes, then by materials
+
+
+def meshes_at(doc: Document, nodes: list[Placed], tracks: Tracks, times: Array) -> Meshes:
+    """All meshes at the times."""
     parts: list[Array] = []
     faces: list[Indices] = [np.zeros((0, 3), np.int32)]
+    textures: list[Array] = [np.zeros((0, 3, 2))]
+    names: list[tuple[str, str]] = []  # of node and material, for each of `faces` but the first
     start = 0
     for node in nodes:
         matrix = _matrix(doc, node, tracks, times)
@@ -37,14 +51,49 @@ def meshes_at(doc: Document, nodes: list[Placed], tracks: Tracks, times: Array) 
                 parts.append(shape @ np.swapaxes(matrix[:, :3, :3], 1, 2) + matrix[:, None, :3, 3])
                 shared[key] = start, shape.shape[1]
                 start += shape.shape[1]
-            triangles = shared[key][0] + _triangles(doc, primitive, shared[key][1])
-            faces.append(triangles[:, ::-1] if mirrored else triangles)
+            triangles = _triangles(doc, primitive, shared[key][1])
+            texture = _texture(doc, primitive, shared[key][1])[triangles]
+            faces.append(shared[key][0] + (triangles[:, ::-1] if mirrored else triangles))
+            textures.append(texture[:, ::-1] if mirrored else texture)
+            names.append((_named(doc, "nodes", node.node), _named(doc, "materials", primitive.get("material"))))
     if not start:
         raise InvalidMotion(f"{doc.name}: there is no mesh in it")
     whole = np.empty((len(times), start, 3))
     for first, part in zip(np.cumsum([0, *(part.shape[1] for part in parts)]), parts, strict=False):
         whole[:, first : first + part.shape[1]] = part
-    return whole, np.concatenate(faces)
+    triangles = np.concatenate(faces)
+    return Meshes(whole, triangles, known(np.concatenate(textures)), _parts(names, faces[1:], triangles))
+
+
+def _parts(names: list[tuple[str, str]], faces: list[Indices], triangles: Indices) -> Parts:
+    """The parts by nodes and materials, of primitives with these names and triangles."""
+    first = np.cumsum([0, *map(len, faces)])
+    own = [np.arange(begin, end) for begin, end in pairwise(first)]
+    found: dict[tuple[int, str], list[NDArray[np.intp]]] = {}
+    for kind in (0, 1):
+        for each, members in zip(names, own, strict=True):
+            found.setdefault((kind, each[kind]), []).append(members)
+    return parts_of(((name, np.concatenate(members)) for (_, name), members in found.items()), triangles)
+
+
+def _named(doc: Document, kind: str, index: Any) -> str:
+    """The name of a part such as `materials[2]`; empty where it has none."""
+    try:
+        name = "" if index is None else doc.item(kind, index).get("name", "")
+    except InvalidMotion:
+        return ""
+    return name if isinstance(name, str) else ""
+
+
+def _texture(doc: Document, primitive: dict[str, Any], count: int) -> Array:
+    """Texture coordinates (count, 2) of the vertices of a primitive, NaN where there are none that can be read."""
+    index = primitive.get("attributes", {}).get("TEXCOORD_0")
+    nothing = np.full((count, 2), np.nan)
+    try:
+        found = nothing if index is None else doc.accessor(index, "VEC2")
+    except InvalidMotion:
+        return nothing
+    return found if found.shape == nothing.shape else nothing
 
 
 def _matrix(doc: Document, node: Placed, tracks: Tracks, times: Array) -> Array:

@@ -2,7 +2,8 @@
 
 A header names elements, how many there are of each and which properties each of them has, in the order in which the
 body gives them: numbers, or lists that begin with their length. The reader uses `vertex` with x, y, z and `face` with
-`vertex_indices` (or `vertex_index`) and skips the rest. G. Turk, The PLY polygon file format, 1994.
+`vertex_indices` (or `vertex_index`), texture coordinates of either (at vertices s, t or u, v, at faces `texcoord`), and
+skips the rest. G. Turk, The PLY polygon file format, 1994.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ from typing import Any
 import numpy as np
 
 from clothfit.base import memory
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidMotion
 from clothfit.formats.animation import Animation, fans
 from clothfit.formats.axes import RIGHT
 from clothfit.formats.files import check_room, content, name_of
+from clothfit.formats.labels import known
 
 NUMBER_DTYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -28,6 +30,7 @@ NUMBER_DTYPES = {
 }  # fmt: skip
 ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 INDICES = ("vertex_indices", "vertex_index")
+TEXTURES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))  # of vertices
 
 MOST_HEADER = 1 << 16
 """Bytes of a header."""
@@ -209,4 +212,18 @@ def _animation(content: dict[tuple[str, str], Any]) -> Animation:
     wrong = np.flatnonzero(~((corners >= 0) & (corners < len(positions)) & (corners == np.floor(corners))))
     if len(wrong):
         raise ValueError(f"a face names vertex {corners[wrong[0]]:g}; there are {len(positions)}")
-    return Animation(positions[None], RIGHT, triangles=fans(lengths, corners.astype(np.int32)))
+    triangles = fans(lengths, corners.astype(np.int32))
+    return Animation(positions[None], RIGHT, triangles=triangles, texture=_texture(content, lengths, triangles))
+
+
+def _texture(content: dict[tuple[str, str], Any], lengths: Any, triangles: Indices) -> Array | None:
+    """Texture coordinates (T, 3, 2) of the corners of the triangles; None where there are none."""
+    sizes, values = content.get(("face", "texcoord"), (None, None))
+    if sizes is not None and np.array_equal(sizes, 2 * lengths):
+        every = np.asarray(values, np.float64).reshape(-1, 2)
+        return known(every[fans(lengths, np.arange(len(every)))])
+    for names in TEXTURES:
+        columns = [content.get(("vertex", name)) for name in names]
+        if all(isinstance(column, np.ndarray) for column in columns):
+            return known(np.stack([np.asarray(column, np.float64) for column in columns], axis=-1)[triangles])
+    return None

@@ -37,6 +37,9 @@ CODES_PER_SECOND = 24.0
 
 PATH = "/cloth"
 
+PART = "part "
+"""Before the names of the parts of a mesh, among the arrays of the other process."""
+
 
 def read(path: str | os.PathLike[str]) -> Animation:
     """The animated mesh of a file, one frame when nothing moves. Raises InvalidMotion."""
@@ -69,7 +72,11 @@ def _run(command: list[str], around: dict[str, str], seconds: float) -> tuple[in
 def _animation(arrays: dict[str, Any]) -> Animation:
     up, handedness, scale, *notes = json.loads(str(arrays["axes_and_notes"]))
     axes = Axes(up, handedness, scale)
-    return Animation(arrays["positions"], axes, arrays.get("times"), arrays.get("triangles"), notes=tuple(notes))
+    parts = tuple((key.removeprefix(PART), own) for key, own in arrays.items() if key.startswith(PART))
+    return Animation(
+        arrays["positions"], axes, arrays.get("times"), arrays.get("triangles"), notes=tuple(notes),
+        texture=arrays.get("texture"), parts=parts,
+    )  # fmt: skip
 
 
 def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Data]:

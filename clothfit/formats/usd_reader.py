@@ -25,6 +25,7 @@ from clothfit.base.messages import named, shown
 from clothfit.formats.animation import Animation, fans
 from clothfit.formats.axes import UPS, Axes
 from clothfit.formats.files import check_room
+from clothfit.formats.usd_labels import labels
 
 CUT = ("clips", "clipSets")
 """Fields of a prim, beside its references, that name other files: those that hold values of attributes."""
@@ -57,7 +58,10 @@ def parsed(path: str, name: str) -> Animation:
     times = np.array([code.GetValue() / rate for code in codes]) if len(codes) > 1 else None
     if not np.isfinite(positions).all() or not (times is None or np.isfinite(times).all()):
         raise InvalidMotion(f"{name}: some of its positions are not finite numbers")
-    return Animation(positions, axes, times, triangles if len(triangles) else None, notes=tuple(notes))
+    texture, parts = labels(chosen, mirrored, codes[0], triangles)
+    return Animation(
+        positions, axes, times, triangles if len(triangles) else None, notes=tuple(notes), texture=texture, parts=parts
+    )
 
 
 def _alone(layer: Any) -> list[str]:
@@ -228,8 +232,9 @@ def main(path: str, arrays: str, name: str) -> int:
     except InvalidMotion as error:
         print(json.dumps(str(error)))
         return 3
-    made = {"positions": found.positions, "times": found.times, "triangles": found.triangles}
+    made = {name: getattr(found, name) for name in ("positions", "times", "triangles", "texture")}
     present: dict[str, Any] = {key: array for key, array in made.items() if array is not None}
+    present |= {f"part {name}": own for name, own in found.parts}
     np.savez(arrays, axes_and_notes=json.dumps([*found.axes, *found.notes]), **present)
     return 0
 
