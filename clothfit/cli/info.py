@@ -38,11 +38,13 @@ def command(scene_path: str, as_json: bool, console: Console) -> None:
     """
     scene = read_scene(scene_path, console)
     from clothfit.base.memory import free
+    from clothfit.inspection.divisions import divisions
     from clothfit.inspection.forecast import forecast
     from clothfit.inspection.overview import beyond_bounds, facts, flagged, unknown_fields
     from clothfit.scene.mesh_numbering import numberings
 
     objects, wanted = [facts(cloth) for cloth in scene.cloths], flagged(scene)
+    parted = [divisions(cloth) for cloth in scene.cloths]
     ahead, strange = forecast(scene), unknown_fields(scene)
     meshes = [None if each is None else len(each) for each in numberings(scene)]
     for sentence in beyond_bounds(scene):
@@ -50,16 +52,22 @@ def command(scene_path: str, as_json: bool, console: Console) -> None:
     show_scene(scene, console)
     for begin in range(0, len(objects), BESIDE):
         show_objects(range(len(objects))[begin : begin + BESIDE], objects, wanted, console)
+    for index, own in enumerate(parted):
+        for sentence in own.sentences:
+            console.say(f"objects[{index}]: {sentence}")
     for index, count in enumerate(meshes):
         if count is not None:
             console.say(f"objects[{index}] was welded from a mesh of {count} vertices")
     show_rest(scene, ahead, [each.name for each in wanted if each.object is None], strange, console)
     if as_json:
         needed = {"motion": ahead.motion, "fit": ahead.fit, "free": free()}
-        each_object = [{**asdict(own), "mesh_vertices": count} for own, count in zip(objects, meshes, strict=True)]
-        own = {"objects": each_object, "flagged": [asdict(each) for each in wanted]}
+        each_object = [
+            {**asdict(own), "mesh_vertices": count, **asdict(part)}
+            for own, count, part in zip(objects, meshes, parted, strict=True)
+        ]
+        found = {"objects": each_object, "flagged": [asdict(each) for each in wanted]}
         others = {"stability": [asdict(each) for each in ahead.steps], "memory": needed, "unknown_fields": strange}
-        print_json("info", {**whole(scene), **own, **others, "warnings": scene.warnings})
+        print_json("info", {**whole(scene), **found, **others, "warnings": scene.warnings})
 
 
 def whole(scene: Scene) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,8 @@ from clothfit.cli.making.cloth import Cloth, held, mesh, placed, plane, regions
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Flags
+    from clothfit.inspection.divisions import Divisions
+    from clothfit.scene.cloth import Cloth as SceneCloth
     from clothfit.scene.scene import Scene
 
 MOST_NAMED = 12
@@ -145,12 +148,22 @@ def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
     named = ", ".join(map(str, fixed[:MOST_NAMED])) + (", …" if len(fixed) > MOST_NAMED else "")
     held = f"{counted(len(fixed), 'vertex', 'vertices')} ({named})" if fixed else "none, so it falls"
     console.say(f"fixed: {held}")
+    for sentence in divided(own).sentences:
+        console.say(sentence)
     console.detail(f"drag {own.drag:.4g}, damping {own.damping:.4g}")
     console.say(
         f"{scene.title}: {len(own.mass)} vertices, {counted(len(own.triangles), 'triangle', 'triangles')}, "
         f"{len(own.springs)} springs, "
         f"{own.mass.sum():.4g} kg, {scene.frames} frames of {scene.delta:.4g} s → {out.name}"
     )
+
+
+def divided(own: SceneCloth) -> Divisions:
+    """Families and regions, where the file or the user says something of them; else to know them is not needed."""
+    from clothfit.inspection.divisions import Divisions, divisions
+    from clothfit.scene.weave.layout import NOTHING
+
+    return Divisions({}, {}) if own.layout is NOTHING else divisions(own)
 
 
 def summary(scene: Scene, cloth: Cloth, out: Output) -> dict[str, Any]:
@@ -166,6 +179,7 @@ def summary(scene: Scene, cloth: Cloth, out: Output) -> dict[str, Any]:
         "mass": float(own.mass.sum()),
         "fixed": own.fixed.nonzero()[0].tolist(),
         "renumbered": cloth.numbering is not None,
+        **asdict(divided(own)),
         "problems": left,
         "output": out.path,
     }

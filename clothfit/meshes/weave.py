@@ -80,6 +80,6 @@ def _regions(mesh: Mesh, given: Mapping[str, npt.ArrayLike]) -> dict[str, Indice
             raise InvalidInput(f"region: {name!r}: there is no vertex {wrong}; there are {len(mesh.positions)}")
         made[name] = own.astype(np.int32)
     for name, vertices in mesh.parts:
-        if name not in given:
+        if name not in given and len(vertices) < len(mesh.positions):  # one may have come to be all of it
             made[unused(name, [*made, ELSEWHERE])] = vertices
     return made

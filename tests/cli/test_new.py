@@ -20,7 +20,7 @@ from clothfit.scene.mesh_numbering import numberings
 pytestmark = pytest.mark.slow  # starts processes
 
 KEYS = {"schema_version", "command", "scene", "vertices", "triangles", "springs", "mass", "fixed", "renumbered",
-        "problems", "output"}  # fmt: skip
+        "problems", "families", "regions", "output"}  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
@@ -289,12 +289,55 @@ def test_the_page_of_the_command_names_every_option():
 
 def test_what_the_page_shows_runs():
     lines = [line for line in PAGE.splitlines() if line.startswith("clothfit new plane")]
-    assert len(lines) == 2
+    assert len(lines) == 3
     for line in lines:
         assert run([*shlex.split(line, comments=True)[1:], "-q"]) == 0
     (program,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     exec(program, {})
     assert load("flag.json").cloths[0].fixed.sum() == 12
+
+
+def test_regions_and_the_warp_are_written_and_said(capsys):
+    """By a side, by numbers twice and by a box; the scene's own order of families, counts by hand."""
+    places = ["hem=front=0.2", "patch=0-3", "patch=12", "corner=-1,-1,-1:-0.45,0,-0.45"]
+    regions = [part for each in places for part in ("--region", each)]
+    assert run(["new", "plane", "--warp", "z", *regions, "--json"]) == 0
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    assert {name: own["vertices"] for name, own in found["regions"].items()} == {
+        "hem": 36, "patch": 5, "elsewhere": 103
+    }  # fmt: skip
+    assert list(found["families"].values()) == [132, 132, 121, 110, 110, 121]
+    assert "regions: hem (36 vertices, 132 springs), patch (5 vertices, 5 springs)" in err
+    own = load("plane.json").cloths[0].layout
+    assert [region.name for region in own.regions] == ["hem", "patch", "corner"]
+    assert own.warp.tolist() == [0.0, 0.0, 1.0]
+    assert run(["info", "plane.json"]) == 0
+    assert "objects[0]: regions: hem (36 vertices, 132 springs)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "word"),
+    [(["--region", "a"], "'a' is not understood"), (["--region", "=top"], "--region: '=top' is not understood"),
+     (["--region", "a="], "'a=' is not understood"), (["--region", "a=middle"], "region a: there is no 'middle'"),
+     (["--region", "a=top"], "region a: the mesh is flat along y"), (["--region", "a=0-144"], "vertex 144 does not"),
+     (["--region", "a=3-1"], "--region: '3-1'"), (["--region", "a=0,0:1,1,1"], "--region: '0,0'"),
+     (["--region", "a=9,9,9:10,10,10"], "region: 'a' has no vertices"), (["--region", "elsewhere=0"], "cannot be a")],
+)  # fmt: skip
+def test_regions_that_are_not_understood_are_refused(option, word, capsys):
+    assert run(["new", "plane", *option]) == 3
+    err = capsys.readouterr().err
+    assert word in err
+    assert len(err.splitlines()) == 1
+    assert not Path("plane.json").exists()
+
+
+def test_vertices_of_a_region_are_those_of_the_file_also_after_welding():
+    torn_box()
+    assert run(["new", "box.obj", "--weld", "--region", "first=0-3", "-q"]) == 0
+    scene = load("box.json")
+    numbering = json.loads(scene.source.text)["objects"][0]["meshVertices"]
+    assert scene.cloths[0].layout.regions[0].vertices.tolist() == sorted(set(numbering[:4]))
 
 
 def test_the_page_names_every_problem():

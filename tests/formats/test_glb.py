@@ -306,3 +306,32 @@ def test_one_array_named_many_times_is_held_against_the_memory(read, monkeypatch
     document["scenes"] = [{"nodes": list(range(800))}]
     with pytest.raises(InvalidMotion, match="keep fewer frames"):
         read(made.whole(document, numbers))
+
+
+@pytest.mark.parametrize("mirror", [1, -1])
+def test_texture_coordinates_nodes_and_materials(read, mirror):
+    """The second of two nodes has no texture; a node that mirrors its mesh turns the corners with their texture."""
+    document, numbers = made.parts([{"mesh": 0, "name": "left", "scale": [mirror, 1, 1]}, {"mesh": 1, "name": "right"}])
+    first = document["meshes"][0]["primitives"][0]
+    uv = numbers.add(CORNERS[:, :2])
+    document["materials"] = [{"name": "cotton"}, {}]
+    document["meshes"] = [
+        {"primitives": [{**first, "attributes": {**first["attributes"], "TEXCOORD_0": uv}, "material": 0}]},
+        {"primitives": [{**first, "material": 1}]},
+    ]
+    document["scenes"][0]["nodes"] = [0, 1]
+    found = read(made.whole(document, numbers))
+    count = len(FACES)
+    assert found.texture[:count] == pytest.approx(found.positions[0][found.triangles[:count], :2] * [mirror, 1])
+    assert np.isnan(found.texture[count:]).all()
+    left, right = list(range(len(CORNERS))), list(range(len(CORNERS), 2 * len(CORNERS)))
+    assert [(name, own.tolist()) for name, own in found.parts] == [("left", left), ("right", right), ("cotton", left)]
+
+
+@pytest.mark.parametrize("index", [0, 99, "x", None])
+def test_texture_coordinates_that_cannot_be_are_left_out(read, index):
+    document, numbers = made.parts()
+    document["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = index
+    found = read(made.whole(document, numbers))
+    assert found.texture is None
+    assert len(found.triangles) == len(FACES)

@@ -191,3 +191,22 @@ def test_it_is_registered_as_a_format_that_is_only_read():
     assert module_of(found).read is read
     with pytest.raises(InvalidInput):
         format_of("mesh.pla")
+
+
+@pytest.mark.parametrize("names", [("s", "t"), ("u", "v"), ("texture_u", "texture_v")])
+def test_texture_coordinates_of_vertices(written, names):
+    head = HEADER.format("ascii", 4).rstrip("\n") + "\n" + "".join(f"property float {name}\n" for name in names)
+    rows = ["0 0 0 0.5 1", "1 0 0 1.5 2", "1 1 0 2.5 3", "0 1 0 3.5 4"]
+    found = read(written((head + FACES.format(1) + "\n".join(rows) + "\n4 0 1 2 3\n").encode()))
+    assert found.texture.tolist() == [[[0.5, 1], [1.5, 2], [2.5, 3]], [[0.5, 1], [2.5, 3], [3.5, 4]]]
+
+
+def test_texture_coordinates_of_the_corners_of_faces(written):
+    head = HEADER.format("ascii", 3) + FACES.format(2).replace(
+        "end_header", "property list uchar float texcoord\nend_header"
+    )
+    faces = "3 0 1 2 6 0 1 2 3 4 5\n3 2 1 0 6 6 7 8 9 10 11\n"
+    found = read(written((head + "0 0 0\n1 0 0\n1 1 0\n" + faces).encode()))
+    assert found.texture.reshape(-1).tolist() == list(range(12))
+    short = read(written((head + "0 0 0\n1 0 0\n1 1 0\n" + faces.replace("6 0 1 2 3 4 5", "0")).encode()))
+    assert short.texture is None

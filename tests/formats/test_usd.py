@@ -265,3 +265,35 @@ def test_a_full_disk_is_told_in_one_line_and_leaves_nothing(tmp_path):
     done = subprocess.run([sys.executable, "-c", code, path], capture_output=True, check=False, timeout=50, text=True)
     assert done.stdout == f"InvalidInput cannot write {path}: the USD library cannot write it; is the disk full?\n"
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("where", ["vertex", "faceVarying"])
+@pytest.mark.parametrize("turned", [False, True])
+def test_texture_coordinates_and_subsets(stage, where, turned):
+    """A left-handed mesh turns the corners of its triangles, and their texture with them."""
+    first, other = mesh(stage, "/one"), mesh(stage, "/two", frames=FRAMES + 9)
+    if turned:
+        first.GetOrientationAttr().Set(UsdGeom.Tokens.leftHanded)
+    corners = CORNERS if where == "vertex" else CORNERS[POLYGONS]
+    made = UsdGeom.PrimvarsAPI(first).CreatePrimvar("UVMap", Sdf.ValueTypeNames.TexCoord2fArray, where)
+    made.Set(Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(corners[:, :2], np.float32)))
+    UsdGeom.Subset.CreateGeomSubset(other, "hem", UsdGeom.Tokens.face, Vt.IntArray([1]))
+    found = read(stage)
+    assert found.texture[:3] == pytest.approx(found.positions[0][found.triangles[:3], :2])
+    assert np.isnan(found.texture[3:]).all()
+    names = [(name, own.tolist()) for name, own in found.parts]
+    assert names == [("one", [0, 1, 2, 3, 4]), ("two", [5, 6, 7, 8, 9]), ("hem", [7, 8, 9])]
+
+
+def test_the_process_that_reads_hands_over_texture_and_parts(tmp_path):
+    path = str(tmp_path / "a.usda")
+    own = Usd.Stage.CreateNew(path)
+    flag = mesh(own, "/flag", codes=())
+    UsdGeom.PrimvarsAPI(flag).CreatePrimvar("st", Sdf.ValueTypeNames.Float2Array, "vertex").Set(
+        Vt.Vec2fArray.FromNumpy(CORNERS[:, :2].astype(np.float32))
+    )
+    UsdGeom.Subset.CreateGeomSubset(flag, "hem", UsdGeom.Tokens.face, Vt.IntArray([0]))
+    own.GetRootLayer().Save()
+    found = usd.read(path)
+    assert found.texture == pytest.approx(CORNERS[:, :2][found.triangles])
+    assert [(name, own.tolist()) for name, own in found.parts] == [("hem", [0, 1, 2, 3])]
