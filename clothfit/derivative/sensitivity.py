@@ -5,19 +5,19 @@ formed once, A is factorised once, and all columns go through dense linear algeb
 
     A dW = Y dX + U dV + M dV + C,     dX⁺ = dX + h dW,     dX, dV, dW (3 f, Q)
 
-A is inverted as a dense matrix for small cloths, where that is fastest, and factorised as a sparse one for large ones.
+A is factorised in blocks (`block_cholesky`); one that is not positive definite is inverted whole.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Elements, Indices
-from clothfit.derivative import adjoint
+from clothfit.derivative import adjoint, block_cholesky
 from clothfit.derivative.adjoint import Observer, TrajectoryMemory
 from clothfit.derivative.stencil import stencil
 from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian
@@ -27,6 +27,9 @@ from clothfit.engine.solve import sparse
 from clothfit.engine.step import bdf2, implicit
 from clothfit.engine.system import BDF2, EXPLICIT, System, clamped
 from clothfit.kernels.kernel import kernel
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
 
 FEW_COLUMNS = 16
 """Columns up to which one sweep for each is faster than one for all together."""
@@ -113,6 +116,7 @@ class Carried:
         """At the start of the motion."""
         self.system, self.safe, self.columns, free = system, clamped(system), columns, system.vertex.free
         self.place = np.where(free, np.cumsum(free) - 1, -1).astype(np.int32)
+        self.solve = Solver(columns.width)
         self.near, self.work = stencil(system, 2), implicit.workspace(system)
         self.by, self.change = jacobian(system, self.near, rest=len(columns.rest.column) > 0), np.zeros_like(system.x0)
         self.mass = np.repeat(system.vertex.mass[free], 3)[:, None]
@@ -129,7 +133,7 @@ class Carried:
         for k in range(chunk.used[t]):
             at = at if k == 0 else at._replace(u=iterates[k - 1], later=True)
             right = self.right(at, iterates[k], dw)
-            dw = np.ascontiguousarray(solver(self.work.A)(right))
+            dw = np.ascontiguousarray(self.solve(self.work.A, right))
         self.dx += at.system.h * (self.dv if self.system.method == EXPLICIT else theta * dw)
         np.multiply(theta, dw, out=self.dv)
 
@@ -190,12 +194,31 @@ def along(system: System, columns: Columns, q: int) -> Elements:
     return change
 
 
-def solver(A: sparse.BlockMatrix) -> Callable[[Array], Array]:
-    """Factorise A on the free vertices; returns a function that solves A dW = B for B (3 f, Q)."""
+class Solver:
+    """Solves A dW = B on the free vertices for A of one pattern, factorised in blocks where that is cheaper."""
+
+    def __init__(self, columns: int) -> None:
+        """`columns`: of each B."""
+        self.columns = columns
+        self.blocks: block_cholesky.Blocks | None = None
+
+    def __call__(self, A: sparse.BlockMatrix, right: Array) -> Array:
+        """dW for B = `right` (3 f, Q), which stays as it is."""
+        matrix = sparse.to_scipy(*A)
+        if self.blocks is None:
+            self.blocks = block_cholesky.blocks_of(matrix)
+        if block_cholesky.is_cheaper(self.blocks, self.columns):
+            found = block_cholesky.solver(matrix, self.blocks)
+            if found is not None:
+                return found(right)
+        return whole_solver(matrix)(right)
+
+
+def whole_solver(matrix: csc_array) -> Callable[[Array], Array]:
+    """A function that solves for B (3 f, Q): of any symmetric matrix, dense where it is small."""
     from scipy.linalg import blas, lapack
     from scipy.sparse.linalg import splu
 
-    matrix = sparse.to_scipy(*A)
     if matrix.shape[0] > DENSE_UNKNOWNS:
         factor = splu(matrix)
         return lambda right: np.asarray(factor.solve(right))

@@ -5,9 +5,9 @@ import pytest
 from helpers.costs import simulate_all
 from helpers.physics import METHODS, TIGHT, ball, dense_matrix, scene, sheet, xyz
 
-from clothfit.derivative import sensitivity
+from clothfit.derivative import block_cholesky, sensitivity
 from clothfit.derivative.columns import columns
-from clothfit.derivative.sensitivity import solver, sweep, tangents
+from clothfit.derivative.sensitivity import Solver, sweep, tangents
 from clothfit.engine.step import implicit
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
@@ -133,9 +133,10 @@ def test_an_indefinite_matrix_is_inverted_as_well():
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("limit", [0, 10**6])
-def test_the_factorisation_solves_for_many_right_hand_sides(limit, monkeypatch):
+@pytest.mark.parametrize(("blocks", "limit"), [(True, 0), (False, 0), (False, 10**6)])
+def test_the_factorisation_solves_for_many_right_hand_sides(blocks, limit, monkeypatch):
     monkeypatch.setattr(sensitivity, "DENSE_UNKNOWNS", limit)
+    monkeypatch.setattr(block_cholesky, "is_cheaper", lambda *_: blocks)
     objective, p = fitted("both L")
     system, memory, *_ = simulated(objective, p)
     work, free = implicit.workspace(system), system.vertex.free
@@ -143,7 +144,7 @@ def test_the_factorisation_solves_for_many_right_hand_sides(limit, monkeypatch):
     implicit.assemble(system, memory.x[2], memory.w[1, 0], work.A, work.b)
     right = np.random.default_rng(1).normal(size=(3 * free.sum(), 4))
     A = dense_matrix(work.A)[np.ix_(np.repeat(free, 3), np.repeat(free, 3))]
-    np.testing.assert_allclose(A @ solver(work.A)(right), right, atol=1e-12)  # a condition below 100
+    np.testing.assert_allclose(A @ Solver(4)(work.A, right), right, atol=1e-12)  # a condition below 100
 
 
 def test_parameters_without_a_column_are_held():
