@@ -69,8 +69,8 @@ SECTIONS = {  # of the help
               help="Stop after this time, such as 30, 30s, 2m or 1h, with the best so far.  [default: no limit]")
 @click.option("--max-evaluations", type=int, default=1000, metavar="N",
               help="Stop after N evaluations of the cost.  [default: 1000]")
-@click.option("--rmse", type=float, default=1e-8, metavar="METRES",
-              help="Stop when the RMSE is below this.  [default: 1e-8]")
+@click.option("--rmse", type=float, metavar="METRES",
+              help="Stop when the RMSE is below this.  [default: 1e-8, or the rounding of the target's numbers]")
 @click.option("--tolerance", type=float, metavar="T", help="Relative tolerance of the linear solver.  [default: 1e-10]")
 @click.option("--checkpoint", metavar="FILE", help="Save the state of the fit here.  [default: <output>.checkpoint]")
 @click.option("--resume", is_flag=True, help="Continue an interrupted fit from its checkpoint.")
@@ -107,7 +107,7 @@ def command(
     time_budget: str | None,
     bounds: tuple[str, ...],
     max_evaluations: int,
-    rmse: float,
+    rmse: float | None,
     tolerance: float | None,
     checkpoint: str | None,
     resume: bool,
@@ -225,11 +225,11 @@ def report_needs(console: Console, needs: Needs) -> None:
     (console.detail if needs.snapshots is None else console.say)(str(needs))
 
 
-def check_values(max_evaluations: int, rmse: float, starts: int, seed: int, jobs: int | None) -> None:
+def check_values(max_evaluations: int, rmse: float | None, starts: int, seed: int, jobs: int | None) -> None:
     """Raise InvalidInput on option values that cannot be."""
     check_least(1, max_evaluations=max_evaluations, starts=starts, jobs=jobs)
     check_least(0, seed=seed)
-    if not rmse >= 0:
+    if rmse is not None and not rmse >= 0:
         raise InvalidInput(f"--rmse must be at least 0; {rmse:g} m was given")
     if starts > MOST_STARTS:
         raise InvalidInput(f"--starts must be at most {MOST_STARTS}; {starts} was given")

@@ -2,8 +2,9 @@
 
 1. The momentum fit, where the target shows whole successive frames; it is exact where the target is.
 2. One value for a whole cloth: a scan over the bounds, for the global minimum.
-3. Otherwise the trajectory fit (`trajectory_fit`), from the best of the start, a uniform fabric and equal values. A
-   momentum fit that is not exact is no such start: its motion may be near, but noise has scattered its values.
+3. Otherwise the trajectory fit (`trajectory_fit`), from the best of the start, a uniform fabric and equal values; or
+   from a momentum fit that is exact but for the rounding of a file. One that is not is no such start: its motion may be
+   near, but noise has scattered its values.
 
 A long fit leaves the momentum fit out where a few frames show that the balances cannot hold. Each trial is a visit of
 the search, so the result is never worse than the best of them.
@@ -24,6 +25,12 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.scene.kinds import LETTERED
 
+ACCURATE = 3e-4
+"""Error of a momentum fit, relative to how far the target moves, below which noise has hardly scattered its values."""
+
+TRIED = momentum.TREATMENTS[:2]
+"""The momentum fits that are worth their time beside a trajectory fit."""
+
 
 def find(search: Search, start: Array, others: Callable[[], list[Array]] | None, tau: float | None) -> Status:
     """Fit by the steps above from `start` (P,); returns the status. Raises Stop.
@@ -34,7 +41,7 @@ def find(search: Search, start: Array, others: Callable[[], list[Array]] | None,
     early = first_frames(search.objective)
     exact = []
     if balances_can_hold(search, start, early):
-        exact = by_momentum(search, start, momentum.TREATMENTS[:1], early)
+        exact = by_momentum(search, start, TRIED[:1] if one_value_each(search) else TRIED, early)
     if one_value_each(search):
         return by_scan(search, start, tau)
     search.enter("starts")
@@ -42,7 +49,8 @@ def find(search: Search, start: Array, others: Callable[[], list[Array]] | None,
     if others is not None and not is_near(search, search.visit(start)):
         guesses += [np.where(search.fitted, p, start) for p in others()]
     centre = min(guesses, key=lambda p: search.measure(p, early))
-    status = by_gauss_newton(search, centre, centre, tau)
+    begin = search.best.p if exact and is_accurate(search) else centre
+    status = by_gauss_newton(search, begin, centre, tau)
     if exact and np.array_equal(search.best.p, exact[-1]):  # noisy as it is, it costs less
         return by_gauss_newton(search, search.best.p, centre, tau)
     return status
@@ -71,7 +79,7 @@ def by_momentum(
         if early is not None and early.cost_or_infinity(p) > early.still:  # no evaluation of the whole
             continue
         found.append((search.visit(p), p))
-        if is_near(search):
+        if is_accurate(search):
             break
     return [p for _, p in sorted(found, key=lambda pair: -pair[0])]
 
@@ -83,6 +91,11 @@ def balances_can_hold(search: Search, start: Array, early: Objective) -> bool:
     search.enter("momentum", early)
     p = momentum.fit(early, start, search.fitted, momentum.TREATMENTS[0])
     return early.cost_or_infinity(p) <= FAR_ERROR**2 * early.still
+
+
+def is_accurate(search: Search) -> bool:
+    """Whether the best point is so near the target that noise has hardly scattered its values."""
+    return search.best.cost < ACCURATE**2 * search.objective.still
 
 
 def one_value_each(search: Search) -> bool:

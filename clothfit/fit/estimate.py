@@ -23,7 +23,7 @@ from clothfit.fit.auto import by_momentum, find, one_value_each
 from clothfit.fit.confidence import Confidence, confidence
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import judged, split
-from clothfit.fit.options import BUDGET, FIT_TOLERANCE, RMSE_TOLERANCE, FitOptions
+from clothfit.fit.options import BUDGET, FIT_TOLERANCE, FitOptions
 from clothfit.fit.result import Fit, fitted_scene, result, with_fallbacks, with_verdict
 from clothfit.fit.start import FirstPoint, choose_start, first_point, other_starts
 from clothfit.fit.trajectory_fit import by_gauss_newton, go_on, resumed_prior
@@ -59,7 +59,7 @@ def estimate(
     method: str = "auto",
     *,
     budget: int = BUDGET,
-    rmse_tolerance: float = RMSE_TOLERANCE,
+    rmse_tolerance: float | None = None,
     tolerance: float | None = None,
     report: Callable[[Progress], None] | None = None,
     objective: str | Mapping[str, float] = "position",
@@ -88,8 +88,9 @@ def estimate(
     With a target the fit starts from the scene's values. `start` replaces them: a number for all masses and
     stiffnesses (for all values, where neither are fitted), an array (P,), or a scene whose values to take. `method` is
     "auto", "momentum", "gauss-newton", or the name of a minimiser of SciPy. The fit ends after `budget` evaluations of
-    cost and gradient, or below `rmse_tolerance`, m (with other objectives in the unit of what they compare).
-    `tolerance` is that of the linear systems, relative. `report` is called after each evaluation.
+    cost and gradient, or below `rmse_tolerance`, m (with other objectives in the unit of what they compare; default:
+    1e-8, or half a unit in the last place of the target's numbers where they are float32 or text). `tolerance` is that
+    of the linear systems, relative. `report` is called after each evaluation.
 
     `prior` is for the methods "auto" and "gauss-newton": the values of one kind scatter around those of a fabric, as
     widely as the data say ("auto"), or around the start with this standard deviation of the logarithm; "none" assumes
@@ -125,6 +126,7 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     options, hidden, began = options.checked(), target is None, time.monotonic()
     scene = scene.with_bounds(from_user(options.bounds or {}))
     objective, kept_out = objectives(scene, target, options)
+    options = options.within(objective.rounding)
     if options.foreseen:
         options.foreseen(objective.needs)
     hints = [] if hidden else early_hints(objective.experiments)
@@ -151,7 +153,7 @@ def assessed(
     if found.status == Status.DIVERGED:
         return found
     found = looked_at(replace(found, travel=objective.travel), with_fallbacks, objective, options=options)
-    found = looked_at(found, with_verdict, objective, options.rmse_tolerance, hidden, options=options)
+    found = looked_at(found, with_verdict, objective, options.enough, hidden, options=options)
     if kept_out is None:
         return found
     known = looked_at(found, with_holdout, kept_out, options, options=options)
@@ -173,7 +175,7 @@ def searched(
     """
     first = FirstPoint(state.start, np.inf, []) if state else in_time(objective, start, hidden, options.method)
     p, cost, warnings = first
-    search = Search(objective, p, options.rmse_tolerance, options.budget, options.report, checkpoint, state, cost)
+    search = Search(objective, p, options.enough, options.budget, options.report, checkpoint, state, cost)
     search.warn(*warnings)
     others = partial(other_starts, objective, p, hidden) if start is None else None
     status = search_by(search, options, p, others)

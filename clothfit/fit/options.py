@@ -29,7 +29,7 @@ OWN_METHODS = ("auto", "momentum", "gauss-newton")
 HOLDOUTS = ("frames", "vertices")
 """What can be kept out: the last frames of each target, or vertices drawn at random, the same in all targets."""
 
-RMSE_TOLERANCE = 1e-8  # m: far below what a file in float32 can hold
+RMSE_TOLERANCE = 1e-8  # m; the rounding of the target's numbers where that is more (`Objective.rounding`)
 FIT_TOLERANCE = 1e-10  # linear systems, relative
 BUDGET = 1000  # evaluations
 
@@ -40,7 +40,7 @@ class FitOptions:
 
     method: str = "auto"
     budget: int = BUDGET  # evaluations of cost and gradient
-    rmse_tolerance: float = RMSE_TOLERANCE  # m, with another objective in the unit of that
+    rmse_tolerance: float | None = None  # m, with another objective in the unit of that; None: as `within` says
     tolerance: float | None = None  # of the linear systems, relative; None: `FIT_TOLERANCE`
     report: Callable[[Progress], None] | None = None
     objective: str | Mapping[str, float] = "position"
@@ -82,6 +82,17 @@ class FitOptions:
         self.check()
         tolerance = checked_tolerance(self.tolerance, FIT_TOLERANCE)
         return replace(self, tolerance=tolerance, memory=memory.budget(self.memory))
+
+    def within(self, rounding: float) -> FitOptions:
+        """The same with an error that is good enough: where nobody asks for another, `RMSE_TOLERANCE`, but no less than
+        what the `rounding` of the target's numbers leaves.
+        """
+        return self if self.rmse_tolerance is not None else replace(self, rmse_tolerance=max(RMSE_TOLERANCE, rounding))
+
+    @property
+    def enough(self) -> float:
+        """The error that is good enough, m."""
+        return RMSE_TOLERANCE if self.rmse_tolerance is None else self.rmse_tolerance
 
     def prior_width(self) -> float | None:
         """The width τ of the prior: "auto" learns it (None), "none" or 0 leaves it out (inf). Raises InvalidInput."""

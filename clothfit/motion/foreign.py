@@ -153,7 +153,7 @@ def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Readi
     own: Any = scene or Points((points,), name)
     _check_count(positions.shape[1], own, name)
     arrays = {"positions": positions, "times": times, "observed": observed}
-    motion = _cut(check_motion(arrays, own, name), reading, name)
+    motion = _cut(replace(check_motion(arrays, own, name), unit=axes.scale), reading, name)
     extent, start = _extent(motion, points), _start(motion, scene, axes)
     taken = Interpretation(name, found.name, axes, *extent, rate, tuple(notes), matches, start)
     triangles = None if read.triangles is None else facing(read.triangles, axes)
@@ -184,7 +184,7 @@ def _native(path: str | os.PathLike[str] | io.BytesIO, scene: Scene | None, read
     _check_count(motion.positions.shape[1], own, name)
     axes = reading.axes(SCENE)
     if axes != SCENE:
-        motion = replace(motion, positions=to_scene(motion.positions, axes))
+        motion = replace(motion, positions=to_scene(motion.positions, axes), unit=axes.scale)
     motion = _cut(motion, reading, name)
     extent = _extent(motion, motion.positions.shape[1])
     taken = Interpretation(name, "npz", axes, *extent, rate, start=_start(motion, scene, axes))

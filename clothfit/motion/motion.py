@@ -48,6 +48,7 @@ class Motion:
     name: str = "motion"  # for messages
     remedies: Fallbacks = NO_FALLBACKS  # how many of its steps were solved directly, clamped or shortened
     weights: Array | None = None  # (frames, vertices), 0 or more: how often each position counts; None: all once
+    unit: float = 1.0  # of the numbers in its file, m
 
     def of(self, cloth: int) -> Array:
         """Positions (frames, n, 3) of one object."""
@@ -99,7 +100,8 @@ def as_motion(
 def checked_motion(motion: Motion, scene: Scene) -> Motion:
     """A motion made by hand, checked as one from a file is. Raises InvalidMotion when it does not fit the scene."""
     check_counts(motion, scene)
-    return check_motion({key: np.asarray(array) for key, array in arrays_of(motion).items()}, scene, motion.name)
+    arrays = {key: np.asarray(array) for key, array in arrays_of(motion).items()}
+    return replace(check_motion(arrays, scene, motion.name), unit=motion.unit)
 
 
 def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Motion:

@@ -24,6 +24,7 @@ from clothfit.engine.snapshots import Plan
 from clothfit.engine.system import System, build
 from clothfit.engine.tape import Tape
 from clothfit.motion.divergence import Diverged
+from clothfit.motion.rounding import rounding
 from clothfit.objective import memory_needs as storage
 from clothfit.objective.comparison import Comparison, objective_weights
 from clothfit.objective.experiment import Experiment, Targets, experiments
@@ -119,6 +120,17 @@ class Objective:
             at_rest(run, distances.update)
             squares += distances.value
         return float(np.sqrt(squares / max(self.observations, 1)))
+
+    @cached_property
+    def rounding(self) -> float:
+        """Error, m, that the rounding of the targets' numbers alone may leave (`motion.rounding`); 0 where other things
+        than positions are compared.
+        """
+        if list(self.weights) != ["position"]:
+            return 0.0
+        squares = [rounding(self.experiments[run.experiment].motion) ** 2 for run in self.runs]
+        weights = [run.comparison.total_weight for run in self.runs]
+        return float(np.sqrt(np.dot(squares, weights) / (sum(weights) or 1.0)))
 
     @cached_property
     def needs(self) -> Needs:

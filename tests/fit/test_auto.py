@@ -1,5 +1,7 @@
 """The default way to fit: it finds the truth of small cloths, and never returns worse than what it has seen."""
 
+from dataclasses import replace
+
 import numba
 import numpy as np
 import pytest
@@ -242,3 +244,31 @@ def test_balances_that_cannot_be_fulfilled_at_first_are_not_solved_for_all_frame
         search = Search(Objective(made, target, 1e-10), np.full(33, 10.0), 1e-8, 100)
         early = search.objective.until(first_window(search.objective))
         assert balances_can_hold(search, np.full(33, 10.0), early) == worth
+
+
+# --- rounded targets
+
+
+def rounded(motion, kind):
+    """A motion as a file with fewer digits holds it."""
+    x = motion.positions
+    return replace(motion, positions=x.astype(np.float32).astype(float) if kind == "float32" else np.round(x, kind))
+
+
+@pytest.mark.parametrize("kind", ["float32", 6, 5, 4])
+@pytest.mark.parametrize("settings", ["nL", "Ln"])
+def test_a_rounded_target_is_fitted_to_its_rounding_and_no_further(settings, kind):
+    made = load(trial(settings, 30))
+    target = rounded(record_target(made), kind)
+    found = estimate(made, target, start=10.0 if settings == "nL" else 0.1)
+    assert found.status == "converged"
+    assert found.rmse <= Objective(made, target).rounding
+    assert found.evaluations <= 30  # without the floor it needs more than 60, and far more for larger cloths
+
+
+def test_an_error_that_is_asked_for_is_not_replaced_by_the_rounding():
+    made = load(trial("nL", 30))
+    target = rounded(record_target(made), 4)
+    floor, fine, rough = (estimate(made, target, start=10.0, rmse_tolerance=asked) for asked in (None, 1e-9, 1e-3))
+    assert fine.rmse <= floor.rmse <= Objective(made, target).rounding < rough.rmse <= 1e-3
+    assert rough.evaluations <= floor.evaluations < fine.evaluations
