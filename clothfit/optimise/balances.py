@@ -3,24 +3,28 @@
 The step's residual r (`step.implicit`) is linear in masses and stiffnesses. Where a vertex and its neighbours are seen
 in successive frames, positions give the velocities, v⁺ = (x⁺ − x)/h, and so everything else in r. With several Newton
 iterations the residual of the converged step is used.
+
+A BDF2 step (`step.bdf2`) gives v⁺ = (x⁺ − x̃)/h' from three positions, and its balance needs two velocities before it:
+five positions in all. Its first step is an implicit Euler step; others that the guard made so are not in balance.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from clothfit.base import interrupts
-from clothfit.base.arrays import Array, Flags
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.stencil import Stencil, stencil
 from clothfit.derivative.step_jacobian import differentiate, jacobian
 from clothfit.engine.forces import total
 from clothfit.engine.solve import sparse
-from clothfit.engine.step import implicit
-from clothfit.engine.system import EXPLICIT, IMPLICIT, System
+from clothfit.engine.step import bdf2, implicit
+from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.vectors import add, add_mass, combine, copy
+from clothfit.kernels.vectors import add, add_mass, copy
 from clothfit.objective.target import Target
 
 if TYPE_CHECKING:
@@ -65,7 +69,9 @@ def balances(system: System, track: Track) -> Balances:
     out = Balances(r, mass, stiffness, valid_rows(system, near, track, steps))
     alone = near._replace(start=np.zeros(n + 1, np.int32), neighbour=np.zeros(0, np.int32))
     x, v = np.ascontiguousarray(track.x), velocities(system, track.x)
-    fill(system, alone, x, v, implicit.workspace(system), jacobian(system, alone), out)
+    two = system.method == BDF2
+    forms = bdf2.forms(system) if two else (system, system)
+    fill(*forms, two, alone, x, v, implicit.workspace(system), jacobian(system, alone), out)
     interrupts.check()
     return out
 
@@ -74,11 +80,13 @@ def velocities(system: System, x: Array) -> Array:
     """Velocities (T + 1, n, 3) that the integration method gives positions (T + 1, n, 3)."""
     moved = np.diff(x, axis=0) / system.h
     rest = system.v0[None]
+    if system.method == BDF2:
+        moved[1:] = 1.5 * moved[1:] - 0.5 * moved[:-1]
     return np.concatenate([moved, moved[-1:]] if system.method == EXPLICIT else [rest, moved])
 
 
 def valid_rows(system: System, near: Stencil, track: Track, steps: int) -> Flags:
-    """Which rows (T, n) have all their positions seen: of a free vertex and its neighbours, at three steps."""
+    """Which rows (T, n) have all their positions seen: of a free vertex and its neighbours, at three steps or five."""
     from scipy.sparse import csr_array
 
     n = len(system.x0)
@@ -88,41 +96,66 @@ def valid_rows(system: System, near: Stencil, track: Track, steps: int) -> Flags
     bad = missing[:steps] | missing[1 : steps + 1]
     if system.method == EXPLICIT:
         bad |= missing[2 : steps + 2]
-    else:
-        bad[1:] |= missing[: steps - 1]
+    for back in {EXPLICIT: (), BDF2: (1, 2, 3)}.get(system.method, (1,)):
+        bad[back:] |= missing[: max(steps - back, 0)]
     return np.ascontiguousarray(~bad & system.vertex.free)  # in one order, however few steps: to compile once for
 
 
 @kernel
-def fill(system, near, x, v, work, step, out):
-    """Write the rows of all steps."""
-    h, mass, b = system.h, system.vertex.mass, work.b
-    newton = system.method == IMPLICIT and system.newton_iterations > 1
+def fill(system, inner, two, near, x, v, work, step, out):
+    """Write the rows of all steps: with `two` those of the `bdf2.forms`, from the second step on of the inner one."""
+    late = system.method == IMPLICIT and system.newton_iterations > 1
     for t in range(len(out.residual)):
-        r = out.residual[t]
-        u = v[t + 1] if newton else v[t]
-        differentiate(system, near, x[t], v[t], v[t + 1], u, newton, work, step)
-        r[:] = 0.0
-        if system.method == IMPLICIT and not newton:
-            sparse.multiply(work.A, v[t + 1], r)  # r = A w − M v − b, with what `differentiate` left
-            add(-1.0, b, r)
+        w, now = v[t + 1], (out.residual[t], out.mass[t], out.stiffness[t])
+        if two and t > 0:
+            bdf2.extrapolate(x[t], v[t], x[t - 1], v[t - 1], work)
+            write(inner, near, work.x_base, work.v_base, w if late else work.u, w, True, work, step, now)
         else:
-            b[:] = 0.0
-            combine(1.0, x[t], h if newton else 0.0, u, work.y)
-            total.add_force(system, work.y, u, b)
-            add_mass(mass, 1.0, v[t + 1], r)
-            add(-h, b, r)
-        add_mass(mass, -1.0, v[t], r)
-        copy(step.by_mass, out.mass[t])
-        for i in range(len(step.by_stiffness)):
-            copy(step.by_stiffness[i], out.stiffness[t, i])
+            write(system, near, x[t], v[t], w if late else v[t], w, late, work, step, now)
 
 
-def summed_twice(rows: Balances) -> Balances:
-    """The balances summed twice over time, up to where a vertex' first row is missing."""
+@kernel
+def write(system, near, x, v, u, w, later, work, step, row):
+    """Write the row of a step to w that is linearised with u, at (x, u) or at a `later` point, (x + h u, u)."""
+    A, b, mass = work.A, work.b, system.vertex.mass
+    r, by_mass, by_stiffness = row
+    differentiate(system, near, x, v, w, u, later, work, step)
+    copy(step.by_mass, by_mass)
+    for i in range(len(by_stiffness)):
+        copy(step.by_stiffness[i], by_stiffness[i])
+    r[:] = 0.0
+    if system.method == IMPLICIT:
+        if later:
+            implicit.assemble_newton(system, x, v, u, work.y, A, work.gy, b)
+        else:
+            add_mass(mass, 1.0, v, b)  # to what `differentiate` left
+        sparse.multiply(A, w, r)
+        add(-1.0, b, r)
+    else:
+        b[:] = 0.0
+        total.add_force(system, x, v, b)
+        add_mass(mass, 1.0, w, r)
+        add(-system.h, b, r)
+        add_mass(mass, -1.0, v, r)
+
+
+def summed_twice(rows: Balances, method: int = IMPLICIT) -> Balances:
+    """The balances summed twice over time as the step does, up to where a vertex' first row is missing."""
     valid: Flags = np.asarray(np.minimum.accumulate(rows.valid, axis=0), bool)
-    sums = [np.cumsum(np.cumsum(np.where(mask(rows.valid, a), a, 0.0), axis=0), axis=0) for a in rows[:2]]
-    return Balances(sums[0], sums[1], np.cumsum(np.cumsum(rows.stiffness, axis=0), axis=0), valid)
+    known = [np.where(mask(rows.valid, a), a, 0.0) for a in rows[:2]]
+    residual, mass, stiffness = (summed(summed(a, method), method, 1.5) for a in (*known, rows.stiffness))
+    return Balances(residual, mass, stiffness, valid)
+
+
+def summed(a: Array, method: int, first: float = 1.0) -> Array:
+    """What the steps of a method make of changes a (T, …): sums, or of BDF2 y = (4 y₋ − y₋₋)/3 + a from the second step
+    on; there the first change counts `first` times, 1.5 = h/h' for velocities that are summed to positions over h'.
+    """
+    from scipy.signal import lfilter
+
+    if method != BDF2:
+        return np.asarray(np.cumsum(a, axis=0))
+    return np.asarray(lfilter([1.0], [1.0, -4.0 / 3.0, 1.0 / 3.0], np.concatenate([first * a[:1], a[1:]]), axis=0))
 
 
 def mask(valid: Flags, a: Array) -> Flags:
@@ -146,8 +179,24 @@ def smoothed(track: Track, x0: Array, frames: int) -> Track:
     return Track(x, seen)
 
 
-def matrix(rows: Balances, system: System) -> tuple[csr_array, Array]:
-    """C (N, n + S) of all masses and stiffnesses, and r (N,), over the valid rows, per vertex mass."""
+class Rows(NamedTuple):
+    """N rows of the problem for Q parameters."""
+
+    C: csr_array  # (N, Q)
+    r: Array  # (N,)
+    step: Indices  # (N,), the step that each belongs to, of those that have rows, counted from 0
+
+    def only(self, kept: Flags) -> Rows:
+        """Some of the rows (N,)."""
+        return Rows(self.C[kept], self.r[kept], self.step[kept])
+
+    def residuals(self, q: Array) -> Array:
+        """The root of the squares of each step's residuals at q (Q,)."""
+        return np.sqrt(np.bincount(self.step, weights=(self.r - self.C @ q) ** 2))
+
+
+def matrix(rows: Balances, system: System) -> Rows:
+    """The valid rows for all masses and stiffnesses, per vertex mass."""
     from scipy.sparse import csr_array
 
     steps, n = rows.valid.shape
@@ -161,4 +210,15 @@ def matrix(rows: Balances, system: System) -> tuple[csr_array, Array]:
     entries = (np.concatenate(values), (np.concatenate(places[0]), np.concatenate(places[1])))
     kept = np.flatnonzero(np.repeat(rows.valid.ravel(), 3))
     whole = csr_array(entries, shape=(steps * n * 3, n + springs))
-    return whole[kept], (rows.residual * weight[:, None]).ravel()[kept]
+    step = np.unique(kept // (3 * n), return_inverse=True)[1].astype(np.int32)
+    return Rows(whole[kept], (rows.residual * weight[:, None]).ravel()[kept], step)
+
+
+def stacked(parts: Sequence[Rows]) -> Rows:
+    """The rows of several runs, one below the other."""
+    from scipy.sparse import csr_array, vstack
+
+    before = np.cumsum([0] + [int(part.step.max(initial=-1)) + 1 for part in parts])
+    steps = [first + part.step for first, part in zip(before[:-1], parts, strict=True)]
+    C = csr_array(vstack([part.C for part in parts]))
+    return Rows(C, np.concatenate([part.r for part in parts]), np.concatenate(steps))

@@ -7,11 +7,15 @@ All `balances` together are one sparse linear least-squares problem,
 without a starting point's luck and without a simulation. Directions that the balances do not determine (masses and
 stiffnesses by a common factor where nothing else acts) keep their part of p₀.
 
-Noise: an error of a position enters three balances, with weights 1, −2, 1 over h². Summing the balances twice over time
-undoes that: row t then compares where the forces so far carry the vertex with where it is, and the errors
-of different rows are independent again, as least squares assumes. What is left is the noise within the forces;
-smoothing the target over a few frames lessens it. A fit tries several `TREATMENTS` and keeps the best. Reference for
-equation-error estimation: L. Ljung, System Identification, 1999, chapter 7.
+Noise: an error of a position enters three balances, with weights 1, −2, 1 over h² (five of BDF2's). Summing the
+balances twice over time, as the step sums, undoes that: row t then compares where the forces so far carry the vertex
+with where it is, and the errors of different rows are independent again, as least squares assumes. What is left is the
+noise within the forces; smoothing the target over a few frames lessens it. A fit tries several `TREATMENTS` and keeps
+the best. Reference for equation-error estimation: L. Ljung, System Identification, 1999, chapter 7.
+
+Few steps of a motion may not be in balance at all, whatever the parameters: those that were shortened (`step.guard`) or
+taken with the clamped matrix, and Euler steps among those of BDF2. They are found by least trimmed squares, and left
+out: P. J. Rousseeuw, Least median of squares regression, Journal of the American Statistical Association 79, 1984.
 """
 
 from __future__ import annotations
@@ -24,11 +28,11 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.columns import columns
 from clothfit.derivative.sensitivity import Columns
-from clothfit.engine.system import BDF2, EXPLICIT
+from clothfit.engine.system import EXPLICIT
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run
 from clothfit.optimise import bounded
-from clothfit.optimise.balances import balances, matrix, smoothed, summed_twice, track
+from clothfit.optimise.balances import Rows, balances, matrix, smoothed, stacked, summed_twice, track
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import bounds
 from clothfit.scene.kinds import LETTERED
@@ -42,6 +46,22 @@ DENSE = 6000
 
 ENTRY = 100
 """Bytes for each number in the balances, in all the forms that it takes on the way to a matrix."""
+
+
+OUT_OF_BALANCE = 10.0
+"""Times the median residual of the steps from which on a step is out of balance."""
+
+UNEVEN = 3.0
+"""The same for a balance that all steps share in, so that those which are in none spoil it for the others."""
+
+MOST_OUT = 0.25
+"""Share of the steps that may be out of balance; where more are, it is not the steps that are exceptions."""
+
+ROUNDS = 10
+"""Rounds of trimming; a few suffice."""
+
+RIDGE = 1e-12
+"""What makes a matrix regular that finds the steps out of balance, relative to its diagonal."""
 
 
 class Treatment(NamedTuple):
@@ -79,7 +99,8 @@ def fit(objective: Objective, p: Array, fitted: Flags, treatment: Treatment = TR
         column = np.full(len(p), -1, np.int32)
         column[places] = np.arange(len(places))
         parts = [rows_of(objective, run, p, own, column, treatment) for run in objective.runs if run.cloth == cloth]
-        found[places] = solve(*stacked(parts), p[places], lower[places], upper[places])
+        whole = stacked(parts)
+        found[places] = solve(whole, p[places], lower[places], upper[places], not treatment.summed)
     return found
 
 
@@ -90,8 +111,6 @@ def is_linear(block: Block) -> bool:
 
 def fits(objective: Objective) -> bool:
     """Whether the balances fit into what an objective may hold."""
-    if any(run.system.method == BDF2 for run in objective.runs):
-        return False
     sizes = (
         (run.steps * (3 * len(run.system.x0) + 6 * len(run.system.springs.rest)) for run in group)
         for group in ([run for run in objective.runs if run.cloth == cloth] for cloth in objective.cloths)
@@ -114,10 +133,11 @@ def information(objective: Objective, p: Array, fitted: Flags, factor: Array) ->
         column = np.full(len(p), -1, np.int32)
         for block in own:
             column[block.part] = np.where(fitted[block.part], (np.cumsum(fitted) - 1)[block.part], -1)
-        C, r = rows_of(objective, run, p, own, column, TREATMENTS[0], len(places))
+        rows = rows_of(objective, run, p, own, column, TREATMENTS[0], len(places))
         steps = run.steps - (1 if run.system.method == EXPLICIT else 0)
-        if len(r) < 3 * steps * int(run.system.vertex.free.sum()):
+        if len(rows.r) < 3 * steps * int(run.system.vertex.free.sum()):
             return None
+        C, r, _ = rows.only(in_balance(rows, np.zeros(len(places))))
         scaled = C.multiply(factor[places][None, :]).tocsr()
         H += (scaled.T @ scaled).toarray()
         g -= scaled.T @ r
@@ -133,16 +153,16 @@ def rows_of(
     column: Indices,
     treatment: Treatment,
     width: int | None = None,
-) -> tuple[csr_array, Array]:
-    """C (N, Q) and r (N,) of one run, by the parameters of its masses and stiffnesses; Q is `width`, or as many as
+) -> Rows:
+    """The rows of one run, by the parameters of its masses and stiffnesses; Q is `width`, or as many as
     `column` (P,) has.
     """
     system = run.changed(p)
     seen = track(run.comparison.goal, system)
     rows = balances(system, smoothed(seen, system.x0, treatment.frames) if treatment.frames > 1 else seen)
-    C, r = matrix(summed_twice(rows) if treatment.summed else rows, system)
+    given = matrix(summed_twice(rows, system.method) if treatment.summed else rows, system)
     wanted = columns(system, own, p, column, np.ones(len(p)), width or int(column.max()) + 1)
-    return C @ spread(wanted), r
+    return given._replace(C=given.C @ spread(wanted))
 
 
 def spread(wanted: Columns) -> csr_array:
@@ -156,13 +176,6 @@ def spread(wanted: Columns) -> csr_array:
     return csr_array((factor[moved], (row[moved], column[moved])), shape=(len(entries), wanted.width))
 
 
-def stacked(parts: Sequence[tuple[csr_array, Array]]) -> tuple[csr_array, Array]:
-    """The rows of several runs, one below the other."""
-    from scipy.sparse import csr_array, vstack
-
-    return csr_array(vstack([C for C, _ in parts])), np.concatenate([r for _, r in parts])
-
-
 def iterated(scaled: csr_array, r: Array) -> Array:
     """The least-squares solution q (Q,) of scaled q = r by LSMR, for problems too large for a dense matrix."""
     from scipy.sparse.linalg import lsmr
@@ -171,25 +184,64 @@ def iterated(scaled: csr_array, r: Array) -> Array:
     return np.asarray(q)
 
 
-def solve(C: csr_array, r: Array, p: Array, lower: Array, upper: Array) -> Array:
-    """The parameters (Q,) within the bounds that make r − C (q − p) least, from p (Q,); C (N, Q).
+def solve(rows: Rows, p: Array, lower: Array, upper: Array, trim: bool) -> Array:
+    """The parameters (Q,) within the bounds that make r − C (q − p) least, from p (Q,); with `trim` over the steps that
+    can be in balance.
 
     What the rows do not determine stays as it is in p. Two rounds of refinement with the rows themselves undo what
     squaring the matrix costs.
     """
     from scipy.sparse import diags_array
 
-    size = np.sqrt(np.asarray(C.multiply(C).sum(axis=0)).reshape(-1))
+    size = np.sqrt(np.asarray(rows.C.multiply(rows.C).sum(axis=0)).reshape(-1))
     determined = size > 0
     scale = np.where(determined, size, 1.0)
-    scaled = C @ diags_array(1.0 / scale)
+    rows = rows._replace(C=rows.C @ diags_array(1.0 / scale))
     low, high = (lower - p) * scale, (upper - p) * scale
     if len(p) > DENSE:
-        q = iterated(scaled, r)
+        q = iterated(rows.C, rows.r)
         return np.asarray(np.where(determined, np.clip(p + q / scale, lower, upper), p))
-    H = (scaled.T @ scaled).toarray()
+    H = (rows.C.T @ rows.C).toarray()
+    if trim:
+        rows, H = trimmed(rows, H)
     q = np.zeros(len(p))
     for _ in range(3):
-        g = -(scaled.T @ (r - scaled @ q))
+        g = -(rows.C.T @ (rows.r - rows.C @ q))
         q = q + bounded.solve(H, g, low - q, high - q)
     return np.asarray(np.where(determined, np.clip(p + q / scale, lower, upper), p))
+
+
+def in_balance(rows: Rows, q: Array) -> Flags:
+    """Which rows (N,) are of steps that are in balance at q (Q,): all, where too many would not be."""
+    size = rows.residuals(q)
+    good = size <= OUT_OF_BALANCE * np.median(size)
+    return np.asarray((good if np.mean(good) >= 1.0 - MOST_OUT else np.ones(len(size), bool))[rows.step])
+
+
+def trimmed(rows: Rows, H: Array) -> tuple[Rows, Array]:
+    """The rows of the steps that can be in balance, and their CᵀC (Q, Q), from that of all, H: least trimmed squares.
+
+    The half of the steps that is nearest to balance is balanced again and again, until it stays the same.
+    """
+    if len(rows.r) < 4 * len(H):
+        return rows, H
+    q = at_least_squares(rows, H)
+    size = rows.residuals(q)
+    if size.max() <= UNEVEN * np.median(size):
+        return rows, H
+    half: Flags = np.zeros(len(rows.r), bool)
+    for _ in range(ROUNDS):
+        size, before = rows.residuals(q), half
+        half = np.asarray((size <= np.median(size))[rows.step])
+        if np.array_equal(half, before):
+            break
+        nearest = rows.only(half)
+        q = at_least_squares(nearest, (nearest.C.T @ nearest.C).toarray())
+    good = rows.only(in_balance(rows, q))
+    return good, (good.C.T @ good.C).toarray()
+
+
+def at_least_squares(rows: Rows, H: Array) -> Array:
+    """The minimum q (Q,) of |r − C q|², without bounds, H being CᵀC."""
+    regular = bounded.shifted(H, RIDGE * float(H.diagonal().max(initial=0.0)) + np.finfo(float).tiny)
+    return bounded.substitute(regular, rows.C.T @ rows.r)

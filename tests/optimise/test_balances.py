@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from helpers.physics import METHODS, TIGHT, ball, scene, xyz
+from helpers import physics
+from helpers.physics import METHODS, TIGHT, ball, scene, thing, xyz
 from helpers.scenes import cloth
 
 from clothfit.engine.system import all_elements, with_elements
@@ -13,7 +14,7 @@ from clothfit.optimise.balances import Track, balances, smoothed, summed_twice, 
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
-VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 12)]
+VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 12), ("bdf2", 1), ("bdf2", 12)]
 
 
 def made(method="implicit", newton=1, nx=3, frames=8, **fields):
@@ -31,7 +32,7 @@ def made(method="implicit", newton=1, nx=3, frames=8, **fields):
         cloth(nx, 3, **{**own, **fields}),
         integrationMethod=METHODS[method],
         forwardSubSteps=newton,
-        delta=0.02 if method == "implicit" else 0.005,
+        delta=0.02 if method in ("implicit", "bdf2") else 0.005,
         optimizationIterations=frames,
         tolerance=1e-13,
         windVel=xyz((4, 2, -3)),
@@ -77,8 +78,9 @@ def test_the_residual_is_linear_and_the_columns_are_its_slope(method, newton):
     assert np.abs(expected[before.valid]).max() > 1e-3
 
 
-def test_rows_that_a_hidden_vertex_touches_are_not_valid():
-    given = made(nx=4, frames=9, triangles=[], dragCoefficient=0.0)
+@pytest.mark.parametrize(("method", "lost_rows"), [("implicit", [3, 4, 5]), ("bdf2", [3, 4, 5, 6, 7])])
+def test_rows_that_a_hidden_vertex_touches_are_not_valid(method, lost_rows):
+    given = made(method, nx=4, frames=9, triangles=[], dragCoefficient=0.0)
     motion = simulate(given, tolerance=TIGHT)
     where = np.zeros((9, 12), bool)
     where[4, 11] = True
@@ -87,8 +89,8 @@ def test_rows_that_a_hidden_vertex_touches_are_not_valid():
     ends = run.system.springs.ends
     near = sorted({11, *ends[(ends == 11).any(axis=1)].ravel().tolist()})
     lost = np.argwhere(~found.valid & run.system.vertex.free)
-    # the steps from 3 to 4 and from 4 to 5, and the one after, whose first velocity needs frame 4
-    assert sorted(set(lost[:, 0].tolist())) == [3, 4, 5]
+    # the steps from 3 to 4 and from 4 to 5, and those after, whose velocities before the step need frame 4
+    assert sorted(set(lost[:, 0].tolist())) == lost_rows
     assert sorted(set(lost[:, 1].tolist())) == near
 
 
@@ -111,6 +113,19 @@ def test_sums_of_sums_end_at_the_first_gap():
     spring = int(np.flatnonzero((system.springs.ends == 4).any(axis=1))[0])
     expected = np.cumsum(np.cumsum(found.stiffness[:, spring], axis=0), axis=0)
     np.testing.assert_allclose(twice.stiffness[:, spring], expected, rtol=1e-12, atol=1e-18)
+
+
+@pytest.mark.parametrize(("method", "reach"), [("implicit", 0.02), ("bdf2", 0.04 / 3)])
+def test_errors_of_positions_enter_sums_of_sums_one_by_one(method, reach):
+    fields = {"integrationMethod": METHODS[method], "delta": 0.02}
+    alone = physics.system(thing([(0, 0, 0), (1, 0, 0)], [(0, 1)], mass=[0.3, 0.7], stiffness=0.0), **fields)
+    rng, seen = np.random.default_rng(2), np.ones((20, 2), bool)
+    moved, error = (0.1 * rng.normal(size=(20, 2, 3)) for _ in range(2))
+    moved[0] = error[0] = 0.0
+    x = alone.x0 + moved
+    off, exact = (summed_twice(balances(alone, Track(each, seen)), alone.method).residual for each in (x + error, x))
+    expected = np.array([[0.3], [0.7]]) * error[1:] / reach  # m e/h, and of BDF2 h' = 2h/3
+    np.testing.assert_allclose(off - exact, expected, atol=1e-11)  # sums of sums of rounding, of numbers up to 100
 
 
 def test_smoothing_leaves_a_parabola_alone():

@@ -5,20 +5,24 @@ import numpy as np
 import pytest
 from helpers.physics import METHODS, TIGHT, ball, scene, xyz
 from helpers.scenes import cloth
+from scipy.sparse import csr_array
 
+from clothfit.engine.rollout import rollout
+from clothfit.engine.system import build
 from clothfit.motion.degrade import degrade
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise import momentum
-from clothfit.optimise.momentum import TREATMENTS, Treatment
+from clothfit.optimise.balances import Rows
+from clothfit.optimise.momentum import TREATMENTS, Treatment, trimmed
 from clothfit.scene.fit_vector import parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
 SLOW = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="dozens of simulations are slow without compilation")
-VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 12)]
+VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 12), ("bdf2", 1), ("bdf2", 12)]
 AIR = {"windVel": xyz((4, 2, -3))}
 SPHERE = {"colliders": [ball((1.0, -0.748, 1.0), 0.75)]}
 FRAMES = 25
@@ -39,7 +43,7 @@ def sheet(settings="LL", nx=4, ny=4, alike=False, **fields):
 
 
 def made(*objects, method="implicit", newton=1, frames=FRAMES, **fields):
-    delta = 0.02 if method == "implicit" else 0.005
+    delta = 0.02 if method in ("implicit", "bdf2") else 0.005
     chosen = {"integrationMethod": METHODS[method], "forwardSubSteps": newton, "delta": delta}
     return scene(*objects, **{**chosen, "optimizationIterations": frames, "tolerance": 1e-13, **AIR, **fields})
 
@@ -110,6 +114,30 @@ def test_without_air_masses_and_stiffnesses_keep_their_common_factor():
     np.testing.assert_allclose(ratio, ratio[0], rtol=1e-5)
     assert np.linalg.norm(away[kept]) > np.linalg.norm(p[kept] - away[kept]) > 0
     assert ratio[0] > 0
+
+
+@SLOW
+@pytest.mark.parametrize(("delta", "shortened"), [(0.03, 0), (0.04, 1)])
+def test_steps_that_the_guard_made_otherwise_are_left_out(delta, shortened):
+    stiffness = np.random.default_rng(3).uniform(500, 1500, 56).tolist()
+    hung = {"vertIsFixed": [i < 5 for i in range(25)], "springStiffness": stiffness, "damping": 0.02}
+    one = sheet("nL", 5, 5, dragCoefficient=0.0, **hung)
+    given = made(one, method="bdf2", frames=60, delta=delta)
+    memory, _ = rollout(build(given, 0), 59, TIGHT)
+    assert (memory.euler.sum() > 1, (memory.theta < 1).sum()) == (True, shortened)  # it whips through
+    p, kept, _ = fitted(given)
+    np.testing.assert_allclose(p[kept], parameters(given)[kept], rtol=1e-6)  # as above
+
+
+def test_what_is_left_out_is_little():
+    rng = np.random.default_rng(4)
+    C, q = rng.normal(size=(40, 30, 5)), rng.normal(size=5)
+    r = C @ q
+    for out, kept in (4, 36), (15, 40):  # of 15 exceptions among 40 nobody can say that they are exceptions
+        wrong = r.copy()
+        wrong[:out] += rng.normal(size=(out, 30))
+        rows = Rows(csr_array(C.reshape(-1, 5)), wrong.ravel(), np.repeat(np.arange(40), 30))
+        assert len(np.unique(trimmed(rows, (rows.C.T @ rows.C).toarray())[0].step)) == kept
 
 
 # --- targets with gaps
