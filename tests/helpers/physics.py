@@ -189,10 +189,12 @@ def damping(module: Any, force: Any, y: Array, d: Array) -> Array:
     return out
 
 
-def step_terms(system: System, module: Any, force: Any, y: Array, u: Array) -> tuple[sparse.BlockMatrix, Array]:
-    """What the force adds to the step: −h² K − h D as a matrix, and h (f − D u)."""
+def step_terms(
+    system: System, module: Any, force: Any, y: Array, u: Array, back: float = 0.0
+) -> tuple[sparse.BlockMatrix, Array]:
+    """What the force adds to the step: −h² K − h D as a matrix, and h (f − D u − back K u)."""
     A, b = sparse.zeros(system.pattern, len(y)), np.zeros_like(y)
-    module.add_step(force, y, u, system.h, A, b)
+    module.add_step(force, y, u, system.h, back, A, b)
     return A, b
 
 

@@ -129,15 +129,15 @@ def add_damping(springs, y, scale, q, out):
 
 
 @kernel
-def add_step(springs, y, u, h, A, b):
+def add_step(springs, y, u, h, back, A, b):
     upright, lowered = pack(1.0, 0.0, 0.0, 0.0), pack(1.0, 0.0, 1.0, 0.0)  # where xx, zz and yy are in a block
     stored = 0.0
     for i in range(len(springs.rest)):
         length, inverse, d = axis(springs, y, i)
         k = springs.stiffness[i]
-        rho, _ = capped(springs, springs.rest[i] * inverse)
-        across = splat(h * h * k * (1.0 - rho))
-        along = splat(h * k * (h * rho + springs.damping))
+        hat, _ = capped(springs, springs.rest[i] * inverse)
+        across = splat(h * h * k * (1.0 - hat))
+        along = splat(h * k * (h * hat + springs.damping))
         low, high = outer(mul(along, d), d)
         low, high = fma(across, upright, low), fma(across, lowered, high)
         add_block(A.diagonal, springs.ends[i, 0], low, high)
@@ -146,7 +146,12 @@ def add_step(springs, y, u, h, A, b):
         if len(b) > 0:
             stretch = length - springs.rest[i]
             stored += k * stretch * stretch
-            add_opposite(b, springs, i, mul(splat(-h * k * stretch), d))
+            pull = mul(splat(-h * k * stretch), d)
+            if back != 0.0:
+                u_i, hk = difference(u, springs, i), h * k * back
+                turn = mul(splat(hk * hat * dot(u_i, d)), d)
+                pull = add(pull, fma(splat(hk * (1.0 - hat)), u_i, turn))
+            add_opposite(b, springs, i, pull)
     return 0.5 * stored
 
 

@@ -22,11 +22,11 @@ def add_damping(system, y, scale, q, out):
 
 
 @kernel
-def add_step(system, y, u, h, A, b):
-    stored = vertex.add_step(system.vertex, y, u, h, A, b)
-    stored += springs.add_step(system.springs, y, u, h, A, b)
-    stored += wind.add_step(system.faces, y, u, h, A, b)
-    return stored + spheres.add_step(system.spheres, y, u, h, A, b)
+def add_step(system, y, u, h, back, A, b):
+    stored = vertex.add_step(system.vertex, y, u, h, back, A, b)
+    stored += springs.add_step(system.springs, y, u, h, back, A, b)
+    stored += wind.add_step(system.faces, y, u, h, back, A, b)
+    return stored + spheres.add_step(system.spheres, y, u, h, back, A, b)
 
 
 @kernel

@@ -22,7 +22,9 @@ from __future__ import annotations
 from clothfit.engine.step import implicit
 from clothfit.engine.system import IMPLICIT, System
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.vectors import add, combine, copy, hold_fixed
+from clothfit.kernels.lanes.operations import add as plus
+from clothfit.kernels.lanes.operations import fma, load3, splat, store3, sub
+from clothfit.kernels.vectors import add, combine, copy
 
 
 def forms(system: System) -> tuple[System, System]:
@@ -42,9 +44,13 @@ def ahead(third, a, before, out):
 @kernel
 def extrapolate(x, v, x_before, v_before, work):
     """Write x̃, ṽ and u to the workspace."""
-    ahead(1.0 / 3.0, x, x_before, work.x_base)
-    ahead(1.0 / 3.0, v, v_before, work.v_base)
-    ahead(1.0, v, v_before, work.u)
+    third = splat(1.0 / 3.0)
+    for i in range(len(x)):
+        x_i, v_i = load3(x, i), load3(v, i)
+        gain = sub(v_i, load3(v_before, i))
+        store3(fma(third, sub(x_i, load3(x_before, i)), x_i), work.x_base, i)
+        store3(fma(third, gain, v_i), work.v_base, i)
+        store3(plus(v_i, gain), work.u, i)
 
 
 @kernel
@@ -53,8 +59,9 @@ def step(inner, x, v, x_before, v_before, first, tolerance, work, w, x_new):
     returns what `implicit.step` does.
     """
     extrapolate(x, v, x_before, v_before, work)
-    implicit.assemble_newton(inner, work.x_base, work.v_base, work.u, work.y, work.A, work.gy, work.b)
-    hold_fixed(inner.vertex.free, work.b)
+    combine(1.0, work.x_base, inner.h, work.u, work.y)
+    implicit.assemble(inner, work.y, work.u, inner.h, work.A, work.b)  # x̃ − y = −h' u
+    implicit.add_momentum(inner.vertex, work.v_base, work.b)
     used, iterations, direct = implicit.step(inner, work.x_base, work.v_base, first, tolerance, work, w)
     combine(1.0, work.x_base, inner.h, w[used - 1], x_new)
     return used, iterations, direct

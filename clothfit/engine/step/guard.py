@@ -20,7 +20,7 @@ from clothfit.engine.forces import total
 from clothfit.engine.forces.spheres import contact
 from clothfit.engine.system import IMPLICIT
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, sum3
+from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, sub, sum3
 from clothfit.kernels.vectors import combine, dot, vector
 
 SLACK = 1e-3
@@ -77,14 +77,20 @@ def energy(system, x, v):
 def passes(system, before, x, x_new, v_new):
     """The energy, J, after a BDF2 step from x to x_new, v_new, and whether it adds none; `before` it there was that."""
     kinetic, _ = moving(system.vertex, v_new)
-    after, work = kinetic + total.stored_energy(system, x_new, x_new), 0.0
-    for i in range(len(x)):
-        for c in range(3):
-            work += system.vertex.mass[i] * system.vertex.gravity[c] * (x_new[i, c] - x[i, c])
+    after, work = kinetic + total.stored_energy(system, x_new, x_new), weight_work(system.vertex, x, x_new)
     if not rises(before, after, work):
         return after, True
     known = x_new if starts_deep(system.spheres, system.x0) else x
     return after, not rises(before, kinetic + total.stored_energy(system, x_new, known), work)
+
+
+@kernel
+def weight_work(vertex, x, x_new):
+    """The work of the weight from x to x_new (n, 3), J."""
+    moved = splat(0.0)
+    for i in range(len(vertex.mass)):
+        moved = fma(splat(vertex.mass[i]), sub(load3(x_new, i), load3(x, i)), moved)
+    return dot(vector(vertex.gravity), moved)
 
 
 @kernel
