@@ -33,7 +33,7 @@ MOST_STARTS = 10_000
 """Of one scene; each is kept until the end."""
 
 SECTIONS = {  # of the help
-    "What to fit to": ("--target", "--objective", "--loss", "--loss-scale"),
+    "What to fit to": ("--target", "--objective", "--loss", "--loss-scale", "--fit-time", "--fit-placement"),
     "The file of the target": ("--fps", "--frames", "--scale", "--up", "--handedness", "--map"),
     "How to fit": (
         "--start", "--bounds", "--method", "--prior", "--budget", "--max-evaluations", "--rmse", "--tolerance",
@@ -58,6 +58,10 @@ SECTIONS = {  # of the help
               help="Loss of a distance: linear, soft_l1 or huber.  [default: linear]")
 @click.option("--loss-scale", type=float, metavar="METRES",
               help="Distances above this count as outliers.  [default: 0.01]")
+@click.option("--fit-time", is_flag=True,
+              help="Find the rate and the offset of the target's clock with the values.")
+@click.option("--fit-placement", is_flag=True,
+              help="Find the place of the target with the values: how it is turned and moved.")
 @click.option("--start", metavar="VALUE|SCENE",
               help="Values to start from.  [default: the scene's values with --target, else a coarse search]")
 @click.option("--bounds", "bounds", metavar="KIND=LOW:HIGH", multiple=True,
@@ -146,6 +150,8 @@ def command(
     """
     check_values(max_evaluations, rmse, starts, seed, jobs)
     check_numbers(tolerance=tolerance)
+    if (as_given["fit_time"] or as_given["fit_placement"]) and not target_paths:
+        raise click.UsageError("--fit-time and --fit-placement are for the motion of --target; add that")
     options = FitOptions(
         budget=max_evaluations, rmse_tolerance=rmse, tolerance=tolerance, objective=weights(objectives),
         intervals=not no_intervals, bounds=bounds_of(bounds), seconds=duration(time_budget, "--budget"), **as_given,
@@ -207,6 +213,7 @@ def fit_one(
         late = interrupts.requested() and found.status != Status.INTERRUPTED
     if late:
         return INTERRUPTED
+    targets = outcomes.as_compared(targets, found, scene)
     recording.draw(found, scene, targets, console)
     if page:
         page.write(scene_path, scene, found, files, out, targets, console)

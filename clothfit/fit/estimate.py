@@ -24,6 +24,7 @@ from clothfit.fit.confidence import Confidence, confidence
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import judged, split
 from clothfit.fit.options import BUDGET, FIT_TOLERANCE, FitOptions
+from clothfit.fit.registered_fit import registered_fit
 from clothfit.fit.result import Fit, fitted_scene, result, with_fallbacks, with_verdict
 from clothfit.fit.start import FirstPoint, choose_start, first_point, other_starts
 from clothfit.fit.trajectory_fit import by_gauss_newton, go_on, resumed_prior
@@ -77,6 +78,8 @@ def estimate(
     seconds: float | None = None,
     found: Callable[[Scene], None] | None = None,
     bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
+    fit_time: bool = False,
+    fit_placement: bool = False,
 ) -> Fit:
     """Fit the flagged values of a scene to one target motion or to several.
 
@@ -111,13 +114,17 @@ def estimate(
     `bounds` replaces those of the scene: for a kind, such as "stiffness", its lower and upper bound in its unit, None
     where the default is to hold.
 
+    `fit_time` finds the rate and the offset of each target's clock with the values, `fit_placement` its place: the
+    rotation and the translation that bring it into the scene. The fit then compares with the target at the scene's
+    times and in its place; `Fit.registration` says what was found.
+
     Raises InvalidInput when nothing is flagged, or an argument, the target or the checkpoint does not fit; Diverged
     when the scene's own motion, needed as the target, diverges.
     """
     return fit(scene, target, start, FitOptions(
         method, budget, rmse_tolerance, tolerance, report, objective, loss, loss_scale, prior,
         checkpoint, resume, holdout, holdout_of, intervals, memory, foreseen, hinted, seconds, found,
-        bounds,
+        bounds, fit_time, fit_placement,
     ))  # fmt: skip
 
 
@@ -125,6 +132,8 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     """Do what `estimate` says, with its options as one object."""
     options, hidden, began = options.checked(), target is None, time.monotonic()
     scene = scene.with_bounds(from_user(options.bounds or {}))
+    if options.registers and scene.blocks:
+        return registered_fit(scene, target, options, lambda own, targets, rest: fit(own, targets, start, rest))
     objective, kept_out = objectives(scene, target, options)
     options = options.within(objective.rounding)
     if options.foreseen:

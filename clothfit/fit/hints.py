@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import counted, metres
-from clothfit.fit.free_fall import other_fall
 from clothfit.motion.motion import Motion
 from clothfit.objective.experiment import Experiment
+from clothfit.registration.free_fall import other_fall
+from clothfit.registration.record import rigid
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
 
@@ -93,18 +94,6 @@ def placed(scene: Scene, motion: Motion) -> Iterator[Hint]:
             f"the target's first frame is {metres(distance)} (RMS) away from the scene's start, and {metres(left)} "
             "when it is moved and turned as a whole; use --fit-placement",
         )
-
-
-def rigid(points: Array, others: Array) -> tuple[Array, Array]:
-    """The rotation (3, 3) and translation (3,), m, that bring points (n, 3) nearest to others (n, 3).
-
-    W. Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst. A 32 (1976).
-    """
-    centre, other = points.mean(axis=0), others.mean(axis=0)
-    u, _, v = np.linalg.svd((points - centre).T @ (others - other))
-    turn = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v)) or 1.0])
-    R = (u @ turn @ v).T
-    return R, other - R @ centre
 
 
 def moved_onto(points: Array, others: Array) -> Array:

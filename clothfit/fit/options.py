@@ -58,6 +58,8 @@ class FitOptions:
     seconds: float | None = None  # for the search and the intervals; None: no limit
     found: Callable[[Scene], None] | None = None
     bounds: Mapping[str, tuple[float | None, float | None]] | None = None  # of kinds, by name, in their units
+    fit_time: bool = False  # whether the rate and the offset of each target's clock are found
+    fit_placement: bool = False  # whether each target's place is found: a rotation and a translation
 
     def check(self) -> None:
         """Raise InvalidInput when a value is not possible."""
@@ -76,6 +78,11 @@ class FitOptions:
             raise InvalidInput(f"budget: {self.budget} evaluations are too few, at least 1 is needed")
         if self.seconds is not None and not self.seconds > 0:
             raise InvalidInput(f"seconds must be above 0; {self.seconds:g} was given")
+
+    @property
+    def registers(self) -> bool:
+        """Whether the clock or the place of targets is found."""
+        return self.fit_time or self.fit_placement
 
     def checked(self) -> FitOptions:
         """The same with the tolerance and the bytes that None stands for. Raises InvalidInput."""

@@ -19,6 +19,7 @@ from clothfit.objective.memory_needs import Needs
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
+from clothfit.registration.record import Registration
 from clothfit.scene.block import Block
 from clothfit.scene.bounds import wider
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds, parameters, with_parameters
@@ -79,6 +80,7 @@ class Fit:
     travel: float | None = None  # root mean square distance of the compared positions from the start, m
     hints: list[Hint] = field(default_factory=list)  # what the target shows of its difference from the scene
     verdict: Verdict | None = None  # on the model; None: it was not looked at
+    registration: list[Registration] | None = None  # of each target; None: none was looked for
     remedies: Fallbacks = NO_FALLBACKS  # how many steps of the fitted motion were solved directly, clamped or shortened
 
     @property

@@ -156,8 +156,26 @@ def judged(summary: Mapping[str, Any]) -> list[list[str]]:
     if isinstance(verdict, Mapping) and left is not None:
         differs = f"differs: {100 * left:.2g} % of the motion unexplained"
         rows.append(["model", differs if verdict.get("model") == DIFFERS else "adequate: what is left is noise"])
+    rows += registered(summary)
     texts = [hint.get("text") for hint in hints if isinstance(hint, Mapping)] if isinstance(hints, list) else []
     return rows + [["hint", text] for text in texts if isinstance(text, str)]
+
+
+def registered(summary: Mapping[str, Any]) -> list[list[str]]:
+    """The clock and the place that the fit found for its targets."""
+    known, rows = summary.get("registration"), []
+    for each in known if isinstance(known, list) else []:
+        if not isinstance(each, Mapping):
+            continue
+        rate, offset = number(each.get("rate")), number(each.get("offset"))
+        if rate is not None and offset is not None:
+            rows.append(["target's clock", f"rate {rate:.4g}, shows {offset:.3g} s at the start"])
+        for key, title, unit in (("rotation", "target turned by", "°"), ("translation", "target moved by", " m")):
+            values = each.get(key)
+            parts = [number(value) for value in values] if isinstance(values, list) else []
+            if len(parts) == 3 and None not in parts and any(parts):
+                rows.append([title, f"({', '.join(f'{value:.3g}' for value in parts)}){unit}"])
+    return rows
 
 
 def deviation(found: Deviation) -> list[str]:

@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numba
@@ -28,8 +29,9 @@ pytestmark = [
 
 KEYS = {"schema_version", "command", "scene", "status", "method", "cost", "rmse", "frames", "evaluations", "seconds"}
 KEYS |= {"parameters", "output", "warnings", "rank", "sigma", "prior", "holdout", "memory"}
-KEYS |= {"travel", "relative_rmse", "verdict", "hints"}
+KEYS |= {"travel", "relative_rmse", "verdict", "hints", "registration"}
 PARAMETER_KEYS = {"object", "name", "mode", "count", "at_bound", "unidentifiable", "unmoved", "interval"}
+PARAMETER_KEYS |= {"groups", "modes", "values"}
 DOWNHILL = ["--method", "l-bfgs-b"]  # begins at the start, and takes its time
 LONG = trial("LL", 60, 8, 8)  # takes minutes to fit to the last digit
 
@@ -79,7 +81,8 @@ def test_the_fitted_scene_goes_beside_the_scene(path, tmp_path, capsys):
     assert summary["output"] == str(tmp_path / "scene.fitted.json")
     (block,) = summary["parameters"]
     told = {"object": 0, "name": "mass", "mode": "L", "count": 16, "at_bound": [], "unidentifiable": [0, 3]}
-    assert block == {**told, "unmoved": [], "interval": block["interval"]}
+    none = {"groups": None, "modes": None, "values": None}  # they are of factors
+    assert block == {**told, **none, "unmoved": [], "interval": block["interval"]}
     assert set(block) == PARAMETER_KEYS
     assert [i for i, ends in enumerate(block["interval"]) if ends is None] == [0, 3]
     assert all(len(ends) == 2 and 0 < ends[0] <= ends[1] for ends in block["interval"] if ends)
@@ -487,3 +490,23 @@ def test_the_options_have_the_defaults_of_the_library():
     assert (defaults["max_evaluations"], defaults["rmse"]) == (fit.BUDGET, fit.RMSE_TOLERANCE)
     (tolerance,) = (option for option in command.params if option.name == "tolerance")
     assert f"[default: {fit.FIT_TOLERANCE:g}]" in tolerance.help
+
+
+def test_the_clock_of_a_target_is_found_and_said(path, tmp_path, capsys):
+    motion = record_target(load(path))
+    save_motion(replace(motion, times=1.25 * motion.times + 0.01), tmp_path / "slow.npz")
+    page = tmp_path / "page.html"
+    code, summary = estimated(
+        capsys, path, "--target", str(tmp_path / "slow.npz"), "--fit-time", "--start", "0.02", "--report", str(page)
+    )
+    (clock,) = summary["registration"]
+    assert code == 0
+    assert clock["rate"] == pytest.approx(1.25, rel=1e-4)
+    assert clock["offset"] == pytest.approx(0.01, abs=1e-4)
+    assert clock["rotation"] == clock["translation"] == [0.0, 0.0, 0.0]
+    assert "rate 1.25" in page.read_text("utf-8")
+
+
+def test_a_clock_needs_a_target(path, capsys):
+    assert run(["estimate", path, "--fit-time"]) == 2
+    assert "--target" in capsys.readouterr().err

@@ -12,8 +12,8 @@ from clothfit.cli.program import COMMANDS
 PACKAGE = ROOT / "clothfit"
 
 FOLDERS = [
-    "base", "kernels", "scene", "formats", "meshes", "engine", "motion", "derivative", "objective", "optimise", "fit",
-    "evaluation", "inspection", "many", "pictures", "report", "export", "cli",
+    "base", "kernels", "scene", "formats", "meshes", "engine", "motion", "derivative", "objective", "optimise",
+    "registration", "fit", "evaluation", "inspection", "many", "pictures", "report", "export", "cli",
 ]  # fmt: skip
 """From the bottom to the top: the path of the data."""
 

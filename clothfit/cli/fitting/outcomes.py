@@ -73,6 +73,8 @@ def describe(found: Fit, out: Output, console: Console) -> None:
         f"{ending(found)}: RMSE {error(found)} over {found.frames} frames, "
         f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s → {out.name}"
     )
+    for i, each in enumerate(found.registration or []):
+        console.say(f"target{f' {i + 1}' if i or len(found.registration or []) > 1 else ''}: {each}")
     for hint in found.hints:
         if not hint.early:  # the others were said before
             console.say(f"hint: {hint.text}")
@@ -87,6 +89,18 @@ def describe(found: Fit, out: Output, console: Console) -> None:
             console.say(f"{place}: {times}")
         if known := certainty(block):
             console.say(f"{place}: {known}")
+
+
+def as_compared(targets: list[Any], found: Fit, scene: Scene) -> list[Any]:
+    """The targets with the clock and in the place that the fit found."""
+    known = found.registration or []
+    if len(known) != len(targets):
+        return targets
+    return [
+        (each.applied(target[0], target[1].delta), target[1]) if isinstance(target, tuple)
+        else each.applied(target, scene.delta)
+        for target, each in zip(targets, known, strict=True)
+    ]  # fmt: skip
 
 
 def ending(found: Fit) -> str:
@@ -156,6 +170,7 @@ def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
         "holdout": found.holdout and asdict(found.holdout),
         "verdict": found.verdict and asdict(found.verdict),
         "hints": [{"code": hint.code, "text": hint.text} for hint in found.hints],
+        "registration": found.registration and [each.summary() for each in found.registration],
         "parameters": [asdict(block) for block in found.parameters],
         "warnings": found.warnings,
         "output": out.path,

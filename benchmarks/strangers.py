@@ -1,0 +1,86 @@
+"""Fits of motions that other programs computed: `python benchmarks/strangers.py FOLDER [TABLE …]`.
+
+FOLDER has `blender-side.npz` and `mujoco-corners.npz`: `positions`, `triangles`, `fps`, and `held`, the vertices that
+do not move. Tables: `clocks` (their clock and place, as they are, and changed by what is to be found again).
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import clothfit
+from clothfit.base.messages import metres
+from clothfit.formats.convention import Reading
+from clothfit.meshes.mesh import Mesh
+from clothfit.motion.foreign import load
+from clothfit.motion.motion import Motion
+from clothfit.registration.record import rotation
+
+STRANGERS = {
+    "blender-side": (Reading(up="y", handedness="right", fps=24.0), 1.32),
+    "mujoco-corners": (Reading(up="z", handedness="right", fps=50.0), 1.0),
+}
+"""How their files are meant, and the rate of their clock."""
+
+RATE, OFFSET, TURN, MOVE = 1.1, 0.03, rotation(np.array([0.1, 0.3, -0.2])), np.array([0.3, -0.2, 0.1])
+"""What a target is changed by: its clock, s, and its place, m."""
+
+
+def stranger(folder: Path, name: str, substeps: int = 1, **fits: str) -> tuple[clothfit.Scene, Motion]:
+    """A scene of the default fabric for a stranger's motion, with so many steps for each of its frames; `fits` flags
+    kinds beside one stiffness.
+    """
+    path, (reading, _) = folder / f"{name}.npz", STRANGERS[name]
+    with np.load(path) as arrays:
+        triangles, held = arrays["triangles"], arrays["held"]
+    motion = load(path, None, reading).motion
+    count = len(motion.positions[0])
+    scene = clothfit.new_scene(
+        Mesh(motion.positions[0], triangles), np.isin(np.arange(count), held), fit="nG", fits=fits,
+        delta=1.0 / float(reading.fps or 1.0) / substeps, frames=(len(motion.times) - 1) * substeps + 1,
+    )  # fmt: skip
+    return scene, load(path, scene, reading).motion
+
+
+def clocks(folder: Path) -> None:
+    """One stiffness and damping, with and without the clock, and with the clock and the place of a changed target."""
+    print("| target | steps per frame | asked | error | rate (true) | offset | place off | seconds |")
+    print("|---|---|---|---|---|---|---|---|")
+    for name, (_, rate) in STRANGERS.items():
+        for substeps in (1, 4):
+            scene, motion = stranger(folder, name, substeps, damping="G")
+            moved = replace(motion, times=RATE * motion.times + OFFSET, positions=(motion.positions - MOVE) @ TURN)
+            both = {"fit_time": True, "fit_placement": True}
+            cases: list[tuple[str, Motion, dict[str, Any], float]] = [
+                ("", motion, {}, rate),
+                ("`--fit-time`", motion, {"fit_time": True}, rate),
+                ("changed, `--fit-time --fit-placement`", moved, both, RATE * rate),
+            ]
+            for asked, target, options, true in cases:
+                began = time.perf_counter()
+                fit = clothfit.estimate(scene, target, intervals=False, **options)
+                seconds = time.perf_counter() - began
+                found = fit.registration[0] if fit.registration else None
+                clock = f"{found.rate:.3f} ({true:.3f}) | {1e3 * found.offset:.0f} ms" if found else " | "
+                off = metres(float(np.abs(found.translation - MOVE).max())) if found and target is moved else ""
+                print(
+                    f"| {name} | {substeps} | {asked} | {metres(fit.rmse)} | {clock} | {off} | {seconds:.1f} |",
+                    flush=True,
+                )
+
+
+TABLES: dict[str, Callable[[Path], None]] = {"clocks": clocks}
+
+if __name__ == "__main__":
+    where = Path(sys.argv[1])
+    clothfit.estimate(*stranger(where, "mujoco-corners", 1, damping="G"), budget=2, fit_time=True)  # compiled
+    for table in sys.argv[2:] or TABLES:
+        TABLES[table](where)
+        print()

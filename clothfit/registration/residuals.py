@@ -1,0 +1,231 @@
+"""What is left between a scene's motion and targets with another clock or place, and its derivative by both.
+
+With the values p of the scene, and for each target a registration θ (`record`) in eight coordinates,
+
+    r = s(t; p) − (R y + d),      t = (t' − offset) / rate
+
+for a frame at the clock's time t'; s lies on the straight line between two states, and is that of the start before the
+scene begins. With u = ds/dt and C = exp(w) (R₀ y + d₀ − c), c the middle of the target,
+
+    ∂r/∂log rate = −t u,   ∂r/∂offset = −u / rate,   ∂r/∂w = C × J(w),   ∂r/∂d = −1
+
+beside ∂s/∂p, the sensitivity. That gives the normal equations of values and registration together (H, g), so that what
+one of them can explain is not put down to the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags
+from clothfit.derivative.columns import columns
+from clothfit.derivative.sensitivity import Columns, tangents
+from clothfit.engine.rollout import Rollout
+from clothfit.engine.system import System, build, with_elements
+from clothfit.engine.tape import Tape
+from clothfit.motion.divergence import Diverged
+from clothfit.motion.motion import Motion
+from clothfit.objective.experiment import Experiment
+from clothfit.objective.loss import Loss
+from clothfit.registration.record import Registration, rotation, rotation_derivative
+from clothfit.scene.fit_vector import elements, fitted_cloths
+from clothfit.scene.scene import Scene
+
+THETA = 8
+"""Coordinates of a registration: of the rate, the offset, the rotation and the translation."""
+
+RATE, OFFSET, TIME, PLACE = 0, 1, slice(0, 2), slice(2, THETA)
+"""Their places."""
+
+
+@dataclass(frozen=True, eq=False)
+class Around:
+    """The registrations around one: their coordinates θ (8,), each scaled so that 1 is a large change."""
+
+    base: Registration
+    centre: Array  # c (3,), m, in the scene
+    scale: Array  # (8,): of log rate, of the offset, s, of w, rad, and of the translation, m
+
+    def at(self, theta: Array) -> Registration:
+        """The registration with these coordinates."""
+        by = theta * self.scale
+        turn = rotation(by[2:5])
+        moved = self.centre + turn @ (self.base.translation - self.centre) + by[5:]
+        return Registration(
+            self.base.rate * float(np.exp(by[0])), self.base.offset + float(by[1]), turn @ self.base.rotation, moved
+        )
+
+
+def around(base: Registration, motion: Motion) -> Around:
+    """The registrations of a motion around one."""
+    points = base.placed(motion.positions[motion.seen()])
+    size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
+    duration = float(np.ptp(motion.times)) or 1.0
+    scale = np.array([0.3, 0.1 * duration, *[0.3] * 3, *[0.1 * size] * 3])
+    return Around(base, points.mean(axis=0), scale)
+
+
+class Sums(NamedTuple):
+    """The cost, m², its normal equations H (Q, Q) and g (Q,), where asked for, and its parts."""
+
+    cost: float
+    H: Array
+    g: Array
+    parts: list[Array]  # of each cloth of each target: mean squares (F, 2) of free and of held vertices, m²; NaN none
+
+
+class State(NamedTuple):
+    """A frame of a motion of n vertices, f of them free, with its sensitivity to Q values."""
+
+    frame: int
+    s: Array  # (n, 3), m
+    change: Array  # (n, 3), m, during the step that it lies in
+    sensitivity: Array  # (3 f, Q)
+
+
+@dataclass(frozen=True, eq=False)
+class Registered:
+    """Targets with their scenes, under registrations; the values are those that `main` flags."""
+
+    main: Scene
+    given: Sequence[Experiment]
+    loss: Loss
+    tolerance: float  # of the linear systems, relative
+    frames: int | None = None  # of each target that are compared, the first ones; None: all
+    trust: tuple[Array, ...] | None = None  # weights (F, 2) as in `Sums.parts`; None: all 1
+
+    def first(self, frames: int) -> Registered:
+        """The same over the first frames of each target."""
+        return replace(self, frames=frames)
+
+    @cached_property
+    def systems(self) -> list[dict[int, System]]:
+        """The cloths of each target that are compared."""
+        cloths = fitted_cloths(self.main)
+        return [{cloth: build(each.scene, cloth) for cloth in cloths} for each in self.given]
+
+    def sums(self, p: Array, where: Sequence[Around], theta: Array, factor: Array | None = None) -> Sums:
+        """The cost at values p (P,) and registrations θ (K, 8); with H and g by (P + 8 K) coordinates where `factor`
+        (P,), the change of each value for its coordinate, is given. Raises Diverged.
+        """
+        size = len(p) + THETA * len(self.given)
+        cost, H, g, parts = 0.0, np.zeros((size, size)), np.zeros(size), list[Array]()
+        for k, systems in enumerate(self.systems):
+            own = np.r_[: len(p), len(p) + THETA * k : len(p) + THETA * (k + 1)]
+            for cloth in systems:
+                trust = None if self.trust is None else self.trust[len(parts)]
+                part = self._cloth(k, cloth, p, where[k], theta[k], factor, trust)
+                cost += part.cost
+                parts += part.parts
+                if factor is not None:
+                    H[np.ix_(own, own)] += part.H
+                    g[own] += part.g
+        return Sums(cost, H, g, parts)
+
+    def _cloth(
+        self, k: int, cloth: int, p: Array, where: Around, theta: Array, factor: Array | None, trust: Array | None
+    ) -> Sums:
+        motion, scene = self.given[k]
+        now, kept = where.at(theta), slice(self.frames)
+        times, points, seen = motion.times[kept], motion.of(cloth)[kept], motion.seen(cloth)[kept]
+        weights = motion.weights_of(cloth)
+        at = np.maximum(now.times(times), 0.0)
+        system = with_elements(self.systems[k][cloth], elements(scene, cloth, p))
+        wanted = self._columns(system, cloth, p, factor)
+        free = np.asarray(system.vertex.free)
+        parts = np.full((len(times), 2), np.nan)
+        size = wanted.width + THETA
+        total = Sums(0.0, np.zeros((size, size)), np.zeros(size), [parts])
+        for state in states(system, at / scene.delta, wanted, self.tolerance):
+            i = state.frame
+            placed = now.placed(np.where(seen[i][:, None], points[i], 0.0))
+            weight = seen[i] * (1.0 if weights is None else weights[i])
+            gaps = state.s - placed
+            squares = (gaps**2).sum(axis=1)
+            for own, which in enumerate((free, ~free)):
+                if weight[which].any():
+                    parts[i, own] = np.average(squares[which], weights=weight[which])
+            if trust is not None:
+                weight = weight * np.where(free, *trust[i])
+            cost = total.cost + float(weight @ self.loss.value(squares))
+            if factor is not None:
+                u = state.change / scene.delta if now.times(times[i]) > 0.0 else np.zeros_like(gaps)
+                J = np.concatenate([
+                    spread(state.sensitivity, free),
+                    by_registration(u, at[i], placed, where, theta, now.rate),
+                ], axis=2)  # fmt: skip
+                root = np.sqrt(weight * self.loss.derivative(squares))[:, None]
+                rows, r = (root[..., None] * J).reshape(-1, J.shape[2]), (root * gaps).reshape(-1)
+                total.H[:] += rows.T @ rows
+                total.g[:] += rows.T @ r
+            total = total._replace(cost=cost)
+        return total
+
+    def _columns(self, system: System, cloth: int, p: Array, factor: Array | None) -> Columns:
+        """The columns of all values; of those of other cloths they are 0."""
+        own = [block for block in self.main.blocks if block.cloth in (cloth, None)]
+        count = 0 if factor is None else len(p)
+        by = np.zeros(len(p)) if factor is None else factor
+        return columns(system, own if count else [], p, np.arange(len(p), dtype=np.int32), by, count)
+
+
+def states(system: System, places: Array, wanted: Columns, tolerance: float) -> Iterator[State]:
+    """The states at `places` (F,), in steps, increasing, of the motion of a system. Raises Diverged."""
+    step = np.floor(places).astype(np.int64)
+    tape = Tape(system, int(step.max(initial=0)) + 1, tolerance)
+    chunks: list[Rollout] = []
+    frame, before = 0, np.zeros((3 * int(system.vertex.free.sum()), wanted.width))
+    for t, after in enumerate(steps(system, tape, wanted, tolerance, chunks)):
+        x = chunks[-1].x[t - chunks[-1].first :][:2]
+        while frame < len(places) and step[frame] == t:
+            fraction = places[frame] - t
+            s, along = ((1.0 - fraction) * a + fraction * b for a, b in ((x[0], x[1]), (before, after)))
+            yield State(frame, s, x[1] - x[0], along)
+            frame += 1
+        before = after
+    if tape.good < tape.steps:
+        raise Diverged(f"diverged at step {tape.good + 1}", tape.good + 1)
+
+
+def steps(
+    system: System, tape: Tape, wanted: Columns, tolerance: float, chunks: list[Rollout]
+) -> Iterator[Array]:
+    """The sensitivity (3 f, Q) after each step; the last of `chunks` has the state there."""
+
+    def keep(chunk: Rollout) -> None:
+        chunks[:] = [chunk]
+
+    if wanted.width:
+        yield from tangents(system, tape, wanted, tolerance, keep)
+        return
+    for chunk in tape.forward():
+        keep(chunk)
+        for _ in range(chunk.steps):
+            yield np.zeros((3 * int(system.vertex.free.sum()), 0))
+
+
+def spread(sensitivity: Array, free: Flags) -> Array:
+    """A sensitivity (3 f, Q) of the free vertices as that of all, (n, 3, Q)."""
+    whole = np.zeros((len(free), 3, sensitivity.shape[1]))
+    whole[free] = sensitivity.reshape(-1, 3, sensitivity.shape[1])
+    return whole
+
+
+def by_registration(u: Array, t: float, placed: Array, where: Around, theta: Array, rate: float) -> Array:
+    """∂r/∂θ (n, 3, 8) of a frame at the time t, s, of the scene, with velocities u (n, 3), m/s, and the points `placed`
+    (n, 3), m.
+    """
+    by = theta * where.scale
+    J = np.zeros((*placed.shape, THETA))
+    J[..., RATE], J[..., OFFSET] = -t * u, -u / rate
+    arms = placed - where.centre - by[5:]  # C
+    turn = rotation_derivative(by[2:5])
+    for axis in range(3):
+        J[..., 2 + axis] = np.cross(arms, turn[:, axis])
+        J[:, axis, 5 + axis] = -1.0
+    return np.asarray(J * where.scale)

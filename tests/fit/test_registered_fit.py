@@ -1,0 +1,113 @@
+"""Fits of targets with another clock or place: what is found, and that nothing gets worse."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.scenes import cloth, document, load_text
+
+import clothfit
+from clothfit.base.errors import InvalidInput
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
+from clothfit.registration.record import rotation
+
+pytestmark = pytest.mark.slow  # compiles a fit
+
+R, D = rotation(np.array([0.1, 0.3, -0.2])), np.array([0.3, -0.2, 0.1])
+
+
+def sheet(stiffness=20.0, letters="nG", frames=40, delta=0.02):
+    """A sheet of 6 × 6 vertices, 0.1 m apart, held at one side."""
+    springs = [stiffness] * len(cloth(6, 6)["springStiffness"])
+    own = cloth(6, 6, 0.1, vertIsFixed=[i < 6 for i in range(36)], vertMass=[0.002] * 36, springStiffness=springs)
+    own["optimizationSettings"] = letters
+    return load_text(json.dumps(document(own, optimizationIterations=frames, delta=delta, tolerance=1e-10)))
+
+
+def stranger(motion: Motion, rate=1.0, offset=0.0, turn=None, move=None) -> Motion:
+    """A motion with another clock, and in another place."""
+    turn, move = np.eye(3) if turn is None else turn, np.zeros(3) if move is None else move
+    return replace(motion, times=rate * motion.times + offset, positions=(motion.positions - move) @ turn)
+
+
+@pytest.mark.parametrize("rate", [0.8, 1.32])
+@pytest.mark.parametrize("offset", [0.0, 0.03])
+def test_the_clock_of_an_exact_target_is_found_with_its_stiffness(rate, offset):
+    truth = simulate(sheet(20.0), tolerance=1e-10)
+    found = clothfit.estimate(sheet(50.0), stranger(truth, rate, offset), fit_time=True)
+    (clock,) = found.registration
+    # the search ends where a step would save a thousandth of a cost that is nearly 0
+    assert clock.rate == pytest.approx(rate, rel=1e-4)
+    assert clock.offset == pytest.approx(offset, abs=1e-4)
+    assert np.array_equal(clock.rotation, np.eye(3))
+    assert found.scene.cloths[0].stiffness == pytest.approx(20.0, rel=1e-3)
+    assert found.scene.frames == 40
+    assert found.verdict.model == "adequate"
+
+
+def test_the_place_of_a_noisy_target_is_found_within_its_noise():
+    truth = degrade(simulate(sheet(20.0), tolerance=1e-10), 1e-3, seed=1)
+    found = clothfit.estimate(sheet(50.0), stranger(truth, turn=R, move=D), fit_placement=True)
+    (place,) = found.registration
+    # noise of 1 mm in 40 × 36 positions leaves far less than that open; the sheet is 0.5 m long
+    assert place.translation == pytest.approx(D, abs=1e-3)
+    assert place.rotation == pytest.approx(R, abs=2e-3)
+    assert (place.rate, place.offset) == (1.0, 0.0)
+    assert found.rmse == pytest.approx(np.sqrt(3) * 1e-3, rel=0.1)
+
+
+def test_the_place_is_found_with_the_clock_where_the_model_differs():
+    other = simulate(sheet(20.0, frames=157, delta=0.005), tolerance=1e-10)  # steps four times finer
+    every = replace(other, times=other.times[::4], positions=np.ascontiguousarray(other.positions[::4]))
+    asked = sheet(50.0)
+    plain = clothfit.estimate(asked, every, intervals=False)
+    moved = stranger(every, 1.3, 0.0, R, D)
+    found = clothfit.estimate(asked, moved, intervals=False, fit_time=True, fit_placement=True)
+    (known,) = found.registration
+    # what is held and the start say where it is, however wrong the model is later
+    assert known.translation == pytest.approx(D, abs=5e-3)
+    assert known.rotation == pytest.approx(R, abs=2e-2)
+    assert found.rmse < plain.rmse
+
+
+def test_each_target_has_its_own_registration():
+    scene = sheet(20.0)
+    blown = replace(scene, wind=np.array([0.0, 0.0, 3.0]))
+    cloths = tuple(replace(each, drag=2e3) for each in scene.cloths)
+    still, windy = (replace(each, cloths=cloths) for each in (scene, blown))
+    targets = [
+        stranger(simulate(still, tolerance=1e-10), 1.1),
+        (stranger(simulate(windy, tolerance=1e-10), 0.9), windy),
+    ]
+    found = clothfit.estimate(still, targets, start=50.0, fit_time=True, intervals=False)
+    assert [each.rate for each in found.registration] == pytest.approx([1.1, 0.9], rel=1e-3)
+
+
+def test_a_target_that_fits_as_it_is_stays_as_it_is():
+    scene = sheet(20.0)
+    found = clothfit.estimate(scene, simulate(scene, tolerance=1e-10), fit_time=True, fit_placement=True)
+    (known,) = found.registration
+    assert (known.rate, known.offset) == pytest.approx((1.0, 0.0), abs=1e-6)
+    assert known.translation == pytest.approx(0.0, abs=1e-6)
+    assert found.rmse < 1e-6
+
+
+def test_a_budget_of_time_ends_the_search_with_a_result():
+    truth = simulate(sheet(20.0), tolerance=1e-10)
+    found = clothfit.estimate(sheet(50.0), stranger(truth, 1.2), fit_time=True, seconds=1e-3)
+    assert len(found.registration) == 1
+    assert found.scene.frames == 40
+
+
+def test_gravity_beside_the_clock_is_warned_of():
+    scene = replace(sheet(20.0), fits={"gravity": "G"})
+    found = clothfit.estimate(scene, simulate(scene), fit_time=True, intervals=False)
+    assert any("clock" in warning for warning in found.warnings)
+
+
+def test_without_a_target_there_is_no_clock():
+    with pytest.raises(InvalidInput, match="give a target"):
+        clothfit.estimate(sheet(), fit_time=True)
