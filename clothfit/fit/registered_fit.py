@@ -18,6 +18,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.fit.options import FitOptions
 from clothfit.fit.result import Fit
 from clothfit.motion.motion import at_frames
+from clothfit.motion.rounding import rounding
 from clothfit.objective.experiment import Experiment, Targets, experiments
 from clothfit.objective.loss import loss_named
 from clothfit.optimise.status import Status
@@ -48,6 +49,8 @@ def registered_fit(scene: Scene, target: Targets | None, options: FitOptions, fi
         raise InvalidInput("the clock and the place of a target can be found only where one is given; give a target")
     began, left = time.monotonic(), options.seconds
     given = experiments(scene, target)
+    if options.objective == "position":  # turned positions show no rounding
+        options = options.within(max(rounding(each.motion) for each in given))
     wanted = Wanted(options.fit_time, options.fit_placement, loss_named(options.loss, options.loss_scale))
     first = [Registration(offset=float(each.motion.times[0]) if options.fit_time else 0.0) for each in given]
     best = in_time(partial(find, scene, cut(given, first), wanted), left) or [Registration()] * len(given)
