@@ -43,6 +43,11 @@ WINDOW_ITERATIONS, WHOLE_ITERATIONS = 8, 200
 WINDOW_SAVING, LOOSE_SAVING = 1e-3, 1e-4
 """A window, and a loose stage of all frames, end where a step would save less than this fraction of the cost."""
 
+NOISE_SAVING = 0.3
+"""… or, of Q values and N residuals, less than the fraction Q / N, which is what they save where all is noise, up to
+this: a window is not followed below its noise.
+"""
+
 STAGE_TOLERANCE = 1e-5
 """Of the linear systems before the last stage: its error is far below that of the motion."""
 
@@ -118,7 +123,9 @@ def by_stages(search: Search, descent: Descent, parts: Sequence[Stage]) -> Statu
         if best.descent and not descent.radius:  # a stage that is resumed began before its best point was found
             best.follow(best.descent._replace(before=best.p, before_cost=best.cost))
         if part.operations() <= LARGEST and part.fits():
-            y, prior, status = by_dense_model(part, stage, y, prior, descent.radius or None)
+            found, learned, status = by_dense_model(part, stage, y, prior, descent.radius or None)
+            if whole or is_better(search, found, y):
+                y, prior = found, learned
             descent = descent._replace(radius=0.0)
             if not whole and stage.objective.steps == search.objective.steps and is_far(search):
                 break
@@ -139,14 +146,20 @@ def by_dense_model(
     part: Trajectory, stage: Stage, y: Array, prior: Prior, radius: float | None
 ) -> tuple[Array, Prior, Status]:
     """One stage of Gauss–Newton from y (Q,); the last point, the prior that it learned, and how it ended."""
-    search, whole = part.search, part.objective is part.search.objective
+    whole = part.objective is part.search.objective
     accepted = part.accepted if whole else part.passed
     problem = part.problem(stage.least, stage.patience)
     model, prior, status = minimise(problem, y, prior, accepted, stage.iterations, radius)
-    if not whole:
-        search.enter("gauss-newton")
-        search.visit(search.parameters(model.y))
     return model.y, prior, status
+
+
+def is_better(search: Search, found: Array, before: Array) -> bool:
+    """Whether coordinates (Q,) that a part of the frames has `found` cost no more over all of them than those
+    `before`, which otherwise stay.
+    """
+    search.enter("gauss-newton")
+    known = search.measure(search.parameters(before))
+    return not search.visit(search.parameters(found)) > known
 
 
 def too_many(search: Search) -> bool:
@@ -189,10 +202,16 @@ def stages(search: Search, near: bool, windows: bool) -> list[Stage]:
     lengths = window_lengths(first_window(objective), whole) if windows else [whole]
     patience = STAGE_PATIENCE if is_long(search) else PATIENT
     parts = [loosened(objective, frames) for frames in lengths[:-1]]
-    found = [Stage(part, WINDOW_SAVING, WINDOW_ITERATIONS, patience) for part in parts]
+    found = [Stage(part, least_saving(search, part), WINDOW_ITERATIONS, patience) for part in parts]
     if objective.tolerance < STAGE_TOLERANCE and is_long(search):
         found.append(Stage(loosened(objective, whole), LOOSE_SAVING, WHOLE_ITERATIONS, STAGE_PATIENCE))
     return [*found, last]
+
+
+def least_saving(search: Search, part: Objective) -> float:
+    """The saving, relative to the cost, that ends a window: no less than fitting its noise saves."""
+    residuals = Trajectory(search, part).residuals()
+    return max(WINDOW_SAVING, min(float(search.fitted.sum()) / max(residuals, 1), NOISE_SAVING))
 
 
 def first_window(objective: Objective) -> int:

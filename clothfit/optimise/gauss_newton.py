@@ -39,7 +39,9 @@ FIRST_RADIUS = 1.0
 
 
 LEARNING = 12
-"""Iterations in which the prior's width follows the data; it is kept after that, so that the rest converges."""
+"""Iterations in which the prior's width follows the data; it is kept after that, so that the rest converges. It is held
+where residuals are no noise: the width takes them as independent, and what a wrong model leaves would widen it.
+"""
 
 SMALLEST = 1e-10
 """Steps below this, in root mean square, lead nowhere."""
@@ -78,6 +80,7 @@ class Problem:
     least: float = 0.0  # relative reduction of the cost below which no more is asked for
     patience: Patience = PATIENT
     believe: Callable[[Prior, float], None] | None = None  # takes the prior of the moment, and σ²
+    is_noise: Callable[[Array], bool] | None = None  # whether most of the residuals may be noise; None: they are
 
 
 def minimise(
@@ -96,6 +99,7 @@ def minimise(
     model = problem.model(y)
     mark = (0.0, np.inf)  # iteration and cost when it last became much lower
     last = (np.inf, np.inf)  # what the last model would have saved, and its cost
+    learning = LEARNING if prior.groups and prior.learns else 0  # iterations that are left
     for iteration in range(iterations):
         patience = problem.patience
         if not model.cost > (1.0 - patience.slow) * mark[1]:
@@ -103,8 +107,8 @@ def minimise(
         elif iteration - mark[0] >= patience.iterations:
             return model, prior, ended(model.cost > (1.0 - patience.flat) * last[1])
         learned, sigma2 = prior.learned(model.H, model.g, model.y, model.cost, problem.residuals)
-        if iteration < LEARNING:
-            prior = prior.between(learned)
+        if learning and (problem.is_noise is None or problem.is_noise(model.y)):
+            prior, learning = prior.between(learned), learning - 1
         if problem.believe:
             problem.believe(prior, sigma2)
         A = prior.matrix(sigma2)

@@ -15,7 +15,9 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.columns import columns
 from clothfit.derivative.sensitivity import DENSE_UNKNOWNS, FEW_COLUMNS, sweep, tangents
+from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
+from clothfit.objective.residual_tests import residual_test
 from clothfit.objective.run import Run, residual_count
 from clothfit.objective.running_cost import running_cost
 from clothfit.optimise import gauss_newton
@@ -31,6 +33,10 @@ MATRICES, CHUNKS = 8, 3
 
 FABRIC = ("mass", "stiffness", "rest")
 """Kinds whose values scatter around a fabric's."""
+
+
+MOSTLY = 0.5
+"""Share of the squares that must be no noise for the width of the prior to be held."""
 
 
 class Trajectory:
@@ -70,6 +76,15 @@ class Trajectory:
         if self.objective is self.search.objective:
             self.search.best.believe(prior, lambda p: prior.value(self.y(p), sigma2))
 
+    def is_noise(self, y: Array) -> bool:
+        """Whether most of what is left at y may be noise, not the error of a model or of values that are still far off.
+        """
+        try:
+            test = residual_test(self.objective, self.parameters(y))
+        except Diverged:
+            return False
+        return test is None or test.structured < MOSTLY
+
     def accepted(self, prior: Prior, model: gauss_newton.Model, radius: float) -> None:
         """Go on from the point of a model, and report it."""
         best = self.search.best
@@ -87,7 +102,7 @@ class Trajectory:
     ) -> gauss_newton.Problem:
         """What Gauss–Newton minimises, until a step would save less than the fraction `least` of the cost."""
         return gauss_newton.Problem(
-            self.model, self.cost, *self.bounds, self.residuals(), least, patience, self.believe
+            self.model, self.cost, *self.bounds, self.residuals(), least, patience, self.believe, self.is_noise
         )
 
     def cost(self, y: Array) -> float:

@@ -11,7 +11,18 @@ from helpers.scenes import cloth, even, trial
 from clothfit.fit import trajectory_fit
 from clothfit.fit.auto import balances_can_hold, by_momentum, find
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.fit.trajectory_fit import FAR_ERROR, FIRST_WINDOW, by_gauss_newton, first_window, is_near, window_lengths
+from clothfit.fit.trajectory_fit import (
+    FAR_ERROR,
+    FIRST_WINDOW,
+    NOISE_SAVING,
+    WINDOW_SAVING,
+    by_gauss_newton,
+    first_window,
+    is_better,
+    is_near,
+    stages,
+    window_lengths,
+)
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import Motion, as_motion
 from clothfit.motion.simulate import simulate
@@ -177,6 +188,23 @@ def test_the_first_window_begins_where_something_is_seen():
     late = Motion(motion.positions[50:], motion.times[50:], motion.vertex_counts)
     assert first_window(Objective(made, motion)) == 1 + FIRST_WINDOW
     assert first_window(Objective(made, late)) == 50 + FIRST_WINDOW
+
+
+def test_a_window_ends_where_its_steps_save_what_noise_gives_away():
+    search, _ = searching("nL", 80, 1e-3)
+    parts = stages(search, near=False, windows=True)[:-1]
+    assert [part.objective.frames for part in parts] == window_lengths(first_window(search.objective), 80)[:-1]
+    free = int((~search.objective.scene.cloths[0].fixed).sum())
+    for part in parts:  # all vertices are seen; the initial state cannot change
+        share = search.fitted.sum() / (3 * free * (part.objective.frames - 1))
+        assert part.least == pytest.approx(np.clip(share, WINDOW_SAVING, NOISE_SAVING))
+
+
+def test_what_a_window_finds_is_kept_only_if_all_frames_cost_less():
+    search, start = searching("nL", 40, 1e-3)
+    true, far = (search.coordinates.y(p) for p in (parameters(search.objective.scene), start))
+    assert is_better(search, true[search.fitted], far[search.fitted])
+    assert not is_better(search, far[search.fitted], true[search.fitted])
 
 
 def test_near_is_by_how_far_the_target_moves():

@@ -239,3 +239,14 @@ def test_patience_that_ends_tells_whether_the_last_step_was_worth_it(flat, statu
     valley = rosenbrock()
     short = replace(valley.problem, patience=Patience(2, 0.999, flat))
     assert minimise(short, np.array([-1.2, 1.0]), none(2))[2] == status
+
+
+@pytest.mark.parametrize("is_noise", [True, False])
+def test_the_width_of_the_prior_is_held_where_residuals_are_no_noise(is_noise):
+    made, _ = decay(0.1)
+    start = np.array([0.5, -0.9])
+    belief = first(start, [np.arange(2)], None)
+    problem = replace(made.problem, is_noise=lambda y: is_noise)
+    _, prior, status = minimise(problem, start, belief)
+    assert status == "converged"
+    assert (prior.tau == belief.tau) == (not is_noise)
