@@ -1,15 +1,19 @@
-"""The global minimum of a fit of few values: a dense scan over the bounds, then a descent from its best points.
+"""The global minimum of a fit of few values: a scan over the bounds, then a descent from its best points.
 
 One value for a whole cloth has a cost with many minima, above all in wind. Cloths do not touch, so each is scanned
-alone: 400 values between the bounds, equally spaced in the logarithm, for masses or stiffnesses; for both a grid of 20
-by 20. Costs add up over the frames, so a motion whose first frames already cost more than the best whole motion is not
-followed further: most of the scan simulates little. A coarse scan goes first, to find a good one soon. Of large cloths
-only the first frames are looked at, around the start.
+alone, over values between the bounds that are equally spaced in the logarithm: 400 for masses or stiffnesses, a grid of
+20 by 20 for both. Near its start the cost of a motion is smooth in one value and has one minimum. So the scan of one
+value looks at the first frames with some of the values, at all frames with those that are likely by that and some
+between, and with every value around the best of these.
+
+Costs add up over the frames, so a motion whose first frames already cost more than the best whole motion is not
+followed further. The points come in a random order, so that a good one is found soon. Of large cloths only the first
+frames are looked at, around the start.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise, product
 
 import numpy as np
@@ -27,8 +31,14 @@ from clothfit.scene.kinds import LETTERED
 POINTS = {1: 400, 2: 20}
 """Along each axis, by the number of values."""
 
-COARSE = 5
-"""Every so many points along each axis belong to the coarse scan."""
+FIRST, SECOND = 10, 5
+"""Every how many of the values are looked at over the first frames, and over all."""
+
+EARLY, SHARE = 20, 0.2
+"""Frames after the first that shows something, and no less than this share of all, that the scan looks at first."""
+
+LIKELY = 6.0
+"""A point is likely if its cost is within this factor of the lowest: its error within 2.5."""
 
 LOOKS = 12
 """How often a motion's cost is looked at on its way."""
@@ -67,18 +77,77 @@ def scan(objective: Objective, cloth: int, p: Array) -> list[list[Bracket]]:
     """
     own = scannable(objective, cloth)
     axes = [axis_of(block, p[block.start], len(own), is_large(objective, cloth)) for block in own]
-    course = Course(beginning(objective) if is_large(objective, cloth) else objective, cloth)
-    costs: dict[Point, float] = {}
-    best = np.inf
-    for point in coarse_first([len(axis) for axis in axes]):
+    places = [block.start for block in own]
+
+    def at(point: Point) -> Array:
         q = p.copy()
-        q[[block.start for block in own]] = [axis[i] for axis, i in zip(axes, point, strict=True)]
-        costs[point] = course.cost(q, CLOSE * best)
+        q[places] = [axis[i] for axis, i in zip(axes, point, strict=True)]
+        return q
+
+    lengths = [len(axis) for axis in axes]
+    if is_large(objective, cloth):
+        costs, most = costs_at(Course(beginning(objective), cloth), at, grid(lengths), CLOSE), FEW
+    elif len(own) > 1:
+        costs, most = costs_at(Course(objective, cloth), at, grid(lengths), CLOSE), KEPT
+    else:
+        costs, most = around_likely(objective, cloth, at, lengths), KEPT
+    return [[brackets(axis, i) for axis, i in zip(axes, point, strict=True)] for point in minima(costs, CLOSE)[:most]]
+
+
+def around_likely(
+    objective: Objective, cloth: int, at: Callable[[Point], Array], lengths: Sequence[int]
+) -> dict[Point, float]:
+    """The costs of all points around the best of those that are likely by the first frames; `at` gives the parameters
+    (P,) of a point.
+    """
+    points = grid(lengths, SECOND)
+    if "spectrum" not in objective.weights:  # whose beginning says nothing of the whole
+        early = costs_at(Course(objective.until(early_frames(objective)), cloth), at, grid(lengths, FIRST), LIKELY)
+        likely = within(early, LIKELY)
+        points = [point for point in points if any(is_beside(point, other, FIRST) for other in likely)]
+    course = Course(objective, cloth)
+    costs = costs_at(course, at, points, LIKELY)
+    kept = minima(costs, LIKELY, SECOND)[:KEPT]
+    around = [point for point in grid(lengths) if any(is_beside(point, other, SECOND - 1) for other in kept)]
+    known = {point: costs[point] for point in around if point in costs}
+    return known | costs_at(course, at, [point for point in around if point not in known], CLOSE, known)
+
+
+def costs_at(
+    course: Course,
+    at: Callable[[Point], Array],
+    points: Iterable[Point],
+    factor: float,
+    known: Mapping[Point, float] | None = None,
+) -> dict[Point, float]:
+    """The cost at each point; infinite where it is above the lowest, `known` ones included, by more than a factor."""
+    costs: dict[Point, float] = {}
+    best = min((known or {}).values(), default=np.inf)
+    for point in points:
+        costs[point] = course.cost(at(point), factor * best)
         best = min(best, costs[point])
-    lowest = sorted((cost, point) for point, cost in costs.items() if np.isfinite(cost) and is_minimum(costs, point))
-    most = FEW if is_large(objective, cloth) else KEPT
-    kept = [point for cost, point in lowest[:most] if cost <= CLOSE * best]
-    return [[brackets(axis, i) for axis, i in zip(axes, point, strict=True)] for point in kept]
+    return costs
+
+
+def within(costs: Mapping[Point, float], factor: float) -> list[Point]:
+    """The points whose cost is within a factor of the lowest, best first."""
+    most = factor * min(costs.values(), default=np.inf)
+    return [point for cost, point in sorted((c, p) for p, c in costs.items()) if np.isfinite(cost) and cost <= most]
+
+
+def minima(costs: Mapping[Point, float], factor: float, step: int = 1) -> list[Point]:
+    """The local minima, best first, among points `step` apart along each axis, within a factor of the lowest."""
+    return [point for point in within(costs, factor) if is_minimum(costs, point, step)]
+
+
+def is_beside(point: Point, other: Point, reach: int) -> bool:
+    """Whether a point is within `reach` of another along each axis."""
+    return all(abs(i - j) <= reach for i, j in zip(point, other, strict=True))
+
+
+def early_frames(objective: Objective) -> int:
+    """Frames that are looked at first."""
+    return objective.first_step + max(EARLY, round(SHARE * objective.steps))
 
 
 def is_large(objective: Objective, cloth: int) -> bool:
@@ -108,14 +177,13 @@ def brackets(axis: Array, i: int) -> Bracket:
     return float(axis[max(i - 1, 0)]), float(axis[i]), float(axis[min(i + 1, len(axis) - 1)])
 
 
-def coarse_first(lengths: Sequence[int]) -> list[Point]:
-    """All points of a grid, those of a coarser one first.
+def grid(lengths: Sequence[int], step: int = 1) -> list[Point]:
+    """Every `step`-th point along each axis of a grid.
 
-    Both in a random order: along the grid many a motion would be the best so far, and be followed to its end.
+    In a random order: along the grid many a motion would be the best so far, and be followed to its end.
     """
-    points = list(product(*map(range, lengths)))
-    shuffled = [points[i] for i in np.random.default_rng(0).permutation(len(points))]
-    return sorted(shuffled, key=lambda point: any(i % COARSE for i in point))
+    points = list(product(*(range(0, length, step) for length in lengths)))
+    return [points[i] for i in np.random.default_rng(0).permutation(len(points))]
 
 
 class Course:
@@ -162,7 +230,7 @@ def costs_more(shorter: Mapping[int, Comparison], step: int, cost: RunningCost, 
     return step in shorter and cost.value_over(shorter[step]) > most
 
 
-def is_minimum(costs: dict[Point, float], point: Point) -> bool:
-    """Whether no neighbour on the grid costs less."""
-    around = product(*((i - 1, i, i + 1) for i in point))
+def is_minimum(costs: Mapping[Point, float], point: Point, step: int = 1) -> bool:
+    """Whether no neighbour on the grid, `step` away along each axis, costs less."""
+    around = product(*((i - step, i, i + step) for i in point))
     return all(costs.get(other, np.inf) >= costs[point] for other in around)

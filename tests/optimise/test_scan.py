@@ -8,7 +8,7 @@ from helpers.scenes import cloth, even
 
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.optimise.scan import POINTS, Course, brackets, coarse_first, is_minimum, scan, scannable
+from clothfit.optimise.scan import POINTS, Course, brackets, grid, is_minimum, minima, scan, scannable
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters
 from clothfit.scene.scene import load
 
@@ -116,14 +116,27 @@ def test_what_can_be_scanned():
     assert found == [["mass", "stiffness"], ["stiffness"], [], [], [], [], ["stiffness"]]
 
 
-def test_the_coarse_points_come_first_and_none_is_left_out():
-    points = coarse_first([11, 7])
-    assert sorted(points) == [(i, j) for i in range(11) for j in range(7)]
-    assert set(points[:6]) == {(i, j) for i in (0, 5, 10) for j in (0, 5)}
+def test_a_grid_leaves_no_point_out():
+    assert sorted(grid([11, 7])) == [(i, j) for i in range(11) for j in range(7)]
+    assert sorted(grid([11, 7], 5)) == [(i, j) for i in (0, 5, 10) for j in (0, 5)]
 
 
 def test_minima_and_brackets():
     costs = {(0,): 3.0, (1,): 1.0, (2,): 2.0, (3,): np.inf, (4,): 0.5}
     assert [point for point in costs if is_minimum(costs, point)] == [(1,), (4,)]
+    assert minima(costs, 2.0) == [(4,), (1,)]
+    assert minima(costs, 1.5) == [(4,)]
+    assert minima({(0,): 3.0, (2,): 1.0, (3,): 0.9, (4,): 2.0}, 2.0, step=2) == [(3,), (2,)]
     axis = np.array([1.0, 2.0, 4.0])
     assert [brackets(axis, i) for i in range(3)] == [(1.0, 1.0, 2.0), (1.0, 2.0, 4.0), (2.0, 4.0, 4.0)]
+
+
+@pytest.mark.parametrize("frames", [4, 25, 120])
+def test_a_few_dozen_motions_find_one_value(frames, monkeypatch):
+    followed = []
+    original = Course.cost
+    monkeypatch.setattr(Course, "cost", lambda course, p, most: followed.append(1) or original(course, p, most))
+    aim = Objective(flag(frames=frames), simulate(flag(frames=frames, stiffness=123.0), tolerance=1e-10), 1e-6)
+    ((low, _, high),) = scan(aim, 0, np.array([1.0]))[0]
+    assert low < 123.0 < high
+    assert len(followed) < POINTS[1] / 2
