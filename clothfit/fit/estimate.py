@@ -25,6 +25,7 @@ from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import judged, split
 from clothfit.fit.options import BUDGET, FIT_TOLERANCE, FitOptions
 from clothfit.fit.registered_fit import registered_fit
+from clothfit.fit.residual_hints import with_residual_hints
 from clothfit.fit.result import Fit, fitted_scene, result, with_fallbacks, with_verdict
 from clothfit.fit.start import FirstPoint, choose_start, first_point, other_starts
 from clothfit.fit.trajectory_fit import by_gauss_newton, go_on, resumed_prior
@@ -163,6 +164,7 @@ def assessed(
         return found
     found = looked_at(replace(found, travel=objective.travel), with_fallbacks, objective, options=options)
     found = looked_at(found, with_verdict, objective, options.enough, hidden, options=options)
+    found = looked_at(found, with_residual_hints, objective, options=options)
     if kept_out is None:
         return found
     known = looked_at(found, with_holdout, kept_out, options, options=options)

@@ -164,16 +164,21 @@ class Stage:
             found = self.only(TIME).descended(found.p, found.registrations, iterations) or found
         return found
 
+    def weighted(self, found: Found | None = None) -> Stage:
+        """The same with weights (`trusted`) from what is left at a point, or at the start. Raises Diverged."""
+        unmoved = [Registration()] * len(self.registered.given)
+        p, registrations = (self.start, unmoved) if found is None else (found.p, found.registrations)
+        return replace(self, registered=trusted(self.registered, self.sums(p, registrations).parts))
+
     def placed(self, found: Found) -> Found:
         """A better place, if places are sought, from residuals weighted by what can be known (`trusted`)."""
         if not self.free[PLACE].any():
             return found
         for stage in (self.early(), self):
             try:
-                parts = stage.sums(found.p, found.registrations).parts
+                weighted = stage.weighted(found)
             except Diverged:
                 return found
-            weighted = replace(stage, registered=trusted(stage.registered, parts))
             found = weighted.descended(found.p, found.registrations, SHORT) or found
         return found
 

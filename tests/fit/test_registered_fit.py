@@ -1,36 +1,20 @@
 """Fits of targets with another clock or place: what is found, and that nothing gets worse."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.scenes import cloth, document, load_text
+from helpers.strangers import sheet, stranger
 
 import clothfit
 from clothfit.base.errors import InvalidInput
 from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.registration.record import rotation
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
 R, D = rotation(np.array([0.1, 0.3, -0.2])), np.array([0.3, -0.2, 0.1])
-
-
-def sheet(stiffness=20.0, letters="nG", frames=40, delta=0.02):
-    """A sheet of 6 × 6 vertices, 0.1 m apart, held at one side."""
-    springs = [stiffness] * len(cloth(6, 6)["springStiffness"])
-    own = cloth(6, 6, 0.1, vertIsFixed=[i < 6 for i in range(36)], vertMass=[0.002] * 36, springStiffness=springs)
-    own["optimizationSettings"] = letters
-    return load_text(json.dumps(document(own, optimizationIterations=frames, delta=delta, tolerance=1e-10)))
-
-
-def stranger(motion: Motion, rate=1.0, offset=0.0, turn=None, move=None) -> Motion:
-    """A motion with another clock, and in another place."""
-    turn, move = np.eye(3) if turn is None else turn, np.zeros(3) if move is None else move
-    return replace(motion, times=rate * motion.times + offset, positions=(motion.positions - move) @ turn)
 
 
 @pytest.mark.parametrize("rate", [0.8, 1.32])

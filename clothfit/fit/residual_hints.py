@@ -1,0 +1,177 @@
+"""Hints after a fit whose model differs: what of the residuals another clock, another place, or two vertices that are
+mistaken for each other would explain (`registration.explained`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothfit.base import interrupts
+from clothfit.base.arrays import Array
+from clothfit.base.messages import metres
+from clothfit.engine.rollout import Rollout
+from clothfit.fit.hints import EXCHANGE, MOST_JUMPS, Hint
+from clothfit.fit.registered_fit import cut
+from clothfit.fit.result import Fit
+from clothfit.motion.divergence import Diverged
+from clothfit.objective.experiment import Experiment
+from clothfit.objective.objective import Objective
+from clothfit.objective.run import Run
+from clothfit.objective.target import Frames, sample
+from clothfit.registration.explained import Explained, explained, promised, stage_of
+from clothfit.registration.record import Registration
+from clothfit.scene.fit_vector import parameters
+
+CLOCK, PLACE = 0.5, 0.3
+"""Share of the squares that a clock, or a place, must explain: a clock makes up for a part of any wrong model."""
+
+WORSE = 9.0
+"""Squares of a vertex relative to the median from which on it may be mistaken for another."""
+
+CERTAIN = 0.9
+"""Share of the squares from which on nothing else is tried."""
+
+PROMISED = 0.35
+"""Share of the squares that a clock must promise to be tried."""
+
+TIME, LEAST = 0.3, 5.0
+"""Time for these hints, relative to that of the fit, and seconds at least."""
+
+CODES = {"offset": "time_offset", "rate": "time_scale", "placement": "placement"}
+"""Codes of the hints."""
+
+
+def with_residual_hints(found: Fit, objective: Objective) -> Fit:
+    """The fit with hints from its residuals, where its model differs and positions are compared; with those that were
+    found where the time for them ends.
+    """
+    if found.verdict is None or not found.verdict.differs or list(objective.weights) != ["position"]:
+        return found
+    said, more = {hint.code for hint in found.hints}, list[Hint]()
+    try:
+        with interrupts.limited(max(TIME * found.seconds, LEAST)):
+            for look in (from_exchange, from_clock, from_place):
+                more += look(found, objective, said)
+    except (Diverged, interrupts.OutOfTime):
+        pass
+    return replace(found, hints=[*found.hints, *more])
+
+
+def from_clock(found: Fit, objective: Objective, said: set[str]) -> list[Hint]:
+    """Would another clock explain what is left? Offset and rate look alike: of both, the better one."""
+    if CODES["rate"] in said:
+        return []
+    stage = stage_of(found.scene, targets(found, objective), objective.loss, place=False)
+    best, shares = None, promised(stage)
+    for what in sorted(shares, key=lambda each: -shares[each]):
+        alike = what == "rate" and objective.scene.mode("gravity") != "n"  # less gravity, a slower clock
+        if shares[what] < PROMISED or alike or (best is not None and best.share >= CERTAIN):
+            continue
+        try:
+            each = explained(stage, what)
+        except interrupts.OutOfTime:
+            break
+        best = each if best is None or (each is not None and each.share > best.share) else best
+    return [hint_of(best)] if best is not None and best.share >= CLOCK else []
+
+
+def from_place(found: Fit, objective: Objective, said: set[str]) -> list[Hint]:
+    """Would another place explain what is left?"""
+    if CODES["placement"] in said:
+        return []
+    stage = stage_of(found.scene, targets(found, objective), objective.loss, place=True)
+    place = explained(stage, "placement") if promised(stage)["placement"] >= PLACE else None
+    return [hint_of(place)] if place is not None and place.share >= PLACE else []
+
+
+def targets(found: Fit, objective: Objective) -> list[Experiment]:
+    """The targets as far as they are compared; those of the main scene in the fitted one."""
+    given = cut(objective.experiments, [Registration()] * len(objective.experiments))
+    return [each._replace(scene=found.scene if each.scene is objective.scene else each.scene) for each in given]
+
+
+def hint_of(each: Explained) -> Hint:
+    """The hint on what a registration explains."""
+    found, part = each.registration, f"would explain {100 * each.share:.0f} % of what is left (of its squares)"
+    if each.what == "offset":
+        when = "later" if found.offset > 0 else "earlier"
+        text = f"a target that begins {abs(found.offset):.2g} s {when} {part}; use --fit-time"
+    elif each.what == "rate":
+        text = f"a clock with the rate {found.rate:.3g} {part}; use --fit-time"
+    else:
+        away = metres(float(np.linalg.norm(found.translation)))
+        text = f"a target that is turned, and moved by {away}, {part}; use --fit-placement"
+    return Hint(CODES[each.what], text, early=False)
+
+
+def from_exchange(found: Fit, objective: Objective, said: set[str]) -> list[Hint]:
+    """Are two vertices each where the other one should be, all the time?"""
+    if "swapped_markers" in said:
+        return []
+    p = parameters(found.scene, objective.scene)
+    for run in objective.runs:
+        every = Distances(run, np.arange(len(run.system.x0)), crossed=False)
+        objective.simulate(run, p, every.update)
+        squares = every.mean().ravel()
+        far = np.flatnonzero(squares > WORSE * np.nanmedian(squares))
+        if not 2 <= len(far) <= MOST_JUMPS:
+            continue
+        some = Distances(run, far, crossed=True)
+        objective.simulate(run, p, some.update)
+        if (pair := exchanged(some.mean())) is not None:
+            first, second = sorted(int(far[i]) for i in pair)
+            text = (
+                f"objects[{run.cloth}]: vertices {first} and {second} of the target lie where the other one should; "
+                "exchange them, or mark them as not observed"
+            )
+            return [Hint("swapped_markers", text, early=False)]
+    return []
+
+
+class Pair(NamedTuple):
+    """Two vertices."""
+
+    first: int
+    second: int
+
+
+def exchanged(squares: Array) -> Pair | None:
+    """The two of some vertices that are nearest to each other's targets, where hardly anything is left then; `squares`
+    (k, k) are of the distances from the motion of one to the target of the other.
+    """
+    own = np.diag(squares)
+    left = (squares + squares.T) / (own[:, None] + own[None])
+    np.fill_diagonal(left, np.inf)
+    left[np.isnan(left)] = np.inf
+    i, j = np.unravel_index(int(np.argmin(left)), left.shape)
+    return Pair(int(i), int(j)) if left[i, j] < EXCHANGE else None
+
+
+class Distances:
+    """The squared distances of the motion of some vertices from their targets, or from each other's."""
+
+    def __init__(self, run: Run, vertices: NDArray[np.intp], crossed: bool) -> None:
+        """`vertices` (k,); `crossed`: from the targets of all of them."""
+        self.frames, self.vertices, self.crossed = Frames(run.comparison.goal), vertices, crossed
+        shape = (len(vertices), len(vertices) if crossed else 1)
+        self.squares, self.count = np.zeros(shape), np.zeros(shape)
+
+    def update(self, chunk: Rollout) -> None:
+        """Take the next chunk of a motion."""
+        frames = self.frames.of(chunk)
+        goal = self.frames.cut(frames, chunk)
+        for s, target, seen in zip(sample(goal, chunk.x), goal.positions, goal.observed, strict=True):
+            axis = 0 if self.crossed else 1  # of the targets, beside those of the motion
+            here, there = seen[self.vertices][:, None], np.expand_dims(seen[self.vertices], axis)
+            gaps = s[self.vertices][:, None] - np.expand_dims(target[self.vertices], axis)
+            both = np.broadcast_to(here & there, self.squares.shape)
+            self.squares += np.where(both, (np.where(both[..., None], gaps, 0.0) ** 2).sum(axis=2), 0.0)
+            self.count += both
+
+    def mean(self) -> Array:
+        """Their means (k, k), or (k, 1), m²; NaN where nothing was seen."""
+        return np.asarray(np.where(self.count > 0, self.squares / np.maximum(self.count, 1), np.nan))
