@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from clothfit.scene.cloth import Cloth as SceneCloth
     from clothfit.scene.scene import Scene
 
+UNLIMITED = ("implicit", "bdf2")
+"""Integrators whose steps nothing limits."""
+
 MOST_NAMED = 12
 """Vertices that are named."""
 
@@ -63,16 +66,18 @@ MOST_NAMED = 12
 @click.option("--sphere", multiple=True, metavar="X,Y,Z,R", help="Add a sphere to fall on: centre and radius in m.")
 @click.option("--wind", metavar="X,Y,Z", help="Wind in m/s.  [default: none]")
 @click.option("--fit", multiple=True, metavar="LETTERS|NAME[=L]",
-              help="Parameters to fit: two letters n, G or L for masses and "
-              "stiffnesses; or damping, drag, velocity, rest, wind, gravity.  [default: nG]")
-@click.option("--integrator", default="implicit", metavar="NAME",
-              help="Integrator: implicit, symplectic or explicit.  [default: implicit]")
+              help="Parameters to fit: two letters for masses and stiffnesses: n none, F one factor on what is there, "
+              "R one per family and region, M a smooth map, G one value for all, which flattens, L each its own; or "
+              "damping, drag, velocity, rest, wind, gravity.  [default: nF]")
+@click.option("--integrator", default="bdf2", metavar="NAME",
+              help="Integrator: bdf2, of second order, or of those that the editor has implicit, symplectic or "
+              "explicit.  [default: bdf2]")
 @click.option("--delta", type=float, metavar="SECONDS", help="Time step in s.  [default: 0.02]")
 @click.option("--fps", type=float, metavar="F", help="Time steps per second, instead of --delta.")
 @click.option("--frames", type=int, default=100, metavar="N",
               help="Number of frames that a fit compares.  [default: 100]")
-@click.option("--tolerance", type=float, default=1e-5, metavar="T",
-              help="Relative tolerance of the linear solver.  [default: 1e-5]")
+@click.option("--tolerance", type=float, default=1e-7, metavar="T",
+              help="Relative tolerance of the linear solver.  [default: 1e-7]")
 @click.option("--title", metavar="TEXT", help="Name of the scene.  [default: the file's]")
 @click.option("-o", "--output", "path", metavar="SCENE", help="Scene file.  [default: <stem>.json]")
 def command(given: str | None, path: str | None, as_json: bool, console: Console, **options: Any) -> None:
@@ -141,7 +146,7 @@ def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
 
     for sentence in beyond_bounds(scene):
         console.warn(f"{out.name}: {sentence}")
-    if INTEGRATORS[scene.method] != "implicit":  # which nothing limits; to know that takes the numerical libraries
+    if INTEGRATORS[scene.method] not in UNLIMITED:  # to know what limits it takes the numerical libraries
         warn_of_steps(scene, scene.frames, console)
     (own,) = scene.cloths
     fixed = own.fixed.nonzero()[0].tolist()

@@ -30,14 +30,14 @@ def new_scene(
     bending: bool | float = True,
     damping: float = 0.1,
     drag: float = 0.1,
-    fit: str = "nG",
+    fit: str = "nF",
     fits: Mapping[str, str] | None = None,
     spheres: Sequence[Sequence[float]] = (),
     wind: Sequence[float] = (0.0, 0.0, 0.0),
-    integrator: str = "implicit",
+    integrator: str = "bdf2",
     delta: float = 0.02,
     frames: int = 100,
-    tolerance: float = 1e-5,
+    tolerance: float = 1e-7,
     title: str = "scene",
     numbering: Indices | None = None,
     warp: Sequence[float] | None = None,
@@ -47,9 +47,11 @@ def new_scene(
 
     `fixed` (n,) marks the vertices that do not move (default: none). `density` is in kg/m², `stiffness` E in N/m.
     `bending` is True for the front end's bending springs, False for none, or their share of E. `damping` and `drag` are
-    those of the file. `fit` is two letters, for masses and stiffnesses: n keeps them, G fits one value, L one each;
-    `fits` gives the letters of other kinds, such as {"wind": "G"}. Spheres are (x, y, z, radius), m. `wind` is in m/s,
-    the time step `delta` in s. A fit compares `frames` frames. `tolerance` is that of the linear solver, relative.
+    those of the file. `fit` is two letters, for masses and stiffnesses: n keeps them, F fits one factor on what is
+    there, R one per family and region, M a smooth map, G one value for all, L one each; `fits` gives the letters of
+    other kinds, such as {"wind": "G"}. Spheres are (x, y, z, radius), m. `wind` is in m/s,
+    the time step `delta` in s. A cloth that the editor is to play needs the `integrator` "implicit", "symplectic" or
+    "explicit". A fit compares `frames` frames. `tolerance` is that of the linear solver, relative.
     `numbering` (vertices of the mesh before welding,) is `Welded.vertices`. `warp` is the direction along the cloth,
     which else is that of the mesh's texture coordinates; `regions` gives the vertices of named regions, which come
     before the parts of the mesh. Raises InvalidInput when no scene can be

@@ -13,8 +13,10 @@ is the integrator's. Implicit steps lose energy, the more the longer they are; e
 do neither for long.
 
 The velocities are those of the steps: (x − x before)/h after an implicit or symplectic step, (x after − x)/h before
-an explicit one. Implicit steps take their forces at the new velocity, and at the old positions; with several Newton
-iterations at the new ones. The lumping of the drag in the matrix of an implicit step counts as the integrator's.
+an explicit one, (3 x − 4 x before + x before that)/2h after a BDF2 step but the first. Implicit steps take their forces at the new velocity, and at the old positions; with several Newton
+iterations at the new ones; over BDF2 steps the work is h times the mean of the powers f·v at both ends, of second
+order as they are. The lumping of the drag in the matrix of an implicit step counts as the integrator's, and so does a
+step of a BDF2 motion that is an implicit step, as positions do not show it (`step.guard`).
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.forces import spheres, springs, vertex, wind
 from clothfit.engine.step import explicit, guard
-from clothfit.engine.system import EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
+from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
 from clothfit.kernels.kernel import kernel
 from clothfit.motion.motion import Motion, check_counts
 from clothfit.scene.scene import Scene
@@ -112,6 +114,9 @@ def balances(system: System, x: Array) -> Array:
         end = min(begin + length, len(x))
         states(system, np.ascontiguousarray(x[begin:end]), velocities(system, x, begin, end), out[begin:end])
         first = max(begin, 1)
+        if system.method == BDF2:
+            add_mean_works(system, x, first, end, out)
+            continue
         w = means(system, x, first, end)
         u = velocities(system, x, first - 1, end - 1) if system.method == SYMPLECTIC else w
         late = system.method == IMPLICIT and system.newton_iterations > 1
@@ -126,7 +131,18 @@ def velocities(system: System, x: Array, begin: int, end: int) -> Array:
         v = means(system, x, begin + 1, end + 1)
         return v if end < len(x) else np.concatenate([v, last_velocity(system, x)[None]])
     v = means(system, x, max(begin, 1), end)
+    if system.method == BDF2 and end > 2:
+        late = max(begin, 2)
+        v[late - end :] += 0.5 * (v[late - end :] - means(system, x, late - 1, end - 1))
     return v if begin else np.concatenate([system.v0[None], v])[:end]
+
+
+def add_mean_works(system: System, x: Array, first: int, end: int, out: Array) -> None:
+    """Write the work of the BDF2 steps that end at some frames to the columns of out (F, 7)."""
+    v, ends = velocities(system, x, first - 1, end), np.zeros((end - first + 1, len(ENERGY_COLUMNS)))
+    works(system, np.ascontiguousarray(x[first - 1 : end]), v, v, ends)
+    given = [WIND, DAMPING, DRAG]
+    out[first:end, given] = 0.5 * (ends[1:] + ends[:-1])[:, given]
 
 
 def means(system: System, x: Array, begin: int, end: int) -> Array:

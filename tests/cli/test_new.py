@@ -60,7 +60,7 @@ def test_a_plane_by_default(capsys):
     np.testing.assert_array_equal(cloth.positions, sheet.positions)
     np.testing.assert_array_equal(cloth.springs, mesh.springs(sheet, 50.0).ends)
     np.testing.assert_array_equal(cloth.stiffness, mesh.springs(sheet, 50.0).stiffness)
-    assert (cloth.settings, cloth.damping, cloth.drag, scene.method) == ("nG", 0.1, 0.1, 2)
+    assert (cloth.settings, cloth.damping, cloth.drag, scene.method, scene.tolerance) == ("nF", 0.1, 0.1, 3, 1e-7)
 
 
 def test_the_options_of_a_plane():
@@ -96,7 +96,7 @@ def test_the_options_of_a_scene():
 
 @pytest.mark.parametrize(
     ("options", "settings", "fits"),
-    [((), "nG", {}), (("--fit", "Ln"), "Ln", {}), (("--fit", "wind"), "nn", {}),
+    [((), "nF", {}), (("--fit", "Ln"), "Ln", {}), (("--fit", "wind"), "nn", {}),
      (("--fit", "gl", "--fit", "damping", "--fit", "rest=l"), "GL", {"damping": "G", "rest": "L"})],
 )  # fmt: skip
 def test_what_to_fit(options, settings, fits):

@@ -9,6 +9,8 @@ from helpers.scenes import cloth
 import clothfit.motion.energy
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.engine.forces import spheres, springs, total, vertex, wind
+from clothfit.engine.march import velocity
+from clothfit.engine.rollout import rollout
 from clothfit.engine.system import all_elements, build, with_elements
 from clothfit.motion.degrade import degrade
 from clothfit.motion.energy import energies
@@ -132,6 +134,26 @@ def test_what_no_force_takes_is_of_the_first_order_of_the_step(method, newton):
     np.testing.assert_allclose(np.array(left[:2]) / left[1:], 2.0, atol=0.3)
     np.testing.assert_allclose(taken[1], taken[2], rtol=0.1)
     assert np.abs(taken[2]).min() > 3 * abs(left[2])  # so one of them left out would show
+
+
+@SLOW
+def test_what_no_force_takes_of_bdf2_steps_is_of_second_order():
+    left = []
+    for k in (4, 8, 16):
+        fields = {"integrationMethod": METHODS["bdf2"], "delta": 0.004 / k}
+        found = account(scene(sheet(dragCoefficient=3.0), windVel=xyz((5, 3, -4)), **fields), 50 * k + 1)
+        left.append(found.numerical[-1])
+    # quartered when the step is halved, but for terms of third order, and of those of the one Euler step
+    np.testing.assert_allclose(np.array(left[:2]) / left[1:], 4.0, atol=1.0)
+
+
+def test_the_velocities_of_bdf2_steps_are_those_that_it_took():
+    system = build(scene(sheet(), integrationMethod=METHODS["bdf2"], delta=0.002), 0)
+    memory, good = rollout(system, 12, 1e-13)
+    assert (good, memory.euler.sum()) == (12, 1)
+    found = clothfit.motion.energy.velocities(system, memory.x, 0, 13)
+    taken = [velocity(memory, t) for t in range(13)]
+    np.testing.assert_allclose(found, taken, atol=1e-11)  # rounding of positions of 1 m, over steps of 2 ms
 
 
 # --- what the integrators do

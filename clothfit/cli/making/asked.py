@@ -148,7 +148,7 @@ class Asked:
     def letters(self) -> str:
         """What to fit of masses and stiffnesses."""
         given = [text for text in self.fit if _lettered(text)]
-        return given[-1] if given else "nn" if self.fit else "nG"
+        return given[-1] if given else "nn" if self.fit else "nF"
 
     @property
     def kinds(self) -> dict[str, str]:
