@@ -44,8 +44,10 @@ def command(fitted_path: str, tool: str, path: str | None, as_json: bool, consol
     """
     scene = read_scene(fitted_path, console)
     folder = folder_of(path, fitted_path, tool)
-    from clothfit.export.tools import exported
+    from clothfit.export.tools import exported, own_step
 
+    if warning := own_step(scene, tool):
+        console.warn(f"{scene.name}: {warning}")
     made = exported(scene, tool)
     make_folder(folder)
     outputs = [(output_for(os.path.join(folder, name), fitted_path, "", ()), data) for name, data in made.items()]

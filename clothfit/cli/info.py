@@ -40,7 +40,7 @@ def command(scene_path: str, as_json: bool, console: Console) -> None:
     from clothfit.base.memory import free
     from clothfit.inspection.divisions import divisions
     from clothfit.inspection.forecast import forecast
-    from clothfit.inspection.overview import beyond_bounds, facts, flagged, unknown_fields
+    from clothfit.inspection.overview import beyond_bounds, beyond_editor, facts, flagged, unknown_fields
     from clothfit.scene.mesh_numbering import numberings
 
     objects, wanted = [facts(cloth) for cloth in scene.cloths], flagged(scene)
@@ -50,6 +50,8 @@ def command(scene_path: str, as_json: bool, console: Console) -> None:
     for sentence in beyond_bounds(scene):
         console.warn(f"{scene.name}: {sentence}")
     show_scene(scene, console)
+    if foreign := beyond_editor(scene):
+        console.say(foreign)
     for begin in range(0, len(objects), BESIDE):
         show_objects(range(len(objects))[begin : begin + BESIDE], objects, wanted, console)
     for index, own in enumerate(parted):
@@ -72,12 +74,13 @@ def command(scene_path: str, as_json: bool, console: Console) -> None:
 
 def whole(scene: Scene) -> dict[str, Any]:
     """What --json prints of the scene as a whole."""
-    from clothfit.scene.scene import INTEGRATORS
+    from clothfit.scene.scene import INTEGRATORS, OF_THE_EDITOR
 
     return {
         "scene": scene.name,
         "title": scene.title,
         "integrator": INTEGRATORS[scene.method],
+        "of_the_editor": INTEGRATORS[scene.method] in OF_THE_EDITOR,
         "delta": scene.delta,
         "frames": scene.frames,
         "duration": scene.delta * (scene.frames - 1),
@@ -93,7 +96,7 @@ def show_scene(scene: Scene, console: Console) -> None:
     """What belongs to no object."""
     own = whole(scene)
     iterations = counted(scene.newton_iterations, "Newton iteration", "Newton iterations")
-    solver = f", {iterations}, tolerance {scene.tolerance:g}" if own["integrator"] == "implicit" else ""
+    solver = f", {iterations}, tolerance {scene.tolerance:g}" if own["integrator"] in ("implicit", "bdf2") else ""
     console.say(f"{scene.name}: {scene.title!r}: {own['integrator']} steps of {scene.delta:.4g} s{solver}")
     console.say(f"{scene.frames} frames to compare, {own['duration']:.4g} s")
     console.say(f"wind {vector(own['wind'])} m/s, gravity {vector(own['gravity'])} m/s²")

@@ -26,6 +26,7 @@ class Verdict:
     path: str
     error: InvalidScene | None
     warnings: tuple[str, ...]
+    note: str | None = None  # what is right, and may not be what one wants
 
 
 @standard_command("validate")
@@ -56,6 +57,7 @@ def command(scene_paths: tuple[str, ...], as_json: bool, console: Console) -> No
 
 def judge(path: str) -> Verdict:
     """Look at a file."""
+    from clothfit.inspection.overview import beyond_editor
     from clothfit.scene.mesh_numbering import numberings
     from clothfit.scene.scene import load
 
@@ -64,7 +66,7 @@ def judge(path: str) -> Verdict:
         numberings(scene)
     except InvalidScene as error:
         return Verdict(path, error, ())
-    return Verdict(scene.name if path == STREAM else path, None, scene.warnings)
+    return Verdict(scene.name if path == STREAM else path, None, scene.warnings, beyond_editor(scene))
 
 
 def show(verdict: Verdict, alone: bool, console: Console) -> None:
@@ -72,7 +74,7 @@ def show(verdict: Verdict, alone: bool, console: Console) -> None:
     for warning in verdict.warnings:
         console.warn(f"{verdict.path}: {warning}")
     if verdict.error is None:
-        console.say(f"{verdict.path}: valid")
+        console.say(f"{verdict.path}: valid" + (f"; {verdict.note}" if verdict.note else ""))
         return
     for problem in verdict.error.problems if not alone or len(verdict.error.problems) > 1 else ():
         console.say(f"{verdict.path}: {problem}")
@@ -82,7 +84,8 @@ def summary(verdict: Verdict) -> dict[str, Any]:
     """What --json prints of a file."""
     found = [] if verdict.error is None else [split(problem) for problem in verdict.error.problems]
     warnings = [split(warning) for warning in verdict.warnings]
-    return {"scene": verdict.path, "valid": verdict.error is None, "problems": found, "warnings": warnings}
+    valid = verdict.error is None
+    return {"scene": verdict.path, "valid": valid, "problems": found, "warnings": warnings, "note": verdict.note}
 
 
 def split(sentence: str) -> dict[str, str | None]:

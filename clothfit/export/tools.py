@@ -17,6 +17,23 @@ TOOLS = {"csv": "tables", "obi": "obi", "blender": "blender", "vellum": "vellum"
 """The module for each tool."""
 
 
+WITHOUT_STEPS = ("csv",)
+"""Those that move nothing."""
+
+
+def own_step(scene: Scene, tool: str) -> str | None:
+    """A warning where the scene's step is neither the tool's nor one that the values are usually fitted with."""
+    from clothfit.scene.scene import INTEGRATORS, OF_THE_EDITOR
+
+    name = INTEGRATORS[scene.method]
+    if name in OF_THE_EDITOR or tool in WITHOUT_STEPS:
+        return None
+    return (
+        f"its values go with {name} steps of {scene.delta:.4g} s (integrationMethod {scene.method}), which {tool} does "
+        "not have; the steps of its own may damp more, and the motion differs"
+    )
+
+
 def exported(scene: Scene, tool: str) -> dict[str, bytes]:
     """The files for a tool of `TOOLS`: contents by name."""
     files: Callable[[Scene], dict[str, bytes]] = import_module(f"clothfit.export.{TOOLS[tool]}").files

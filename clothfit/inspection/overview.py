@@ -15,7 +15,7 @@ from clothfit.meshes.topology import across, components, edges
 from clothfit.scene import schema as structure
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.mesh_numbering import FIELD
-from clothfit.scene.scene import Scene
+from clothfit.scene.scene import INTEGRATORS, OF_THE_EDITOR, Scene
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,17 @@ class Facts:
     damping: float
     moving: bool  # whether a velocity at the start is not 0
     strained: bool  # whether rest lengths differ from the lengths at the start
+
+
+def beyond_editor(scene: Scene) -> str | None:
+    """A sentence where the step of the scene is none of the editor's."""
+    name = INTEGRATORS[scene.method]
+    if name in OF_THE_EDITOR:
+        return None
+    return (
+        f"its step ({name}, integrationMethod {scene.method}) is not one of the editor's: play it with `clothfit "
+        "simulate`; for a cloth that the editor is to play, `new --integrator implicit`, and fit with that"
+    )
 
 
 def facts(cloth: Cloth) -> Facts:

@@ -13,10 +13,11 @@ is the integrator's. Implicit steps lose energy, the more the longer they are; e
 do neither for long.
 
 The velocities are those of the steps: (x − x before)/h after an implicit or symplectic step, (x after − x)/h before
-an explicit one, (3 x − 4 x before + x before that)/2h after a BDF2 step but the first. Implicit steps take their forces at the new velocity, and at the old positions; with several Newton
-iterations at the new ones; over BDF2 steps the work is h times the mean of the powers f·v at both ends, of second
-order as they are. The lumping of the drag in the matrix of an implicit step counts as the integrator's, and so does a
-step of a BDF2 motion that is an implicit step, as positions do not show it (`step.guard`).
+an explicit one, (3 x − 4 x before + x before that)/2h after a BDF2 step but the first. Implicit steps take their forces
+at the new velocity, and at the old positions; with several Newton iterations at the new ones. Over BDF2 steps the work
+is h times the mean of the powers f·v at both ends, of second order as they are. The lumping of the drag in the matrix
+of an implicit step counts as the integrator's, and so does a step of a BDF2 motion that is an implicit step
+(`step.guard`), as positions do not show it.
 """
 
 from __future__ import annotations

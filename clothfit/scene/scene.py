@@ -32,6 +32,7 @@ from clothfit.scene.weave.layout import layout_of
 
 SPHERE = 1  # colliders[].type
 INTEGRATORS = ("explicit", "symplectic", "implicit", "bdf2")  # names of the values of integrationMethod
+OF_THE_EDITOR = INTEGRATORS[:3]
 LETTERS: dict[str | bool, str] = {
     "n": "n", "f": "F", "r": "R", "m": "M", "g": "G", "l": "L", False: "n", True: "G",
 }  # fmt: skip

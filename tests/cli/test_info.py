@@ -15,7 +15,7 @@ from clothfit.cli.validate import split
 pytestmark = pytest.mark.slow  # starts processes
 
 SIDE = str(EXAMPLES / "side.json")
-INFO = {"schema_version", "command", "scene", "title", "integrator", "delta", "frames", "duration", "tolerance",
+INFO = {"schema_version", "command", "scene", "title", "integrator", "of_the_editor", "delta", "frames", "duration", "tolerance",
         "newton_iterations", "wind", "gravity", "spheres", "objects", "flagged", "stability", "memory",
         "unknown_fields", "warnings"}  # fmt: skip
 
@@ -55,6 +55,20 @@ def test_info_of_several_objects_and_all_that_a_scene_may_have(tmp_path, capsys)
                  "to fit: scene wind", "objects[2] was welded from a mesh of 6 vertices",
                  "fields that are kept and not used: objects[0].mine", "symplectic steps of"):  # fmt: skip
         assert told in err
+
+
+def test_a_step_that_the_editor_does_not_have_is_said(tmp_path, capsys):
+    own, foreign = (write_scene(tmp_path, trial("nL", 5, integrationMethod=k), f"{k}.json") for k in (2, 3))
+    assert run(["info", foreign]) == 0
+    told = capsys.readouterr().err
+    assert "bdf2 steps of 0.02 s, 1 Newton iteration, tolerance" in told
+    assert "its step (bdf2, integrationMethod 3) is not one of the editor's" in told
+    assert run(["validate", own, foreign]) == 0
+    first, second = capsys.readouterr().err.splitlines()
+    assert first.endswith("2.json: valid")
+    assert "3.json: valid; its step (bdf2, integrationMethod 3) is not one of the editor's" in second
+    assert run(["info", foreign, "--json", "-q"]) == 0
+    assert json.loads(capsys.readouterr().out)["of_the_editor"] is False
 
 
 def test_info_through_a_pipe():

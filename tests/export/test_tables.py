@@ -154,3 +154,10 @@ def test_the_scene_itself_is_never_written_over(tmp_path, monkeypatch, capsys):
 def test_an_unknown_tool_is_named_with_those_there_are(tmp_path, capsys):
     assert run(["export", write_scene(tmp_path, SMALL), "--to", "maya"]) == 3
     assert "'maya' is not one of 'csv', 'obi', 'blender', 'vellum'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("method", "tool", "count"), [(2, "blender", 0), (3, "blender", 1), (3, "obi", 1), (3, "csv", 0)])
+def test_a_step_that_the_tool_does_not_have_is_warned_of(tmp_path, capsys, method, tool, count):
+    path = write_scene(tmp_path, {**SMALL, "integrationMethod": method})
+    assert run(["export", path, "--to", tool, "-o", str(tmp_path / "made")]) == 0
+    assert capsys.readouterr().err.count(f"which {tool} does not have") == count
