@@ -126,7 +126,8 @@ def show(name: str, rows: list[Row], error: float) -> None:
     print("| scene | integrator | steps per frame | RMSE | order | µs per step |\n|---|---|---|---|---|---|")
     for row in rows:
         order = "" if row.order is None else f"{row.order:.2f}"
-        print(f"| {name} | {row.integrator} | {row.steps} | {1e3 * row.rmse:.3g} mm | {order} | {row.microseconds:.1f} |")
+        cells = (name, row.integrator, str(row.steps), f"{1e3 * row.rmse:.3g} mm", order, f"{row.microseconds:.1f}")
+        print(f"| {' | '.join(cells)} |")
     pairs = zip(rows[: len(HALVES)], rows[len(HALVES) :], strict=True)
     print("time of a step, BDF2 to implicit:", ", ".join(f"{b.microseconds / a.microseconds:.2f}" for a, b in pairs))
     print(f"gradient of BDF2 against central differences: {error:.1e}")

@@ -50,8 +50,8 @@ class Film(NamedTuple):
 CURTAIN = Film(
     "curtain",
     "A curtain, before and after",
-    "The walk of [the first page](../README.md#a-five-minute-walk): a first guess of the fabric, 527 mm off the shot, "
-    "and the fit, 2.8 µm off.",
+    "The walk of [the first page](../README.md#a-five-minute-walk): a first guess of the fabric, 529 mm off the shot, "
+    "and the fit, 52 nm off.",
     (
         "new plane --size 2 --upright --fix-vertices 132,143 --stiffness 12 --damping 0.5 --wind 1,0,3 --drag air "
         "--fit nL -o theirs.json",

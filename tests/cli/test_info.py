@@ -15,8 +15,8 @@ from clothfit.cli.validate import split
 pytestmark = pytest.mark.slow  # starts processes
 
 SIDE = str(EXAMPLES / "side.json")
-INFO = {"schema_version", "command", "scene", "title", "integrator", "of_the_editor", "delta", "frames", "duration", "tolerance",
-        "newton_iterations", "wind", "gravity", "spheres", "objects", "flagged", "stability", "memory",
+INFO = {"schema_version", "command", "scene", "title", "integrator", "of_the_editor", "delta", "frames", "duration",
+        "tolerance", "newton_iterations", "wind", "gravity", "spheres", "objects", "flagged", "stability", "memory",
         "unknown_fields", "warnings"}  # fmt: skip
 
 

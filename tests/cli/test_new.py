@@ -289,7 +289,7 @@ def test_the_page_of_the_command_names_every_option():
 
 def test_what_the_page_shows_runs():
     lines = [line for line in PAGE.splitlines() if line.startswith("clothfit new plane")]
-    assert len(lines) == 3
+    assert len(lines) == 4
     for line in lines:
         assert run([*shlex.split(line, comments=True)[1:], "-q"]) == 0
     (program,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)

@@ -141,7 +141,7 @@ def test_the_factorisation_solves_for_many_right_hand_sides(blocks, limit, monke
     system, memory, *_ = simulated(objective, p)
     work, free = implicit.workspace(system), system.vertex.free
     work.b[:] = 0.0
-    implicit.assemble(system, memory.x[2], memory.w[1, 0], 0.0, work.A, work.b)
+    implicit.assemble(system, memory.x[2], memory.w[1, 0], False, work.A, work.b)
     right = np.random.default_rng(1).normal(size=(3 * free.sum(), 4))
     A = dense_matrix(work.A)[np.ix_(np.repeat(free, 3), np.repeat(free, 3))]
     np.testing.assert_allclose(A @ Solver(4)(work.A, right), right, atol=1e-12)  # a condition below 100

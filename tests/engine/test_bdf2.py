@@ -71,7 +71,7 @@ def test_the_right_hand_side_is_that_of_a_newton_iteration(form):
     system = full(fixed=(0,)) if form == "own" else clamped(full(fixed=(0,)))
     at, work, b = physics.state(system, "compressed"), implicit.workspace(system), np.zeros((9, 3))
     u = at.u * system.vertex.free[:, None]
-    implicit.assemble(system, at.y + system.h * u, u, system.h, work.A, work.b)
+    implicit.assemble(system, at.y + system.h * u, u, True, work.A, work.b)
     implicit.add_momentum(system.vertex, at.w, work.b)
     implicit.assemble_newton(system, at.y, at.w, u, work.y, work.A, work.gy, b)
     b[~system.vertex.free] = 0.0

@@ -156,7 +156,9 @@ def test_an_unknown_tool_is_named_with_those_there_are(tmp_path, capsys):
     assert "'maya' is not one of 'csv', 'obi', 'blender', 'vellum'" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("method", "tool", "count"), [(2, "blender", 0), (3, "blender", 1), (3, "obi", 1), (3, "csv", 0)])
+@pytest.mark.parametrize(
+    ("method", "tool", "count"), [(2, "blender", 0), (3, "blender", 1), (3, "obi", 1), (3, "csv", 0)]
+)
 def test_a_step_that_the_tool_does_not_have_is_warned_of(tmp_path, capsys, method, tool, count):
     path = write_scene(tmp_path, {**SMALL, "integrationMethod": method})
     assert run(["export", path, "--to", tool, "-o", str(tmp_path / "made")]) == 0

@@ -190,11 +190,11 @@ def damping(module: Any, force: Any, y: Array, d: Array) -> Array:
 
 
 def step_terms(
-    system: System, module: Any, force: Any, y: Array, u: Array, back: float = 0.0
+    system: System, module: Any, force: Any, y: Array, u: Array, ahead: bool = False
 ) -> tuple[sparse.BlockMatrix, Array]:
-    """What the force adds to the step: −h² K − h D as a matrix, and h (f − D u − back K u)."""
+    """What the force adds to the step: −h² K − h D as a matrix, and h (f − D u), − h² K u with `ahead`."""
     A, b = sparse.zeros(system.pattern, len(y)), np.zeros_like(y)
-    module.add_step(force, y, u, system.h, back, A, b)
+    module.add_step(force, y, u, system.h, ahead, A, b)
     return A, b
 
 

@@ -75,7 +75,7 @@ def add_force(spheres, y, u, f):
 
 
 @kernel
-def add_step(spheres, y, u, h, back, A, b):
+def add_step(spheres, y, u, h, ahead, A, b):
     stiff, stored = h * h * STIFFNESS, 0.0
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
@@ -86,7 +86,8 @@ def add_step(spheres, y, u, h, back, A, b):
                 add_block(A.diagonal, i, low, high)
                 if len(b) > 0:
                     stored += STIFFNESS * depth * depth
-                    push = h * STIFFNESS * (depth + back * (u[i, 0] * n0 + u[i, 1] * n1 + u[i, 2] * n2))
+                    outward = u[i, 0] * n0 + u[i, 1] * n1 + u[i, 2] * n2 if ahead else 0.0
+                    push = h * STIFFNESS * (depth + h * outward)
                     b[i, 0] += push * n0
                     b[i, 1] += push * n1
                     b[i, 2] += push * n2

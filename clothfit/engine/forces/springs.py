@@ -129,7 +129,7 @@ def add_damping(springs, y, scale, q, out):
 
 
 @kernel
-def add_step(springs, y, u, h, back, A, b):
+def add_step(springs, y, u, h, ahead, A, b):
     upright, lowered = pack(1.0, 0.0, 0.0, 0.0), pack(1.0, 0.0, 1.0, 0.0)  # where xx, zz and yy are in a block
     stored = 0.0
     for i in range(len(springs.rest)):
@@ -146,12 +146,12 @@ def add_step(springs, y, u, h, back, A, b):
         if len(b) > 0:
             stretch = length - springs.rest[i]
             stored += k * stretch * stretch
-            pull = mul(splat(-h * k * stretch), d)
-            if back != 0.0:
-                u_i, hk = difference(u, springs, i), h * k * back
-                turn = mul(splat(hk * hat * dot(u_i, d)), d)
-                pull = add(pull, fma(splat(hk * (1.0 - hat)), u_i, turn))
-            add_opposite(b, springs, i, pull)
+            if ahead:
+                u_i = difference(u, springs, i)
+                pull = mul(splat(h * k * (h * hat * dot(u_i, d) - stretch)), d)
+                add_opposite(b, springs, i, fma(across, u_i, pull))
+            else:
+                add_opposite(b, springs, i, mul(splat(-h * k * stretch), d))
     return 0.5 * stored
 
 

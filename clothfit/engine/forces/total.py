@@ -22,11 +22,11 @@ def add_damping(system, y, scale, q, out):
 
 
 @kernel
-def add_step(system, y, u, h, back, A, b):
-    stored = vertex.add_step(system.vertex, y, u, h, back, A, b)
-    stored += springs.add_step(system.springs, y, u, h, back, A, b)
-    stored += wind.add_step(system.faces, y, u, h, back, A, b)
-    return stored + spheres.add_step(system.spheres, y, u, h, back, A, b)
+def add_step(system, y, u, h, ahead, A, b):
+    stored = vertex.add_step(system.vertex, y, u, h, ahead, A, b)
+    stored += springs.add_step(system.springs, y, u, h, ahead, A, b)
+    stored += wind.add_step(system.faces, y, u, h, ahead, A, b)
+    return stored + spheres.add_step(system.spheres, y, u, h, ahead, A, b)
 
 
 @kernel

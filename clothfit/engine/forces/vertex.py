@@ -63,7 +63,7 @@ def add_damping(vertex, y, scale, q, out):
 
 
 @kernel
-def add_step(vertex, y, u, h, back, A, b):
+def add_step(vertex, y, u, h, ahead, A, b):
     for i in range(len(vertex.mass)):
         m = vertex.mass[i]
         damping = h * vertex.damping * m

@@ -111,7 +111,7 @@ def add_damping(faces, y, scale, q, out):
 
 
 @kernel
-def add_step(faces, y, u, h, back, A, b):
+def add_step(faces, y, u, h, ahead, A, b):
     for i in range(len(faces.corners)):
         n, kappa = normal(faces, y, i)
         c = h * kappa

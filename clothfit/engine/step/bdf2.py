@@ -60,7 +60,7 @@ def step(inner, x, v, x_before, v_before, first, tolerance, work, w, x_new):
     """
     extrapolate(x, v, x_before, v_before, work)
     combine(1.0, work.x_base, inner.h, work.u, work.y)
-    implicit.assemble(inner, work.y, work.u, inner.h, work.A, work.b)  # x̃ − y = −h' u
+    implicit.assemble(inner, work.y, work.u, True, work.A, work.b)
     implicit.add_momentum(inner.vertex, work.v_base, work.b)
     used, iterations, direct = implicit.step(inner, work.x_base, work.v_base, first, tolerance, work, w)
     combine(1.0, work.x_base, inner.h, w[used - 1], x_new)

@@ -76,8 +76,8 @@ def energy(system, x, v):
 @kernel
 def passes(system, before, x, x_new, v_new):
     """The energy, J, after a BDF2 step from x to x_new, v_new, and whether it adds none; `before` it there was that."""
-    kinetic, _ = moving(system.vertex, v_new)
-    after, work = kinetic + total.stored_energy(system, x_new, x_new), weight_work(system.vertex, x, x_new)
+    kinetic, work = moved(system.vertex, x, x_new, v_new)
+    after = kinetic + total.stored_energy(system, x_new, x_new)
     if not rises(before, after, work):
         return after, True
     known = x_new if starts_deep(system.spheres, system.x0) else x
@@ -85,12 +85,14 @@ def passes(system, before, x, x_new, v_new):
 
 
 @kernel
-def weight_work(vertex, x, x_new):
-    """The work of the weight from x to x_new (n, 3), J."""
-    moved = splat(0.0)
+def moved(vertex, x, x_new, v_new):
+    """½ vᵀM v of the velocities v_new (n, 3), and the work of the weight from x to x_new (n, 3), J."""
+    twice, way = splat(0.0), splat(0.0)
     for i in range(len(vertex.mass)):
-        moved = fma(splat(vertex.mass[i]), sub(load3(x_new, i), load3(x, i)), moved)
-    return dot(vector(vertex.gravity), moved)
+        m, v_i = splat(vertex.mass[i]), load3(v_new, i)
+        twice = fma(mul(m, v_i), v_i, twice)
+        way = fma(m, sub(load3(x_new, i), load3(x, i)), way)
+    return 0.5 * sum3(twice), dot(vector(vertex.gravity), way)
 
 
 @kernel

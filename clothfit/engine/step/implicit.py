@@ -61,13 +61,14 @@ def workspace(system: System) -> Workspace:
 
 
 @kernel
-def assemble(system, y, u, back, A, b):
-    """A at (y, u), and b = h (f − D u − back K u) there, empty where it is not needed; returns the stored energy unless
-    it is.
+def assemble(system, y, u, ahead, A, b):
+    """A at (y, u), and b = h (f − D u) there, empty where it is not needed; returns the stored energy unless it is.
+
+    With `ahead` the step begins h u before y: b = h (f − D u − h K u).
     """
     sparse.reset(A, system.vertex.mass)
     b[:] = 0.0
-    return total.add_step(system, y, u, system.h, back, A, b)
+    return total.add_step(system, y, u, system.h, ahead, A, b)
 
 
 @kernel
@@ -75,7 +76,7 @@ def assemble_newton(system, x, v, u, y, A, f, b):
     """Write y = x + h u, A at (y, u) and b = M (v − u) + h f(y, u) + A u, so that b − A u is Newton's residual."""
     h = system.h
     combine(1.0, x, h, u, y)
-    assemble(system, y, u, 0.0, A, b)
+    assemble(system, y, u, False, A, b)
     sparse.multiply(A, u, b)
     add_mass(system.vertex.mass, 1.0, v, b)
     add_mass(system.vertex.mass, -1.0, u, b)
@@ -89,7 +90,7 @@ def prepare(system, x, v, work):
     """The system of the first iteration, in the workspace; returns the kinetic and stored energy of the state, J, and
     the power of the weight, W (see `guard`): they come with it, almost free.
     """
-    stored = assemble(system, x, v, 0.0, work.A, work.b)
+    stored = assemble(system, x, v, False, work.A, work.b)
     kinetic, power = add_momentum(system.vertex, v, work.b)
     return kinetic + stored, power
 
@@ -194,7 +195,7 @@ def linearise(system, x, w, u, later, A, b, y, s):
     else:
         copy(x, y)
         combine(h, w, 0.0, w, s)
-    assemble(system, y, u, 0.0, A, b)
+    assemble(system, y, u, False, A, b)
 
 
 @kernel
