@@ -143,7 +143,7 @@ def strip_scene(settings: str = "LL", kinds: dict[str, str] | None = None, **fie
 
 def simulations() -> None:
     """Simulate the strip with all integrators, and by the method of reference motions."""
-    for method in (0, 1, 2):
+    for method in (0, 1, 2, 3):
         scene = strip_scene(integrationMethod=method)
         energies(scene, simulate(scene))
     runge_kutta.record(build(strip_scene(), 0), STEP, 2, 1)
@@ -151,10 +151,11 @@ def simulations() -> None:
 
 def gradients() -> None:
     """Differentiate its motion, backward and forward."""
-    scene = strip_scene(kinds=FITTED_KINDS)
-    objective, p = Objective(scene, simulate(scene)), parameters(scene)
-    objective.cost_and_gradient(p)
-    objective.tangent(p, np.ones_like(p))
+    for method in (2, 3):
+        scene = strip_scene(kinds=FITTED_KINDS, integrationMethod=method)
+        objective, p = Objective(scene, simulate(scene)), parameters(scene)
+        objective.cost_and_gradient(p)
+        objective.tangent(p, np.ones_like(p))
 
 
 def fits() -> None:
@@ -168,7 +169,7 @@ def fits() -> None:
 
 def fits_of_all_kinds() -> None:
     """Fit every kind of parameter."""
-    for method in (0, 2):
+    for method in (0, 2, 3):
         scene = strip_scene(kinds=FITTED_KINDS, fit=EVERYWHERE, integrationMethod=method)
         estimate(scene, method="gauss-newton", budget=4)
 
