@@ -10,6 +10,17 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 
+FEWEST_MARKS, SHORTEST_TREND = 6, 3.0
+"""Reports, and seconds, from which on a trend is looked at."""
+
+SLOWING, ENOUGH = 0.8, 1e-3
+"""Fall of the cost in a span relative to that before, above which nothing is said; relative to the cost, below which a
+fit ends.
+"""
+
+FARTHEST_TREND = 3.0
+"""Time left relative to that of the trend, above which nothing is said."""
+
 
 @dataclass(frozen=True)
 class Progress:
@@ -26,6 +37,36 @@ class Progress:
     window: int = 0  # frames that are compared at this stage …
     frames: int = 0  # … of so many
     window_rmse: float = np.nan  # of the last accepted point, m, where that is of fewer than all frames
+
+
+class Trend:
+    """The time that a fit will still take, from how its cost has fallen lately.
+
+    Once all frames are compared, let the cost fall by d₁ and then by d₂ in two successive spans of Δ seconds. If it
+    goes on so, by q = d₂ / d₁ less each time, the fall in a span is below the fraction `ENOUGH` of the cost c, where
+    fits end, after Δ log(d₂ / (ENOUGH c)) / log(1 / q). Nothing is said where the fall does not slow down, or of a time
+    many times as long as what was seen.
+    """
+
+    def __init__(self) -> None:
+        self.marks: list[tuple[float, float]] = []  # seconds and cost, since all frames are compared
+        self.stage = ""
+
+    def update(self, progress: Progress) -> float | None:
+        """The seconds left at some progress; None where they cannot be told."""
+        if progress.window != progress.frames or progress.stage != self.stage:
+            self.marks, self.stage = [], progress.stage
+        self.marks.append((progress.seconds, progress.cost))
+        span = (progress.seconds - self.marks[0][0]) / 3.0
+        if len(self.marks) < FEWEST_MARKS or 3.0 * span < SHORTEST_TREND or progress.window != progress.frames:
+            return None
+        times, costs = zip(*self.marks, strict=True)
+        c = np.interp(progress.seconds - span * np.arange(3), times, costs)
+        last, before = float(c[0] - c[1]), float(c[1] - c[2])  # not above 0
+        if not (last < 0.0 and last > SLOWING * before):
+            return None
+        left = span * np.log(max(last / (-ENOUGH * c[0]), 1.0)) / np.log(before / last)
+        return float(left) if left <= FARTHEST_TREND * 3.0 * span else None
 
 
 class Reporter:

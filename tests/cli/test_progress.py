@@ -2,6 +2,7 @@
 
 import io
 import math
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -30,7 +31,7 @@ def test_the_panel_tells_all_there_is_to_know():
         shown.update(step(evaluations))
     text = screen(shown)
     for fact in ("fitting", "cost 1.250e-02", "RMSE 62.5 µm", "evaluation 40 of at most 1000", "gauss-newton",
-                 "20 of 100 frames", "RMSE there 1.2 mm", "step 3.2 %", "4 evaluations/s", "at most 4 min 0 s left",
+                 "20 of 100 frames", "RMSE there 1.2 mm", "step 3.2 %", "4 evaluations/s",
                  "2.5 mm → 62.5 µm"):  # fmt: skip
         assert fact in text
     assert any(bar in text for bar in BARS)
@@ -57,13 +58,14 @@ def test_a_plain_line_tells_the_same(monkeypatch):
         show(step(20)), show(step(40))
     assert said[1] == (
         "  10.0 s  cost 1.250e-02  RMSE 62.5 µm  evaluation 40  gauss-newton  20 of 100 frames  RMSE there 1.2 mm  "
-        "step 3.2 %  4 evaluations/s  at most 4 min 0 s left"
+        "step 3.2 %  4 evaluations/s"
     )
 
 
 def test_nothing_is_told_that_is_not_known():
     assert stage(Progress(1, 10, 1.0, 1.0, 1.0)) == []
-    assert pace(Progress(1, 10, 1.0, 1.0, 0.0), 0.0) == []
+    assert pace(Progress(1, 10, 1.0, 1.0, 0.0), 0.0, None) == []
+    assert pace(Progress(1, 10, 1.0, 1.0, 0.0), 2.0, None) == ["2 evaluations/s"]
 
 
 def test_the_pace_is_that_of_the_last_seconds_and_no_time_is_left_after_the_budget():
@@ -75,7 +77,15 @@ def test_the_pace_is_that_of_the_last_seconds_and_no_time_is_left_after_the_budg
     for second in range(100, 120):
         rate = known.update(Progress(9900 + second, 5000, 1.0, 1.0, float(second)))
     assert rate == pytest.approx(1.0)
-    assert pace(Progress(9000, 5000, 1.0, 1.0, 1.0), rate)[1] == "at most 0.0 s left"
+    assert pace(Progress(4997, 5000, 1.0, 1.0, 1.0), rate, 50.0)[1] == "roughly 5.0 s left"  # until the limit
+
+
+def test_the_panel_shows_roughly_what_the_trend_leaves():
+    shown = Shown()
+    for k in range(1, 41):  # to 1 by a factor e in 2 s, for 10 s
+        shown.update(replace(step(k, window=100), cost=1.0 + 1e3 * math.exp(-0.125 * k)))
+    # the cost is 7.7; in the last third it fell by 27.5, 3600 times its thousandth: 2 s · ln 3600 = 16 s are left
+    assert "roughly 20 s left" in screen(shown)
 
 
 @pytest.mark.parametrize(

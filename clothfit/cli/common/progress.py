@@ -1,8 +1,8 @@
 """How a fit is doing, shown while it runs: a panel on a terminal, elsewhere a plain line every few seconds.
 
 Both tell the same: cost and RMSE of the best point, the stage and how many of the frames it compares, the last step
-(the largest relative change of a parameter), evaluations per second, and the time left at most: that of the evaluations
-that are still allowed, at the present pace. Most fits end long before.
+(the largest relative change of a parameter), evaluations per second, and roughly the time left, where the trend of the
+cost says it (`optimise.progress.Trend`).
 """
 
 from __future__ import annotations
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from clothfit.optimise.progress import Progress
+
+ROUGH = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, *(60.0 * minutes for minutes in (1, 2, 5, 10, 20, 30, 60)))
+"""Seconds that are left, as they are shown."""
 
 RECENT = 10.0
 """Seconds over which the pace is taken."""
@@ -66,12 +69,20 @@ def stage(progress: Progress) -> list[str]:
     return known
 
 
-def pace(progress: Progress, rate: float) -> list[str]:
-    """Evaluations per second, and the time left."""
+def pace(progress: Progress, rate: float, trend: float | None) -> list[str]:
+    """Evaluations per second, and the time left by the `trend` of the cost, s, or until the limit of evaluations."""
     if not rate > 0:
         return []
-    left = max(progress.budget - progress.evaluations, 0) / rate
-    return [f"{rate:.3g} evaluations/s", f"at most {duration(left)} left"]
+    speed = f"{rate:.3g} evaluations/s"
+    if trend is None:
+        return [speed]
+    left = min(trend, max(progress.budget - progress.evaluations, 0) / rate)
+    return [speed, f"roughly {duration(rough(left))} left"]
+
+
+def rough(seconds: float) -> float:
+    """The next of 1, 2, 5, 10, 20, 30 s, 1, 2, 5, 10, … min: a trend says no more."""
+    return next((each for each in ROUGH if each >= seconds), seconds)
 
 
 def duration(seconds: float) -> str:
@@ -98,13 +109,15 @@ def progress(console: Console) -> Iterator[Callable[[Progress], None] | None]:
 
 def plain(say: Callable[[str], None]) -> Callable[[Progress], None]:
     """What tells a line every few seconds."""
-    last, known = [time.perf_counter()], Pace()
+    from clothfit.optimise.progress import Trend
+
+    last, known, trend = [time.perf_counter()], Pace(), Trend()
 
     def show(progress: Progress) -> None:
-        rate, now = known.update(progress), time.perf_counter()
+        rate, left, now = known.update(progress), trend.update(progress), time.perf_counter()
         if now - last[0] >= PLAIN_INTERVAL:
             last[0] = now
-            line = [state(progress), *stage(progress), *pace(progress, rate)]
+            line = [state(progress), *stage(progress), *pace(progress, rate, left)]
             say(f"{progress.seconds:6.1f} s  {'  '.join(line)}")
 
     return show
@@ -126,14 +139,18 @@ class Shown:
     """What the panel holds."""
 
     def __init__(self, width: int = PANEL_WIDTH) -> None:
+        from clothfit.optimise.progress import Trend
+
         self.width, self.began = width, time.perf_counter()
         self.progress: Progress | None = None
         self.known, self.rate = Pace(), 0.0
+        self.trend = Trend()
+        self.left: float | None = None
         self.errors: list[float] = []
 
     def update(self, progress: Progress) -> None:
         """Take a progress note of."""
-        self.progress, self.rate = progress, self.known.update(progress)
+        self.progress, self.rate, self.left = progress, self.known.update(progress), self.trend.update(progress)
         self.errors.append(progress.rmse)
 
     def panel(self) -> RenderableType:
@@ -152,7 +169,8 @@ class Shown:
         if self.progress is None:
             return ["looking at target and start …"]
         found = [f"{state(self.progress)} of at most {self.progress.budget}"]
-        found += [", ".join(items) for items in (stage(self.progress), pace(self.progress, self.rate)) if items]
+        parts = (stage(self.progress), pace(self.progress, self.rate, self.left))
+        found += [", ".join(items) for items in parts if items]
         curve = sparkline(self.errors)
         return [*found, f"{curve} {metres(self.errors[0])} → {metres(self.errors[-1])}"] if len(curve) > 1 else found
 
