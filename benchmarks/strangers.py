@@ -1,7 +1,8 @@
 """Fits of motions that other programs computed: `python benchmarks/strangers.py FOLDER [TABLE …]`.
 
 FOLDER has `blender-side.npz` and `mujoco-corners.npz`: `positions`, `triangles`, `fps`, and `held`, the vertices that
-do not move. Tables: `clocks` (their clock and place, as they are, and changed by what is to be found again).
+do not move. Tables: `clocks` (their clock and place, as they are, and changed by what is to be found again),
+`coverage` (whether intervals contain the values that other frames give; takes ten minutes or more).
 """
 
 from __future__ import annotations
@@ -76,7 +77,61 @@ def clocks(folder: Path) -> None:
                 )
 
 
-TABLES: dict[str, Callable[[Path], None]] = {"clocks": clocks}
+def only(motion: Motion, frames: np.typing.NDArray[np.bool_]) -> Motion:
+    """A motion of which only some frames (F,) are observed, beside the first."""
+    seen = np.zeros(motion.positions.shape[:2], bool)
+    seen[frames] = seen[0] = True
+    return replace(motion, observed=seen)
+
+
+def parts(count: int) -> dict[str, list[np.typing.NDArray[np.bool_]]]:
+    """Ways to divide so many frames into two."""
+    place = np.arange(count) / count
+    return {
+        "first and second half": [place < 0.5, place >= 0.5],
+        "alternate quarters": [(place * 4).astype(int) % 2 == k for k in (0, 1)],
+        "alternate eighths": [(place * 8).astype(int) % 2 == k for k in (0, 1)],
+    }
+
+
+def values(fit: clothfit.Fit) -> list[tuple[float, tuple[float, float] | None]]:
+    """The values of a fit, each with its interval; without those at a bound, which have no other value."""
+    found, p = [], clothfit.parameters(fit.scene)
+    for block in fit.parameters:
+        for i in range(block.count):
+            own = float(p[len(found)])
+            found.append((np.nan if i in block.at_bound else own, block.interval[i]))
+    return found
+
+
+def coverage(folder: Path) -> None:
+    """How often the interval of a value contains the value that is fitted to the target's other frames."""
+    print("| target | steps per frame | frames | fits | without verdict | intervals | contain the other value |")
+    print("|---|---|---|---|---|---|---|")
+    total = np.zeros(4, int)
+    for name in STRANGERS:
+        for substeps in (1, 4):
+            sums = {way: np.zeros(4, int) for way in parts(8)}
+            for kinds in ({}, {"damping": "G"}, {"damping": "G", "gravity": "G"}, {"drag": "G", "gravity": "G"}):
+                scene, motion = stranger(folder, name, substeps, **kinds)
+                for way, halves in parts(len(motion.times)).items():
+                    both = [clothfit.estimate(scene, only(motion, frames)) for frames in halves]
+                    for fit, other in (both, both[::-1]):
+                        pairs = zip(values(fit), values(other), strict=True)
+                        known = [(i, v) for (_, i), (v, _) in pairs if i is not None and not np.isnan(v)]
+                        inside = sum(low <= v <= high for (low, high), v in known)
+                        bare = bool(known) and fit.verdict is None
+                        sums[way] += (1, bare, len(known), inside)
+            for way, row in sums.items():
+                fits, bare, count, inside = row
+                share = f"{inside / max(count, 1):.0%}"
+                print(f"| {name} | {substeps} | {way} | {fits} | {bare} | {count} | {share} |", flush=True)
+                total += row
+    fits, bare, count, inside = total
+    print(f"| all | | | {fits} | {bare} | {count} | {inside / max(count, 1):.0%} |")
+
+
+TABLES: dict[str, Callable[[Path], None]] = {"clocks": clocks, "coverage": coverage}
 
 if __name__ == "__main__":
     where = Path(sys.argv[1])
