@@ -36,7 +36,8 @@ SECTIONS = {  # of the help
     "What to fit to": ("--target", "--objective", "--loss", "--loss-scale", "--fit-time", "--fit-placement"),
     "The file of the target": ("--fps", "--frames", "--scale", "--up", "--handedness", "--map"),
     "How to fit": (
-        "--start", "--bounds", "--method", "--prior", "--budget", "--max-evaluations", "--rmse", "--tolerance",
+        "--model", "--substeps", "--keep-step", "--start", "--bounds", "--method", "--prior", "--budget",
+        "--max-evaluations", "--rmse", "--tolerance",
     ),
     "How far to trust it": ("--holdout", "--holdout-of", "--no-intervals"),
     "What is written": ("--output", "--in-place", "--report", "--plot", "--gif", "--log"),
@@ -62,6 +63,14 @@ SECTIONS = {  # of the help
               help="Find the rate and the offset of the target's clock with the values.")
 @click.option("--fit-placement", is_flag=True,
               help="Find the place of the target with the values: how it is turned and moved.")
+@click.option("--model", metavar="MODEL",
+              help="Fit all masses, stiffnesses and rest lengths that are flagged by F: one factor on their values, "
+              "R: a factor for each family and region, M: smooth maps, G: one value, L: each by itself; or auto: the "
+              "smallest of F, R, M and L that more freedom does not beat on what is kept out.  [default: the flags]")
+@click.option("--substeps", metavar="K",
+              help="Time steps to a frame of the target; auto: as many as pay.  [default: auto for scenes with BDF2, "
+              "else the scene's step]")
+@click.option("--keep-step", is_flag=True, help="Keep the scene's time step and integrator.")
 @click.option("--start", metavar="VALUE|SCENE",
               help="Values to start from.  [default: the scene's values with --target, else a coarse search]")
 @click.option("--bounds", "bounds", metavar="KIND=LOW:HIGH", multiple=True,
@@ -108,6 +117,7 @@ def command(
     reading: Reading,
     objectives: tuple[str, ...],
     start: str | None,
+    substeps: str | None,
     time_budget: str | None,
     bounds: tuple[str, ...],
     max_evaluations: int,
@@ -154,7 +164,8 @@ def command(
         raise click.UsageError("--fit-time and --fit-placement are for the motion of --target; add that")
     options = FitOptions(
         budget=max_evaluations, rmse_tolerance=rmse, tolerance=tolerance, objective=weights(objectives),
-        intervals=not no_intervals, bounds=bounds_of(bounds), seconds=duration(time_budget, "--budget"), **as_given,
+        intervals=not no_intervals, bounds=bounds_of(bounds), substeps=substeps_of(substeps),
+        seconds=duration(time_budget, "--budget"), **as_given,
     )  # fmt: skip
     files = Files(target_paths, start, path, in_place, checkpoint, resume, reading)
     single = len(scene_paths) == 1 and starts == 1 and cluster is None
@@ -225,6 +236,16 @@ def refuse_recording(given: dict[str, object]) -> None:
     for name, value in given.items():
         if value is not None:
             raise click.UsageError(f"{name} is for one scene fitted from one start on this machine")
+
+
+def substeps_of(text: str | None) -> int | str | None:
+    """The number of time steps to a frame, or "auto". Raises InvalidInput."""
+    if text is None or text == "auto":
+        return text
+    try:
+        return int(text)
+    except ValueError:
+        raise InvalidInput(f"--substeps must be auto or a whole number from 1 on; {text!r} was given") from None
 
 
 def report_needs(console: Console, needs: Needs) -> None:

@@ -74,7 +74,7 @@ def command(scene_path: str, as_json: bool, console: Console) -> None:
 
 def whole(scene: Scene) -> dict[str, Any]:
     """What --json prints of the scene as a whole."""
-    from clothfit.scene.scene import INTEGRATORS, OF_THE_EDITOR
+    from clothfit.scene.kinds import INTEGRATORS, OF_THE_EDITOR
 
     return {
         "scene": scene.name,

@@ -142,7 +142,7 @@ def made(cloth: Cloth, fixed: Flags, asked: Asked, title: str) -> Scene:
 def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
     """Say what the scene holds, and what about it is not as one may think."""
     from clothfit.inspection.overview import beyond_bounds
-    from clothfit.scene.scene import INTEGRATORS
+    from clothfit.scene.kinds import INTEGRATORS
 
     for sentence in beyond_bounds(scene):
         console.warn(f"{out.name}: {sentence}")

@@ -34,7 +34,8 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.engine.forces.spheres import STIFFNESS
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
-from clothfit.scene.scene import INTEGRATORS, Scene
+from clothfit.scene.kinds import INTEGRATORS
+from clothfit.scene.scene import Scene
 
 UNLIMITED = (IMPLICIT, BDF2)
 """Methods whose steps are stable however long they are."""

@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass, replace
 
 from clothfit.engine.system import BDF2, IMPLICIT
-from clothfit.scene.scene import INTEGRATORS, Scene
+from clothfit.scene.kinds import INTEGRATORS
+from clothfit.scene.scene import Scene
 
 EXPLICIT_RATIOS = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16, 1 / 32)
 """Steps of the explicit integrators to try, relative to the scene's delta; they are stable only when short."""

@@ -19,7 +19,8 @@ from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import build
 from clothfit.evaluation.setting import Setting
 from clothfit.motion.times import interpolated, snapped
-from clothfit.scene.scene import INTEGRATORS, Scene
+from clothfit.scene.kinds import INTEGRATORS
+from clothfit.scene.scene import Scene
 
 TIMED_RUNS = 5
 """Most runs of each setting: their median is right even if the machine was disturbed during two of them."""

@@ -23,7 +23,7 @@ WITHOUT_STEPS = ("csv",)
 
 def own_step(scene: Scene, tool: str) -> str | None:
     """A warning where the scene's step is neither the tool's nor one that the values are usually fitted with."""
-    from clothfit.scene.scene import INTEGRATORS, OF_THE_EDITOR
+    from clothfit.scene.kinds import INTEGRATORS, OF_THE_EDITOR
 
     name = INTEGRATORS[scene.method]
     if name in OF_THE_EDITOR or tool in WITHOUT_STEPS:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -19,16 +19,17 @@ from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import checked_tolerance
-from clothfit.fit.auto import by_momentum, find, one_value_each
+from clothfit.base.messages import metres
+from clothfit.fit import time_step
 from clothfit.fit.confidence import Confidence, confidence
 from clothfit.fit.hints import Hint, early_hints
-from clothfit.fit.holdout import judged, split
-from clothfit.fit.options import BUDGET, FIT_TOLERANCE, FitOptions
+from clothfit.fit.holdout import held_out, split
+from clothfit.fit.model_choice import judged
+from clothfit.fit.options import AUTO, BUDGET, FIT_TOLERANCE, FitOptions
+from clothfit.fit.preparation import Prepared, flagged, prepared
 from clothfit.fit.registered_fit import registered_fit
 from clothfit.fit.residual_hints import with_residual_hints
 from clothfit.fit.result import Fit, fitted_scene, result, with_fallbacks, with_verdict
-from clothfit.fit.start import FirstPoint, choose_start, first_point, other_starts
-from clothfit.fit.trajectory_fit import by_gauss_newton, go_on, resumed_prior
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate, simulate_cloths
@@ -44,6 +45,14 @@ from clothfit.optimise.status import Status, Stop
 from clothfit.scene.bounds import from_user
 from clothfit.scene.fit_vector import fitted_cloths, parameters
 from clothfit.scene.scene import Scene
+from clothfit.strategy.auto import by_momentum, find, one_value_each, resumed
+from clothfit.strategy.start import FirstPoint, choose_start, first_point, other_starts, start_warnings
+from clothfit.strategy.trajectory_fit import by_gauss_newton, go_on, resumed_prior
+
+LONGEST = 25.0
+"""Seconds of a search for a target that no values reproduce, where the user gives no other limit: more of them gain
+little there.
+"""
 
 GRACE = 0.5
 """Seconds for each look at a result whose time is up."""
@@ -79,6 +88,9 @@ def estimate(
     seconds: float | None = None,
     found: Callable[[Scene], None] | None = None,
     bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
+    model: str | None = None,
+    substeps: int | str | None = None,
+    keep_step: bool = False,
     fit_time: bool = False,
     fit_placement: bool = False,
 ) -> Fit:
@@ -115,6 +127,12 @@ def estimate(
     `bounds` replaces those of the scene: for a kind, such as "stiffness", its lower and upper bound in its unit, None
     where the default is to hold.
 
+    `model` takes the place of the modes of all masses, stiffnesses and rest lengths that are flagged: "F", "R", "M",
+    "G", "L", or "auto", the smallest of F, R, M and L that no finer one beats on what is kept out of the fit.
+    `substeps` is the number of time steps to a frame of the target, by the scene's integrator or by BDF2, whichever
+    comes nearer, or "auto", as many as pay; scenes with BDF2 are fitted so unless `keep_step` is true. `Fit.scene` has
+    the step with which it is to be played.
+
     `fit_time` finds the rate and the offset of each target's clock with the values, `fit_placement` its place: the
     rotation and the translation that bring it into the scene. The fit then compares with the target at the scene's
     times and in its place; `Fit.registration` says what was found.
@@ -125,7 +143,7 @@ def estimate(
     return fit(scene, target, start, FitOptions(
         method, budget, rmse_tolerance, tolerance, report, objective, loss, loss_scale, prior,
         checkpoint, resume, holdout, holdout_of, intervals, memory, foreseen, hinted, seconds, found,
-        bounds, fit_time, fit_placement,
+        bounds, model, substeps, keep_step, fit_time, fit_placement,
     ))  # fmt: skip
 
 
@@ -135,6 +153,7 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     scene = scene.with_bounds(from_user(options.bounds or {}))
     if options.registers and scene.blocks:
         return registered_fit(scene, target, options, lambda own, targets, rest: fit(own, targets, start, rest))
+    scene = flagged(scene, options.model)
     objective, kept_out = objectives(scene, target, options)
     options = options.within(objective.rounding)
     if options.foreseen:
@@ -149,22 +168,24 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     with interrupts.deferred():
         left = None if options.seconds is None else options.seconds - (time.monotonic() - began)
         with interrupts.limited(left):
-            found = searched(objective, start, hidden, options, checkpoint, state)
+            plan = Prepared(objective, None) if hidden else prepared(objective, kept_out, start, options, state)
+            found = searched(plan, start, hidden, options, checkpoint, state)
             found = replace(found, hints=[*hints, *found.hints])
-        return assessed(found, objective, kept_out, hidden, options)
+        return assessed(found, replace(plan, kept_out=plan.kept_out or kept_out), hidden, options)
 
 
-def assessed(
-    found: Fit, objective: Objective, kept_out: Objective | None, hidden: bool, options: FitOptions
-) -> Fit:
+def assessed(found: Fit, plan: Prepared, hidden: bool, options: FitOptions) -> Fit:
     """The fit with what its motion says: fallbacks, the verdict on its model, and how far it is from what was kept out
     of it.
     """
     if found.status == Status.DIVERGED:
         return found
+    objective, kept_out = plan.objective, plan.kept_out
     found = looked_at(replace(found, travel=objective.travel), with_fallbacks, objective, options=options)
     found = looked_at(found, with_verdict, objective, options.enough, hidden, options=options)
     found = looked_at(found, with_residual_hints, objective, options=options)
+    if options.method == AUTO and not (hidden or plan.tried or options.resume):
+        found = looked_at(found, with_step_hint, objective, options=options)
     if kept_out is None:
         return found
     known = looked_at(found, with_holdout, kept_out, options, options=options)
@@ -174,7 +195,7 @@ def assessed(
 
 
 def searched(
-    objective: Objective,
+    plan: Prepared,
     start: float | Array | Scene | None,
     hidden: bool,
     options: FitOptions,
@@ -184,19 +205,43 @@ def searched(
     """The result of a search, which goes on from a `state` that is given; `hidden`: the scene's own values are the
     truth, which the fit may not know.
     """
-    first = FirstPoint(state.start, np.inf, []) if state else in_time(objective, start, hidden, options.method)
+    objective = plan.objective
+    if state:
+        first = FirstPoint(state.start, np.inf, [])
+    elif plan.p is not None:
+        first = FirstPoint(plan.p, plan.cost, start_warnings(objective, plan.p))
+    else:
+        first = in_time(objective, start, hidden, options.method)
     p, cost, warnings = first
     search = Search(objective, p, options.enough, options.budget, options.report, checkpoint, state, cost)
+    search.prepare(plan.model, plan.substeps, plan.evaluations, plan.seconds)
+    search.longest = LONGEST if options.seconds is None else np.inf
     search.warn(*warnings)
-    others = partial(other_starts, objective, p, hidden) if start is None else None
-    status = search_by(search, options, p, others)
+    others = partial(other_starts, objective, p, hidden) if start is None and plan.p is None else None
+    status = search_by(search, options, p, others, plan.wanted)
     if options.found and status != Status.DIVERGED:
         options.found(fitted_scene(search, search.best.p, start is not None))
     seconds, warnings = search.progress.seconds, [*search.warnings]
     if checkpoint and checkpoint.fault:
         warnings.append(checkpoint.fault)
     known = assess(search, status, warnings) if options.intervals else None
-    return result(search, status, options.method, warnings, start is not None, known, seconds)
+    found = result(search, status, options.method, warnings, start is not None, known, seconds)
+    models = judged(search.rungs, plan.kept_out) if plan.judged is None else plan.judged
+    return replace(found, ladder=models, steps=list(plan.tried), substeps=plan.substeps or None)
+
+
+def with_step_hint(found: Fit, objective: Objective) -> Fit:
+    """The fit with a hint where its model differs and a finer step would come nearer."""
+    if found.verdict is None or not found.verdict.differs:
+        return found
+    nearer = time_step.finer(objective, parameters(found.scene, objective.scene))
+    if nearer is None:
+        return found
+    text = (
+        f"with {time_step.LOOK} steps of BDF2 to a frame, one factor alone would bring the error from "
+        f"{metres(found.rmse)} to {metres(nearer)}; --substeps auto fits so, and changes the scene's step"
+    )
+    return replace(found, hints=[*found.hints, Hint("time_step", text, early=False)])
 
 
 def in_time(objective: Objective, start: float | Array | Scene | None, hidden: bool, method: str) -> FirstPoint:
@@ -250,7 +295,10 @@ def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tup
     return objective, kept_out
 
 
-def search_by(search: Search, options: FitOptions, start: Array, others: Callable[[], list[Array]] | None) -> Status:
+def search_by(
+    search: Search, options: FitOptions, start: Array, others: Callable[[], list[Array]] | None,
+    wanted: Sequence[str] | None,
+) -> Status:  # fmt: skip
     """Search by a method until it or the user ends it; returns the status. A fit that had ended is not repeated."""
     state = search.resumed
     if state is not None and state.status in (Status.CONVERGED, Status.STALLED):
@@ -259,7 +307,7 @@ def search_by(search: Search, options: FitOptions, start: Array, others: Callabl
         return state.status
     try:
         with threads.single(), interrupts.heard():
-            status = found_by(search, options, start, others)
+            status = found_by(search, options, start, others, wanted)
     except Stop as stop:
         status = stop.status
     except interrupts.OutOfTime:
@@ -281,7 +329,10 @@ def search_by(search: Search, options: FitOptions, start: Array, others: Callabl
     return search.finish(status)
 
 
-def found_by(search: Search, options: FitOptions, start: Array, others: Callable[[], list[Array]] | None) -> Status:
+def found_by(
+    search: Search, options: FitOptions, start: Array, others: Callable[[], list[Array]] | None,
+    wanted: Sequence[str] | None,
+) -> Status:  # fmt: skip
     """Search by a method; returns the status. Raises Stop."""
     method, tau = options.method, options.prior_width()
     if not search.fitted.any():
@@ -296,10 +347,10 @@ def found_by(search: Search, options: FitOptions, start: Array, others: Callable
         return search.verdict()
     state = search.resumed
     if state is not None and len(state.before) and not one_value_each(search):
-        return go_on(search, state, tau)
+        return go_on(search, state, tau) if method == "gauss-newton" else resumed(search, state, start, tau)
     if method == "gauss-newton":
         return by_gauss_newton(search, start, start, tau)
-    return find(search, start, others, tau)
+    return find(search, start, others, tau, wanted)
 
 
 def assess(search: Search, status: Status, warnings: list[str]) -> Confidence | None:
@@ -330,4 +381,4 @@ def assess(search: Search, status: Status, warnings: list[str]) -> Confidence | 
 def with_holdout(found: Fit, kept_out: Objective, options: FitOptions) -> Fit:
     """The fit with how far its motion is from what was kept out of it."""
     p = parameters(found.scene, kept_out.scene)
-    return replace(found, holdout=judged(kept_out, p, options.holdout_of, options.holdout or 0.0))
+    return replace(found, holdout=held_out(kept_out, p, options.holdout_of, options.holdout or 0.0))

@@ -94,7 +94,7 @@ def seen(motion: Motion) -> Flags:
     return motion.seen() if motion.weights is None else motion.seen() & (motion.weights > 0)
 
 
-def judged(objective: Objective, p: Array, of: str, fraction: float) -> HeldOut:
+def held_out(objective: Objective, p: Array, of: str, fraction: float) -> HeldOut:
     """How far the motion of parameters p (P,) is from the objective of what was kept out."""
     try:
         rmse = objective.position_rmse(p)

@@ -29,6 +29,11 @@ OWN_METHODS = ("auto", "momentum", "gauss-newton")
 HOLDOUTS = ("frames", "vertices")
 """What can be kept out: the last frames of each target, or vertices drawn at random, the same in all targets."""
 
+AUTO = "auto"
+
+MODELS = (AUTO, "F", "G", "R", "M", "L")
+"""The models that can take the place of a scene's flags; auto: the smallest that no finer one beats."""
+
 RMSE_TOLERANCE = 1e-8  # m; the rounding of the target's numbers where that is more (`Objective.rounding`)
 FIT_TOLERANCE = 1e-10  # linear systems, relative
 BUDGET = 1000  # evaluations
@@ -58,6 +63,9 @@ class FitOptions:
     seconds: float | None = None  # for the search and the intervals; None: no limit
     found: Callable[[Scene], None] | None = None
     bounds: Mapping[str, tuple[float | None, float | None]] | None = None  # of kinds, by name, in their units
+    model: str | None = None  # one of `MODELS` in place of the scene's flags
+    substeps: int | str | None = None  # steps to a frame of the target, or "auto"; None: auto for scenes with BDF2
+    keep_step: bool = False  # whether the scene keeps its step
     fit_time: bool = False  # whether the rate and the offset of each target's clock are found
     fit_placement: bool = False  # whether each target's place is found: a rotation and a translation
 
@@ -76,6 +84,7 @@ class FitOptions:
             from_user(self.bounds)
         if self.budget < 1:
             raise InvalidInput(f"budget: {self.budget} evaluations are too few, at least 1 is needed")
+        self._check_model()
         if self.seconds is not None and not self.seconds > 0:
             raise InvalidInput(f"seconds must be above 0; {self.seconds:g} was given")
 
@@ -83,6 +92,16 @@ class FitOptions:
     def registers(self) -> bool:
         """Whether the clock or the place of targets is found."""
         return self.fit_time or self.fit_placement
+
+    def _check_model(self) -> None:
+        """Raise InvalidInput when the model or the step is not possible."""
+        if self.model is not None and self.model not in MODELS:
+            raise InvalidInput(f"model: there is no {self.model!r}; use {', '.join(MODELS)}{meant(self.model, MODELS)}")
+        count = self.substeps
+        if not (count is None or count == AUTO or (isinstance(count, int) and count >= 1)):
+            raise InvalidInput(f"substeps must be auto or a whole number from 1 on; {count} was given")
+        if self.keep_step and count is not None:
+            raise InvalidInput("substeps: the step is to be kept; use either substeps or keep_step")
 
     def checked(self) -> FitOptions:
         """The same with the tolerance and the bytes that None stands for. Raises InvalidInput."""
@@ -120,6 +139,7 @@ class FitOptions:
         return {
             "method": self.method, "prior": self.prior, "tolerance": self.tolerance, "holdout": self.holdout,
             "of": self.holdout_of, "objective": self.objective, "loss": self.loss, "loss_scale": self.loss_scale,
+            "model": self.model, "substeps": self.substeps, "keep_step": self.keep_step,
             **({"bounds": dict(self.bounds)} if self.bounds else {}),
         }  # fmt: skip
 

@@ -13,6 +13,8 @@ from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.fit.confidence import Confidence
 from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import HeldOut
+from clothfit.fit.model_choice import Judged
+from clothfit.fit.time_step import Step
 from clothfit.fit.verdict import ADEQUATE, Verdict, verdict
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.memory_needs import Needs
@@ -80,6 +82,9 @@ class Fit:
     travel: float | None = None  # root mean square distance of the compared positions from the start, m
     hints: list[Hint] = field(default_factory=list)  # what the target shows of its difference from the scene
     verdict: Verdict | None = None  # on the model; None: it was not looked at
+    ladder: list[Judged] = field(default_factory=list)  # the models that were fitted from coarse to fine
+    steps: list[Step] = field(default_factory=list)  # time steps that were tried
+    substeps: int | None = None  # chosen steps by BDF2 to a frame of the target; None: the step is the scene's
     registration: list[Registration] | None = None  # of each target; None: none was looked for
     remedies: Fallbacks = NO_FALLBACKS  # how many steps of the fitted motion were solved directly, clamped or shortened
 

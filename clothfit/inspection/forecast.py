@@ -12,7 +12,8 @@ from clothfit.engine.stability import UNLIMITED, frequency, limit
 from clothfit.engine.system import build
 from clothfit.objective import memory_needs as storage
 from clothfit.scene.fit_vector import fitted_cloths
-from clothfit.scene.scene import INTEGRATORS, Scene
+from clothfit.scene.kinds import INTEGRATORS
+from clothfit.scene.scene import Scene
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,13 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.limits import checked_tolerance
 from clothfit.fit.options import FIT_TOLERANCE
-from clothfit.fit.start import choose_start
 from clothfit.motion.simulate import simulate_cloths
 from clothfit.objective.experiment import Targets
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import bounds, fitted_cloths, parameters, with_parameters
 from clothfit.scene.scene import Scene
+from clothfit.strategy.start import choose_start
 
 FACTOR = 10.0
 

@@ -52,7 +52,7 @@ class Objective:
         scene: Scene,
         motion: Targets,
         tolerance: float | None = None,
-        frames: int | Sequence[int] | None = None,
+        frames: int | Sequence[int | None] | None = None,
         *,
         objective: str | Mapping[str, float] = "position",
         loss: str = "linear",
@@ -100,9 +100,21 @@ class Objective:
         """
         wanted = frames if isinstance(frames, Sequence) else [frames] * len(self._ends)
         shorter = [first if end is None else min(first, end) for first, end in zip(wanted, self._ends, strict=True)]
+        return self.against(self.scene, self.experiments, shorter, tolerance)
+
+    def flagging(self, scene: Scene, tolerance: float | None = None) -> Objective:
+        """The same objective for a `scene` with other values and flags, solved to another tolerance."""
+        pairs = [Experiment(motion, scene if own is self.scene else own) for motion, own in self.experiments]
+        return self.against(scene, pairs, self._ends, tolerance)
+
+    def against(
+        self, scene: Scene, given: Sequence[Experiment], frames: int | Sequence[int | None] | None,
+        tolerance: float | None = None,
+    ) -> Objective:  # fmt: skip
+        """The same objective for other experiments of a `scene`, over so many frames of each."""
         scale = None if self.loss.is_linear else self.loss.scale
         return Objective(
-            self.scene, self.experiments, tolerance or self.tolerance, shorter,
+            scene, list(given), tolerance or self.tolerance, frames,
             objective=self.weights, loss=self.loss.name, loss_scale=scale, memory=self.memory,
         )  # fmt: skip
 

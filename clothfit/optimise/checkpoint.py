@@ -31,9 +31,10 @@ from clothfit.base.reading import whole
 from clothfit.base.writing import check_writable, write_atomically
 from clothfit.objective.experiment import Experiment
 from clothfit.optimise.status import Status
+from clothfit.scene.factors import FACTOR_MODES
 from clothfit.scene.scene import Scene, dumps
 
-FORMAT_LINE = b"clothfit checkpoint 2 "
+FORMAT_LINE = b"clothfit checkpoint 3 "
 SECRET = "#"  # before a digest, which says nothing to a reader
 
 EVERY = 1.0
@@ -62,6 +63,8 @@ class State(NamedTuple):
     seconds: float  # that the fit has taken
     warnings: Sequence[str]
     status: Status | None = None  # None while it runs
+    model: str = ""  # that was chosen for the fit, a letter; none was where it is empty
+    substeps: int = 0  # that were chosen, steps by BDF2 to a frame of the target; 0: the scene's own step
 
 
 @dataclass
@@ -107,7 +110,7 @@ class Checkpoint:
         self.written = True
         if reasons := differences(there, self.identity):
             raise InvalidInput(f"{self._name}: belongs to another fit: {'; '.join(reasons)}")
-        if len(state.best) != count:
+        if not state.model and len(state.best) != count:
             raise InvalidInput(f"{self._name}: is not what a fit has written; begin anew, without --resume")
         return state
 
@@ -186,7 +189,7 @@ def _understood(values: Mapping[str, Any]) -> State:
     warnings, status = [str(text) for text in values["warnings"]], values["status"]
     return State(
         start, best, cost, gradient, centre, tau, y, radius, window, before, before_cost, history, beside, seconds,
-        warnings, None if status is None else Status(status),
+        warnings, None if status is None else Status(status), str(values["model"]), int(values["substeps"]),
     )  # fmt: skip
 
 
@@ -203,7 +206,8 @@ def is_possible(state: State) -> bool:
         and all(width > 0 for width in state.tau)
         and not any(math.isnan(cost) for cost in state.history)
         and all(text.isprintable() for text in state.warnings)
-        and min(state.window, state.beside) >= 0
+        and min(state.window, state.beside, state.substeps) >= 0
+        and state.model in ("", *FACTOR_MODES, "L")
     )
 
 

@@ -75,6 +75,16 @@ class Belief(NamedTuple):
     ceiling: float  # the best cost before the descent, which no result may exceed
 
 
+class Rung(NamedTuple):
+    """What one model of a ladder, from coarse to fine, has come to."""
+
+    model: str  # a letter: F, R, M or L; G where there is no other
+    values: int  # fitted
+    rmse: float  # m
+    p: Array  # (P,), in the parameters of the search
+    seconds: float  # of its stage
+
+
 class BestSoFar:
     """The best point of a search, which no worse one can replace.
 
@@ -178,6 +188,9 @@ class Search:
         self.progress = Reporter(report, self.start, objective.frames)
         self.checkpoint, self.resumed = checkpoint, state
         self.warnings: list[str] = []  # what the user should know
+        self.rungs: list[Rung] = []  # the models that were fitted from coarse to fine
+        self.longest = np.inf  # seconds, after which a fit ends whose model cannot reproduce the target
+        self.model, self.substeps = "", 0  # that were chosen for the fit: a letter, and steps to a frame by BDF2
         self.unit, self.worst = 0.0, 0.0  # the first cost, and the largest
         self._shaken, self._plateau = np.nan, False  # the cost at which the plateau was looked for, and what was found
         if state is not None:
@@ -217,6 +230,11 @@ class Search:
             return self._bowl(y)
         by_y = gradient * self.coordinates.change(p) / self.coordinates.weight
         return cost / self.unit, by_y[self.fitted] / self.unit
+
+    @property
+    def is_late(self) -> bool:
+        """Whether a fit ends here whose model cannot reproduce the target."""
+        return self.progress.seconds >= self.longest
 
     def cost(self, y: Array) -> float:
         """Scaled cost alone, for methods without a gradient."""
@@ -292,7 +310,14 @@ class Search:
         return State(
             self.start, best.p, best.cost, best.gradient, centre, tau, y, radius, window, before,
             before_cost, self.budget.history, self.budget.beside, self.progress.seconds, self.warnings,
+            None, self.model, self.substeps,
         )  # fmt: skip
+
+    def prepare(self, model: str, substeps: int, evaluations: int, seconds: float) -> None:
+        """Take over what a choice before the search has found: the model and the steps to a frame."""
+        self.model, self.substeps = model, substeps
+        self.budget.count_beside(evaluations)
+        self.progress.began -= seconds
 
     def _restore(self, state: State) -> None:
         best = np.where(self.fitted, self.coordinates.clipped(state.best), self.start)
@@ -310,6 +335,15 @@ class Search:
         other = copy(self)
         other.budget, other.progress = Budget(budget), Reporter(None, self.progress.p, self.progress.frames)
         other.checkpoint = None
+        return other
+
+    def beside(self, objective: Objective, start: Array, cost: float) -> Search:
+        """A search by other parameters, from `start` (P′,) of that cost, with the budget and the reports of this."""
+        other = Search(objective, start, self.rmse_tolerance, self.budget.limit, start_cost=cost)
+        other.budget, other.progress, other.warnings = self.budget, self.progress, self.warnings
+        other.longest = self.longest
+        self.progress.p = other.start
+        self.budget.enter_stage()
         return other
 
     def _remember(self, p: Array, cost: float, gradient: Array) -> None:

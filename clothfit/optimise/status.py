@@ -35,6 +35,7 @@ class Budget:
         self.limit = limit
         self.history: list[float] = []  # best cost at each evaluation of an optimiser
         self.beside = 0  # simulations that only look around a point, and end nothing
+        self.stage = 0  # evaluations before the present stage, which only its own evaluations can stall
 
     @property
     def evaluations(self) -> int:
@@ -54,10 +55,14 @@ class Budget:
         """Count simulations around a point; they do not change where the search ends."""
         self.beside += simulations
 
+    def enter_stage(self) -> None:
+        """Begin a stage: a search by other parameters."""
+        self.stage = len(self.history)
+
     @property
     def is_stalled(self) -> bool:
         """Whether the last evaluations hardly lowered the best cost."""
-        if len(self.history) <= STALL_EVALUATIONS:
+        if len(self.history) - self.stage <= STALL_EVALUATIONS:
             return False
         before, now = self.history[-1 - STALL_EVALUATIONS], self.history[-1]
         return math.isfinite(before) and now > (1.0 - STALL_REDUCTION) * before

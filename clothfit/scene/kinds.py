@@ -58,3 +58,15 @@ CLOTH_KINDS = tuple(kind for kind in KINDS if kind.of != "scene")
 SCENE_KINDS = tuple(kind for kind in KINDS if kind.of == "scene")
 LETTERED = ("mass", "stiffness")
 """The kinds that `optimizationSettings` flags, in the order of its letters."""
+
+INTEGRATORS = ("explicit", "symplectic", "implicit", "bdf2")
+"""Names of the values of integrationMethod."""
+
+OF_THE_EDITOR = INTEGRATORS[:3]
+"""Those that the editor has."""
+
+MODELS = "FRML"
+"""Modes of masses, stiffnesses and rest lengths from coarse to fine; of G, one value for all, none is finer or coarser.
+"""
+
+MODEL_NAMES = {"F": "one factor", "R": "families", "M": "maps", "L": "single values", "G": "one value"}

@@ -25,14 +25,12 @@ from clothfit.scene import schema as structure
 from clothfit.scene.block import Block, flagged
 from clothfit.scene.bounds import Bounds, from_file
 from clothfit.scene.cloth import Cloth, Sphere
-from clothfit.scene.kinds import CLOTH_KINDS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
+from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
 from clothfit.scene.splice import Optional, splice
 from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read
 from clothfit.scene.weave.layout import layout_of
 
 SPHERE = 1  # colliders[].type
-INTEGRATORS = ("explicit", "symplectic", "implicit", "bdf2")  # names of the values of integrationMethod
-OF_THE_EDITOR = INTEGRATORS[:3]
 LETTERS: dict[str | bool, str] = {
     "n": "n", "f": "F", "r": "R", "m": "M", "g": "G", "l": "L", False: "n", True: "G",
 }  # fmt: skip

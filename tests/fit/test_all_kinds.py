@@ -11,11 +11,11 @@ from helpers.scenes import cloth, document, load_text, write_scene
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.fit.start import neutral
 from clothfit.motion.simulate import simulate
 from clothfit.objective.identifiability import identifiable
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import dumps
+from clothfit.strategy.start import neutral
 
 pytestmark = [
     pytest.mark.slow,  # compiles a fit

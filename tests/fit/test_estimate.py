@@ -9,7 +9,6 @@ import clothfit
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.fit.options import FIT_TOLERANCE, OWN_METHODS, RMSE_TOLERANCE
-from clothfit.fit.start import neutral_start
 from clothfit.motion.degrade import degrade
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
@@ -19,6 +18,7 @@ from clothfit.objective.objective import Objective, cost_and_gradient
 from clothfit.optimise.scipy_methods import METHODS
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.scene.scene import dumps, load
+from clothfit.strategy.start import neutral_start
 
 pytestmark = [
     pytest.mark.slow,  # compiles a fit

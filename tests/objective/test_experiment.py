@@ -10,13 +10,13 @@ from helpers.scenes import cloth, even, trial
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.derivative.verify import check
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.fit.start import neutral_start
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.experiment import experiments
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
+from clothfit.strategy.start import neutral_start
 
 pytestmark = [
     pytest.mark.slow,  # compiles a fit

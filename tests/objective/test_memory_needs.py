@@ -12,7 +12,6 @@ from clothfit.base.memory import human
 from clothfit.cli.program import run
 from clothfit.engine import snapshots
 from clothfit.engine.rollout import state_bytes
-from clothfit.fit import trajectory_fit
 from clothfit.fit.estimate import estimate
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import as_motion
@@ -21,6 +20,7 @@ from clothfit.objective import objective as objectives
 from clothfit.objective.memory_needs import snapshot_bytes
 from clothfit.objective.objective import Objective, cost_and_gradient
 from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.strategy import trajectory_fit
 
 pytestmark = pytest.mark.slow  # compiles a fit
 

@@ -208,7 +208,7 @@ def noisy(settings, frames=20, noise=1e-3, **fields):
 
 
 CASES = {
-    "auto per spring": ("nL", "auto", 40, None, 1e-3),
+    "auto per spring": ("nL", "auto", 20, None, 1e-3),
     "held by the prior": ("nL", "auto", 20, None, 1e-2),  # its end costs more than a point on the way there
     "auto with a scan": ("nG", "auto", 20, None, 1e-2),
     "windows": ("LL", "gauss-newton", 40, 1.0, 1e-3),

@@ -13,7 +13,7 @@ PACKAGE = ROOT / "clothfit"
 
 FOLDERS = [
     "base", "kernels", "scene", "formats", "meshes", "engine", "motion", "derivative", "objective", "optimise",
-    "registration", "fit", "evaluation", "inspection", "many", "pictures", "report", "export", "cli",
+    "registration", "strategy", "fit", "evaluation", "inspection", "many", "pictures", "report", "export", "cli",
 ]  # fmt: skip
 """From the bottom to the top: the path of the data."""
 
@@ -118,7 +118,7 @@ def test_there_are_no_relative_imports():
     ("name", "source", "found"),
     [
         ("scene.scene", "from clothfit.motion import motion", ["motion.motion"]),
-        ("engine.system", "def later():\n    from clothfit.fit.start import fabric", ["fit.start"]),
+        ("engine.system", "def later():\n    from clothfit.strategy.start import fabric", ["strategy.start"]),
         ("base.errors", "if TYPE_CHECKING:\n    import clothfit.objective.objective", ["objective.objective"]),
         ("objective.comparison", "from clothfit.scene.scene import Scene", []),
     ],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -18,9 +18,11 @@ from clothfit.cli.common.output import STREAM, Output, document, output_for, pri
 from clothfit.cli.fitting.files import Files, filled
 from clothfit.many.job import EXIT_CODES, NEVER_FINITE
 from clothfit.optimise.status import Status
+from clothfit.scene.kinds import INTEGRATORS, MODEL_NAMES
 
 if TYPE_CHECKING:
     from clothfit.cli.fitting.recording import FitLog
+    from clothfit.fit.model_choice import Judged
     from clothfit.fit.result import Fit, FittedBlock
     from clothfit.optimise.progress import Progress
     from clothfit.report.log import Point
@@ -75,6 +77,7 @@ def describe(found: Fit, out: Output, console: Console) -> None:
     )
     for i, each in enumerate(found.registration or []):
         console.say(f"target{f' {i + 1}' if i or len(found.registration or []) > 1 else ''}: {each}")
+    describe_choices(found, console)
     for hint in found.hints:
         if not hint.early:  # the others were said before
             console.say(f"hint: {hint.text}")
@@ -101,6 +104,30 @@ def as_compared(targets: list[Any], found: Fit, scene: Scene) -> list[Any]:
         else each.applied(target, scene.delta)
         for target, each in zip(targets, known, strict=True)
     ]  # fmt: skip
+
+
+def describe_choices(found: Fit, console: Console) -> None:
+    """Print the models that were fitted from coarse to fine, and the time step, where there was a choice."""
+    if len(found.ladder) > 1:
+        console.say("\n".join(ladder_table(found.ladder)))
+    if found.substeps:
+        method, milliseconds = INTEGRATORS[found.scene.method], 1000 * found.scene.delta
+        console.say(
+            f"time step: {milliseconds:.4g} ms by {method}, {counted(found.substeps, 'step', 'steps')} to a frame of "
+            "the target; the scene is to be played with it"
+        )
+
+
+def ladder_table(ladder: Sequence[Judged]) -> list[str]:
+    """The models that were fitted, a line each."""
+    kept = any(each.holdout_rmse is not None for each in ladder)
+    head = f"{'model':<18}{'values':>8}{'RMSE':>12}{'kept out' if kept else '':>12}{'seconds':>10}"
+    lines = [head.rstrip() if not kept else head]
+    for each in ladder:
+        held = "" if not kept else "-" if each.holdout_rmse is None else metres(each.holdout_rmse)
+        name = f"{each.model} {MODEL_NAMES[each.model]}"
+        lines.append(f"{name:<18}{each.values:>8}{metres(each.rmse):>12}{held:>12}{each.seconds:>10.1f}")
+    return lines
 
 
 def ending(found: Fit) -> str:
@@ -169,6 +196,11 @@ def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
         "memory": found.memory and found.memory.summary(),
         "holdout": found.holdout and asdict(found.holdout),
         "verdict": found.verdict and asdict(found.verdict),
+        "ladder": [asdict(each) for each in found.ladder],
+        "step": {
+            "delta": found.scene.delta, "integrator": INTEGRATORS[found.scene.method], "substeps": found.substeps,
+            "tried": [asdict(each) for each in found.steps],
+        },
         "hints": [{"code": hint.code, "text": hint.text} for hint in found.hints],
         "registration": found.registration and [each.summary() for each in found.registration],
         "parameters": [asdict(block) for block in found.parameters],

@@ -8,10 +8,20 @@ import pytest
 from helpers.physics import scene, xyz
 from helpers.scenes import cloth, even, trial
 
-from clothfit.fit import trajectory_fit
-from clothfit.fit.auto import balances_can_hold, by_momentum, find
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.fit.trajectory_fit import (
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import Motion, as_motion
+from clothfit.motion.simulate import simulate
+from clothfit.objective.identifiability import identifiable
+from clothfit.objective.objective import Objective
+from clothfit.optimise.momentum import TREATMENTS
+from clothfit.optimise.search import Search
+from clothfit.optimise.status import Stop
+from clothfit.scene.fit_vector import parameters
+from clothfit.scene.scene import load
+from clothfit.strategy import trajectory_fit
+from clothfit.strategy.auto import balances_can_hold, by_momentum, find
+from clothfit.strategy.trajectory_fit import (
     FAR_ERROR,
     FIRST_WINDOW,
     NOISE_SAVING,
@@ -23,16 +33,6 @@ from clothfit.fit.trajectory_fit import (
     stages,
     window_lengths,
 )
-from clothfit.motion.degrade import degrade
-from clothfit.motion.motion import Motion, as_motion
-from clothfit.motion.simulate import simulate
-from clothfit.objective.identifiability import identifiable
-from clothfit.objective.objective import Objective
-from clothfit.optimise.momentum import TREATMENTS
-from clothfit.optimise.search import Search
-from clothfit.optimise.status import Stop
-from clothfit.scene.fit_vector import parameters
-from clothfit.scene.scene import load
 
 pytestmark = [
     pytest.mark.slow,  # compiles a fit

@@ -2,8 +2,7 @@
 
 Near the start of a motion the cost is smooth in the parameters; later that of a windy cloth is chaotic. Stages before
 the last one solve the linear systems loosely and end early. Each stage uses the dense model where that is small enough,
-else the matrix-free method, else L-BFGS-B. A long fit of too many values for a dense model first multiplies them by one
-factor for each kind (`common_factors`).
+else the matrix-free method, else L-BFGS-B.
 """
 
 from __future__ import annotations
@@ -17,9 +16,9 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.objective.objective import Objective
+from clothfit.objective.residual_tests import residual_test
 from clothfit.optimise import matrix_free, scipy_methods
 from clothfit.optimise.checkpoint import State
-from clothfit.optimise.common_factors import Shared
 from clothfit.optimise.gauss_newton import PATIENT, SMALL, Patience, minimise
 from clothfit.optimise.prior import Prior, none
 from clothfit.optimise.search import SAME_POINT, Descent, Search
@@ -32,6 +31,11 @@ NEAR_ERROR = 2e-3
 FAR_ERROR = 0.05
 """Error relative to how far the target moves, above which the model cannot reproduce it: the fit ends there. Nearer, a
 last stage with the fit's own tolerance goes to the very minimum.
+"""
+
+UNLIKE, MOSTLY = 0.01, 0.5
+"""Error of a window relative to how far the target moves in it, above which the model may differ, and the share of its
+squares that is no noise, above which it does.
 """
 
 FIRST_WINDOW, WINDOW_GROWTH = 10, 2
@@ -69,31 +73,34 @@ class Stage(NamedTuple):
     patience: Patience
 
 
-def by_gauss_newton(search: Search, p: Array, centre: Array, tau: float | None, windows: bool = True) -> Status:
+class ModelDiffers(Exception):
+    """Ends Gauss–Newton in its windows: the model cannot reproduce what they show."""
+
+
+def by_gauss_newton(
+    search: Search, p: Array, centre: Array, tau: float | None, windows: bool = True, watched: bool = False
+) -> Status:
     """Gauss–Newton from p (P,), in windows of more and more frames where p is far from the target; the prior is centred
-    on `centre` (P,), its width `tau` is learned where None. Raises Stop.
+    on `centre` (P,), its width `tau` is learned where None. Raises Stop, and ModelDiffers where it is `watched`.
     """
     search.enter("gauss-newton")
     near = is_near(search, search.visit(p))
-    if not near and too_many(search):
-        p, status = by_factors(search, p, windows)
-        if is_far(search):
-            return status
-        near, windows = is_near(search), False
     every = Trajectory(search, search.objective)
     descent = Descent(every.prior(every.y(centre), tau), every.y(p), 0.0, 0, search.best.p, search.best.cost)
-    return by_stages(search, descent, stages(search, near, windows))
+    return by_stages(search, descent, stages(search, near, windows), watched)
 
 
-def go_on(search: Search, state: State, tau: float | None) -> Status:
-    """Begin the stage anew in which a fit was ended, and go on from there; returns the status. Raises Stop."""
+def go_on(search: Search, state: State, tau: float | None, watched: bool = False) -> Status:
+    """Begin the stage anew in which a fit was ended, and go on from there; returns the status. Raises Stop, and
+    ModelDiffers where it is `watched`.
+    """
     prior = resumed_prior(search, state, tau)
     search.best.attribute(prior)
     *found, last = stages(search, False, windows=True)
     last = last._replace(patience=last.patience._replace(flat=SMALL))  # it may begin where no step lowers the cost
     left = [stage for stage in found if stage.objective.frames >= state.window and not state.radius] + [last]
     descent = Descent(prior, state.y, state.radius, state.window, state.before, state.before_cost)
-    status = by_stages(search, descent, left)
+    status = by_stages(search, descent, left, watched)
     centre = search.parameters(prior.centre)
     if np.array_equal(search.best.p, state.before) and not np.allclose(state.before, centre, rtol=1e-9):
         return by_gauss_newton(search, search.best.p, centre, tau)  # as `auto.find` does
@@ -111,8 +118,10 @@ def resumed_prior(search: Search, state: State, tau: float | None) -> Prior:
     return replace(prior, tau=state.tau)
 
 
-def by_stages(search: Search, descent: Descent, parts: Sequence[Stage]) -> Status:
-    """Gauss–Newton through all stages; the best point of the search is never worse than before."""
+def by_stages(search: Search, descent: Descent, parts: Sequence[Stage], watched: bool = False) -> Status:
+    """Gauss–Newton through all stages; the best point of the search is never worse than before. Raises Stop, and
+    ModelDiffers where it is `watched`.
+    """
     best, y, prior, status = search.best, descent.y, descent.prior, Status.STALLED
     for stage in parts:
         part, whole = Trajectory(search, stage.objective), stage.objective is search.objective
@@ -129,6 +138,9 @@ def by_stages(search: Search, descent: Descent, parts: Sequence[Stage]) -> Statu
             descent = descent._replace(radius=0.0)
             if not whole and stage.objective.steps == search.objective.steps and is_far(search):
                 break
+            last = len(parts) < 2 or stage is parts[-2]
+            if watched and not whole and differs(stage, search.parameters(found), status, last):
+                raise ModelDiffers
         elif matrix_free.fits(part):
             search.enter("matrix-free", stage.objective)
             y, status = matrix_free.minimise(part, y, prior, whole)
@@ -162,33 +174,15 @@ def is_better(search: Search, found: Array, before: Array) -> bool:
     return not search.visit(search.parameters(found)) > known
 
 
-def too_many(search: Search) -> bool:
-    """Whether so many values are fitted one by one that there is no dense model of a fit."""
-    operations = Trajectory(search, search.objective).operations()
-    return is_long(search) and operations > LARGEST and any(block.mode == "L" for block in search.objective.blocks)
-
-
-def by_factors(search: Search, p: Array, windows: bool) -> tuple[Array, Status]:
-    """Go from p (P,) by one factor for all values of a kind, and where that stays far from the target some steps by the
-    values themselves; the best point, and how it ended.
+def differs(stage: Stage, p: Array, status: Status, last: bool) -> bool:
+    """Whether most of what the fit of a window leaves at p (P,) is no noise. One that has not converged says nothing,
+    but for the `last` one.
     """
-    y, status = Trajectory(search, search.objective).y(p), Status.STALLED
-    for stage in stages(search, False, windows)[:-1]:
-        part = Shared(search, stage.objective, y)
-        z = np.zeros(part.size)
-        if not np.isfinite(part.cost(z)):
-            break
-        search.enter("factors", stage.objective)
-        problem = part.problem(stage.least, stage.patience)
-        model, _, status = minimise(problem, z, none(part.size), part.passed, stage.iterations)
-        y = part.all(model.y)
-        search.visit(search.parameters(y))
-    if is_far(search):
-        loose = loosened(search.objective, search.objective.steps + 1)
-        search.enter("l-bfgs-b", loose)
-        y, status = scipy_methods.short(search, loose, search.y)
-        search.visit(search.parameters(y))
-    return search.best.p, status
+    part = stage.objective
+    if not (last or status == Status.CONVERGED) or part.cost_or_infinity(p) <= UNLIKE**2 * part.still:
+        return False
+    test = residual_test(part, p)
+    return test is not None and not test.is_noise and test.structured > MOSTLY
 
 
 def stages(search: Search, near: bool, windows: bool) -> list[Stage]:

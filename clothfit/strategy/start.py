@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import owned
-from clothfit.fit.coarse_search import best_scales, normalised
 from clothfit.meshes.mesh import BENDING_SHARE, Mesh, areas
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
@@ -27,6 +26,7 @@ from clothfit.scene.factors import geometric_mean
 from clothfit.scene.fit_vector import bounds, parameters
 from clothfit.scene.kinds import LETTERED
 from clothfit.scene.scene import Scene
+from clothfit.strategy.coarse_search import best_scales, normalised
 
 SELF_STARTING = ("auto", "momentum")
 """Methods that look for a start themselves where none is given."""

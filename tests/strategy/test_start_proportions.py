@@ -5,10 +5,10 @@ import pytest
 from helpers.physics import scene, thing
 from helpers.scenes import cloth
 
-from clothfit.fit.coarse_search import normalised
-from clothfit.fit.start import proportions
 from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh, areas
+from clothfit.strategy.coarse_search import normalised
+from clothfit.strategy.start import proportions
 
 pytestmark = pytest.mark.slow  # compiles a fit
 

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from helpers.scenes import changed, document, even, trial
 
-from clothfit.fit.coarse_search import COARSE_FRAMES, best_scales, neighbours
-from clothfit.fit.start import fabric, neutral, neutral_start, proportions
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.scene.scene import load
+from clothfit.strategy.coarse_search import COARSE_FRAMES, best_scales, neighbours
+from clothfit.strategy.start import fabric, neutral, neutral_start, proportions
 
 pytestmark = [
     pytest.mark.slow,  # compiles a fit

@@ -1,10 +1,11 @@
-"""The default method, in three steps.
+"""The default method, in four steps.
 
 1. The momentum fit, where the target shows whole successive frames; it is exact where the target is.
 2. One value for a whole cloth: a scan over the bounds, for the global minimum.
 3. Otherwise the trajectory fit (`trajectory_fit`), from the best of the start, a uniform fabric and equal values; or
    from a momentum fit that is exact but for the rounding of a file. One that is not is no such start: its motion may be
    near, but noise has scattered its values.
+4. From coarse to fine (`ladder`), where the first windows of that show that no values reproduce the target.
 
 A long fit leaves the momentum fit out where a few frames show that the balances cannot hold. Each trial is a visit of
 the search, so the result is never worse than the best of them.
@@ -17,13 +18,26 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.fit.trajectory_fit import FAR_ERROR, by_gauss_newton, first_frames, is_long, is_near
 from clothfit.objective.objective import Objective
+from clothfit.objective.residual_tests import residual_test
 from clothfit.optimise import momentum
+from clothfit.optimise.checkpoint import State
 from clothfit.optimise.scan import is_large, scan, scannable
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
+from clothfit.optimise.trajectory import LARGEST, Trajectory
 from clothfit.scene.kinds import LETTERED
+from clothfit.strategy import ladder
+from clothfit.strategy.trajectory_fit import (
+    FAR_ERROR,
+    ModelDiffers,
+    by_gauss_newton,
+    first_frames,
+    go_on,
+    is_far,
+    is_long,
+    is_near,
+)
 
 ACCURATE = 3e-4
 """Error of a momentum fit, relative to how far the target moves, below which noise has hardly scattered its values."""
@@ -32,28 +46,78 @@ TRIED = momentum.TREATMENTS[:2]
 """The momentum fits that are worth their time beside a trajectory fit."""
 
 
-def find(search: Search, start: Array, others: Callable[[], list[Array]] | None, tau: float | None) -> Status:
+def find(
+    search: Search, start: Array, others: Callable[[], list[Array]] | None, tau: float | None,
+    wanted: Sequence[str] | None = None,
+) -> Status:  # fmt: skip
     """Fit by the steps above from `start` (P,); returns the status. Raises Stop.
 
     `others` gives values (P,) to try beside the start; `tau` is the width of the prior, learned where None. The prior
-    is centred on the start or the other values, whichever cost least over the first frames.
+    is centred on the start or the other values, whichever cost least over the first frames. With
+    `wanted` it is known that no values reproduce the target, and which models are left to try.
     """
+    if wanted is not None:
+        return by_ladder(search, tau, [], wanted)
     early = first_frames(search.objective)
     exact = []
     if balances_can_hold(search, start, early):
         exact = by_momentum(search, start, TRIED[:1] if one_value_each(search) else TRIED, early)
     if one_value_each(search):
         return by_scan(search, start, tau)
+    if too_many(search):
+        return by_ladder(search, tau, [start])
     search.enter("starts")
     guesses = [start]
     if others is not None and not is_near(search, search.visit(start)):
         guesses += [np.where(search.fitted, p, start) for p in others()]
     centre = min(guesses, key=lambda p: search.measure(p, early))
-    begin = search.best.p if exact and is_accurate(search) else centre
-    status = by_gauss_newton(search, begin, centre, tau)
+    if exact and is_accurate(search):
+        return by_gauss_newton(search, search.best.p, centre, tau)
+    if search.fitted.sum() <= ladder.FEW_VALUES and all(block.mode in "FGR" for block in search.objective.blocks):
+        return by_ladder(search, tau, [start] if centre is start else [start, centre])
+    try:
+        status = by_gauss_newton(search, centre, centre, tau, watched=True)
+    except ModelDiffers:
+        return by_ladder(search, tau, [start])
     if exact and np.array_equal(search.best.p, exact[-1]):  # noisy as it is, it costs less
         return by_gauss_newton(search, search.best.p, centre, tau)
     return status
+
+
+def resumed(search: Search, state: State, start: Array, tau: float | None) -> Status:
+    """Go on with Gauss–Newton from a `state`, of a fit from `start` (P,). Raises Stop."""
+    try:
+        return go_on(search, state, tau, watched=True)
+    except ModelDiffers:
+        return by_ladder(search, tau, [start])
+
+
+def by_ladder(
+    search: Search, tau: float | None, starts: Sequence[Array], wanted: Sequence[str] | None = None
+) -> Status:
+    """Fit from coarse to fine, from `starts` (P,), all models or those that are `wanted`; where that comes to the noise
+    of the target, Gauss–Newton goes on to the minimum.
+    """
+    search.best.forget()
+    search.best.follow(None)
+    search.visit(search.start)
+    ladder.climb(search, ladder.models(search.objective.scene) if wanted is None else wanted, starts)
+    if is_far(search) or (not is_near(search) and not is_explained(search)):
+        search(search.y)  # its gradient says whether this is a minimum
+        return search.verdict()
+    return by_gauss_newton(search, search.best.p, search.best.p, tau, windows=False)
+
+
+def is_explained(search: Search) -> bool:
+    """Whether what is left at the best point is noise."""
+    test = residual_test(search.objective, search.best.p)
+    return test is None or test.is_noise
+
+
+def too_many(search: Search) -> bool:
+    """Whether so many values are fitted one by one that a long fit has no dense model."""
+    operations = Trajectory(search, search.objective).operations()
+    return is_long(search) and operations > LARGEST and any(block.mode == "L" for block in search.objective.blocks)
 
 
 def by_momentum(

@@ -1,0 +1,129 @@
+"""What a fit settles before it begins: its model, and the time step that its scene is to be played with."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clothfit.base import interrupts
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+from clothfit.engine.system import BDF2
+from clothfit.fit import model_choice, time_step
+from clothfit.fit.model_choice import Judged
+from clothfit.fit.options import AUTO, FitOptions
+from clothfit.objective.objective import Objective
+from clothfit.optimise.checkpoint import State
+from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.scene import Scene
+from clothfit.strategy import ladder
+from clothfit.strategy.start import choose_start
+
+MOMENT = 0.5
+"""Seconds for the cost of values that were found when the time was up."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What a fit begins with."""
+
+    objective: Objective
+    kept_out: Objective | None
+    p: Array | None = None  # (P,), the best values that are known
+    cost: float = np.inf  # there, as far as it is known
+    wanted: list[str] | None = None  # models that are left to try, where no values reproduce the target
+    judged: list[Judged] | None = None  # the models among which one was chosen
+    model: str = ""  # that was chosen
+    substeps: int = 0  # that were chosen, by BDF2; 0: the step is the scene's
+    tried: tuple[time_step.Step, ...] = ()  # time steps that were tried
+    evaluations: int = 0
+    seconds: float = 0.0
+
+
+def flagged(scene: Scene, model: str | None) -> Scene:
+    """The scene with a model in place of its own flags, where one is asked for; "auto" has all values free."""
+    return scene if model is None else ladder.as_model(scene, "L" if model == AUTO else model, exactly=True)
+
+
+def prepared(
+    objective: Objective, kept_out: Objective | None, start: float | Array | Scene | None, options: FitOptions,
+    state: State | None = None,
+) -> Prepared:  # fmt: skip
+    """What a fit to given targets begins with. A fit that goes on from a `state` keeps what it had chosen."""
+    began = time.monotonic()
+    plan = Prepared(objective, kept_out)
+    if isinstance(options.substeps, int):
+        plan = with_steps(plan, options.substeps, None)
+    if state is not None:
+        return chosen_before(plan, state)
+    counts = counts_of(options, objective.scene)
+    if counts:
+        plan = with_chosen_step(plan, choose_start(plan.objective, start, hidden=False), options, counts)
+    if options.model == AUTO:
+        p = choose_start(plan.objective, start, hidden=False) if plan.p is None else plan.p
+        plan = with_chosen_model(plan, p, options)
+    return replace(plan, seconds=time.monotonic() - began)
+
+
+def counts_of(options: FitOptions, scene: Scene) -> Sequence[int]:
+    """The numbers of BDF2 steps to a frame that are to be tried. A scene with the editor's step keeps it where nobody
+    asks for another.
+    """
+    if isinstance(options.substeps, int):
+        return [options.substeps]
+    asked = options.substeps == AUTO or (scene.method == BDF2 and options.method == AUTO)
+    return time_step.COUNTS if asked and not options.keep_step else []
+
+
+def with_steps(plan: Prepared, count: int, method: int | None) -> Prepared:
+    """The plan with so many steps to a frame."""
+    kept_out = plan.kept_out and time_step.with_substeps(plan.kept_out, count, method)
+    return replace(plan, objective=time_step.with_substeps(plan.objective, count, method), kept_out=kept_out)
+
+
+def chosen_before(plan: Prepared, state: State) -> Prepared:
+    """The plan with the step and the model of a fit that goes on. Raises InvalidInput where they do not fit."""
+    if state.substeps:
+        plan = with_steps(plan, state.substeps, BDF2)
+    if state.model:
+        plan = with_model(plan, state.model)
+    if len(parameters(plan.objective.scene)) != len(state.best):
+        raise InvalidInput("the checkpoint is not what a fit has written; begin anew, without --resume")
+    return replace(plan, model=state.model, substeps=state.substeps)
+
+
+def with_model(plan: Prepared, model: str) -> Prepared:
+    """The plan with a model in place of its scene's."""
+    scene = ladder.as_model(plan.objective.scene, model, exactly=True)
+    kept_out = plan.kept_out and plan.kept_out.flagging(scene)
+    return replace(plan, objective=plan.objective.flagging(scene), kept_out=kept_out, model=model)
+
+
+def with_chosen_step(plan: Prepared, start: Array, options: FitOptions, counts: Sequence[int]) -> Prepared:
+    """The plan with the step that gains most."""
+    found = time_step.chosen(plan.objective, start, options.enough, counts)
+    if found.substeps:
+        plan = with_steps(plan, found.substeps, BDF2)
+    return replace(
+        plan, p=found.p, cost=found.cost, substeps=found.substeps, tried=found.tried, evaluations=found.evaluations,
+        wanted=None if found.explained else ladder.models(plan.objective.scene),
+    )  # fmt: skip
+
+
+def with_chosen_model(plan: Prepared, p: Array, options: FitOptions) -> Prepared:
+    """The plan with the smallest model that no finer one beats on what it has not seen, from values p (P,)."""
+    found = model_choice.chosen(plan.objective, plan.kept_out, p, options.enough, options.holdout_of, options.budget)
+    before = with_parameters(plan.objective.scene, p)
+    plan = with_model(plan, found.model)
+    scene = plan.objective.scene
+    candidates = [found.p, parameters(before, flags=scene)]
+    with interrupts.grace(MOMENT):
+        costs = [plan.objective.cost_or_infinity(each) for each in candidates]
+    best = int(np.argmin(costs))
+    return replace(
+        plan, p=candidates[best], cost=costs[best], wanted=[found.model], judged=found.judged,
+        evaluations=plan.evaluations + found.evaluations,
+    )  # fmt: skip

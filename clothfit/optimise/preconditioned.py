@@ -1,0 +1,141 @@
+"""L-BFGS in the metric of Gauss–Newton: many values, and a target that their model cannot reproduce.
+
+Where large residuals stay, steps of Gauss–Newton are no good ones: its quadratic model leaves out how the residuals
+bend, and each step needs a new sensitivity, which costs as much as dozens of gradients. But its matrix knows which
+combinations of the values the motion feels strongly and which hardly. In rounds, with that matrix at y₀,
+
+    H + A = L Lᵀ,    u = Lᵀ (y − y₀),
+
+the cost is nearly as steep in all directions of u, and L-BFGS needs few of its exact gradients. A is the ridge of a
+weak belief that the values stay near y₀ in logarithms: it bounds the steps along what the motion does not show. Where
+a chaotic motion makes H useless, and where values lie at their bounds, a round in the coordinates y themselves comes to
+its help. J. Nocedal, S. J. Wright, Numerical Optimization, 2006, chapter 7.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.motion.divergence import Diverged
+from clothfit.optimise.search import Search
+from clothfit.optimise.trajectory import Trajectory
+
+RECENT = 30  # steps that L-BFGS remembers
+
+ROUND, SHORT_ROUND = 60, 15
+"""Evaluations of a round, after which the metric is worth a new one, and of one that is only to compare."""
+
+SLOW_EVALUATIONS, SLOW_SAVING = 12, 5e-3
+"""A round also ends where so many evaluations lower the cost by less than this fraction."""
+
+POOR_ROUND = 0.05
+"""Relative reduction of the cost, below which a round is followed by one of the other kind, or ends the descent."""
+
+WIDTH = 0.3
+"""Standard deviation of the belief in the ridge, in logarithms."""
+
+LEAST_RIDGE, STEEPER = 1e-10, 100.0
+"""Ridge relative to the largest entry of H at least, and the factor of the next one where that is not enough."""
+
+
+@dataclass
+class Patience:
+    """Ends a descent where so many more seconds have saved less than a fraction of the cost."""
+
+    seconds: float = 5.0
+    saving: float = 0.01
+    marks: list[tuple[float, float]] = field(default_factory=list)  # times, s, and the best costs then
+    besides: float = 0.0  # seconds that do not count
+
+    def is_over(self, cost: float) -> bool:
+        """Whether it is, with the best cost of this moment."""
+        now = time.monotonic() - self.besides
+        self.marks.append((now, cost))
+        while len(self.marks) > 1 and self.marks[1][0] <= now - self.seconds:
+            self.marks.pop(0)
+        then, before = self.marks[0]
+        return bool(now - then >= self.seconds and cost > (1.0 - self.saving) * before)
+
+
+class RoundOver(Exception):
+    """Ends a round from within the cost."""
+
+
+def minimise(search: Search, patience: Patience | None = None) -> None:
+    """Go down from the best point of a search, until two rounds in a row save little, or it is late. Raises Stop as the
+    search does.
+    """
+    patience = patience or Patience()
+    part, in_metric, poor = Trajectory(search, search.objective), True, 0
+    while poor < 2 and not patience.is_over(search.best.cost) and not search.is_late:
+        before, began = search.best.cost, time.monotonic()
+        root = metric(part, search.y) if in_metric else None
+        patience.besides += time.monotonic() - began
+        search.budget.enter_stage()  # a round has its own end
+        if in_metric and root is None:
+            poor += 1
+        else:
+            descend(search, root, patience)
+            poor = poor + 1 if search.best.cost > (1.0 - POOR_ROUND) * before else 0
+        in_metric = in_metric != (poor > 0)
+
+
+def one_round(search: Search) -> None:
+    """A short round from the best point of a search. Raises Stop as the search does."""
+    search.budget.enter_stage()
+    descend(search, metric(Trajectory(search, search.objective), search.y), Patience(), SHORT_ROUND)
+
+
+def metric(part: Trajectory, y: Array) -> Array | None:
+    """L (Q, Q), lower triangular, at y (Q,); None where the sensitivity overflows, or takes too much memory."""
+    from scipy.linalg import lapack
+
+    if not part.fits():
+        return None
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            model = part.model(y)
+    except Diverged:
+        return None
+    if not (np.isfinite(model.H).all() and model.cost > 0):
+        return None
+    ridge = model.cost / max(part.residuals(), 1) / WIDTH**2
+    ridge = max(ridge, LEAST_RIDGE * float(np.abs(model.H).max(initial=0.0)))
+    fault = 1
+    while fault:
+        L, fault = lapack.dpotrf((model.H + ridge * np.eye(len(y))) / model.cost, lower=1, clean=1)
+        ridge *= STEEPER
+    return np.asarray(L)
+
+
+def descend(search: Search, root: Array | None, patience: Patience, most: int = ROUND) -> None:
+    """A round of L-BFGS from the best point, in the metric of L = `root` (Q, Q) or in the coordinates themselves."""
+    from scipy.linalg import solve_triangular
+    from scipy.optimize import minimize
+
+    y0, costs = search.y, [search.best.cost]
+    lower, upper = np.array(search.bounds).T
+
+    def cost(u: Array) -> tuple[float, Array]:
+        slow = len(costs) > SLOW_EVALUATIONS and costs[-1] > (1.0 - SLOW_SAVING) * costs[-1 - SLOW_EVALUATIONS]
+        if slow or len(costs) > most or search.is_late or patience.is_over(search.best.cost):
+            raise RoundOver
+        y = u if root is None else y0 + solve_triangular(root, u, lower=True, trans=1)
+        value, gradient = search(np.clip(y, lower, upper))
+        costs.append(search.best.cost)
+        if root is None:
+            return value, gradient
+        inside = np.where((y > lower) & (y < upper), gradient, 0.0)
+        return value, np.asarray(solve_triangular(root, inside, lower=True))
+
+    minimizer: Any = minimize  # its stubs know other starts only
+    options = {"maxfun": 10 * ROUND, "maxcor": RECENT, "ftol": 0.0, "gtol": 0.0}
+    start, ends = (y0, search.bounds) if root is None else (np.zeros(len(y0)), None)
+    with contextlib.suppress(RoundOver):
+        minimizer(cost, start, jac=True, method="L-BFGS-B", bounds=ends, options=options)

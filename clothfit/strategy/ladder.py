@@ -1,0 +1,188 @@
+"""From coarse to fine: the models of a scene, from one factor on its values to each value by itself.
+
+    F one factor  →  R families and regions  →  M smooth maps  →  L single values
+
+beside the values of whole cloths and of the scene (damping, drag, wind, gravity), which belong to all of them. Each
+model contains those before it, and its stage starts at their best point and keeps that unless it finds a better one:
+no model ends above a smaller one. This is the way to targets that no values reproduce, where single values follow the
+first frames into a bad corner, and where most of the error is in a few common values.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.objective.objective import Objective
+from clothfit.optimise import gauss_newton, preconditioned
+from clothfit.optimise.gauss_newton import Patience
+from clothfit.optimise.prior import none
+from clothfit.optimise.search import Rung, Search
+from clothfit.optimise.status import Status, Stop
+from clothfit.optimise.trajectory import Trajectory
+from clothfit.scene.cloth import Cloth
+from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.kinds import CLOTH_KINDS, MODEL_NAMES, MODELS
+from clothfit.scene.scene import Scene
+from clothfit.strategy.trajectory_fit import FIRST_WINDOW, loosened, window_lengths
+
+FEW_VALUES = 16
+"""Values up to which a step of Gauss–Newton costs no more than a few gradients."""
+
+WINDOW_STEPS, WINDOW_SAVING, HASTY = 4, 0.05, Patience(1, 0.05, 0.05)
+"""Steps of Gauss–Newton in a window, and relative savings that end it."""
+
+STAGE_TOLERANCE = 1e-7
+"""Of the linear systems: its error is far below what a model that differs leaves."""
+
+
+def model_of(scene: Scene) -> str:
+    """The finest model among the scene's flags: one of `MODELS`, else G."""
+    found = [letter for cloth in scene.cloths for letter in letters(cloth).values()]
+    return max((each for each in found if each in MODELS), key=MODELS.index, default="G")
+
+
+def letters(cloth: Cloth) -> dict[str, str]:
+    """The modes of what a cloth flags, by the names of the kinds."""
+    modes = {kind.name: cloth.mode(kind.name) for kind in CLOTH_KINDS}
+    return {name: mode for name, mode in modes.items() if mode != "n"}
+
+
+def as_model(scene: Scene, model: str, exactly: bool = False) -> Scene:
+    """The scene flagged with a model: finer flags become that, all of them where `exactly`. Kinds that have no such
+    mode, such as velocities of single vertices, keep their values in coarser models than their own.
+    """
+    return replace(scene, cloths=tuple(_cloth_as(cloth, model, exactly) for cloth in scene.cloths))
+
+
+def _cloth_as(cloth: Cloth, model: str, exactly: bool) -> Cloth:
+    modes = dict(letters(cloth))
+    for kind in CLOTH_KINDS:
+        mode = modes.get(kind.name, "n")
+        if mode == "n" or kind.modes == "G":
+            continue
+        finer = mode in MODELS and MODELS.index(mode) > MODELS.find(model)
+        if finer or (exactly and model in kind.modes):
+            modes[kind.name] = model if model in kind.modes else "n"
+    settings = "".join(modes.pop(name, "n") for name in ("mass", "stiffness"))
+    return replace(cloth, settings=settings, fits=modes)
+
+
+def models(scene: Scene) -> list[str]:
+    """The models of a scene up to its own, coarse to fine; of those with as many values the coarsest, but its own."""
+    own = model_of(scene)
+    if own not in MODELS:
+        return [own]
+    found: list[str] = []
+    for each in MODELS[: MODELS.index(own) + 1]:
+        if not found or count(as_model(scene, each)) > count(as_model(scene, found[-1])):
+            found.append(each)
+    return found if own in found else [*found[:-1], own]
+
+
+def count(scene: Scene) -> int:
+    """Number of values that a scene flags."""
+    return sum(block.count for block in scene.blocks)
+
+
+def climb(search: Search, wanted: Sequence[str], starts: Sequence[Array] = ()) -> None:
+    """Fit models of a search one after the other, each from the best point before; the windows of the first go from
+    each of `starts` (P,) as well. Raises Stop.
+    """
+    for model in wanted:
+        if search.is_late and search.rungs:
+            break
+        rung(search, model, starts)
+        starts = ()
+    if search.is_late:
+        search.warn(f"the fit ended after {search.longest:g} s, as its model differs; --budget gives it more")
+
+
+def rung(search: Search, model: str, starts: Sequence[Array] = ()) -> None:
+    """Fit one model as `stage` does, and note what it has come to. Raises Stop."""
+    began = time.monotonic()
+    stage(search, model, starts)
+    search.rungs.append(reached(search, model, time.monotonic() - began))
+
+
+def reached(search: Search, model: str, seconds: float = 0.0) -> Rung:
+    """What a model has come to."""
+    values = count(as_model(search.objective.scene, model))
+    return Rung(model, values, search.objective.rmse(search.best.cost), search.best.p, seconds)
+
+
+def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool = False) -> None:
+    """Fit one model from the best point of a search, well enough for a comparison where `rough`. Of few values there is
+    first a way through windows from each of `starts` (P,). Raises Stop.
+    """
+    if not np.isfinite(search.best.cost):
+        search.visit(search.start)
+    for start in starts:
+        part = part_of(search, model, start)
+        if part.fitted.sum() <= FEW_VALUES:
+            carried(search, part, through_windows)
+    method = preconditioned.one_round if rough else preconditioned.minimise
+    carried(search, part_of(search, model, search.best.p), method)
+
+
+def part_of(search: Search, model: str, p: Array) -> Search:
+    """The search by the values of a model from p (P,)."""
+    whole = search.objective
+    scene = as_model(with_parameters(whole.scene, p), model)
+    objective = whole.flagging(scene, max(STAGE_TOLERANCE, whole.tolerance))
+    part = search.beside(objective, parameters(scene), np.inf)
+    part.enter(MODEL_NAMES[model])
+    return part
+
+
+def carried(search: Search, part: Search, method: Callable[[Search], None]) -> None:
+    """Run a method on a part of a search, which gets its best point whatever ends it. Raises Stop where that ends the
+    whole.
+    """
+    scene, ended = search.objective.scene, Status.STALLED
+    try:
+        part.visit(part.start)
+        method(part)
+    except Stop as stop:
+        ended = stop.status
+    except BaseException:
+        if np.isfinite(part.best.cost):
+            search.best.offer(found(part, scene), part.best.cost)
+        raise
+    finally:
+        search.progress.p = search.best.p
+    search.visit(found(part, scene))
+    if ended == Status.LIMIT:
+        raise Stop(ended)
+
+
+def found(own: Search, scene: Scene) -> Array:
+    """The best point of a search as parameters (P,) of another scene's flags."""
+    return parameters(with_parameters(own.objective.scene, own.best.p), flags=scene)
+
+
+def through_windows(own: Search) -> None:
+    """A few steps of Gauss–Newton on the first frames, on more and more: they show gravity and other values that all
+    frames hide behind what a late frame is off by.
+    """
+    y, whole = own.y, own.objective
+    first = whole.first_step + FIRST_WINDOW * frame_steps(whole)
+    for frames in window_lengths(first, whole.steps + 1)[:-1]:
+        part = Trajectory(own, loosened(whole, frames))
+        own.enter("windows", part.objective)
+        if not np.isfinite(part.cost(y)):
+            break
+        problem = part.problem(WINDOW_SAVING, HASTY)
+        y = gauss_newton.minimise(problem, y, none(part.size), part.passed, WINDOW_STEPS)[0].y
+        own.visit(own.parameters(y))
+
+
+def frame_steps(objective: Objective) -> int:
+    """Steps from one compared frame to the next, in the median."""
+    gaps = [np.diff(run.comparison.goal.step) for run in objective.runs]
+    steps = np.concatenate([np.zeros(0, int), *gaps])
+    return max(int(np.median(steps)), 1) if len(steps) else 1
