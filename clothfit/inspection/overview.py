@@ -14,8 +14,8 @@ from clothfit.meshes.mesh import keys
 from clothfit.meshes.topology import across, components, edges
 from clothfit.scene import schema as structure
 from clothfit.scene.cloth import Cloth
-from clothfit.scene.mesh_numbering import FIELD
 from clothfit.scene.kinds import INTEGRATORS, OF_THE_EDITOR
+from clothfit.scene.mesh_numbering import FIELD
 from clothfit.scene.scene import Scene
 
 
