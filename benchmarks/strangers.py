@@ -45,7 +45,8 @@ def stranger(folder: Path, name: str, substeps: int = 1, **fits: str) -> tuple[c
     count = len(motion.positions[0])
     scene = clothfit.new_scene(
         Mesh(motion.positions[0], triangles), np.isin(np.arange(count), held), fit="nG", fits=fits,
-        delta=1.0 / float(reading.fps or 1.0) / substeps, frames=(len(motion.times) - 1) * substeps + 1,
+        integrator="implicit", delta=1.0 / float(reading.fps or 1.0) / substeps,
+        frames=(len(motion.times) - 1) * substeps + 1,
     )  # fmt: skip
     return scene, load(path, scene, reading).motion
 
