@@ -68,7 +68,7 @@ def test_the_model_with_noise_gives_no_hint():
 def test_finer_steps_give_no_hint_of_clock_or_place():
     fine = motion(frames=157, delta=0.005)
     every = replace(fine, times=fine.times[::4], positions=np.ascontiguousarray(fine.positions[::4]))
-    assert late_hints(every) == {}
+    assert not {"time_offset", "time_scale", "placement", "swapped_markers"} & set(late_hints(every))
 
 
 def test_exchanged_finds_the_pair_and_nothing_where_there_is_none():
