@@ -11,7 +11,7 @@ from helpers.physics import GRAVITY, TIGHT, ball, cloth, dense_forces, full, thi
 from clothfit.engine.march import velocity
 from clothfit.engine.rollout import rollout
 from clothfit.engine.snapshots import Plan
-from clothfit.engine.step import guard, implicit
+from clothfit.engine.step import bdf2, guard, implicit
 from clothfit.engine.system import BDF2, IMPLICIT, clamped
 from clothfit.engine.tape import Tape
 
@@ -52,7 +52,7 @@ def written_down(system, steps):
         else:
             base, reach = (4 * x[t] - x[t - 1]) / 3, third
             u = 2 * v[t] - v[t - 1]
-            w = solved(system, (4 * v[t] - v[t - 1]) / 3, base, u, base + third * u, third)
+            w = solved(bdf2.forms(system)[1], (4 * v[t] - v[t - 1]) / 3, base, u, base + third * u, third)
         x.append(base + reach * w)
         v.append(w)
     return np.array(x)

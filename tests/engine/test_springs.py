@@ -130,3 +130,19 @@ def test_a_spring_of_zero_length_exerts_nothing_and_stays_finite():
     out = physics.pushforward(one, springs, one.springs, at, change)
     assert [np.abs(array).max() for array in (A.diagonal, A.upper, b)] == [0, 0, 0]
     assert np.isfinite(out).all()
+
+
+@pytest.mark.parametrize("rho", [0.5, 0.949, 0.951, 0.97, 0.999, 1.001, 1.5])
+def test_the_derivative_of_the_rounded_clamp(rho):
+    rounded, t = SPRINGS._replace(cap=1.0, bend=0.05), 1e-6
+    low, high = (springs.capped(rounded, rho + sign * t)[0] for sign in (-1, 1))
+    hat, bent = springs.capped(rounded, rho)
+    assert 0.0 <= hat <= 1.0
+    assert bent / rho == pytest.approx((high - low) / (2 * t), abs=1e-8)  # t² times a third derivative of 6/0.05²
+
+
+@pytest.mark.parametrize("rho", [0.95, 1.0])
+def test_the_rounded_clamp_has_no_kink(rho):
+    rounded = SPRINGS._replace(cap=1.0, bend=0.05)
+    before, after = (springs.capped(rounded, rho + side)[1] / (rho + side) for side in (-1e-9, 1e-9))
+    assert after == pytest.approx(before, abs=1e-6)  # a second derivative of 4/0.05, over 2e-9

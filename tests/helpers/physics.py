@@ -282,7 +282,9 @@ def dense_forces(system: System, x: Array, v: Array) -> tuple[Array, Array, Arra
         length = np.linalg.norm(e)
         d = e / length
         pull = -k * (length - rest) * d - alpha / 2 * k * (d @ (v[a] - v[b])) * d
-        rho = min(rest / length, system.springs.cap)
+        rho, cap, bend = rest / length, system.springs.cap, system.springs.bend
+        left = cap - rho
+        rho = rho if left >= bend else cap - max(left, 0.0) ** 2 * (2 * bend - left) / bend**2 if bend else cap
         block_k = -k * ((1 - rho) * np.eye(3) + rho * np.outer(d, d))
         block_d = -alpha / 2 * k * np.outer(d, d)
         for matrix, block in ((K, block_k), (D, block_d)):

@@ -43,6 +43,7 @@ class Springs(NamedTuple):
     damping: float  # β = α/2, s
     slot: Indices  # (S,), place of the block (a, b) in the matrix
     cap: float = np.inf  # most that ρ counts as in K: 1 makes −K positive semi-definite
+    bend: float = 0.0  # how far below the cap ρ̂ leaves ρ, so that its derivative does not jump
 
 
 def build(ends: Indices, rest: Array, stiffness: Array, damping: float, slot: Indices) -> Springs:
@@ -79,9 +80,16 @@ def axis(springs, y, i):
 
 @kernel
 def capped(springs, rho):
-    """ρ̂ = min(ρ, cap), and ρ̃ for ∂ρ̂/∂e = −ρ̃ d/L and ∂ρ̂/∂L₀ = ρ̃/L₀: ρ, or 0 where the cap holds it."""
-    if rho > springs.cap:
+    """ρ̂ = min(ρ, cap), and ρ̃ for ∂ρ̂/∂e = −ρ̃ d/L and ∂ρ̂/∂L₀ = ρ̃/L₀: ρ, or 0 where the cap holds it.
+
+    Within `bend` below the cap, a cubic leads from the one to the other with its derivative.
+    """
+    left = springs.cap - rho
+    if left < 0.0:
         return springs.cap, 0.0
+    if left < springs.bend:
+        t = left / springs.bend
+        return springs.cap - left * t * (2.0 - t), rho * t * (4.0 - 3.0 * t)
     return rho, rho
 
 
