@@ -31,7 +31,7 @@ from clothfit.kernels.lanes.operations import fma, load3, splat, store3, sub
 from clothfit.kernels.vectors import add, combine, copy
 
 BEND = 0.1
-"""Strain, about, from which on K is that of the springs. With less, derivatives are large where a cloth folds; more costs
+"""Strain, about, from which on K is that of the springs. With less, derivatives grow where a cloth folds; more costs
 accuracy.
 """
 
