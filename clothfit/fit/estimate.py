@@ -214,7 +214,7 @@ def searched(
         first = in_time(objective, start, hidden, options.method)
     p, cost, warnings = first
     search = Search(objective, p, options.enough, options.budget, options.report, checkpoint, state, cost)
-    search.prepare(plan.model, plan.substeps, plan.evaluations, plan.seconds)
+    search.take_over(plan.model, plan.substeps, plan.evaluations, plan.seconds, plan.computing)
     search.longest = LONGEST if options.seconds is None else np.inf
     search.warn(*warnings)
     others = partial(other_starts, objective, p, hidden) if start is None and plan.p is None else None

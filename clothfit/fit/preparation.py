@@ -41,6 +41,7 @@ class Prepared:
     tried: tuple[time_step.Step, ...] = ()  # time steps that were tried
     evaluations: int = 0
     seconds: float = 0.0
+    computing: float = 0.0  # s, without other work of the machine
 
 
 def flagged(scene: Scene, model: str | None) -> Scene:
@@ -53,7 +54,7 @@ def prepared(
     state: State | None = None,
 ) -> Prepared:  # fmt: skip
     """What a fit to given targets begins with. A fit that goes on from a `state` keeps what it had chosen."""
-    began = time.monotonic()
+    began, computing = time.monotonic(), time.process_time()
     plan = Prepared(objective, kept_out)
     if isinstance(options.substeps, int):
         plan = with_steps(plan, options.substeps, None)
@@ -65,7 +66,7 @@ def prepared(
     if options.model == AUTO:
         p = choose_start(plan.objective, start, hidden=False) if plan.p is None else plan.p
         plan = with_chosen_model(plan, p, options)
-    return replace(plan, seconds=time.monotonic() - began)
+    return replace(plan, seconds=time.monotonic() - began, computing=time.process_time() - computing)
 
 
 def counts_of(options: FitOptions, scene: Scene) -> Sequence[int]:

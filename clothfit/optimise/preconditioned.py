@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from bisect import bisect_right
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,10 +32,12 @@ RECENT = 30  # steps that L-BFGS remembers
 ROUND, SHORT_ROUND = 60, 15
 """Evaluations of a round, after which the metric is worth a new one, and of one that is only to compare."""
 
-SLOW_EVALUATIONS, SLOW_SAVING = 12, 5e-3
-"""A round also ends where so many evaluations lower the cost by less than this fraction."""
+SLOW_EVALUATIONS, SLOW_SECONDS, SLOW_SAVING = 12, 0.5, 5e-3
+"""A round also ends where so many evaluations, and so many seconds of computing, lower the cost by less than this
+fraction.
+"""
 
-POOR_ROUND = 0.05
+POOR_ROUND = 0.01
 """Relative reduction of the cost, below which a round is followed by one of the other kind, or ends the descent."""
 
 WIDTH = 0.3
@@ -46,7 +49,9 @@ LEAST_RIDGE, STEEPER = 1e-10, 100.0
 
 @dataclass
 class Patience:
-    """Ends a descent where so many more seconds have saved less than a fraction of the cost."""
+    """Ends a descent where so many more seconds of computing have saved less than a fraction of the cost; other work of
+    the machine does not count.
+    """
 
     seconds: float = 5.0
     saving: float = 0.01
@@ -55,7 +60,7 @@ class Patience:
 
     def is_over(self, cost: float) -> bool:
         """Whether it is, with the best cost of this moment."""
-        now = time.monotonic() - self.besides
+        now = time.process_time() - self.besides
         self.marks.append((now, cost))
         while len(self.marks) > 1 and self.marks[1][0] <= now - self.seconds:
             self.marks.pop(0)
@@ -74,9 +79,9 @@ def minimise(search: Search, patience: Patience | None = None) -> None:
     patience = patience or Patience()
     part, in_metric, poor = Trajectory(search, search.objective), True, 0
     while poor < 2 and not patience.is_over(search.best.cost) and not search.is_late:
-        before, began = search.best.cost, time.monotonic()
+        before, began = search.best.cost, time.process_time()
         root = metric(part, search.y) if in_metric else None
-        patience.besides += time.monotonic() - began
+        patience.besides += time.process_time() - began
         search.budget.enter_stage()  # a round has its own end
         if in_metric and root is None:
             poor += 1
@@ -119,16 +124,18 @@ def descend(search: Search, root: Array | None, patience: Patience, most: int = 
     from scipy.linalg import solve_triangular
     from scipy.optimize import minimize
 
-    y0, costs = search.y, [search.best.cost]
+    y0, costs, times = search.y, [search.best.cost], [time.process_time()]
     lower, upper = np.array(search.bounds).T
 
     def cost(u: Array) -> tuple[float, Array]:
-        slow = len(costs) > SLOW_EVALUATIONS and costs[-1] > (1.0 - SLOW_SAVING) * costs[-1 - SLOW_EVALUATIONS]
+        since = min(len(costs) - 1 - SLOW_EVALUATIONS, bisect_right(times, times[-1] - SLOW_SECONDS) - 1)
+        slow = since >= 0 and costs[-1] > (1.0 - SLOW_SAVING) * costs[since]
         if slow or len(costs) > most or search.is_late or patience.is_over(search.best.cost):
             raise RoundOver
         y = u if root is None else y0 + solve_triangular(root, u, lower=True, trans=1)
         value, gradient = search(np.clip(y, lower, upper))
         costs.append(search.best.cost)
+        times.append(time.process_time())
         if root is None:
             return value, gradient
         inside = np.where((y > lower) & (y < upper), gradient, 0.0)

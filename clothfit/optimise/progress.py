@@ -77,7 +77,12 @@ class Reporter:
         self.receiver, self.p, self.frames = report, p, frames
         self.stage, self.window, self.window_rmse = "start", frames, np.nan
         self.iterations, self.step = 0, np.nan
-        self.began = time.perf_counter()
+        self.began, self.began_computing = time.perf_counter(), time.process_time()
+
+    @property
+    def computing(self) -> float:
+        """Seconds of computing since then, in which other work of the machine does not count."""
+        return time.process_time() - self.began_computing
 
     @property
     def seconds(self) -> float:

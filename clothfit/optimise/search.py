@@ -189,7 +189,7 @@ class Search:
         self.checkpoint, self.resumed = checkpoint, state
         self.warnings: list[str] = []  # what the user should know
         self.rungs: list[Rung] = []  # the models that were fitted from coarse to fine
-        self.longest = np.inf  # seconds, after which a fit ends whose model cannot reproduce the target
+        self.longest = np.inf  # seconds of computing, after which a fit ends whose model cannot reproduce the target
         self.model, self.substeps = "", 0  # that were chosen for the fit: a letter, and steps to a frame by BDF2
         self.unit, self.worst = 0.0, 0.0  # the first cost, and the largest
         self._shaken, self._plateau = np.nan, False  # the cost at which the plateau was looked for, and what was found
@@ -234,7 +234,7 @@ class Search:
     @property
     def is_late(self) -> bool:
         """Whether a fit ends here whose model cannot reproduce the target."""
-        return self.progress.seconds >= self.longest
+        return self.progress.computing >= self.longest
 
     def cost(self, y: Array) -> float:
         """Scaled cost alone, for methods without a gradient."""
@@ -313,11 +313,12 @@ class Search:
             None, self.model, self.substeps,
         )  # fmt: skip
 
-    def prepare(self, model: str, substeps: int, evaluations: int, seconds: float) -> None:
-        """Take over what a choice before the search has found: the model and the steps to a frame."""
+    def take_over(self, model: str, substeps: int, evaluations: int, seconds: float, computing: float) -> None:
+        """Take over what a choice before the search has found, the model and the steps to a frame, and what it took."""
         self.model, self.substeps = model, substeps
         self.budget.count_beside(evaluations)
         self.progress.began -= seconds
+        self.progress.began_computing -= computing
 
     def _restore(self, state: State) -> None:
         best = np.where(self.fitted, self.coordinates.clipped(state.best), self.start)
