@@ -104,8 +104,8 @@ def test_plain_progress_is_a_line_now_and_then(capsys, monkeypatch):
     lines = err.splitlines()
     assert out == ""
     assert lines == [
-        "   0.5 s  cost 7.500e-04  RMSE 2.5 µm  evaluation 2  4 evaluations/s  at most 24 s left",
-        "   0.5 s  cost 3.750e-04  RMSE 2.5 µm  evaluation 4  8 evaluations/s  at most 12 s left",
+        "   0.5 s  cost 7.500e-04  RMSE 2.5 µm  evaluation 2  4 evaluations/s",
+        "   0.5 s  cost 3.750e-04  RMSE 2.5 µm  evaluation 4  8 evaluations/s",
     ]
 
 

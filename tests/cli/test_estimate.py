@@ -28,7 +28,7 @@ pytestmark = [
 ]
 
 KEYS = {"schema_version", "command", "scene", "status", "method", "cost", "rmse", "frames", "evaluations", "seconds"}
-KEYS |= {"parameters", "output", "warnings", "rank", "sigma", "prior", "holdout", "memory"}
+KEYS |= {"ladder", "step", "parameters", "output", "warnings", "rank", "sigma", "prior", "holdout", "memory"}
 KEYS |= {"travel", "relative_rmse", "verdict", "hints", "registration"}
 PARAMETER_KEYS = {"object", "name", "mode", "count", "at_bound", "unidentifiable", "unmoved", "interval"}
 PARAMETER_KEYS |= {"groups", "modes", "values"}
@@ -456,7 +456,9 @@ def test_a_terminal_gets_a_live_bar_and_one_that_wants_no_colour_gets_none(tmp_p
     code, out, shown = on_a_terminal(call, NO_COLOR="1")
     assert (code, out) == (5, b"")
     assert "\x1b" not in shown
-    assert re.match("limit[^:]*: RMSE", shown.splitlines()[0])
+    *warnings, line = shown.splitlines()[:2]
+    assert all(each.startswith("warning: ") for each in warnings)
+    assert re.match("limit[^:]*: RMSE", line)
 
 
 # --- the reference scene
@@ -487,9 +489,10 @@ def test_the_options_have_the_defaults_of_the_library():
     from clothfit.fit import options as fit
 
     defaults = {option.name: option.default for option in command.params}
-    assert (defaults["max_evaluations"], defaults["rmse"]) == (fit.BUDGET, fit.RMSE_TOLERANCE)
-    (tolerance,) = (option for option in command.params if option.name == "tolerance")
-    assert f"[default: {fit.FIT_TOLERANCE:g}]" in tolerance.help
+    assert (defaults["max_evaluations"], fit.FitOptions().rmse_tolerance) == (fit.BUDGET, None)
+    helps = {option.name: option.help for option in command.params if option.name in ("tolerance", "rmse")}
+    assert f"[default: {fit.FIT_TOLERANCE:g}]" in helps["tolerance"]
+    assert f"[default: {fit.RMSE_TOLERANCE:g}, ".replace("1e-08", "1e-8") in helps["rmse"]
 
 
 def test_the_clock_of_a_target_is_found_and_said(path, tmp_path, capsys):

@@ -266,7 +266,7 @@ WRONG = [
     (("delta",), float("nan"), "delta"),
     (("tolerance",), 0, "tolerance"),
     (("tolerance",), 1, "tolerance"),
-    (("integrationMethod",), 3, "integrationMethod"),
+    (("integrationMethod",), 4, "integrationMethod"),
     (("integrationMethod",), True, "integrationMethod"),
     (("optimizationIterations",), 1, "optimizationIterations"),
     (("optimizationIterations",), 10.5, "optimizationIterations"),
