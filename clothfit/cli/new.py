@@ -76,8 +76,8 @@ MOST_NAMED = 12
 @click.option("--fps", type=float, metavar="F", help="Time steps per second, instead of --delta.")
 @click.option("--frames", type=int, default=100, metavar="N",
               help="Number of frames that a fit compares.  [default: 100]")
-@click.option("--tolerance", type=float, default=1e-7, metavar="T",
-              help="Relative tolerance of the linear solver.  [default: 1e-7]")
+@click.option("--tolerance", type=float, default=1e-8, metavar="T",
+              help="Relative tolerance of the linear solver.  [default: 1e-8]")
 @click.option("--title", metavar="TEXT", help="Name of the scene.  [default: the file's]")
 @click.option("-o", "--output", "path", metavar="SCENE", help="Scene file.  [default: <stem>.json]")
 def command(given: str | None, path: str | None, as_json: bool, console: Console, **options: Any) -> None:

@@ -37,7 +37,7 @@ def new_scene(
     integrator: str = "bdf2",
     delta: float = 0.02,
     frames: int = 100,
-    tolerance: float = 1e-7,
+    tolerance: float = 1e-8,
     title: str = "scene",
     numbering: Indices | None = None,
     warp: Sequence[float] | None = None,

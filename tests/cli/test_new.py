@@ -60,7 +60,7 @@ def test_a_plane_by_default(capsys):
     np.testing.assert_array_equal(cloth.positions, sheet.positions)
     np.testing.assert_array_equal(cloth.springs, mesh.springs(sheet, 50.0).ends)
     np.testing.assert_array_equal(cloth.stiffness, mesh.springs(sheet, 50.0).stiffness)
-    assert (cloth.settings, cloth.damping, cloth.drag, scene.method, scene.tolerance) == ("nF", 0.1, 0.1, 3, 1e-7)
+    assert (cloth.settings, cloth.damping, cloth.drag, scene.method, scene.tolerance) == ("nF", 0.1, 0.1, 3, 1e-8)
 
 
 def test_the_options_of_a_plane():
