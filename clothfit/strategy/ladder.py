@@ -53,8 +53,8 @@ def letters(cloth: Cloth) -> dict[str, str]:
 
 
 def as_model(scene: Scene, model: str, exactly: bool = False) -> Scene:
-    """The scene flagged with a model: finer flags become that, all of them where `exactly`. Kinds that have no such
-    mode, such as velocities of single vertices, keep their values in coarser models than their own.
+    """The scene flagged with a model: finer flags of masses, stiffnesses and lengths become that, all of them where
+    `exactly`. Velocities of single vertices have no such mode and are not fitted by coarser models than L.
     """
     return replace(scene, cloths=tuple(_cloth_as(cloth, model, exactly) for cloth in scene.cloths))
 
@@ -66,7 +66,7 @@ def _cloth_as(cloth: Cloth, model: str, exactly: bool) -> Cloth:
         if mode == "n" or kind.modes == "G":
             continue
         finer = mode in MODELS and MODELS.index(mode) > MODELS.find(model)
-        if finer or (exactly and model in kind.modes):
+        if finer or (exactly and "F" in kind.modes):
             modes[kind.name] = model if model in kind.modes else "n"
     settings = "".join(modes.pop(name, "n") for name in ("mass", "stiffness"))
     return replace(cloth, settings=settings, fits=modes)
