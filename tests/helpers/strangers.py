@@ -1,14 +1,16 @@
-"""A sheet to fit, and motions with another clock or in another place."""
+"""Sheets to fit, and motions with another clock, in another place or by finer steps."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.motion.motion import Motion
+from clothfit.motion.motion import Motion, at_frames
+from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import Scene
 from helpers.scenes import cloth, document, load_text
 
@@ -27,3 +29,20 @@ def stranger(
     """A motion with another clock, and in another place."""
     turn, move = np.eye(3) if turn is None else turn, np.zeros(3) if move is None else move
     return replace(motion, times=rate * motion.times + offset, positions=(motion.positions - move) @ turn)
+
+
+def small(letters: str = "nL", frames: int = 24, method: int = 2, **fields: Any) -> Scene:
+    """A sheet of 4 × 4 vertices, 0.1 m apart, held at one side; fields of an object go to it, all others to the scene.
+    """
+    own = {"vertIsFixed": [i < 4 for i in range(16)], "vertMass": [0.002] * 16, "springStiffness": [20.0] * 33}
+    kept = {"optimizationIterations": frames, "integrationMethod": method, "tolerance": 1e-10}
+    parts = {name: fields.pop(name) for name in list(fields) if name in (*cloth(2, 2), *own, "springRestLength")}
+    fit = fields.pop("of_cloth", {})
+    made = cloth(4, 4, 0.1, **{**own, **parts, "optimizationSettings": letters, "fit": fit})
+    return load_text(json.dumps(document(made, **{**kept, **fields})))
+
+
+def with_finer_steps(scene: Scene, count: int) -> Motion:
+    """The frames of a scene's motion by so many BDF2 steps to each of its own."""
+    finer = scene.with_step(scene.delta / count, count * (scene.frames - 1) + 1, "bdf2")
+    return at_frames(simulate(finer, tolerance=1e-12), slice(None, None, count))

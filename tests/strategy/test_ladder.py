@@ -1,0 +1,244 @@
+"""Models from coarse to fine: their flags, that each contains those before it, and that no error rises."""
+
+from itertools import pairwise
+
+import numba
+import numpy as np
+import pytest
+from helpers.strangers import small, with_finer_steps
+
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import at_frames
+from clothfit.motion.simulate import simulate
+from clothfit.objective.objective import Objective
+from clothfit.optimise.search import Search
+from clothfit.optimise.status import Status, Stop
+from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.strategy import ladder
+
+needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
+
+FLAGS = {  # letters of masses and stiffnesses, and what else a cloth fits
+    "stiffnesses": ("nL", {}),
+    "factors": ("FF", {}),
+    "families": ("RL", {}),
+    "one value": ("GL", {}),
+    "with damping": ("nL", {"damping": "G"}),
+    "lengths": ("nn", {"springRestLength": "L"}),
+    "velocities": ("nL", {"vertVel": "L"}),
+    "one velocity": ("nL", {"vertVel": "G"}),
+    "only damping": ("nn", {"damping": "G"}),
+}
+
+AS_MODEL = {  # of the flags above: the letters of coarser models
+    ("stiffnesses", "F"): {"stiffness": "F"},
+    ("stiffnesses", "G"): {"stiffness": "G"},
+    ("factors", "R"): {"mass": "F", "stiffness": "F"},
+    ("families", "F"): {"mass": "F", "stiffness": "F"},
+    ("families", "R"): {"mass": "R", "stiffness": "R"},
+    ("families", "M"): {"mass": "R", "stiffness": "M"},
+    ("one value", "F"): {"mass": "G", "stiffness": "F"},
+    ("with damping", "F"): {"stiffness": "F", "damping": "G"},
+    ("lengths", "M"): {"rest": "M"},
+    ("velocities", "M"): {"stiffness": "M"},
+    ("velocities", "L"): {"stiffness": "L", "velocity": "L"},
+    ("one velocity", "F"): {"stiffness": "F", "velocity": "G"},
+    ("only damping", "F"): {"damping": "G"},
+}
+
+EXACTLY = {  # the same where a model takes the place of all flags
+    ("stiffnesses", "R"): {"stiffness": "R"},
+    ("factors", "L"): {"mass": "L", "stiffness": "L"},
+    ("families", "G"): {"mass": "G", "stiffness": "G"},
+    ("one value", "F"): {"mass": "F", "stiffness": "F"},
+    ("with damping", "L"): {"stiffness": "L", "damping": "G"},
+    ("lengths", "F"): {"rest": "F"},
+    ("velocities", "L"): {"stiffness": "L", "velocity": "L"},
+    ("one velocity", "L"): {"stiffness": "L", "velocity": "G"},
+    ("only damping", "L"): {"damping": "G"},
+}
+
+
+def flagged(kind, **fields):
+    """A small scene with those flags."""
+    letters, fit = FLAGS[kind]
+    return small(letters, of_cloth=fit, **fields)
+
+
+@pytest.mark.parametrize(("kind", "model"), AS_MODEL, ids=str)
+def test_a_coarser_model_takes_the_place_of_finer_flags(kind, model):
+    assert ladder.letters(ladder.as_model(flagged(kind), model).cloths[0]) == AS_MODEL[kind, model]
+
+
+@pytest.mark.parametrize(("kind", "model"), EXACTLY, ids=str)
+def test_a_model_that_is_asked_for_takes_the_place_of_masses_stiffnesses_and_lengths(kind, model):
+    assert ladder.letters(ladder.as_model(flagged(kind), model, exactly=True).cloths[0]) == EXACTLY[kind, model]
+
+
+@pytest.mark.parametrize("kind", FLAGS)
+def test_a_scene_as_its_own_model_is_as_it_was(kind):
+    scene = flagged(kind)
+    same = ladder.as_model(scene, ladder.model_of(scene))
+    assert ladder.letters(same.cloths[0]) == ladder.letters(scene.cloths[0])
+
+
+def test_the_model_of_a_scene_is_its_finest():
+    found = {kind: ladder.model_of(flagged(kind)) for kind in FLAGS}
+    assert {kind for kind, model in found.items() if model != "L"} == {"factors", "only damping"}
+    assert (found["factors"], found["only damping"]) == ("F", "G")
+
+
+@pytest.mark.parametrize("kind", FLAGS)
+def test_models_end_with_the_own_one_and_have_more_and_more_values(kind):
+    scene = flagged(kind)
+    found = ladder.models(scene)
+    counts = [ladder.count(ladder.as_model(scene, model)) for model in found]
+    assert found[-1] == ladder.model_of(scene)
+    assert all(few < many for few, many in pairwise(counts))
+    assert ladder.count(scene) == counts[-1] == len(parameters(scene))
+
+
+def test_of_models_with_as_many_values_the_coarsest_stays():
+    # the springs of one family, so that R is F; two of them, so that M is L
+    strip = small("nL", triangles=[], springs=[0, 4, 5, 9], springStiffness=[20.0, 30.0])
+    assert ladder.models(strip) == ["F", "L"]
+    assert ladder.models(small("nR", triangles=[], springs=[0, 4, 5, 9], springStiffness=[20.0, 30.0])) == ["R"]
+
+
+# --- values
+
+
+def search_of(letters="LL", frames=16, count=4, rmse=0.0, **fields):
+    """A search of a target by finer steps, which no values reproduce, from the truth."""
+    scene = small(letters, frames, **fields)
+    return Search(Objective(scene, with_finer_steps(scene, count), 1e-10), parameters(scene), rmse, 10**6)
+
+
+def spread(p, seed, size=0.3):
+    """Values that scatter around p (P,)."""
+    return p * np.exp(size * np.random.default_rng(seed).normal(size=len(p)))
+
+
+@pytest.mark.parametrize(("coarse", "fine"), [*pairwise("FRML")], ids=str)
+def test_each_model_contains_those_before_it(coarse, fine):
+    scene = small("LL", vertMass=[0.002 + 1e-4 * i for i in range(16)])
+    less, more = ladder.as_model(scene, coarse), ladder.as_model(scene, fine)
+    wanted = with_parameters(less, spread(parameters(less), 1)).cloths[0]
+    # values by the finer model, on the same values of the scene
+    found = with_parameters(more, parameters(with_parameters(less, spread(parameters(less), 1)), flags=more)).cloths[0]
+    np.testing.assert_allclose(found.mass, wanted.mass, rtol=1e-9)  # rounding of sums of maps
+    np.testing.assert_allclose(found.stiffness, wanted.stiffness, rtol=1e-9)
+
+
+@pytest.mark.slow
+@needs_compilation
+@pytest.mark.parametrize("model", "FRML")
+def test_a_stage_begins_with_the_cost_of_the_best_before(model):
+    search = search_of()
+    p = spread(search.start, 2)
+    part = ladder.part_of(search, model, p)
+    assert part.objective.cost(part.start) == pytest.approx(search.objective.cost(p), rel=1e-5)  # systems to 1e-7
+    np.testing.assert_allclose(ladder.found(ended_at(part, part.start), search.objective.scene), p, rtol=1e-12)
+
+
+def ended_at(part, p):
+    """A search whose best point is p (P,)."""
+    part.best.offer(p, 0.0)
+    return part
+
+
+@pytest.mark.slow
+@needs_compilation
+@pytest.mark.parametrize("method", [2, 3])
+def test_no_model_ends_above_a_smaller_one(method):
+    search = search_of("nL", 24, count=8, method=method)
+    wanted = ladder.models(search.objective.scene)
+    first = search.objective.rmse(search.objective.cost(search.start))
+    ladder.climb(search, wanted, [search.start])
+    errors = [each.rmse for each in search.rungs]
+    assert [each.model for each in search.rungs] == wanted
+    assert all(after <= before for before, after in pairwise([first, *errors]))
+    assert errors[-1] < errors[0] < first  # single values follow what one factor cannot
+    for each in search.rungs:  # the values of each are those of its error
+        assert search.objective.rmse(search.objective.cost(each.p)) == pytest.approx(each.rmse, rel=1e-9)
+    assert search.best.p.tolist() == search.rungs[-1].p.tolist()
+
+
+@pytest.mark.slow
+@needs_compilation
+def test_one_factor_is_found_from_far_away():
+    truth = small("nF", 24)
+    start = with_parameters(truth, np.array([0.4]))
+    target = degrade(simulate(truth, tolerance=1e-12), noise=1e-4, seed=2)
+    search = Search(Objective(start, target, 1e-10), parameters(start), 0.0, 10**6)
+    ladder.climb(search, ["F"], [search.start])
+    # 360 positions with noise of 0.1 mm, of a motion of decimetres that follows the stiffness
+    assert search.best.p == pytest.approx([2.5 * parameters(start)[0]], rel=0.01)
+
+
+@pytest.mark.slow
+@needs_compilation
+def test_a_fit_that_is_late_ends_with_its_first_model_and_says_so():
+    search = search_of("nL")
+    search.longest = 0.0
+    ladder.climb(search, "FRML", [search.start])
+    assert [each.model for each in search.rungs] == ["F"]
+    assert [text for text in search.warnings if "--budget gives it more" in text]
+
+
+# --- how a stage ends
+
+
+def parted(search):
+    """A part of a search by one factor."""
+    return ladder.part_of(search, "F", search.start)
+
+
+def moved(end):
+    """A method that visits a better point and then ends."""
+
+    def method(part):
+        assert part.best.offer(1.01 * part.start, 0.0)
+        if end is not None:
+            raise end
+
+    return method
+
+
+@pytest.mark.slow
+@needs_compilation
+@pytest.mark.parametrize("end", [KeyboardInterrupt(), MemoryError()], ids=repr)
+def test_the_best_point_of_a_stage_is_kept_whatever_ends_it(end):
+    search = search_of("nL")
+    with pytest.raises(type(end)):
+        ladder.carried(search, parted(search), moved(end))
+    assert search.best.cost == 0.0
+    np.testing.assert_allclose(search.best.p, 1.01 * search.start, rtol=1e-12)
+
+
+@pytest.mark.slow
+@needs_compilation
+def test_only_the_end_of_the_budget_ends_the_stages_after_it():
+    search = search_of("nL")
+    for status in (Status.CONVERGED, Status.STALLED):
+        ladder.carried(search, parted(search), moved(Stop(status)))
+    with pytest.raises(Stop) as caught:
+        ladder.carried(search, parted(search), moved(Stop(Status.LIMIT)))
+    assert caught.value.status == Status.LIMIT
+
+
+@pytest.mark.slow
+@needs_compilation
+def test_a_stage_is_judged_by_the_cost_of_the_whole():
+    search = search_of("nL")
+    search.visit(search.start)
+    before = search.best.cost
+    ladder.carried(search, parted(search), moved(None))  # says that a point costs nothing
+    assert search.best.cost == min(before, search.objective.cost(1.01 * search.start))
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_steps_from_frame_to_frame(every):
+    scene = small("nL", 13)
+    target = at_frames(simulate(scene), slice(None, None, every))
+    assert ladder.frame_steps(Objective(scene, target, 1e-10)) == every
