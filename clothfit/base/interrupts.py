@@ -140,13 +140,15 @@ def limited(seconds: float | None) -> Iterator[None]:
 
 @contextmanager
 def grace(seconds: float) -> Iterator[None]:
-    """Let what is short run for so many seconds more, where less is left until the deadline."""
-    before = _state.deadline
-    _state.deadline = max(before, time.monotonic() + seconds)
+    """Let what is short run: `check` raises no KeyboardInterrupt within it, and OutOfTime only after so many seconds
+    where less is left until the deadline.
+    """
+    before, answered = _state.deadline, _state.answered
+    _state.deadline, _state.answered = max(before, time.monotonic() + seconds), True
     try:
         yield
     finally:
-        _state.deadline = before
+        _state.deadline, _state.answered = before, answered
 
 
 @contextmanager

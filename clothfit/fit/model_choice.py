@@ -68,7 +68,10 @@ def error(kept_out: Objective | None, p: Array) -> float | None:
 
 
 def chosen(whole: Objective, kept_out: Objective | None, p: Array, enough: float, of: str, budget: int) -> Choice:
-    """The model for an objective, from values p (P,); where nothing is `kept_out` of it, a part of it judges."""
+    """The model for an objective, from values p (P,) and within a `budget` of evaluations. An RMSE of `enough`, m, is
+    good enough. Where nothing is `kept_out` of the objective, a part of it judges, the last frames or some vertices, as
+    `of` says.
+    """
     scene = ladder.as_model(with_parameters(whole.scene, p), "L", exactly=True)
     part = whole.flagging(scene)
     if kept_out is None:
@@ -80,8 +83,8 @@ def chosen(whole: Objective, kept_out: Objective | None, p: Array, enough: float
         with threads.single(), interrupts.heard():
             climb(search)
             found = judged(search.rungs, kept_out)
-    except (KeyboardInterrupt, interrupts.OutOfTime):
-        found = judged(search.rungs, None)
+    except (KeyboardInterrupt, interrupts.OutOfTime, Diverged, MemoryError, np.linalg.LinAlgError):
+        found = judged(search.rungs, None)  # what was fitted until then
     model = smallest(found) if found else "F"
     at = next((each.p for each in search.rungs if each.model == model), search.best.p)
     return Choice(

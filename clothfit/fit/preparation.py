@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +24,7 @@ from clothfit.strategy import ladder
 from clothfit.strategy.start import choose_start
 
 MOMENT = 0.5
-"""Seconds for the cost of values that were found when the time was up."""
+"""Seconds for the costs of the values that were found, where the time is up."""
 
 
 @dataclass(frozen=True)
@@ -120,9 +121,9 @@ def with_chosen_model(plan: Prepared, p: Array, options: FitOptions) -> Prepared
     before = with_parameters(plan.objective.scene, p)
     plan = with_model(plan, found.model)
     scene = plan.objective.scene
-    candidates = [found.p, parameters(before, flags=scene)]
-    with interrupts.grace(MOMENT):
-        costs = [plan.objective.cost_or_infinity(each) for each in candidates]
+    candidates, costs = [parameters(before, flags=scene), found.p], [plan.cost, np.inf]
+    with suppress(interrupts.OutOfTime), interrupts.grace(MOMENT):
+        costs = [min(cost, plan.objective.cost_or_infinity(each)) for cost, each in zip(costs, candidates, strict=True)]
     best = int(np.argmin(costs))
     return replace(
         plan, p=candidates[best], cost=costs[best], wanted=[found.model], judged=found.judged,

@@ -16,6 +16,7 @@ import contextlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
 from clothfit.engine.system import BDF2
 from clothfit.motion.divergence import Diverged
+from clothfit.motion.times import frame_places
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.objective.residual_tests import residual_test
@@ -41,8 +43,8 @@ PAYS = 0.05
 COUNTS = (1, 2, 4, 8, 16, 32)
 """Steps to a frame that are tried one after the other, while they pay."""
 
-WHOLE = 1e-6
-"""Distance from a whole number of steps to a frame, by rounding."""
+ROUNDING = 1e-6
+"""Steps by which a whole number of them may be off by rounding."""
 
 LOOK, MOMENT = 4, 4.0
 """Steps to a frame with which a look at finer steps is taken, and the seconds that it may take."""
@@ -85,24 +87,34 @@ def substeps_of(given: Experiment) -> float:
 
 def with_substeps(objective: Objective, count: int, method: int | None) -> Objective:
     """The objective with so many steps to a frame, each of its own target; `method` None: as they are. The scene's own
-    step is that for the first target.
+    step is that for the first target. The same frames are compared.
     """
     scene, given = objective.scene, objective.experiments
-    main = with_interval(scene, frame_interval(given[0]) / count, method)
+    last = max((last_time(each) for each in given if each.scene is scene), default=0.0)
+    main = with_interval(scene, frame_interval(given[0]) / count, method, last)
     pairs = [
         Experiment(
             each.motion,
-            main if each.scene is scene else with_interval(each.scene, frame_interval(each) / count, method),
+            main if each.scene is scene
+            else with_interval(each.scene, frame_interval(each) / count, method, last_time(each)),
         )
         for each in given
-    ]
+    ]  # fmt: skip
     return objective.against(main, pairs, [pair.scene.frames for pair in pairs])
 
 
-def with_interval(scene: Scene, delta: float, method: int | None) -> Scene:
-    """The scene over the same time with steps of `delta`, s."""
-    whole = max(round((scene.frames - 1) * scene.delta / delta), 1)
-    return scene.with_step(delta, whole + 1, method)
+def last_time(given: Experiment) -> float:
+    """When the last frame of a target is that its scene reaches, s."""
+    step, part = frame_places(given.motion, given.scene.delta)
+    places = step + part
+    return float(places[places <= given.scene.frames - 1].max(initial=0.0)) * given.scene.delta
+
+
+def with_interval(scene: Scene, delta: float, method: int | None, last: float = 0.0) -> Scene:
+    """The scene with steps of `delta`, s, as many as its time has, and no fewer than reach the time `last`, s."""
+    within = int((scene.frames - 1) * scene.delta / delta + ROUNDING)
+    needed = ceil(last / delta - ROUNDING)
+    return scene.with_step(delta, max(within, needed, 1) + 1, method)
 
 
 def chosen(objective: Objective, start: Array, enough: float, counts: Sequence[int]) -> Stepped:
@@ -113,7 +125,7 @@ def chosen(objective: Objective, start: Array, enough: float, counts: Sequence[i
     best = Stepped(objective, 0, start, np.inf, (), 0, False)
     errors: dict[int, float] = {}
     for count in (0, *counts):
-        if count and own[0] == BDF2 and abs(count - own[1]) < WHOLE:
+        if count and own[0] == BDF2 and abs(count - own[1]) < ROUNDING:
             continue
         began = time.monotonic()
         part = with_substeps(objective, count, BDF2) if count else objective
@@ -170,20 +182,25 @@ def fitted(objective: Objective, p: Array, enough: float, first: bool) -> tuple[
             ladder.stage(search, ladder.models(objective.scene)[0], [p], rough=True)
     except (Stop, Diverged):
         pass
-    except (KeyboardInterrupt, interrupts.OutOfTime):
-        if not np.isfinite(search.best.cost) and first:
-            raise
+    except KeyboardInterrupt:
+        if first and not np.isfinite(search.best.cost):
+            raise  # there is no result yet
+        return search, True
+    except interrupts.OutOfTime:
         return search, True
     return search, False
 
 
 def is_enough(search: Search) -> bool:
-    """Whether the step can be no better: the motion is the target's but for noise."""
+    """Whether the step can be no better: the motion is the target's but for noise. A request to end counts as no, and
+    is heard by the next simulation.
+    """
     if is_near(search):
         return True
     try:
-        test = residual_test(search.objective, search.best.p)
-    except Diverged:
+        with threads.single(), interrupts.heard():
+            test = residual_test(search.objective, search.best.p)
+    except (Diverged, KeyboardInterrupt, interrupts.OutOfTime):
         return False
     return test is not None and test.is_noise
 

@@ -73,3 +73,12 @@ def test_a_deadline_is_the_earlier_of_two_and_ends_with_its_block():
         with interrupts.grace(60.0):
             interrupts.check()
     interrupts.check()
+
+
+def test_what_is_short_runs_in_spite_of_a_request():
+    with interrupts.deferred():
+        interrupts.request()
+        with interrupts.grace(60.0):
+            interrupts.check()
+        with pytest.raises(KeyboardInterrupt):
+            interrupts.check()
