@@ -1,0 +1,237 @@
+"""The time step of a fit: what it predicts, which frames it compares, and which step it chooses."""
+
+from dataclasses import replace
+
+import numba
+import numpy as np
+import pytest
+from helpers.strangers import small, with_finer_steps
+
+from clothfit.base import interrupts
+from clothfit.engine.system import BDF2, IMPLICIT
+from clothfit.fit.time_step import (
+    COUNTS,
+    PAYS,
+    chosen,
+    finer,
+    frame_interval,
+    last_time,
+    predicted_gain,
+    substeps_of,
+    with_interval,
+    with_substeps,
+)
+from clothfit.motion.degrade import degrade
+from clothfit.motion.motion import at_frames
+from clothfit.motion.simulate import simulate
+from clothfit.objective.experiment import Experiment
+from clothfit.objective.objective import Objective
+from clothfit.scene.fit_vector import parameters
+
+pytestmark = [
+    pytest.mark.slow,  # compiles a fit
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
+]
+
+ENOUGH = 1e-8  # m, as in a fit
+
+
+# --- what finer steps promise
+
+
+@pytest.mark.parametrize("own", [0.0, 1e-3, 0.1])
+@pytest.mark.parametrize("count", [2, 4, 16])
+def test_the_gain_of_the_second_order_is_predicted_exactly(own, count):
+    def rmse(steps):
+        return np.hypot(own, 0.05 / steps**2)
+
+    known = {steps: rmse(steps) for steps in (1, 2, 4, 8, 16) if steps <= count}
+    wanted = 1.0 - rmse(2 * count) / rmse(count)
+    assert predicted_gain(known, count) == pytest.approx(wanted, rel=1e-6, abs=1e-9)  # rounding of squares
+
+
+def test_nothing_is_promised_where_finer_steps_were_no_better():
+    assert predicted_gain({1: 0.1, 2: 0.1}, 2) == 0.0
+    assert predicted_gain({1: 0.1, 2: 0.2}, 2) == pytest.approx(0.5)  # back to what coarser steps had
+    assert predicted_gain({1: 0.0, 2: 0.0}, 2) == 0.0
+
+
+@pytest.mark.parametrize("known", [{}, {1: 0.1}, {2: 0.1}, {1: 0.1, 4: 0.05}], ids=str)
+def test_without_two_fits_everything_is_hoped_for(known):
+    assert predicted_gain(known, max(known, default=1)) == 1.0
+
+
+# --- an objective with other steps
+
+
+def objective(scene, motion, **options):
+    """The objective of a fit, over the scene's frames."""
+    return Objective(scene, motion, 1e-10, scene.frames, **options)
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_the_frames_of_a_target_and_their_steps(every):
+    scene = small("nF", 13)
+    motion = at_frames(simulate(scene), slice(None, None, every))
+    given = objective(scene, motion).experiments[0]
+    assert frame_interval(given) == pytest.approx(every * scene.delta)
+    assert substeps_of(given) == pytest.approx(every)
+    assert last_time(given) == pytest.approx(12 * scene.delta)
+
+
+@pytest.mark.parametrize("fps", [24.0, 25.0, 50.0, 60.0, 120.0])
+@pytest.mark.parametrize("offset", [0.0, 0.0117])
+@pytest.mark.parametrize("count", [1, 3, 8])
+def test_other_steps_compare_the_same_frames(fps, offset, count):
+    scene = small("nF", 31)
+    times = offset + np.arange(80) / fps
+    motion = replace(simulate(scene, 80), times=times)
+    before = objective(scene, motion)
+    after = with_substeps(before, count, BDF2)
+    (given,) = after.experiments
+    assert after.frames == before.frames == (times <= 30 * scene.delta + 1e-9).sum()
+    assert given.scene is after.scene
+    assert after.scene.delta == pytest.approx(1.0 / fps / count)
+    # over the same time, but for less than a step
+    assert abs((after.scene.frames - 1) * after.scene.delta - 30 * scene.delta) < after.scene.delta
+    assert last_time(given) == pytest.approx(last_time(before.experiments[0]))
+
+
+@pytest.mark.parametrize("method", [None, IMPLICIT, BDF2])
+def test_a_target_by_finer_steps_is_met_by_them(method):
+    scene = small("nF", 9, method=BDF2 if method is None else IMPLICIT)
+    used = scene.method if method is None else method
+    fine = scene.with_step(scene.delta / 4, 4 * 8 + 1, used)
+    motion = at_frames(simulate(fine, tolerance=1e-12), slice(None, None, 4))
+    found = with_substeps(objective(scene, motion), 4, method)
+    assert found.scene.method == used
+    assert found.rmse(found.cost(parameters(scene))) < 1e-9  # m; systems are solved to 1e-10
+    assert objective(scene, motion).rmse(objective(scene, motion).cost(parameters(scene))) > 1e-3
+
+
+def test_each_target_has_steps_of_its_own():
+    main, other = small("nF", 13), small("nF", 7, delta=0.04, windVel={"x": 1.0, "y": 0.0, "z": 0.0})
+    before = Objective(main, [simulate(main), (simulate(other), other)], 1e-10, [13, 7])
+    after = with_substeps(before, 2, BDF2)
+    first, second = (each.scene for each in after.experiments)
+    assert (first.delta, second.delta) == (pytest.approx(0.01), pytest.approx(0.02))
+    assert (first.frames, second.frames) == (25, 13)
+    assert second.wind.tolist() == [1.0, 0.0, 0.0]
+    assert after.frames == before.frames == 20
+
+
+def test_a_motion_of_one_frame_has_the_interval_of_a_step():
+    scene = small("nF", 5)
+    still = at_frames(simulate(scene), slice(0, 1))
+    assert frame_interval(Experiment(still, scene)) == scene.delta
+
+
+def test_steps_that_reach_a_time_are_not_too_few():
+    scene = small("nF", 11)  # 0.2 s
+    assert with_interval(scene, 0.03, None).frames == 7  # 0.18 s
+    assert with_interval(scene, 0.03, None, 0.19).frames == 8
+    assert with_interval(scene, 0.05, None).frames == 5
+    assert with_interval(scene, 1.0, None).frames == 2
+
+
+# --- the choice
+
+
+@pytest.mark.parametrize("method", [IMPLICIT, BDF2])
+@pytest.mark.parametrize("letters", ["nF", "nL"])
+def test_a_target_by_finer_steps_is_fitted_by_finer_steps(method, letters):
+    scene = small(letters, 24, method=method)
+    goal = objective(scene, with_finer_steps(scene, 8))
+    found = chosen(goal, parameters(scene), ENOUGH, COUNTS)
+    assert found.substeps > 1
+    assert found.objective.scene.method == BDF2
+    assert found.objective.scene.delta == pytest.approx(scene.delta / found.substeps)
+    assert found.objective.rmse(found.cost) == pytest.approx(found.tried[-1].rmse)
+    assert found.tried[-1].rmse < 0.1 * found.tried[0].rmse  # second order
+    assert found.objective.cost(found.p) == pytest.approx(found.cost, rel=1e-6)
+    own = "bdf2" if method == BDF2 else "implicit"
+    assert (found.tried[0].substeps, found.tried[0].integrator) == (1, own)
+    assert {each.integrator for each in found.tried[1:]} == {"bdf2"}
+    assert all(each.seconds >= 0 for each in found.tried)
+
+
+@pytest.mark.parametrize("method", [IMPLICIT, BDF2])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_a_target_by_the_scenes_own_step_keeps_it(method, noise):
+    scene = small("nF", 24, method=method)
+    goal = objective(scene, degrade(simulate(scene, tolerance=1e-12), noise=noise, seed=1))
+    found = chosen(goal, 1.3 * parameters(scene), ENOUGH, COUNTS)
+    assert (found.substeps, len(found.tried), found.explained) == (0, 1, True)
+    assert found.objective is goal
+    assert found.cost <= goal.cost(parameters(scene)) + 1e-12  # m²; the truth of one value is found
+
+
+def test_finer_steps_end_where_they_stop_to_pay():
+    scene = small("nF", 24, method=BDF2)
+    bent = with_finer_steps(small("nF", 24, method=BDF2, damping=0.5, dragCoefficient=0.5), 8)  # another model
+    found = chosen(objective(scene, bent), parameters(scene), ENOUGH, COUNTS)
+    errors = {each.substeps: each.rmse for each in found.tried}
+    assert not found.explained
+    last = max(errors)
+    assert last < max(COUNTS)
+    assert predicted_gain(errors, last) < PAYS or errors[last] >= errors[last // 2]
+    assert found.objective.rmse(found.cost) == pytest.approx(min(errors.values()))
+
+
+def test_only_the_numbers_that_are_asked_for_are_tried():
+    scene = small("nF", 24)
+    found = chosen(objective(scene, with_finer_steps(scene, 8)), parameters(scene), ENOUGH, [2])
+    assert [(each.substeps, each.integrator) for each in found.tried] == [(1, "implicit"), (2, "bdf2")]
+    assert found.substeps == 2
+
+
+def interrupted_after(monkeypatch, simulations):
+    """Ask for an end at a simulation."""
+    count, original = iter(range(simulations)), Objective.simulate
+
+    def simulate_some(self, *given, **options):
+        if next(count, None) is None:
+            interrupts.request()
+        return original(self, *given, **options)
+
+    monkeypatch.setattr(Objective, "simulate", simulate_some)
+
+
+@pytest.mark.parametrize("simulations", [1, 2, 3, 4, 5, 8, 12, 30, 60])
+def test_an_interrupt_during_the_choice_leaves_the_best_so_far(monkeypatch, simulations):
+    scene = small("nF", 24)
+    goal = objective(scene, with_finer_steps(scene, 8))
+    start = 1.5 * parameters(scene)
+    first = goal.cost(start)
+    with interrupts.deferred():
+        interrupted_after(monkeypatch, simulations)
+        found = chosen(goal, start, ENOUGH, COUNTS)
+        assert interrupts.requested()
+    monkeypatch.undo()
+    assert found.cost <= first
+    assert found.objective.cost(found.p) == pytest.approx(found.cost, rel=1e-6)
+
+
+def test_an_interrupt_before_the_first_cost_leaves_nothing(monkeypatch):
+    scene = small("nF", 24)
+    goal = objective(scene, with_finer_steps(scene, 8))
+    with interrupts.deferred():
+        interrupted_after(monkeypatch, 0)
+        with pytest.raises(KeyboardInterrupt):
+            chosen(goal, parameters(scene), ENOUGH, COUNTS)
+
+
+# --- a look at finer steps
+
+
+def test_a_look_sees_what_finer_steps_gain():
+    scene = small("nF", 24)
+    goal = objective(scene, with_finer_steps(scene, 8))
+    now = goal.rmse(goal.cost(parameters(scene)))
+    assert finer(goal, parameters(scene)) < 0.1 * now  # second order against first
+
+
+def test_a_look_at_the_own_motion_sees_nothing():
+    scene = small("nF", 24)
+    goal = objective(scene, degrade(simulate(scene, tolerance=1e-12), noise=1e-3, seed=1))
+    assert finer(goal, parameters(scene)) is None
