@@ -209,7 +209,7 @@ def test_an_interrupt_during_the_choice_leaves_the_best_so_far(monkeypatch, simu
         assert interrupts.requested()
     monkeypatch.undo()
     assert found.cost <= first
-    assert found.objective.cost(found.p) == pytest.approx(found.cost, rel=1e-6)
+    assert found.objective.cost(found.p) == pytest.approx(found.cost, rel=1e-5)  # a stage solves systems to 1e-7
 
 
 def test_an_interrupt_before_the_first_cost_leaves_nothing(monkeypatch):
