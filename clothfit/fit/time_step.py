@@ -75,9 +75,13 @@ class Stepped(NamedTuple):
 
 
 def frame_interval(given: Experiment) -> float:
-    """Time between two frames of a target, s, in the median."""
-    times = given.motion.times
-    return float(np.median(np.diff(times))) if len(times) > 1 else given.scene.delta
+    """Time between two frames of a target, s, in the median: steps of its scene, without the rounding of a whole number
+    of them.
+    """
+    times, delta = given.motion.times, given.scene.delta
+    steps = float(np.median(np.diff(times))) / delta if len(times) > 1 else 1.0
+    whole = max(round(steps), 1)
+    return delta * (whole if abs(steps - whole) < ROUNDING else steps)
 
 
 def substeps_of(given: Experiment) -> float:
