@@ -16,7 +16,7 @@ from clothfit.fit.options import FIT_TOLERANCE
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, checked_motion
 from clothfit.motion.simulate import simulate_cloths
-from clothfit.motion.times import frame_places
+from clothfit.motion.times import TIME_SLACK, frame_places, snapped
 from clothfit.objective.experiment import check_same_sizes
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.target import sample
@@ -63,11 +63,12 @@ def evaluate(
 ) -> Evaluation:
     """Compare a fitted scene with the true one, or with a target motion where one is given.
 
-    `frames` (default: the scene's) and `horizon` count the initial state. A target is compared at the times of its
+    `frames` (default: the scene's) and `horizon` count the initial state, in steps of the true scene; each scene is
+    simulated with its own step, and the fitted one is compared at the times of the other. A target is compared at the times of its
     frames, as far as it reaches; each position counts once, unless its weight is 0. Raises InvalidInput when the scenes
     or the target have other objects, Diverged when a simulation diverges within the fitted frames.
     """
-    check_same_objects(truth, fitted)
+    check_same_sizes(fitted, truth)
     near = truth.frames if frames is None else frames
     if near < 2 or horizon < 2:
         raise InvalidInput(f"frames must be at least 2 to compare; {min(near, horizon)} was given")
@@ -78,12 +79,12 @@ def evaluate(
         goal, fault = finite_part(truth, compared, length, near)
     else:
         goal, fault = checked_motion(target, truth), None
-    step, fraction = frame_places(goal, truth.delta)
-    length = min(length, int(step[-1]) + (fraction[-1] > 0) + 1)
-    own, own_fault = finite_part(fitted, compared, length, min(near, length))
+    fitted_end, end = (place_of(each, truth, fitted) for each in (near, horizon))
+    length = states(min(max(fitted_end, end), last_place(goal, fitted.delta)))
+    own, own_fault = finite_part(fitted, compared, length, min(states(fitted_end), length))
     return Evaluation(
-        distance(own, goal, truth.delta, compared, near),
-        distance(own, goal, truth.delta, compared, horizon),
+        distance(own, goal, fitted.delta, compared, fitted_end),
+        distance(own, goal, fitted.delta, compared, end),
         deviations(truth, fitted),
         fault or own_fault,
     )
@@ -107,24 +108,35 @@ def finite_part(scene: Scene, compared: Collection[int], frames: int, needed: in
         return error.motion, str(error)
 
 
-def check_same_objects(truth: Scene, fitted: Scene) -> None:
-    """Raise InvalidInput unless both scenes have the same numbers of vertices and springs and the same time step."""
-    check_same_sizes(fitted, truth)
-    if truth.delta != fitted.delta:
-        raise InvalidInput(f"{fitted.name}: its delta is {fitted.delta:g} s, that of {truth.name} {truth.delta:g} s")
+def place_of(frames: int, truth: Scene, fitted: Scene) -> float:
+    """Where the last of `frames` frames of the true scene lies in steps of the fitted one, whose step may be another.
+    """
+    whole, fraction = snapped(np.array([(frames - 1) * truth.delta / fitted.delta]))
+    return float(whole[0] + fraction[0])
 
 
-def distance(own: Motion, goal: Motion, delta: float, compared: Collection[int], frames: int) -> Distance:
-    """Distance of a simulated motion `own` from the frames of `goal` up to step `frames` − 1; `delta` in s."""
+def last_place(motion: Motion, delta: float) -> float:
+    """Where the last frame of a motion lies in steps of `delta`, s."""
+    step, fraction = frame_places(motion, delta)
+    return float(step[-1] + fraction[-1])
+
+
+def states(place: float) -> int:
+    """Number of states, the initial one included, that reach a place in steps."""
+    return int(np.ceil(place)) + 1
+
+
+def distance(own: Motion, goal: Motion, delta: float, compared: Collection[int], end: float) -> Distance:
+    """Distance of a motion `own`, simulated in steps of `delta`, s, from the frames of `goal` up to `end`, in steps."""
     gaps: list[Array] = []
     count = 0
     for cloth in compared:
-        wanted = target_of(goal, cloth, delta, min(frames, len(own.positions)) - 1)
+        wanted = target_of(goal, cloth, delta, min(end, len(own.positions) - 1) + TIME_SLACK)
         gaps.append((sample(wanted, own.of(cloth)) - wanted.positions)[wanted.observed])
         count = len(wanted.step)
     squares = (np.concatenate(gaps) ** 2).sum(axis=1)
     if not squares.size:
-        raise InvalidInput(f"{goal.name}: shows no observed vertex in the first {frames} frames")
+        raise InvalidInput(f"{goal.name}: shows no observed vertex in the first {end * delta:g} s")
     return Distance(count, float(np.sqrt(squares.mean())), float(np.sqrt(squares.max())))
 
 

@@ -215,6 +215,8 @@ def searched(
     p, cost, warnings = first
     search = Search(objective, p, options.enough, options.budget, options.report, checkpoint, state, cost)
     search.take_over(plan.model, plan.substeps, plan.evaluations, plan.seconds, plan.computing)
+    if not hidden:
+        search.origin = choose_start(objective, start, hidden=False)
     search.longest = LONGEST if options.seconds is None else np.inf
     search.warn(*warnings)
     others = partial(other_starts, objective, p, hidden) if start is None and plan.p is None else None

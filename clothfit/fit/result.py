@@ -167,7 +167,7 @@ def fitted_block(search: Search, block: Block, p: Array, known: Confidence | Non
         ends = zip(known.low[part].tolist(), known.high[part].tolist(), strict=True)
         interval = [None if np.isnan(low) else (low, high) for low, high in ends]
     bound = (at_lower(p[part], lower) | at_upper(p[part], upper)) & ~lost
-    start = search.start
+    start = search.origin
     still = np.abs(p - start) <= UNMOVED * np.maximum(np.abs(start), search.coordinates.change(start))
     at_bound, hidden, unmoved = (np.flatnonzero(each).tolist() for each in (bound, lost, still[part] & ~lost))
     found = FittedBlock(block.cloth, block.name, block.mode, block.count, at_bound, hidden, unmoved, interval)

@@ -39,7 +39,7 @@ class Target(NamedTuple):
         return np.asarray(self.observed[self.places > 0].any(axis=0))
 
 
-def target(motion: Motion, cloth: int, delta: float, last_step: int | None = None) -> Target:
+def target(motion: Motion, cloth: int, delta: float, last_step: float | None = None) -> Target:
     """The part of a motion that is one cloth's, up to step `last_step`. Raises InvalidMotion as `frame_places` does."""
     step, fraction = frame_places(motion, delta)
     kept = slice(None if last_step is None else int(np.searchsorted(step + fraction, last_step, side="right")))

@@ -183,6 +183,7 @@ class Search:
         start = np.array(start, float)
         self.coordinates = Coordinates(objective.scene, start)
         self.start = np.where(self.fitted, self.coordinates.clipped(start), start)
+        self.origin = self.start  # the values of the user, where something before this search has begun with them
         self.best = BestSoFar(self.start)
         self.budget = Budget(budget)
         self.progress = Reporter(report, self.start, objective.frames)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.evaluation.evaluate import compared_cloths, finite_part
+from clothfit.evaluation.evaluate import compared_cloths, finite_part, place_of, states
 from clothfit.motion.motion import Motion
 from clothfit.motion.times import frame_places, interpolated
 from clothfit.scene.scene import Scene
@@ -28,11 +28,12 @@ class Overlay:
 def overlaid(truth: Scene, fitted: Scene, target: Motion | None, frames: int) -> Overlay:
     """The motion of a fitted scene, and its target: by default the motion of the true scene.
 
-    Both have `frames` frames of a simulation, or as many as the target reaches, and end before they diverge.
+    Both have `frames` frames of the true scene's simulation, or as many as the target reaches, and end before they
+    diverge. The fitted scene is simulated with its own step.
     """
     goal = target if target is not None else finite_part(truth, range(len(truth.cloths)), frames, 0)[0]
-    own, _ = finite_part(fitted, range(len(fitted.cloths)), frames, 0)
-    step, fraction = frame_places(goal, truth.delta)
+    own, _ = finite_part(fitted, range(len(fitted.cloths)), states(place_of(frames, truth, fitted)), 0)
+    step, fraction = frame_places(goal, fitted.delta)
     kept = step + (fraction > 0) < len(own.positions)
     x = interpolated(own.positions, step[kept], fraction[kept])
     y = np.where(np.isfinite(goal.positions[kept]), goal.positions[kept], np.nan)

@@ -45,7 +45,7 @@ def content(truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | No
         "title": truth.title.strip() or truth.name,
         "names": {"scene": truth.name, "fitted": fitted.name, "target": target},
         "figures": [[f"RMSE, {name}", metres(part.rmse)] for name, part in distances(show.evaluation).items()],
-        "facts": facts(truth, show, log, target),
+        "facts": facts(truth, fitted, show, log, target),
         "deviations": [deviation(each) for each in show.evaluation.parameters],
         "notes": [*show.notes, *log.warnings],
         "remarks": [bound(step), *([] if log.points or log.summary else [NO_LOG])],
@@ -106,7 +106,7 @@ def surroundings(scene: Scene) -> dict[str, Any]:
     }
 
 
-def facts(truth: Scene, show: Shown, log: Log, target: str | None) -> list[list[str]]:
+def facts(truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | None) -> list[list[str]]:
     """The rows of the summary: names and values."""
     rows = [["compared with", "the scene's own motion (a trial)" if target is None else target]]
     for name, part in distances(show.evaluation).items():
@@ -114,7 +114,7 @@ def facts(truth: Scene, show: Shown, log: Log, target: str | None) -> list[list[
     rows += ended(log.summary)
     size = f"{sum(truth.vertex_counts)} vertices, {sum(len(c.stiffness) for c in truth.cloths)} springs"
     rows.append(["cloth", f"{counted(len(truth.cloths), 'object', 'objects')}, {size}"])
-    rows.append(["time step", f"{1e3 * truth.delta:.4g} ms"])
+    rows.append(["time step", f"{1e3 * fitted.delta:.4g} ms"])
     if truth.wind.any():
         rows.append(["wind", f"{float(np.linalg.norm(truth.wind)):.3g} m/s"])
     return rows

@@ -17,14 +17,17 @@ from clothfit.base.memory import check_memory
 from clothfit.evaluation.evaluate import (
     HORIZON,
     Evaluation,
-    check_same_objects,
     compared_cloths,
     deviations,
     distance,
     finite_part,
+    last_place,
+    place_of,
+    states,
 )
 from clothfit.motion.motion import Motion, check_counts, checked_motion
 from clothfit.motion.times import frame_places, interpolated
+from clothfit.objective.experiment import check_same_sizes
 from clothfit.pictures.overlay import compared_vertices, per_frame
 from clothfit.pictures.polygons import FARTHEST_SHOWN
 from clothfit.scene.scene import Scene
@@ -58,7 +61,7 @@ def shown(
     positions, every k-th frame is shown. Raises InvalidInput when scenes and target do not match, Diverged when a
     motion has no second frame.
     """
-    check_same_objects(truth, fitted)
+    check_same_sizes(fitted, truth)
     length = default_length(truth, most) if frames is None else max(frames, truth.frames)
     notes = []
     if frames is None and length < max(truth.frames, HORIZON) and target is None:
@@ -67,12 +70,12 @@ def shown(
     notes += [f"{fault}; the frames before are shown" for fault in faults]
     compared = compared_cloths(truth)
     evaluation = Evaluation(
-        distance(own, goal, truth.delta, compared, truth.frames),
-        distance(own, goal, truth.delta, compared, length),
+        distance(own, goal, fitted.delta, compared, place_of(truth.frames, truth, fitted)),
+        distance(own, goal, fitted.delta, compared, place_of(length, truth, fitted)),
         deviations(truth, fitted),
         faults[0] if faults else None,
     )
-    return pictured(truth, own, goal, evaluation, notes, bool(faults), most)
+    return pictured(truth, fitted.delta, own, goal, evaluation, notes, bool(faults), most)
 
 
 def default_length(scene: Scene, most: int) -> int:
@@ -92,17 +95,19 @@ def motions(truth: Scene, fitted: Scene, target: Motion | None, length: int) -> 
     else:
         check_counts(target, truth)
         goal = checked_motion(target, truth)
-    step, fraction = frame_places(goal, truth.delta)
-    reach = int(step[-1]) + (fraction[-1] > 0) + 1
-    own, fault = finite_part(fitted, every, max(min(length, reach), 2), 2)
+    end = min(place_of(length, truth, fitted), last_place(goal, fitted.delta))
+    own, fault = finite_part(fitted, every, max(states(end), 2), 2)
     return goal, own, [text for text in (*faults, fault) if text]
 
 
 def pictured(
-    truth: Scene, own: Motion, goal: Motion, evaluation: Evaluation, notes: list[str], diverged: bool, most: int
-) -> Shown:
-    """Both motions at the times of the target, as far as both reach; of too many frames every k-th."""
-    step, fraction = frame_places(goal, truth.delta)
+    truth: Scene, delta: float, own: Motion, goal: Motion, evaluation: Evaluation, notes: list[str], diverged: bool,
+    most: int,
+) -> Shown:  # fmt: skip
+    """Both motions at the times of the target, as far as both reach; of too many frames every k-th. The fitted one,
+    `own`, has steps of `delta`, s.
+    """
+    step, fraction = frame_places(goal, delta)
     places = step + fraction
     count = int(np.searchsorted(places, len(own.positions) - 1, side="right"))
     fitted = interpolated(own.positions, step[:count], fraction[:count])

@@ -138,12 +138,37 @@ def test_a_zero_that_was_true_has_no_relative_deviation():
     [
         (load(even("LG", nx=5)), r"have \(vertices, springs\) \[\(20, 43\)\], those of scene \[\(16, 33\)\]"),
         (load(document(*[even("LG")["objects"][0]] * 2)), "its objects have"),
-        (load(even("LG", delta=0.01)), "its delta is 0.01 s, that of scene 0.02 s"),
     ],
 )
-def test_other_objects_and_time_steps_are_refused(other, message):
+def test_other_objects_are_refused(other, message):
     with pytest.raises(InvalidInput, match=message):
         evaluate(TRUTH, other)
+
+
+@pytest.mark.parametrize("ratio", [4, 2.5])
+def test_a_fitted_scene_with_another_step_is_compared_at_the_times_of_the_other(ratio):
+    fitted = TRUTH.with_step(TRUTH.delta / ratio, 200, "bdf2")
+    report = evaluate(TRUTH, fitted, frames=11, horizon=21)
+    own, goal = simulate(fitted, int(20 * ratio) + 1, FIT_TOLERANCE).positions, own_motion(21).positions
+    x = np.array([interpolate(own, ratio * i) for i in range(21)])
+    distances = np.linalg.norm(x - goal, axis=2)
+    assert (report.fitted.frames, report.horizon.frames) == (11, 21)
+    assert report.fitted.rmse == pytest.approx(np.sqrt((distances[:11] ** 2).mean()), rel=1e-9)  # sums in another order
+    assert report.horizon.max_error == pytest.approx(distances.max(), rel=1e-9)
+
+
+def test_a_target_is_compared_between_the_steps_of_the_fitted_scene():
+    fitted = TRUTH.with_step(TRUTH.delta / 4, 77)
+    motion = simulate(fitted, 77, FIT_TOLERANCE)
+    target = Motion(motion.positions[1:54:4], motion.times[1:54:4], motion.vertex_counts)
+    # the same numbers; times are multiples of the step but for rounding
+    assert evaluate(TRUTH, fitted, target=target).fitted.rmse < 1e-12
+
+
+def interpolate(x, place):
+    """The state at a place between the steps of a motion x (T + 1, n, 3)."""
+    below = int(place)
+    return x[below] if below == place else (1 - place + below) * x[below] + (place - below) * x[below + 1]
 
 
 @pytest.mark.parametrize("counts", [{"frames": 1}, {"horizon": 1}, {"frames": 0}, {"horizon": -3}])

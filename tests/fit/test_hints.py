@@ -20,7 +20,7 @@ def sheet(nx=10, ny=10, held="side", frames=12, **fields):
     fixed = [i < nx if held == "side" else i in (0, nx - 1) for i in range(n)] if held else [False] * n
     stiffness = [20.0] * len(cloth(nx, ny)["springStiffness"])
     own = cloth(nx, ny, 0.1, vertIsFixed=fixed, vertMass=[0.002] * n, springStiffness=stiffness)
-    scene = {name: fields.pop(name) for name in ("delta", "windVel", "gravity") if name in fields}
+    scene = {name: fields.pop(name) for name in ("delta", "windVel", "gravity", "integrationMethod") if name in fields}
     made = document({**own, "optimizationSettings": "nG", **fields}, optimizationIterations=frames, **scene)
     return load_text(json.dumps(made))
 
@@ -37,6 +37,15 @@ def test_the_model_itself_gives_no_hint(held, noise):
         motion = simulate(scene)
         seen = degrade(motion, noise, seed=seed) if noise else motion
         assert codes(sheet(held=held, windVel={"x": 0.0, "y": wind, "z": 0.0}), seen) == []
+
+
+@pytest.mark.parametrize("damping", [0.0, 3.0])
+@pytest.mark.parametrize("held", ["side", "corners", None])
+def test_nor_does_it_by_bdf2_whose_first_step_is_half_a_step_ahead(held, damping):
+    scene = sheet(held=held, damping=damping, integrationMethod=3)
+    assert codes(scene, simulate(scene)) == []
+    slow = simulate(sheet(held=held, damping=damping, integrationMethod=3, gravity={"x": 0.0, "y": -5.6, "z": 0.0}))
+    assert codes(scene, slow) == ["time_scale"]
 
 
 @pytest.mark.parametrize("rate", [0.7, 1.32, 2.0])

@@ -211,8 +211,7 @@ TOGETHER = {
     ),
     "objects[…] has … values of …, … are needed": fit("--start other.json", **{"other.json": OTHER}),
     "its objects have (vertices, springs) …, those of …": Case(EVALUATE + "other.json", {"other.json": OTHER}),
-    "its delta is … s, that of … s": Case(EVALUATE + "other.json", {"other.json": {**SMALL, "delta": 0.01}}),
-    "shows no observed vertex in the first … frames": Case(
+    "shows no observed vertex in the first … s": Case(
         EVALUATE + "scene.json --target bad.npz", {"bad.npz": UNSEEN}
     ),
     "whether the gradient is right cannot be seen here (… of … steps are short enough and above rounding, …); try "

@@ -32,6 +32,13 @@ def test_the_errors_of_the_frames_are_those_that_evaluate_tells(pair):
     assert_allclose(over.largest.max(), told.fitted.max_error, rtol=1e-9)
 
 
+def test_finer_steps_are_shown_at_the_frames_of_the_true_scene(pair):
+    fine = pair[1].with_step(pair[1].delta / 2, 15)
+    over, told = overlaid(pair[0], fine, None, 8), evaluate(pair[0], fine, horizon=8)
+    assert over.own.shape == over.goal.shape == (8, 16, 3)
+    assert_allclose(np.sqrt((over.rmse**2).mean()), told.fitted.rmse, rtol=1e-9)
+
+
 def test_a_target_between_the_steps_is_met_there(pair):
     truth, _ = pair
     x = simulate(truth, 8, 1e-10).positions

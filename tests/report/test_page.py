@@ -48,6 +48,16 @@ def waving(frames, vertices, seed=0):
     return np.sin(0.1 * np.arange(frames)[:, None, None] * pace + phase) * [3.0, 0.1, 1e-6] + [0.0, -50.0, 7.0]
 
 
+def test_a_page_shows_finer_steps_at_the_frames_of_the_true_scene():
+    truth = load(even("nG", 8))
+    fine = truth.with_step(truth.delta / 2, 15)
+    show = shown(truth, fine, frames=12)
+    own = simulate(fine, 23, 1e-10).positions[::2]
+    assert np.allclose(show.fitted, own, atol=1e-12)  # the same steps
+    assert (show.evaluation.fitted.frames, show.evaluation.horizon.frames) == (8, 12)
+    assert show.evaluation == evaluate(truth, fine, horizon=12)
+
+
 # --- packing
 
 

@@ -130,6 +130,7 @@ def over_target(found: Fit, scene: Scene, target: Goal | None) -> Overlay:
     """The motion of a fit over its target, which may have a scene of its own."""
     import numpy as np
 
+    from clothfit.fit.time_step import with_interval
     from clothfit.objective.experiment import flagged_as
     from clothfit.pictures.overlay import overlaid
     from clothfit.scene.fit_vector import parameters, with_parameters
@@ -137,7 +138,11 @@ def over_target(found: Fit, scene: Scene, target: Goal | None) -> Overlay:
     if target is None:
         return overlaid(scene, found.scene, None, scene.frames)
     motion, other = target if isinstance(target, tuple) else (target, scene)
-    own = found.scene if other is scene else with_parameters(flagged_as(other, scene), parameters(found.scene))
+    own = found.scene
+    if other is not scene:
+        own = with_parameters(flagged_as(other, own), parameters(own))
+        if (own.delta, own.method) != (found.scene.delta, found.scene.method):
+            own = with_interval(own, found.scene.delta, found.scene.method)  # the step that was chosen for this target
     frames = min(int(np.ceil(motion.times[-1] / own.delta)) + 1, MOST_FITTED_LENGTHS * own.frames)
     return overlaid(own, own, motion, frames)
 
