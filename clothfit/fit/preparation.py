@@ -16,6 +16,7 @@ from clothfit.engine.system import BDF2
 from clothfit.fit import model_choice, time_step
 from clothfit.fit.model_choice import Judged
 from clothfit.fit.options import AUTO, FitOptions
+from clothfit.kernels import clock
 from clothfit.objective.objective import Objective
 from clothfit.optimise.checkpoint import State
 from clothfit.scene.fit_vector import parameters, with_parameters
@@ -55,7 +56,7 @@ def prepared(
     state: State | None = None,
 ) -> Prepared:  # fmt: skip
     """What a fit to given targets begins with. A fit that goes on from a `state` keeps what it had chosen."""
-    began, computing = time.monotonic(), time.process_time()
+    began, computing = time.monotonic(), clock.computing()
     plan = Prepared(objective, kept_out)
     if isinstance(options.substeps, int):
         plan = with_steps(plan, options.substeps, None)
@@ -67,7 +68,7 @@ def prepared(
     if options.model == AUTO:
         p = choose_start(plan.objective, start, hidden=False) if plan.p is None else plan.p
         plan = with_chosen_model(plan, p, options)
-    return replace(plan, seconds=time.monotonic() - began, computing=time.process_time() - computing)
+    return replace(plan, seconds=time.monotonic() - began, computing=clock.computing() - computing)
 
 
 def counts_of(options: FitOptions, scene: Scene) -> Sequence[int]:

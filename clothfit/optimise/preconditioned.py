@@ -15,7 +15,6 @@ its help. J. Nocedal, S. J. Wright, Numerical Optimization, 2006, chapter 7.
 from __future__ import annotations
 
 import contextlib
-import time
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from typing import Any
@@ -23,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from clothfit.base.arrays import Array
+from clothfit.kernels.clock import computing
 from clothfit.motion.divergence import Diverged
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
@@ -60,7 +60,7 @@ class Patience:
 
     def is_over(self, cost: float) -> bool:
         """Whether it is, with the best cost of this moment."""
-        now = time.process_time() - self.besides
+        now = computing() - self.besides
         self.marks.append((now, cost))
         while len(self.marks) > 1 and self.marks[1][0] <= now - self.seconds:
             self.marks.pop(0)
@@ -79,9 +79,9 @@ def minimise(search: Search, patience: Patience | None = None) -> None:
     patience = patience or Patience()
     part, in_metric, poor = Trajectory(search, search.objective), True, 0
     while poor < 2 and not patience.is_over(search.best.cost) and not search.is_late:
-        before, began = search.best.cost, time.process_time()
+        before, began = search.best.cost, computing()
         root = metric(part, search.y) if in_metric else None
-        patience.besides += time.process_time() - began
+        patience.besides += computing() - began
         search.budget.enter_stage()  # a round has its own end
         if in_metric and root is None:
             poor += 1
@@ -124,7 +124,7 @@ def descend(search: Search, root: Array | None, patience: Patience, most: int = 
     from scipy.linalg import solve_triangular
     from scipy.optimize import minimize
 
-    y0, costs, times = search.y, [search.best.cost], [time.process_time()]
+    y0, costs, times = search.y, [search.best.cost], [computing()]
     lower, upper = np.array(search.bounds).T
 
     def cost(u: Array) -> tuple[float, Array]:
@@ -135,7 +135,7 @@ def descend(search: Search, root: Array | None, patience: Patience, most: int = 
         y = u if root is None else y0 + solve_triangular(root, u, lower=True, trans=1)
         value, gradient = search(np.clip(y, lower, upper))
         costs.append(search.best.cost)
-        times.append(time.process_time())
+        times.append(computing())
         if root is None:
             return value, gradient
         inside = np.where((y > lower) & (y < upper), gradient, 0.0)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clothfit.base.arrays import Array
+from clothfit.kernels.clock import computing
 
 FEWEST_MARKS, SHORTEST_TREND = 6, 3.0
 """Reports, and seconds, from which on a trend is looked at."""
@@ -77,12 +78,12 @@ class Reporter:
         self.receiver, self.p, self.frames = report, p, frames
         self.stage, self.window, self.window_rmse = "start", frames, np.nan
         self.iterations, self.step = 0, np.nan
-        self.began, self.began_computing = time.perf_counter(), time.process_time()
+        self.began, self.began_computing = time.perf_counter(), computing()
 
     @property
     def computing(self) -> float:
-        """Seconds of computing since then, in which other work of the machine does not count."""
-        return time.process_time() - self.began_computing
+        """Seconds of computing since then, without compilation; other work of the machine does not count."""
+        return computing() - self.began_computing
 
     @property
     def seconds(self) -> float:

@@ -63,7 +63,7 @@ def bowl(condition=1e8, count=12, **options):
 @pytest.fixture
 def _still_clock(monkeypatch):
     """No computing counts, so that only evaluations end a round."""
-    monkeypatch.setattr(preconditioned.time, "process_time", lambda: 0.0)
+    monkeypatch.setattr(preconditioned, "computing", lambda: 0.0)
 
 
 # --- a round on a quadratic cost
@@ -124,7 +124,7 @@ def test_a_round_has_so_many_evaluations_at_most(most):
 def clock(monkeypatch, seconds):
     """A clock that goes on by so many seconds each time it is looked at."""
     now = itertools.count(0.0, seconds)
-    monkeypatch.setattr(preconditioned.time, "process_time", lambda: next(now))
+    monkeypatch.setattr(preconditioned, "computing", lambda: next(now))
 
 
 def test_a_round_that_saves_little_ends_after_a_number_of_evaluations_and_seconds(monkeypatch):

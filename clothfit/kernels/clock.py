@@ -1,0 +1,40 @@
+"""The clock of a fit: seconds of this process's computing, in which other work of the machine does not count, and
+compilation does not either, so that the first use of a command ends where all others do.
+"""
+
+from __future__ import annotations
+
+import time
+
+from numba.core import event
+from numba.core.compiler_lock import global_compiler_lock
+
+
+class Compilation(event.Listener):
+    """Adds up the seconds in which numba compiles, or loads what it has compiled."""
+
+    def __init__(self) -> None:
+        self.seconds, self.depth, self.began = 0.0, 0, 0.0
+
+    def on_start(self, event: event.Event) -> None:
+        """Compilation of a function begins, perhaps within that of another one."""
+        if self.depth == 0:
+            self.began = time.process_time()
+        self.depth += 1
+
+    def on_end(self, event: event.Event) -> None:
+        """It ends."""
+        self.depth -= 1
+        if self.depth <= 0:
+            self.seconds, self.depth = self.seconds + time.process_time() - self.began, 0
+
+
+compilation = Compilation()
+event.register("numba:compiler_lock", compilation)
+
+
+def computing() -> float:
+    """Seconds of computing so far, without compilation."""
+    if compilation.depth and not global_compiler_lock.is_locked():  # an exception has ended it between two of its lines
+        compilation.depth = 0
+    return time.process_time() - compilation.seconds
