@@ -64,9 +64,9 @@ def evaluate(
     """Compare a fitted scene with the true one, or with a target motion where one is given.
 
     `frames` (default: the scene's) and `horizon` count the initial state, in steps of the true scene; each scene is
-    simulated with its own step, and the fitted one is compared at the times of the other. A target is compared at the times of its
-    frames, as far as it reaches; each position counts once, unless its weight is 0. Raises InvalidInput when the scenes
-    or the target have other objects, Diverged when a simulation diverges within the fitted frames.
+    simulated with its own step, and the fitted one is compared at the times of the other. A target is compared at the
+    times of its frames, as far as it reaches; each position counts once, unless its weight is 0. Raises InvalidInput
+    when the scenes or the target have other objects, Diverged when a simulation diverges within the fitted frames.
     """
     check_same_sizes(fitted, truth)
     near = truth.frames if frames is None else frames

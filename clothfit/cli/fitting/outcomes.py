@@ -72,7 +72,7 @@ def conclude(result: dict[str, Any], out: Output, as_json: bool, log: FitLog | N
 def describe(found: Fit, out: Output, console: Console) -> None:
     """Print the result in a few lines."""
     console.say(
-        f"{ending(found)}: RMSE {error(found)} over {found.frames} frames, "
+        f"{ending(found)}: RMSE {error(found)} over {counted(found.frames, 'frame', 'frames')}, "
         f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s → {out.name}"
     )
     for i, each in enumerate(found.registration or []):
