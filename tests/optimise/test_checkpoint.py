@@ -34,7 +34,7 @@ needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundred
 STATE = State(
     start=np.array([1.0, 2.0, 0.1 + 0.2]), best=np.array([0.5, 1.0, 5e-324]), cost=1.0 / 3.0, gradient=np.arange(3.0),
     centre=np.zeros(2), tau=(0.3, np.inf), y=np.ones(2), radius=0.5, window=20, before=np.ones(3), before_cost=np.inf,
-    history=(np.inf, 2.0), beside=2, seconds=12.5, warnings=["a word"], status=Status.LIMIT,
+    history=(np.inf, 2.0), beside=2, seconds=12.5, warnings=["a word"], status=Status.LIMIT, model="R", substeps=4,
 )  # fmt: skip
 SAME = {"scene": "#1", "method": "auto"}
 
@@ -148,6 +148,10 @@ IMPOSSIBLE = {
     "no end": {"status": "over"},
     "no words": {"warnings": ["\x1b[2J"]},
     "nothing": {"before": None},
+    "no model": {"model": "Q"},
+    "no letter": {"model": None},
+    "no steps": {"substeps": -1},
+    "no number of steps": {"substeps": "few"},
 }
 
 
@@ -160,7 +164,13 @@ def test_a_state_that_no_fit_has_is_refused(tmp_path, kind):
 
 def test_a_state_of_another_number_of_parameters_is_refused(tmp_path):
     with pytest.raises(InvalidInput, match="c: is not what a fit has written"):
-        written(tmp_path / "c").read(4)
+        written(tmp_path / "c", state=STATE._replace(model="")).read(4)
+
+
+@pytest.mark.parametrize("model", "FRML")
+def test_a_chosen_model_has_a_number_of_parameters_of_its_own(tmp_path, model):
+    state = STATE._replace(model=model)
+    same(written(tmp_path / "c", state=state).read(4), state)
 
 
 # --- when it is written
@@ -239,6 +249,10 @@ SAME_COST, SAME_FLOOR = 1e-3, 0.25
 """
 
 
+ENOUGH = 1000
+"""Evaluations of a fit that is resumed at its very end, too, where it fits all models once more."""
+
+
 def same_minimum(found, whole):
     """That two fits have ended at the same minimum."""
     assert found.status == whole.status
@@ -284,12 +298,12 @@ def test_every_file_that_a_kill_could_leave_leads_to_the_same_minimum(tmp_path, 
         patch.setattr(module, "write_atomically", write)
         patch.setattr(module, "EVERY", 0.0)  # at every report
         patch.setattr(module, "WRITING_SHARE", 0.0)
-        whole = estimate(*given, budget=400, checkpoint=tmp_path / "c")
-    equal(whole, estimate(*given, budget=400))  # keeping it changes nothing
+        whole = estimate(*given, budget=ENOUGH, checkpoint=tmp_path / "c")
+    equal(whole, estimate(*given, budget=ENOUGH))  # keeping it changes nothing
     assert len(kept) > 5
     for data in [*kept[:: max(1, len(kept) // 8)], *kept[-4:]]:
         (tmp_path / "c").write_bytes(data)
-        same_minimum(estimate(*given, budget=400, checkpoint=tmp_path / "c", resume=True), whole)
+        same_minimum(estimate(*given, budget=ENOUGH, checkpoint=tmp_path / "c", resume=True), whole)
 
 
 @needs_compilation
@@ -347,6 +361,9 @@ def counting(original, calls):
         ({"prior": "none", "loss": "huber"}, "prior: auto there, none now; loss: linear there, huber now"),
         ({"tolerance": 1e-9}, "tolerance: 1e-10 there, 1e-09 now"),
         ({"objective": {"velocity": 2}}, "objective: position there, velocity=2.0 now"),
+        ({"model": "G"}, "model: None there, G now"),
+        ({"substeps": 2}, "substeps: None there, 2.0 now"),
+        ({"keep_step": True}, "keep step: 0.0 there, 1.0 now"),
     ],
 )
 def test_only_the_same_fit_is_resumed(tmp_path, changes, said):
