@@ -1,13 +1,13 @@
 """The time step of a fit: how many steps to a frame of the target, and by which integrator.
 
-A step as long as a frame damps more than most targets do, and no values make up for that. With K steps to a frame the
-motion is off by the model's own error and by what the step adds to it, for the second-order step c / K²:
+A step as long as a frame damps more than most targets do, and no values make up for that. The errors of the model e and
+of the step s add up like independent ones,
 
-    RMSE² ≈ e² + (c / K²)²
+    RMSE² ≈ e² + s²
 
-so fits with K and K/2 predict what K doubled would gain. Each K is fitted by the coarsest model of the scene
-(`ladder`), first its own step, then K = 1, 2, 4 … by BDF2, from the values of the best before; it ends where finer
-steps gain, or promise, too little.
+so a step is fine enough where s is small beside the RMSE, and a simulation with half of it says how large s is. Each K
+is fitted by the coarsest model of the scene (`ladder`), first its own step, then K = 1, 2, 4 … by BDF2, from the values
+of the best before.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
 from clothfit.engine.system import BDF2
 from clothfit.motion.divergence import Diverged
+from clothfit.motion.simulate import simulate_cloths
 from clothfit.motion.times import frame_places
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
@@ -32,13 +33,24 @@ from clothfit.objective.residual_tests import residual_test
 from clothfit.optimise import momentum
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
+from clothfit.scene.fit_vector import fitted_cloths, with_parameters
 from clothfit.scene.kinds import INTEGRATORS
 from clothfit.scene.scene import Scene
 from clothfit.strategy import ladder
+from clothfit.strategy.ladder import STAGE_TOLERANCE
 from clothfit.strategy.trajectory_fit import is_near
 
+HIDDEN = 0.3
+"""Error of a step relative to that of the fit, below which twice the steps could lower that by 5 % at most."""
+
+CARRIED = 4.0
+"""Rise of the cost by another step, above which the fit goes through the windows again."""
+
+ALLOWED = 0.1
+"""Rise of the coarsest model's error by a finer step that finer models are expected to make up for."""
+
 PAYS = 0.05
-"""Relative reduction of the error that is worth twice the steps."""
+"""Relative reduction of the error by a finer step that a hint is worth."""
 
 COUNTS = (1, 2, 4, 8, 16, 32)
 """Steps to a frame that are tried one after the other, while they pay."""
@@ -122,33 +134,50 @@ def with_interval(scene: Scene, delta: float, method: int | None, last: float = 
 
 
 def chosen(objective: Objective, start: Array, enough: float, counts: Sequence[int]) -> Stepped:
-    """The step that gains most on the targets, from `start` (P,): the scene's own, or of these numbers of BDF2 steps to
-    a frame one that is worth its time. An RMSE of `enough`, m, is good enough.
+    """The step for the targets, from `start` (P,): the scene's own, or the first of these numbers of BDF2 steps to a
+    frame whose error hides behind what the model leaves. An RMSE of `enough`, m, is good enough.
     """
     own = objective.scene.method, substeps_of(objective.experiments[0])
-    best = Stepped(objective, 0, start, np.inf, (), 0, False)
-    errors: dict[int, float] = {}
+    best, coarse = Stepped(objective, 0, start, np.inf, (), 0, False), True
     for count in (0, *counts):
         if count and own[0] == BDF2 and abs(count - own[1]) < ROUNDING:
             continue
         began = time.monotonic()
         part = with_substeps(objective, count, BDF2) if count else objective
-        search, ended = fitted(part, best.p, enough, not count)
-        rmse = part.rmse(search.best.cost)
+        search, ended = fitted(part, best.p, enough, best.cost)
+        rmse, before = part.rmse(search.best.cost), best.objective.rmse(best.cost)
         steps, method = (count, BDF2) if count else (max(round(own[1]), 1), own[0])
-        step = Step(steps, INTEGRATORS[method], rmse, time.monotonic() - began)
-        tried, evaluations = (*best.tried, step), best.evaluations + search.budget.evaluations
-        better = search.best.cost < best.cost
-        if better:
+        tried = (*best.tried, Step(steps, INTEGRATORS[method], rmse, time.monotonic() - began))
+        evaluations = best.evaluations + search.budget.evaluations
+        if rmse < (1.0 + ladder_gain(objective.scene)) * before:
             best = Stepped(part, count, search.best.p, search.best.cost, tried, evaluations, is_enough(search))
         best = best._replace(tried=tried, evaluations=evaluations)
-        if ended or best.explained or (count > 1 and not better):
+        coarse = method != BDF2 or step_error(part.scene, search.best.p) > HIDDEN * rmse
+        if ended or best.explained or not coarse:
             break
-        if method == BDF2:
-            errors[steps] = rmse
-            if predicted_gain(errors, steps) < PAYS:
-                break
     return best
+
+
+def ladder_gain(scene: Scene) -> float:
+    """By which fraction a finer step may raise the error of the coarsest model, where finer ones follow, of which a
+    smaller error of the step shows.
+    """
+    return ALLOWED if len(ladder.models(scene)) > 1 else 0.0
+
+
+def step_error(scene: Scene, p: Array) -> float:
+    """How far, m, RMS over all vertices, the motion of p (P,) is from that with steps half as long; infinite where one
+    diverges. By a step of second order that is 3/4 of what the step adds to the error.
+    """
+    at = with_parameters(scene, p)
+    try:
+        coarse = simulate_cloths(at, fitted_cloths(at), tolerance=STAGE_TOLERANCE)
+        half = with_interval(at, at.delta / 2.0, None)
+        fine = simulate_cloths(half, fitted_cloths(at), tolerance=STAGE_TOLERANCE)
+    except Diverged:
+        return np.inf
+    squares = (coarse.positions - fine.positions[::2]) ** 2
+    return float(np.sqrt(np.nanmean(squares.sum(axis=-1))))
 
 
 def finer(objective: Objective, p: Array) -> float | None:
@@ -163,27 +192,19 @@ def finer(objective: Objective, p: Array) -> float | None:
     return found if found < (1.0 - PAYS) * now else None
 
 
-def predicted_gain(rmse: dict[int, float], count: int) -> float:
-    """By which fraction of the error `count` steps to a frame doubled would reduce it; 1 where nothing is known."""
-    if count // 2 not in rmse or count < 2:
-        return 1.0
-    coarse, fine = rmse[count // 2] ** 2, rmse[count] ** 2
-    added = max(coarse - fine, 0.0) * 16.0 / 15.0  # of the coarse one, by its steps
-    rest = max(coarse - added, 0.0)
-    return 1.0 - float(np.sqrt((rest + added / 256.0) / fine)) if fine > 0 else 0.0
-
-
-def fitted(objective: Objective, p: Array, enough: float, first: bool) -> tuple[Search, bool]:
-    """The fit of the coarsest model from p (P,), and whether the user or the time ended it. The first one tries the
-    balances of momentum, which an exact target of the scene's own step fulfils.
+def fitted(objective: Objective, p: Array, enough: float, before: float) -> tuple[Search, bool]:
+    """The fit of the coarsest model from p (P,), whose cost was that `before` with another step, infinite for the first
+    one, and whether the user or the time ended it. The first one tries the balances of momentum, which an exact target
+    of the scene's own step fulfils.
     """
-    search = Search(objective, p, enough, SEARCH_EVALUATIONS)
+    search, first = Search(objective, p, enough, SEARCH_EVALUATIONS), not np.isfinite(before)
     try:
         with threads.single(), interrupts.heard():
             search.visit(p)
             if first and momentum.fits(objective):
                 search.visit(momentum.fit(objective, p, search.fitted, momentum.TREATMENTS[0]))
-            ladder.stage(search, ladder.models(objective.scene)[0], [p], rough=True)
+            starts = [p] if first or search.best.cost > CARRIED * before else []
+            ladder.stage(search, ladder.models(objective.scene)[0], starts, rough=True)
     except (Stop, Diverged):
         pass
     except KeyboardInterrupt:

@@ -353,7 +353,7 @@ class Search:
         self.worst = max(self.worst, cost)
         if self.best.offer(p, cost, gradient):
             self.advance(p)
-        elif self.best.p is self.start and np.allclose(p, self.start, rtol=SAME_POINT, atol=0.0):
+        elif np.allclose(p, self.best.p, rtol=SAME_POINT, atol=0.0):
             self.best.learn(gradient)  # the cost was known, the gradient was not
 
     def _bowl(self, y: Array) -> tuple[float, Array]:
