@@ -49,7 +49,7 @@ from clothfit.strategy.auto import by_momentum, find, one_value_each, resumed
 from clothfit.strategy.start import FirstPoint, choose_start, first_point, other_starts, start_warnings
 from clothfit.strategy.trajectory_fit import by_gauss_newton, go_on, resumed_prior
 
-LONGEST = 25.0
+LONGEST = 30.0
 """Seconds of a search for a target that no values reproduce, where the user gives no other limit: more of them gain
 little there.
 """

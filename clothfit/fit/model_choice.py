@@ -116,7 +116,7 @@ def climb(search: Search) -> None:
             return
         if is_explained(search):
             return
-        starts = []
+        starts = [search.best.p]
 
 
 def smallest(models: Sequence[Judged]) -> str:

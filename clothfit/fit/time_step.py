@@ -23,6 +23,7 @@ import numpy as np
 
 from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
+from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.system import BDF2
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.simulate import simulate_cloths
@@ -42,6 +43,9 @@ from clothfit.strategy.trajectory_fit import is_near
 
 HIDDEN = 0.3
 """Error of a step relative to that of the fit, below which twice the steps could lower that by 5 % at most."""
+
+LONGEST_TRIAL = 6.0
+"""Seconds of a trial, after which none that takes twice as long is made."""
 
 CARRIED = 4.0
 """Rise of the cost by another step, above which the fit goes through the windows again."""
@@ -71,7 +75,7 @@ class Step:
     substeps: int  # K, steps to a frame of the target
     integrator: str  # its name
     rmse: float  # m, of the coarsest model
-    seconds: float
+    seconds: float  # of computing
 
 
 class Stepped(NamedTuple):
@@ -142,18 +146,18 @@ def chosen(objective: Objective, start: Array, enough: float, counts: Sequence[i
     for count in (0, *counts):
         if count and own[0] == BDF2 and abs(count - own[1]) < ROUNDING:
             continue
-        began = time.monotonic()
+        began = time.process_time()
         part = with_substeps(objective, count, BDF2) if count else objective
         search, ended = fitted(part, best.p, enough, best.cost)
         rmse, before = part.rmse(search.best.cost), best.objective.rmse(best.cost)
         steps, method = (count, BDF2) if count else (max(round(own[1]), 1), own[0])
-        tried = (*best.tried, Step(steps, INTEGRATORS[method], rmse, time.monotonic() - began))
+        tried = (*best.tried, Step(steps, INTEGRATORS[method], rmse, time.process_time() - began))
         evaluations = best.evaluations + search.budget.evaluations
         if rmse < (1.0 + ladder_gain(objective.scene)) * before:
             best = Stepped(part, count, search.best.p, search.best.cost, tried, evaluations, is_enough(search))
         best = best._replace(tried=tried, evaluations=evaluations)
-        coarse = method != BDF2 or step_error(part.scene, search.best.p) > HIDDEN * rmse
-        if ended or best.explained or not coarse:
+        coarse = method != BDF2 or is_coarse(part, search.best.p, rmse)
+        if ended or best.explained or not coarse or tried[-1].seconds > LONGEST_TRIAL:
             break
     return best
 
@@ -163,6 +167,18 @@ def ladder_gain(scene: Scene) -> float:
     smaller error of the step shows.
     """
     return ALLOWED if len(ladder.models(scene)) > 1 else 0.0
+
+
+def is_coarse(objective: Objective, p: Array, rmse: float) -> bool:
+    """Whether the steps of the motions of p (P,), which leave this RMSE, m, are too long: they need fallbacks, which
+    make the motion jump with the values, or their own error shows.
+    """
+    try:
+        if objective.remedies(p) != NO_FALLBACKS:
+            return True
+    except Diverged:
+        return True
+    return step_error(objective.scene, p) > HIDDEN * rmse
 
 
 def step_error(scene: Scene, p: Array) -> float:

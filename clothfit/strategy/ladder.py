@@ -91,12 +91,12 @@ def count(scene: Scene) -> int:
 
 def climb(search: Search, wanted: Sequence[str], starts: Sequence[Array] = ()) -> None:
     """Fit models of a search one after the other, each from the best point before; the windows of the first go from
-    each of `starts` (P,) as well. Raises Stop.
+    `starts` (P,), where there are any. Raises Stop.
     """
     for model in wanted:
         if search.is_late and search.rungs:
             break
-        rung(search, model, starts)
+        rung(search, model, starts or [search.best.p])
         starts = ()
     if search.is_late:
         search.warn(f"the fit ended after {search.longest:g} s, as its model differs; --budget gives it more")
