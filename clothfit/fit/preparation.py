@@ -110,9 +110,11 @@ def with_chosen_step(plan: Prepared, start: Array, options: FitOptions, counts: 
     found = time_step.chosen(plan.objective, start, options.enough, counts)
     if found.substeps:
         plan = with_steps(plan, found.substeps, BDF2)
+    first, *finer = ladder.models(plan.objective.scene)
+    wanted = [first, *finer] if finer else []  # one alone was fitted well, not roughly
     return replace(
         plan, p=found.p, cost=found.cost, substeps=found.substeps, tried=found.tried, evaluations=found.evaluations,
-        wanted=None if found.explained else ladder.models(plan.objective.scene),
+        wanted=None if found.explained else wanted,
     )  # fmt: skip
 
 

@@ -50,7 +50,7 @@ LONGEST_TRIAL = 6.0
 CARRIED = 4.0
 """Rise of the cost by another step, above which the fit goes through the windows again."""
 
-ALLOWED = 0.1
+ALLOWED = 0.05
 """Rise of the coarsest model's error by a finer step that finer models are expected to make up for."""
 
 PAYS = 0.05
@@ -153,11 +153,12 @@ def chosen(objective: Objective, start: Array, enough: float, counts: Sequence[i
         steps, method = (count, BDF2) if count else (max(round(own[1]), 1), own[0])
         tried = (*best.tried, Step(steps, INTEGRATORS[method], rmse, time.process_time() - began))
         evaluations = best.evaluations + search.budget.evaluations
-        if rmse < (1.0 + ladder_gain(objective.scene)) * before:
+        good = rmse < (1.0 + ladder_gain(objective.scene)) * before
+        if good:
             best = Stepped(part, count, search.best.p, search.best.cost, tried, evaluations, is_enough(search))
         best = best._replace(tried=tried, evaluations=evaluations)
         coarse = method != BDF2 or is_coarse(part, search.best.p, rmse)
-        if ended or best.explained or not coarse or tried[-1].seconds > LONGEST_TRIAL:
+        if ended or best.explained or not coarse or tried[-1].seconds > LONGEST_TRIAL or (count > 1 and not good):
             break
     return best
 
@@ -220,7 +221,8 @@ def fitted(objective: Objective, p: Array, enough: float, before: float) -> tupl
             if first and momentum.fits(objective):
                 search.visit(momentum.fit(objective, p, search.fitted, momentum.TREATMENTS[0]))
             starts = [p] if first or search.best.cost > CARRIED * before else []
-            ladder.stage(search, ladder.models(objective.scene)[0], starts, rough=True)
+            first_model, *finer_models = ladder.models(objective.scene)
+            ladder.stage(search, first_model, starts, rough=first or bool(finer_models))
     except (Stop, Diverged):
         pass
     except KeyboardInterrupt:

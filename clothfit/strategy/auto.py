@@ -101,7 +101,10 @@ def by_ladder(
     search.best.forget()
     search.best.follow(None)
     search.visit(search.start)
-    ladder.climb(search, ladder.models(search.objective.scene) if wanted is None else wanted, starts)
+    models = ladder.models(search.objective.scene)
+    ladder.climb(search, models if wanted is None else wanted, starts)
+    if not search.rungs:
+        search.rungs.append(ladder.reached(search, models[0]))
     if is_far(search) or (not is_near(search) and not is_explained(search)):
         search(search.y)  # its gradient says whether this is a minimum
         return search.verdict()

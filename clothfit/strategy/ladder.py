@@ -93,11 +93,10 @@ def climb(search: Search, wanted: Sequence[str], starts: Sequence[Array] = ()) -
     """Fit models of a search one after the other, each from the best point before; the windows of the first go from
     `starts` (P,), where there are any. Raises Stop.
     """
-    for model in wanted:
-        if search.is_late and search.rungs:
+    for number, model in enumerate(wanted):
+        if number and search.is_late:
             break
-        rung(search, model, starts or [search.best.p])
-        starts = ()
+        rung(search, model, [search.best.p] if number else starts)
     if search.is_late:
         search.warn(f"the fit ended after {search.longest:g} s, as its model differs; --budget gives it more")
 
