@@ -45,7 +45,7 @@ HIDDEN = 0.3
 """Error of a step relative to that of the fit, below which twice the steps could lower that by 5 % at most."""
 
 LONGEST_TRIAL = 6.0
-"""Seconds of a trial, after which none that takes twice as long is made."""
+"""Seconds of simulations that a trial may take, compilation and derivatives apart."""
 
 CARRIED = 4.0
 """Rise of the cost by another step, above which the fit goes through the windows again."""
@@ -142,7 +142,7 @@ def chosen(objective: Objective, start: Array, enough: float, counts: Sequence[i
     frame whose error hides behind what the model leaves. An RMSE of `enough`, m, is good enough.
     """
     own = objective.scene.method, substeps_of(objective.experiments[0])
-    best, coarse = Stepped(objective, 0, start, np.inf, (), 0, False), True
+    best = Stepped(objective, 0, start, np.inf, (), 0, False)
     for count in (0, *counts):
         if count and own[0] == BDF2 and abs(count - own[1]) < ROUNDING:
             continue
@@ -157,8 +157,9 @@ def chosen(objective: Objective, start: Array, enough: float, counts: Sequence[i
         if good:
             best = Stepped(part, count, search.best.p, search.best.cost, tried, evaluations, is_enough(search))
         best = best._replace(tried=tried, evaluations=evaluations)
-        coarse = method != BDF2 or is_coarse(part, search.best.p, rmse)
-        if ended or best.explained or not coarse or tried[-1].seconds > LONGEST_TRIAL or (count > 1 and not good):
+        if ended or best.explained or (count > 1 and not good):
+            break
+        if method == BDF2 and not is_worth_more(search, rmse):
             break
     return best
 
@@ -170,16 +171,20 @@ def ladder_gain(scene: Scene) -> float:
     return ALLOWED if len(ladder.models(scene)) > 1 else 0.0
 
 
-def is_coarse(objective: Objective, p: Array, rmse: float) -> bool:
-    """Whether the steps of the motions of p (P,), which leave this RMSE, m, are too long: they need fallbacks, which
-    make the motion jump with the values, or their own error shows.
+def is_worth_more(search: Search, rmse: float) -> bool:
+    """Whether steps half as long may pay after a fit with this RMSE, m: where its motion needs fallbacks, with which it
+    jumps with the values, or where the error of its steps shows; unless that takes long. Not where the user or the time
+    ends the look.
     """
+    objective, p, began = search.objective, search.best.p, time.process_time()
     try:
-        if objective.remedies(p) != NO_FALLBACKS:
-            return True
+        needed = objective.remedies(p) != NO_FALLBACKS
+        twice = 2.0 * (time.process_time() - began) * search.budget.evaluations
+        return twice < LONGEST_TRIAL and (needed or step_error(objective.scene, p) > HIDDEN * rmse)
     except Diverged:
         return True
-    return step_error(objective.scene, p) > HIDDEN * rmse
+    except (KeyboardInterrupt, interrupts.OutOfTime):
+        return False
 
 
 def step_error(scene: Scene, p: Array) -> float:
