@@ -46,6 +46,7 @@ from clothfit.scene.bounds import from_user
 from clothfit.scene.fit_vector import fitted_cloths, parameters
 from clothfit.scene.scene import Scene
 from clothfit.strategy.auto import by_momentum, find, one_value_each, resumed
+from clothfit.strategy.ladder import as_model
 from clothfit.strategy.start import FirstPoint, choose_start, first_point, other_starts, start_warnings
 from clothfit.strategy.trajectory_fit import by_gauss_newton, go_on, resumed_prior
 
@@ -171,6 +172,8 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
             plan = Prepared(objective, None) if hidden else prepared(objective, kept_out, start, options, state)
             found = searched(plan, start, hidden, options, checkpoint, state)
             found = replace(found, hints=[*hints, *found.hints])
+            if start is None and not hidden:
+                found = looked_at(found, unless_flattened, plan.objective, options=options)
         return assessed(found, replace(plan, kept_out=plan.kept_out or kept_out), hidden, options)
 
 
@@ -230,6 +233,26 @@ def searched(
     found = result(search, status, options.method, warnings, start is not None, known, seconds)
     models = judged(search.rungs, plan.kept_out) if plan.judged is None else plan.judged
     return replace(found, ladder=models, steps=list(plan.tried), substeps=plan.substeps or None)
+
+
+def unless_flattened(found: Fit, objective: Objective) -> Fit:
+    """The fit, or the scene as it was where one value for all, which flattens its pattern, comes no nearer."""
+    scene = objective.scene
+    flat = any(
+        block.mode == "G" and block.kind.log and block.cloth is not None
+        and len(np.unique(getattr(scene.cloths[block.cloth], block.name))) > 1
+        for block in scene.blocks
+    )  # fmt: skip
+    if found.status == Status.DIVERGED or not flat:
+        return found
+    kept = objective.flagging(as_model(scene, "F", exactly=True))
+    cost = kept.cost_or_infinity(parameters(kept.scene))
+    if not cost < found.cost:
+        return found
+    text = "one value for all flattens the pattern of the scene's values, which are nearer and are kept; fit F instead"
+    blocks = [replace(block, interval=[None] * block.count) for block in found.parameters]
+    warnings, rmse = [*found.warnings, text], kept.rmse(cost)
+    return replace(found, scene=scene, cost=cost, rmse=rmse, parameters=blocks, rank=None, sigma=None, warnings=warnings)
 
 
 def with_step_hint(found: Fit, objective: Objective) -> Fit:

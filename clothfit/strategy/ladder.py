@@ -173,7 +173,7 @@ def through_windows(own: Search) -> None:
     for frames in window_lengths(first, whole.steps + 1)[:-1]:
         part = Trajectory(own, loosened(whole, frames))
         own.enter("windows", part.objective)
-        if not np.isfinite(part.cost(y)):
+        if own.is_late or not np.isfinite(part.cost(y)):
             break
         problem = part.problem(WINDOW_SAVING, HASTY)
         y = gauss_newton.minimise(problem, y, none(part.size), part.passed, WINDOW_STEPS)[0].y
