@@ -251,8 +251,8 @@ def unless_flattened(found: Fit, objective: Objective) -> Fit:
         return found
     text = "one value for all flattens the pattern of the scene's values, which are nearer and are kept; fit F instead"
     blocks = [replace(block, interval=[None] * block.count) for block in found.parameters]
-    warnings, rmse = [*found.warnings, text], kept.rmse(cost)
-    return replace(found, scene=scene, cost=cost, rmse=rmse, parameters=blocks, rank=None, sigma=None, warnings=warnings)
+    found = replace(found, parameters=blocks, rank=None, sigma=None, warnings=[*found.warnings, text])
+    return replace(found, scene=scene, cost=cost, rmse=kept.rmse(cost))
 
 
 def with_step_hint(found: Fit, objective: Objective) -> Fit:

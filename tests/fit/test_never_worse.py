@@ -4,6 +4,7 @@ import numba
 import numpy as np
 import pytest
 from helpers.scenes import trial
+from helpers.strangers import small
 
 from clothfit.fit.estimate import estimate
 from clothfit.motion.degrade import degrade
@@ -13,6 +14,7 @@ from clothfit.objective.objective import Objective
 from clothfit.optimise.search import BestSoFar
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import load
+from clothfit.strategy.ladder import as_model
 
 pytestmark = [
     pytest.mark.slow,  # compiles a fit
@@ -155,3 +157,13 @@ def test_without_time_for_one_evaluation_the_start_is_the_result():
     assert (fit.status, fit.cost, fit.evaluations) == ("limit", np.inf, 0)
     assert parameters(fit.scene).tolist() == parameters(scene).tolist()
     assert "the time was used up before the first evaluation, so nothing is fitted" in fit.warnings
+
+
+def test_one_value_for_all_never_replaces_a_pattern_that_is_nearer():
+    pattern = np.random.default_rng(0).uniform(5.0, 50.0, 33).tolist()
+    scene = small("nG", FRAMES, springStiffness=pattern)
+    target = degrade(simulate(scene), noise=1e-4)
+    found = estimate(scene, target)
+    assert found.cost <= Objective(scene, target, 1e-10).flagging(as_model(scene, "F", exactly=True)).cost(np.ones(1))
+    assert np.array_equal(found.scene.cloths[0].stiffness, scene.cloths[0].stiffness)
+    assert any("flattens" in warning for warning in found.warnings)
