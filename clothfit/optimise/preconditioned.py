@@ -56,11 +56,11 @@ class Patience:
     seconds: float = 5.0
     saving: float = 0.01
     marks: list[tuple[float, float]] = field(default_factory=list)  # times, s, and the best costs then
-    besides: float = 0.0  # seconds that do not count
+    uncounted: float = 0.0  # seconds of computing that do not count
 
     def is_over(self, cost: float) -> bool:
-        """Whether it is, with the best cost of this moment."""
-        now = computing() - self.besides
+        """Whether the descent ends here, at this best cost."""
+        now = computing() - self.uncounted
         self.marks.append((now, cost))
         while len(self.marks) > 1 and self.marks[1][0] <= now - self.seconds:
             self.marks.pop(0)
@@ -81,7 +81,7 @@ def minimise(search: Search, patience: Patience | None = None) -> None:
     while poor < 2 and not patience.is_over(search.best.cost) and not search.is_late:
         before, began = search.best.cost, computing()
         root = metric(part, search.y) if in_metric else None
-        patience.besides += computing() - began
+        patience.uncounted += computing() - began
         search.budget.enter_stage()  # a round has its own end
         if in_metric and root is None:
             poor += 1

@@ -73,7 +73,9 @@ def _cloth_as(cloth: Cloth, model: str, exactly: bool) -> Cloth:
 
 
 def models(scene: Scene) -> list[str]:
-    """The models of a scene up to its own, coarse to fine; of those with as many values the coarsest, but its own."""
+    """The models of a scene from coarse to fine, up to its own. One that has no more values than a coarser one is left
+    out; the scene's own stays in its place.
+    """
     own = model_of(scene)
     if own not in MODELS:
         return [own]
@@ -115,8 +117,8 @@ def reached(search: Search, model: str, seconds: float = 0.0) -> Rung:
 
 
 def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool = False) -> None:
-    """Fit one model from the best point of a search, well enough for a comparison where `rough`. Of few values there is
-    first a way through windows from each of `starts` (P,). Raises Stop.
+    """Fit one model from the best point of a search, by a short round, enough for a comparison, where `rough`. First a
+    model of few values goes through windows of the first frames from each of `starts` (P,). Raises Stop.
     """
     if not np.isfinite(search.best.cost):
         search.visit(search.start)
@@ -129,7 +131,7 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
 
 
 def part_of(search: Search, model: str, p: Array) -> Search:
-    """The search by the values of a model from p (P,)."""
+    """A search by the parameters of a model, from the values p (P,) of the whole search."""
     whole = search.objective
     scene = as_model(with_parameters(whole.scene, p), model)
     objective = whole.flagging(scene, max(STAGE_TOLERANCE, whole.tolerance))
