@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from helpers.scenes import cloth, document, load_text
 
+from clothfit.fit.estimate import estimate
 from clothfit.fit.hints import hints_of
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
+from clothfit.scene.fit_vector import with_parameters
 
 pytestmark = pytest.mark.slow  # compiles a simulation
 
@@ -102,3 +104,16 @@ def test_two_vertices_that_change_places_are_named():
     (hint,) = hints_of(scene, replace(motion, positions=mixed))
     assert hint.code == "swapped_markers"
     assert "vertices 44 and 71 change places in frame 6" in hint.text
+
+
+def test_equal_values_that_are_worse_than_the_scenes_own_are_said():
+    scene = sheet(held="corners")
+    count = len(scene.cloths[0].stiffness)
+    uneven = with_parameters(sheet(held="corners", optimizationSettings="nL"), np.geomspace(2.0, 200.0, count))
+    motion = simulate(uneven)
+    flat = replace(uneven, cloths=tuple(replace(each, settings="nG") for each in uneven.cloths))
+    found = estimate(flat, motion, intervals=False)
+    assert found.rmse > 1e-6  # the scene's own values make the target itself
+    assert "pattern" in [hint.code for hint in found.hints]
+    factor = replace(uneven, cloths=tuple(replace(each, settings="nF") for each in uneven.cloths))
+    assert "pattern" not in [hint.code for hint in estimate(factor, motion, intervals=False).hints]
