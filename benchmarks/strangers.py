@@ -2,7 +2,8 @@
 
 FOLDER has `blender-side.npz` and `mujoco-corners.npz`: `positions`, `triangles`, `fps`, and `held`, the vertices that
 do not move. Tables: `clocks` (their clock and place, as they are, and changed by what is to be found again),
-`coverage` (whether intervals contain the values that other frames give; takes ten minutes or more).
+`coverage` (whether intervals contain the values that other frames give; takes ten minutes or more), `ladder` (the
+models from coarse to fine, with the time step that is chosen, and the last quarter of the frames kept out).
 """
 
 from __future__ import annotations
@@ -132,7 +133,28 @@ def coverage(folder: Path) -> None:
     print(f"| all | | | {fits} | {bare} | {count} | {inside / max(count, 1):.0%} |")
 
 
-TABLES: dict[str, Callable[[Path], None]] = {"clocks": clocks, "coverage": coverage}
+def ladder(folder: Path) -> None:
+    """All models of each motion, with damping and gravity free; as they are, and with the last quarter kept out."""
+    print("| target | kept out | integrator | steps per frame | model | values | error | error kept out | seconds |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    for name in STRANGERS:
+        scene, motion = stranger(folder, name, damping="G", gravity="G")
+        cloths = tuple(replace(cloth, settings="nL") for cloth in scene.cloths)
+        for method in ("bdf2", "implicit"):
+            asked = replace(scene, cloths=cloths).with_step(scene.delta, method=method)
+            for share in (None, 0.25):
+                fit = clothfit.estimate(asked, motion, holdout=share, intervals=False)
+                for rung in fit.ladder:
+                    out = "" if rung.holdout_rmse is None else metres(rung.holdout_rmse)
+                    print(
+                        f"| {name} | {share or ''} | {method} | {fit.substeps or 1} | {rung.model} | {rung.values} "
+                        f"| {metres(rung.rmse)} | {out} | {rung.seconds:.1f} |",
+                    )
+                last = f"| {metres(fit.rmse)} | | {fit.seconds:.1f} |"
+                print(f"| {name} | {share or ''} | {method} | | all | | {last}", flush=True)
+
+
+TABLES: dict[str, Callable[[Path], None]] = {"clocks": clocks, "coverage": coverage, "ladder": ladder}
 
 if __name__ == "__main__":
     where = Path(sys.argv[1])
