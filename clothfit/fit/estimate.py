@@ -45,7 +45,6 @@ from clothfit.optimise.status import Status, Stop
 from clothfit.scene.bounds import from_user
 from clothfit.scene.fit_vector import fitted_cloths, parameters
 from clothfit.scene.scene import Scene
-from clothfit.strategy import ladder
 from clothfit.strategy.auto import by_momentum, find, one_value_each, resumed
 from clothfit.strategy.ladder import as_model
 from clothfit.strategy.start import FirstPoint, choose_start, first_point, other_starts, start_warnings
@@ -188,8 +187,6 @@ def assessed(found: Fit, plan: Prepared, hidden: bool, options: FitOptions) -> F
     found = looked_at(replace(found, travel=objective.travel), with_fallbacks, objective, options=options)
     found = looked_at(found, with_verdict, objective, options.enough, hidden, options=options)
     found = looked_at(found, with_residual_hints, objective, options=options)
-    if not hidden:
-        found = looked_at(found, with_pattern_hint, objective, options=options)
     if options.method == AUTO and not (hidden or plan.tried or options.resume):
         found = looked_at(found, with_step_hint, objective, options=options)
     if kept_out is None:
@@ -252,9 +249,13 @@ def unless_flattened(found: Fit, objective: Objective) -> Fit:
     cost = kept.cost_or_infinity(parameters(kept.scene))
     if not cost < found.cost:
         return found
-    text = "one value for all flattens the pattern of the scene's values, which are nearer and are kept; fit F instead"
+    text = (
+        f"the scene's own values, which differ from each other, come nearer as they are, to {metres(kept.rmse(cost))}, "
+        f"than equal ones (G), to {metres(found.rmse)}, and are kept; --model F keeps their pattern"
+    )
     blocks = [replace(block, interval=[None] * block.count) for block in found.parameters]
-    found = replace(found, parameters=blocks, rank=None, sigma=None, warnings=[*found.warnings, text])
+    hints = [*found.hints, Hint("pattern", text, early=False)]
+    found = replace(found, parameters=blocks, rank=None, sigma=None, hints=hints)
     return replace(found, scene=scene, cost=cost, rmse=kept.rmse(cost))
 
 
@@ -270,22 +271,6 @@ def with_step_hint(found: Fit, objective: Objective) -> Fit:
         f"{metres(found.rmse)} to {metres(nearer)}; --substeps auto fits so, and changes the scene's step"
     )
     return replace(found, hints=[*found.hints, Hint("time_step", text, early=False)])
-
-
-def with_pattern_hint(found: Fit, objective: Objective) -> Fit:
-    """The fit with a hint where equal values (G) end farther from the target than the scene's own, different ones."""
-    scene = objective.scene
-    if not any("G" in ladder.letters(cloth).values() for cloth in scene.cloths):
-        return found
-    uneven = ladder.as_model(scene, "F", exactly=True)
-    cost = objective.flagging(uneven).cost_or_infinity(parameters(uneven))
-    if not cost < found.cost:
-        return found
-    text = (
-        "the scene's own values, which differ from each other, come nearer as they are, to "
-        f"{metres(objective.rmse(cost))}, than equal ones (G); --model F keeps their pattern"
-    )
-    return replace(found, hints=[*found.hints, Hint("pattern", text, early=False)])
 
 
 def in_time(objective: Objective, start: float | Array | Scene | None, hidden: bool, method: str) -> FirstPoint:

@@ -23,6 +23,7 @@ import numpy as np
 
 from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
 from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.system import BDF2
 from clothfit.motion.divergence import Diverged
@@ -30,7 +31,7 @@ from clothfit.motion.simulate import simulate_cloths
 from clothfit.motion.times import frame_places
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
-from clothfit.objective.residual_tests import residual_test
+from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import momentum
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
@@ -208,7 +209,7 @@ def finer(objective: Objective, p: Array) -> float | None:
     """
     now = objective.rmse(objective.cost(p))
     search = Search(with_substeps(objective, LOOK, BDF2), p, 0.0, SEARCH_EVALUATIONS)
-    with contextlib.suppress(Stop, Diverged, interrupts.OutOfTime), interrupts.limited(MOMENT):
+    with contextlib.suppress(Stop, Diverged, InvalidInput, interrupts.OutOfTime), interrupts.limited(MOMENT):
         ladder.stage(search, ladder.models(objective.scene)[0], [p], rough=True)
     found = search.objective.rmse(search.best.cost)
     return found if found < (1.0 - PAYS) * now else None
@@ -230,6 +231,9 @@ def fitted(objective: Objective, p: Array, enough: float, before: float) -> tupl
             ladder.stage(search, first_model, starts, rough=first or bool(finer_models))
     except (Stop, Diverged):
         pass
+    except InvalidInput:  # too little memory for so many steps
+        if first:
+            raise
     except KeyboardInterrupt:
         if first and not np.isfinite(search.best.cost):
             raise  # there is no result yet

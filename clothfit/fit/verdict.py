@@ -1,6 +1,6 @@
 """The verdict on the model: does the fitted motion explain the target but for noise, and if not, how much is left?
 
-What is left counts as noise where `residual_tests` finds no structure in it. Of what has structure, the share s of the
+What is left counts as noise where `whiteness` finds no structure in it. Of what has structure, the share s of the
 squares is no noise; the fraction of the motion that is not explained is then sqrt(s) RMSE / travel, with the travel
 the RMS distance of the target's positions from the start.
 """
@@ -13,7 +13,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.objective.objective import Objective
-from clothfit.objective.residual_tests import ResidualTest, residual_test
+from clothfit.objective.whiteness import ResidualTest, residual_test
 
 ADEQUATE, DIFFERS = "adequate", "differs"
 

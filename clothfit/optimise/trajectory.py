@@ -17,9 +17,9 @@ from clothfit.derivative.columns import columns
 from clothfit.derivative.sensitivity import DENSE_UNKNOWNS, FEW_COLUMNS, sweep, tangents
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
-from clothfit.objective.residual_tests import residual_test
 from clothfit.objective.run import Run, residual_count
 from clothfit.objective.running_cost import running_cost
+from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import gauss_newton
 from clothfit.optimise import normal_equations as normal
 from clothfit.optimise.prior import Prior, first

@@ -19,7 +19,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.objective.objective import Objective
-from clothfit.objective.residual_tests import residual_test
+from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import momentum
 from clothfit.optimise.checkpoint import State
 from clothfit.optimise.scan import is_large, scan, scannable

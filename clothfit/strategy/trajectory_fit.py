@@ -16,7 +16,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.objective.objective import Objective
-from clothfit.objective.residual_tests import residual_test
+from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import matrix_free, scipy_methods
 from clothfit.optimise.checkpoint import State
 from clothfit.optimise.gauss_newton import PATIENT, SMALL, Patience, minimise

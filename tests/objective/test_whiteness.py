@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clothfit.objective.residual_tests import Series, combined
+from clothfit.objective.whiteness import Series, combined
 
 PAIRS = np.array([(i, i + 1) for i in range(19)], np.int32)
 
