@@ -160,12 +160,12 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     if options.foreseen:
         options.foreseen(objective.needs)
     hints = [] if hidden else early_hints(objective.experiments)
-    if options.hinted:
-        for hint in hints:
-            options.hinted(hint)
     given = None if hidden else objective.experiments
     same = identity(scene, given, start, **options.identity) if options.checkpoint else {}  # digests of all arrays
     checkpoint, state = opened(options.checkpoint, options.resume, same, len(parameters(scene)))
+    if options.hinted:
+        for hint in hints:
+            options.hinted(hint)
     with interrupts.deferred():
         left = None if options.seconds is None else options.seconds - (time.monotonic() - began)
         with interrupts.limited(left):

@@ -46,7 +46,9 @@ PREFIX = "kernels-"
 FILE_MARK = b"clothfit kernel 1\n"  # what a file begins with; then the SHA-256 of the rest
 DAY = 24 * 3600.0  # s
 # files with types and constants that kernels use, but no kernel
-TYPE_FILES = ("base/arrays.py", "base/limits.py", "engine/system.py", "derivative/stencil.py")
+TYPE_FILES = (
+    "base/arrays.py", "base/limits.py", "engine/system.py", "engine/rollout.py", "derivative/stencil.py",
+)  # fmt: skip
 GRADIENT = "derivative.adjoint.sweep_back-*"  # files of the cache that any fit by gradients leaves
 config: Any = numba.config  # numba has no types
 
