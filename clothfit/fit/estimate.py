@@ -232,7 +232,8 @@ def searched(
     known = assess(search, status, warnings) if options.intervals else None
     found = result(search, status, options.method, warnings, start is not None, known, seconds)
     models = judged(search.rungs, plan.kept_out) if plan.judged is None else plan.judged
-    return replace(found, ladder=models, steps=list(plan.tried), substeps=plan.substeps or None)
+    asked = options.substeps if isinstance(options.substeps, int) and not hidden else None
+    return replace(found, ladder=models, steps=list(plan.tried), substeps=plan.substeps or asked)
 
 
 def unless_flattened(found: Fit, objective: Objective) -> Fit:

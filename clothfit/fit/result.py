@@ -84,7 +84,7 @@ class Fit:
     verdict: Verdict | None = None  # on the model; None: it was not looked at
     ladder: list[Judged] = field(default_factory=list)  # the models that were fitted from coarse to fine
     steps: list[Step] = field(default_factory=list)  # time steps that were tried
-    substeps: int | None = None  # chosen steps by BDF2 to a frame of the target; None: the step is the scene's
+    substeps: int | None = None  # steps to a frame of the target, chosen or asked for; None: the step is the scene's
     registration: list[Registration] | None = None  # of each target; None: none was looked for
     remedies: Fallbacks = NO_FALLBACKS  # how many steps of the fitted motion were solved directly, clamped or shortened
 
