@@ -151,6 +151,9 @@ def estimate(
 def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions) -> Fit:
     """Do what `estimate` says, with its options as one object."""
     options, hidden, began = options.checked(), target is None, time.monotonic()
+    if hidden and (options.substeps is not None or options.model == AUTO):
+        what = "substeps" if options.substeps is not None else "model auto"
+        raise InvalidInput(f"{what}: a target is needed; without one, the model and the step are the scene's")
     scene = scene.with_bounds(from_user(options.bounds or {}))
     if options.registers and scene.blocks:
         return registered_fit(scene, target, options, lambda own, targets, rest: fit(own, targets, start, rest))

@@ -168,3 +168,10 @@ def test_options_that_cannot_be_are_code_3(given, capsys, options, said):
     assert run(["estimate", path, *target, *options.split()]) == 3
     assert capsys.readouterr().err.startswith(f"error: {said}")
     assert not list(Path(path).parent.glob("*.fitted.*"))
+
+
+@pytest.mark.parametrize(("option", "what"), [("--substeps 2", "substeps"), ("--model auto", "model auto")])
+def test_a_trial_has_the_model_and_the_step_of_its_scene(given, capsys, option, what):
+    path, *_ = given("nF")
+    assert run(["estimate", path, *option.split()]) == 3
+    assert capsys.readouterr().err.startswith(f"error: {what}: a target is needed")
