@@ -271,10 +271,10 @@ def test_a_command_mends_a_damaged_cache_says_that_it_compiles_and_then_says_it_
     clothfit.simulate(clothfit.load(scene))  # so that it is compiled
     kept = KernelCache.used
     shutil.copytree(kept, tmp_path / "cache" / kept.name)
-    files = [*(tmp_path / "cache" / kept.name).glob("engine.rollout.run-*")]
+    files = [*(tmp_path / "cache" / kept.name).glob("engine.march.run-*")]
     for file in files:
         file.write_bytes(file.read_bytes()[:-100])
     runs = [started("simulate", scene, env=environment(NUMBA_CACHE_DIR=str(tmp_path / "cache"))) for _ in range(2)]
     assert [run.returncode for run in runs] == [0, 0]
     assert [run.stderr.decode().count(COMPILING) for run in runs] == [1, 0]
-    assert len(files) == len([*(tmp_path / "cache" / kept.name).glob("engine.rollout.run-*")])  # written anew
+    assert len(files) == len([*(tmp_path / "cache" / kept.name).glob("engine.march.run-*")])  # written anew
