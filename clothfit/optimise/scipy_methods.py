@@ -5,11 +5,7 @@ from __future__ import annotations
 import warnings as python_warnings
 from typing import Any
 
-import numpy as np
-
-from clothfit.base.arrays import Array
-from clothfit.objective.objective import Objective
-from clothfit.optimise.search import Search, cost_and_gradient
+from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 
 METHODS = {
@@ -27,9 +23,6 @@ METHODS = {
 """
 
 MEMORY = 30  # steps that L-BFGS-B remembers; SciPy's 10 converge about half as fast on per-vertex fits
-
-SHORT_EVALUATIONS, SHORT_SAVING = 40, 1e-3
-"""Evaluations of a short descent, and relative reduction of the cost by a step that ends it."""
 
 
 def minimise(search: Search, method: str) -> Status:
@@ -65,28 +58,3 @@ def options(method: str, budget: int) -> dict[str, Any]:
     if method == "tnc":
         common = {}
     return common | own[method]
-
-
-def short(search: Search, objective: Objective, y: Array) -> tuple[Array, Status]:
-    """Some steps of L-BFGS-B down from y (Q,), on an objective that may be solved less tightly than the search's: what
-    many values still gain where the model cannot reproduce the target. Returns the point and how it ended.
-    """
-    from scipy.optimize import minimize
-
-    unit = max(search.measure(search.parameters(y), objective), np.finfo(float).tiny)
-
-    def cost(y: Array) -> tuple[float, Array]:
-        p = search.parameters(y)
-        search.count()
-        value, gradient = cost_and_gradient(objective, p)
-        search.advance(p, objective.rmse(value))
-        if not (np.isfinite(value) and np.isfinite(gradient).all()):
-            return 1e3, np.zeros(len(y))  # the line search steps back
-        by_y = gradient * search.coordinates.derivative(p)
-        return value / unit, by_y[search.fitted] / unit
-
-    found = minimize(
-        cost, y, jac=True, method="L-BFGS-B", bounds=search.bounds,
-        options={"maxfun": SHORT_EVALUATIONS, "maxcor": MEMORY, "ftol": SHORT_SAVING, "gtol": 0.0},
-    )  # fmt: skip
-    return np.asarray(found.x), Status.CONVERGED if found.status == 0 else Status.STALLED
