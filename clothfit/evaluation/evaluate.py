@@ -16,7 +16,7 @@ from clothfit.fit.options import FIT_TOLERANCE
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, checked_motion
 from clothfit.motion.simulate import simulate_cloths
-from clothfit.motion.times import TIME_SLACK, frame_places, snapped
+from clothfit.motion.times import MOST_STEPS, TIME_SLACK, frame_places, snapped
 from clothfit.objective.experiment import check_same_sizes
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.target import sample
@@ -111,7 +111,8 @@ def finite_part(scene: Scene, compared: Collection[int], frames: int, needed: in
 def place_of(frames: int, truth: Scene, fitted: Scene) -> float:
     """Where the last of `frames` frames of the true scene lies in steps of the fitted one, whose step may be another.
     """
-    whole, fraction = snapped(np.array([(frames - 1) * truth.delta / fitted.delta]))
+    places = np.array([min((frames - 1) * (truth.delta / fitted.delta), MOST_STEPS)])  # a target may end before that
+    whole, fraction = snapped(places)
     return float(whole[0] + fraction[0])
 
 

@@ -165,6 +165,13 @@ def test_a_target_is_compared_between_the_steps_of_the_fitted_scene():
     assert evaluate(TRUTH, fitted, target=target).fitted.rmse < 1e-12
 
 
+@pytest.mark.parametrize("delta", [1e300, 1e307])
+def test_a_true_step_of_any_length_leaves_the_frames_of_a_target(delta):
+    report = evaluate(TRUTH.with_step(delta, 3), TRUTH, frames=11, target=own_motion(5))
+    assert report.fitted.frames == 5
+    assert report.fitted.rmse < 1e-12  # the same numbers
+
+
 def interpolate(x, place):
     """The state at a place between the steps of a motion x (T + 1, n, 3)."""
     below = int(place)
