@@ -1,4 +1,4 @@
-"""Motions in GLB files (binary glTF 2.0): the first frame, and morph targets that are added to it by animated weights.
+"""Motions in GLB files (binary glTF 2.0): a base shape, and morph targets that are added to it by animated weights.
 
 glTF is y up, right-handed and in metres; numbers are float32. A target for each frame would be large and slow, so a
 motion is written with the fewest targets (`morphs`) that keep every vertex within `TOLERANCE`, in the file's unit, or
@@ -134,7 +134,7 @@ def _document(parts: _Parts, morphs: Morphs, animation: Animation) -> dict[str, 
         count = len(morphs.targets)
         shapes = [parts.add(each, "VEC3", True, target=ARRAY_BUFFER) for each in morphs.targets]
         primitive["targets"] = [{"POSITION": shape} for shape in shapes]
-        mesh["weights"] = [0.0] * count
+        mesh["weights"] = morphs.weights[0].tolist()  # the first frame, where nothing plays
         mesh["extras"] = {
             "targetNames": [f"shape {k}" for k in range(count)],
             "targets": count,
