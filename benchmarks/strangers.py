@@ -158,7 +158,7 @@ TABLES: dict[str, Callable[[Path], None]] = {"clocks": clocks, "coverage": cover
 
 if __name__ == "__main__":
     where = Path(sys.argv[1])
-    clothfit.estimate(*stranger(where, "mujoco-corners", 1, damping="G"), budget=2, fit_time=True)  # compiled
+    clothfit.estimate(*stranger(where, "mujoco-corners", 1, damping="G"), max_evaluations=2, fit_time=True)  # compiled
     for table in sys.argv[2:] or TABLES:
         TABLES[table](where)
         print()

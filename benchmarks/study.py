@@ -119,7 +119,7 @@ def changed(scene: clothfit.Scene, stiffness: np.typing.NDArray[np.float64]) -> 
 TABLES: dict[str, Callable[[], None]] = {"experiments": experiments, "frames": frames, "noise": noise}
 
 if __name__ == "__main__":
-    clothfit.estimate(scene_of("side", "nL", 10), budget=2)  # compiled from here on
+    clothfit.estimate(scene_of("side", "nL", 10), max_evaluations=2)  # compiled from here on
     for table in sys.argv[1:] or TABLES:
         TABLES[table]()
         print()

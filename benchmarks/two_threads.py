@@ -51,7 +51,7 @@ def fits(side: int, frames: int, evaluations: int, method: str) -> tuple[dict[st
             os.environ[SWITCH] = "1"
         else:
             os.environ.pop(SWITCH, None)
-        found[name] = clothfit.estimate(start, target, method=method, budget=evaluations)
+        found[name] = clothfit.estimate(start, target, method=method, max_evaluations=evaluations)
 
     return {name: lambda name=name: fit(name) for name in ("one", "two")}, found
 

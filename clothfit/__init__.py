@@ -87,7 +87,7 @@ _MODULES = {  # for users as well, by their own names: clothfit.verify.check(…
     "mesh": "meshes.mesh", "mesh_problems": "meshes.problems", "verify": "derivative.verify", "weld": "meshes.weld",
 }  # fmt: skip
 
-__all__ = sorted(_HOME)
+__all__ = sorted([*_HOME, *_MODULES])
 
 
 if not TYPE_CHECKING:  # to them it would be an attribute for every name, of no type

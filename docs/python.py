@@ -34,7 +34,9 @@ in SI units and all arrays are float64 unless something else is said. The packag
 | in signatures | is |
 |---|---|
 | `Array`, `Flags`, `Indices` | NumPy arrays of float64, bool and int32 |
-| `Targets` | a `Motion` or an array (frames, vertices, 3); a pair of one and the `Scene` of its recording; a list |
+| `Recorded` | a `Motion`, an array (frames, vertices, 3), or the path of a motion file |
+| `Targets` | one of these; a pair of one and the `Scene` of its recording; a list |
+| `Keywords`, `OlderNames` | the keyword arguments of `estimate`; older names of some, which work and warn |
 | `Readable` | a path, an open file, or a dict with the fields of the file |
 | P, n, S, T | the number of fitted values, and of a cloth's vertices, springs and triangles |
 
@@ -131,7 +133,7 @@ def signature(name: str, node: ast.FunctionDef, module: ModuleType) -> str:
         listed.append(f"*{asked.vararg.arg}" if asked.vararg else "*")
     listed += [argument(one, default, module) for one, default in zip(asked.kwonlyargs, asked.kw_defaults, strict=True)]
     if asked.kwarg:
-        listed.append(f"**{asked.kwarg.arg}")
+        listed.append(argument(asked.kwarg, None, module, "**"))
     result = "" if node.returns is None or node.name == "__init__" else f" -> {ast.unparse(node.returns)}"
     line = f"{name}({', '.join(listed)}){result}"
     if len(line) <= WIDTH:
@@ -139,11 +141,11 @@ def signature(name: str, node: ast.FunctionDef, module: ModuleType) -> str:
     return "\n".join([f"{name}(", *(f"    {one}," for one in listed), f"){result}"])
 
 
-def argument(one: ast.arg, default: ast.expr | None, module: ModuleType) -> str:
+def argument(one: ast.arg, default: ast.expr | None, module: ModuleType, stars: str = "") -> str:
     """An argument with its type and default."""
     kind = f": {ast.unparse(one.annotation)}" if one.annotation else ""
     value = written(default, module)
-    return f"{one.arg}{kind}" + (f" = {value}" if value and kind else f"={value}" if value else "")
+    return f"{stars}{one.arg}{kind}" + (f" = {value}" if value and kind else f"={value}" if value else "")
 
 
 def fields(value: type) -> list[Field]:

@@ -30,3 +30,27 @@ def check_capture(noise: float, observed: float, every: int, fps: float | None =
         raise InvalidInput(f"fps must be above 0 and finite; {fps:g} was given")
     if fps is not None and every != 1:
         raise InvalidInput("fps: does not go with every; each says which frames there are")
+
+
+UNITS = {"": 1.0, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
+"""Seconds of the units of a duration."""
+
+
+def duration(text: str | None, option: str) -> float | None:
+    """The seconds that the text of an option means: 30, 30s, 2m, 1.5h. Raises InvalidInput."""
+    if text is None:
+        return None
+    number = text.strip().rstrip("abcdefghijklmnopqrstuvwxyz")
+    unit = text.strip()[len(number) :]
+    if not is_number(number) or unit not in UNITS or not 0 < float(number) < math.inf:
+        raise InvalidInput(f"{option}: {text!r} is no time above 0; write it as 30, 30s, 2m or 1h")
+    return float(number) * UNITS[unit]
+
+
+def is_number(text: str) -> bool:
+    """Whether a text, which may stand for something else, is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -12,17 +12,18 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import check_memory
+from clothfit.base.messages import metres
 from clothfit.fit.options import FIT_TOLERANCE
 from clothfit.motion.divergence import Diverged
-from clothfit.motion.motion import Motion, checked_motion
+from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate_cloths
 from clothfit.motion.times import MOST_STEPS, TIME_SLACK, frame_places, snapped
-from clothfit.objective.experiment import check_same_sizes
+from clothfit.objective.experiment import Recorded, check_same_sizes, motion_of
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.target import sample
 from clothfit.objective.target import target as target_of
 from clothfit.scene.fit_vector import fitted_cloths, parameters
-from clothfit.scene.scene import Scene
+from clothfit.scene.scene import Scene, check_is_scene
 
 HORIZON = 500  # frames
 
@@ -57,17 +58,24 @@ class Evaluation:
     parameters: list[Deviation]  # against the true values, kind by kind
     diverged: str | None = None  # what happened, where the longer run diverged; it then ends before that
 
+    def __repr__(self) -> str:
+        near, far = (f"{metres(part.rmse)} over {part.frames} frames" for part in (self.fitted, self.horizon))
+        return f"<Evaluation: RMSE {near}, {far}{', then it diverges' if self.diverged else ''}>"
+
 
 def evaluate(
-    truth: Scene, fitted: Scene, frames: int | None = None, horizon: int = HORIZON, target: Motion | None = None
+    truth: Scene, fitted: Scene, frames: int | None = None, horizon: int = HORIZON, target: Recorded | None = None
 ) -> Evaluation:
     """Compare a fitted scene with the true one, or with a target motion where one is given.
 
     `frames` (default: the scene's) and `horizon` count the initial state, in steps of the true scene; each scene is
-    simulated with its own step, and the fitted one is compared at the times of the other. A target is compared at the
-    times of its frames, as far as it reaches; each position counts once, unless its weight is 0. Raises InvalidInput
-    when the scenes or the target have other objects, Diverged when a simulation diverges within the fitted frames.
+    simulated with its own step, and the fitted one is compared at the times of the other. A target, a motion or the
+    path of its file, is compared at the times of its frames, as far as it reaches; each position counts once, unless
+    its weight is 0. Raises InvalidInput when the scenes or the target have other objects, Diverged when a simulation
+    diverges within the fitted frames.
     """
+    for scene in (truth, fitted):
+        check_is_scene(scene)
     check_same_sizes(fitted, truth)
     near = truth.frames if frames is None else frames
     if near < 2 or horizon < 2:
@@ -78,7 +86,7 @@ def evaluate(
         check_memory(length, sum(truth.vertex_counts), 1)  # two motions; else the second would be refused late
         goal, fault = finite_part(truth, compared, length, near)
     else:
-        goal, fault = checked_motion(target, truth), None
+        goal, fault = motion_of(target, truth), None
     fitted_end, end = (place_of(each, truth, fitted) for each in (near, horizon))
     length = states(min(max(fitted_end, end), last_place(goal, fitted.delta)))
     own, own_fault = finite_part(fitted, compared, length, min(states(fitted_end), length))

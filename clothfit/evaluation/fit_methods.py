@@ -87,5 +87,5 @@ def timed(scene: Scene, method: str, evaluations: int, seconds: float) -> tuple[
         if time.perf_counter() - began > seconds:
             raise Stop(Status.LIMIT)
 
-    found = estimate(scene, method=method, budget=evaluations, report=watch, intervals=False)
+    found = estimate(scene, method=method, max_evaluations=evaluations, on_progress=watch, intervals=False)
     return found, time.perf_counter() - began

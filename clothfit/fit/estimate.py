@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -24,8 +24,9 @@ from clothfit.fit import time_step
 from clothfit.fit.confidence import Confidence, confidence
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import held_out, split
+from clothfit.fit.keywords import Keywords, OlderNames, options_of
 from clothfit.fit.model_choice import judged
-from clothfit.fit.options import AUTO, BUDGET, FIT_TOLERANCE, FitOptions
+from clothfit.fit.options import AUTO, FIT_TOLERANCE, FitOptions
 from clothfit.fit.preparation import Prepared, flagged, prepared
 from clothfit.fit.registered_fit import registered_fit
 from clothfit.fit.residual_hints import with_residual_hints
@@ -44,7 +45,7 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
 from clothfit.scene.bounds import from_user
 from clothfit.scene.fit_vector import fitted_cloths, parameters
-from clothfit.scene.scene import Scene
+from clothfit.scene.scene import Scene, check_is_scene
 from clothfit.strategy.auto import by_momentum, find, one_value_each, resumed
 from clothfit.strategy.ladder import as_model
 from clothfit.strategy.start import FirstPoint, choose_start, first_point, other_starts, start_warnings
@@ -70,10 +71,11 @@ def estimate(
     start: float | Array | Scene | None = None,
     method: str = "auto",
     *,
-    budget: int = BUDGET,
-    rmse_tolerance: float | None = None,
+    budget: str | float | None = None,
+    max_evaluations: int | None = None,
+    rmse: float | None = None,
     tolerance: float | None = None,
-    report: Callable[[Progress], None] | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
     objective: str | Mapping[str, float] = "position",
     loss: str = "linear",
     loss_scale: float | None = None,
@@ -84,18 +86,19 @@ def estimate(
     holdout_of: str = "frames",
     intervals: bool = True,
     memory: int | str | None = None,
-    foreseen: Callable[[Needs], None] | None = None,
-    hinted: Callable[[Hint], None] | None = None,
-    seconds: float | None = None,
-    found: Callable[[Scene], None] | None = None,
     bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
     model: str | None = None,
     substeps: int | str | None = None,
     keep_step: bool = False,
     fit_time: bool = False,
     fit_placement: bool = False,
+    on_memory: Callable[[Needs], None] | None = None,
+    on_hint: Callable[[Hint], None] | None = None,
+    on_found: Callable[[Scene], None] | None = None,
+    **older: Unpack[OlderNames],
 ) -> Fit:
-    """Fit the flagged values of a scene to one target motion or to several.
+    """Fit the flagged values of a scene to one target motion or to several. The arguments have the names of the
+    options of the command `clothfit estimate`.
 
     `target`, `objective`, `loss`, `loss_scale` and `memory` are those of `Objective`. The fit compares the scene's
     `frames` of each target; of a target with its own scene, as many as that scene says. Without a target the fit is a
@@ -104,10 +107,15 @@ def estimate(
 
     With a target the fit starts from the scene's values. `start` replaces them: a number for all masses and
     stiffnesses (for all values, where neither are fitted), an array (P,), or a scene whose values to take. `method` is
-    "auto", "momentum", "gauss-newton", or the name of a minimiser of SciPy. The fit ends after `budget` evaluations of
-    cost and gradient, or below `rmse_tolerance`, m (with other objectives in the unit of what they compare; default:
-    1e-8, or half a unit in the last place of the target's numbers where they are float32 or text). `tolerance` is that
-    of the linear systems, relative. `report` is called after each evaluation.
+    "auto", "momentum", "gauss-newton", or the name of a minimiser of SciPy. The fit ends after `max_evaluations` of
+    cost and gradient (default: 1000), or below an error of `rmse`, m (with other objectives in the unit of what they
+    compare; default: 1e-8, or half a unit in the last place of the target's numbers where they are float32 or text).
+    `tolerance` is that of the linear systems, relative. `on_progress` is called with a `Progress` after each
+    evaluation.
+
+    After the time of `budget`, a text such as "30s", "2m" or "1h", or a float in seconds, the fit ends with status
+    "limit" and the best result so far; the intervals take the time that the search leaves. (A whole number is a number
+    of evaluations, as it was once, with a warning.)
 
     `prior` is for the methods "auto" and "gauss-newton": the values of one kind scatter around those of a fabric, as
     widely as the data say ("auto"), or around the start with this standard deviation of the logarithm; "none" assumes
@@ -115,14 +123,12 @@ def estimate(
     out of the fit, to judge it by. `intervals` False leaves out the 95 % intervals, which take about as long as a step
     of Gauss–Newton.
 
-    With a file as `checkpoint` a fit that was killed goes on from there when `resume` is true; `budget`,
-    `rmse_tolerance` and `report` may differ then. KeyboardInterrupt ends the fit with status "interrupted" and the best
-    result so far; before the first evaluation it passes through. After `seconds` the fit ends with status "limit" and
-    the best result so far; the intervals take the time that the search leaves. `found` is called with the best scene
-    when the search has ended, before anything else is looked at. Whatever ends a fit, its result costs no more than its
-    start.
+    With a file as `checkpoint` a fit that was killed goes on from there when `resume` is true; `max_evaluations`,
+    `rmse` and `on_progress` may differ then. KeyboardInterrupt ends the fit with status "interrupted" and the best
+    result so far; before the first evaluation it passes through. `on_found` is called with the best scene when the
+    search has ended, before anything else is looked at. Whatever ends a fit, its result costs no more than its start.
 
-    `foreseen` is called with the memory that the fit will need, before it begins, `hinted` with each hint that the
+    `on_memory` is called with the memory that the fit will need, before it begins, `on_hint` with each hint that the
     targets give before a fit. Where matrices do not fit into `memory`, another method takes over, with a warning.
 
     `bounds` replaces those of the scene: for a kind, such as "stiffness", its lower and upper bound in its unit, None
@@ -138,14 +144,17 @@ def estimate(
     rotation and the translation that bring it into the scene. The fit then compares with the target at the scene's
     times and in its place; `Fit.registration` says what was found.
 
+    Older names work and warn: `report` (`on_progress`), `hinted`, `foreseen`, `found` (`on_hint`, `on_memory`,
+    `on_found`), `seconds` (`budget`), `rmse_tolerance` (`rmse`).
+
     Raises InvalidInput when nothing is flagged, or an argument, the target or the checkpoint does not fit; Diverged
     when the scene's own motion, needed as the target, diverges.
     """
-    return fit(scene, target, start, FitOptions(
-        method, budget, rmse_tolerance, tolerance, report, objective, loss, loss_scale, prior,
-        checkpoint, resume, holdout, holdout_of, intervals, memory, foreseen, hinted, seconds, found,
-        bounds, model, substeps, keep_step, fit_time, fit_placement,
-    ))  # fmt: skip
+    given = locals()
+    check_is_scene(scene)
+    named = {name: given[name] for name in Keywords.__annotations__ if name in given}
+    options = replace(options_of("estimate", named | older), checkpoint=checkpoint, resume=resume)
+    return fit(scene, target, start, options)
 
 
 def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions) -> Fit:

@@ -83,10 +83,10 @@ class FitOptions:
 
             from_user(self.bounds)
         if self.budget < 1:
-            raise InvalidInput(f"budget: {self.budget} evaluations are too few, at least 1 is needed")
+            raise InvalidInput(f"max_evaluations: {self.budget} evaluations are too few, at least 1 is needed")
         self._check_model()
         if self.seconds is not None and not self.seconds > 0:
-            raise InvalidInput(f"seconds must be above 0; {self.seconds:g} was given")
+            raise InvalidInput(f"budget must be a time above 0; {self.seconds:g} s was given")
 
     @property
     def registers(self) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
-from clothfit.base.messages import owned
+from clothfit.base.messages import metres, owned
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.fit.confidence import Confidence
 from clothfit.fit.hints import Hint
@@ -87,6 +87,12 @@ class Fit:
     substeps: int | None = None  # steps to a frame of the target, chosen or asked for; None: the step is the scene's
     registration: list[Registration] | None = None  # of each target; None: none was looked for
     remedies: Fallbacks = NO_FALLBACKS  # how many steps of the fitted motion were solved directly, clamped or shortened
+
+    def __repr__(self) -> str:
+        values = sum(block.count for block in self.parameters)
+        error = f"RMSE {metres(self.rmse)}" if np.isfinite(self.rmse) else f"cost {self.cost:.3g}"
+        used = f"{self.evaluations} evaluations in {self.seconds:.3g} s"
+        return f"<Fit of {self.scene.name}: {self.status}, {error} over {self.frames} frames, {values} values, {used}>"
 
     @property
     def relative_rmse(self) -> float | None:

@@ -10,12 +10,13 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import budget
+from clothfit.fit.keywords import Keywords, options_of
 from clothfit.fit.options import FitOptions
 from clothfit.many.batch import Batch, Pool
 from clothfit.many.job import INTERRUPTED, File, Job, JobTarget, Outcome, loaded, read
@@ -140,7 +141,7 @@ def estimate_many(
     jobs: int | None = None,
     cluster: str | None = None,
     done: Callable[[int, Result], None] | None = None,
-    **options: Any,
+    **options: Unpack[Keywords],
 ) -> list[Result]:
     """Fit several scenes, each in a process of its own; returns a `Result` for each, in their order.
 
@@ -151,13 +152,14 @@ def estimate_many(
     and does not stop the others. Raises InvalidInput when there is no such cluster, or an argument is impossible.
     """
     check_numbers(starts, seed, jobs)
+    asked = options_of("estimate_many", options)
     given = [None] * len(scenes) if targets is None else list(targets)
     if len(given) != len(scenes):
         raise InvalidInput(f"targets: {len(given)} are given for {len(scenes)} scenes; give one item for each")
     first = start if start is None or isinstance(start, (int, float, np.ndarray)) else packed(start)
 
     pool = chosen_pool(len(scenes) * starts, jobs, cluster)
-    each = limited(FitOptions(**options, checkpoint=None, resume=False), pool)
+    each = limited(asked, pool)
 
     def make(index: int, number: int) -> Job:
         return Job(packed(scenes[index]), packed_targets(given[index], scenes[index]), first, number, seed, each)

@@ -161,17 +161,17 @@ def gradients() -> None:
 def fits() -> None:
     """Fit it by each method, also to a noisy target that is observed in part."""
     for method in ("auto", "gauss-newton", "l-bfgs-b"):
-        estimate(strip_scene(), method=method, budget=4)
+        estimate(strip_scene(), method=method, max_evaluations=4)
     scene = strip_scene()
-    estimate(scene, degrade(record_target(scene), noise=1e-3, observed=0.5), budget=4)
-    estimate(strip_scene("GG"), budget=4)
+    estimate(scene, degrade(record_target(scene), noise=1e-3, observed=0.5), max_evaluations=4)
+    estimate(strip_scene("GG"), max_evaluations=4)
 
 
 def fits_of_all_kinds() -> None:
     """Fit every kind of parameter."""
     for method in (0, 2, 3):
         scene = strip_scene(kinds=FITTED_KINDS, fit=EVERYWHERE, integrationMethod=method)
-        estimate(scene, method="gauss-newton", budget=4)
+        estimate(scene, method="gauss-newton", max_evaluations=4)
 
 
 def large(very: bool) -> None:
@@ -182,8 +182,9 @@ def large(very: bool) -> None:
         if work.solver.second is not None:
             serve: Any = cg_two_threads.serve  # otherwise called only where there is a second processor
             serve.compile(tuple(map(numba.typeof, (work.A, work.solver.cg, work.solver.second))))
-        estimate(strip_scene(), method="momentum", budget=1, intervals=False)
-        estimate(strip_scene(kinds=FITTED_KINDS, fit=EVERYWHERE), method="gauss-newton", budget=2, intervals=False)
+        estimate(strip_scene(), method="momentum", max_evaluations=1, intervals=False)
+        scene = strip_scene(kinds=FITTED_KINDS, fit=EVERYWHERE)
+        estimate(scene, method="gauss-newton", max_evaluations=2, intervals=False)
 
 
 SMALL_PARTS: dict[str, Callable[[], None]] = {
@@ -203,5 +204,5 @@ PARTS: dict[str, Callable[[], None]] = {
 def warm(nothing: object = None) -> None:
     """Compile what fits use by fitting the strip twice; other processes find it in the cache. Takes some 20 s."""
     scene = strip_scene(delta=0.02)
-    estimate(scene, start=0.5, budget=5)
-    estimate(scene, start=0.5, budget=2, method="l-bfgs-b", intervals=False)
+    estimate(scene, start=0.5, max_evaluations=5)
+    estimate(scene, start=0.5, max_evaluations=2, method="l-bfgs-b", intervals=False)

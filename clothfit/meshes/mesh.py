@@ -36,6 +36,11 @@ class Mesh(NamedTuple):
     texture: Array | None = None  # (T, 3, 2), texture coordinates u, v of the corners; NaN unknown
     parts: Parts = ()  # names and vertices of its parts, such as groups and materials
 
+    def __repr__(self) -> str:
+        size = np.ptp(self.positions, axis=0) if len(self.positions) else np.zeros(3)
+        extent = " × ".join(f"{side:.3g}" for side in size)
+        return f"<Mesh: {len(self.positions)} vertices, {len(self.triangles)} triangles, {extent} m>"
+
 
 class Sides(NamedTuple):
     """The sides ab, ac, bc of each triangle in turn, 3 T in all."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from clothfit.base.limits import check_capture
 from clothfit.base.memory import check_memory
-from clothfit.motion.motion import Motion, arrays_of
+from clothfit.motion.motion import Motion, arrays_of, check_loaded
 from clothfit.motion.times import TIME_SLACK, interpolated, snapped
 
 MOST_RECORDED_FRAMES = 1e18
@@ -25,6 +25,7 @@ def degrade(
     every K-th frame; `fps` records so many frames per second instead. The same seed gives the same motion. Raises
     InvalidInput when a value is out of range.
     """
+    check_loaded(motion)
     check_capture(noise, observed, every, fps)
     generator = np.random.default_rng(seed)
     if fps is not None:

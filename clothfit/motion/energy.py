@@ -32,8 +32,8 @@ from clothfit.engine.forces import spheres, springs, vertex, wind
 from clothfit.engine.step import explicit, guard
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
 from clothfit.kernels.kernel import kernel
-from clothfit.motion.motion import Motion, check_counts
-from clothfit.scene.scene import Scene
+from clothfit.motion.motion import Motion, check_counts, check_loaded
+from clothfit.scene.scene import Scene, check_is_scene
 
 KINETIC, ELASTIC, GRAVITY, CONTACT, WIND, DAMPING, DRAG = ENERGY_COLUMNS = range(7)
 """Columns of the balances of one cloth: four of states, three of the steps that end there."""
@@ -94,6 +94,8 @@ def energies(scene: Scene, motion: Motion) -> Energy:
     The motion must be one that `simulate` gives: all vertices, a frame after every step. Raises InvalidInput when it is
     not.
     """
+    check_is_scene(scene)
+    check_loaded(motion)
     check_counts(motion, scene)
     steps = scene.delta * np.arange(len(motion.times))
     if not motion.seen().all() or not np.allclose(motion.times, steps, rtol=1e-6, atol=1e-6 * scene.delta):

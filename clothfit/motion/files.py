@@ -58,6 +58,7 @@ def save_motion(
     format's). An open file becomes `.npz`. Raises InvalidInput when a path cannot be written or the format cannot hold
     the motion.
     """
+    own.check_loaded(motion)
     found = foreign(path_or_file)
     if found is None or not isinstance(path_or_file, (str, os.PathLike)):
         own.save_motion(motion, path_or_file)

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from clothfit.base import npz
 from clothfit.base.arrays import Array, Flags
-from clothfit.base.errors import InvalidMotion
+from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.limits import FARTHEST
+from clothfit.base.messages import counted
 from clothfit.base.reading import unchanged
 from clothfit.base.writing import Data, put, write_atomically
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
@@ -49,6 +50,13 @@ class Motion:
     remedies: Fallbacks = NO_FALLBACKS  # how many of its steps were solved directly, clamped or shortened
     weights: Array | None = None  # (frames, vertices), 0 or more: how often each position counts; None: all once
     unit: float = 1.0  # of the numbers in its file, m
+
+    def __repr__(self) -> str:
+        frames, vertices, _ = self.positions.shape
+        seen = "" if self.observed is None else f", {self.observed.mean():.3g} of them observed"
+        duration = f"{self.times[0]:.4g} … {self.times[-1]:.4g} s" if frames else "no time"
+        sizes = f"{counted(frames, 'frame', 'frames')} of {counted(vertices, 'vertex', 'vertices')} in m"
+        return f"<Motion {self.name}: {sizes}{seen}, {duration}>"
 
     def of(self, cloth: int) -> Array:
         """Positions (frames, n, 3) of one object."""
@@ -120,6 +128,13 @@ def check_motion(arrays: dict[str, NDArray[Any]], scene: Scene, name: str) -> Mo
     check_positions(positions, observed, name)
     weights = checked_weights(arrays["weights"], (frames, total), name) if "weights" in arrays else None
     return Motion(positions, times, counts, observed, name, weights=weights)
+
+
+def check_loaded(motion: object) -> None:
+    """Raise InvalidInput, with how to load it, where a path is given for a motion."""
+    if isinstance(motion, (str, os.PathLike)):
+        path = os.fspath(motion)
+        raise InvalidInput(f"motion: a path is given, {path!r}; load it: clothfit.load_motion({path!r}, scene)")
 
 
 def check_counts(motion: Motion, scene: Scene) -> None:

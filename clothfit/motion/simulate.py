@@ -15,7 +15,7 @@ from clothfit.engine.system import build
 from clothfit.engine.tape import Tape
 from clothfit.motion.divergence import Fault, last_states, outcome, with_bad
 from clothfit.motion.motion import Motion
-from clothfit.scene.scene import Scene
+from clothfit.scene.scene import Scene, check_is_scene
 
 
 def simulate(scene: Scene, frames: int | None = None, tolerance: float | None = None) -> Motion:
@@ -25,6 +25,7 @@ def simulate(scene: Scene, frames: int | None = None, tolerance: float | None = 
     (default: the scene's). Raises Diverged, whose `motion` has the good frames, when a position is no longer finite;
     InvalidInput when an argument is impossible or the motion would not fit into the free memory.
     """
+    check_is_scene(scene)
     return simulate_cloths(scene, range(len(scene.cloths)), frames, tolerance)
 
 

@@ -6,6 +6,7 @@ differ. A fit finds the same parameters for all of them: those that the main sce
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias
@@ -15,8 +16,8 @@ from clothfit.base.errors import InvalidInput
 from clothfit.motion.motion import Motion, as_motion, checked_motion
 from clothfit.scene.scene import Scene
 
-Recorded: TypeAlias = Motion | Array
-"""A motion, or positions (frames, vertices, 3) with one frame per step."""
+Recorded: TypeAlias = Motion | Array | str | os.PathLike[str]
+"""A motion, positions (frames, vertices, 3) with one frame per step, or the path of a motion file."""
 
 Targets: TypeAlias = Recorded | tuple[Recorded, Scene] | Sequence[Recorded | tuple[Recorded, Scene]]
 """One target, alone or with the scene it was recorded in, or a list of such."""
@@ -53,7 +54,16 @@ def is_pair(item: object) -> bool:
 def experiment(main: Scene, motion: Recorded, scene: Scene) -> Experiment:
     """One target and its scene, checked."""
     scene = flagged_as(scene, main)
-    return Experiment(checked_motion(motion, scene) if isinstance(motion, Motion) else as_motion(scene, motion), scene)
+    return Experiment(motion_of(motion, scene), scene)
+
+
+def motion_of(motion: Recorded, scene: Scene) -> Motion:
+    """A motion of a scene, however it is given, checked. Raises what `load_motion` does."""
+    if isinstance(motion, (str, os.PathLike)):
+        from clothfit.motion.files import load_motion  # its formats are loaded for those who use them
+
+        return load_motion(motion, scene)
+    return checked_motion(motion, scene) if isinstance(motion, Motion) else as_motion(scene, motion)
 
 
 def flagged_as(scene: Scene, main: Scene) -> Scene:

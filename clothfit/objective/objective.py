@@ -35,7 +35,7 @@ from clothfit.objective.run import Run, at_rest, seen_in, simulate, still
 from clothfit.objective.running_cost import SquaredDistances, running_cost
 from clothfit.objective.target import first_step, target
 from clothfit.scene.fit_vector import changes, check_shape, extra_kinds, fitted_cloths, parameters
-from clothfit.scene.scene import Scene
+from clothfit.scene.scene import Scene, check_is_scene
 
 TIGHT = 1e-14
 """Default tolerance of the linear systems, relative: their errors enter the gradient directly."""
@@ -73,6 +73,7 @@ class Objective:
 
         Raises InvalidMotion when a motion does not fit its scene or an objective, InvalidInput for other arguments.
         """
+        check_is_scene(scene)
         self.scene = scene
         self.memory = budget(memory)
         self.tolerance = checked_tolerance(tolerance, TIGHT)

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from clothfit.motion.motion import Motion
+from clothfit.objective.experiment import Recorded, motion_of
 from clothfit.report.contents import content
 from clothfit.report.log import Log
 from clothfit.report.showing import Shown, shown
@@ -31,21 +32,22 @@ THREE = "three/three.module.min.js"
 def report_page(
     truth: Scene,
     fitted: Scene,
-    target: Motion | None = None,
+    target: Recorded | None = None,
     *,
     frames: int | None = None,
     log: Log | None = None,
     commands: Sequence[str] = (),
     inputs: Sequence[tuple[str, str]] = (),
 ) -> bytes:
-    """The page, HTML in UTF-8, that plays a fitted scene over the true one, or over a target where one is given.
+    """The page, HTML in UTF-8, that plays a fitted scene over the true one, or over a target, a motion or
+    the path of its file, where one is given.
 
     `frames` counts the initial state (default: those of `evaluate`, fewer for large scenes). `log` is the course of the
     fit. The page shows `commands`, which repeat the fit, and `inputs`, name and SHA-256 of each file. Raises
     InvalidInput when scenes or target do not fit, Diverged when a motion has no second frame.
     """
-    show = shown(truth, fitted, target, frames)
-    return made(truth, fitted, target, show, log, commands, inputs)
+    goal = None if target is None else motion_of(target, truth)
+    return made(truth, fitted, goal, shown(truth, fitted, goal, frames), log, commands, inputs)
 
 
 def made(

@@ -40,6 +40,10 @@ class Cloth:
             if isinstance(array := getattr(self, each.name), np.ndarray):
                 array.setflags(write=False)
 
+    def __repr__(self) -> str:
+        sizes = f"{len(self.mass)} vertices, {len(self.stiffness)} springs, {len(self.triangles)} triangles"
+        return f"<Cloth: {sizes}, {self.mass.sum():.3g} kg>"
+
     def mode(self, name: str) -> str:
         """How a kind ("mass", "drag", …) is fitted: "n" not at all, or one of the modes of the kind."""
         return self.settings[LETTERED.index(name)] if name in LETTERED else self.fits.get(name, "n")

@@ -17,7 +17,7 @@ from clothfit.base.arrays import Array, Elements, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.scene.block import Block, reached
 from clothfit.scene.kinds import CLOTH_KINDS, KIND, KINDS, LETTERED
-from clothfit.scene.scene import Scene
+from clothfit.scene.scene import Scene, check_is_scene
 
 LOWER, UPPER = KIND["mass"].lower, KIND["mass"].upper
 """Default bounds of ordinary masses and stiffnesses, kg or N/m; `bounds` gives those of every parameter."""
@@ -62,6 +62,7 @@ def parameters(scene: Scene, flags: Scene | None = None) -> Array:
     whose flags count (default: `scene`), and on whose values the factors are; of a map those that come nearest. Raises
     InvalidInput when the objects of the two differ in size.
     """
+    check_is_scene(scene)
     parts = [np.zeros(0)]
     for block in (flags or scene).blocks:
         if block.cloth is None:

@@ -18,7 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from clothfit.base.arrays import Array
-from clothfit.base.errors import InvalidScene
+from clothfit.base.errors import InvalidInput, InvalidScene
+from clothfit.base.messages import counted
 from clothfit.base.writing import write_atomically
 from clothfit.scene import array_checks as checks
 from clothfit.scene import schema as structure
@@ -60,6 +61,15 @@ class Scene:
     def __post_init__(self) -> None:
         self.wind.setflags(write=False)
         self.gravity.setflags(write=False)
+
+    def __repr__(self) -> str:
+        springs, values = sum(len(cloth.stiffness) for cloth in self.cloths), sum(block.count for block in self.blocks)
+        sizes = [
+            counted(len(self.cloths), "object", "objects"), counted(sum(self.vertex_counts), "vertex", "vertices"),
+            counted(springs, "spring", "springs"), f"{self.frames} frames of {self.delta:.4g} s",
+            f"{INTEGRATORS[self.method]}", f"{counted(values, 'value', 'values')} to fit",
+        ]  # fmt: skip
+        return f"<Scene {self.name}: {', '.join(sizes)}>"
 
     @property
     def vertex_counts(self) -> tuple[int, ...]:
@@ -132,6 +142,13 @@ class Scene:
         if own:
             raise InvalidScene(own, self.name)
         return replace(self, method=index(asked), delta=float(delta), frames=count)
+
+
+def check_is_scene(scene: object) -> None:
+    """Raise InvalidInput, with how to load it, where a path is given for a scene."""
+    if isinstance(scene, (str, os.PathLike)):
+        path = os.fspath(scene)
+        raise InvalidInput(f"scene: a path is given, {path!r}; load it: clothfit.load({path!r})")
 
 
 def load(path_or_file: Readable) -> Scene:

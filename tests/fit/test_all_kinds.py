@@ -80,15 +80,14 @@ def test_a_fit_to_a_target_starts_from_the_scene_and_its_file_moves_as_the_targe
     again = load_text(dumps(found.scene))
     gap = simulate(again, tolerance=1e-10).positions - target.positions
     assert np.sqrt((gap**2).sum(axis=2).mean()) < 2e-8  # the fit ends at 1e-8
-    (first,) = estimate(guess, target, method="l-bfgs-b", budget=1).parameters
+    (first,) = estimate(guess, target, method="l-bfgs-b", max_evaluations=1).parameters
     assert first.object == (None if case == "wind" else 0)
 
 
 def test_a_hidden_truth_starts_from_values_that_do_not_depend_on_it():
     scene = made("drag and damping and wind")
-    starts = [
-        parameters(estimate(with_parameters(scene, factor * parameters(scene)), budget=1).scene) for factor in (1, 3)
-    ]
+    scenes = [with_parameters(scene, factor * parameters(scene)) for factor in (1, 3)]
+    starts = [parameters(estimate(each, max_evaluations=1).scene) for each in scenes]
     np.testing.assert_array_equal(*starts)
     np.testing.assert_allclose(starts[0], neutral(scene), rtol=1e-14)  # there and back through the coordinates
     assert neutral(scene).tolist() == [0.1, 1.0, 0.1, 0.1, 0.1]
@@ -102,11 +101,11 @@ def test_neutral_lengths_are_those_at_the_start_of_the_motion():
 def test_a_number_is_a_start_of_masses_and_stiffnesses_or_of_all():
     scene = made("masses and drag")
     target = record_target(scene)
-    p = parameters(estimate(scene, target, start=0.5, method="l-bfgs-b", budget=1).scene)
+    p = parameters(estimate(scene, target, start=0.5, method="l-bfgs-b", max_evaluations=1).scene)
     np.testing.assert_allclose(p, [0.5, 0.4], rtol=1e-14)  # there and back through the coordinates
-    p = parameters(estimate(scene, start=0.5, method="l-bfgs-b", budget=1).scene)
+    p = parameters(estimate(scene, start=0.5, method="l-bfgs-b", max_evaluations=1).scene)
     np.testing.assert_allclose(p, [0.5, 1.0], rtol=1e-14)  # neutral, as the truth is hidden
-    p = parameters(estimate(made("gravity"), start=2.0, method="l-bfgs-b", budget=1).scene)
+    p = parameters(estimate(made("gravity"), start=2.0, method="l-bfgs-b", max_evaluations=1).scene)
     np.testing.assert_allclose(p, [2.0, 2.0, 2.0], rtol=1e-14)
 
 
@@ -135,7 +134,7 @@ def test_a_value_at_its_bound_is_reported():
 
 def test_the_common_factor_includes_a_fitted_drag():
     scene = made("masses and drag", optimizationSettings="GG")
-    (warning,) = estimate(scene, budget=1).warnings
+    (warning,) = estimate(scene, max_evaluations=1).warnings
     assert warning.startswith("objects[0] feels no spheres, so its motion shows masses, stiffnesses and drag only")
 
 

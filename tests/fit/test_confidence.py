@@ -208,7 +208,7 @@ def test_every_method_has_intervals(method):
 
 def test_a_fit_that_did_not_arrive_has_intervals_that_reach_there():
     scene = load(even("nG", 10, 3, 3))
-    found = estimate(scene, start=27.0, method="l-bfgs-b", budget=1)
+    found = estimate(scene, start=27.0, method="l-bfgs-b", max_evaluations=1)
     assert (found.status, found.parameters[0].unmoved) == ("limit", [0])
     ((low, high),) = intervals(found)
     assert low < 30.0 < high

@@ -136,7 +136,7 @@ def test_hidden_values_are_known_through_the_target_only(settings):
     scene = load(trial(settings))
     target = record_target(scene)
     other = with_parameters(scene, 3.0 * parameters(scene) + 0.5)
-    first, second = (estimate(s, target, start=0.7, budget=15) for s in (scene, other))
+    first, second = (estimate(s, target, start=0.7, max_evaluations=15) for s in (scene, other))
     np.testing.assert_array_equal(parameters(first.scene), parameters(second.scene))
     assert (first.cost, first.status, first.evaluations) == (second.cost, second.status, second.evaluations)
 
@@ -157,7 +157,7 @@ def test_every_kind_of_start(kind):
         "scene": doubled,
         "other flags": load(even("Gn", springStiffness=[60.0] * 33)),
     }
-    found = estimate(scene, start=starts[kind], method="l-bfgs-b", budget=1)  # which begins at the start
+    found = estimate(scene, start=starts[kind], method="l-bfgs-b", max_evaluations=1)  # which begins at the start
     # Of the start nothing but the rounding of log and exp may be lost before the first evaluation.
     np.testing.assert_allclose(parameters(found.scene), 60.0, rtol=1e-14)
     assert found.cost == pytest.approx(value_of(scene, 60.0), rel=1e-10)
@@ -167,14 +167,14 @@ def test_with_a_target_it_starts_from_the_scenes_own_values():
     scene = load(trial("LG"))
     target = record_target(load(even("nn")))
     for method in ("l-bfgs-b", "gauss-newton"):
-        found = estimate(scene, target, method=method, budget=1)
+        found = estimate(scene, target, method=method, max_evaluations=1)
         np.testing.assert_allclose(parameters(found.scene), parameters(scene), rtol=1e-14)  # rounding of log and exp
 
 
 @pytest.mark.parametrize("method", ["l-bfgs-b", "gauss-newton"])
 def test_without_a_target_it_does_not(method):
     scene = load(trial("LG"))
-    found = estimate(scene, method=method, budget=1)
+    found = estimate(scene, method=method, max_evaluations=1)
     kept = identifiable(scene)
     assert np.abs(np.log(parameters(found.scene) / parameters(scene)))[kept].min() > 1e-3
     np.testing.assert_array_equal(parameters(found.scene)[~kept], parameters(scene)[~kept])  # no motion can tell them
@@ -194,7 +194,7 @@ def test_a_start_outside_of_the_bounds_taken_from_a_scene_is_moved_to_them():
 @pytest.mark.parametrize("method", [*OWN_METHODS, *METHODS])
 def test_every_method_reduces_the_cost(method, settings):
     scene = load(even(settings, 10, 3, 3))
-    found = estimate(scene, start=3.0, method=method, budget=60)
+    found = estimate(scene, start=3.0, method=method, max_evaluations=60)
     assert found.method == method
     assert found.evaluations <= 60
     assert found.cost < 0.5 * value_of(scene, 3.0)  # far less than any of them does, far more than rounding
@@ -213,7 +213,7 @@ def test_methods_with_bounds_find_one_value(method):
 def test_what_no_motion_reveals_keeps_its_start_and_is_listed():
     scene = load(trial("LL", vertIsFixed=[i < 4 for i in range(16)]))
     start = np.linspace(0.01, 0.05, 16).tolist() + np.linspace(10.0, 40.0, 33).tolist()
-    found = estimate(scene, start=start, budget=10)
+    found = estimate(scene, start=start, max_evaluations=10)
     lost = [s for s, ends in enumerate(scene.cloths[0].springs.tolist()) if max(ends) < 4]
     assert [block.unidentifiable for block in found.parameters] == [[0, 1, 2, 3], lost]
     assert len(lost) == 3
@@ -243,7 +243,7 @@ def test_a_value_at_a_bound_is_reported(true, bound):
 
 def test_what_is_not_flagged_stays_bit_for_bit():
     scene = load(trial("nL", springStiffness=[0.1 + s / 3 for s in range(33)], vertMass=[0.1 / 3] * 16))
-    found = estimate(scene, start=5.0, budget=5)
+    found = estimate(scene, start=5.0, max_evaluations=5)
     assert found.scene.cloths[0].mass.tobytes() == scene.cloths[0].mass.tobytes()
     old, new = dumps(scene).decode(), dumps(found.scene).decode()
     head = old.index('"springStiffness"')
@@ -256,7 +256,7 @@ def test_what_is_not_flagged_stays_bit_for_bit():
 @pytest.mark.parametrize("method", ["l-bfgs-b", "powell", "slsqp", "cobyla"])
 @pytest.mark.parametrize("budget", [1, 7])
 def test_a_spent_budget_gives_the_best_point(costs, method, budget):
-    found = estimate(load(trial("LL")), start=1.0, method=method, budget=budget)
+    found = estimate(load(trial("LL")), start=1.0, method=method, max_evaluations=budget)
     assert (found.status, found.evaluations, len(costs)) == ("limit", budget, budget)
     assert found.cost == min(costs)
 
@@ -265,7 +265,7 @@ def test_a_spent_budget_gives_the_best_point(costs, method, budget):
 def test_the_result_is_the_best_point_that_was_evaluated(costs, method):
     scene = load(even("GG", 10, 3, 3))
     target = record_target(scene)
-    found = estimate(scene, target, start=3.0, method=method, budget=40)
+    found = estimate(scene, target, start=3.0, method=method, max_evaluations=40)
     assert found.cost == min(costs)
     # The cost belongs to the scene that is returned; 1e-9: the same linear systems, up to log and exp of the values.
     assert Objective(scene, target, 1e-10).cost(parameters(found.scene)) == pytest.approx(found.cost, rel=1e-9)
@@ -281,14 +281,14 @@ def test_an_interrupt_gives_the_best_so_far(costs, method):
         raise KeyboardInterrupt
 
     raise_at = {1: int, 2: int, 3: int, 4: stop}
-    found = estimate(load(even("GG", 10, 3, 3)), start=3.0, method=method, report=interrupt)
+    found = estimate(load(even("GG", 10, 3, 3)), start=3.0, method=method, on_progress=interrupt)
     assert (found.status, found.evaluations) == ("interrupted", 4)
     assert found.cost == min(costs) < costs[0]
 
 
 def test_progress_is_told_after_every_evaluation():
     told = []
-    found = estimate(load(trial("Ln")), start=1.0, budget=12, report=told.append)
+    found = estimate(load(trial("Ln")), start=1.0, max_evaluations=12, on_progress=told.append)
     assert [progress.evaluations for progress in told] == list(range(1, found.evaluations + 1))
     assert {progress.budget for progress in told} == {12}
     assert (np.diff([progress.cost for progress in told]) <= 0).all()
@@ -297,7 +297,7 @@ def test_progress_is_told_after_every_evaluation():
 
 def test_a_looser_end_is_reached_sooner():
     scene = load(trial("Ln"))
-    loose, tight = (estimate(scene, start=1.0, method="l-bfgs-b", rmse_tolerance=end) for end in (1e-3, 1e-8))
+    loose, tight = (estimate(scene, start=1.0, method="l-bfgs-b", rmse=end) for end in (1e-3, 1e-8))
     assert loose.status == tight.status == "converged"
     assert tight.rmse <= 1e-8 < loose.rmse <= 1e-3
     assert loose.evaluations < tight.evaluations
@@ -320,14 +320,14 @@ def test_values_that_diverge_do_not_stop_a_fit(start):
 @pytest.mark.parametrize("settings", ["nL", "GG"])
 def test_no_method_raises_where_values_diverge(method, settings):
     scene = unstable(settings)
-    found = estimate(scene, start=1.0, method=method, budget=30)
+    found = estimate(scene, start=1.0, method=method, max_evaluations=30)
     assert np.isfinite(found.cost)
     assert found.cost <= value_of(scene, 1.0)
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_start_that_diverges_is_never_an_exception(method):
-    found = estimate(unstable(), start=1000.0, method=method, budget=30)
+    found = estimate(unstable(), start=1000.0, method=method, max_evaluations=30)
     assert found.status in ("diverged", "converged", "limit")
     assert (found.status == "diverged") == np.isinf(found.cost)
 
@@ -408,7 +408,7 @@ def test_nothing_flagged_and_unknown_methods_are_refused():
 
 def test_a_budget_of_nothing_is_refused():
     with pytest.raises(InvalidInput):
-        estimate(load(even("nG")), budget=0)
+        estimate(load(even("nG")), max_evaluations=0)
 
 
 def test_a_bare_array_is_a_target_with_a_frame_per_step():
@@ -433,15 +433,15 @@ def test_the_record_is_solved_as_tightly_as_the_fit():
 
 def test_a_common_factor_of_masses_and_stiffnesses_is_named():
     fields = {"triangles": [], "dragCoefficient": 0.0}
-    (warning,) = estimate(load(even("GG", **fields)), budget=2).warnings
+    (warning,) = estimate(load(even("GG", **fields)), max_evaluations=2).warnings
     assert warning.startswith("objects[0] feels neither air nor spheres, so its motion shows masses and stiffnesses")
-    assert estimate(load(even("nG", **fields)), budget=2).warnings == []
-    assert estimate(load(even("GG")), budget=2).warnings == []
+    assert estimate(load(even("nG", **fields)), max_evaluations=2).warnings == []
+    assert estimate(load(even("GG")), max_evaluations=2).warnings == []
 
 
 def test_starting_values_outside_of_the_bounds_are_named():
     scene = load(even("nG", springStiffness=[1e5] * 33, fit=BOUNDED))
-    (warning,) = estimate(scene, record_target(scene), budget=2).warnings
+    (warning,) = estimate(scene, record_target(scene), max_evaluations=2).warnings
     assert warning.startswith("objects[0] stiffness: 1 of 1 starting values lie outside the bounds 0.0001 … 10000")
 
 

@@ -33,8 +33,8 @@ FITS = {
     "held by the prior": ("nL", 1e-3, 1, {"method": "gauss-newton", "prior": 0.05}),
     "two targets": ("nL", 1e-3, 2, {}),
     "momentum": ("nL", 1e-3, 1, {"method": "momentum"}),
-    "l-bfgs-b": ("nL", 1e-3, 1, {"method": "l-bfgs-b", "budget": 40}),
-    "nelder-mead": ("nG", 1e-3, 1, {"method": "nelder-mead", "budget": 40}),
+    "l-bfgs-b": ("nL", 1e-3, 1, {"method": "l-bfgs-b", "max_evaluations": 40}),
+    "nelder-mead": ("nG", 1e-3, 1, {"method": "nelder-mead", "max_evaluations": 40}),
 }
 
 
@@ -146,14 +146,14 @@ def test_the_found_scene_is_given_before_anything_else_is_looked_at(monkeypatch)
 
 def test_the_time_ends_a_fit_with_its_best_point():
     (scene, motions), options = given("nelder-mead")
-    fit = estimate(scene, motions, **{**options, "budget": 10**6, "rmse_tolerance": 0.0, "seconds": 0.2})
+    fit = estimate(scene, motions, **{**options, "max_evaluations": 10**6, "rmse": 0.0, "budget": 0.2})
     assert fit.status in ("limit", "converged", "stalled")  # it may end by itself
     assert fit.cost <= Objective(scene, motions, 1e-10).cost(parameters(scene))
 
 
 def test_without_time_for_one_evaluation_the_start_is_the_result():
     (scene, motions), options = given("l-bfgs-b")
-    fit = estimate(scene, motions, **options, seconds=1e-9)
+    fit = estimate(scene, motions, **options, budget=1e-9)
     assert (fit.status, fit.cost, fit.evaluations) == ("limit", np.inf, 0)
     assert parameters(fit.scene).tolist() == parameters(scene).tolist()
     assert "the time was used up before the first evaluation, so nothing is fitted" in fit.warnings

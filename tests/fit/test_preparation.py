@@ -272,7 +272,7 @@ def test_an_interrupt_at_any_simulation_leaves_a_result_no_worse_than_the_start(
 def test_without_time_for_one_evaluation_the_start_is_the_result(kind):
     options, letters = CHOICES[kind]
     scene, motion = finer(letters)
-    fit = estimate(scene, motion, intervals=False, **options, seconds=1e-9)
+    fit = estimate(scene, motion, intervals=False, **options, budget=1e-9)
     assert fit.status == "limit"
     before, after = (each.cloths[0].stiffness for each in (scene, fit.scene))
     np.testing.assert_allclose(after, before, rtol=1e-12)
@@ -286,7 +286,7 @@ def test_the_time_ends_a_choice_with_a_result_no_worse_than_the_start(kind, seco
     options, letters = CHOICES[kind]
     scene, motion = finer(letters)
     goal = objective(scene, motion)
-    fit = estimate(scene, motion, intervals=False, **options, seconds=seconds)
+    fit = estimate(scene, motion, intervals=False, **options, budget=seconds)
     p = parameters(fit.scene)
     reached = objective(fit.scene, motion)
     assert reached.rmse(reached.cost(p)) <= goal.rmse(goal.cost(parameters(scene))) * (1 + 1e-5)

@@ -81,7 +81,7 @@ def test_a_target_that_fits_as_it_is_stays_as_it_is():
 
 def test_a_budget_of_time_ends_the_search_with_a_result():
     truth = simulate(sheet(20.0), tolerance=1e-10)
-    found = clothfit.estimate(sheet(50.0), stranger(truth, 1.2), fit_time=True, seconds=1e-3)
+    found = clothfit.estimate(sheet(50.0), stranger(truth, 1.2), fit_time=True, budget=1e-3)
     assert len(found.registration) == 1
     assert found.scene.frames == 40
 

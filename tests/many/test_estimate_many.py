@@ -11,7 +11,7 @@ from helpers.scenes import trial, write_scene
 import clothfit
 from clothfit.base.errors import InvalidInput
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.fit.options import FitOptions
+from clothfit.fit.keywords import options_of
 from clothfit.many.estimate_many import estimate_many, fit_all, result
 from clothfit.many.job import Job, Outcome, read
 from clothfit.many.processes import Processes
@@ -23,8 +23,8 @@ pytestmark = [
     pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
 ]
 
-FEW = {"method": "l-bfgs-b", "budget": 8}
-SOME = {"budget": 9, "intervals": False}
+FEW = {"method": "l-bfgs-b", "max_evaluations": 8}
+SOME = {"max_evaluations": 9, "intervals": False}
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ class Killing(Processes):
 
 def test_a_killed_process_costs_time_only_and_one_that_is_killed_again_is_a_fault(paths):
     died, pool = [], Killing(2, {0: 2, 1: 1})
-    options = FitOptions(**FEW)
+    options = options_of("estimate", FEW)
     makers = [partial(lambda path, number: Job(read(path), number=number, options=options), path) for path in paths]
     results = fit_all(makers, 1, pool, died=died.append)
     assert (sorted(died), sorted(pool.begun)) == ([0, 1], [0, 0, 1, 1, 2])

@@ -11,7 +11,7 @@ from helpers.scenes import even, trial, write_scene
 from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
 from clothfit.fit.estimate import estimate, record_target
-from clothfit.fit.options import FitOptions
+from clothfit.fit.keywords import options_of
 from clothfit.kernels.cache import is_cold
 from clothfit.many import warmup
 from clothfit.many.cluster import stop, work
@@ -24,7 +24,7 @@ pytestmark = [
     pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation"),
 ]
 
-FEW = {"method": "l-bfgs-b", "budget": 5}
+FEW = {"method": "l-bfgs-b", "max_evaluations": 5}
 
 
 def packed(scene):
@@ -36,7 +36,7 @@ def test_a_job_and_its_outcome_survive_a_journey_and_give_the_fit_of_its_files(t
     guess = write_scene(tmp_path, trial("nn", vertMass=[0.03] * 16), "guess.json")
     save_motion(record_target(load(path)), str(tmp_path / "t.npz"))
     goals = ((read(tmp_path / "t.npz"), None), (read(tmp_path / "t.npz"), read(path)))
-    job = pickle.loads(pickle.dumps(Job(read(path), goals, read(guess), options=FitOptions(**FEW))))
+    job = pickle.loads(pickle.dumps(Job(read(path), goals, read(guess), options=options_of("estimate", FEW))))
     outcome = pickle.loads(pickle.dumps(run(job)))
     motion = record_target(load(path))
     same = estimate(load(path), [motion, motion], load(guess), **FEW)
@@ -87,7 +87,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path):
 
 
 def test_on_a_cluster_a_batch_that_was_ended_begins_nothing_more_and_others_go_on():
-    job = Job(packed(trial("Ln")), options=FitOptions(**FEW))
+    job = Job(packed(trial("Ln")), options=options_of("estimate", FEW))
     stop("this")
     assert work(job, "this") == NOT_STARTED
     assert work(job, "that").fit is not None

@@ -112,7 +112,7 @@ def test_a_fit_to_two_experiments_finds_what_both_share():
 
 def test_each_experiment_is_compared_as_far_as_its_scene_says():
     short = load(even("nn", 8))
-    found = estimate(load(even("nG")), [record_target(MAIN, 60), (record_target(short, 60), short)], budget=1)
+    found = estimate(load(even("nG")), [record_target(MAIN, 60), (record_target(short, 60), short)], max_evaluations=1)
     assert found.frames == 20 + 8
 
 

@@ -86,7 +86,7 @@ def test_a_fit_in_little_memory_is_the_same_fit(settings, method):
     noisy = as_motion(made, motion.positions + np.random.default_rng(4).normal(scale=1e-3, size=motion.positions.shape))
     tight = tightest(made, as_motion(made, noisy.positions[: FRAMES - FRAMES // 5]))
     found, expected = (
-        estimate(made, noisy, method=method, budget=12, memory=size, holdout=0.2) for size in (tight, PLENTY)
+        estimate(made, noisy, method=method, max_evaluations=12, memory=size, holdout=0.2) for size in (tight, PLENTY)
     )
     assert (found.memory.snapshots or 0) > 0
     assert expected.memory.snapshots is None
@@ -136,7 +136,7 @@ def test_the_matrix_free_fit_in_little_memory_is_the_same(monkeypatch):
     made, motion = guess()
     monkeypatch.setattr(trajectory_fit, "LARGEST", 0.0)
     found, expected = (
-        estimate(made, motion, method="gauss-newton", budget=8, memory=size, intervals=False)
+        estimate(made, motion, method="gauss-newton", max_evaluations=8, memory=size, intervals=False)
         for size in (tightest(made, motion), PLENTY)
     )
     assert (found.memory.snapshots or 0) > 0
@@ -148,7 +148,7 @@ def test_the_matrix_free_fit_in_little_memory_is_the_same(monkeypatch):
 def test_matrices_that_do_not_fit_give_way_with_a_word(monkeypatch):
     made, motion = guess("LL")
     monkeypatch.setattr(objectives, "NEGLIGIBLE_BYTES", 0)
-    found = estimate(made, motion, budget=30, memory=tightest(made, motion))
+    found = estimate(made, motion, max_evaluations=30, memory=tightest(made, motion))
     assert any(text.startswith("too little memory for the balance of momentum") for text in found.warnings)
     assert any(text.startswith("too little memory for the matrices") for text in found.warnings)
     assert any(text.startswith("no intervals") for text in found.warnings)

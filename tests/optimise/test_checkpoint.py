@@ -269,7 +269,7 @@ def in_pieces(limits, *given, **options):
             if next(reports, None) is None:
                 raise KeyboardInterrupt
 
-        found = estimate(*given, report=report, resume=count > 0, **options)
+        found = estimate(*given, on_progress=report, resume=count > 0, **options)
     return found
 
 
@@ -278,8 +278,8 @@ def in_pieces(limits, *given, **options):
 @pytest.mark.parametrize("limits", [(2,), (5, 3), (9, 2, 4)])
 def test_a_fit_that_is_interrupted_comes_to_the_same_minimum(tmp_path, case, limits):
     given = arguments(case)
-    whole = estimate(*given, budget=400)
-    found = in_pieces(limits, *given, budget=400, checkpoint=tmp_path / "c")
+    whole = estimate(*given, max_evaluations=400)
+    found = in_pieces(limits, *given, max_evaluations=400, checkpoint=tmp_path / "c")
     same_minimum(found, whole)
     assert found.evaluations >= limits[0]
     assert found.seconds > 0
@@ -298,30 +298,30 @@ def test_every_file_that_a_kill_could_leave_leads_to_the_same_minimum(tmp_path, 
         patch.setattr(module, "write_atomically", write)
         patch.setattr(module, "EVERY", 0.0)  # at every report
         patch.setattr(module, "WRITING_SHARE", 0.0)
-        whole = estimate(*given, budget=ENOUGH, checkpoint=tmp_path / "c")
-    equal(whole, estimate(*given, budget=ENOUGH))  # keeping it changes nothing
+        whole = estimate(*given, max_evaluations=ENOUGH, checkpoint=tmp_path / "c")
+    equal(whole, estimate(*given, max_evaluations=ENOUGH))  # keeping it changes nothing
     assert len(kept) > 5
     for data in [*kept[:: max(1, len(kept) // 8)], *kept[-4:]]:
         (tmp_path / "c").write_bytes(data)
-        same_minimum(estimate(*given, budget=ENOUGH, checkpoint=tmp_path / "c", resume=True), whole)
+        same_minimum(estimate(*given, max_evaluations=ENOUGH, checkpoint=tmp_path / "c", resume=True), whole)
 
 
 @needs_compilation
 @pytest.mark.parametrize("case", ["auto per spring", "l-bfgs-b"])
 def test_a_spent_budget_can_be_raised(tmp_path, case):
     given = arguments(case)
-    whole = estimate(*given, budget=400)
-    short = estimate(*given, budget=15, checkpoint=tmp_path / "c")
+    whole = estimate(*given, max_evaluations=400)
+    short = estimate(*given, max_evaluations=15, checkpoint=tmp_path / "c")
     assert (short.status, short.evaluations) == ("limit", 15)
-    same_minimum(estimate(*given, budget=400, checkpoint=tmp_path / "c", resume=True), whole)
+    same_minimum(estimate(*given, max_evaluations=400, checkpoint=tmp_path / "c", resume=True), whole)
 
 
 @needs_compilation
-@pytest.mark.parametrize("options", [{"budget": 2}, {"rmse_tolerance": 1.0}])
+@pytest.mark.parametrize("options", [{"max_evaluations": 2}, {"rmse": 1.0}])
 def test_a_resumed_fit_is_never_worse_than_what_it_resumes(tmp_path, options):
     given = arguments("l-bfgs-b")
-    whole = estimate(*given, budget=30, checkpoint=tmp_path / "c")
-    found = estimate(*given, **{"budget": 30, **options}, checkpoint=tmp_path / "c", resume=True)
+    whole = estimate(*given, max_evaluations=30, checkpoint=tmp_path / "c")
+    found = estimate(*given, **{"max_evaluations": 30, **options}, checkpoint=tmp_path / "c", resume=True)
     assert found.cost == whole.cost
 
 
@@ -329,12 +329,12 @@ def test_a_resumed_fit_is_never_worse_than_what_it_resumes(tmp_path, options):
 @pytest.mark.parametrize("case", CASES)
 def test_a_fit_that_had_ended_gives_its_result_without_computing(tmp_path, monkeypatch, case):
     given = arguments(case)
-    whole = estimate(*given, budget=100, checkpoint=tmp_path / "c", intervals=False)
+    whole = estimate(*given, max_evaluations=100, checkpoint=tmp_path / "c", intervals=False)
     costs, models = [], []
     for name, calls in (("cost", costs), ("cost_and_gradient", costs)):
         monkeypatch.setattr(Objective, name, counting(getattr(Objective, name), calls))
     monkeypatch.setattr(Trajectory, "model", counting(Trajectory.model, models))
-    found = estimate(*given, budget=100, checkpoint=tmp_path / "c", resume=True, intervals=False)
+    found = estimate(*given, max_evaluations=100, checkpoint=tmp_path / "c", resume=True, intervals=False)
     monkeypatch.undo()
     equal(found, whole)
     assert (costs, models) == ([], [])
@@ -369,7 +369,7 @@ def counting(original, calls):
 def test_only_the_same_fit_is_resumed(tmp_path, changes, said):
     scene = load(even("nG"))
     given = {"scene": scene, "target": record_target(scene), "start": 2.0, "method": "gauss-newton"}
-    estimate(**given, budget=2, checkpoint=tmp_path / "c")
+    estimate(**given, max_evaluations=2, checkpoint=tmp_path / "c")
     before = (tmp_path / "c").read_bytes()
     with pytest.raises(InvalidInput) as caught:
         estimate(**{**given, **changes}, checkpoint=tmp_path / "c", resume=True)

@@ -56,7 +56,7 @@ def order(cost, direction=ONES):
 @pytest.mark.parametrize(
     ("message", "call"),
     [
-        ("evaluations are too few, at least 1 is needed", lambda: clothfit.estimate(SCENE, budget=0)),
+        ("evaluations are too few, at least 1 is needed", lambda: clothfit.estimate(SCENE, max_evaluations=0)),
         ("targets: 0 are given for 1 scenes; give one item for each", lambda: clothfit.estimate_many([SCENE], [])),
         ("target: none is given; at least one motion is needed", lambda: clothfit.estimate(SCENE, [])),
         ("is not a number, an array of numbers or a scene", lambda: clothfit.estimate(SCENE, start="a")),

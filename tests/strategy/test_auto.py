@@ -297,6 +297,6 @@ def test_a_rounded_target_is_fitted_to_its_rounding_and_no_further(settings, kin
 def test_an_error_that_is_asked_for_is_not_replaced_by_the_rounding():
     made = load(trial("nL", 30))
     target = rounded(record_target(made), 4)
-    floor, fine, rough = (estimate(made, target, start=10.0, rmse_tolerance=asked) for asked in (None, 1e-9, 1e-3))
+    floor, fine, rough = (estimate(made, target, start=10.0, rmse=asked) for asked in (None, 1e-9, 1e-3))
     assert fine.rmse <= floor.rmse <= Objective(made, target).rounding < rough.rmse <= 1e-3
     assert rough.evaluations <= floor.evaluations < fine.evaluations

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import wraps
 from typing import Any, TypeVar
@@ -11,6 +10,8 @@ import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import checked_tolerance
+from clothfit.base.limits import duration as duration
+from clothfit.base.limits import is_number as is_number
 from clothfit.base.version import __version__
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.help import ExamplesFirst, Sections, complete_files
@@ -60,27 +61,3 @@ def check_least(least: int, **options: int | None) -> None:
     for name, value in options.items():
         if value is not None and value < least:
             raise InvalidInput(f"--{name.replace('_', '-')} must be at least {least}; {value} was given")
-
-
-UNITS = {"": 1.0, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
-"""Seconds of the units of a duration."""
-
-
-def duration(text: str | None, option: str) -> float | None:
-    """The seconds that the text of an option means: 30, 30s, 2m, 1.5h. Raises InvalidInput."""
-    if text is None:
-        return None
-    number = text.strip().rstrip("abcdefghijklmnopqrstuvwxyz")
-    unit = text.strip()[len(number) :]
-    if not is_number(number) or unit not in UNITS or not 0 < float(number) < math.inf:
-        raise InvalidInput(f"{option}: {text!r} is no time above 0; write it as 30, 30s, 2m or 1h")
-    return float(number) * UNITS[unit]
-
-
-def is_number(text: str) -> bool:
-    """Whether a text, which may stand for something else, is a number."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

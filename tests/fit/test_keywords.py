@@ -1,0 +1,182 @@
+"""The keyword arguments of a fit: those of the command, older names, and motions given by their paths."""
+
+import inspect
+import warnings
+
+import click
+import numpy as np
+import pytest
+from helpers.scenes import even
+
+import clothfit
+from clothfit.cli import estimate as command
+from clothfit.fit.keywords import FIELDS, RENAMED, Keywords, options_of
+from clothfit.fit.options import BUDGET, FitOptions
+from clothfit.formats.convention import Reading
+
+ARGUMENTS = inspect.signature(clothfit.estimate).parameters
+
+FILES = {"output", "report", "in-place", "log", "plot", "gif"}
+"""Options that say what is written, which a caller does with the result."""
+
+OF_THE_COMMAND = {"json", "version", "quiet", "verbose", "help"}
+READING = {"fps", "frames", "scale", "up", "handedness", "map"}
+MANY = {"starts", "seed", "jobs", "cluster"}
+
+
+def options():
+    """The options of the command, by their names without dashes in front."""
+    listed = [each for each in command.command.params if isinstance(each, click.Option)]
+    return {name.lstrip("-"): each for each in listed for name in each.opts if name.startswith("--")}
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return clothfit.load(even("nG", 6, 3, 3))
+
+
+def test_every_option_of_a_fit_is_a_keyword_argument_of_its_name():
+    own = set(options()) - FILES - OF_THE_COMMAND - READING - MANY
+    flags = {f"no_{name}": name for name in ARGUMENTS if isinstance(ARGUMENTS[name].default, bool)}
+    names = {flags.get(name, name) for name in (option.replace("-", "_") for option in own)}
+    called = {name for name in ARGUMENTS if name.startswith("on_")}
+    assert names == set(ARGUMENTS) - called - {"scene", "older"}
+
+
+def test_the_options_of_files_and_of_many_fits_are_arguments_too():
+    many = inspect.signature(clothfit.estimate_many).parameters
+    assert set(many) >= MANY
+    of_reading = {option.name for name, option in options().items() if name in READING}
+    assert of_reading == set(inspect.signature(Reading).parameters)
+
+
+def test_their_defaults_mean_the_same():
+    compared = []
+    for name, option in options().items():
+        argument = ARGUMENTS.get(name.replace("-", "_"))
+        if argument is not None and isinstance(option.default, (str, int, float)):
+            given = argument.default if name != "max-evaluations" else options_of("estimate", {}).budget
+            assert option.default == given, name
+            compared.append(name)
+    assert {"method", "prior", "loss", "max-evaluations", "holdout-of"} <= set(compared)
+    defaults = {name: ARGUMENTS[name].default for name in Keywords.__annotations__ if name in ARGUMENTS}
+    assert options_of("estimate", defaults) == FitOptions()
+
+
+@pytest.mark.parametrize(("older", "value"), [("rmse_tolerance", 1e-3), ("seconds", 30), ("report", print)])
+def test_an_older_name_works_and_warns_with_the_new_one(older, value):
+    field = FIELDS[RENAMED[older]]
+    with pytest.warns(DeprecationWarning, match=rf"is now estimate\({RENAMED[older]}=…\)"):
+        assert getattr(options_of("estimate", {older: value}), field) == value
+
+
+def test_the_warning_points_at_the_call_of_the_user(scene):
+    with pytest.warns(DeprecationWarning, match="on_progress") as caught, pytest.raises(clothfit.InvalidInput):
+        clothfit.estimate(scene, method="none of these", report=print)
+    assert caught[0].filename == __file__
+
+
+def test_a_whole_number_as_a_budget_counts_evaluations_as_it_once_did():
+    with pytest.warns(DeprecationWarning, match=r'max_evaluations=50, for a time budget="50s"'):
+        found = options_of("estimate", {"budget": 50})
+    assert (found.budget, found.seconds) == (50, None)
+    with pytest.warns(DeprecationWarning, match="max_evaluations=7"):
+        assert options_of("estimate", {"budget": np.int64(7)}).budget == 7
+
+
+@pytest.mark.parametrize(
+    ("given", "seconds"), [({"budget": "2m"}, 120.0), ({"budget": 0.5}, 0.5), ({"budget": 9, "max_evaluations": 3}, 9)]
+)
+def test_a_budget_is_a_time(given, seconds):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = options_of("estimate", given)
+    assert (found.seconds, found.budget) == (seconds, given.get("max_evaluations", BUDGET))
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "text"),
+    [
+        ({"budget": "soon"}, clothfit.InvalidInput, "budget: 'soon' is no time above 0"),
+        ({"rmse": 1.0, "rmse_tolerance": 2.0}, TypeError, "got 'rmse' twice: 'rmse_tolerance' is its older name"),
+        ({"presicion": 1.0}, TypeError, "unexpected keyword argument 'presicion'"),
+    ],
+)
+def test_what_cannot_be_is_refused(given, error, text):
+    with pytest.raises(error, match=text):
+        options_of("estimate", given)
+
+
+@pytest.mark.parametrize("name", ["precision", "checkpoint"])
+def test_many_fits_refuse_what_they_do_not_have(scene, name):
+    with pytest.raises(TypeError, match=f"estimate_many\\(\\) got an unexpected keyword argument '{name}'"):
+        clothfit.estimate_many([scene], **{name: "x"})
+
+
+@pytest.fixture(scope="module")
+def files(scene, tmp_path_factory):
+    """The motion of the scene, and files of it: one of this program, one of another."""
+    folder = tmp_path_factory.mktemp("motions")
+    motion = clothfit.simulate(scene, tolerance=1e-10)
+    for suffix in ("npz", "pc2"):
+        clothfit.save_motion(motion, folder / f"target.{suffix}", scene)
+    return motion, folder
+
+
+@pytest.mark.slow  # compiles a fit
+def test_a_target_may_be_the_path_of_any_motion_file(scene, files):
+    motion, folder = files
+    guess = clothfit.with_parameters(scene, 1.5 * clothfit.parameters(scene))
+    by_motion = clothfit.estimate(guess, motion, max_evaluations=40)
+    by_path = clothfit.estimate(guess, folder / "target.npz", max_evaluations=40)
+    assert by_path.cost == by_motion.cost
+    np.testing.assert_array_equal(clothfit.parameters(by_path.scene), clothfit.parameters(by_motion.scene))
+    pair = clothfit.estimate(guess, [str(folder / "target.pc2"), (folder / "target.npz", scene)], max_evaluations=40)
+    assert pair.frames == 2 * scene.frames
+    assert clothfit.parameters(pair.scene) == pytest.approx(clothfit.parameters(scene), rel=1e-3)  # float32 of a cache
+
+
+@pytest.mark.slow  # compiles a fit
+def test_costs_evaluations_and_pages_take_a_path_as_well(scene, files):
+    motion, folder = files
+    path = str(folder / "target.npz")
+    guess = clothfit.with_parameters(scene, 1.5 * clothfit.parameters(scene))
+    assert clothfit.cost_and_gradient(guess, path)[0] == clothfit.cost_and_gradient(guess, motion)[0]
+    by_path, by_motion = (clothfit.evaluate(scene, guess, horizon=9, target=each) for each in (path, motion))
+    assert by_path == by_motion
+    assert by_path.fitted.rmse > 0
+    assert clothfit.report_page(scene, guess, path, frames=6) == clothfit.report_page(scene, guess, motion, frames=6)
+
+
+def test_a_path_that_cannot_be_loaded_is_an_invalid_motion(scene):
+    with pytest.raises(clothfit.InvalidMotion, match=r"nothing\.npz: there is no such file"):
+        clothfit.estimate(scene, "nothing.npz")
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda scene, path: clothfit.degrade(path),
+        lambda scene, path: clothfit.save_motion(path, "other.npz"),
+        lambda scene, path: clothfit.energies(scene, path),
+    ],
+)
+def test_a_path_given_for_a_motion_elsewhere_says_how_to_load_it(scene, call):
+    with pytest.raises(clothfit.InvalidInput, match=r"load it: clothfit\.load_motion\('a\.npz', scene\)"):
+        call(scene, "a.npz")
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        clothfit.simulate,
+        clothfit.estimate,
+        lambda path: clothfit.evaluate(path, path),
+        lambda path: clothfit.energies(path, None),
+        lambda path: clothfit.Objective(path, None),
+        lambda path: clothfit.parameters(path),
+    ],
+)
+def test_a_path_given_for_a_scene_says_how_to_load_it(call):
+    with pytest.raises(clothfit.InvalidInput, match=r"load it: clothfit\.load\('a\.json'\)"):
+        call("a.json")
