@@ -138,8 +138,8 @@ def test_a_target_may_be_the_path_of_any_motion_file(scene, files):
 
 @pytest.mark.slow  # compiles a fit
 def test_costs_evaluations_and_pages_take_a_path_as_well(scene, files):
-    motion, folder = files
-    path = str(folder / "target.npz")
+    path = str(files[1] / "target.npz")
+    motion = clothfit.load_motion(path, scene)
     guess = clothfit.with_parameters(scene, 1.5 * clothfit.parameters(scene))
     assert clothfit.cost_and_gradient(guess, path)[0] == clothfit.cost_and_gradient(guess, motion)[0]
     by_path, by_motion = (clothfit.evaluate(scene, guess, horizon=9, target=each) for each in (path, motion))
