@@ -28,6 +28,7 @@ class InvalidScene(InvalidInput):
 
     def __init__(self, problems: str | list[str], name: str = "") -> None:
         self.problems = [problems] if isinstance(problems, str) else list(problems)
+        self.name = name
         more = len(self.problems) - 1
         tail = f" (and {more} more problem{'s' if more > 1 else ''})" if more else ""
         head = f"{name}: " if name else ""

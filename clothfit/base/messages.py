@@ -27,6 +27,30 @@ def harmless(text: str) -> str:
     return ACTING.sub("?", text)
 
 
+PLAIN = {
+    "µ": "u", "→": "->", "…": "...", "×": "x", "±": "+-", "²": "^2", "³": "^3", "·": "*", "⁻": "^-", "≥": ">=", "≤": "<=",
+    "°": "deg", "λ": "lambda", "τ": "tau", "σ": "sigma", "–": "-", "’": "'", "█": "#", "▇": "*", "▆": "+", "▅": "=",
+    "▄": "-", "▃": ":", "▂": ".", "▁": "_",
+}  # fmt: skip
+"""How messages write their characters where only ASCII can be shown."""
+
+
+def spelled(text: str, encoding: str | None) -> str:
+    """A text as a stream of that encoding can hold it: `um` where it has no µ. Other characters stay."""
+    try:
+        text.encode(encoding or "utf-8")
+        return text
+    except (UnicodeEncodeError, LookupError):
+        return "".join(each if _holds(encoding, each) else PLAIN.get(each, each) for each in text)
+
+
+def _holds(encoding: str | None, character: str) -> bool:
+    try:
+        return bool(character.encode(encoding or "utf-8"))
+    except (UnicodeEncodeError, LookupError):
+        return False
+
+
 def place(path: Iterable[str | int]) -> str:
     """Write a path of keys and indices as `objects[0].vertPos[5].y`; the empty path is "top level"."""
     steps = [f"[{step}]" if isinstance(step, int) else f".{step}" for step in path]

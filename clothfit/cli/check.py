@@ -72,16 +72,16 @@ def command(
 def show(found: SceneCheck, scene: Scene, chosen: bool, target_path: str | None, console: Console) -> None:
     """Say what is checked, and print a line for each test."""
     if not found.flagged:
-        console.say(f"{found.scene} flags nothing to fit: checked by all masses and stiffnesses")
+        console.result(f"{found.scene} flags nothing to fit: checked by all masses and stiffnesses")
     if found.frames < scene.frames and not chosen:
         console.say(f"the first {found.frames - 1} of {scene.frames - 1} steps; --steps checks others")
     blocks = [(owned(b.cloth, b.name), b.mode, counted(b.count, "value", "values")) for b in found.blocks]
     values = ", ".join(f"{name} ({mode}, {count})" for name, mode, count in blocks)
     against = target_path or "the motion of values up to 10 % off"
-    console.say(f"gradient by {values}; {counted(found.frames, 'frame', 'frames')}, against {against}")
+    console.result(f"gradient by {values}; {counted(found.frames, 'frame', 'frames')}, against {against}")
     console.table([("test", "measured", "bar", "verdict"), *map(row, found.tests)])
     if found.left_out:
-        console.say(found.left_out)
+        console.result(found.left_out)
 
 
 def row(test: Finding) -> tuple[str, ...]:
@@ -106,7 +106,7 @@ def judge(found: SceneCheck, console: Console) -> None:
         raise InvalidInput(
             f"{found.scene}: whether the gradient is right cannot be seen here ({found.why}); try fewer or more --steps"
         )
-    console.say(f"{found.scene}: the gradient is right")
+    console.result(f"{found.scene}: the gradient is right")
 
 
 def summary(found: SceneCheck, target_path: str | None) -> dict[str, Any]:

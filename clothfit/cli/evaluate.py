@@ -141,7 +141,7 @@ def show(report: Evaluation, console: Console) -> None:
         rows.append((name, str(part.frames), metres(part.rmse), metres(part.max_error)))
     console.table(rows)
     if report.parameters:
-        console.say("")
+        console.result("")
         rows = [("parameters", "count", "median deviation", "largest deviation")]
         for d in report.parameters:
             values = [

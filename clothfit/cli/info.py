@@ -51,15 +51,15 @@ def command(scene_path: str, as_json: bool, console: Console) -> None:
         console.warn(f"{scene.name}: {sentence}")
     show_scene(scene, console)
     if foreign := beyond_editor(scene):
-        console.say(foreign)
+        console.result(foreign)
     for begin in range(0, len(objects), BESIDE):
         show_objects(range(len(objects))[begin : begin + BESIDE], objects, wanted, console)
     for index, own in enumerate(parted):
         for sentence in own.sentences:
-            console.say(f"objects[{index}]: {sentence}")
+            console.result(f"objects[{index}]: {sentence}")
     for index, count in enumerate(meshes):
         if count is not None:
-            console.say(f"objects[{index}] was welded from a mesh of {count} vertices")
+            console.result(f"objects[{index}] was welded from a mesh of {count} vertices")
     show_rest(scene, ahead, [each.name for each in wanted if each.object is None], strange, console)
     if as_json:
         needed = {"motion": ahead.motion, "fit": ahead.fit, "free": free()}
@@ -97,13 +97,13 @@ def show_scene(scene: Scene, console: Console) -> None:
     own = whole(scene)
     iterations = counted(scene.newton_iterations, "Newton iteration", "Newton iterations")
     solver = f", {iterations}, tolerance {scene.tolerance:g}" if own["integrator"] in ("implicit", "bdf2") else ""
-    console.say(f"{scene.name}: {scene.title!r}: {own['integrator']} steps of {scene.delta:.4g} s{solver}")
-    console.say(f"{scene.frames} frames to compare, {own['duration']:.4g} s")
-    console.say(f"wind {vector(own['wind'])} m/s, gravity {vector(own['gravity'])} m/s²")
+    console.result(f"{scene.name}: {scene.title!r}: {own['integrator']} steps of {scene.delta:.4g} s{solver}")
+    console.result(f"{scene.frames} frames to compare, {own['duration']:.4g} s")
+    console.result(f"wind {vector(own['wind'])} m/s, gravity {vector(own['gravity'])} m/s²")
     for each in own["spheres"][:MOST_LISTED]:
-        console.say(f"sphere of {each['radius']:.4g} m at {vector(each['centre'])} m")
+        console.result(f"sphere of {each['radius']:.4g} m at {vector(each['centre'])} m")
     if len(own["spheres"]) > MOST_LISTED:
-        console.say(f"and {len(own['spheres']) - MOST_LISTED} more spheres")
+        console.result(f"and {len(own['spheres']) - MOST_LISTED} more spheres")
 
 
 def show_objects(chosen: range, objects: Sequence[Facts], wanted: Sequence[Flagged], console: Console) -> None:
@@ -146,11 +146,11 @@ def show_rest(scene: Scene, ahead: Forecast, wanted: Sequence[str], strange: Seq
         rows.append((each.integrator, longest, "stable" if each.stable else "not stable"))
     console.table(rows)
     if wanted:
-        console.say(f"to fit: {', '.join(owned(None, name) for name in wanted)}")
+        console.result(f"to fit: {', '.join(owned(None, name) for name in wanted)}")
     needed = "" if ahead.fit is None else f", a fit about {human(ahead.fit)}"
-    console.say(f"memory: the motion takes {human(ahead.motion)}{needed}; {human(free())} are free")
+    console.result(f"memory: the motion takes {human(ahead.motion)}{needed}; {human(free())} are free")
     if strange:
-        console.say(f"fields that are kept and not used: {', '.join(strange)}")
+        console.result(f"fields that are kept and not used: {', '.join(strange)}")
 
 
 def spread(values: Spread, unit: str) -> str:

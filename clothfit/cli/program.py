@@ -24,10 +24,11 @@ import click
 from clothfit.base import interrupts
 from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.base.interrupts import REQUESTS, SAME_REQUEST
-from clothfit.base.messages import harmless
 from clothfit.base.version import __version__
-from clothfit.cli.common.help import ExamplesFirst, slip
+from clothfit.cli.common.failures import failed, refused
+from clothfit.cli.common.help import ExamplesFirst
 from clothfit.cli.common.options import loudness
+from clothfit.cli.common.output import Printed
 
 _last_request = -SAME_REQUEST
 
@@ -103,7 +104,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 3
     except KeyboardInterrupt:  # before or after `run`
-        code = _fail("interrupted", 130)
+        code = failed("interrupted", 130, ())
     with suppress(OSError):
         sys.stderr.flush()
     for kind in REQUESTS:
@@ -114,6 +115,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 def run(arguments: list[str]) -> int:
     """Run the command line; returns the exit code, having reported what went wrong."""
     interrupts.clear()
+    Printed.begin()
     try:
         with warnings.catch_warnings(), interrupts.heard():
             warnings.simplefilter("ignore", RuntimeWarning)  # of NumPy, on numbers that leave the finite ones
@@ -121,13 +123,13 @@ def run(arguments: list[str]) -> int:
             sys.stdout.flush()
         return int(code or 0)
     except click.UsageError as error:
-        return _refuse(error)
+        return refused(error, arguments)
     except ClothfitError as error:
-        return _fail(str(error), error.exit_code)
+        return failed(str(error), error.exit_code, arguments, error)
     except (KeyboardInterrupt, click.Abort):
-        return _fail("interrupted", 130)
+        return failed("interrupted", 130, arguments)
     except MemoryError:
-        return _fail("out of memory; try fewer frames (--steps, optimizationIterations)", 1)
+        return failed("out of memory; try fewer frames (--steps, optimizationIterations)", 1, arguments)
     except BrokenPipeError:
         raise
     except SystemExit as error:  # click's own answer to a reader that left, before anybody can catch it
@@ -136,12 +138,13 @@ def run(arguments: list[str]) -> int:
         raise
     except OSError as error:
         reason = error.strerror or error
-        return _fail(f"{error.filename}: {reason}" if error.filename else f"standard output: {reason}", 3)
+        return failed(f"{error.filename}: {reason}" if error.filename else f"standard output: {reason}", 3, arguments)
     except Exception as error:
         if os.environ.get("CLOTHFIT_TRACEBACK"):
             raise
         kind = type(error).__name__
-        return _fail(f"a fault of the program: {kind}: {error} (set CLOTHFIT_TRACEBACK=1 to see where)", 1)
+        why = f"a fault of the program: {kind}: {error} (set CLOTHFIT_TRACEBACK=1 to see where)"
+        return failed(why, 1, arguments)
 
 
 def gathered(arguments: Sequence[str]) -> list[str]:
@@ -171,18 +174,6 @@ def _pattern(names: list[str]) -> str | None:
     return None
 
 
-def _refuse(error: click.UsageError) -> int:
-    value_is_wrong = isinstance(error, click.BadParameter) and not isinstance(error, click.MissingParameter)
-    hint = "" if value_is_wrong or error.ctx is None else f" (see {error.ctx.command_path} --help)"
-    return _fail(f"{slip(error)}{hint}", 3 if value_is_wrong else 2)
-
-
-def _fail(message: str, code: int) -> int:
-    with suppress(OSError):
-        print(harmless(f"error: {message}"), file=sys.stderr, flush=True)
-    return code
-
-
 def _interrupt(number: int, frame: object) -> None:
     """End at the first request, Ctrl-C or a polite one; a fit then writes the best so far.
 
@@ -199,7 +190,8 @@ def _open_streams() -> None:
     """Put the null device in the place of standard streams that are closed, before a file takes their number.
 
     Standard output gets it for reading only, so that data for it is an error and not lost.
-    What standard output cannot spell (a Windows code page, ASCII) is escaped instead of ending the program.
+    What standard output cannot spell (a Windows code page, ASCII) is escaped instead of ending the program. Where the
+    user asks for the locale C, Python writes UTF-8 none the less; messages are then ASCII.
     """
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         if getattr(sys, name) is None:
@@ -209,3 +201,15 @@ def _open_streams() -> None:
             setattr(sys, name, open(number, mode, encoding="utf-8"))  # noqa: SIM115 (for the life of the program)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
+    if _asks_for_ascii():
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(encoding="ascii", errors="backslashreplace")
+
+
+def _asks_for_ascii() -> bool:
+    """Whether the locale is C or POSIX because somebody said so, and Python has replaced its encoding."""
+    environment = os.environ
+    said = environment.get("LC_ALL") or environment.get("LANG")
+    chosen = environment.get("PYTHONIOENCODING") or environment.get("PYTHONUTF8") == "1"
+    return said in ("C", "POSIX") and bool(sys.flags.utf8_mode) and not chosen

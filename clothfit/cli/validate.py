@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from dataclasses import dataclass
 from typing import Any
@@ -11,13 +10,10 @@ import click
 
 from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.cli.common.console import Console
+from clothfit.cli.common.failures import split
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import STREAM, print_json
 from clothfit.cli.common.scenes import one_stream
-
-PLACE = re.compile(r"(top level|line \d+, column \d+|(?:[\w.\[\]]|\"[^\"]*\")+): (.*)", re.DOTALL)
-"""Where something is wrong, before what is."""
-
 
 @dataclass(frozen=True)
 class Verdict:
@@ -70,14 +66,17 @@ def judge(path: str) -> Verdict:
 
 
 def show(verdict: Verdict, alone: bool, console: Console) -> None:
-    """Say what was found, a line each, but for what the command ends with: the only problem of the only file."""
+    """Print what was found, a line each. On a terminal, the only problem of the only file is left to the error."""
     for warning in verdict.warnings:
         console.warn(f"{verdict.path}: {warning}")
     if verdict.error is None:
-        console.say(f"{verdict.path}: valid" + (f"; {verdict.note}" if verdict.note else ""))
+        console.result(f"{verdict.path}: valid" + (f"; {verdict.note}" if verdict.note else ""))
         return
-    for problem in verdict.error.problems if not alone or len(verdict.error.problems) > 1 else ():
-        console.say(f"{verdict.path}: {problem}")
+    problems = verdict.error.problems
+    if alone and len(problems) == 1 and (console.data or sys.stdout.isatty()):
+        return
+    for problem in problems:
+        console.result(f"{verdict.path}: {problem}")
 
 
 def summary(verdict: Verdict) -> dict[str, Any]:
@@ -86,9 +85,3 @@ def summary(verdict: Verdict) -> dict[str, Any]:
     warnings = [split(warning) for warning in verdict.warnings]
     valid = verdict.error is None
     return {"scene": verdict.path, "valid": valid, "problems": found, "warnings": warnings, "note": verdict.note}
-
-
-def split(sentence: str) -> dict[str, str | None]:
-    """Place and message of a problem; no place where it is the file as a whole."""
-    match = PLACE.fullmatch(sentence)
-    return {"place": match[1], "message": match[2]} if match else {"place": None, "message": sentence}

@@ -37,8 +37,9 @@ def said(capsys, *arguments):
 
 def test_a_right_gradient_is_told_line_by_line(path, capsys, tmp_path):
     code, out, err = said(capsys, path)
-    assert (code, out) == (0, "")
-    lines = [line for line in err.splitlines() if not line.startswith(("compiling", "steps above"))]
+    assert code == 0
+    assert "gradient" not in err
+    lines = [line for line in out.splitlines() if not line.startswith("steps above")]
     what, header, *tests, last = lines
     assert what == (
         "gradient by objects[0] mass (L, 9 values), objects[0] stiffness (L, 16 values); 30 frames, against the motion "
@@ -147,6 +148,6 @@ def test_a_scene_that_diverges_is_code_4(path, capsys, tmp_path):
 def test_from_standard_input(path):
     with open(path, "rb") as scene:
         done = started("check", "-", stdin=scene)
-    assert (done.returncode, done.stdout) == (0, b"")
-    assert done.stderr.splitlines()[-1] == b"standard input: the gradient is right"
+    assert done.returncode == 0
+    assert done.stdout.splitlines()[-1] == b"standard input: the gradient is right"
     assert started("check", "-", "--target", "-").returncode == 3

@@ -63,7 +63,23 @@ def test_all_messages_go_to_standard_error(capsys, quiet, verbose, expected):
 
 def test_a_table_has_columns_and_no_trailing_blanks(capsys):
     Console().table([("name", "value", "unit"), ("a", "1", ""), ("longer name", "22", "m")])
-    assert capsys.readouterr().err == "name         value  unit\na            1\nlonger name  22     m\n"
+    assert capsys.readouterr() == ("name         value  unit\na            1\nlonger name  22     m\n", "")
+
+
+def test_a_result_goes_where_no_data_go(capsys):
+    Console().result("a"), Console(data=True).result("b"), Console(quiet=True).result("c")
+    assert capsys.readouterr() == ("a\n", "b\n")
+
+
+@pytest.mark.parametrize(
+    ("encoding", "text"),
+    [("utf-8", "±2 µm → näher …"), ("latin-1", "±2 µm -> näher ..."), ("ascii", "+-2 um -> n\\xe4her ...")],
+)
+def test_characters_that_a_terminal_does_not_know_are_spelled(monkeypatch, encoding, text):
+    shown = io.TextIOWrapper(io.BytesIO(), encoding, errors="backslashreplace")
+    monkeypatch.setattr(sys, "stderr", shown)
+    Console().say("±2 µm → näher …")
+    assert shown.buffer.getvalue().decode(encoding) == f"{text}\n"
 
 
 @pytest.mark.parametrize(

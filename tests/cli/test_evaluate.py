@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers.scenes import even, started, trial, write_scene
 
+from clothfit.cli.common.console import COMPILING
 from clothfit.cli.program import run
 from clothfit.evaluation.evaluate import evaluate
 from clothfit.fit.estimate import record_target
@@ -39,18 +40,18 @@ def test_json_has_the_keys_and_the_numbers_of_the_library(paths, capsys):
     out, err = capsys.readouterr()
     found = json.loads(out, parse_constant=refuse)
     report = evaluate(*map(load, paths))
-    assert (set(found), err) == (KEYS, "")
+    assert (set(found), err.replace(f"{COMPILING}\n", "")) == (KEYS, "")  # the line of a first use
     assert (found["frames"], found["rmse"], found["max_error"]) == (20, report.fitted.rmse, report.fitted.max_error)
     assert found["horizon"] == {"frames": 500, "rmse": report.horizon.rmse, "max_error": report.horizon.max_error}
     assert [set(p) for p in found["parameters"]] == [PARAMETER_KEYS] * 2
     assert found["parameters"][1]["max_relative_deviation"] == pytest.approx(0.1, rel=1e-12)  # rounding
 
 
-def test_the_table_is_on_standard_error(paths, capsys):
+def test_the_table_is_on_standard_output(paths, capsys):
     assert run(["evaluate", *paths]) == 0
     out, err = capsys.readouterr()
-    lines = err.splitlines()
-    assert out == ""
+    lines = out.splitlines()
+    assert err == ""
     assert [line.split()[0] for line in lines if line] == [
         "motion",
         "fitted",
@@ -70,7 +71,7 @@ def test_what_nothing_reveals_is_null_and_said(tmp_path, capsys):
     deviations = json.loads(capsys.readouterr().out)["parameters"]
     assert [d["max_relative_deviation"] for d in deviations] == [None, None]
     assert run(["evaluate", path, path, "--steps", "20"]) == 0
-    assert capsys.readouterr().err.count("not identifiable") == 4
+    assert capsys.readouterr().out.count("not identifiable") == 4
 
 
 def test_steps_are_those_of_the_longer_run(paths, capsys):
@@ -122,8 +123,10 @@ def test_a_simulation_that_diverges_is_code_4(tmp_path, capsys):
     path = write_scene(tmp_path, trial("nG", 50, 3, 3, integrationMethod=0, springStiffness=[1e6] * 16))
     assert run(["evaluate", path, path, "--json"]) == 4
     out, err = capsys.readouterr()
-    assert out == ""
+    found = json.loads(out)
     assert "diverged at step" in err.splitlines()[-1]
+    assert err.splitlines()[-1] == f"error: {found['error']}"
+    assert (found["where"], found["code"], found["command"]) == ("scene.json", 4, "evaluate")
 
 
 def test_an_empty_target_is_refused(paths):

@@ -77,8 +77,7 @@ def test_the_ladder_is_in_the_summary_and_printed(given, capsys):
     assert counts[-1] == 33
     assert summary["rmse"] == pytest.approx(errors[-1])
     assert run(["estimate", path, *target, "--no-intervals"]) == 0
-    err = capsys.readouterr().err
-    head, *rows = err[err.index("model  ") :].splitlines()[:5]
+    head, *rows = capsys.readouterr().out.splitlines()
     assert head.split() == ["model", "values", "RMSE", "seconds"]
     assert [row.split()[0] for row in rows] == ["F", "R", "M", "L"]
     assert re.match(r"F one factor +1 +[\d.]+ mm +[\d.]+$", rows[0])
@@ -91,8 +90,8 @@ def test_what_is_kept_out_is_in_the_ladder(given, capsys):
     assert all(each["holdout_rmse"] > 0 for each in summary["ladder"])
     assert summary["parameters"][0]["mode"] in [each["model"] for each in summary["ladder"]]
     assert run(["estimate", path, *target, "--no-intervals", "--model", "auto"]) == 0
-    err = capsys.readouterr().err
-    assert re.search(r"^model +values +RMSE +kept out +seconds$", err, re.MULTILINE)
+    out = capsys.readouterr().out
+    assert re.search(r"^model +values +RMSE +kept out +seconds$", out, re.MULTILINE)
 
 
 def test_one_factor_is_enough_for_a_truth_by_one_factor(tmp_path, capsys):

@@ -1,10 +1,11 @@
 """The command line as a whole: help, usage, exit codes, streams that end early, a light start."""
 
+import json
 import subprocess
 import sys
 
 import pytest
-from helpers.scenes import environment, needs_full_disk, started, trial, write_scene
+from helpers.scenes import changed, environment, needs_full_disk, started, trial, write_scene
 
 from clothfit import __version__
 from clothfit.cli.program import COMMANDS, group, run
@@ -260,3 +261,52 @@ def test_a_closed_standard_input_is_an_unreadable_scene(small):
 def test_messages_survive_a_terminal_that_knows_only_ascii(small):
     done = started("simulate", small, env=environment(PYTHONIOENCODING="ascii"))
     assert done.returncode == 0
+
+
+# --- errors with --json
+
+
+@pytest.mark.parametrize(
+    ("arguments", "command", "where", "code"),
+    [
+        (["info", "absent.json"], "info", "absent.json", 3),
+        (["simulate", "scene.json", "--steps", "0"], "simulate", "--steps", 3),
+        (["simulate", "scene.json", "--steps", "many"], "simulate", "--steps", 3),
+        (["simulate"], "simulate", "SCENE", 2),
+        (["estimate", "scene.json", "--fast"], "estimate", "--fast", 2),
+        (["info", "wrong.json"], "info", "wrong.json: objects[0].vertMass[3]", 3),
+        (["estimate", "scene.json", "--target", "folder/absent.npz"], "estimate", "absent.npz", 3),
+        (["fold"], None, None, 2),
+    ],
+)
+def test_with_json_an_error_is_an_object(capsys, tmp_path, monkeypatch, arguments, command, where, code):
+    monkeypatch.chdir(tmp_path)
+    write_scene(tmp_path, trial("nG", 5, 3, 3))
+    write_scene(tmp_path, changed(trial("nG", 5, 3, 3), ("objects", 0, "vertMass", 3), -1), "wrong.json")
+    found, out, err = said(capsys, *arguments, "--json")
+    told = json.loads(out)
+    assert (set(told), out.count("\n")) == ({"schema_version", "command", "error", "where", "code"}, 1)
+    assert (told["command"], told["where"], told["code"], found) == (command, where, code, code)
+    assert err == f"error: {told['error']}\n"
+
+
+def test_after_a_summary_an_error_is_no_second_object(capsys, tmp_path):
+    path = write_scene(tmp_path, trial("nG", 50, 3, 3, integrationMethod=0, springStiffness=[1e6] * 16))
+    code, out, err = said(capsys, "simulate", path, "--json")
+    assert (code, json.loads(out)["command"]) == (4, "simulate")
+    assert err.splitlines()[-1].startswith("error: ")
+
+
+def test_where_data_go_to_standard_output_an_error_does_not(capsys, tmp_path):
+    code, out, err = said(capsys, "simulate", str(tmp_path / "absent.json"), "-o", "-", "--json")
+    assert (code, out) == (3, "")
+    assert json.loads(err.splitlines()[-1])["code"] == 3
+
+
+def test_the_locale_c_gets_ascii(small):
+    plain = environment(LC_ALL="C", PYTHONUTF8="", PYTHONIOENCODING="")
+    done = started("info", small, env=plain)
+    assert done.returncode == 0
+    assert b"m/s^2" in done.stdout
+    assert done.stdout.isascii()
+    assert b" -> " in started("simulate", small, env=plain).stderr

@@ -1,8 +1,10 @@
 """What the README and the pages of docs/ show is what happens: their commands, the output, the README's Python."""
 
+import io
 import re
 import shlex
 import shutil
+from contextlib import redirect_stderr, redirect_stdout
 
 import numba
 import pytest
@@ -63,12 +65,13 @@ def checkout(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(page)])
-def test_the_commands_of_a_page_print_what_it_says(checkout, capsys, page):
+def test_the_commands_of_a_page_print_what_it_says(checkout, page):
     for command, shown in commands(page):
-        assert run(shlex.split(command)) == 0
-        err = capsys.readouterr().err
-        printed = shape(err)
-        assert BEST not in shown or (undominated(shown) and undominated(err))
+        said = io.StringIO()  # both streams, as a terminal shows them
+        with redirect_stdout(said), redirect_stderr(said):
+            assert run(shlex.split(command)) == 0
+        printed = shape(said.getvalue())
+        assert BEST not in shown or (undominated(shown) and undominated(said.getvalue()))
         assert [line for line in shape(shown) if line != CUT and line not in printed] == []
         assert CUT in shown or printed == shape(shown)  # a page may leave out lines that depend on the machine
 

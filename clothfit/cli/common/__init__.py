@@ -1,5 +1,6 @@
 """What several commands share.
 
-console (messages), help (how commands explain themselves) → options (those of all commands) → output (what is written,
-and --json) and scenes (what is read) → motions, pictures, progress. A module belongs here only if two commands need it.
+console (messages and results), help (how commands explain themselves), output (what is written, and --json) → options
+(those of all commands), failures (what is printed then) and scenes (what is read) → motions, pictures, progress. A
+module belongs here only if two commands need it.
 """

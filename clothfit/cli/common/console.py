@@ -1,4 +1,6 @@
-"""Messages and tables of commands, on standard error. Standard output is for data.
+"""What commands print: messages on standard error, results that are text on standard output.
+
+A result goes to standard error where standard output holds data: the summary of --json, a motion, a scene.
 
 Colour only on a terminal, and not where NO_COLOR is set.
 """
@@ -12,7 +14,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 
-from clothfit.base.messages import harmless
+from clothfit.base.messages import harmless, spelled
 
 COMPILING = "compiling for this machine: a command's first use does so once, for 10 to 25 seconds …"
 _listening: list[object] = []  # to compilations
@@ -24,6 +26,7 @@ class Console:
 
     quiet: bool = False
     verbose: bool = False
+    data: bool = False  # whether standard output holds data
     began: float = field(default_factory=time.perf_counter)
 
     @property
@@ -41,9 +44,16 @@ class Console:
         if self.verbose:
             self._print(f"[{time.perf_counter() - self.began:7.2f} s] {message}")
 
+    def result(self, text: str) -> None:
+        """Print a line or more of what the command was asked for, unless quiet. Raises OSError."""
+        if self.data:
+            self.say(text)
+        elif not self.quiet:
+            print(spelled(harmless(text), sys.stdout.encoding), flush=True)
+
     def _print(self, message: str) -> None:
         try:
-            print(harmless(message), file=sys.stderr, flush=True)
+            print(spelled(harmless(message), sys.stderr.encoding), file=sys.stderr, flush=True)
         except OSError:  # whoever read the messages has left; the work goes on
             self.quiet, self.verbose = True, False
             with suppress(OSError):
@@ -54,10 +64,10 @@ class Console:
         self.say(f"warning: {message}")
 
     def table(self, rows: Sequence[Sequence[str]]) -> None:
-        """Print rows of equal length in columns; the first row is the header."""
+        """Print a result, rows of equal length in columns; the first row is the header. Raises OSError."""
         widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-        for row in rows:
-            self.say("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
+        self.result("\n".join(line.rstrip() for line in lines))
 
     def announce_compilation(self, message: str = COMPILING) -> None:
         """Say so, once, when the first use of the program makes it compile: that takes seconds and looks like

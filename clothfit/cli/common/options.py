@@ -15,6 +15,7 @@ from clothfit.base.limits import is_number as is_number
 from clothfit.base.version import __version__
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.help import ExamplesFirst, Sections, complete_files
+from clothfit.cli.common.output import Printed, streams
 
 F = TypeVar("F", bound=Callable[..., object])
 Action = Callable[..., int | None]
@@ -37,7 +38,10 @@ def standard_command(name: str, sections: Sections | None = None) -> Callable[[A
         @wraps(function)
         def speaking(quiet: bool, verbose: bool, **arguments: Any) -> int | None:
             before: dict[str, bool] = click.get_current_context().obj or {}
-            console = Console(quiet or before.get("quiet", False), verbose or before.get("verbose", False))
+            elsewhere = streams(arguments)
+            Printed.begin(name, elsewhere)
+            data = elsewhere or arguments["as_json"]
+            console = Console(quiet or before.get("quiet", False), verbose or before.get("verbose", False), data)
             return function(**arguments, console=console)
 
         made = loudness(click.version_option(__version__, prog_name="clothfit")(speaking))

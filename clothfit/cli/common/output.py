@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +23,19 @@ if TYPE_CHECKING:
 
 STREAM = "-"
 SCHEMA_VERSION = 1  # of what --json prints
+
+
+class Printed:
+    """What the present command prints, beside its messages."""
+
+    command: str | None = None  # its name, as soon as that is known
+    elsewhere = False  # whether standard output is for a motion, a scene or a page, and JSON goes to standard error
+    summary = False  # whether its JSON was printed
+
+    @classmethod
+    def begin(cls, command: str | None = None, elsewhere: bool = False) -> None:
+        """Nothing is printed yet."""
+        cls.command, cls.elsewhere, cls.summary = command, elsewhere, False
 
 
 @contextmanager
@@ -171,7 +184,16 @@ def same_file(a: str, b: str) -> bool:
         return False
 
 
-def document(command: str, summary: dict[str, Any]) -> dict[str, Any]:
+def streams(arguments: Mapping[str, Any]) -> bool:
+    """Whether the arguments of a command, by the names of its parameters, send its result to standard output."""
+    path = arguments.get("path", arguments.get("out_path"))
+    if path is not None or "path" not in arguments:
+        return path == STREAM
+    scenes = arguments.get("scene_paths") or (arguments.get("fitted_path") or arguments.get("scene_path"),)
+    return scenes[0] == STREAM
+
+
+def document(command: str | None, summary: dict[str, Any]) -> dict[str, Any]:
     """The object that --json prints."""
     return {"schema_version": SCHEMA_VERSION, "command": command, **summary}
 
@@ -179,6 +201,7 @@ def document(command: str, summary: dict[str, Any]) -> dict[str, Any]:
 def print_json(command: str, summary: dict[str, Any], out: Output | None = None) -> None:
     """Print a summary as JSON on standard output, or on standard error when the result itself goes there."""
     text = json.dumps(plain(document(command, summary)), allow_nan=False)
+    Printed.summary = True
     print(text, file=sys.stderr if out is not None and out.is_stream else sys.stdout, flush=True)
 
 

@@ -24,11 +24,11 @@ def show(found: WorkPrecision, scene: Scene, error: float | None, console: Conso
     if shown:
         console.table([SPEED_COLUMNS, *map(cells, shown)])
     if len(shown) < len(done):
-        console.say(f"{len(done) - len(shown)} more, with other tolerances and not Pareto-best, by -v and --json")
+        console.result(f"{len(done) - len(shown)} more, with other tolerances and not Pareto-best, by -v and --json")
     for status in ("diverged", "skipped"):
         if settings := without_result(found, status):
-            console.say(f"{status}: {settings}")
-    console.say("")
+            console.result(f"{status}: {settings}")
+    console.result("")
     show_reference(found, console)
     show_advice(found, scene, error, console)
 
@@ -74,7 +74,7 @@ def show_reference(found: WorkPrecision, console: Console) -> None:
     frames = len(reference.positions)
     order = "" if reference.order is None else f", order {reference.order:.1f}"
     how = f"{reference.integrator}, {1e3 * reference.step:.3g} ms a step, extrapolated{order}"
-    console.say(
+    console.result(
         f"error: distance to the motion of h → 0, root mean square over all vertices and {frames} frames; that motion "
         f"is known to {metres(reference.error)} ({how})"
     )
@@ -91,19 +91,19 @@ def show_advice(found: WorkPrecision, scene: Scene, error: float | None, console
     if error is not None:
         best, nearest = found.recommended(error), found.nearest
         if best is not None:
-            console.say(f"cheapest within {metres(error)}: {described(best)}")
+            console.result(f"cheapest within {metres(error)}: {described(best)}")
         elif nearest is None:
             console.warn(f"no setting comes within {metres(error)}: none came through")
         else:
             console.warn(f"no setting comes within {metres(error)}; the nearest is {described(nearest)}")
-    console.say(
+    console.result(
         f"the editor plays this scene with {described(own)}: a fit must use the same "
         f"(integrationMethod {scene.method}, delta {scene.delta:.4g}), as its values make up for part of that error "
         "and are wrong with any other"
     )
     better = [r for r in found.rows if all(a < b for a, b in zip(r.cost_and_error, own.cost_and_error, strict=True))]
     if better and own.status == "done":
-        console.say(f"cheaper and nearer than that: {described(min(better, key=lambda r: r.cost_and_error[::-1]))}")
+        console.result(f"cheaper and nearer than that: {described(min(better, key=lambda r: r.cost_and_error[::-1]))}")
 
 
 def described(row: Row) -> str:
@@ -127,5 +127,5 @@ def show_fits(fits: list[FitRow], console: Console) -> None:
         deviation = "" if row.median_relative_deviation is None else f"{row.median_relative_deviation:.2g}"
         counts = (f"{row.seconds:.2f}", str(row.evaluations))
         rows.append((row.method, row.status, *counts, rmse, deviation, "Pareto-best" if row.pareto else ""))
-    console.say("")
+    console.result("")
     console.table(rows)

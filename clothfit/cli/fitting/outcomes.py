@@ -109,7 +109,7 @@ def as_compared(targets: list[Any], found: Fit, scene: Scene) -> list[Any]:
 def describe_choices(found: Fit, console: Console) -> None:
     """Print the models that were fitted from coarse to fine, and the time step, where there was a choice."""
     if len(found.ladder) > 1:
-        console.say("\n".join(ladder_table(found.ladder)))
+        console.result("\n".join(ladder_table(found.ladder)))
     if found.substeps:
         method, milliseconds = INTEGRATORS[found.scene.method], 1000 * found.scene.delta
         console.say(
