@@ -180,13 +180,15 @@ def show_energy(energy: Energy | None, console: Console) -> None:
     names = [name for name in (*STORED, *FLOWS) if name not in OPTIONAL or abs(values[name]).max() > least]
     last = len(energy.times) - 1
     frames = sorted({round(last * i / MOST_ROWS) for i in range(MOST_ROWS + 1)})
-    console.result("energy in J: stored at each frame; until then added by the wind, lost to damping, air and integrator")
+    what = "stored at each frame; until then added by the wind, lost to damping, air and integrator"
+    console.result(f"energy in J: {what}")
     table = [[str(k), f"{energy.times[k]:.4g} s", *(joules(values[name][k], least) for name in names)] for k in frames]
     console.table([["frame", "time", *names], *table])
     rise, frame = energy.largest_rise
     if rise > least:
         share = f"{100 * rise / energy.scale:.2g} % of the largest energy in one place"
-        console.result(f"the total rises by up to {rise:.3g} J in a step (frame {frame}) beyond the wind's work: {share}")
+        gain = f"by up to {rise:.3g} J in a step (frame {frame}) beyond the wind's work"
+        console.result(f"the total rises {gain}: {share}")
     else:
         console.result("the total never rises in a step by more than the wind's work")
 

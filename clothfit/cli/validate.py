@@ -15,6 +15,7 @@ from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import STREAM, print_json
 from clothfit.cli.common.scenes import one_stream
 
+
 @dataclass(frozen=True)
 class Verdict:
     """What was found in a file."""

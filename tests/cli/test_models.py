@@ -85,7 +85,7 @@ def test_the_ladder_is_in_the_summary_and_printed(given, capsys):
 
 def test_what_is_kept_out_is_in_the_ladder(given, capsys):
     path, *target = given()
-    code, summary, err = estimated(capsys, path, *target, "--model", "auto")
+    code, summary, _ = estimated(capsys, path, *target, "--model", "auto")
     assert code == 0
     assert all(each["holdout_rmse"] > 0 for each in summary["ladder"])
     assert summary["parameters"][0]["mode"] in [each["model"] for each in summary["ladder"]]
