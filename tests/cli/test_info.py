@@ -107,7 +107,8 @@ def test_every_problem_is_told(tmp_path, capsys):
 
 
 def test_a_single_problem_is_in_the_result_and_in_the_error(tmp_path, capsys, monkeypatch):
-    path, problem = write_scene(tmp_path, changed(trial("nG", 5), ("delta",), 0)), "delta: 0 is too small; it must be above 0"
+    path = write_scene(tmp_path, changed(trial("nG", 5), ("delta",), 0))
+    problem = "delta: 0 is too small; it must be above 0"
     assert run(["validate", path]) == 3
     out, err = capsys.readouterr()
     assert (out, err) == (f"{path}: {problem}\n", f"error: scene.json: {problem}\n")
