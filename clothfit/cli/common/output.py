@@ -190,7 +190,7 @@ def streams(arguments: Mapping[str, Any]) -> bool:
     if path is not None or "path" not in arguments:
         return path == STREAM
     scenes = arguments.get("scene_paths") or (arguments.get("fitted_path") or arguments.get("scene_path"),)
-    return scenes[0] == STREAM
+    return bool(scenes[0] == STREAM)
 
 
 def document(command: str | None, summary: dict[str, Any]) -> dict[str, Any]:
