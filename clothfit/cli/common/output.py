@@ -188,7 +188,7 @@ def streams(arguments: Mapping[str, Any]) -> bool:
     """Whether the arguments of a command, by the names of its parameters, send its result to standard output."""
     path = arguments.get("path", arguments.get("out_path"))
     if path is not None or "path" not in arguments:
-        return path == STREAM
+        return bool(path == STREAM)
     scenes = arguments.get("scene_paths") or (arguments.get("fitted_path") or arguments.get("scene_path"),)
     return bool(scenes[0] == STREAM)
 
