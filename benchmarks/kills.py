@@ -17,7 +17,6 @@ Prints a table, and each fault; the exit code is 1 where there is one.
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 import random
@@ -33,6 +32,7 @@ from pathlib import Path
 
 import click
 
+from at_random import by_turns, show, total
 from clothfit.base.errors import InvalidInput
 from clothfit.fit.estimate import record_target
 from clothfit.motion.degrade import degrade
@@ -60,6 +60,11 @@ class Run:
     cost: float = 0.0  # of such a fit
     seconds: float = 0.0  # that it took
     counts: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def name(self) -> str:
+        """The command."""
+        return self.arguments[0]
 
     def begin(self, folder: Path, *more: str) -> subprocess.Popen[bytes]:
         """Start the command in a folder."""
@@ -167,16 +172,15 @@ def trials(
     count: int, seed: int, frames: int, steps: int, scene: Path = EXAMPLES / "corners.json", warm: int = 1
 ) -> tuple[list[Run], list[str]]:
     """Kill so many runs, by turns; returns both commands with what was counted, and the faults."""
-    chance, faults = random.Random(seed), []
+    chance = random.Random(seed)
     with tempfile.TemporaryDirectory() as first:
         runs = prepared(Path(first), scene, frames, steps, warm)
-    for number in itertools.count():
-        run = runs[number % len(runs)]
-        if sum(run.counts["killed"] for run in runs) >= count:
-            break
+
+    def one(run: Run, _: int) -> list[str]:
         with tempfile.TemporaryDirectory() as folder:
-            faults += [f"{number}: {run.arguments[0]} {fault}" for fault in disturbed(run, Path(folder), chance)]
-    return runs, faults
+            return disturbed(run, Path(folder), chance)
+
+    return runs, by_turns(runs, one, "killed", count)
 
 
 @click.command()
@@ -188,15 +192,7 @@ def main(count: int, seed: int, frames: int, steps: int) -> None:
     """Kill runs at random instants and see what is left."""
     runs, faults = trials(count, seed, frames, steps)
     names = ("killed", "ended before", "output old or absent", "output new", "checkpoint whole", "temporary left")
-    print(f"| command | seconds | {' | '.join(names)} |")
-    print("|---|---|" + "---|" * len(names))
-    for run in runs:
-        counts = " | ".join(str(run.counts[name]) for name in names)
-        print(f"| `{run.arguments[0]}` | {run.seconds:.1f} | {counts} |")
-    print(f"{sum(run.counts['killed'] for run in runs)} kills, {len(faults)} faults")
-    for fault in faults:
-        print(fault, file=sys.stderr)
-    sys.exit(1 if faults else 0)
+    show(runs, "command", names, f"{total(runs, 'killed')} kills", faults)
 
 
 if __name__ == "__main__":

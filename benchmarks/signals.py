@@ -33,6 +33,7 @@ from typing import Any
 import click
 import numpy as np
 
+from at_random import by_turns, show, total
 from clothfit.base.errors import InvalidScene
 from clothfit.fit.estimate import FIT_TOLERANCE, record_target
 from clothfit.fit.holdout import split
@@ -54,6 +55,8 @@ EARLY = 10
 
 INTERRUPTED, STALLED = 130, 5
 """Exit codes: of a fit that was asked to end; of one that ended without reaching its tolerance."""
+
+LONGEST_ANSWER = "longest answer, ms"
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -146,21 +149,21 @@ def asked(kind: Kind, folder: Path, chance: random.Random, early: bool) -> list[
     if process.poll() is None:
         process.send_signal(asked_by)
     output, error = process.communicate(timeout=LONGEST)
-    kind.counts["longest"] = max(kind.counts["longest"], round(1e3 * (time.perf_counter() - moment)))
+    kind.counts[LONGEST_ANSWER] = max(kind.counts[LONGEST_ANSWER], round(1e3 * (time.perf_counter() - moment)))
     if process.returncode not in (INTERRUPTED, 0, STALLED):
         return [f"{asked_by.name}: ends with {process.returncode}: {error.decode()}"]
     if process.returncode != INTERRUPTED and not early:
         kind.counts["ended before"] += 1
         kind.seconds *= 0.9  # it is faster than it was
     else:
-        kind.counts["early" if early else "interrupted"] += 1
+        kind.counts["before a result" if early else "interrupted"] += 1
     if early and not (folder / "fitted.json").exists():
         return [] if b"interrupt" in error.lower() else [f"{asked_by.name}, early: it says {error.decode()!r}"]
     try:
         found = left(kind, folder, json.loads(output), known, process.returncode)
     except (OSError, ValueError, KeyError, InvalidScene) as fault:
         found = [f"no whole result: {fault!r}; it says {error.decode()!r}"]
-    kind.counts["written"] += not found and process.returncode == INTERRUPTED and not early
+    kind.counts["result written"] += not found and process.returncode == INTERRUPTED and not early
     return [f"{asked_by.name}: {fault}" for fault in found]
 
 
@@ -204,33 +207,24 @@ def recomputed(kind: Kind, folder: Path) -> float:
 @click.option("--seconds", type=float, default=math.inf, help="Begin no other fit after this time.")
 def main(count: int, seed: int, seconds: float) -> None:
     """Ask fits to end at random instants and see what they leave."""
-    began = time.perf_counter()
-    kinds, chance, faults = [Kind(*each) for each in KINDS.items()], random.Random(seed), []
+    kinds, chance = [Kind(*each) for each in KINDS.items()], random.Random(seed)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with tempfile.TemporaryDirectory() as directory:
         folder = Path(directory)
         inputs(folder)
         for kind in kinds:
             measured(kind, folder)
-        for number in itertools.count():
-            enough = sum(kind.counts["interrupted"] for kind in kinds) >= count
-            if enough or time.perf_counter() - began > seconds:
-                break
+
+        def one(kind: Kind, number: int) -> list[str]:
             for path in (folder / "fitted.json", folder / "fit.jsonl"):
                 path.unlink(missing_ok=True)
-            kind = kinds[number % len(kinds)]
-            found = asked(kind, folder, chance, early=number % EARLY == EARLY - 1)
-            faults += [f"{number}: {kind.name}: {fault}" for fault in found]
-    names = ("interrupted", "written", "ended before", "early", "longest")
-    print("| fit | seconds | interrupted | result written | ended before | before a result | longest answer, ms |")
-    print("|---|---|" + "---|" * len(names))
-    for kind in kinds:
-        print(f"| {kind.name} | {kind.seconds:.1f} | {' | '.join(str(kind.counts[name]) for name in names)} |")
-    totals = [sum(kind.counts[name] for kind in kinds) for name in names[:2]]
-    print(f"{totals[0]} interrupted, {totals[1]} results written, each the best visited; {len(faults)} faults")
-    for fault in faults:
-        print(fault, file=sys.stderr)
-    sys.exit(1 if faults else 0)
+            return asked(kind, folder, chance, early=number % EARLY == EARLY - 1)
+
+        faults = by_turns(kinds, one, "interrupted", count, seconds)
+    names = ("interrupted", "result written", "ended before", "before a result", LONGEST_ANSWER)
+    asked_to_end, written = total(kinds, "interrupted"), total(kinds, "result written")
+    said = f"{asked_to_end} interrupted, {written} results written, each the best visited"
+    show(kinds, "fit", names, said, faults)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import numba
 import numpy as np
 import pytest
+from helpers.interrupting import interrupt_after
 from helpers.strangers import small
 
 from clothfit.base import interrupts
@@ -119,14 +120,7 @@ def test_a_budget_that_is_used_up_ends_the_choice_with_what_it_has():
 @needs_compilation
 @pytest.mark.parametrize("simulations", [1, 2, 5, 10, 20, 40])
 def test_an_interrupt_ends_the_choice_with_what_it_has(monkeypatch, simulations):
-    count, original = iter(range(simulations)), Objective.simulate
-
-    def simulate_some(self, *given, **options):
-        if next(count, None) is None:
-            interrupts.request()
-        return original(self, *given, **options)
-
-    monkeypatch.setattr(Objective, "simulate", simulate_some)
+    interrupt_after(monkeypatch, simulations)
     with interrupts.deferred():
         found, whole = choice("R")
         requested = interrupts.requested()

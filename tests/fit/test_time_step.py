@@ -5,6 +5,7 @@ from dataclasses import replace
 import numba
 import numpy as np
 import pytest
+from helpers.interrupting import interrupt_after
 from helpers.strangers import small, with_finer_steps
 
 from clothfit.base import interrupts
@@ -178,18 +179,6 @@ def test_only_the_numbers_that_are_asked_for_are_tried():
     assert found.substeps == 2
 
 
-def interrupted_after(monkeypatch, simulations):
-    """Ask for an end at a simulation."""
-    count, original = iter(range(simulations)), Objective.simulate
-
-    def simulate_some(self, *given, **options):
-        if next(count, None) is None:
-            interrupts.request()
-        return original(self, *given, **options)
-
-    monkeypatch.setattr(Objective, "simulate", simulate_some)
-
-
 @pytest.mark.parametrize("simulations", [1, 2, 3, 4, 5, 8, 12, 30, 60])
 def test_an_interrupt_during_the_choice_leaves_the_best_so_far(monkeypatch, simulations):
     scene = small("nF", 24)
@@ -197,7 +186,7 @@ def test_an_interrupt_during_the_choice_leaves_the_best_so_far(monkeypatch, simu
     start = 1.5 * parameters(scene)
     first = goal.cost(start)
     with interrupts.deferred():
-        interrupted_after(monkeypatch, simulations)
+        interrupt_after(monkeypatch, simulations)
         found = chosen(goal, start, ENOUGH, COUNTS)
         assert interrupts.requested()
     monkeypatch.undo()
@@ -209,7 +198,7 @@ def test_an_interrupt_before_the_first_cost_leaves_nothing(monkeypatch):
     scene = small("nF", 24)
     goal = objective(scene, with_finer_steps(scene, 8))
     with interrupts.deferred():
-        interrupted_after(monkeypatch, 0)
+        interrupt_after(monkeypatch, 0)
         with pytest.raises(KeyboardInterrupt):
             chosen(goal, parameters(scene), ENOUGH, COUNTS)
 
