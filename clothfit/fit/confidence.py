@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array, Flags
 from clothfit.fit.posterior import Local, Posterior, learned_prior, posterior
 from clothfit.fit.sandwich import CHAOS, Kept
-from clothfit.fit.verdict import verdict
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.objective.running_cost import running_cost
@@ -40,7 +39,7 @@ from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.prior import variance
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
-from clothfit.scene.fit_vector import at_lower, bounds
+from clothfit.scene.fit_vector import at_lower, at_upper, bounds
 
 HIDDEN_SHARE = 1e-4
 """Part of a parameter in the directions that are not shown, from which on it counts as not determined."""
@@ -81,8 +80,8 @@ class Hidden:
     directions: Array  # (F, ·), orthonormal
 
 
-def confidence(search: Search) -> Confidence | None:
-    """What the data say at the best point of a search.
+def confidence(search: Search, differs: bool) -> Confidence | None:
+    """What the data say at the best point of a search, where what is left is no noise if the model `differs`.
 
     None where that would take too long (`trajectory.LARGEST`) or too much memory, or where nothing could be evaluated.
     """
@@ -92,12 +91,12 @@ def confidence(search: Search) -> Confidence | None:
     if not np.isfinite(search.best.cost) or expensive:
         return None
     try:
-        return found_with(problem, quick)
+        return found_with(problem, quick, differs)
     except Diverged:
         return None
 
 
-def found_with(problem: Trajectory, quick: tuple[Model, float, int] | None) -> Confidence:
+def found_with(problem: Trajectory, quick: tuple[Model, float, int] | None, differs: bool) -> Confidence:
     """The confidence by the model of a trajectory, or by a `quick` one with its squares and count. Raises Diverged."""
     search, kept = problem.search, Kept(problem.size)
     seen = residual_squares(search.objective, search.best.p)
@@ -106,7 +105,7 @@ def found_with(problem: Trajectory, quick: tuple[Model, float, int] | None) -> C
     noise = variance(*seen, known.determined)  # of a residual of the motion
     if kept.growth > CHAOS:
         return without_intervals(known, noise, CHAOTIC.format(kept.growth, search.objective.steps + 1))
-    wrong = quick is None and differs(search)
+    wrong = quick is None and differs
     known = replace(known, blocks=kept.blocks(known.local.scale) if wrong else None)
     hidden = not_shown(known, not wrong)
     p, cost = set_back(known, hidden, noise, search.start)
@@ -123,14 +122,6 @@ def without_intervals(known: Posterior, noise: float, why: str) -> Confidence:
     search = known.local.search
     nothing, none = np.full(len(search.fitted), np.nan), np.zeros(len(search.fitted), bool)
     return Confidence(search.best.p, search.best.cost, nothing, nothing, none, None, float(np.sqrt(noise)), why)
-
-
-def differs(search: Search) -> bool:
-    """Whether the model cannot reproduce the target. Raises Diverged."""
-    objective, p = search.objective, search.best.p
-    travel = objective.travel
-    found = verdict(objective, p, objective.position_rmse(p) / travel) if travel > 0 else None
-    return found is not None and found.differs
 
 
 def is_exact(search: Search, cost: float) -> bool:
@@ -177,6 +168,9 @@ def intervals(known: Posterior, hidden: Hidden, exact: bool) -> tuple[Array, Arr
     ends = np.full((2, len(search.fitted)), np.nan)
     for end, y in zip(ends, (search.y - local.scale * down, search.y + local.scale * up), strict=True):
         end[search.fitted] = search.parameters(y)[search.fitted]
+    if known.blocks is not None:  # from bound to bound: nothing is known
+        lower, upper = bounds(search.objective.scene)
+        ends[:, (at_lower(ends[0], lower) & at_upper(ends[1], upper)) | ~np.isfinite(ends).all(axis=0)] = np.nan
     return ends[0], ends[1]
 
 

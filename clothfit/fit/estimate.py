@@ -21,7 +21,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import checked_tolerance
 from clothfit.base.messages import metres
 from clothfit.fit import time_step
-from clothfit.fit.confidence import Confidence, confidence
+from clothfit.fit.confidence import confidence
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import held_out, split
 from clothfit.fit.keywords import Keywords, OlderNames, options_of
@@ -31,6 +31,7 @@ from clothfit.fit.preparation import Prepared, flagged, prepared
 from clothfit.fit.registered_fit import registered_fit
 from clothfit.fit.residual_hints import with_residual_hints
 from clothfit.fit.result import Fit, fitted_scene, result, with_fallbacks, with_verdict
+from clothfit.fit.verdict import UNKNOWN, Judgement, judgement
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate, simulate_cloths
@@ -241,7 +242,7 @@ def searched(
     seconds, warnings = search.progress.seconds, [*search.warnings]
     if checkpoint and checkpoint.fault:
         warnings.append(checkpoint.fault)
-    known = assess(search, status, warnings) if options.intervals else None
+    known = assess(search, status, warnings, hidden) if options.intervals else UNKNOWN
     found = result(search, status, options.method, warnings, start is not None, known, seconds)
     models = judged(search.rungs, plan.kept_out) if plan.judged is None else plan.judged
     asked = options.substeps if isinstance(options.substeps, int) and not hidden else None
@@ -268,7 +269,7 @@ def unless_flattened(found: Fit, objective: Objective) -> Fit:
     )
     blocks = [replace(block, interval=[None] * block.count) for block in found.parameters]
     hints = [*found.hints, Hint("pattern", text, early=False)]
-    found = replace(found, parameters=blocks, rank=None, sigma=None, hints=hints)
+    found = replace(found, parameters=blocks, rank=None, sigma=None, hints=hints, verdict=None)
     return replace(found, scene=scene, cost=cost, rmse=kept.rmse(cost))
 
 
@@ -395,29 +396,35 @@ def found_by(
     return find(search, start, others, tau, wanted)
 
 
-def assess(search: Search, status: Status, warnings: list[str]) -> Confidence | None:
-    """The confidence in the result of a search, or a warning why there is none."""
+def assess(search: Search, status: Status, warnings: list[str], hidden: bool) -> Judgement:
+    """The verdict on the result of a search and the confidence in it, or a warning why there is none; `hidden`: the
+    target is the scene's own motion.
+    """
     if status == Status.DIVERGED or not search.fitted.any():
-        return None
+        return UNKNOWN
     if status == Status.INTERRUPTED:
         warnings.append("no intervals, as the fit was interrupted")
-        return None
+        return UNKNOWN
     try:
         with threads.single(), interrupts.heard():
-            known = confidence(search)
+            found = judgement(search, hidden, confidence)
     except KeyboardInterrupt:
         interrupts.request()
         interrupts.answer()
         warnings.append("no intervals, as their computation was interrupted")
-        return None
+        return UNKNOWN
     except interrupts.OutOfTime:
         warnings.append("no intervals, as the time was used up")
-        return None
-    if known is None:
+        return UNKNOWN
+    except Diverged:
+        return UNKNOWN
+    if found.verdict is None:
+        warnings.append("no intervals: whether the model differs from the target cannot be said")
+    elif found.known is None:
         warnings.append("no intervals: for so many parameters they would take minutes or more, or too much memory")
-    elif known.warning:
-        warnings.append(known.warning)
-    return known
+    elif found.known.warning:
+        warnings.append(found.known.warning)
+    return found
 
 
 def with_holdout(found: Fit, kept_out: Objective, options: FitOptions) -> Fit:

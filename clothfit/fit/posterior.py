@@ -88,10 +88,11 @@ class Posterior:
         """Standard deviations (F,)."""
         if self.blocks is None:
             return np.asarray(np.sqrt(self.sigma2 * np.maximum(np.diag(self.K), 0.0)))
-        S, scale = self.blocks.covariance(), self.local.scale
-        S += self.sigma2 * self.local.prior.matrix(self.sigma2) * np.outer(scale, scale)
-        own = S[np.ix_(self.free, self.free)]
-        return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ki->i", self.K, own, self.K), 0.0)))
+        scale, here = self.local.scale, np.ix_(self.free, self.free)
+        A = (self.local.prior.matrix(self.sigma2) * np.outer(scale, scale))[here]
+        believed = self.sigma2 * np.einsum("ij,jk,ki->i", self.K, A, self.K)
+        variances = np.diag(self.blocks.covariance(self.free, self.K)) + believed
+        return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
     @cached_property
     def t(self) -> float:
@@ -107,8 +108,9 @@ class Posterior:
         with np.errstate(divide="ignore", invalid="ignore"):
             if self.blocks is None:
                 return np.asarray(np.sqrt(self.sigma2 / information))
-            own = np.diag(self.blocks.covariance())[places]
-            return np.asarray(np.where(information > 0, np.sqrt(own) / information, np.inf))
+            given = [1.0 / np.full((1, 1), each) for each in information]
+            own = [float(self.blocks.covariance(at, K)[0, 0]) for at, K in zip(places[:, None], given, strict=True)]
+            return np.asarray(np.where(information > 0, np.sqrt(own), np.inf))
 
     @cached_property
     def derivative(self) -> Array:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.base.messages import metres, owned
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
@@ -15,7 +14,7 @@ from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import HeldOut
 from clothfit.fit.model_choice import Judged
 from clothfit.fit.time_step import Step
-from clothfit.fit.verdict import ADEQUATE, Verdict, verdict
+from clothfit.fit.verdict import ADEQUATE, Judgement, Verdict, position_rmse, reproduced, verdict
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.objective import Objective
@@ -26,9 +25,6 @@ from clothfit.scene.block import Block
 from clothfit.scene.bounds import wider
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds, parameters, with_parameters
 from clothfit.scene.scene import Scene
-
-MOMENT = 0.5
-"""Seconds for the error of positions where the fit was asked to end."""
 
 UNMOVED = 1e-9
 """Relative change up to which a parameter counts as not having moved: beyond the rounding of exp and log."""
@@ -106,10 +102,11 @@ def result(
     method: str,
     warnings: list[str],
     started: bool,
-    known: Confidence | None,
+    judged: Judgement,
     seconds: float,
 ) -> Fit:
     """The result for the user of a search; the user gave its start where `started`."""
+    known = judged.known
     scene = search.objective.scene
     p, cost = (search.best.p, search.best.cost) if known is None else (known.p, known.cost)
     return Fit(
@@ -128,6 +125,7 @@ def result(
         prior=scatter(search),
         memory=search.objective.needs,
         hints=bound_hints(search, p),
+        verdict=judged.verdict,
     )
 
 
@@ -147,13 +145,12 @@ def with_fallbacks(found: Fit, objective: Objective) -> Fit:
 
 
 def with_verdict(found: Fit, objective: Objective, tolerance: float, trial: bool) -> Fit:
-    """The fit with the verdict on its model, without one where nothing moves. `tolerance`, m, is the error that is good
-    enough; `trial`: the target is the scene's own motion.
+    """The fit with the verdict on its model where it has none yet, without one where nothing moves. `tolerance`, m, is
+    the error that is good enough; `trial`: the target is the scene's own motion.
     """
-    if found.relative_rmse is None:
+    if found.verdict is not None or found.relative_rmse is None:
         return found
-    reached = objective.rmse(found.cost) <= tolerance
-    if reached or (trial and found.status == Status.CONVERGED):
+    if reproduced(objective, found.cost, tolerance, trial):
         return replace(found, verdict=Verdict(ADEQUATE, found.relative_rmse))
     try:
         p = parameters(found.scene, objective.scene)
@@ -218,19 +215,3 @@ def scatter(search: Search) -> list[Scatter] | None:
         (block,) = (b for b in search.objective.blocks if b.part.start <= places[group[0]] < b.part.stop)
         found.append(Scatter(block.cloth, block.name, float(tau)))
     return found
-
-
-def position_rmse(search: Search, p: Array, cost: float) -> float:
-    """Root mean square distance, m, of the observed positions at p (P,) of that cost; inf where they diverge, NaN where
-    a request or the time leaves no moment to look.
-    """
-    if search.objective.plain or not np.isfinite(cost):
-        return search.objective.rmse(cost)
-    moment = MOMENT if interrupts.requested() else None
-    try:
-        with interrupts.heard(), interrupts.grace(MOMENT), interrupts.limited(moment):
-            return search.objective.position_rmse(p)
-    except Diverged:  # the cost saw only what is finite
-        return np.inf
-    except (interrupts.OutOfTime, KeyboardInterrupt):
-        return np.nan

@@ -1,13 +1,16 @@
 """Covariances where the model differs: from residuals as they are, correlated over many frames and many vertices.
 
-With r + J d near the result, H = JᵀJ and the scores g_b = Σ Jᵀr of B blocks of successive frames,
+A wrong model has no true value, so an interval is for the value that other frames would give. How far that may be is
+seen from what the fit would be without each of B blocks of successive frames. With r + J d near the result, and of each
+block H_b = JᵀJ and the score g_b = Jᵀr less the mean of all, leaving it out changes the values by
 
-    C = K S K,    S = 2 B / (B − 1) Σ_b (g_b − ḡ)(g_b − ḡ)ᵀ + σ² A,    K = (H + A)⁻¹
+    d_b = (H + A − H_b)⁻¹ g_b,    C = 2 (B − 1) / B Σ_b d_b d_bᵀ + σ² K A K,    K = (H + A)⁻¹
 
-twice the sandwich of White and of Newey and West with blocks in place of single residuals (A. C. Cameron, D. L. Miller,
-A practitioner's guide to cluster-robust inference, J. Human Resources 50, 2015); A is the prior's matrix, 0 without
-one. A wrong model has no true value, so an interval is for the value that other frames of the same length would give:
-that explains the 2. Few blocks are little to go by: Student's t has B − 1 degrees of freedom.
+the delete-a-block jackknife (CR3 of A. C. Cameron, D. L. Miller, A practitioner's guide to cluster-robust inference,
+J. Human Resources 50, 2015); the 2, as other frames give another value, as uncertain as this one. A is the prior's
+matrix, 0 without one. In place of K g_b, as in a sandwich of White, d_b does not forget that a block which says most of
+a value has drawn it to itself. What a wrong model leaves in one part of a motion says little of another: the blocks are
+as few and as long as can be, and Student's t has B − 1 degrees of freedom.
 """
 
 from __future__ import annotations
@@ -15,15 +18,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.optimise.normal_equations import Scores
 
-BLOCKS, SHORTEST_BLOCK = 4, 4
-"""Blocks of each motion, and steps of one at least; with more, shorter ones, their scores are not independent."""
-
-FEWEST_BLOCKS = 3
-"""Blocks of all motions together below which nothing is said."""
+BLOCKS, SHORTEST_BLOCK = 3, 4
+"""Blocks of all motions together, at least, below which nothing is said; and frames of one."""
 
 OTHER_FRAMES = 2.0
 """Factor of the variance: other frames would give another value, as uncertain as this one."""
@@ -38,19 +39,26 @@ motion that accelerates evenly has 16.
 
 
 class Blocks(NamedTuple):
-    """The scores of blocks of frames."""
+    """What blocks of frames say."""
 
-    scores: Array  # (B, Q), less their mean
+    information: Array  # H_b (B, Q, Q)
+    scores: Array  # g_b (B, Q)
 
     @property
     def freedom(self) -> int:
         """Degrees of freedom."""
         return len(self.scores) - 1
 
-    def covariance(self) -> Array:
-        """2 B / (B − 1) Σ_b (g_b − ḡ)(g_b − ḡ)ᵀ (Q, Q)."""
-        factor = OTHER_FRAMES * len(self.scores) / max(self.freedom, 1)
-        return np.asarray(factor * (self.scores.T @ self.scores))
+    def covariance(self, own: NDArray[np.intp], K: Array) -> Array:
+        """2 (B − 1) / B Σ_b d_b d_bᵀ (F, F) of the values `own` (F,), all others as they are, with their K (F, F); not
+        finite where all that is known of them is from one block.
+        """
+        H, one = self.information[:, own[:, None], own], np.eye(len(own))
+        try:
+            changes = np.linalg.solve(one - K @ H, (self.scores[:, own] @ K)[..., None])[..., 0]
+        except np.linalg.LinAlgError:
+            return np.full((len(own), len(own)), np.inf)
+        return np.asarray(OTHER_FRAMES * self.freedom / len(changes) * (changes.T @ changes))
 
 
 class Kept:
@@ -75,15 +83,16 @@ class Kept:
 
     def blocks(self, scale: Array) -> Blocks | None:
         """The blocks of all runs in z, with ∂y/∂z = `scale` (Q,); None where there are too few, or too many values."""
-        found = []
+        H, g = list[Array](), list[Array]()
+        wanted = -(-BLOCKS // max(len(self.runs), 1))  # of each run
         for own, scores in self.runs if self.count <= MOST_VALUES else ():
-            parts = np.array(scores.parts).reshape(-1, len(own))
-            count = min(BLOCKS, len(parts) // SHORTEST_BLOCK)
-            for part in np.array_split(parts, count) if count else ():
-                whole = np.zeros(self.count)
-                whole[own] = part.sum(axis=0)
-                found.append(whole * scale)
-        if len(found) < FEWEST_BLOCKS:
+            count = min(wanted, len(scores.parts) // SHORTEST_BLOCK)
+            for part in np.array_split(np.arange(len(scores.parts)), count) if count else ():
+                information, score = np.zeros((self.count, self.count)), np.zeros(self.count)
+                information[np.ix_(own, own)] = sum(scores.information[t] for t in part)
+                score[own] = sum(scores.parts[t] for t in part)
+                H.append(information * np.outer(scale, scale))
+                g.append(score * scale)
+        if len(g) < BLOCKS:
             return None
-        each = np.array(found)
-        return Blocks(each - each.mean(axis=0))
+        return Blocks(np.array(H), np.array(g) - np.mean(g, axis=0))

@@ -25,17 +25,22 @@ def chunk_steps(wide: int) -> int:
 
 
 class Scores:
-    """What each step of a motion adds to g, and how strongly it depends on the coordinates."""
+    """What each step of a motion adds to H and g, and how strongly it depends on the coordinates."""
 
     def __init__(self, by_step: bool) -> None:
-        """`by_step`: g is kept of each step, not of several together."""
+        """`by_step`: H and g are kept, of each step that completes residuals."""
         self.by_step = by_step
-        self.parts: list[Array] = []  # Jᵀr (Q,) of the residuals that some steps complete
+        self.information: list[Array] = []  # JᵀJ (Q, Q) of the residuals that a step completes
+        self.parts: list[Array] = []  # Jᵀr (Q,) of the same
         self.sizes: list[float] = []  # norm of dX after each step
 
-    def add(self, part: Array, dX: Array) -> None:
-        """Take the part of g (Q,) of the next steps, and the sensitivities (steps, 3 f, Q) after them."""
-        self.parts.append(part)
+    def add(self, J: Array, r: Array, dX: Array) -> None:
+        """Take the residuals r (R,) that the next steps complete, their J (R, Q), and the sensitivities
+        (steps, 3 f, Q) after these steps.
+        """
+        if self.by_step and len(r):
+            self.information.append(J.T @ J)
+            self.parts.append(J.T @ r)
         self.sizes += [float(np.linalg.norm(each)) for each in dX]
 
 
@@ -52,10 +57,9 @@ def accumulate(
     def add(sensitivity: Array, first: int, end: int) -> None:
         J, r = residuals.rows(sensitivity, first, end)
         H[:] += J.T @ J  # of one array, so that only half of the products are computed
-        part = J.T @ r
-        g[:] += part
+        g[:] += J.T @ r
         if scores is not None:
-            scores.add(part, sensitivity.reshape(-1, rows, count)[1:])
+            scores.add(J, r, sensitivity.reshape(-1, rows, count)[1:])
 
     with ThreadPoolExecutor(1) as pool:
         adding: Future[None] | None = None

@@ -23,30 +23,78 @@ def load(made):
     return load_text(json.dumps(made))
 
 
-def kept(parts):
-    """The scores of one run with all coordinates."""
-    made = Kept(parts.shape[1])
-    scores = made.keep(np.arange(parts.shape[1]))
-    for part in parts:
-        scores.add(part, np.ones((1, 3, parts.shape[1])))
+def kept(J, r):
+    """The scores of one run with all coordinates, from J (T, R, Q) and r (T, R) of its steps."""
+    made = Kept(J.shape[2])
+    scores = made.keep(np.arange(J.shape[2]))
+    for each, left in zip(J, r, strict=True):
+        scores.add(each, left, np.ones((1, 3, J.shape[2])))
     return made
 
 
-def test_independent_scores_have_twice_their_covariance():
-    rng, true = np.random.default_rng(0), np.array([[2.0, 0.6], [0.6, 1.0]])
-    scores = rng.standard_normal((400, 40, 2)) @ np.linalg.cholesky(true).T
-    found = np.mean([kept(each).blocks(np.ones(2)).covariance() for each in scores], axis=0)
-    # 400 estimates with three degrees of freedom each: a relative standard error of 0.04, and three of them
-    np.testing.assert_allclose(found, 2.0 * 40 * true, rtol=0.12)
+def regression(seed, steps=42, rows=5, values=3):
+    """Rows of a linear problem, in steps, with their residuals at the minimum, and K."""
+    rng = np.random.default_rng(seed)
+    J, y = rng.standard_normal((steps, rows, values)), rng.standard_normal((steps, rows))
+    K = np.linalg.inv(np.einsum("trq,trp->qp", J, J))
+    return J, np.einsum("trq,q->tr", J, K @ np.einsum("trq,tr->q", J, y)) - y, K
 
 
-def test_coordinates_scale_and_too_few_steps_say_nothing():
-    parts = np.random.default_rng(1).standard_normal((40, 2))
+def test_of_a_linear_problem_it_is_the_jackknife_of_refits():
+    J, r, K = regression(0)
+    found = kept(J, r).blocks(np.ones(3)).covariance(np.arange(3), K)
+    refits = []
+    for b in range(3):
+        rest = np.flatnonzero(np.arange(42) // 14 != b)
+        refits.append(np.linalg.lstsq(J[rest].reshape(-1, 3), r[rest].reshape(-1), rcond=None)[0])
+    spread = np.array(refits)  # of the steps from the minimum of all
+    np.testing.assert_allclose(found, 2.0 * 2 / 3 * spread.T @ spread, rtol=1e-9)  # rounding
+
+
+def test_independent_residuals_have_twice_their_covariance():
+    found, true = [], []
+    for seed in range(300):
+        J, r, K = regression(seed, steps=240)
+        found.append(np.trace(kept(J, r).blocks(np.ones(3)).covariance(np.arange(3), K)))
+        true.append(2.0 * np.trace(K))
+    # Each has three values with two degrees of freedom: a relative standard error of 0.6 / √300, and three of them;
+    # leaving a third out is not quite linear in how much it says, which adds some percent of 1 / 240 · 3.
+    np.testing.assert_allclose(np.mean(found), np.mean(true), rtol=0.12)
+
+
+def test_what_one_block_alone_shows_is_not_known():
+    J, r, _ = regression(1)
+    J[14:, :, 2] = 0.0  # the third value acts in the first block only
+    K = np.linalg.inv(np.einsum("trq,trp->qp", J, J))
+    found = kept(J, r).blocks(np.ones(3)).covariance(np.arange(3), K)
+    assert not found[2, 2] < 1e12 * K[2, 2]
+
+
+def test_coordinates_scale_and_too_few_frames_say_nothing():
+    J, r, K = regression(2, values=2)
     scale = np.array([2.0, 0.5])
-    one, other = (kept(parts).blocks(each).covariance() for each in (np.ones(2), scale))
-    np.testing.assert_allclose(other, one * np.outer(scale, scale), rtol=1e-12)  # rounding
-    assert kept(parts[:11]).blocks(scale) is None  # two blocks of four steps
+    one = kept(J, r).blocks(np.ones(2)).covariance(np.arange(2), K)
+    other = kept(J, r).blocks(scale).covariance(np.arange(2), K / np.outer(scale, scale))
+    np.testing.assert_allclose(other, one / np.outer(scale, scale), rtol=1e-9)  # rounding
+    assert kept(J[:11], r[:11]).blocks(scale) is None  # two blocks of four frames
+    unseen = np.zeros((31, 0, 2)), np.zeros((31, 0))
+    made = kept(J[:11], r[:11])
+    for each, left in zip(*unseen, strict=True):
+        made.runs[0][1].add(each, left, np.ones((1, 3, 2)))
+    assert made.blocks(scale) is None  # steps between frames are no frames
     assert Kept(sandwich.MOST_VALUES + 1).blocks(np.ones(sandwich.MOST_VALUES + 1)) is None
+
+
+def test_several_motions_share_the_blocks():
+    J, r, _ = regression(3)
+    made = Kept(3)
+    for part in np.array_split(np.arange(42), 3):
+        scores = made.keep(np.arange(3))
+        for t in part:
+            scores.add(J[t], r[t], np.ones((1, 3, 3)))
+    one, other = made.blocks(np.ones(3)), kept(J, r).blocks(np.ones(3))
+    np.testing.assert_allclose(one.scores, other.scores, rtol=1e-12)  # the same blocks
+    np.testing.assert_allclose(one.information, other.information, rtol=1e-12)
 
 
 def test_growth_is_that_of_the_run_that_grows_most():
@@ -54,7 +102,7 @@ def test_growth_is_that_of_the_run_that_grows_most():
     for rate in (1.0, 1.2):
         scores = made.keep(np.arange(1))
         for t in range(101):
-            scores.add(np.zeros(1), np.full((1, 1, 1), rate**t))
+            scores.add(np.zeros((0, 1)), np.zeros(0), np.full((1, 1, 1), rate**t))
     assert made.growth == pytest.approx(1.2**75, rel=1e-9)  # from a quarter of 101 steps to the last
 
 
