@@ -56,6 +56,7 @@ CHAOTIC = (
     "frames"
 )
 UNTRUSTED = "no intervals: the model differs, and for so many values, or so few frames, none could be trusted"
+DISAGREEING = "no intervals: the model differs, and what one part of the motion says of the values, no other confirms"
 
 
 @dataclass(frozen=True)
@@ -111,10 +112,11 @@ def found_with(problem: Trajectory, quick: tuple[Model, float, int] | None, diff
     p, cost = set_back(known, hidden, noise, search.start)
     rank, spread = problem.size - hidden.directions.shape[1], float(np.sqrt(noise))
     low, high = intervals(known, hidden, quick is not None)
-    if not wrong or known.blocks is not None:
-        return Confidence(p, cost, low, high, known.whole(hidden.flags), rank, spread)
-    nothing = np.full(len(p), np.nan)
-    return Confidence(p, cost, nothing, nothing, known.whole(hidden.flags), rank, spread, UNTRUSTED)
+    found = Confidence(p, cost, low, high, known.whole(hidden.flags), rank, spread)
+    if wrong and known.blocks is None:
+        nothing = np.full(len(p), np.nan)
+        return replace(found, low=nothing, high=nothing, warning=UNTRUSTED)
+    return replace(found, warning=DISAGREEING) if wrong and np.isnan(low).all() else found
 
 
 def without_intervals(known: Posterior, noise: float, why: str) -> Confidence:

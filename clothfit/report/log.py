@@ -117,8 +117,10 @@ def recorder(log: list[Point], show: Callable[[Any], None] | None) -> Callable[[
 
 
 def intervals(summary: Mapping[str, Any], place: int | None, name: str, mode: str, count: int) -> list[Any] | None:
-    """The 95 % intervals of a block of parameters, each [low, high] or None; None without such a block."""
-    blocks = summary.get("parameters")
+    """The 95 % intervals of a block of parameters, each [low, high] or None; None without such a block, or without the
+    verdict on the model that they belong to.
+    """
+    blocks = summary.get("parameters") if isinstance(summary.get("verdict"), Mapping) else None
     for block in blocks if isinstance(blocks, list) else []:
         if not isinstance(block, dict) or [block.get(key) for key in ("object", "name", "mode")] != [place, name, mode]:
             continue

@@ -56,7 +56,8 @@ def started():
 
 @pytest.fixture(scope="module")
 def path(truth, fitted, tmp_path_factory):
-    summary = {"status": "converged", "parameters": [
+    verdict = {"model": "adequate", "unexplained": 0.0}
+    summary = {"status": "converged", "verdict": verdict, "parameters": [
         {"object": 0, "name": "stiffness", "mode": "L", "interval": [[11.0, 13.0]] * 33}
     ]}  # fmt: skip
     log = Log([Point(i + 1, 10.0 / 2**i, 0.1, 0.1 * i) for i in range(12)], summary)

@@ -186,7 +186,8 @@ def test_the_curves_leave_out_what_nobody_saw():
 
 # --- the log
 
-SUMMARY = {"status": "converged", "parameters": [
+VERDICT = {"model": "adequate", "unexplained": 0.0}
+SUMMARY = {"status": "converged", "verdict": VERDICT, "parameters": [
     {"object": 0, "name": "stiffness", "mode": "G", "count": 1, "interval": [[29.0, 31.0]]}
 ]}  # fmt: skip
 
@@ -226,8 +227,13 @@ def test_lines_that_say_nothing_are_left_out(tmp_path, line):
     "interval", [None, [[1.0]], [[2.0, 1.0]], [["1", "2"]], [[1.0, 1e999]], "ab", [[1.0, 2.0]] * 2, [None]]
 )
 def test_intervals_that_cannot_be_are_none(interval):
-    summary = {"parameters": [3, {**SUMMARY["parameters"][0], "interval": interval}]}
+    summary = {**SUMMARY, "parameters": [3, {**SUMMARY["parameters"][0], "interval": interval}]}
     assert intervals(summary, 0, "stiffness", "G", 1) in (None, [None])
+
+
+@pytest.mark.parametrize("verdict", [None, "adequate", 1])
+def test_intervals_without_the_verdict_are_not_read(verdict):
+    assert intervals({**SUMMARY, "verdict": verdict}, 0, "stiffness", "G", 1) is None
 
 
 def test_a_long_log_is_thinned_and_keeps_its_end(tmp_path):

@@ -1,0 +1,128 @@
+"""The verdict on a fit's model, and that no interval leaves the program without it."""
+
+import json
+from dataclasses import replace
+
+import numba
+import numpy as np
+import pytest
+from helpers.interrupting import interrupt_after
+from helpers.scenes import even, load_text, trial
+
+from clothfit.base import interrupts
+from clothfit.cli.common.output import Output
+from clothfit.cli.fitting.outcomes import certainty, summary
+from clothfit.fit.estimate import estimate, record_target
+from clothfit.motion.degrade import degrade
+from clothfit.motion.divergence import Diverged
+from clothfit.report.log import intervals
+
+pytestmark = [
+    pytest.mark.slow,  # compiles a fit
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="many simulations need compilation"),
+]
+
+
+def load(made):
+    return load_text(json.dumps(made))
+
+
+def exact():
+    scene = load(even("nG", 20))
+    return scene, record_target(scene)
+
+
+def noisy():
+    scene = load(even("nG", 20))
+    return scene, degrade(record_target(scene), 1e-3, seed=3)
+
+
+def other_model(settings="nG"):
+    """One stiffness for a motion of a cloth with different ones."""
+    return load(even(settings, 30)), degrade(record_target(load(trial(settings, 30))), 1e-4, seed=1)
+
+
+def without_gravity():
+    scene, motion = other_model()
+    return replace(scene, gravity=0.0 * scene.gravity), motion
+
+
+FITS = {
+    "exact": (exact, {"start": 20.0}),
+    "noisy": (noisy, {}),
+    "noisy, vertices kept out": (noisy, {"holdout": 0.25, "holdout_of": "vertices"}),
+    "another model": (other_model, {}),
+    "another model, frames kept out": (other_model, {"holdout": 0.3}),
+    "another model, good enough": (other_model, {"rmse_tolerance": 0.1}),
+    "another model, one evaluation": (other_model, {"budget": 1}),
+    "another model, no time": (other_model, {"seconds": 1e-3}),
+    "another model, huber": (other_model, {"loss": "huber"}),
+    "its clock": (other_model, {"fit_time": True}),
+    "velocities": (other_model, {"objective": {"velocity": 1.0}}),
+    "lengths": (other_model, {"objective": {"edge-length": 1.0}}),
+    "spectra": (noisy, {"objective": {"spectrum": 1.0}}),
+    "without weight": (without_gravity, {}),
+    "l-bfgs-b": (other_model, {"method": "l-bfgs-b"}),
+}
+
+
+def shows_no_interval_alone(scene, found):
+    """Fails where an interval is in the result, its text, its JSON or what the page reads of it, without a verdict."""
+    told = summary(scene, found, Output("x.json"))
+    said = any(any(block.interval) for block in found.parameters)
+    assert said == any("95 %" in certainty(block) for block in found.parameters)
+    for block in found.parameters:
+        read = intervals(json.loads(json.dumps(told)), block.object, block.name, block.mode, block.count)
+        assert any(read or []) == any(block.interval)
+    assert not said or (found.verdict is not None and told["verdict"]["model"] in ("adequate", "differs"))
+    return said
+
+
+@pytest.mark.parametrize("name", FITS)
+def test_no_interval_without_the_verdict(name):
+    made, options = FITS[name]
+    scene, motion = made()
+    found = estimate(scene, motion, **options)
+    shows_no_interval_alone(scene, found)
+    assert any(any(block.interval) for block in found.parameters) or any("no intervals" in w for w in found.warnings)
+
+
+def test_a_fit_has_intervals_where_its_verdict_is_known():
+    assert shows_no_interval_alone(exact()[0], estimate(*exact(), start=20.0))
+    assert shows_no_interval_alone(noisy()[0], estimate(*noisy()))
+
+
+def test_of_spectra_alone_nothing_is_said():
+    scene, motion = noisy()
+    found = estimate(scene, motion, objective={"spectrum": 1.0})
+    assert found.verdict is None
+    assert found.parameters[0].interval == [None]
+
+
+@pytest.mark.parametrize("simulations", [1, 4, 8, 12, 16, 20, 24, 28, 32, 40])
+def test_no_interval_without_the_verdict_of_a_fit_that_is_interrupted(monkeypatch, simulations):
+    scene, motion = other_model()
+    with interrupts.deferred():
+        interrupt_after(monkeypatch, simulations)
+        found = estimate(scene, motion)
+    monkeypatch.undo()
+    shows_no_interval_alone(scene, found)
+
+
+def test_no_interval_where_the_verdict_fails(monkeypatch):
+    def fails(*_):
+        raise Diverged("far away", 1)
+
+    scene, motion = other_model()
+    monkeypatch.setattr("clothfit.fit.verdict.residual_test", fails)
+    found = estimate(scene, motion)
+    assert found.verdict is None
+    assert not shows_no_interval_alone(scene, found)
+
+
+def test_a_trial_that_its_model_cannot_reproduce_says_so():
+    scene = load(trial("nG", 30))
+    found = estimate(scene)
+    assert found.verdict.differs
+    assert estimate(load(even("nG", 30))).verdict.model == "adequate"
+    assert np.isfinite(found.relative_rmse)
