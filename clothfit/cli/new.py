@@ -81,7 +81,7 @@ MOST_NAMED = 12
 @click.option("--title", metavar="TEXT", help="Name of the scene.  [default: the file's]")
 @click.option("-o", "--output", "path", metavar="SCENE", help="Scene file.  [default: <stem>.json]")
 def command(given: str | None, path: str | None, as_json: bool, console: Console, **options: Any) -> None:
-    """Make a scene of one cloth: a plane, or a mesh from a file (.obj, .glb, .ply, .usd), as the front end builds it.
+    """Make a scene of one cloth: a plane, or a mesh from a file (.obj, .glb, .stl, .usd …), as the front end does.
 
     \b
     clothfit new plane --size 7 --fix-side front

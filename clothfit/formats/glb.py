@@ -1,4 +1,4 @@
-"""Motions in GLB files (binary glTF 2.0): a base shape, and morph targets that are added to it by animated weights.
+"""Motions in glTF 2.0 files (.glb, .gltf): a base shape, and morph targets that are added to it by animated weights.
 
 glTF is y up, right-handed and in metres; numbers are float32. A target for each frame would be large and slow, so a
 motion is written with the fewest targets (`morphs`) that keep every vertex within `TOLERANCE`, in the file's unit, or
@@ -9,6 +9,7 @@ cloth. Skeletons are not followed.
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import struct
@@ -34,6 +35,9 @@ TOLERANCE = 1e-5
 
 MOST_GLB_BYTES = 2**32 - 1
 """Bytes of a GLB file, whose length has 32 bits."""
+
+DATA_URI = "data:application/octet-stream;base64,"
+"""Before the numbers in the document of a .gltf file."""
 
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963  # targets of buffer views: vertices, indices
 FLOAT, UINT = 5126, 5125  # types of components
@@ -74,6 +78,9 @@ def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Dat
     document = _document(parts, morphs, animation)
     numbers = b"".join(parts.pieces)
     document["buffers"] = [{"byteLength": len(numbers)}]
+    if os.fspath(path).lower().endswith(".gltf"):
+        document["buffers"][0]["uri"] = DATA_URI + base64.b64encode(numbers).decode()
+        return {os.fspath(path): json.dumps(document, separators=(",", ":")).encode()}
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     length = 12 + 8 + len(text) + 8 + len(numbers)

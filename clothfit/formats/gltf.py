@@ -1,7 +1,9 @@
-"""The parts of a GLB file: a JSON document, and the numbers that its accessors describe.
+"""The parts of a glTF file: a JSON document, and the numbers that its accessors describe.
 
-glTF 2.0 specification, Khronos Group 2021, chapters 3.6 and 4.4; GLB is 12 bytes of header and two chunks. The reader
-checks all counts, offsets and indices of the document against the numbers that are there before it makes an array.
+glTF 2.0 specification, Khronos Group 2021, chapters 3.6 and 4.4. GLB is 12 bytes of header and two chunks; a .gltf file
+is the document alone. Its numbers stand in the document, as base64, or in files beside it, which must be in its folder
+or below. The reader checks all counts, offsets and indices of the document against the numbers that are there before it
+makes an array.
 """
 
 from __future__ import annotations
@@ -11,7 +13,9 @@ import binascii
 import json
 import os
 import struct
+from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -30,7 +34,7 @@ HARMLESS = ("KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_text
 
 
 class Document:
-    """A GLB file, whose parts are read by kind and index. All its methods raise InvalidMotion."""
+    """A glTF file, whose parts are read by kind and index. All its methods raise InvalidMotion."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path, self.name = path, name_of(path)
@@ -41,16 +45,21 @@ class Document:
             self._json = json.loads(text)
         except (ValueError, RecursionError) as error:
             reason = str(error) or "it is nested too deeply"
-            raise InvalidMotion(f"{self.name}: its JSON cannot be read ({reason[:100]})") from None
+            cause = f"its JSON cannot be read ({reason[:100]}); it is cut off or damaged"
+            raise InvalidMotion(f"{self.name}: {cause}") from None
         self._buffers: dict[int, bytes] = {}
         self._taken = 0  # bytes of all arrays together: many parts may name the same numbers
         self.root: dict[str, Any] = self.typed(self._json, dict, "an object", "its JSON")
         self._check_extensions()
 
     def _chunks(self, data: bytes) -> tuple[bytes, bytes]:
-        """The two chunks; the second may be missing."""
+        """The document and the second chunk, which may be missing."""
+        if data[:512].lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
+            return data, b""
         if data[:4] != GLB_MAGIC or len(data) < 20:
-            raise InvalidMotion(f"{self.name}: it is not a GLB file, which begins with glTF; export as .glb")
+            raise InvalidMotion(
+                f"{self.name}: it is not a glTF file: it begins neither with glTF, as .glb, nor with {{, as .gltf"
+            )
         version, length = struct.unpack_from("<II", data, 4)
         if version != 2:
             raise InvalidMotion(f"{self.name}: it is glTF version {version}; export version 2")
@@ -161,7 +170,7 @@ class Document:
         return values
 
     def _buffer(self, index: Any) -> bytes:
-        """The bytes of a buffer, from the second chunk or the document itself. Other files are never opened."""
+        """The bytes of a buffer, from the second chunk, the document itself, or a file beside it."""
         described = self.item("buffers", index)
         if index not in self._buffers:
             uri = described.get("uri")
@@ -170,8 +179,27 @@ class Document:
             elif isinstance(uri, str) and uri.startswith("data:") and ";base64," in uri[:100]:
                 self._buffers[index] = self._decoded(uri.partition(",")[2])
             else:
-                raise InvalidMotion(f"{self.name}: its numbers are in another file; export all into one .glb")
+                self._buffers[index] = self._beside(uri)
         return self._buffers[index]
+
+    def _beside(self, uri: Any) -> bytes:
+        """The bytes of a file in the folder of this one or below. No other file is opened, and no network."""
+        folder = Path(os.fsdecode(self.path)).resolve().parent
+        part = unquote(uri) if isinstance(uri, str) else ""
+        try:
+            place = (folder / part).resolve()
+            own = bool(part) and ":" not in part and "\\" not in part and place.is_relative_to(folder)
+        except (OSError, ValueError, RuntimeError):  # a name that no file can have, or a circle of links
+            own = False
+        if not own:
+            raise InvalidMotion(
+                f"{self.name}: its numbers are in {shown(uri)}, which is not a file in its folder; export as .glb"
+            )
+        if not place.is_file():
+            raise InvalidMotion(
+                f"{self.name}: its numbers are in {shown(part)}, which is not there; copy it beside, or export as .glb"
+            )
+        return content(place)
 
     def _decoded(self, text: str) -> bytes:
         try:

@@ -98,7 +98,9 @@ def _tops(doc: Document) -> list[Any]:
 
 
 def animated(doc: Document, nodes: list[Placed]) -> tuple[Tracks, tuple[str, ...]]:
-    """The tracks of the first animation that changes shapes, else of the first; and notes on it."""
+    """The tracks of the first animation that changes shapes, else of the first, with those of all others that move none
+    of the same: programs such as Blender write an animation for each object. And notes on it.
+    """
     count = len(doc.items(doc.root, "animations"))
     skinned = any("skin" in doc.item("nodes", node.node) for node in nodes)
     if not count:
@@ -109,7 +111,15 @@ def animated(doc: Document, nodes: list[Placed]) -> tuple[Tracks, tuple[str, ...
     each = [_animation(doc, index) for index in range(count)]
     changing = [i for i in range(count) if any(n in shapes and what == "weights" for n, what in each[i])]
     chosen = (changing or [0])[0]
-    return each[chosen], (f"of its {count} animations number {chosen + 1} is read",) if count > 1 else ()
+    tracks, taken = dict(each[chosen]), [chosen]
+    for other in range(count):
+        if each[other] and not tracks.keys() & each[other].keys():
+            tracks |= each[other]
+            taken.append(other)
+    if len(taken) == count:
+        return tracks, ()
+    numbers = ", ".join(str(i + 1) for i in sorted(taken))
+    return tracks, (f"of its {count} animations number {numbers} is read",)
 
 
 def _animation(doc: Document, index: int) -> Tracks:

@@ -1,4 +1,5 @@
-"""Markers in CSV files: tables with a line of names, wide or long, and those that Motive exports.
+"""Markers in CSV files: tables with a line of names, wide or long, and those that Motive and Nexus (`vicon_table`)
+export.
 
     wide    time,hem_x,hem_y,hem_z,…      a line for each frame
     long    time,marker,x,y,z             a line for each marker and frame, in any order
@@ -42,6 +43,7 @@ from clothfit.formats.markers import (
     unit_of,
 )
 from clothfit.formats.table import Table, animation_of, table_of
+from clothfit.formats.vicon_table import animation, is_vicon
 
 MOTIVE_FIRST_CELL = "Format Version"
 MARKER_KINDS = ("marker", "unlabeled marker")
@@ -60,6 +62,8 @@ def read(path: str | os.PathLike[str]) -> Animation:
     name, text = name_of(path), text_of(path)
     if text.startswith(MOTIVE_FIRST_CELL):
         return _motive(text, name)
+    if is_vicon(text):
+        return animation(text, name)
     table = table_of(text, name)
     marker, coordinates = table.column(MARKER_COLUMNS), [table.column((axis,)) for axis in "xyz"]
     time, frame = table.column(TIME_COLUMNS), table.column(FRAME_COLUMNS)

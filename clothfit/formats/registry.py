@@ -39,8 +39,10 @@ FORMATS = (
     Format("PC2 point cache", (".pc2",), "pc2", RIGHT, times=False, faces=False),
     Format("MDD point cache", (".mdd",), "mdd", RIGHT, faces=False),
     Format("USD", (".usd", ".usda", ".usdc"), "usd", RIGHT, extra="usd", library="pxr"),
-    Format("glTF", (".glb",), "glb", RIGHT),
+    Format("glTF", (".glb", ".gltf"), "glb", RIGHT),
+    Format("Alembic", (".abc",), "alembic", RIGHT, writes=False),
     Format("PLY mesh", (".ply",), "ply", RIGHT, writes=False, times=False),
+    Format("STL mesh", (".stl",), "stl", Axes("z", "right", 1.0), writes=False, times=False),
     Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), markers=True, faces=False),
     Format("TRC markers", (".trc",), "trc", Axes("y", "right", 0.001), markers=True, faces=False),
     Format("CSV markers", (".csv",), "marker_table", RIGHT, markers=True, faces=False),
@@ -79,4 +81,3 @@ def module_of(found: Format) -> Any:
             need = f"{found.name} needs {found.library}; install it with: pip install 'clothfit[{found.extra}]'"
             raise InvalidInput(need) from None
     return import_module(f"clothfit.formats.{found.module}")
-

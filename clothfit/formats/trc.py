@@ -1,9 +1,9 @@
 """Markers in TRC files, the text format of Motion Analysis and OpenSim.
 
-Tabs separate the cells. The lines are: the file's type, the names of its facts (rate, unit, counts), the facts, the
-markers' names, X1 Y1 Z1 …, mostly an empty one, and then one for each frame: its number, its time in s, and the
-coordinates, which are empty where a marker was not seen. y is up and the axes are right-handed, as in OpenSim; the unit
-is among the facts. Numbers are written in full.
+Tabs separate the cells, or, as some programs write it, commas. The lines are: the file's type, the names of its facts
+(rate, unit, counts), the facts, the markers' names, X1 Y1 Z1 …, mostly an empty one, and then one for each frame: its
+number, its time in s, and the coordinates, which are empty where a marker was not seen. y is up and the axes are
+right-handed, as in OpenSim; the unit is among the facts. Numbers are written in full.
 """
 
 from __future__ import annotations
@@ -28,26 +28,31 @@ FACTS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigData
 def read(path: str | os.PathLike[str]) -> Animation:
     """The markers of a file, NaN where they were not seen. Raises InvalidMotion, with the line."""
     name, lines = name_of(path), io.StringIO(text_of(path))
-    head = [next(lines, "").rstrip("\r\n").split("\t") for _ in range(5)]
+    first = next(lines, "")
+    separator = "," if first.strip().startswith(f"{FILE_TYPE},") else "\t"
+    head = [line.rstrip("\r\n").split(separator) for line in [first, *(next(lines, "") for _ in range(4))]]
     if not head[0][0].strip().startswith(FILE_TYPE) or len(head[3]) < 3:
         raise InvalidMotion(f"{name}: it is not a TRC file, which begins with {FILE_TYPE} and has the names in line 4")
     facts = {key.strip().lower(): value.strip() for key, value in zip(head[1], head[2], strict=False)}
     names = [each.strip() for each in head[3][2:] if each.strip()]
     width = 2 + 3 * len(names)
-    rows = (_row(line, f"{name}: line {i}", width) for i, line in enumerate(lines, 6) if line.strip())
+    split = ((f"{name}: line {i}", line.rstrip("\r\n").split(separator)) for i, line in enumerate(lines, 6))
+    rows = (_row(cells, place, width) for place, cells in split if any(map(str.strip, cells)))
     table = number_table(rows, width - 1)
     frames = len(table)
     promised = number(facts.get("numframes", ""), f"{name}: line 3")
     if frames < promised:  # never true for NaN, where the file promises nothing
-        raise InvalidMotion(f"{name}: it ends early: {promised:.0f} frames are promised, {frames} are there")
+        raise InvalidMotion(
+            f"{name}: it ends early: {promised:.0f} frames are promised, {frames} are there; export it again, or write "
+            f"{frames} for NumFrames in line 3"
+        )
     notes: list[str] = []
     axes = Axes("y", "right", scale_of(facts.get("units", ""), notes))
     return marker_animation(table[:, 1:].reshape(frames, len(names), 3), axes, table[:, 0], names, notes, name)
 
 
-def _row(line: str, place: str, width: int) -> list[float]:
+def _row(cells: list[str], place: str, width: int) -> list[float]:
     """The numbers of a line but the first, NaN for missing cells. Raises InvalidMotion where there are too many."""
-    cells = line.rstrip("\r\n").split("\t")
     while len(cells) > width and not cells[-1].strip():
         cells.pop()
     if len(cells) > width:

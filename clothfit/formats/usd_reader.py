@@ -30,6 +30,9 @@ from clothfit.formats.usd_labels import labels
 CUT = ("clips", "clipSets")
 """Fields of a prim, beside its references, that name other files: those that hold values of attributes."""
 
+BOUND = ("skel:blendShapes", "skel:skeleton", "primvars:skel:jointIndices")
+"""What binds a mesh to a skeleton."""
+
 OPENING_BYTES, OPENING_RATIO = 1 << 29, 100
 """Bytes that opening a file may take: a fixed number, and some for each byte of the file, whose arrays are packed."""
 
@@ -47,6 +50,7 @@ def parsed(path: str, name: str) -> Animation:
         if notes:
             raise InvalidMotion(f"{name}: there is no mesh in it, only the names of other files; flatten it first")
         raise InvalidMotion(f"{name}: there is no mesh in it")
+    _check_bones(every, shapes, name)
     moving = [prim for prim in shapes if UsdGeom.PointBased(prim).GetPointsAttr().GetNumTimeSamples() > 1]
     if moving and len(moving) < len(shapes):
         notes.append(f"{len(shapes) - len(moving)} of its meshes do not change their shape and are left out")
@@ -79,6 +83,18 @@ def _alone(layer: Any) -> list[str]:
                 spec.ClearInfo(key)
                 clips += 1
     return ["it refers to other files, which are not read"] if others or clips else []
+
+
+def _check_bones(every: Sequence[Any], shapes: Sequence[Any], name: str) -> None:
+    """Raise InvalidMotion where joints or blend shapes move a mesh over time: its points do not show that."""
+    animations = [prim for prim in every if prim.GetTypeName() == "SkelAnimation"]
+    moved = any(each.GetNumTimeSamples() > 1 for prim in animations for each in prim.GetAttributes())
+    bound = [prim for prim in shapes if any(prim.HasProperty(key) for key in BOUND)]
+    if moved and bound:
+        raise InvalidMotion(
+            f"{name}: a skeleton or blend shapes move {named(str(bound[0].GetPath()))}; bake the motion into its "
+            "points, as Blender does without Shape Keys and Armatures among its export options"
+        )
 
 
 def _codes(shapes: Sequence[Any], name: str) -> list[Any]:

@@ -18,7 +18,7 @@ from clothfit.meshes.mesh import Mesh
 FARTHEST_VERTEX = 1e9
 """m from the origin; a float64 position farther away is no longer exact to a micrometre."""
 
-MESHES = (".obj", ".glb", ".ply", ".usd", ".usda", ".usdc")
+MESHES = (".obj", ".glb", ".gltf", ".ply", ".stl", ".abc", ".usd", ".usda", ".usdc")
 """Suffixes of the formats that can hold triangles."""
 
 

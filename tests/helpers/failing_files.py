@@ -159,15 +159,20 @@ FORMATS = {
     # glTF
     "some of its positions are not finite numbers": accessor(longer=False),
     "its numbers reach beyond the end of the buffer": accessor(longer=True),
-    "it is not a GLB file, which begins with glTF; export as .glb": read("glb", b"hello"),
+    "it is not a glTF file: it begins neither with glTF, as .glb, nor with {, as .gltf": read("glb", b"hello"),
     "it is glTF version …; export version 2": read("glb", scene_files.container({}, version=1)),
     "it is cut off or damaged; export it again": read("glb", scene_files.container({}, length=10_000)),
-    "its JSON cannot be read (…)": read("glb", scene_files.container(b"{]}")),
+    "its JSON cannot be read (…); it is cut off or damaged": read("glb", scene_files.container(b"{]}")),
     "it needs the extension …; export without it, uncompressed": glb(
         extensionsRequired=["KHR_draco_mesh_compression"]
     ),
     "…[…] does not exist": glb(scenes=[{"nodes": [7]}]),
-    "its numbers are in another file; export all into one .glb": glb(buffers=[{"byteLength": 9, "uri": "a.bin"}]),
+    "its numbers are in …, which is not there; copy it beside, or export as .glb": glb(
+        buffers=[{"byteLength": 9, "uri": "a.bin"}]
+    ),
+    "its numbers are in …, which is not a file in its folder; export as .glb": glb(
+        buffers=[{"byteLength": 9, "uri": "https://localhost/a.bin"}]
+    ),
     "its nodes are not a tree of at most … levels": read(
         "glb", scene_files.whole(*scene_files.parts([{"mesh": 0, "children": [0]}]))
     ),
@@ -180,10 +185,22 @@ FORMATS = {
     "… are more than a GLB file can have; keep fewer frames": patched(
         "convert good.npz out.glb", "clothfit.formats.glb.MOST_GLB_BYTES", 100
     ),
+    # Alembic, STL
+    "it is not an Alembic file, which begins with Ogawa": read("abc", b"hello"),
+    "it is in Alembic's older container, HDF5; convert it with: abcconvert -toOgawa … new.abc": read("abc", b"\x89HDF"),
+    "it was not written to its end; export it again": read("abc", b"Ogawa\0" + bytes(20)),
+    "it is cut off, or no STL file: … triangles are promised, … are there; export it again": read("stl", b"\1" * 99),
+    "it is cut off or damaged: …, … of them complete, with …, of which each needs 3; export it again": read(
+        "stl", b"solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n"
+    ),
     # C3D, TRC, CSV
     "it is not a C3D file, whose second byte is 0x50": read("c3d", b"hello"),
     "… is not a type of processor that C3D knows (84, 85, 86)": read("c3d", marker_files.c3d(np.zeros((1, 1, 3)), 83)),
     "there are no markers in it": read("c3d", marker_files.c3d(np.zeros((1, 0, 3)))),
+    "it ends early: … frames are promised, … are there; export it again, or write … for NumFrames in line 3": read(
+        "trc", b"PathFileType\t4\nNumFrames\n2\nFrame#\tTime\ta\n\n1\t0\t1\t2\t3\n"
+    ),
+    "it has no …, only …; export the trajectories from Nexus": read("csv", b"Devices,,\n100,,\n"),
     "it ends early: … frames are promised, … are there": read("c3d", marker_files.c3d(np.zeros((9, 1, 3)))[:-16]),
     "frames that are not at equal distances in time cannot be written; use .trc or .csv": converted(
         "uneven.npz out.c3d", **{"uneven.npz": {**GOOD, "times": np.arange(5.0) ** 2}}
