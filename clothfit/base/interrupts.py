@@ -127,6 +127,31 @@ def _waiting(handler: Callable[[int, object], object]) -> Callable[[int, object]
 
 
 @contextmanager
+def postponed() -> Iterator[Callable[[], None]]:
+    """Keep requests that arrive within the block, where no exception may come from between two lines, as in a compiler
+    that calls back into Python. They are handled where the yielded function is called, and at the end.
+    """
+    before: dict[int, Any] = {}
+    kept: list[int] = []
+
+    def handle_kept() -> None:
+        while kept:
+            number = kept.pop(0)
+            before[number](number, None)
+
+    try:
+        if threading.current_thread() is threading.main_thread():  # the only one that handles signals
+            before |= {kind: handler for kind in REQUESTS if callable(handler := signal.getsignal(kind))}
+        for kind in before:
+            signal.signal(kind, lambda number, frame: kept.append(number))
+        yield handle_kept
+    finally:
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
+        handle_kept()
+
+
+@contextmanager
 def limited(seconds: float | None) -> Iterator[None]:
     """Raise OutOfTime from `check` after so many seconds; never later than a deadline around this one."""
     before = _state.deadline

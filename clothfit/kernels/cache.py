@@ -14,20 +14,17 @@ than all else that a command does at its start. So here:
 
 Folders that are read, and written to where that is possible, in this order: what NUMBA_CACHE_DIR says, else
 `__pycache__` in the package; the user's cache folder; one in the folder for temporary files. A file can run anything
-when it is loaded, so the last two must belong to the user or to root and be writable by nobody else.
+when it is loaded, so only `trusted` folders are used.
 """
 
 from __future__ import annotations
 
+import fnmatch
 import hashlib
 import os
 import pickle
-import secrets
-import shutil
-import stat
 import sys
 import tempfile
-import time
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
@@ -40,6 +37,8 @@ from numba.core.caching import FunctionCache
 from numba.core.compiler import CompileResult
 from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
+
+from clothfit.kernels.trusted import Untrusted, made, opened
 
 PACKAGE = Path(__file__).resolve().parents[1]
 PREFIX = "kernels-"
@@ -80,24 +79,6 @@ def _own_bases() -> list[Path]:
     return []
 
 
-def is_safe(folder: Path) -> bool:
-    """Whether nobody but the user and root can have written into a folder; True where it does not exist."""
-    try:
-        found = folder.lstat()
-    except OSError:
-        return True
-    if not hasattr(os, "getuid"):
-        return True
-    mine = found.st_uid in (0, os.getuid()) and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-    return stat.S_ISDIR(found.st_mode) and mine
-
-
-def usable() -> list[Path]:
-    """Those folders that may be read: the first, and the safe ones of the user."""
-    first, *own = folders()
-    return [first, *(folder for folder in own if is_safe(folder.parent))]
-
-
 def file_name(name: str, *key: object) -> str:
     """The name of a file for one key and these versions."""
     digest = hashlib.sha256(repr((name, key, numba.__version__, sys.version)).encode())
@@ -106,59 +87,42 @@ def file_name(name: str, *key: object) -> str:
 
 def load(name: str) -> tuple[Path, bytes] | None:
     """The folder and the content that was kept under a name; None where there is none, or it is damaged."""
-    for folder in usable():
+    for number, path in enumerate(folders()):
         with suppress(OSError):
-            data = (folder / name).read_bytes()
+            with opened(path, named=number == 0) as folder:
+                data = folder.read(name)
             mark, content = data[: len(FILE_MARK) + 32], data[len(FILE_MARK) + 32 :]
             if mark == FILE_MARK + hashlib.sha256(content).digest():
-                return folder, content
+                return path, content
     return None
 
 
 def save(name: str, content: bytes) -> Path:
     """Keep `content` under a name, in the first folder where that is possible; returns the folder.
 
-    Raises the OSError of the first folder where no folder can be written.
+    Warns where others can write to NUMBA_CACHE_DIR, which is then left. Raises the OSError of the first folder where
+    no folder can be written.
     """
-    first: OSError | None = None
-    for folder in usable():
+    faults: list[OSError] = []
+    for number, path in enumerate(folders()):
+        shared = number == 0
+        kept = None if shared and config.CACHE_DIR else DAY if shared else 30 * DAY  # it may serve several versions
         try:
-            _make(folder)
-            _write(folder / name, FILE_MARK + hashlib.sha256(content).digest() + content)
-            return folder
+            with made(path, shared, PREFIX, kept) as folder:
+                folder.write(name, FILE_MARK + hashlib.sha256(content).digest() + content)
         except OSError as error:
-            first = first or error
-    assert first is not None  # there is at least one folder
-    raise first
+            faults.append(error)
+            continue
+        if faults and isinstance(faults[0], Untrusted) and config.CACHE_DIR:
+            _leave_named(str(faults[0].filename), str(faults[0].strerror), path)
+        return path
+    raise faults[0]  # there is at least one folder
 
 
-def _make(folder: Path) -> None:
-    """Make a folder, and remove those of other sources beside it that have not been used for long."""
-    if folder.is_dir():
-        return
-    shared = folder == folders()[0]
-    folder.parent.mkdir(mode=0o777 if shared else 0o700, parents=True, exist_ok=True)
-    if not shared and not is_safe(folder.parent):
-        raise PermissionError(13, "belongs to another user", str(folder.parent))
-    folder.mkdir(exist_ok=True)
-    if shared and config.CACHE_DIR:  # may serve several versions at once
-        return
-    for other in folder.parent.glob(f"{PREFIX}*"):
-        with suppress(OSError):  # another process may be faster
-            if time.time() - other.stat().st_mtime > (DAY if shared else 30 * DAY):
-                shutil.rmtree(other, ignore_errors=True)
-
-
-def _write(path: Path, data: bytes) -> None:
-    new = path.with_name(f".{secrets.token_hex(8)}.tmp")
-    try:
-        with open(new, "xb") as file:
-            file.write(data)
-        os.replace(new, path)
-    except BaseException:  # an interrupt as well
-        with suppress(OSError):
-            new.unlink()
-        raise
+@cache
+def _leave_named(folder: str, reason: str, instead: Path) -> None:
+    """Warn, once."""
+    warn(f"NUMBA_CACHE_DIR is not used, as what is in it can run: {folder}: {reason}; compiled code is kept in {instead}")
 
 
 def _warn(message: str) -> None:
@@ -230,4 +194,13 @@ class KernelCache(FunctionCache):
 
 def is_cold() -> bool:
     """Whether a fit would have to compile first."""
-    return not config.DISABLE_JIT and not any(any(folder.glob(GRADIENT)) for folder in usable())
+    return not config.DISABLE_JIT and not any(fnmatch.filter(_names(), GRADIENT))
+
+
+def _names() -> list[str]:
+    """The names of all files that are kept."""
+    found = []
+    for number, path in enumerate(folders()):
+        with suppress(OSError), opened(path, named=number == 0) as folder:
+            found += folder.names()
+    return found

@@ -9,6 +9,9 @@ With NUMBA_DISABLE_JIT=1 the same functions run as plain Python.
 Most kernels are only called by kernels. The code that makes a function callable from Python, which takes a structure
 of thirty arrays apart, is then a third of what there is to compile. So each kernel is two functions for numba: one
 that other kernels call, without that code, and one for calls from Python, compiled only when there is such a call.
+
+The compiler calls back into Python, and an exception from there is lost: the function then counts as compiled, without
+any code. So Ctrl-C waits for the next of the passes that a compilation consists of.
 """
 
 from __future__ import annotations
@@ -18,7 +21,9 @@ from collections.abc import Callable
 from typing import Any, TypeVar, overload
 
 import numba
+from numba.core import event
 
+from clothfit.base.interrupts import postponed
 from clothfit.kernels.cache import KernelCache
 
 F = TypeVar("F", bound=Callable[..., object])
@@ -45,6 +50,30 @@ def kernel(function: F | None = None, *, nogil: bool = False) -> F | Callable[[F
     if outer is not function:  # as it is with NUMBA_DISABLE_JIT
         inner: Any = compile_lazily(**FLAGS, no_cpython_wrapper=True)(function)
         inner._cache, outer._cache = KernelCache(function, "inner"), KernelCache(function)
+        outer._compile_for_args = interruptible(outer._compile_for_args)
         outer.get_call_template, outer.get_overload = inner.get_call_template, inner.get_overload  # for kernels
     made: F = outer
     return made
+
+
+def interruptible(compile_for_args: Callable[..., object]) -> Callable[..., object]:
+    """The same function, which numba calls to compile or load, where Ctrl-C comes only at the start of a pass."""
+
+    def compile_between_requests(*arguments: object, **keywords: object) -> object:
+        with postponed() as handle_kept, event.install_listener("numba:run_pass", _Passes(handle_kept)):
+            return compile_for_args(*arguments, **keywords)
+
+    return compile_between_requests
+
+
+class _Passes(event.Listener):
+    """Calls a function at the start of every pass of the compiler."""
+
+    def __init__(self, call: Callable[[], None]) -> None:
+        self.call = call
+
+    def on_start(self, event: object) -> None:
+        self.call()
+
+    def on_end(self, event: object) -> None:
+        """Do nothing."""

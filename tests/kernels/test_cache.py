@@ -6,6 +6,7 @@ import stat
 import subprocess
 import sys
 import threading
+import time
 
 import numba
 import pytest
@@ -14,6 +15,7 @@ from helpers.scenes import environment, started, trial, write_scene
 import clothfit
 from clothfit.cli.common.console import COMPILING
 from clothfit.kernels import cache as kernel_cache
+from clothfit.kernels import trusted
 from clothfit.kernels.cache import KernelCache
 
 pytestmark = pytest.mark.slow  # starts processes
@@ -117,14 +119,14 @@ def test_where_one_folder_cannot_be_written_the_next_one_is(places, blocked):
 
 def test_what_an_image_brings_along_is_read_by_users_who_cannot_write_there(places, monkeypatch):
     kernel_cache.save("f", b"from the image")
-    write = kernel_cache._write
+    write = trusted.Folder.write
 
-    def refused(path, data):
-        if path.parent == places[0]:
+    def refused(folder, name, data):
+        if folder.path == places[0]:
             raise PermissionError(13, "Permission denied")
-        write(path, data)
+        write(folder, name, data)
 
-    monkeypatch.setattr(kernel_cache, "_write", refused)
+    monkeypatch.setattr(trusted.Folder, "write", refused)
     assert kernel_cache.load("f") == (places[0], b"from the image")
     assert kernel_cache.save("g", b"new") == places[1]
 
@@ -138,7 +140,7 @@ def test_where_nothing_can_be_written_the_first_reason_is_told(places):
 
 def test_an_interrupted_write_leaves_nothing(places, monkeypatch):
     kernel_cache.save("f", b"content")
-    monkeypatch.setattr(kernel_cache.os, "replace", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr(trusted.os, "replace", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
         kernel_cache.save("g", b"content")
     assert [path.name for path in places[0].iterdir()] == ["f"]
@@ -181,6 +183,74 @@ def test_a_folder_of_somebody_else_is_not_trusted(places):
 
 
 @has_owners
+@pytest.mark.parametrize("level", [0, 1], ids=["base", "folder"])
+def test_a_named_folder_that_everybody_can_write_to_is_left_and_that_is_said(places, monkeypatch, level):
+    heard = []
+    monkeypatch.setattr(kernel_cache, "warn", heard.append)
+    monkeypatch.setattr(kernel_cache.config, "CACHE_DIR", str(places[0].parent))
+    kernel_cache._leave_named.cache_clear()
+    kernel_cache.save("f", b"content")
+    open_to_all = (places[0].parent, places[0])[level]
+    open_to_all.chmod(0o777)
+    assert kernel_cache.load("f") is None
+    assert [kernel_cache.save(name, b"content") for name in "fg"] == [places[1]] * 2
+    assert heard == [
+        f"NUMBA_CACHE_DIR is not used, as what is in it can run: {open_to_all}: other users can write to it; "
+        f"compiled code is kept in {places[1]}"
+    ]
+
+
+@has_owners
+def test_a_group_may_share_a_named_folder_and_the_sticky_bit_keeps_a_common_one(places):
+    kernel_cache.save("f", b"content")
+    places[0].chmod(0o2775)
+    places[0].parent.chmod(0o1777)
+    assert kernel_cache.load("f") == (places[0], b"content")
+
+
+@has_owners
+def test_the_users_folder_within_one_where_others_can_rename_is_not_trusted(places, tmp_path):
+    block(places[0])
+    around = tmp_path / "around"
+    around.mkdir()
+    around.chmod(0o777)
+    shutil.move(places[1].parent, around / "user")
+    moved = around / "user" / places[1].name
+    with pytest.raises(trusted.Untrusted), trusted.made(moved, False, "kernels-", None):
+        pass
+    around.chmod(0o1777)
+    with trusted.made(moved, False, "kernels-", None) as folder:
+        assert folder.names() == []
+
+
+RENAMES = """
+import os, sys
+mine, theirs = sys.argv[1:]
+while True:  # as another user can in a folder of his, or where the sticky bit is missing
+    os.rename(theirs, mine)
+    os.rename(mine, theirs)
+"""
+
+
+@has_owners
+def test_a_folder_of_others_that_is_renamed_in_and_out_is_never_read(places, tmp_path):
+    """The check of a path and the reading through it must not be two things: with a look at the path first, some two
+    of a hundred loads read what others wrote.
+    """
+    block(places[0])
+    kernel_cache.save("f", b"what others wrote")
+    theirs = tmp_path / "theirs"
+    places[1].parent.rename(theirs)
+    theirs.chmod(0o777)
+    call = [sys.executable, "-c", RENAMES, str(places[1].parent), str(theirs)]
+    with subprocess.Popen(call) as attacker:
+        found = [kernel_cache.load("f") for _ in range(4000)]
+        attacker.kill()
+    assert attacker.returncode == -9  # it renamed to the end
+    assert set(found) == {None}
+
+
+@has_owners
 def test_the_users_folder_is_made_for_the_user_alone(places):
     block(places[0])
     places[1].parent.rmdir()
@@ -194,7 +264,7 @@ def test_folders_of_other_sources_are_removed_when_they_are_old_and_ours(places,
     for name, age in (("kernels-old", 2 * kernel_cache.DAY), ("kernels-new", 0.5 * kernel_cache.DAY)):
         folder = places[0].parent / name
         folder.mkdir(parents=True)
-        then = kernel_cache.time.time() - age
+        then = time.time() - age
         os.utime(folder, (then, then))
     kernel_cache.save("f", b"content")
     found = sorted(path.name for path in places[0].parent.iterdir())

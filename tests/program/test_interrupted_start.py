@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from helpers.scenes import environment, trial, write_scene
+from helpers.scenes import environment, needs_compiler, trial, write_scene
 
 pytestmark = pytest.mark.slow  # starts processes
 
@@ -37,3 +37,32 @@ def test_an_interrupt_while_loading_is_one_line(tmp_path, module, kind):
     assert (done.returncode, done.stdout) == (130, b"")
     assert done.stderr.lstrip() == b"error: interrupted\n"  # click may end the line that a terminal shows ^C on
     assert [path.name for path in tmp_path.iterdir()] == ["scene.json"]
+
+
+# Sends the signal in the middle of a compilation, where the compiler calls back into Python: an exception there is lost.
+COMPILING = """
+import os, signal, sys
+from numba.core.codegen import CPUCodeLibrary
+compiled = CPUCodeLibrary._object_compiled_hook.__func__
+def interrupt(*arguments):
+    CPUCodeLibrary._object_compiled_hook = classmethod(compiled)
+    os.kill(os.getpid(), signal.SIGINT)
+    for _ in range(1000):  # the interpreter calls the handler between two instructions
+        pass
+    return compiled(*arguments)
+CPUCodeLibrary._object_compiled_hook = classmethod(interrupt)
+from clothfit.__main__ import main
+main(sys.argv[1:])
+"""
+
+
+@needs_compiler
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+def test_an_interrupt_in_the_first_compilation_is_one_line(tmp_path):
+    scene = write_scene(tmp_path, trial("nG", 5, 3, 3))
+    call = [sys.executable, "-c", COMPILING, "simulate", scene]
+    where = environment(NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    done = subprocess.run(call, capture_output=True, env=where, check=False, timeout=50)
+    assert (done.returncode, done.stdout) == (130, b"")
+    assert done.stderr.decode().splitlines()[-1] == "error: interrupted"
+    assert b"Traceback" not in done.stderr
