@@ -6,6 +6,7 @@ quietly as later on.
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 
@@ -14,14 +15,23 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import NoReturn
 
+INTERRUPTED = 130  # the exit code
+
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit."""
     for kind in (signal.SIGINT, signal.SIGTERM):
         signal.signal(kind, _leave)
+    interrupted: list[int] = []
+    atexit.register(lambda: interrupted and os._exit(interrupted[0]))  # the first that is registered runs last
     from clothfit.cli import program
 
-    program.main(arguments)
+    try:
+        program.main(arguments)
+    except SystemExit as end:
+        if end.code == INTERRUPTED:  # after Ctrl-C in a class that is made from text, Python would kill itself
+            interrupted.append(INTERRUPTED)
+        raise
 
 
 def _leave(number: int, frame: object) -> None:
@@ -29,7 +39,7 @@ def _leave(number: int, frame: object) -> None:
     try:
         os.write(2, b"error: interrupted\n")
     finally:
-        os._exit(130)
+        os._exit(INTERRUPTED)
 
 
 if __name__ == "__main__":

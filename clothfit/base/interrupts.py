@@ -69,10 +69,15 @@ def requested() -> bool:
 
 def check() -> None:
     """Raise KeyboardInterrupt when there was a request, OutOfTime when the deadline has passed."""
-    if _state.requested is not None and not _state.answered:
-        raise KeyboardInterrupt
+    check_request()
     if time.monotonic() > _state.deadline:
         raise OutOfTime
+
+
+def check_request() -> None:
+    """Raise KeyboardInterrupt when there was a request that is not answered yet."""
+    if _state.requested is not None and not _state.answered:
+        raise KeyboardInterrupt
 
 
 def hold() -> None:
@@ -129,7 +134,8 @@ def _waiting(handler: Callable[[int, object], object]) -> Callable[[int, object]
 @contextmanager
 def postponed() -> Iterator[Callable[[], None]]:
     """Keep requests that arrive within the block, where no exception may come from between two lines, as in a compiler
-    that calls back into Python. They are handled where the yielded function is called, and at the end.
+    that calls back into Python. They are handled where the yielded function is called, which checks as `check_request`
+    does, and at the end.
     """
     before: dict[int, Any] = {}
     kept: list[int] = []
@@ -139,12 +145,16 @@ def postponed() -> Iterator[Callable[[], None]]:
             number = kept.pop(0)
             before[number](number, None)
 
+    def look() -> None:
+        handle_kept()
+        check_request()
+
     try:
         if threading.current_thread() is threading.main_thread():  # the only one that handles signals
             before |= {kind: handler for kind in REQUESTS if callable(handler := signal.getsignal(kind))}
         for kind in before:
             signal.signal(kind, lambda number, frame: kept.append(number))
-        yield handle_kept
+        yield look
     finally:
         for kind, handler in before.items():
             signal.signal(kind, handler)

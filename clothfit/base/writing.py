@@ -17,6 +17,7 @@ import platform
 import re
 import secrets
 import stat
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from typing import IO, TypeAlias
@@ -31,6 +32,9 @@ except ImportError:  # Windows: nothing is locked, and nothing removed
 Data: TypeAlias = bytes | Callable[[IO[bytes]], object]
 """What to write: bytes, or a function that writes them to a file, so that they need not be in memory."""
 
+OUTPUT = ("/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
+"""Names of standard output."""
+
 _swept: set[str] = set()  # folders; each is swept once in the life of a process
 
 
@@ -41,6 +45,11 @@ def write_atomically(path: str | os.PathLike[str], data: Data) -> None:
     """
     check_writable(path)
     try:
+        if is_output(path):
+            sys.stdout.flush()
+            put(data, sys.stdout.buffer)
+            sys.stdout.buffer.flush()
+            return
         mode = _mode(path)
         if mode is None or stat.S_ISREG(mode):
             _replace(os.path.realpath(path), data, mode)
@@ -61,7 +70,16 @@ def check_writable(path: str | os.PathLike[str]) -> None:
         raise _refusal(path, reason)
 
 
+def is_output(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is a name of standard output, which is a file that only `sys.stdout` knows: the program gives its
+    descriptor to others.
+    """
+    return os.fspath(path) in OUTPUT and hasattr(sys.stdout, "buffer")
+
+
 def _obstacle(path: str | os.PathLike[str]) -> str | None:
+    if is_output(path):
+        return None
     mode = _mode(path)
     if mode is not None and stat.S_ISDIR(mode):
         return "it is a folder"

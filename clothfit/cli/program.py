@@ -6,6 +6,7 @@ without reaching its tolerance, 130 interrupted.
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import re
@@ -29,6 +30,7 @@ from clothfit.cli.common.failures import failed, refused
 from clothfit.cli.common.help import ExamplesFirst
 from clothfit.cli.common.options import loudness
 from clothfit.cli.common.output import Printed
+from clothfit.cli.common.streams import results_apart
 
 _last_request = -SAME_REQUEST
 
@@ -97,11 +99,9 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     try:
         _open_streams()
         interrupts.handle(_interrupt)
-        code = run(list(sys.argv[1:] if arguments is None else arguments))
-        sys.stdout.flush()
-    except OSError:  # whoever read our output has left, or `run` has said what is wrong with it
-        with suppress(OSError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        with results_apart():
+            code = _ended(list(sys.argv[1:] if arguments is None else arguments))
+    except OSError:  # there is no way to write anything
         code = 3
     except KeyboardInterrupt:  # before or after `run`
         code = failed("interrupted", 130, ())
@@ -110,6 +110,18 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     for kind in REQUESTS:
         signal.signal(kind, signal.SIG_IGN)  # the exit code is decided
     sys.exit(code)
+
+
+def _ended(arguments: list[str]) -> int:
+    """Run the command line until all output is written; returns the exit code."""
+    try:
+        code = run(arguments)
+        sys.stdout.flush()
+    except OSError:  # whoever read our output has left, or `run` has said what is wrong with it
+        with suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 3
+    return code
 
 
 def run(arguments: list[str]) -> int:
@@ -137,14 +149,29 @@ def run(arguments: list[str]) -> int:
             raise BrokenPipeError from None
         raise
     except OSError as error:
-        reason = error.strerror or error
-        return failed(f"{error.filename}: {reason}" if error.filename else f"standard output: {reason}", 3, arguments)
+        return failed(_lacking(error), 3, arguments)
     except Exception as error:
         if os.environ.get("CLOTHFIT_TRACEBACK"):
             raise
         kind = type(error).__name__
         why = f"a fault of the program: {kind}: {error} (set CLOTHFIT_TRACEBACK=1 to see where)"
         return failed(why, 1, arguments)
+
+
+def _lacking(error: OSError) -> str:
+    """What an error of the system means: where nothing names a file, and the system has enough of all, it is standard
+    output that cannot be written.
+    """
+    reason = error.strerror or str(error)
+    if error.filename:
+        return f"{error.filename}: {reason}"
+    if error.errno in (errno.EMFILE, errno.ENFILE):
+        return "too many open files; allow more (ulimit -n)"
+    if error.errno == errno.ENOMEM:
+        return "out of memory; allow more (ulimit -v), or try fewer frames (--steps, optimizationIterations)"
+    if error.errno is None:  # llvmlite, for one, gives no number
+        return f"a library cannot be loaded, for which memory may be too short (ulimit -v): {reason.splitlines()[0]}"
+    return f"standard output: {reason}"
 
 
 def gathered(arguments: Sequence[str]) -> list[str]:

@@ -222,6 +222,8 @@ def whole_solver(matrix: csc_array) -> Callable[[Array], Array]:
     if matrix.shape[0] > DENSE_UNKNOWNS:
         factor = splu(matrix)
         return lambda right: np.asarray(factor.solve(right))
+    if not matrix.shape[0]:  # LAPACK writes about these to standard output
+        return lambda right: right
     dense = matrix.toarray(order="F")
     lower, fault = lapack.dpotrf(dense, lower=1)
     inverse = np.asfortranarray(np.linalg.inv(dense)) if fault else lapack.dpotri(lower, lower=1, overwrite_c=1)[0]

@@ -19,7 +19,9 @@ from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import checked_tolerance
+from clothfit.base.memory import budget as memory_budget
 from clothfit.base.messages import metres
+from clothfit.engine.system import build
 from clothfit.fit import time_step
 from clothfit.fit.confidence import confidence
 from clothfit.fit.hints import Hint, early_hints
@@ -36,7 +38,7 @@ from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate, simulate_cloths
 from clothfit.objective.experiment import Targets, experiments
-from clothfit.objective.memory_needs import Needs
+from clothfit.objective.memory_needs import Needs, check_own
 from clothfit.objective.objective import Objective
 from clothfit.optimise import momentum
 from clothfit.optimise.checkpoint import Checkpoint, State, identity, opened
@@ -320,6 +322,8 @@ def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tup
             "'nL', or its fit"
         )
     if target is None:
+        systems = [build(scene, cloth) for cloth in fitted_cloths(scene)]
+        check_own(systems, scene.frames, memory_budget(options.memory))
         target = simulate_cloths(scene, fitted_cloths(scene), tolerance=options.tolerance)
     given, kept_out = experiments(scene, target), None
     frames = [experiment.scene.frames for experiment in given]

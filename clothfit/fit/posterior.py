@@ -163,6 +163,8 @@ def learned_prior(search: Search, model: Model, squares: float, count: int) -> P
 
 def null_space(H: Array) -> Array:
     """An orthonormal basis (F, ·) of the directions in which H is zero but for rounding."""
+    if not np.isfinite(H).all():  # nothing is known of any
+        return np.eye(len(H))
     unit, by = scaled(H)
     values, vectors = np.linalg.eigh(unit)
     null = vectors[:, values <= NULL_EIGENVALUE * values.max(initial=0.0)] / by[:, None]

@@ -17,6 +17,9 @@ from clothfit.base.errors import InvalidInput
 if TYPE_CHECKING:
     from clothfit.formats.axes import Axes
 
+UNITS = (1e-12, 1e12)
+"""The smallest and the largest unit of a file, m. A motion in other units would be rounded to 0 or to infinity."""
+
 CHOICES = {"up": ("y", "z"), "handedness": ("left", "right")}
 SLICE = re.compile(r"\s*(-?[0-9]{1,18})?\s*:\s*(-?[0-9]{1,18})?\s*")
 
@@ -25,12 +28,14 @@ SLICE = re.compile(r"\s*(-?[0-9]{1,18})?\s*:\s*(-?[0-9]{1,18})?\s*")
 class Convention:
     """Axes and unit of a file; None: those of the file or its format. Raises InvalidInput on an impossible value."""
 
-    scale: float | None = None  # m per unit of the file, above 0
+    scale: float | None = None  # m per unit of the file, within UNITS
     up: str | None = None  # "y" or "z": the axis that points up
     handedness: str | None = None  # "left" or "right"
 
     def __post_init__(self) -> None:
         positive("scale", self.scale)
+        if self.scale is not None and not UNITS[0] <= self.scale <= UNITS[1]:
+            raise InvalidInput(f"scale must be {UNITS[0]:g} to {UNITS[1]:g} m per unit; {self.scale:g} was given")
         for name, choices in CHOICES.items():
             if (value := getattr(self, name)) not in (None, *choices):
                 raise InvalidInput(f"{name} must be {' or '.join(choices)}; {value!r} was given")

@@ -32,18 +32,19 @@ class Format(NamedTuple):
     faces: bool = True  # whether it can hold faces
     extra: str | None = None  # the optional extra of this package that installs what it needs
     library: str | None = None  # which library that is
+    single: bool = False  # whether positions are float32
 
 
 FORMATS = (
     Format("OBJ sequence", (".obj",), "obj", RIGHT, times=False),
-    Format("PC2 point cache", (".pc2",), "pc2", RIGHT, times=False, faces=False),
-    Format("MDD point cache", (".mdd",), "mdd", RIGHT, faces=False),
-    Format("USD", (".usd", ".usda", ".usdc"), "usd", RIGHT, extra="usd", library="pxr"),
-    Format("glTF", (".glb", ".gltf"), "glb", RIGHT),
+    Format("PC2 point cache", (".pc2",), "pc2", RIGHT, times=False, faces=False, single=True),
+    Format("MDD point cache", (".mdd",), "mdd", RIGHT, faces=False, single=True),
+    Format("USD", (".usd", ".usda", ".usdc"), "usd", RIGHT, extra="usd", library="pxr", single=True),
+    Format("glTF", (".glb", ".gltf"), "glb", RIGHT, single=True),
     Format("Alembic", (".abc",), "alembic", RIGHT, writes=False),
     Format("PLY mesh", (".ply",), "ply", RIGHT, writes=False, times=False),
     Format("STL mesh", (".stl",), "stl", Axes("z", "right", 1.0), writes=False, times=False),
-    Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), markers=True, faces=False),
+    Format("C3D markers", (".c3d",), "c3d", Axes("z", "right", 0.001), markers=True, faces=False, single=True),
     Format("TRC markers", (".trc",), "trc", Axes("y", "right", 0.001), markers=True, faces=False),
     Format("CSV markers", (".csv",), "marker_table", RIGHT, markers=True, faces=False),
 )

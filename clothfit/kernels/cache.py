@@ -122,7 +122,8 @@ def save(name: str, content: bytes) -> Path:
 @cache
 def _leave_named(folder: str, reason: str, instead: Path) -> None:
     """Warn, once."""
-    warn(f"NUMBA_CACHE_DIR is not used, as what is in it can run: {folder}: {reason}; compiled code is kept in {instead}")
+    why = f"as what is in it can run: {folder}: {reason}"
+    warn(f"NUMBA_CACHE_DIR is not used, {why}; compiled code is kept in {instead}")
 
 
 def _warn(message: str) -> None:

@@ -60,7 +60,7 @@ def interruptible(compile_for_args: Callable[..., object]) -> Callable[..., obje
     """The same function, which numba calls to compile or load, where Ctrl-C comes only at the start of a pass."""
 
     def compile_between_requests(*arguments: object, **keywords: object) -> object:
-        with postponed() as handle_kept, event.install_listener("numba:run_pass", _Passes(handle_kept)):
+        with postponed() as look, event.install_listener("numba:run_pass", _Passes(look)):
             return compile_for_args(*arguments, **keywords)
 
     return compile_between_requests

@@ -20,7 +20,7 @@ import secrets
 import shutil
 import stat
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,7 +75,7 @@ class Folder:
     def place(self, name: str) -> str:
         return str(self.path / name) if self.number is None else name
 
-    def _opener(self, flags: int | None) -> object:
+    def _opener(self, flags: int | None) -> Callable[[str, int], int] | None:
         def opened(name: str, usual: int) -> int:
             return os.open(name, usual if flags is None else flags, 0o666, dir_fd=self.number)
 

@@ -73,7 +73,7 @@ class Outcome:
 
     fit: Fit | None
     exit_code: int
-    error: str | None = None  # a sentence; None if a result can be written
+    error: str | None = None  # a sentence why there is nothing to write; None if a result can be written
     checkpointed: bool = False  # whether its checkpoint was written
 
     @property
@@ -83,9 +83,11 @@ class Outcome:
 
     @property
     def status(self) -> str:
-        """That of the fit; where there is none: "failed", "diverged", "interrupted"."""
+        """That of the fit; where there is none: "failed", "diverged", "interrupted", "written" before."""
         if self.fit is not None:
             return self.fit.status
+        if self.exit_code == 0:
+            return "written"
         if self.exit_code == INTERRUPTED:
             return "not started" if self == NOT_STARTED else "interrupted"
         return "diverged" if self.exit_code == EXIT_CODES[Status.DIVERGED] else "failed"

@@ -58,15 +58,20 @@ class Springs(NamedTuple):
     bends: Flags  # (S,), joins the vertices opposite an edge; False: lies along an edge
 
 
+LONGEST_SIDE = 1e150
+"""The longest side of a plane, m: its area is a number."""
+
+
 def plane(divisions: int, width: float, height: float | None = None, upright: bool = False) -> Mesh:
     """Make a rectangle of width × height, m, centred at the origin; a square when no height is given.
 
     The longer side has divisions + 2 vertices, the shorter as many as keep the cells nearest to squares. The vertex
     in column i along x and row j along z (in y when upright) has index columns · j + i.
-    Raises InvalidInput when `divisions` is negative, a side is not above 0, or there would be a million vertices.
+    Raises InvalidInput when `divisions` is negative, a side is not above 0 or too long for numbers, or there would be a
+    million vertices.
     """
     height = width if height is None else height
-    if divisions < 0 or not (0 < width < np.inf and 0 < height < np.inf):
+    if divisions < 0 or not (0 < width <= LONGEST_SIDE and 0 < height <= LONGEST_SIDE):
         raise InvalidInput(f"a plane of {divisions} divisions, {width:g} by {height:g} m: nothing can be made of that")
     cells = divisions + 1
     across, along = (max(1, round(cells * side / max(width, height))) for side in (width, height))

@@ -75,7 +75,9 @@ class Energy:
         """The largest rise of the stored energy over one step beyond the work of the wind, J, and the frame after that
         step. The rise is 0 or less where the energy never rises.
         """
-        rises = -np.diff(self.dissipated)
+        with np.errstate(invalid="ignore"):
+            rises = -np.diff(self.dissipated)
+        rises[np.isnan(rises)] = np.inf  # between two energies that are infinite
         if not len(rises):
             return 0.0, 0
         frame = int(np.argmax(rises))
@@ -83,9 +85,9 @@ class Energy:
 
     @property
     def scale(self) -> float:
-        """The largest of the stored energies at any time, J: a rise is judged against it."""
-        stored = (self.kinetic, self.elastic, self.gravity, self.contact)
-        return float(max(np.abs(part).max() for part in stored))
+        """The largest of the stored energies at any time that is finite, J: a rise is judged against it."""
+        stored = np.abs([self.kinetic, self.elastic, self.gravity, self.contact])
+        return float(stored.max(where=np.isfinite(stored), initial=0.0))
 
 
 def energies(scene: Scene, motion: Motion) -> Energy:

@@ -28,6 +28,8 @@ from clothfit.motion.motion import Motion, arrays_of
 from clothfit.scene.mesh_numbering import mesh_counts, picks, unwelded
 from clothfit.scene.scene import Scene
 
+SMALLEST, LARGEST = (float(size) for size in (np.finfo(np.float32).tiny, np.finfo(np.float32).max))
+
 
 def load_motion(
     path_or_file: str | os.PathLike[str] | IO[bytes],
@@ -93,7 +95,15 @@ def check_gaps(found: Format) -> None:
 
 
 def files(path: str | os.PathLike[str], found: Format, made: Animation) -> dict[str, Data]:
-    """The files to write an animation to. Raises InvalidInput."""
+    """The files to write an animation to. Raises InvalidInput, also where the format rounds positions to infinity or 0.
+    """
+    if found.single:
+        largest = max((float(np.nanmax(np.abs(points), initial=0.0)) for points in made.positions), default=0.0)
+        if largest > LARGEST or 0 < largest < SMALLEST:
+            raise InvalidInput(
+                f"{os.fspath(path)}: coordinates up to {largest:.3g} do not fit into {found.name}, which has single "
+                f"precision ({SMALLEST:.3g} to {LARGEST:.3g}); write in another unit, or .npz"
+            )
     encoded: dict[str, Data] = module_of(found).encoded(os.fspath(path), made)
     return encoded
 

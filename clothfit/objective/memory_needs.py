@@ -72,12 +72,28 @@ def needs(runs: Sequence[Run], targets: Sequence[Motion], budget: int) -> Needs:
                 found = None
         if found is None:
             least = held + snapshots.least(steps, state, snapshot)
-            raise InvalidInput(
-                f"memory: {human(budget)} is too little: the targets take {human(held)}, and a fit of {steps} steps of "
-                f"{len(run.system.x0)} vertices needs {human(least)} in all"
-            )
+            raise InvalidInput(too_little(budget, held, steps, len(run.system.x0), least))
         plans[run.system.x0.shape, steps] = found
     return Needs(held, held + most, budget, plans)
+
+
+def check_own(systems: Sequence[System], frames: int, budget: int) -> None:
+    """Raise InvalidInput where the budget is too small for a fit to the systems' own motion of so many frames, before
+    that is simulated. A bound from below: `needs` knows more.
+    """
+    held, steps = sum(frames * system.x0.nbytes for system in systems), frames - 1
+    for system in systems:
+        least = held + snapshots.least(steps, state_bytes(system), snapshot_bytes(system))
+        if least > budget:
+            raise InvalidInput(too_little(budget, held, steps, len(system.x0), least))
+
+
+def too_little(budget: int, held: int, steps: int, vertices: int, least: int) -> str:
+    """The sentence that refuses a budget."""
+    return (
+        f"memory: {human(budget)} is too little: the targets take {human(held)}, and a fit of {steps} steps of "
+        f"{vertices} vertices needs {human(least)} in all"
+    )
 
 
 def snapshot_bytes(system: System) -> int:

@@ -4,7 +4,10 @@
 
 H (Q, Q) may be singular: what it does not determine stays 0, the shortest solution. Bounds are met by projected Newton
 steps: a coordinate that the derivative presses against its bound is held, the others are solved, and the bounds cut
-the step. Every step lowers the value, so even where the steps end early the result is no worse than δ = 0.
+the step. Every step lowers the value, so even where the steps end early the result is no worse than δ = 0. They end
+where the same coordinates are held again and the value is no lower: H is singular, and rounding moves them in turn.
+
+Raises what `interrupts.check` raises, between two steps.
 
 D. P. Bertsekas, Projected Newton methods for optimization problems with simple constraints, SIAM Journal on Control
 and Optimization 20, 1982.
@@ -14,6 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
 
 STEPS = 100
@@ -25,6 +29,9 @@ HALVINGS = 40
 RADIUS_ROUNDS = 20
 """Rounds of Newton's iteration for the radius."""
 
+ROUNDING = 1e-12
+"""Relative decrease of the value below which the same coordinates are not held a second time: steps go in circles."""
+
 SINGULAR = 1e-13
 """Reciprocal condition below which H counts as singular."""
 
@@ -33,7 +40,13 @@ def solve(H: Array, g: Array, lower: Array, upper: Array, radius: float = np.inf
     """The minimum δ (Q,) within the bounds, and within a ball of this radius about 0 before they cut it."""
     delta = np.clip(np.zeros(len(g)), lower, upper)
     held = pressed(H, g, lower, upper, delta)
+    reached: dict[bytes, float] = {}  # the value where these were held
     for _ in range(STEPS):
+        interrupts.check()  # thousands of values take seconds a step
+        value = float(delta @ (H @ delta + 2.0 * g))
+        if value >= reached.get(held.tobytes(), np.inf) - ROUNDING * abs(value):
+            break
+        reached[held.tobytes()] = value
         free, rest = np.flatnonzero(~held), np.flatnonzero(held)
         target = delta.copy()
         target[free] = within(H[np.ix_(free, free)], g[free] + H[np.ix_(free, rest)] @ delta[rest], radius)
@@ -90,8 +103,10 @@ def cholesky(H: Array) -> Array | None:
     """The Cholesky factor (Q, Q), lower; None where H is singular or not positive definite."""
     from scipy.linalg import lapack
 
+    if not len(H) or not np.isfinite(H).all():  # LAPACK writes about these to standard output
+        return None
     lower, fault = lapack.dpotrf(H, lower=1, clean=1)
-    if fault or not len(H):
+    if fault:
         return None
     condition, _ = lapack.dpocon(lower, float(np.abs(H).sum(axis=0).max()), uplo="L")
     return lower if condition > SINGULAR else None
@@ -108,13 +123,13 @@ def substitute(factor: Array, g: Array) -> Array:
     """(L Lᵀ)⁻¹ g."""
     from scipy.linalg import lapack
 
-    return np.asarray(lapack.dpotrs(factor, g, lower=1)[0])
+    return np.asarray(lapack.dpotrs(factor, g, lower=1)[0]) if len(g) else np.zeros(0)
 
 
 def within_singular(H: Array, g: Array, radius: float) -> Array:
     """As `within`, for an H that does not determine everything: by its eigenvalues, without those that are rounding."""
-    if not len(H):
-        return np.zeros(0)
+    if not len(H) or not np.isfinite(H).all():
+        return np.zeros(len(H))
     values, vectors = np.linalg.eigh(H)
     seen = values > SINGULAR * values[-1]
     values, vectors = values[seen], vectors[:, seen]

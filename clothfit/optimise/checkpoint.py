@@ -114,6 +114,21 @@ class Checkpoint:
             raise InvalidInput(f"{self._name}: is not what a fit has written; begin anew, without --resume")
         return state
 
+    def note_result(self, result: bytes) -> None:
+        """Note in the file that this fit has ended with the scene in these bytes, which is to replace the scene that it
+        began with. A fault is none of the fit: the scene is then refused where the fit is resumed.
+        """
+        with suppress(InvalidInput, ValueError, OSError):
+            _, _, rest = self._content().partition(b"\n")
+            noted = json.dumps({**json.loads(rest), "result": digest(result)}).encode()
+            write_atomically(self.path, FORMAT_LINE + checksum(noted) + b"\n" + noted)
+
+    def has_result(self, scene: bytes) -> bool:
+        """Whether the bytes of a scene are the result of the fit in the file. Raises InvalidInput as `read` does."""
+        data = self._content()
+        decoded(data, self._name)
+        return bool(json.loads(data.partition(b"\n")[2]).get("result") == digest(scene))
+
     def remove(self) -> None:
         """Take the file away where this fit has written it."""
         with suppress(OSError):

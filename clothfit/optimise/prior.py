@@ -71,7 +71,8 @@ class Prior:
         at y with `count` residuals.
         """
         prior, sigma2 = self, variance(cost, count, len(y))
-        for _ in range(TAU_ROUNDS if len(y) else 0):
+        finite = np.isfinite(H).all() and np.isfinite(g).all()
+        for _ in range(TAU_ROUNDS if finite and len(y) else 0):
             A = prior.matrix(sigma2)
             covariance = inverse(H + A)
             step = -covariance @ (g + A @ (y - prior.centre))
@@ -95,9 +96,13 @@ class Prior:
 
 
 def inverse(matrix: Array) -> Array:
-    """Inverse of a symmetric matrix (Q, Q) that is positive semidefinite but for rounding."""
+    """Inverse of a symmetric matrix (Q, Q) that is positive semidefinite but for rounding; NaN where the matrix holds
+    what is not finite.
+    """
     from scipy.linalg import lapack
 
+    if not len(matrix) or not np.isfinite(matrix).all():  # LAPACK writes about these to standard output
+        return np.full_like(matrix, np.nan)
     ridge = RIDGE * len(matrix) * np.abs(matrix).max(initial=0.0)
     lower, fault = lapack.dpotrf(matrix + ridge * np.eye(len(matrix)), lower=1)
     if fault:

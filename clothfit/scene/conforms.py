@@ -19,7 +19,7 @@ SAY_NOTHING = frozenset({"$schema", "$id", "$defs", "title", "description", "def
 TYPE_TESTS: dict[str, Callable[[Any], bool]] = {
     "array": lambda value: type(value) is list,
     "boolean": lambda value: type(value) is bool,
-    "integer": lambda value: type(value) is int,
+    "integer": lambda value: type(value) is int and is_number(value),
     "null": lambda value: value is None,
     "number": lambda value: is_number(value),
     "object": lambda value: type(value) is dict,
@@ -33,6 +33,11 @@ def is_number(value: object) -> bool:
         return type(value) in (int, float) and math.isfinite(value)  # type: ignore[arg-type]
     except OverflowError:  # an integer beyond the range of doubles
         return False
+
+
+def is_beyond(value: object) -> bool:
+    """Whether a value is a number, but no finite one within the range of doubles."""
+    return type(value) in (int, float) and not is_number(value)
 
 
 def as_list(rule: str | list[str]) -> list[str]:

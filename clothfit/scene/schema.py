@@ -19,7 +19,7 @@ from typing import Any
 
 from clothfit.base.messages import named, place, shown
 from clothfit.scene.conforms import TYPE_TESTS as TYPE_TESTS
-from clothfit.scene.conforms import as_list, conforms
+from clothfit.scene.conforms import as_list, conforms, is_beyond
 
 LONG_ARRAYS = (
     "vertPos", "vertIsFixed", "vertMass", "vertVel", "springs", "springStiffness", "springRestLength", "triangles",
@@ -142,7 +142,7 @@ def _problems(error: Any) -> list[tuple[str, str]]:
 
 def _sentence(rule: str, bound: Any, value: Any) -> str:
     match rule:
-        case "type" if "number" in as_list(bound) and type(value) in (int, float):
+        case "type" if {"number", "integer"}.intersection(as_list(bound)) and is_beyond(value):
             return f"{shown(value)} is not a finite number within the range of doubles"
         case "type":
             return f"{shown(value)} is not {' or '.join(TYPE_NAMES[one] for one in as_list(bound))}"

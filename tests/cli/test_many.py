@@ -12,6 +12,7 @@ import numba
 import pytest
 from helpers.scenes import environment, even, trial, write_scene
 
+from clothfit.cli.fitting import many
 from clothfit.cli.fitting.files import filled
 from clothfit.cli.program import run
 from clothfit.fit.estimate import record_target
@@ -210,3 +211,32 @@ def test_ctrl_c_ends_with_the_best_so_far_and_begins_no_more(here):
     assert {"c.fitted.json", "d.fitted.json"} <= set(files(here))
     assert "e.fitted.json" not in files(here)
     assert b"Traceback" not in err
+
+
+def test_scenes_that_were_written_over_before_a_kill_do_not_stop_those_that_go_on(here, monkeypatch, capsys):
+    """The second scene is killed when the first is already the result of its fit."""
+    monkeypatch.setattr("clothfit.cli.fitting.many.chosen_pool", lambda *_: Here())
+    call = ["estimate", "a.json", "b.json", "--in-place", "--checkpoint", "{stem}.kept", "--start", "2", *FEW]
+    write = many.write_scene
+
+    def killed(scene, out):
+        if out.path == "b.json":
+            raise SystemExit(9)  # nothing is tidied up
+        write(scene, out)
+
+    monkeypatch.setattr(many, "write_scene", killed)
+    with pytest.raises(SystemExit):
+        run([*call, "-q"])
+    monkeypatch.setattr(many, "write_scene", write)
+    first = Path("a.json").read_bytes()
+    before = Path("b.json").read_bytes()
+    capsys.readouterr()
+    code = run([*call, "--resume", "--json"])
+    out, err = capsys.readouterr()
+    assert code in (0, 5)
+    a, b = json.loads(out)["scenes"]
+    assert (a["status"], a["exit_code"], a["error"], a["output"]) == ("written", 0, None, "a.json")
+    assert b["error"] is None
+    assert "1 of 2: a.json: its result was written before, and stays as it is" in err
+    assert Path("a.json").read_bytes() == first
+    assert Path("b.json").read_bytes() != before

@@ -161,6 +161,10 @@ def broken(error):
         (ZeroDivisionError("by nothing"), 1, "a fault of the program: ZeroDivisionError: by nothing (set "),
         (MemoryError(), 1, "out of memory; try fewer frames"),
         (OSError(5, "Input/output error", "disk"), 3, "disk: Input/output error"),
+        (OSError(28, "No space left on device"), 3, "standard output: No space left on device"),
+        (OSError(24, "Too many open files"), 3, "too many open files; allow more (ulimit -n)"),
+        (OSError(12, "Cannot allocate memory"), 3, "out of memory; allow more (ulimit -v)"),
+        (OSError("Could not load\nlibllvmlite.so"), 3, "a library cannot be loaded, for which memory may be too"),
         (KeyboardInterrupt(), 130, "interrupted"),
     ],
 )

@@ -211,3 +211,9 @@ def test_an_object_makes_a_valid_scene():
     np.testing.assert_array_equal(cloth.stiffness, mesh.springs(sheet, 30.0).stiffness)
     np.testing.assert_array_equal(cloth.triangles, sheet.triangles)
     assert (cloth.drag, cloth.damping, cloth.settings) == (0.5, 0.4, "GL")
+
+
+@pytest.mark.parametrize("size", [(1e308, 1e308), (1e200, 1.0), (np.inf, 1.0)])
+def test_a_plane_too_long_for_numbers_is_refused(size):
+    with pytest.raises(InvalidInput, match="nothing can be made of that"):
+        mesh.plane(10, *size)

@@ -8,12 +8,13 @@ from helpers.scenes import cloth
 
 import clothfit.motion.energy
 from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit.cli.simulate import joules
 from clothfit.engine.forces import spheres, springs, total, vertex, wind
 from clothfit.engine.march import velocity
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import all_elements, build, with_elements
 from clothfit.motion.degrade import degrade
-from clothfit.motion.energy import energies
+from clothfit.motion.energy import Energy, energies
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 
@@ -277,3 +278,11 @@ def test_a_spring_of_no_length_pulls_at_nothing_but_holds_its_energy():
     made, y = unbound(build(scene(pair), 0)), np.zeros((2, 3))
     assert springs.energy(made.springs, y) == 0.5 * 10.0
     assert np.abs(force(made, y, y)).max() == 0.0
+
+
+def test_an_infinite_energy_is_no_scale_and_is_shown():
+    kinetic, elastic = np.array([1.0, 2.0, 3.0]), np.array([0.5, np.inf, np.inf])
+    energy = Energy(np.arange(3.0), kinetic, elastic, *np.zeros((5, 3)))
+    assert energy.scale == 3.0
+    assert energy.largest_rise == (np.inf, 1)
+    assert [joules(value, 1e-12 * energy.scale) for value in energy.elastic] == ["0.5", "inf", "inf"]

@@ -238,3 +238,18 @@ def test_a_longer_sequence_is_not_left_behind(there):
         clothfit.save_motion(shorter, "a_*.obj", SCENE)
     assert len(clothfit.load_motion("a_*.obj", SCENE).times) == 5
     clothfit.save_motion(MOTION, "a_*.obj", SCENE)  # the same again is written over
+
+
+@pytest.mark.parametrize("scale", [1e-60, 1e50])
+def test_a_unit_that_rounds_positions_to_0_or_infinity_is_refused(scale):
+    with pytest.raises(InvalidInput, match=r"^scale must be 1e-12 to 1e"):
+        clothfit.Convention(scale=scale)
+
+
+@pytest.mark.parametrize("suffix", ["pc2", "mdd", "usda", "c3d", "glb"])
+@pytest.mark.parametrize("size", [1e60, 1e-60])
+def test_what_single_precision_cannot_hold_is_refused_and_not_written(tmp_path, suffix, size):
+    motion = clothfit.Motion(size * np.ones((2, 3, 3)), np.arange(2.0), np.array([3]))
+    with pytest.raises(InvalidInput, match=r"do not fit into .*, which has single precision"):
+        clothfit.save_motion(motion, tmp_path / f"x.{suffix}")
+    assert not list(tmp_path.iterdir())

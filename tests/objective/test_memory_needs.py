@@ -182,3 +182,9 @@ def test_the_command_refuses_a_size_that_is_none(tmp_path, capsys, size, message
     path = write_scene(tmp_path, trial("nG", FRAMES))
     assert run(["estimate", path, "--memory", size]) == 3
     assert capsys.readouterr().err.startswith(f"error: {message}")
+
+
+def test_too_little_memory_is_refused_before_the_scenes_own_motion_is_simulated(monkeypatch):
+    monkeypatch.setattr("clothfit.fit.estimate.simulate_cloths", lambda *_, **__: pytest.fail("it was simulated"))
+    with pytest.raises(InvalidInput, match=r"^memory: 100 kB is too little: the targets take "):
+        estimate(load_text(json.dumps(trial("nG", 200, 12, 12))), memory="100kB")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
+from clothfit.base import interrupts
 from clothfit.optimise import bounded
 
 SIZES = [1, 2, 7, 40]
@@ -136,3 +137,32 @@ def test_the_factor_is_that_of_the_matrix():
     np.testing.assert_allclose(shifted @ shifted.T, H + 0.5 * np.eye(6), atol=1e-13 * np.abs(H).max())
     assert bounded.cholesky(np.diag([1.0, -1.0])) is None
     assert bounded.cholesky(np.diag([1.0, 1e-14])) is None
+
+
+@pytest.mark.parametrize(("seed", "width"), [(4, 1.0), (0, 10.0), (4, 10.0)])
+def test_steps_do_not_go_in_circles_where_the_matrix_is_singular(monkeypatch, seed, width):
+    """Two or three sets of coordinates are held in turn, at the minimum but for rounding."""
+    rng = np.random.default_rng(seed)
+    J = rng.normal(size=(30, 200)) * np.exp(2.0 * rng.normal(size=200))
+    b = 10.0 * rng.normal(size=30)
+    lower, upper = -width * rng.uniform(size=200), width * rng.uniform(size=200)
+    solved, within = [], bounded.within
+    monkeypatch.setattr(bounded, "within", lambda *problem: solved.append(1) or within(*problem))
+    found = bounded.solve(J.T @ J, J.T @ b, lower, upper)
+    assert len(solved) <= 10
+    best = lsq_linear(J, -b, (lower, upper), tol=1e-14).cost  # half of |J δ + b|²
+    assert np.sum((J @ found + b) ** 2) <= 2.0 * best + 1e-9 * b @ b
+
+
+def test_an_end_of_the_time_is_heard_between_two_steps():
+    J, r, lower, upper = problem(40, 0)
+    with interrupts.limited(0.0), pytest.raises(interrupts.OutOfTime):
+        bounded.solve(J.T @ J, J.T @ r, lower, upper)
+
+
+@pytest.mark.parametrize("H", [np.zeros((0, 0)), np.full((3, 3), np.nan), np.diag([1.0, np.inf])], ids=str)
+def test_nothing_is_printed_about_matrices_that_cannot_be_factorised(capfd, H):
+    size, wide = len(H), np.full(len(H), np.inf)
+    np.testing.assert_array_equal(bounded.solve(H, np.ones(size), -wide, wide), np.zeros(size))
+    assert bounded.cholesky(H) is None
+    assert capfd.readouterr() == ("", "")

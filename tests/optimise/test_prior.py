@@ -161,3 +161,13 @@ def test_the_variance_never_divides_by_nothing():
     assert variance(6.0, 5, 2.0) == 2.0
     assert variance(6.0, 2, 5.0) == 6.0
     assert variance(-1e-20, 5, 2.0) == 0.0  # rounding of a difference
+
+
+@pytest.mark.parametrize("matrix", [np.zeros((0, 0)), np.full((3, 3), np.nan), np.diag([1.0, np.inf])], ids=str)
+def test_nothing_is_printed_about_matrices_that_have_no_inverse(capfd, matrix):
+    assert np.isnan(inverse(matrix)).all()
+    size = len(matrix)
+    prior = first(np.zeros(size), [np.arange(size)], None)
+    learned, _ = prior.learned(matrix, np.zeros(size), np.zeros(size), 1.0, 10)
+    assert learned.tau == prior.tau
+    assert capfd.readouterr() == ("", "")

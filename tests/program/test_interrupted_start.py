@@ -39,7 +39,32 @@ def test_an_interrupt_while_loading_is_one_line(tmp_path, module, kind):
     assert [path.name for path in tmp_path.iterdir()] == ["scene.json"]
 
 
-# Sends the signal in the middle of a compilation, where the compiler calls back into Python: an exception there is lost.
+# Sends the signal within a class that is made from text, after which `python -m` kills itself when it ends.
+FROM_TEXT = """
+import os, signal, sys
+from importlib.abc import MetaPathFinder
+class Interrupt(MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name == "numpy":
+            sys.meta_path.remove(self)
+            exec("os.kill(os.getpid(), signal.SIGINT)\\nfor _ in range(1000): pass")
+sys.meta_path.insert(0, Interrupt())
+from clothfit.__main__ import main
+main(sys.argv[1:])
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+def test_an_interrupt_in_what_is_made_from_text_keeps_the_code(tmp_path):
+    scene = write_scene(tmp_path, trial("nG", 5, 3, 3))
+    (tmp_path / "started.py").write_text(FROM_TEXT)
+    call = [sys.executable, "-m", "started", "simulate", scene]
+    done = subprocess.run(call, capture_output=True, env=environment(), cwd=tmp_path, check=False, timeout=50)
+    assert (done.returncode, done.stdout) == (130, b"")
+    assert done.stderr.lstrip() == b"error: interrupted\n"
+
+
+# Sends the signal in the middle of a compilation, where an exception in what the compiler calls is lost.
 COMPILING = """
 import os, signal, sys
 from numba.core.codegen import CPUCodeLibrary

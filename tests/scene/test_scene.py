@@ -317,3 +317,10 @@ def test_a_real_export_loads_and_comes_back_unchanged():
     assert scene.dumps(made) == SIDE.read_bytes()
     doubled = scaled(made, 2)
     assert load_text(scene.dumps(doubled)).cloths[1].stiffness.tolist() == doubled.cloths[1].stiffness.tolist()
+
+
+@pytest.mark.parametrize("name", ["forwardSubSteps", "optimizationIterations"])
+def test_a_whole_number_beyond_the_range_of_doubles_is_refused(name):
+    (problem,) = problems(document(**{name: int("9" * 400)}))
+    assert problem.startswith(f"{name}: 9999")
+    assert problem.endswith(" is not a finite number within the range of doubles")

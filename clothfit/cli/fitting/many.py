@@ -24,6 +24,7 @@ from clothfit.cli.fitting.plan import Item, planned
 from clothfit.fit.options import FitOptions
 from clothfit.many.estimate_many import Result, chosen_pool, fit_all, limited
 from clothfit.many.job import INTERRUPTED, NOT_STARTED, Job, Outcome
+from clothfit.scene.scene import dumps
 
 SEVERITY = (1, 3, 4, 5, 0)
 """Exit codes of scenes, worst first: the command ends with the worst one, or as interrupted where one was."""
@@ -106,7 +107,9 @@ class Writer:
         if result.fit is not None and result.outcome.usable:
             self.write(index, item, result)
         error = self.errors.get(index) or result.error
-        if error:
+        if error and result.outcome.exit_code == 0:
+            self.console.say(f"{self.ended} of {len(self.items)}: {item.path}: {error}")
+        elif error:
             self.refuse(item, str(error))
         self.close(item, result)
 
@@ -118,6 +121,10 @@ class Writer:
         for warning in (*found.scene.warnings, *found.warnings):
             self.console.warn(f"{item.path}: {warning}")
         warn_of_steps(found.scene, found.frames, self.console)
+        if item.files.in_place:
+            for kept in item.kept:
+                if kept is not None and kept.written:
+                    kept.note_result(dumps(found.scene))
         try:
             write_scene(found.scene, item.out)
         except ClothfitError as error:
@@ -175,7 +182,8 @@ def rows(items: Sequence[Item], results: Sequence[Result], errors: Mapping[int, 
             error = errors.get(index) or outcome.error
             best = number == result.best and outcome.usable
             output = item.out.name if item.out and best else ""
-            place = f"error: {error}" if error and outcome.status != "not started" else output
+            fault = error and outcome.status not in ("not started", "written")
+            place = f"error: {error}" if fault else str(error) if outcome.status == "written" else output
             found.append([item.path if number == 0 else "", str(number + 1), *figures(outcome), place])
     if all(len(result.outcomes) == 1 for result in results):
         return [row[:START_COLUMN] + row[START_COLUMN + 1 :] for row in found]
@@ -198,7 +206,8 @@ def summaries(
     for index, (item, result) in enumerate(zip(items, results, strict=True)):
         error = errors.get(index)
         outcome = result.outcome
-        written = item.out is not None and outcome.usable and error is None
+        before = outcome.status == "written"
+        written = item.out is not None and (outcome.usable or before) and error is None
         own: dict[str, Any] = {"status": outcome.status}
         if result.fit is not None and item.out is not None:
             own = outcomes.summary(result.fit.scene, result.fit, item.out)
@@ -206,7 +215,7 @@ def summaries(
             "scene": item.path,
             "output": item.out.path if written and item.out else None,
             "exit_code": error.exit_code if error else result.exit_code,
-            "error": str(error or outcome.error or "") or None,
+            "error": str(error or ("" if before else outcome.error) or "") or None,
         }
         own |= motions.readings_summary(item.readings)
         if len(result.outcomes) > 1:

@@ -25,6 +25,12 @@ if TYPE_CHECKING:
     from clothfit.motion.motion import Motion
 
 
+class WrittenBefore(ClothfitError):
+    """The scene is already the result of the fit that is resumed."""
+
+    exit_code = 0
+
+
 @dataclass
 class Item:
     """One scene of many."""
@@ -46,6 +52,8 @@ class Item:
         kept, start = self.kept[number], self.files.start
         first = None if start is None else float(start) if is_number(start) else self.file(start)
         resume = self.files.resume and kept is not None and os.path.isfile(kept.path)
+        if resume and kept is not None and self.files.in_place and kept.has_result(self.file(self.path).data):
+            raise WrittenBefore("its result was written before, and stays as it is")
         targets = self.targets()
         if number + 1 == len(self.kept):  # the last start: the motions of many scenes need not stay in memory
             self.motions.clear()

@@ -13,11 +13,13 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import IO, TYPE_CHECKING, Any
 
 from clothfit.base.errors import InvalidInput
+from clothfit.base.writing import is_output
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.output import STREAM, is_among, plain
 from clothfit.cli.common.pictures import Goal, Pictures
@@ -93,7 +95,8 @@ class FitLog:
         if self.file is not None or self.given_up:
             return
         try:
-            self.file = open(self.path, "wb", buffering=0)  # noqa: SIM115  for as long as the fit runs
+            place = os.dup(sys.stdout.fileno()) if is_output(self.path) else self.path
+            self.file = open(place, "wb", buffering=0)  # noqa: SIM115  for as long as the fit runs
         except OSError as error:
             self.give_up(error)
             return
