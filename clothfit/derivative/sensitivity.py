@@ -105,7 +105,7 @@ def point(system: System, chunk: Rollout, t: int, work: implicit.Workspace) -> P
     if chunk.euler[t]:
         return Point(euler, x, v, v, False)
     x_before, v_before = state_before(chunk, t)
-    bdf2.extrapolate(x, v, x_before, v_before, work)
+    bdf2.extrapolate(inner.h, x, v, x_before, v_before, work)
     return Point(inner, work.x_base, work.v_base, work.u, True)
 
 

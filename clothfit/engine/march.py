@@ -136,7 +136,7 @@ def second_order(euler, inner, tolerance, work, part, t, energy, guarded):
     it is to be taken with the clamped systems, 0 iterations are used.
     """
     x, v, (x_before, v_before) = part.x, velocity(part, t), state_before(part, t)
-    used, iterations, direct = bdf2.step(
+    used, iterations, direct, kinetic, weight = bdf2.step(
         inner, x[t], v, x_before, v_before, work.solution, tolerance, work, part.w[t], x[t + 1]
     )
     count(part, t, used, iterations, direct)
@@ -144,7 +144,7 @@ def second_order(euler, inner, tolerance, work, part, t, energy, guarded):
         return energy, False
     if not guarded:
         return energy, True
-    after, passes = guard.passes(euler, energy, x[t], x[t + 1], part.w[t, used - 1])
+    after, passes = guard.passes(euler, energy, x[t], x[t + 1], kinetic, weight)
     return (after if passes else energy), passes
 
 

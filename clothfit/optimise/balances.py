@@ -108,7 +108,7 @@ def fill(system, inner, two, near, x, v, work, step, out):
     for t in range(len(out.residual)):
         w, now = v[t + 1], (out.residual[t], out.mass[t], out.stiffness[t])
         if two and t > 0:
-            bdf2.extrapolate(x[t], v[t], x[t - 1], v[t - 1], work)
+            bdf2.extrapolate(inner.h, x[t], v[t], x[t - 1], v[t - 1], work)
             write(inner, near, work.x_base, work.v_base, w if late else work.u, w, True, work, step, now)
         else:
             write(system, near, x[t], v[t], w if late else v[t], w, late, work, step, now)

@@ -15,7 +15,7 @@ GUARD = 7.0
 needs_compiler = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled here")
 KINDS = [pytest.param(plain, id="plain"), pytest.param(compiled, id="compiled", marks=needs_compiler)]
 both = pytest.mark.parametrize("lanes", KINDS)
-LANE_BY_LANE = ("add", "sub", "mul")
+LANE_BY_LANE = ("add", "sub", "mul", "div")
 REORDERED = {
     "spread0": [0, 0, 0, 0],
     "spread1": [1, 1, 1, 1],
@@ -26,7 +26,8 @@ REORDERED = {
     "zyyz": [2, 1, 1, 2],
     "zxyy": [2, 0, 1, 1],
 }
-ROWS = ("u", "v", "w", "splat", "pack", "clear3", "load3", "fma", "lanes", *LANE_BY_LANE, *REORDERED)
+OTHERS = ("root", "where_less", "sum4")
+ROWS = ("u", "v", "w", "splat", "pack", "clear3", "load3", "fma", "lanes", *LANE_BY_LANE, *REORDERED, *OTHERS)
 
 
 def usable(lanes, function):
@@ -52,14 +53,18 @@ def every(lanes):
         lanes.store(lanes.add(u, v), out, 9, 0)
         lanes.store(lanes.sub(u, v), out, 10, 0)
         lanes.store(lanes.mul(u, v), out, 11, 0)
-        lanes.store(lanes.spread0(u), out, 12, 0)
-        lanes.store(lanes.spread1(u), out, 13, 0)
-        lanes.store(lanes.spread2(u), out, 14, 0)
-        lanes.store(lanes.turn(u), out, 15, 0)
-        lanes.store(lanes.xyzz(u), out, 16, 0)
-        lanes.store(lanes.xxxy(u), out, 17, 0)
-        lanes.store(lanes.zyyz(u), out, 18, 0)
-        lanes.store(lanes.zxyy(u), out, 19, 0)
+        lanes.store(lanes.div(u, v), out, 12, 0)
+        lanes.store(lanes.spread0(u), out, 13, 0)
+        lanes.store(lanes.spread1(u), out, 14, 0)
+        lanes.store(lanes.spread2(u), out, 15, 0)
+        lanes.store(lanes.turn(u), out, 16, 0)
+        lanes.store(lanes.xyzz(u), out, 17, 0)
+        lanes.store(lanes.xxxy(u), out, 18, 0)
+        lanes.store(lanes.zyyz(u), out, 19, 0)
+        lanes.store(lanes.zxyy(u), out, 20, 0)
+        lanes.store(lanes.root(lanes.mul(u, u)), out, 21, 0)
+        lanes.store(lanes.where_less(u, v, v, w), out, 22, 0)
+        lanes.store(lanes.splat(lanes.sum4(u)), out, 23, 0)
 
     return usable(lanes, run)
 
@@ -115,8 +120,27 @@ def test_lanes_are_reordered_as_named(lanes, name):
 @pytest.mark.parametrize("name", LANE_BY_LANE)
 def test_arithmetic_is_lane_by_lane(lanes, name):
     a = numbers(2)
-    operation = {"add": np.add, "sub": np.subtract, "mul": np.multiply}[name]
+    operation = {"add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide}[name]
     assert results(lanes, a)[name].tolist() == operation(a[0, :4], a[1, 3:7]).tolist()
+
+
+@both
+@pytest.mark.parametrize("seed", range(5))
+def test_roots_choices_and_sums_of_four_lanes(lanes, seed):
+    a = numbers(seed)
+    u, v, w = a[0, :4], a[1, 3:7], a[2, 4:]
+    row = results(lanes, a)
+    assert row["root"].tolist() == np.sqrt(u * u).tolist()
+    assert row["where_less"].tolist() == [q if p < q else r for p, q, r in zip(u, v, w, strict=True)]
+    assert row["sum4"][0] == ((u[0] + u[1]) + u[2]) + u[3]
+
+
+@both
+def test_nothing_is_less_than_what_is_no_number(lanes):
+    a = numbers(0)
+    a[0, 1], a[1, 4] = np.nan, np.nan
+    row = results(lanes, a)
+    assert row["where_less"][1] == a[2, 5]
 
 
 @needs_compiler

@@ -30,8 +30,28 @@ import numpy as np
 from clothfit.base.arrays import Array, Indices
 from clothfit.engine.solve.sparse import add_block, outer, subtract_block
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, fma, load3, mul, pack, splat, store3, sub
+from clothfit.kernels.lanes.operations import (
+    add,
+    div,
+    fma,
+    load,
+    load3,
+    mul,
+    pack,
+    root,
+    splat,
+    store,
+    store3,
+    sub,
+    sum4,
+    where_less,
+)
 from clothfit.kernels.vectors import dot
+
+TOGETHER = 64
+"""Springs whose lengths are computed together: roots and divisions take as long as all else that a spring needs, but
+four at a time, and not one after the other.
+"""
 
 
 class Springs(NamedTuple):
@@ -101,12 +121,20 @@ def pointlike(d):
 
 @kernel
 def energy(springs, y):
-    twice = 0.0  # k (L − L₀)², also where L = 0, as its limit
-    for i in range(len(springs.rest)):
+    k, rest, twice = springs.stiffness, springs.rest, splat(0.0)  # k (L − L₀)², also where L = 0, as its limit
+    whole = len(rest) - len(rest) % 4
+    for i in range(0, whole, 4):
+        p, q = difference(y, springs, i), difference(y, springs, i + 1)
+        r, s = difference(y, springs, i + 2), difference(y, springs, i + 3)
+        length = root(pack(dot(p, p), dot(q, q), dot(r, r), dot(s, s)))
+        stretch = sub(length, pack(rest[i], rest[i + 1], rest[i + 2], rest[i + 3]))
+        twice = fma(mul(pack(k[i], k[i + 1], k[i + 2], k[i + 3]), stretch), stretch, twice)
+    total = sum4(twice)
+    for i in range(whole, len(rest)):
         e = difference(y, springs, i)
-        stretch = sqrt(dot(e, e)) - springs.rest[i]
-        twice += springs.stiffness[i] * stretch * stretch
-    return 0.5 * twice
+        stretch = sqrt(dot(e, e)) - rest[i]
+        total += k[i] * stretch * stretch
+    return 0.5 * total
 
 
 @kernel
@@ -139,28 +167,54 @@ def add_damping(springs, y, scale, q, out):
 @kernel
 def add_step(springs, y, u, h, ahead, A, b):
     upright, lowered = pack(1.0, 0.0, 0.0, 0.0), pack(1.0, 0.0, 1.0, 0.0)  # where xx, zz and yy are in a block
-    stored = 0.0
-    for i in range(len(springs.rest)):
-        length, inverse, d = axis(springs, y, i)
-        k = springs.stiffness[i]
-        hat, _ = capped(springs, springs.rest[i] * inverse)
-        across = splat(h * h * k * (1.0 - hat))
-        along = splat(h * k * (h * hat + springs.damping))
-        low, high = outer(mul(along, d), d)
-        low, high = fma(across, upright, low), fma(across, lowered, high)
-        add_block(A.diagonal, springs.ends[i, 0], low, high)
-        add_block(A.diagonal, springs.ends[i, 1], low, high)
-        subtract_block(A.upper, springs.slot[i], low, high)
-        if len(b) > 0:
-            stretch = length - springs.rest[i]
-            stored += k * stretch * stretch
-            if ahead:
-                u_i = difference(u, springs, i)
-                pull = mul(splat(h * k * (h * hat * dot(u_i, d) - stretch)), d)
-                add_opposite(b, springs, i, fma(across, u_i, pull))
-            else:
-                add_opposite(b, springs, i, mul(splat(-h * k * stretch), d))
+    count, stored = len(springs.rest), 0.0
+    e, size = np.empty((TOGETHER, 4)), np.ones((3, TOGETHER))
+    for begin in range(0, count, TOGETHER):
+        end = min(begin + TOGETHER, count)
+        measure(springs, y, begin, end, e, size)
+        for i in range(begin, end):
+            j = i - begin
+            k, stretch, hat = springs.stiffness[i], size[1, j], size[2, j]
+            d = mul(load(e, j, 0), splat(size[0, j]))
+            across = splat(h * h * k * (1.0 - hat))
+            along = splat(h * k * (h * hat + springs.damping))
+            low, high = outer(mul(along, d), d)
+            low, high = fma(across, upright, low), fma(across, lowered, high)
+            add_block(A.diagonal, springs.ends[i, 0], low, high)
+            add_block(A.diagonal, springs.ends[i, 1], low, high)
+            subtract_block(A.upper, springs.slot[i], low, high)
+            if len(b) > 0:
+                stored += k * stretch * stretch
+                if ahead:
+                    u_i = difference(u, springs, i)
+                    pull = mul(splat(h * k * (h * hat * dot(u_i, d) - stretch)), d)
+                    add_opposite(b, springs, i, fma(across, u_i, pull))
+                else:
+                    add_opposite(b, springs, i, mul(splat(-h * k * stretch), d))
     return 0.5 * stored
+
+
+@kernel
+def measure(springs, y, begin, end, e, size):
+    """Write e of the springs `begin` to below `end` to the rows of e, and 1/L, L − L₀ and ρ̂ to those of size (3, ·); of
+    springs of zero length as `axis` does.
+    """
+    for i in range(begin, end):
+        e_i = difference(y, springs, i)
+        store(e_i, e, i - begin, 0)
+        size[0, i - begin], size[1, i - begin] = dot(e_i, e_i), springs.rest[i]
+    zero, cap, bend = splat(0.0), splat(springs.cap), splat(springs.bend)
+    for j in range(0, end - begin, 4):
+        length, rest = root(load(size, 0, j)), load(size, 1, j)
+        inverse = div(splat(1.0), where_less(zero, length, length, rest))
+        hat = rho = mul(rest, inverse)
+        if springs.bend > 0.0:  # as `capped`
+            left = sub(cap, rho)
+            t = div(left, bend)
+            hat = where_less(left, bend, sub(cap, mul(mul(left, t), sub(splat(2.0), t))), rho)
+        store(inverse, size, 0, j)
+        store(sub(length, rest), size, 1, j)
+        store(where_less(cap, rho, cap, hat), size, 2, j)
 
 
 @kernel

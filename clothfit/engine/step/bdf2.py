@@ -23,11 +23,11 @@ shortened, and those that would add energy (`guard`) are implicit Euler steps. A
 
 from __future__ import annotations
 
-from clothfit.engine.step import implicit
+from clothfit.engine.step import guard, implicit
 from clothfit.engine.system import IMPLICIT, System
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add as plus
-from clothfit.kernels.lanes.operations import fma, load3, splat, store3, sub
+from clothfit.kernels.lanes.operations import fma, load3, mul, splat, store3, sub
 from clothfit.kernels.vectors import add, combine, copy
 
 BEND = 0.1
@@ -55,29 +55,30 @@ def ahead(third, a, before, out):
 
 
 @kernel
-def extrapolate(x, v, x_before, v_before, work):
-    """Write x̃, ṽ and u to the workspace."""
-    third = splat(1.0 / 3.0)
+def extrapolate(h, x, v, x_before, v_before, work):
+    """Write x̃, ṽ, u and y to the workspace, for h' = `h`."""
+    third, reach = splat(1.0 / 3.0), splat(h)
     for i in range(len(x)):
         x_i, v_i = load3(x, i), load3(v, i)
         gain = sub(v_i, load3(v_before, i))
-        store3(fma(third, sub(x_i, load3(x_before, i)), x_i), work.x_base, i)
+        base, u_i = fma(third, sub(x_i, load3(x_before, i)), x_i), plus(v_i, gain)
+        store3(base, work.x_base, i)
         store3(fma(third, gain, v_i), work.v_base, i)
-        store3(plus(v_i, gain), work.u, i)
+        store3(u_i, work.u, i)
+        store3(plus(base, mul(reach, u_i)), work.y, i)
 
 
 @kernel
 def step(inner, x, v, x_before, v_before, first, tolerance, work, w, x_new):
     """Write w, the velocities of the iterations (N, n, 3), and the new positions, from a first guess of the velocity;
-    returns what `implicit.step` does.
+    returns what `implicit.step` and `guard.arrive` do.
     """
-    extrapolate(x, v, x_before, v_before, work)
-    combine(1.0, work.x_base, inner.h, work.u, work.y)
+    extrapolate(inner.h, x, v, x_before, v_before, work)
     implicit.assemble(inner, work.y, work.u, True, work.A, work.b)
     implicit.add_momentum(inner.vertex, work.v_base, work.b)
     used, iterations, direct = implicit.step(inner, work.x_base, work.v_base, first, tolerance, work, w)
-    combine(1.0, work.x_base, inner.h, w[used - 1], x_new)
-    return used, iterations, direct
+    kinetic, weight = guard.arrive(inner.vertex, x, work.x_base, inner.h, w[used - 1], x_new)
+    return used, iterations, direct, kinetic, weight
 
 
 @kernel
@@ -87,7 +88,7 @@ def pullback(inner, x, v, x_before, v_before, w, used, tolerance, work, x_bar, v
     x_rest, v_rest hold what steps after this one add to the gradient by x, v, and receive what this one adds to that
     by x_before, v_before.
     """
-    extrapolate(x, v, x_before, v_before, work)
+    extrapolate(inner.h, x, v, x_before, v_before, work)
     combine(1.0, v_bar, inner.h, x_bar, work.w_bar)
     v_bar[:] = 0.0
     for k in range(used - 1, -1, -1):
@@ -115,7 +116,7 @@ def pushforward(inner, x, v, x_before, v_before, w, used, tolerance, work, dx, d
     """Turn dx, dv, the change of x, v, into that of the state after the step, for the change `direction`; the change
     of x_before, v_before becomes that of x, v.
     """
-    extrapolate(x, v, x_before, v_before, work)
+    extrapolate(inner.h, x, v, x_before, v_before, work)
     ahead(1.0, dv, dv_before, work.gu)
     advance(1.0 / 3.0, dx, dx_before)
     advance(1.0 / 3.0, dv, dv_before)

@@ -20,7 +20,7 @@ from clothfit.engine.forces import total
 from clothfit.engine.forces.spheres import contact
 from clothfit.engine.system import IMPLICIT
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, sub, sum3
+from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub, sum3
 from clothfit.kernels.vectors import combine, dot, vector
 
 SLACK = 1e-3
@@ -74,25 +74,27 @@ def energy(system, x, v):
 
 
 @kernel
-def passes(system, before, x, x_new, v_new):
-    """The energy, J, after a BDF2 step from x to x_new, v_new, and whether it adds none; `before` it there was that."""
-    kinetic, work = moved(system.vertex, x, x_new, v_new)
+def arrive(vertex, x, base, h, w, x_new):
+    """Write x_new = base + h w for a step from x, (n, 3) each; returns ½ wᵀM w and the work of the weight, J."""
+    twice, way, reach = splat(0.0), splat(0.0), splat(h)
+    for i in range(len(vertex.mass)):
+        m, w_i = splat(vertex.mass[i]), load3(w, i)
+        new = add(load3(base, i), mul(reach, w_i))
+        twice = fma(mul(m, w_i), w_i, twice)
+        way = fma(m, sub(new, load3(x, i)), way)
+        store3(new, x_new, i)
+    return 0.5 * sum3(twice), dot(vector(vertex.gravity), way)
+
+
+@kernel
+def passes(system, before, x, x_new, kinetic, work):
+    """The energy, J, after a step from x to x_new that began with the energy `before`, and whether the step adds none.
+    """
     after = kinetic + total.stored_energy(system, x_new, x_new)
     if not rises(before, after, work):
         return after, True
     known = x_new if starts_deep(system.spheres, system.x0) else x
     return after, not rises(before, kinetic + total.stored_energy(system, x_new, known), work)
-
-
-@kernel
-def moved(vertex, x, x_new, v_new):
-    """½ vᵀM v of the velocities v_new (n, 3), and the work of the weight from x to x_new (n, 3), J."""
-    twice, way = splat(0.0), splat(0.0)
-    for i in range(len(vertex.mass)):
-        m, v_i = splat(vertex.mass[i]), load3(v_new, i)
-        twice = fma(mul(m, v_i), v_i, twice)
-        way = fma(m, sub(load3(x_new, i), load3(x, i)), way)
-    return 0.5 * sum3(twice), dot(vector(vertex.gravity), way)
 
 
 @kernel

@@ -163,7 +163,25 @@ def combined(operation: str) -> Any:
     return apply
 
 
-add, sub, mul = (combined(operation) for operation in ("fadd", "fsub", "fmul"))
+add, sub, mul, div = (combined(operation) for operation in ("fadd", "fsub", "fmul", "fdiv"))
+
+
+@intrinsic
+def root(_context: Any, a: Any) -> Code:
+    def code(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        kind = ir.FunctionType(QUAD, [QUAD])
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.sqrt.v4f64"), values)
+
+    return LANES(LANES), code
+
+
+@intrinsic
+def where_less(_context: Any, a: Any, b: Any, p: Any, q: Any) -> Code:
+    def code(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        a, b, p, q = values
+        return builder.select(builder.fcmp_ordered("<", a, b), p, q)
+
+    return LANES(LANES, LANES, LANES, LANES), code
 
 
 @intrinsic
@@ -176,13 +194,23 @@ def fma(_context: Any, a: Any, b: Any, c: Any) -> Code:
     return LANES(LANES, LANES, LANES), code
 
 
-@intrinsic
-def sum3(_context: Any, v: Any) -> Code:
-    def code(_target: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        x, y, z = (builder.extract_element(values[0], INDEX(lane)) for lane in range(3))
-        return builder.fadd(builder.fadd(x, y), z)
+def summed(count: int) -> Any:
+    """A function that adds so many lanes of its argument, from the first on."""
 
-    return types.float64(LANES), code
+    @intrinsic
+    def take(_context: Any, v: Any) -> Code:
+        def code(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+            first, *others = (builder.extract_element(values[0], INDEX(lane)) for lane in range(count))
+            for other in others:
+                first = builder.fadd(first, other)
+            return first
+
+        return types.float64(LANES), code
+
+    return take
+
+
+sum3, sum4 = summed(3), summed(4)
 
 
 @intrinsic

@@ -8,8 +8,9 @@ What is fused is named here, product by product, so no result depends on what a 
     load3(a, i)        a[i, 0 … 2], and 0                store3(v, a, i)       without touching what follows
     splat(x)           x x x x                           pack(x, y, z, w)      x y z w
     spread0/1/2(v)     one lane in all four              lane0/1/2(v)          one lane as a number
-    add sub mul        lane by lane                      fma(a, b, c)          a b + c, rounded once
-    sum3(v)            v₀ + v₁ + v₂                      clear3(v)             v with 0 in lane 3
+    add sub mul div    lane by lane                      fma(a, b, c)          a b + c, rounded once
+    root(v)            the square roots                  where_less(a, b, p, q)  p where a < b, else q
+    sum3(v), sum4(v)   v₀ + v₁ + v₂ (+ v₃)               clear3(v)             v with 0 in lane 3
     turn(v)            v₁ v₂ v₀ v₃, for cross products     xyzz xxxy zyyz zxyy(v)   the components so named
     read_shared(a, i), write_shared(a, i, x)             an int64 of (n,) that two threads look at
     exchange(a, i, old, new)                             the same, set only where it is `old`; whether it was
@@ -32,8 +33,10 @@ chosen: Any = plain if config.DISABLE_JIT else compiled
 load, store, load3, store3 = chosen.load, chosen.store, chosen.load3, chosen.store3
 splat, pack, clear3, turn = chosen.splat, chosen.pack, chosen.clear3, chosen.turn
 spread0, spread1, spread2 = chosen.spread0, chosen.spread1, chosen.spread2
-lane0, lane1, lane2, sum3 = chosen.lane0, chosen.lane1, chosen.lane2, chosen.sum3
+lane0, lane1, lane2 = chosen.lane0, chosen.lane1, chosen.lane2
+sum3, sum4 = chosen.sum3, chosen.sum4
 add, sub, mul, fma = chosen.add, chosen.sub, chosen.mul, chosen.fma
+div, root, where_less = chosen.div, chosen.root, chosen.where_less
 xyzz, xxxy, zyyz, zxyy = chosen.xyzz, chosen.xxxy, chosen.zyyz, chosen.zxyy
 read_shared, write_shared = chosen.read_shared, chosen.write_shared
 exchange, pause = chosen.exchange, chosen.pause

@@ -67,12 +67,28 @@ def mul(a, b):
     return a * b
 
 
+def div(a, b):
+    return a / b
+
+
+def root(a):
+    return np.sqrt(a)
+
+
+def where_less(a, b, p, q):
+    return np.where(a < b, p, q)
+
+
 def fma(a, b, c):
     return a * b + c
 
 
 def sum3(v):
     return (v[0] + v[1]) + v[2]
+
+
+def sum4(v):
+    return ((v[0] + v[1]) + v[2]) + v[3]
 
 
 def clear3(v):
