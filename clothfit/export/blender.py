@@ -7,7 +7,19 @@ unit, and a structural spring of "stiffness" S has S/L̄, L̄ the mean length of
 
 its springs carry the same weights at the same stretch, and move as fast. In the same units a damping α m v is an air
 damping of 100 τ α m, and (α/2) k along a spring is a spring damping of τ (α/2) k. All vertices have one mass, the mean.
-Springs across edges have no counterpart (Blender bends by angles), so only their variation over the cloth is exported.
+
+Blender bends by angles: a hinge of length ℓ and "stiffness" B has the torque 0.1 B ℓ θ/τ². A spring k across the hinge,
+of length L, resists in the third order of the angle, with (k L²/32) θ³. At the angle FOLD both are equal for
+
+    B = τ² k L² FOLD² / (3.2 ℓ)
+
+These forces are explicit in Blender, so a step h is stable up to h² λ/m = 4, with λ the largest eigenvalue of their
+stiffness, at most the largest sum of a row of its absolute values (Gershgorin). B is reduced where this passes
+BENDING_LIMIT. The damping of bending is a number of its own for each hinge, whatever its stiffness; with Blender's
+default a light cloth explodes. It is 0, as nearly is that of a spring across a flat hinge.
+
+Blender's step is the implicit Euler step, whose damping grows with it. A scene of implicit steps gets steps of the same
+length; a scene of other steps, which damp less, a part of its own, FINER.
 
 Blender paints weights on vertices: a spring takes the mean of its two ends. With the smallest and the largest value as
 the range, k_s ≈ low + (high − low) (w_a + w_b)/2, 0 ≤ w ≤ 1, by least squares. A cloth has three times as many springs
@@ -23,13 +35,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Indices
-from clothfit.export.topology import roles
+from clothfit.export.topology import Roles, roles
 from clothfit.scene.cloth import Cloth
+from clothfit.scene.kinds import INTEGRATORS
 from clothfit.scene.scene import Scene
 
 BLENDER_FORMAT = "clothfit-blender-1"
 TIME_UNIT = 0.001**0.5  # τ, s: Blender's time unit, in which its weights are those of SI
-DEFAULT_BENDING = 0.5  # Blender's default, which stands for the mean here
+FOLD = 0.5  # rad, between two faces: where bending resists as the spring across the hinge does
+FINER = 4.0  # steps of Blender's in one of the scene's that is not an implicit Euler step
+BENDING_LIMIT = 1.0  # of h² λ/m; 4 is no longer stable
 LARGEST_STIFFNESS = 10_000.0  # Blender's limit
 SCRIPT = Path(__file__).with_name("blender_script.py")
 DATA_PLACE = 'json.loads("{}")'  # in the script; the numbers replace it
@@ -51,23 +66,27 @@ def files(scene: Scene) -> dict[str, bytes]:
         "format": BLENDER_FORMAT,
         "time_unit": TIME_UNIT,
         "gravity": scene.gravity.tolist(),
-        "objects": [one(number, cloth) for number, cloth in enumerate(scene.cloths)],
+        "step": step_of(scene),
+        "objects": [one(number, cloth, step_of(scene)) for number, cloth in enumerate(scene.cloths)],
     }
     text = json.dumps(document, allow_nan=False)
     script = SCRIPT.read_text("utf-8").replace(DATA_PLACE, f"json.loads({text!r})")
     return {"blender.json": text.encode(), "blender.py": script.encode()}
 
 
-def one(number: int, cloth: Cloth) -> dict[str, Any]:
-    """The values of an object for Blender."""
+def step_of(scene: Scene) -> float:
+    """The longest step for Blender, s."""
+    return scene.delta if INTEGRATORS[scene.method] == "implicit" else scene.delta / FINER
+
+
+def one(number: int, cloth: Cloth, step: float) -> dict[str, Any]:
+    """The values of an object for Blender, for steps of at most `step`, s."""
     role = roles(cloth)
     edges = ~role.bending
     length = float(cloth.rest[edges].mean()) if edges.any() else 0.0
     count, mass = len(cloth.mass), float(cloth.mass.mean())
     traction = painted(count, cloth.springs[edges], TIME_UNIT**2 * length * cloth.stiffness[edges])
-    across = cloth.stiffness[role.bending]
-    scale = DEFAULT_BENDING / float(across.mean()) if across.any() else 0.0
-    bending = painted(count, role.hinges[role.bending], scale * across)
+    bending = painted(count, role.hinges[role.bending], bending_of(cloth, role, step))
     along = 0.5 * cloth.damping * TIME_UNIT * float(cloth.stiffness[edges].mean()) if edges.any() else 0.0
     return {
         "object": number,
@@ -80,6 +99,40 @@ def one(number: int, cloth: Cloth) -> dict[str, Any]:
         "bending": group(bending),
         "pin": np.flatnonzero(cloth.fixed).tolist(),
     }
+
+
+def bending_of(cloth: Cloth, role: Roles, step: float) -> Array:
+    """Blender's stiffnesses of the hinges under the bending springs, stable with steps of `step`, s."""
+    ends, hinges = cloth.springs[role.bending], role.hinges[role.bending]
+    length: Array = np.linalg.norm(cloth.positions[hinges[:, 1]] - cloth.positions[hinges[:, 0]], axis=1)
+    torque = cloth.stiffness[role.bending] * (cloth.rest[role.bending] * FOLD) ** 2 / 32  # N m per rad
+    made: Array = np.divide(TIME_UNIT**2 * torque, 0.1 * length, out=np.zeros_like(length), where=length > 0)
+    with np.errstate(all="ignore"):  # a face without area
+        slope = slopes(cloth.positions, ends, hinges)
+        rows = torque[:, None] * slope * slope.sum(axis=1, keepdims=True)
+    largest = np.zeros(len(cloth.mass))
+    np.add.at(largest, np.hstack([ends, hinges]), rows)
+    ratio = step**2 * float(largest.max(initial=0.0)) / float(cloth.mass.mean())
+    if not np.isfinite(ratio):
+        return np.zeros_like(made)
+    return made * min(1.0, BENDING_LIMIT / ratio) if ratio > 0 else made
+
+
+def slopes(positions: Array, ends: Indices, hinges: Indices) -> Array:
+    """|∂θ/∂x|, rad/m, of flat hinges by the two vertices across each and the two on it: (hinges, 4).
+
+    A vertex at a distance d across moves the angle by 1/d; the hinge's ends take that in the shares of its foot.
+    """
+    a, along = positions[hinges[:, 0]], positions[hinges[:, 1]] - positions[hinges[:, 0]]
+    found: Array = np.zeros((len(ends), 4))
+    for side in (0, 1):
+        away = positions[ends[:, side]] - a
+        foot = (away * along).sum(axis=1) / (along * along).sum(axis=1)
+        found[:, side] = 1 / np.linalg.norm(away - foot[:, None] * along, axis=1)
+        found[:, 2] += (1 - foot) * found[:, side]
+        found[:, 3] += foot * found[:, side]
+    sizes: Array = np.abs(found)
+    return sizes
 
 
 def group(found: Painted | None) -> dict[str, Any] | None:
