@@ -10,24 +10,75 @@ Most kernels are only called by kernels. The code that makes a function callable
 of thirty arrays apart, is then a third of what there is to compile. So each kernel is two functions for numba: one
 that other kernels call, without that code, and one for calls from Python, compiled only when there is such a call.
 
-The compiler calls back into Python, and an exception from there is lost: the function then counts as compiled, without
-any code. So Ctrl-C waits for the next of the passes that a compilation consists of.
+numba is imported, and told of a function, when that is first called: to read a scene, or to ask for help, must not wait
+for a compiler, and of the kernels of a simulation in the cache only those are touched that Python calls.
 """
 
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, TypeVar, overload
 
-import numba
-from numba.core import event
-
-from clothfit.base.interrupts import postponed
-from clothfit.kernels.cache import KernelCache
-
 F = TypeVar("F", bound=Callable[..., object])
-FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # nothing calls by a C function pointer
+
+
+def interpreted() -> bool:
+    """Whether kernels run as plain Python."""
+    return os.environ.get("NUMBA_DISABLE_JIT", "0").strip() not in ("", "0")
+
+
+class Kernel:
+    """A function that is compiled when it is first called, by Python or by another one that is being compiled."""
+
+    def __init__(self, function: Callable[..., object], nogil: bool) -> None:
+        functools.update_wrapper(self, function)
+        self.py_func, self.nogil = function, nogil
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the compiled function."""
+        return self.outer(*arguments)
+
+    @cached_property
+    def outer(self) -> Any:
+        """numba's function for calls from Python."""
+        from clothfit.kernels import compiling
+
+        return compiling.for_python(self.py_func, self.nogil)
+
+    @cached_property
+    def inner(self) -> Any:
+        """numba's function for calls from kernels."""
+        from clothfit.kernels import compiling
+
+        return compiling.for_kernels(self.py_func)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What numba takes this object for where a kernel uses it."""
+        from numba.core import types
+
+        return types.Dispatcher(self.inner)
+
+
+class InPython:
+    """numba's `objmode`: what of a kernel runs in the interpreter."""
+
+    def __call__(self, **types: str) -> Any:
+        """The context in which the variables get these types."""
+        import numba
+
+        return numba.objmode(**types)
+
+    def __getattr__(self, name: str) -> Any:
+        import numba
+
+        return numba.typeof(numba.objmode) if name == "_numba_type_" else getattr(numba.objmode, name)
+
+
+objmode = InPython()
 
 
 @overload
@@ -45,35 +96,5 @@ def kernel(function: F | None = None, *, nogil: bool = False) -> F | Callable[[F
     """
     if function is None:
         return functools.partial(kernel, nogil=nogil)
-    compile_lazily: Any = numba.njit  # its types know neither of these flags
-    outer: Any = compile_lazily(**FLAGS, nogil=nogil)(function)
-    if outer is not function:  # as it is with NUMBA_DISABLE_JIT
-        inner: Any = compile_lazily(**FLAGS, no_cpython_wrapper=True)(function)
-        inner._cache, outer._cache = KernelCache(function, "inner"), KernelCache(function)
-        outer._compile_for_args = interruptible(outer._compile_for_args)
-        outer.get_call_template, outer.get_overload = inner.get_call_template, inner.get_overload  # for kernels
-    made: F = outer
-    return made
-
-
-def interruptible(compile_for_args: Callable[..., object]) -> Callable[..., object]:
-    """The same function, which numba calls to compile or load, where Ctrl-C comes only at the start of a pass."""
-
-    def compile_between_requests(*arguments: object, **keywords: object) -> object:
-        with postponed() as look, event.install_listener("numba:run_pass", _Passes(look)):
-            return compile_for_args(*arguments, **keywords)
-
-    return compile_between_requests
-
-
-class _Passes(event.Listener):
-    """Calls a function at the start of every pass of the compiler."""
-
-    def __init__(self, call: Callable[[], None]) -> None:
-        self.call = call
-
-    def on_start(self, event: object) -> None:
-        self.call()
-
-    def on_end(self, event: object) -> None:
-        """Do nothing."""
+    made: Any = function if interpreted() else Kernel(function, nogil)
+    return made  # type: ignore[no-any-return]

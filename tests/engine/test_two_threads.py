@@ -147,7 +147,7 @@ def unlimited(monkeypatch):
     """No wish for one thread in the environment."""
     for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(two_threads.config, "DISABLE_JIT", 0)
+    monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
 
 
 @pytest.mark.usefixtures("unlimited")
@@ -179,5 +179,5 @@ def test_who_asks_for_one_thread_gets_one(monkeypatch, name):
 @pytest.mark.usefixtures("unlimited")
 def test_interpreted_code_runs_alone(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
-    monkeypatch.setattr(two_threads.config, "DISABLE_JIT", 1)
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
     assert two_threads.processors() == 1

@@ -12,12 +12,11 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import objmode
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.engine.solve import cg, cg_two_threads, multigrid, sparse
 from clothfit.engine.solve.sparse import BlockMatrix
-from clothfit.kernels.kernel import kernel
+from clothfit.kernels.kernel import kernel, objmode
 from clothfit.kernels.vectors import copy
 
 SYMMETRIC: dict[str, Any] = {

@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, aligned
-from clothfit.kernels.cache import config
-from clothfit.kernels.kernel import kernel
+from clothfit.kernels.kernel import interpreted, kernel
 from clothfit.kernels.lanes.operations import exchange, pause, read_shared, write_shared
 
 SERVES, POSTED, CLAIMED, DONE = 0, 8, 16, 24
@@ -119,7 +118,7 @@ def serving(worker: Worker, serve: Callable[[], None]) -> Iterator[None]:
 
 def processors() -> int:
     """Processors that may be used."""
-    if config.DISABLE_JIT:
+    if interpreted():
         return 1  # the interpreter runs one thread at a time
     for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"):
         if os.environ.get(name, "").strip() == "1":

@@ -16,19 +16,43 @@ What is fused is named here, product by product, so no result depends on what a 
     exchange(a, i, old, new)                             the same, set only where it is `old`; whether it was
     pause(long)                                          between two looks
 
-Indices are not checked. With NUMBA_DISABLE_JIT=1 the same functions work on NumPy arrays of four numbers.
+Indices are not checked. With NUMBA_DISABLE_JIT=1 the same functions work on NumPy arrays of four numbers. Else they are
+names, for which numba takes what `compiled` has when it compiles a kernel that uses them.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-import numba
+from clothfit.kernels.kernel import interpreted
+from clothfit.kernels.lanes import plain
 
-from clothfit.kernels.lanes import compiled, plain
 
-config: Any = numba.config  # numba has no types
-chosen: Any = plain if config.DISABLE_JIT else compiled
+class Operation:
+    """An operation of compiled kernels."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What numba takes this object for."""
+        from numba.core.registry import cpu_target
+
+        from clothfit.kernels.lanes import compiled
+
+        cpu_target.typing_context.refresh()  # which learns of operations that were imported just now
+        return cpu_target.typing_context.resolve_value_type(getattr(compiled, self.name))
+
+
+class Compiled:
+    """The operations of compiled kernels, by their names."""
+
+    def __getattr__(self, name: str) -> Operation:
+        return Operation(name)
+
+
+chosen: Any = plain if interpreted() else Compiled()
 
 load, store, load3, store3 = chosen.load, chosen.store, chosen.load3, chosen.store3
 splat, pack, clear3, turn = chosen.splat, chosen.pack, chosen.clear3, chosen.turn

@@ -1,0 +1,60 @@
+"""What numba makes of a kernel, when that is first called.
+
+The compiler calls back into Python, and an exception from there is lost: the function then counts as compiled, without
+any code. So Ctrl-C waits for the next of the passes that a compilation consists of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+from numba.core import event
+
+from clothfit.base.interrupts import postponed
+from clothfit.kernels.cache import KernelCache
+
+FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # nothing calls by a C function pointer
+
+
+def for_python(function: Callable[..., object], nogil: bool) -> Any:
+    """numba's function for calls from Python."""
+    made = _made(function, "", nogil=nogil)
+    made._compile_for_args = interruptible(made._compile_for_args)
+    return made
+
+
+def for_kernels(function: Callable[..., object]) -> Any:
+    """numba's function for calls from kernels."""
+    return _made(function, "inner", no_cpython_wrapper=True)
+
+
+def _made(function: Callable[..., object], variant: str, **flags: Any) -> Any:
+    compile_lazily: Any = numba.njit  # its types know neither of these flags
+    made = compile_lazily(**FLAGS, **flags)(function)
+    made._cache = KernelCache(function, variant)
+    return made
+
+
+def interruptible(compile_for_args: Callable[..., object]) -> Callable[..., object]:
+    """The same function, which numba calls to compile or load, where Ctrl-C comes only at the start of a pass."""
+
+    def compile_between_requests(*arguments: object, **keywords: object) -> object:
+        with postponed() as look, event.install_listener("numba:run_pass", _Passes(look)):
+            return compile_for_args(*arguments, **keywords)
+
+    return compile_between_requests
+
+
+class _Passes(event.Listener):
+    """Calls a function at the start of every pass of the compiler."""
+
+    def __init__(self, call: Callable[[], None]) -> None:
+        self.call = call
+
+    def on_start(self, event: object) -> None:
+        self.call()
+
+    def on_end(self, event: object) -> None:
+        """Do nothing."""
