@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.fit.sandwich import Blocks
+from clothfit.fit.student import half_width
 from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.prior import NARROWEST, Prior, inverse, none, variance
 from clothfit.optimise.search import Search
@@ -97,10 +98,8 @@ class Posterior:
     @cached_property
     def t(self) -> float:
         """How many standard deviations half an interval has."""
-        from scipy.special import stdtrit
-
         freedom = self.local.count - self.determined if self.blocks is None else self.blocks.freedom
-        return float(stdtrit(max(freedom, 1.0), 0.5 + 0.5 * COVERAGE))
+        return half_width(COVERAGE, max(freedom, 1.0))
 
     def alone(self, places: NDArray[np.intp]) -> Array:
         """Standard deviations (H,) of parameters of the Q if all others were known."""

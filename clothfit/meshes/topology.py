@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
+from clothfit.base.graph import connected_components
 from clothfit.base.messages import metres
 from clothfit.meshes.mesh import keys
 
@@ -37,8 +38,6 @@ def together(positions: Array, distance: float) -> Indices:
     """For each of the positions (n, 3) the first index of its group, in which steps of at most `distance`, m, lead from
     one to the next. Raises InvalidInput where that joins more than seams.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
 
     n = len(positions)
@@ -47,9 +46,8 @@ def together(positions: Array, distance: float) -> Indices:
     tree = KDTree(positions)
     if tree.count_neighbors(tree, distance) > (MOST_PAIRS + 1) * n:
         raise InvalidInput(f"weld: within {metres(distance)} of most vertices are too many others; give a smaller one")
-    a, b = tree.query_pairs(distance, output_type="ndarray").T
-    count, label = connected_components(coo_array((np.ones(len(a), bool), (a, b)), shape=(n, n)), directed=False)
-    first = np.full(count, n)
+    label = connected_components(tree.query_pairs(distance, output_type="ndarray"), n)
+    first = np.full(label.max(initial=-1) + 1, n)
     np.minimum.at(first, label, np.arange(n))
     found: Indices = first[label].astype(np.int32)
     return found
@@ -59,11 +57,7 @@ def components(pairs: Indices, n: int) -> tuple[Indices, Indices]:
     """The parts into which pairs (P, 2) connect n vertices: the number of vertices of each, largest first, and its
     first vertex; vertices in no pair are left out.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    _, label = connected_components(graph, directed=False)
+    label = connected_components(pairs, n)
     used = np.unique(pairs)
     _, first, sizes = np.unique(label[used], return_index=True, return_counts=True)
     order = np.argsort(-sizes, kind="stable")

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from clothfit.base.arrays import Flags
+from clothfit.base.graph import connected_components
 from clothfit.scene.block import reached
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import size
@@ -46,15 +47,11 @@ def hidden(cloth: Cloth, name: str, spheres: int, seen: Flags | None = None) -> 
 
 def shown_by(cloth: Cloth, seen: Flags) -> Flags:
     """Which vertices (n,) springs and faces of free vertices join to a free vertex that is seen."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     free, n = ~cloth.fixed, len(cloth.mass)
     faces = cloth.triangles if cloth.feels_air else cloth.triangles[:0]
     pairs = np.concatenate([cloth.springs, faces[:, :2], faces[:, 1:], faces[:, ::2]])
     pairs = pairs[free[pairs].all(axis=1)]  # a fixed vertex passes nothing on
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    _, part = connected_components(graph, directed=False)
+    part = connected_components(pairs, n)
     return np.isin(part, part[free & seen])
 
 

@@ -172,7 +172,7 @@ def certainty(block: FittedBlock) -> str:
 
 def accuracy(block: FittedBlock) -> str:
     """Half of the middle one of the intervals: in percent where a fit moves the logarithm."""
-    from statistics import median  # here, as it is slow to import
+    from numpy import median
 
     from clothfit.scene.kinds import KIND
 

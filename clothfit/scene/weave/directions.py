@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Indices
+from clothfit.base.graph import connected_components
 
 ALONG, ACROSS, DIAGONAL, NONE = range(4)
 """The classes of edges."""
@@ -233,8 +234,4 @@ def _coloured(count: int, same: Slots, differ: Slots) -> tuple[Slots, Slots]:
 
 def connected(pairs: npt.NDArray[np.integer[Any]], n: int) -> Slots:
     """The number (n,) of the piece of each of n nodes that pairs (P, 2) connect."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    return np.asarray(connected_components(graph, directed=False)[1], np.intp)
+    return connected_components(pairs, n)
