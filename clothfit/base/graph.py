@@ -1,4 +1,4 @@
-"""Which nodes of a graph are connected: in NumPy alone, as SciPy's graphs take longer to import than a scene to read."""
+"""Which nodes of a graph are connected: in NumPy alone, as SciPy's graphs take long to import."""
 
 from __future__ import annotations
 

@@ -213,4 +213,4 @@ def largest_eigenvalue(multiply: Callable[[Array], Array], n: int) -> float:
             if ended or beside[-1] * abs(vectors[-1, -1]) <= 0.5 * ACCURACY * found:
                 break
         before, q = q, rest / beside[-1]
-    return found * scale
+    return float(found * scale)

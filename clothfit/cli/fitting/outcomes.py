@@ -172,14 +172,14 @@ def certainty(block: FittedBlock) -> str:
 
 def accuracy(block: FittedBlock) -> str:
     """Half of the middle one of the intervals: in percent where a fit moves the logarithm."""
-    from numpy import median
+    from numpy import median  # not that of the standard library, which is slower to import
 
     from clothfit.scene.kinds import KIND
 
     kind, ends = KIND[block.name], [interval for interval in block.interval if interval]
     if kind.log:
-        return f"±{100 * (math.sqrt(median(high / low for low, high in ends)) - 1):.2g} %"
-    return f"±{median(high - low for low, high in ends) / 2:.2g} {kind.unit}"
+        return f"±{100 * (math.sqrt(median([high / low for low, high in ends])) - 1):.2g} %"
+    return f"±{median([high - low for low, high in ends]) / 2:.2g} {kind.unit}"
 
 
 def indices(numbers: list[int]) -> str:
