@@ -7,6 +7,7 @@ quietly as later on.
 from __future__ import annotations
 
 import atexit
+import gc
 import os
 import signal
 
@@ -18,10 +19,17 @@ if TYPE_CHECKING:
 INTERRUPTED = 130  # the exit code
 
 
+OBJECTS = 50_000
+"""New objects after which Python looks for cycles among them: by default it would do so 500 times while libraries
+load, whose objects all stay.
+"""
+
+
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit."""
     for kind in (signal.SIGINT, signal.SIGTERM):
         signal.signal(kind, _leave)
+    gc.set_threshold(OBJECTS, 20, 20)
     interrupted: list[int] = []
     atexit.register(lambda: interrupted and os._exit(interrupted[0]))  # the first that is registered runs last
     from clothfit.cli import program

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -56,7 +55,7 @@ def prepared(
     state: State | None = None,
 ) -> Prepared:  # fmt: skip
     """What a fit to given targets begins with. A fit that goes on from a `state` keeps what it had chosen."""
-    began, computing = time.monotonic(), clock.computing()
+    began, computing = clock.passing(), clock.computing()
     plan = Prepared(objective, kept_out)
     if isinstance(options.substeps, int):
         plan = with_steps(plan, options.substeps, None)
@@ -68,7 +67,7 @@ def prepared(
     if options.model == AUTO:
         p = choose_start(plan.objective, start, hidden=False) if plan.p is None else plan.p
         plan = with_chosen_model(plan, p, options)
-    return replace(plan, seconds=time.monotonic() - began, computing=clock.computing() - computing)
+    return replace(plan, seconds=clock.passing() - began, computing=clock.computing() - computing)
 
 
 def counts_of(options: FitOptions, scene: Scene) -> Sequence[int]:

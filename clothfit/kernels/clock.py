@@ -1,5 +1,6 @@
-"""The clock of a fit: seconds of this process's computing, in which other work of the machine does not count, and
-compilation does not either, so that the first use of a command ends where all others do.
+"""The clocks of a fit: seconds that pass, and seconds of this process's computing, in which other work of the machine
+does not count. Compilation counts in neither, so that the first use of a command ends where all others do, and says that
+it took as long.
 """
 
 from __future__ import annotations
@@ -14,12 +15,13 @@ class Compilation(event.Listener):
     """Adds up the seconds in which numba compiles, or loads what it has compiled."""
 
     def __init__(self) -> None:
-        self.seconds, self.depth, self.began = 0.0, 0, 0.0
+        self.seconds, self.depth, self.began = 0.0, 0, 0.0  # of computing
+        self.passed, self.began_passing = 0.0, 0.0
 
     def on_start(self, event: event.Event) -> None:
         """Compilation of a function begins, perhaps within that of another one."""
         if self.depth == 0:
-            self.began = time.process_time()
+            self.began, self.began_passing = time.process_time(), time.perf_counter()
         self.depth += 1
 
     def on_end(self, event: event.Event) -> None:
@@ -27,6 +29,7 @@ class Compilation(event.Listener):
         self.depth -= 1
         if self.depth <= 0:
             self.seconds, self.depth = self.seconds + time.process_time() - self.began, 0
+            self.passed += time.perf_counter() - self.began_passing
 
 
 compilation = Compilation()
@@ -35,6 +38,16 @@ event.register("numba:compiler_lock", compilation)
 
 def computing() -> float:
     """Seconds of computing so far, without compilation."""
+    _look()
+    return time.process_time() - compilation.seconds
+
+
+def passing() -> float:
+    """Seconds since some instant, without compilation."""
+    _look()
+    return time.perf_counter() - compilation.passed
+
+
+def _look() -> None:
     if compilation.depth and not global_compiler_lock.is_locked():  # an exception has ended it between two of its lines
         compilation.depth = 0
-    return time.process_time() - compilation.seconds

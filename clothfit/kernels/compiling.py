@@ -34,7 +34,12 @@ def _made(function: Callable[..., object], variant: str, **flags: Any) -> Any:
     compile_lazily: Any = numba.njit  # its types know neither of these flags
     made = compile_lazily(**FLAGS, **flags)(function)
     made._cache = KernelCache(function, variant)
+    made._compilation_chain_init_hook = _no_extensions
     return made
+
+
+def _no_extensions() -> None:
+    """Look for no extensions of numba among all installed packages: no kernel has values of their types."""
 
 
 def interruptible(compile_for_args: Callable[..., object]) -> Callable[..., object]:

@@ -24,7 +24,9 @@ def read_scene(path: str, console: Console) -> Scene:
     """Load a scene from a path or standard input, and pass its warnings on."""
     check_there(path)
     import clothfit
+    from clothfit.base.deferred import defer
 
+    defer()
     scene = clothfit.load(sys.stdin.buffer if path == STREAM else path)
     for warning in scene.warnings:
         console.warn(f"{scene.name}: {warning}")
