@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -60,9 +59,11 @@ def command(
     from clothfit.inspection.gradient_check import check_scene
 
     console.announce_compilation()
-    began = time.perf_counter()
+    from clothfit.kernels.clock import passing
+
+    began = passing()
     found = check_scene(scene, target, None if steps is None else steps + 1, seed=seed, memory=memory)
-    seconds = time.perf_counter() - began
+    seconds = passing() - began
     show(found, scene, steps is not None, target_path, console)
     if as_json:
         print_json("check", {**summary(found, target_path), **motions.readings_summary(readings), "seconds": seconds})

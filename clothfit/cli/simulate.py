@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -77,9 +76,11 @@ def command(
     import clothfit
 
     console.announce_compilation()
-    began = time.perf_counter()
+    from clothfit.kernels.clock import passing
+
+    began = passing()
     motion, error = moved(scene, frames, tolerance)
-    seconds = time.perf_counter() - began
+    seconds = passing() - began
     console.detail("simulated")
     energy = clothfit.energies(scene, motion) if with_energy else None
     motions.write(motion, out, scene, convention, console, energy_arrays(energy))

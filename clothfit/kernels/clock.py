@@ -1,6 +1,6 @@
 """The clocks of a fit: seconds that pass, and seconds of this process's computing, in which other work of the machine
-does not count. Compilation counts in neither, so that the first use of a command ends where all others do, and says that
-it took as long.
+does not count. Compilation counts in neither, so that the first use of a command ends where all others do, and takes as
+long by its own account.
 """
 
 from __future__ import annotations

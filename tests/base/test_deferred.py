@@ -25,5 +25,5 @@ def test_what_is_put_off_loads_when_it_is_used_and_not_before():
 
 
 def test_what_is_loaded_stays_as_it_is():
-    code = "import numpy.ma as a\nfrom clothfit.base.deferred import defer\ndefer()\nimport numpy.ma as b\nprint(a is b)"
-    assert answer(code) == ["True"]
+    code = "import numpy.ma as a\nfrom clothfit.base.deferred import defer\ndefer()\nimport numpy.ma as b\n"
+    assert answer(f"{code}print(a is b)") == ["True"]
