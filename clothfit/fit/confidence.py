@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
+from clothfit.fit.correlation import Correlation, strongest
 from clothfit.fit.posterior import Local, Posterior, learned_prior, posterior
 from clothfit.fit.sandwich import CHAOS, Kept
 from clothfit.motion.divergence import Diverged
@@ -71,6 +72,7 @@ class Confidence:
     rank: int | None  # directions that it shows; None where that cannot be known
     sigma: float  # standard deviation of a residual; m where positions are compared
     warning: str | None = None  # why there are no intervals
+    correlations: tuple[Correlation, ...] = ()  # of what is hard to tell apart, strongest first
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,15 @@ def found_with(problem: Trajectory, quick: tuple[Model, float, int] | None, diff
     if wrong and known.blocks is None:
         nothing = np.full(len(p), np.nan)
         return replace(found, low=nothing, high=nothing, warning=UNTRUSTED)
+    found = replace(found, correlations=correlated(known, hidden))
     return replace(found, warning=DISAGREEING) if wrong and np.isnan(low).all() else found
+
+
+def correlated(known: Posterior, hidden: Hidden) -> tuple[Correlation, ...]:
+    """The parameters that are hard to tell apart, of those that are determined."""
+    search, own = known.local.search, np.flatnonzero(~hidden.flags)
+    places = np.flatnonzero(search.fitted)[known.free[own]]
+    return strongest(known.covariance[np.ix_(own, own)], places, search.objective.blocks)
 
 
 def without_intervals(known: Posterior, noise: float, why: str) -> Confidence:

@@ -95,6 +95,15 @@ class Posterior:
         variances = np.diag(self.blocks.covariance(self.free, self.K)) + believed
         return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
+    @property
+    def covariance(self) -> Array:
+        """C (F, F)."""
+        if self.blocks is None:
+            return np.asarray(self.sigma2 * self.K)
+        scale, here = self.local.scale, np.ix_(self.free, self.free)
+        A = (self.local.prior.matrix(self.sigma2) * np.outer(scale, scale))[here]
+        return np.asarray(self.blocks.covariance(self.free, self.K) + self.sigma2 * self.K @ A @ self.K)
+
     @cached_property
     def t(self) -> float:
         """How many standard deviations half an interval has."""

@@ -10,6 +10,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.messages import metres, owned
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.fit.confidence import Confidence
+from clothfit.fit.correlation import Correlation
 from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import HeldOut
 from clothfit.fit.model_choice import Judged
@@ -45,6 +46,7 @@ class FittedBlock:
     groups: list[str] | None = None  # in modes F, R and M: the names of the groups
     modes: list[int] | None = None  # in mode M: the values of each group, one for each mode of its map
     values: list[float] | None = None  # in modes F, R and M: the factors
+    start: float | list[float] | None = None  # where the fit began, as `values` are meant; one number where all agree
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,8 @@ class Fit:
     steps: list[Step] = field(default_factory=list)  # time steps that were tried
     substeps: int | None = None  # steps to a frame of the target, chosen or asked for; None: the step is the scene's
     registration: list[Registration] | None = None  # of each target; None: none was looked for
+    start: Scene | None = None  # where the fit began
+    correlations: tuple[Correlation, ...] = ()  # of what is hard to tell apart, strongest first
     remedies: Fallbacks = NO_FALLBACKS  # how many steps of the fitted motion were solved directly, clamped or shortened
 
     def __repr__(self) -> str:
@@ -126,6 +130,8 @@ def result(
         memory=search.objective.needs,
         hints=bound_hints(search, p),
         verdict=judged.verdict,
+        start=with_parameters(search.objective.scene, search.origin),
+        correlations=() if known is None else known.correlations,
     )
 
 
@@ -173,7 +179,11 @@ def fitted_block(search: Search, block: Block, p: Array, known: Confidence | Non
     start = search.origin
     still = np.abs(p - start) <= UNMOVED * np.maximum(np.abs(start), search.coordinates.change(start))
     at_bound, hidden, unmoved = (np.flatnonzero(each).tolist() for each in (bound, lost, still[part] & ~lost))
-    found = FittedBlock(block.cloth, block.name, block.mode, block.count, at_bound, hidden, unmoved, interval)
+    began = start[part].tolist()
+    found = FittedBlock(
+        block.cloth, block.name, block.mode, block.count, at_bound, hidden, unmoved, interval,
+        start=began[0] if len(set(began)) == 1 else began,
+    )  # fmt: skip
     if block.factors is None:
         return found
     modes = list(block.factors.modes) if block.mode == "M" else None

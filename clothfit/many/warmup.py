@@ -24,6 +24,7 @@ from clothfit.engine.system import build
 from clothfit.evaluation import runge_kutta
 from clothfit.fit.estimate import estimate, record_target
 from clothfit.kernels import cache as kernel_cache
+from clothfit.kernels import raster
 from clothfit.kernels.cache import KernelCache
 from clothfit.motion.degrade import degrade
 from clothfit.motion.energy import energies
@@ -174,6 +175,15 @@ def fits_of_all_kinds() -> None:
         estimate(scene, method="gauss-newton", max_evaluations=4)
 
 
+def pictures() -> None:
+    """Draw a triangle and a sphere."""
+    places = np.array([[0.0, 0.0, 1.0], [4.0, 0.0, 1.0], [0.0, 4.0, 1.0]])
+    image, depth = np.ones((4, 4, 3)), np.ones((4, 4))
+    light, colour = np.array([0.0, 0.0, -1.0]), np.ones(3)
+    raster.fill(places, places, np.array([[0, 1, 2]], np.int32), colour[None], light, 1.0, image, depth)
+    raster.fill_sphere(places[0], 1.0, 1.0, colour, light, image, depth)
+
+
 def large(very: bool) -> None:
     """Differentiate and fit the strip as a large or a very large cloth, as briefly as possible."""
     with called(large=True, very_large=very):
@@ -192,6 +202,7 @@ SMALL_PARTS: dict[str, Callable[[], None]] = {
     "gradient": gradients,
     "fits": fits,
     "fits of other kinds": fits_of_all_kinds,
+    "pictures": pictures,
 }
 
 PARTS: dict[str, Callable[[], None]] = {

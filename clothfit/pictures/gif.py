@@ -1,6 +1,6 @@
-"""A motion as a looping GIF in real time, drawn with Pillow.
+"""A motion as a looping GIF in real time, written with Pillow.
 
-Each frame is painted at twice its size and then reduced, which smooths the edges. A GIF counts time in hundredths of a
+Each frame is drawn (`raster`) at twice its size and then reduced, which smooths the edges. A GIF counts time in hundredths of a
 second, and viewers show a frame for at least two of them, so frames are left out: those shown lie `SHORTEST_INTERVAL`
 apart, or farther where there would be too many. A motion too short to watch is slowed down, and the picture says so.
 All frames share one palette.
@@ -9,14 +9,14 @@ All frames share one palette.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.pictures.palette import CLOTHS, FIXED_VERTEX, GROUND, TARGET_COLOUR, Colour
-from clothfit.pictures.polygons import Patches, Stage, bare, good_part, painted, pins, sightings, stage, wind
+from clothfit.pictures.polygons import Stage, bare, good_part, pins, sightings, stage, wind
+from clothfit.pictures.raster import drawn
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
     from clothfit.scene.scene import Scene
 
-GIF_WIDTH, OVERSAMPLING = 480, 2
+GIF_WIDTH, OVERSAMPLING = 640, 2
 """Width of a frame in pixels, and how many times finer it is painted."""
 
-GIF_FACES = 5000
+GIF_FACES = 20_000
 """Most faces in a frame; larger meshes are thinned."""
 
 SHORTEST_INTERVAL, MOST_GIF_FRAMES = 0.04, 150
@@ -39,7 +39,7 @@ SLOWED_BELOW, SLOWED_TO = 0.5, 2.0
 LAST_FRAME_PAUSE = 0.6
 """Seconds for which the last frame is shown."""
 
-PALETTE_SIZE = 96
+PALETTE_SIZE = 112
 GIF_ASPECT = (0.45, 1.0)  # height by width, at least and at most
 GIF_INK, GIF_QUIET = "#464a52", "#969aa2"
 LEGEND_NAMES = (("target", TARGET_COLOUR), ("fitted", CLOTHS[0]))
@@ -84,13 +84,13 @@ def animation(scene: Scene, times: Array, x: Array, over: Array | None = None, w
     first, *rest = (one.quantize(palette=colours, dither=Image.Dither.NONE) for one in pictures)
     buffer = io.BytesIO()
     first.save(
-        buffer, "GIF", save_all=True, append_images=rest, duration=cut.durations, loop=0, optimize=False, disposal=1
+        buffer, "GIF", save_all=True, append_images=rest, duration=cut.durations, loop=0, optimize=True, disposal=1
     )
     return buffer.getvalue()
 
 
 def palette(pictures: list[Image]) -> Image:
-    """An image whose palette suits all pictures: the palette of six of them, and the colours of the small marks."""
+    """An image whose palette suits all pictures: that of six of them, and the colours of the ground and the marks."""
     from PIL import Image, ImageColor
 
     some = [pictures[i] for i in np.unique(np.linspace(0, len(pictures) - 1, 6).round().astype(int))]
@@ -98,7 +98,7 @@ def palette(pictures: list[Image]) -> Image:
     sheet = Image.new("RGB", (width, height * len(some)))
     for row, one in enumerate(some):
         sheet.paste(one, (0, row * height))
-    dots = [ImageColor.getrgb(colour) for colour in (FIXED_VERTEX, SEEN_TARGET)]
+    dots = [ImageColor.getrgb(colour) for colour in (FIXED_VERTEX, SEEN_TARGET, GROUND)]
     marks = [part for colour in (*dots, *(ink(colour) for _, colour in LEGEND_NAMES)) for part in colour]
     found = sheet.quantize(PALETTE_SIZE, method=Image.Quantize.MEDIANCUT).getpalette() or []
     made = Image.new("P", (1, 1))
@@ -113,12 +113,7 @@ def picture(
     from PIL import Image, ImageDraw
 
     fine = OVERSAMPLING * width
-    image = Image.new("RGB", (fine, round(fine * on.camera.aspect)), GROUND)
-    for layer in painted(on, frame, x[frame], None if over is None else over[frame]):
-        top = image.copy() if layer.opacity < 1.0 else image
-        for corners, colour in polygons(on, layer, fine):
-            ImageDraw.Draw(top).polygon(corners, fill=colour)
-        image = top if layer.opacity == 1.0 else Image.blend(image, top, layer.opacity)
+    image = Image.fromarray(drawn(on, frame, x[frame], None if over is None else over[frame], fine))
     draw = ImageDraw.Draw(image)
     for (u, v), colour in zip(*(part.tolist() for part in bare_pixels(on, frame, x[frame], fine)), strict=True):
         draw.ellipse((u - 6, v - 6, u + 6, v + 6), fill=tuple(colour))
@@ -136,14 +131,6 @@ def bare_pixels(on: Stage, frame: int, x: Array, width: int) -> tuple[Array, Ind
     """Pixels (K, 2) and colours (K, 3), 0 … 255, of the vertices of objects without faces."""
     places, colours = bare(on, frame, x)
     return pixels(on, places, width), np.round(255 * colours).astype(np.int32)
-
-
-def polygons(on: Stage, layer: Patches, width: int) -> Iterator[tuple[list[tuple[float, float]], tuple[int, ...]]]:
-    """Yield each polygon's corners in pixels and its colour, 0 … 255."""
-    flat = pixels(on, layer.corners, width).tolist()
-    colours = np.round(255 * layer.colours).astype(int).tolist()
-    for corners, colour in zip(flat, colours, strict=True):
-        yield [(u, v) for u, v in corners], tuple(colour)
 
 
 def pixels(on: Stage, flat: Array, width: int) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.pictures.camera import LIGHT, Camera, direction, faces, framed, project, shaped, thinned
 from clothfit.pictures.palette import CLOTHS, SPHERE_COLOUR, TARGET_COLOUR, Colour
+from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
 
 TARGET_OPACITY = 0.40
@@ -174,9 +175,22 @@ def disc(seen: Camera, centre: Array, radius: float) -> Patches:
 
 
 def pins(on: Stage, frame: int, x: Array) -> Array:
-    """The places (K, 2), m, of the fixed vertices in the picture."""
-    fixed: Flags = np.concatenate([cloth.fixed for cloth in on.scene.cloths])
-    return project(on.camera, x[fixed] - on.middle[frame])[:, :2]
+    """The places (K, 2), m, of the fixed vertices in the picture, but of those that only fixed ones surround."""
+    shown: Flags = np.concatenate([border(cloth) for cloth in on.scene.cloths])
+    return project(on.camera, x[shown] - on.middle[frame])[:, :2]
+
+
+def border(cloth: Cloth) -> Flags:
+    """Which vertices (n,) of a cloth are fixed and not surrounded by fixed ones: an edge or a spring leads to a free
+    one, or none leads anywhere.
+    """
+    faces = cloth.triangles
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]) if len(faces) else cloth.springs
+    free = ~cloth.fixed
+    beside, alone = np.zeros(len(free), bool), np.ones(len(free), bool)
+    beside[edges[free[edges[:, 1]], 0]] = beside[edges[free[edges[:, 0]], 1]] = True
+    alone[edges] = False
+    return np.asarray(cloth.fixed & (beside | alone))
 
 
 def bare(on: Stage, frame: int, x: Array) -> tuple[Array, Array]:

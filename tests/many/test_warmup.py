@@ -69,6 +69,7 @@ COMMANDS = [
     "estimate -q all.json --target some.npz --max-evaluations 4 --holdout 0.2 -o x.json",
     "estimate -q all.json --target fps.npz --target some.npz --max-evaluations 3 --loss huber -o x.json",
     "estimate -q all.json --target fps.npz --max-evaluations 3 --objective velocity --objective spectrum -o x.json",
+    "evaluate -q all.json x.json --steps 7 --gif x.gif",
     "check -q all.json",
     "info -q all.json",
     "new plane -q --integrator symplectic",

@@ -204,6 +204,7 @@ def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
         "hints": [{"code": hint.code, "text": hint.text} for hint in found.hints],
         "registration": found.registration and [each.summary() for each in found.registration],
         "parameters": [asdict(block) for block in found.parameters],
+        "correlations": [asdict(each) for each in found.correlations],
         "warnings": found.warnings,
         "output": out.path,
     }
