@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-Points = NDArray[np.float64]  # (n, 3), m
+Points = NDArray[np.float64]  # (n, 3), m; of a panel (n, 2)
 Faces = NDArray[np.intp]  # (T, 3)
 
 CHEST, LENGTH, ARMPIT, SHOULDER, NECK = 0.27, 0.70, 0.44, 0.66, 0.085
@@ -34,8 +34,8 @@ YOKE = 9  # the upper rows of the body, at which a sleeve begins
 def shirt() -> tuple[Points, Faces]:
     """A T-shirt. The front and the back share the vertices of their seams."""
     flat, cells = outline()
-    seam = np.isclose(bulge(flat, cells), 0.0)
-    depth = DEPTH * bulge(flat, cells)
+    depth = DEPTH * bulge(flat)
+    seam = depth == 0.0
     front = np.column_stack([flat, depth])
     count = len(flat)
     own = np.cumsum(~seam) - 1 + count  # numbers of the back's own vertices
@@ -77,9 +77,8 @@ def outline() -> tuple[Points, Faces]:
     return np.concatenate(points), np.concatenate(cells)
 
 
-def bulge(flat: Points, cells: Faces) -> Points:
+def bulge(flat: Points) -> Points:
     """How far each vertex (n,) of the panel stands before its seams, 0 … 1: that of an ellipse over the width."""
-    x, y = np.abs(flat[:, 0]), flat[:, 1]
     body = (COLUMNS + 1) * (ROWS + 1)
     found = np.zeros(len(flat))
     row, column = np.divmod(np.arange(body), COLUMNS + 1)
@@ -88,20 +87,21 @@ def bulge(flat: Points, cells: Faces) -> Points:
     side = np.where(share > 0.0, 0.35 * share, 0.0)  # the armholes stand open: sleeves begin there
     round_body = np.sqrt(np.clip(1.0 - across**2 * (1.0 - side), 0.0, 1.0))
     top = np.sqrt(np.clip(1.0 - share**3, 0.0, 1.0))
-    neck = np.clip(1.0 - (x[:body] / NECK), 0.0, 1.0) ** 0.5 * 0.45
+    neck = np.clip(1.0 - np.abs(flat[:body, 0]) / NECK, 0.0, 1.0) ** 0.5 * 0.45
     found[:body] = np.maximum(round_body * top, np.where(row == ROWS, neck, 0.0))
     rest = np.arange(len(flat) - body) % ((YOKE + 1) * SLEEVE_COLUMNS)
     line, out = np.divmod(rest, SLEEVE_COLUMNS)
     tube = np.sqrt(np.clip(1.0 - (2.0 * line / YOKE - 1.0) ** 2, 0.0, 1.0))
     found[body:] = tube * (0.60 + 0.10 * (out + 1) / SLEEVE_COLUMNS)
-    del y, cells
+    found[found < 1e-7] = 0.0  # of rounding
     return found
 
 
 def cape() -> tuple[Points, Faces]:
     """A cape of 1.1 m that hangs from a curve around the shoulders, open in front."""
     rows, columns = 30, 40
-    down, around = np.meshgrid(np.linspace(0.0, 1.0, rows + 1), np.radians(np.linspace(-115, 115, columns + 1)), indexing="ij")
+    share, angle = np.linspace(0.0, 1.0, rows + 1), np.radians(np.linspace(-115, 115, columns + 1))
+    down, around = np.meshgrid(share, angle, indexing="ij")
     wide, deep = 0.20 + 0.28 * down**0.8, 0.12 + 0.30 * down**0.8
     x, z = wide * np.sin(around), -deep * np.cos(around)
     y = 1.50 - 0.06 * np.abs(np.sin(around)) * (1.0 - down) - 1.10 * down

@@ -7,8 +7,8 @@ import os
 import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
@@ -26,59 +26,67 @@ if TYPE_CHECKING:
     from clothfit.report.showing import Shown
     from clothfit.scene.scene import Scene
 
+Origin: TypeAlias = tuple[Sequence[str], Sequence[tuple[str, str]]]
+"""Of a page: the commands that make it, and name and SHA-256 of each input."""
+
 SILENT = ("quiet", "verbose", "as_json")
 """Parameters of a command that change no result."""
 
 
 @standard_command("report")
 @click.argument("scene_path", metavar="SCENE")
-@click.argument("fitted_path", metavar="FITTED")
+@click.argument("fitted_paths", metavar="FITTED...", nargs=-1, required=True)
 @click.option("--target", "target_path", metavar="MOTION", help="Compare with this motion instead of SCENE's own.")
 @motions.reads
 @click.option("--steps", type=int, metavar="N",
               help="Show N steps.  [default: 499, fewer for large scenes, but at least the fitted ones]")
-@click.option("--log", "log_path", metavar="FILE",
-              help="Show the cost and the intervals of the fit, from a log of estimate --log.")
+@click.option("--log", "log_paths", metavar="FILE", multiple=True,
+              help="Show the course of the fit and its intervals, from a log of estimate --log; may be repeated, in "
+              "the order of the fits.")
 @click.option("-o", "--output", "path", metavar="FILE",
-              help="File of the page.  [default: <stem of FITTED>.report.html]")
+              help="File of the page.  [default: <stem of the first FITTED>.report.html]")
 def command(
     scene_path: str,
-    fitted_path: str,
+    fitted_paths: tuple[str, ...],
     target_path: str | None,
     reading: Reading,
     steps: int | None,
-    log_path: str | None,
+    log_paths: tuple[str, ...],
     path: str | None,
     as_json: bool,
     console: Console,
 ) -> None:
     """Write a page that plays FITTED over SCENE, or over a target motion, in 3-D, with charts.
 
-    The page is one HTML file and needs no network. Open it in a browser.
+    The page is one HTML file and needs no network. Open it in a browser. It plays the motion before the fit beside the
+    fitted one: with --target that of SCENE, else what a log tells. Several fits of one target stand side by side; the
+    charts of values show the first.
 
     \b
     clothfit report scene.json scene.fitted.json
     clothfit report scene.json scene.fitted.json --target capture.npz -o page.html
     clothfit report scene.json scene.fitted.json --log fit.jsonl
+    clothfit report scene.json one.json two.json --target capture.npz -o both.html
     """
-    one_stream(scene_path, fitted_path, target_path)
+    one_stream(scene_path, *fitted_paths, target_path)
     check_numbers(steps)
-    check_there(scene_path, fitted_path)
-    out = output_for(path, fitted_path, ".report.html", (scene_path, target_path, log_path), text=True)
+    check_there(scene_path, *fitted_paths)
+    if len(log_paths) > len(fitted_paths):
+        raise click.UsageError(f"{len(log_paths)} logs for {counted(len(fitted_paths), 'fit', 'fits')} are given")
+    first, *rest = fitted_paths
+    out = output_for(path, first, ".report.html", (scene_path, *rest, target_path, *log_paths), text=True)
     truth = read_scene(scene_path, console)
-    fitted = read_scene(fitted_path, console)
+    fitted, *others = [read_scene(each, console) for each in fitted_paths]
     readings: list[dict[str, Any]] = []
     target = motions.read(target_path, truth, reading, console, readings) if target_path is not None else None
-    from clothfit.report.log import read_log
-
-    log = read_log(log_path) if log_path is not None else None
-    for each in (truth, fitted) if target is None else (fitted,):
+    logs = read_logs(log_paths, truth, target is not None, len(fitted_paths))
+    for each in (truth, fitted, *others) if target is None else (fitted, *others):
         warn_of_steps(each, truth.frames, console)
     console.announce_compilation()
     frames = None if steps is None else frames_of(steps, truth)
-    commands = [evaluation(scene_path, fitted_path, target_path, reading), command_line(click.get_current_context())]
-    inputs = digests(truth, fitted, {target_path: target, log_path: log})
-    show, size = write(truth, fitted, target, frames, log, commands, inputs, out)
+    commands = [evaluation(scene_path, first, target_path, reading), command_line(click.get_current_context())]
+    origin = commands, digests([truth, fitted, *others], {target_path: target, **dict.fromkeys(log_paths)})
+    show, size = write(truth, [fitted, *others], target, frames, logs, origin, out)
     show_result(show, size, out, console, show.evaluation.diverged)
     if as_json:
         print_json("report", summary(show, size, out) | motions.readings_summary(readings), out)
@@ -90,22 +98,35 @@ def command(
 
 def write(
     truth: Scene,
-    fitted: Scene,
+    fits: Sequence[Scene],
     target: Motion | None,
     frames: int | None,
-    log: Log | None,
-    commands: Sequence[str],
-    inputs: Sequence[tuple[str, str]],
+    logs: Sequence[Log],
+    origin: Origin,
     out: Output,
 ) -> tuple[Shown, int]:
-    """Make the page and write it; tells what it shows, and its size, bytes."""
-    from clothfit.report.page import made
+    """Make the page of one fit, with others beside it, and write it; tells what it shows, and its size, bytes."""
+    from clothfit.report.page import beside, made
     from clothfit.report.showing import shown
 
-    show = shown(truth, fitted, target, frames)
-    page = made(truth, fitted, target, show, log, commands, inputs)
+    fitted, *others = fits
+    log, *other_logs = logs
+    show = shown(truth, fitted, target, frames, others=beside(log, others))
+    page = made(truth, fitted, target, show, log, *origin, other_logs)
     out.write(page)
     return show, len(page)
+
+
+def read_logs(paths: Sequence[str], truth: Scene, has_target: bool, count: int) -> list[Log]:
+    """The logs of so many fits, empty ones where none is given. The first knows where its fit began: with the values of
+    the scene where it has a target, unless it says otherwise.
+    """
+    from clothfit.report.log import Log, read_log, start_of
+
+    found = [read_log(path) for path in paths]
+    first, *rest = [*found, *(Log() for _ in range(count - len(found)))]
+    start = start_of(first.summary, truth)
+    return [replace(first, start=truth if start is None and has_target else start), *rest]
 
 
 def show_result(show: Shown, size: int, out: Output, console: Console, said: str | None = None) -> None:
@@ -157,12 +178,12 @@ def evaluation(scene_path: str, fitted_path: str, target_path: str | None, readi
     return shlex.join(["clothfit", "evaluate", scene_path, fitted_path, *target])
 
 
-def digests(truth: Scene, fitted: Scene, files: Mapping[str | None, object]) -> list[tuple[str, str]]:
+def digests(scenes: Sequence[Scene], files: Mapping[str | None, object]) -> list[tuple[str, str]]:
     """Names and SHA-256 of what was read; without the files, but for scenes, that came through a pipe and are gone."""
     from clothfit.scene.scene import dumps
     from clothfit.scene.text import name_of
 
-    found = [(scene.name, hashlib.sha256(dumps(scene)).hexdigest()) for scene in (truth, fitted)]
+    found = [(scene.name, hashlib.sha256(dumps(scene)).hexdigest()) for scene in scenes]
     for path in files:
         if path not in (None, STREAM) and os.path.isfile(str(path)):
             with suppress(OSError), open(str(path), "rb") as file:

@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array
 from clothfit.scene.block import Block
 
 FEW = 8
@@ -40,7 +41,7 @@ class Correlation:
     correlation: float  # −1 … 1
 
 
-def strongest(matrix: Array, places: Indices, blocks: Sequence[Block]) -> tuple[Correlation, ...]:
+def strongest(matrix: Array, places: NDArray[np.intp], blocks: Sequence[Block]) -> tuple[Correlation, ...]:
     """The strongest correlations of a covariance matrix (F, F) of the parameters at `places` (F,) of the fit vector,
     strongest first; of parameters without a variance none.
     """

@@ -85,6 +85,7 @@ class Fit:
     substeps: int | None = None  # steps to a frame of the target, chosen or asked for; None: the step is the scene's
     registration: list[Registration] | None = None  # of each target; None: none was looked for
     start: Scene | None = None  # where the fit began
+    objective: dict[str, float] = field(default_factory=dict)  # what is compared, with the weights
     correlations: tuple[Correlation, ...] = ()  # of what is hard to tell apart, strongest first
     remedies: Fallbacks = NO_FALLBACKS  # how many steps of the fitted motion were solved directly, clamped or shortened
 
@@ -130,6 +131,7 @@ def result(
         memory=search.objective.needs,
         hints=bound_hints(search, p),
         verdict=judged.verdict,
+        objective=dict(search.objective.weights),
         start=with_parameters(search.objective.scene, search.origin),
         correlations=() if known is None else known.correlations,
     )

@@ -1,9 +1,9 @@
 """A motion as a looping GIF in real time, written with Pillow.
 
-Each frame is drawn (`raster`) at twice its size and then reduced, which smooths the edges. A GIF counts time in hundredths of a
-second, and viewers show a frame for at least two of them, so frames are left out: those shown lie `SHORTEST_INTERVAL`
-apart, or farther where there would be too many. A motion too short to watch is slowed down, and the picture says so.
-All frames share one palette.
+Each frame is drawn (`raster`) at twice its size and then reduced, which smooths the edges. A GIF counts time in
+hundredths of a second, and viewers show a frame for at least two of them, so frames are left out: those shown lie
+`SHORTEST_INTERVAL` apart, or farther where there would be too many. A motion too short to watch is slowed down, and the
+picture says so. All frames share one palette.
 """
 
 from __future__ import annotations

@@ -59,12 +59,12 @@ def spheres(on: Stage, frame: int, image: Array, depth: Array) -> None:
 
 def light() -> Array:
     """The unit vector (3,) towards the light, along right, up and forward."""
-    return np.array(LIGHT) / np.linalg.norm(LIGHT)
+    return np.asarray(np.array(LIGHT) / np.linalg.norm(LIGHT))
 
 
 def pixels_per_metre(on: Stage, image: Array) -> float:
     """The scale of an image (H, W, 3)."""
-    return image.shape[1] / float(on.camera.high[0] - on.camera.low[0])
+    return float(image.shape[1]) / float(on.camera.high[0] - on.camera.low[0])
 
 
 def in_pixels(on: Stage, places: Array, image: Array) -> Array:

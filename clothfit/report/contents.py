@@ -6,56 +6,97 @@ springs and triangles are numbered over all objects, in file order.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.base.messages import counted, metres, owned
+from clothfit.base.messages import counted, metres
 from clothfit.base.version import __version__
-from clothfit.evaluation.evaluate import Deviation, Distance, Evaluation
-from clothfit.fit.verdict import DIFFERS
+from clothfit.evaluation.evaluate import Distance, Evaluation
 from clothfit.objective.identifiability import identifiable
-from clothfit.optimise.status import Status
+from clothfit.report.findings import STATUS, began, headline, relative, share
 from clothfit.report.log import Log, intervals, number
 from clothfit.report.packing import box, packed, packed_errors, packed_flags, packed_positions
-from clothfit.report.showing import Shown
+from clothfit.report.showing import BEFORE, Beside, Shown
+from clothfit.report.tables import FEW, tables
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
 
-STATUS = {
-    Status.CONVERGED: "converged",
-    Status.STALLED: "stalled before its tolerance",
-    Status.LIMIT: "ended at the limit of evaluations",
-    Status.INTERRUPTED: "interrupted; the best so far",
-}
-"""How a fit ended, as text; any other status in a log is ignored."""
-
 NO_LOG = "the fit's cost and its 95 % intervals are here where its log is given (estimate --log, report --log)"
 
 
-def content(truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | None) -> dict[str, Any]:
-    """Everything that the page shows of a fitted scene; `target` names the motion it was fitted to, if any."""
+def content(
+    truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | None, others: Sequence[Log] = ()
+) -> dict[str, Any]:
+    """Everything that the page shows of a fitted scene; `target` names the motion it was fitted to, if any, `others`
+    are the logs of other fits.
+    """
     low, step = box(show.fitted, show.target)
     return {
         "version": __version__,
         "title": truth.title.strip() or truth.name,
         "names": {"scene": truth.name, "fitted": fitted.name, "target": target},
-        "figures": [[f"RMSE, {name}", metres(part.rmse)] for name, part in distances(show.evaluation).items()],
+        "headline": headline(log, show),
+        "figures": figures(show),
         "facts": facts(truth, fitted, show, log, target),
-        "deviations": [deviation(each) for each in show.evaluation.parameters],
-        "notes": [*show.notes, *log.warnings],
+        "tables": tables(truth, fitted, show, log, others, target is None),
+        "notes": show.notes,
         "remarks": [bound(step), *([] if log.points or log.summary else [NO_LOG])],
         "mesh": mesh(fitted),
         "surroundings": surroundings(fitted),
         "motion": motion(show, low, step),
         "curve": curve(show),
+        "residuals": left(show),
+        "beside": [other(each) for each in show.beside],
         "history": [list(point) for point in log.points],
-        "blocks": [block(each, truth, fitted, log, target is None) for each in truth.blocks],
+        "cost_unit": cost_unit(log.summary),
+        "blocks": [
+            block(each, truth, fitted, log, target is None)
+            for each in truth.blocks if each.count > FEW or each.kind.components < each.count
+        ],
+    }  # fmt: skip
+
+
+def figures(show: Shown) -> list[list[str]]:
+    """The figures beside the title."""
+    found = [[f"RMSE, {name}", metres(part.rmse)] for name, part in distances(show.evaluation).items()]
+    found.append(["of the distance travelled", share(show.evaluation.fitted.rmse, show)])
+    near = began(show)
+    return found if near is None else [*found, [BEFORE, f"{metres(near.rmse)}, {share(near.rmse, show)}"]]
+
+
+def other(found: Beside) -> dict[str, Any]:
+    """A motion beside the fitted one, its errors, and the values that its colours show."""
+    low, step = box(found.positions)
+    return {
+        "name": found.name,
+        "fitted": packed_positions(found.positions, low, step),
+        "error": packed_errors(found.error),
+        "curve": {"rmse": listed(found.rmse), "largest": listed(found.largest)},
+        **{key: packed(np.concatenate([getattr(cloth, key) for cloth in found.scene.cloths]))
+           for key in ("rest", "mass", "stiffness")},
+    }  # fmt: skip
+
+
+def left(show: Shown) -> dict[str, Any]:
+    """The residuals over the cloth and in time."""
+    of_vertices = show.residuals.of_vertices
+    return {
+        "mean": [listed(part) for part in show.residuals.mean.T],
+        "of_vertices": packed(np.nan_to_num(of_vertices)),
+        "known": packed(np.isfinite(of_vertices)),
+        "travel": show.residuals.travel,
     }
+
+
+def cost_unit(summary: Mapping[str, Any]) -> str:
+    """The unit of the cost: of squared distances, unless the fit compares other things too."""
+    compared = summary.get("objective")
+    return "m²" if compared is None or compared == {"position": 1.0} else ""
 
 
 def motion(show: Shown, low: Array, step: Array) -> dict[str, Any]:
@@ -72,9 +113,13 @@ def motion(show: Shown, low: Array, step: Array) -> dict[str, Any]:
 
 def curve(show: Shown) -> dict[str, Any]:
     """The error of each frame, None where nothing was observed."""
-    both = {"rmse": show.rmse, "largest": show.largest}
-    listed = {key: [None if np.isnan(x) else float(f"{x:.6g}") for x in values] for key, values in both.items()}
-    return {"times": show.curve_times.tolist(), "fitted_until": show.fitted_until, **listed}
+    errors = {"rmse": listed(show.rmse), "largest": listed(show.largest)}
+    return {"times": show.curve_times.tolist(), "fitted_until": show.fitted_until, **errors}
+
+
+def listed(values: Array) -> list[float | None]:
+    """Numbers with six digits, None for NaN."""
+    return [None if np.isnan(x) else float(f"{x:.6g}") for x in values]
 
 
 def mesh(scene: Scene) -> dict[str, Any]:
@@ -110,13 +155,16 @@ def facts(truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | None
     """The rows of the summary: names and values."""
     rows = [["compared with", "the scene's own motion (a trial)" if target is None else target]]
     for name, part in distances(show.evaluation).items():
-        rows.append([f"{name}, {part.frames}", f"RMSE {metres(part.rmse)}, at most {metres(part.max_error)}"])
+        error = f"RMSE {relative(part.rmse, show)}, at most {metres(part.max_error)}"
+        rows.append([f"{name}, {part.frames}", error])
     rows += ended(log.summary)
     size = f"{sum(truth.vertex_counts)} vertices, {sum(len(c.stiffness) for c in truth.cloths)} springs"
     rows.append(["cloth", f"{counted(len(truth.cloths), 'object', 'objects')}, {size}"])
     rows.append(["time step", f"{1e3 * fitted.delta:.4g} ms"])
-    if truth.wind.any():
-        rows.append(["wind", f"{float(np.linalg.norm(truth.wind)):.3g} m/s"])
+    for name, vector, unit in (("wind", fitted.wind, "m/s"), ("gravity", fitted.gravity, "m/s²")):
+        if vector.any():
+            parts = ", ".join(f"{part:.4g}" for part in vector)
+            rows.append([name, f"({parts}) {unit}, {float(np.linalg.norm(vector)):.3g} {unit} in all"])
     return rows
 
 
@@ -136,7 +184,7 @@ def ended(summary: Mapping[str, Any]) -> list[list[str]]:
     evaluations, seconds, sigma = (number(summary.get(key)) for key in ("evaluations", "seconds", "sigma"))
     if evaluations is not None and seconds is not None:
         rows.append(["took", f"{counted(round(evaluations), 'evaluation', 'evaluations')} in {seconds:.3g} s"])
-    rows += judged(summary)
+    rows += registered(summary)
     holdout = summary.get("holdout")
     kept_out = number(holdout.get("rmse")) if isinstance(holdout, Mapping) else None
     if kept_out is not None and kept_out >= 0:
@@ -144,21 +192,6 @@ def ended(summary: Mapping[str, Any]) -> list[list[str]]:
     if sigma is not None and sigma > 0:
         rows.append(["noise", f"{metres(sigma)} per coordinate, where the model is right"])
     return rows
-
-
-def judged(summary: Mapping[str, Any]) -> list[list[str]]:
-    """Whether the model can reproduce the target, and hints, as far as they are known."""
-    rows, verdict, hints = [], summary.get("verdict"), summary.get("hints")
-    relative = number(summary.get("relative_rmse"))
-    if relative is not None:
-        rows.append(["error", f"{100 * relative:.2g} % of the distance travelled"])
-    left = number(verdict.get("unexplained")) if isinstance(verdict, Mapping) else None
-    if isinstance(verdict, Mapping) and left is not None:
-        differs = f"differs: {100 * left:.2g} % of the motion unexplained"
-        rows.append(["model", differs if verdict.get("model") == DIFFERS else "adequate: what is left is noise"])
-    rows += registered(summary)
-    texts = [hint.get("text") for hint in hints if isinstance(hint, Mapping)] if isinstance(hints, list) else []
-    return rows + [["hint", text] for text in texts if isinstance(text, str)]
 
 
 def registered(summary: Mapping[str, Any]) -> list[list[str]]:
@@ -176,13 +209,6 @@ def registered(summary: Mapping[str, Any]) -> list[list[str]]:
             if len(parts) == 3 and None not in parts and any(parts):
                 rows.append([title, f"({', '.join(f'{value:.3g}' for value in parts)}){unit}"])
     return rows
-
-
-def deviation(found: Deviation) -> list[str]:
-    """A row of the table of deviations."""
-    both = (found.median_relative_deviation, found.max_relative_deviation)
-    cells = ["not identifiable" if value is None else f"{100 * value:.2g} %" for value in both]
-    return [f"{owned(found.object, found.name)} ({found.mode})", str(found.count), *cells]
 
 
 def bound(step: Array) -> str:

@@ -14,9 +14,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from clothfit.base.errors import InvalidInput
+from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.base.messages import counted
 from clothfit.base.reading import unchanged, whole
+from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.scene import Scene
 from clothfit.scene.text import name_of
 
 MOST_BYTES = 200_000_000
@@ -42,6 +44,7 @@ class Log:
     points: list[Point] = field(default_factory=list)  # in order
     summary: Mapping[str, Any] = field(default_factory=dict)  # as `clothfit estimate --json`, not checked
     warnings: list[str] = field(default_factory=list)
+    start: Scene | None = None  # with the values with which the fit began
 
 
 def read_log(path: str | os.PathLike[str]) -> Log:
@@ -128,6 +131,27 @@ def intervals(summary: Mapping[str, Any], place: int | None, name: str, mode: st
         if isinstance(ends, list) and len(ends) == count:
             return [pair(each) for each in ends]
     return None
+
+
+def start_of(summary: Mapping[str, Any], scene: Scene) -> Scene | None:
+    """The scene with the values with which a fit of it began; None where the summary does not say all of them, or of
+    other values than the scene flags.
+    """
+    given = summary.get("parameters")
+    blocks = [each for each in given if isinstance(each, Mapping)] if isinstance(given, list) else []
+    starts = {tuple(str(each.get(key)) for key in ("object", "name", "mode")): each.get("start") for each in blocks}
+    p = parameters(scene)
+    for block in scene.blocks:
+        found = starts.get((str(block.cloth), block.name, block.mode))
+        values = [number(value) for value in (found if isinstance(found, list) else [found] * block.count)]
+        known = [value for value in values if value is not None]
+        if len(known) != block.count or len(values) != block.count:
+            return None
+        p[block.part] = known
+    try:
+        return with_parameters(scene, p)
+    except InvalidScene:
+        return None
 
 
 def pair(ends: object) -> list[float] | None:

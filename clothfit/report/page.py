@@ -22,7 +22,7 @@ from clothfit.motion.motion import Motion
 from clothfit.objective.experiment import Recorded, motion_of
 from clothfit.report.contents import content
 from clothfit.report.log import Log
-from clothfit.report.showing import Shown, shown
+from clothfit.report.showing import BEFORE, Shown, shown
 from clothfit.scene.scene import Scene
 
 WEB = Path(__file__).parent / "web"
@@ -36,6 +36,7 @@ def report_page(
     *,
     frames: int | None = None,
     log: Log | None = None,
+    others: Sequence[tuple[Scene, Log]] = (),
     commands: Sequence[str] = (),
     inputs: Sequence[tuple[str, str]] = (),
 ) -> bytes:
@@ -43,11 +44,20 @@ def report_page(
     the path of its file, where one is given.
 
     `frames` counts the initial state (default: those of `evaluate`, fewer for large scenes). `log` is the course of the
-    fit. The page shows `commands`, which repeat the fit, and `inputs`, name and SHA-256 of each file. Raises
-    InvalidInput when scenes or target do not fit, Diverged when a motion has no second frame.
+    fit; with its `start` the page plays the motion before the fit as well. `others` are other fits of the same scene,
+    with their logs, to stand beside this one. The page shows `commands`, which repeat the fit, and `inputs`, name and
+    SHA-256 of each file. Raises InvalidInput when scenes or target do not fit, Diverged when the motion or its target
+    has no second frame.
     """
     goal = None if target is None else motion_of(target, truth)
-    return made(truth, fitted, goal, shown(truth, fitted, goal, frames), log, commands, inputs)
+    show = shown(truth, fitted, goal, frames, others=beside(log, [scene for scene, _ in others]))
+    return made(truth, fitted, goal, show, log, commands, inputs, [other for _, other in others])
+
+
+def beside(log: Log | None, others: Sequence[Scene]) -> list[tuple[str, Scene]]:
+    """The motions to play beside the fitted one, with their names: that before the fit, where it is known, first."""
+    before = [(BEFORE, log.start)] if log is not None and log.start is not None else []
+    return [*before, *((scene.name, scene) for scene in others)]
 
 
 def made(
@@ -58,9 +68,11 @@ def made(
     log: Log | None = None,
     commands: Sequence[str] = (),
     inputs: Sequence[tuple[str, str]] = (),
+    others: Sequence[Log] = (),
 ) -> bytes:
     """The page of motions that are already simulated."""
-    parts: dict[str, Any] = content(truth, fitted, show, log or Log(), None if target is None else target.name)
+    name = None if target is None else target.name
+    parts: dict[str, Any] = content(truth, fitted, show, log or Log(), name, others)
     return page({**parts, "commands": list(commands), "inputs": [list(pair) for pair in inputs]})
 
 

@@ -1,14 +1,16 @@
-"""The two motions that a page shows, at the same times, and the distance between them.
+"""The motions that a page shows, at the same times, and the distances between them.
 
 Without a target motion both scenes are simulated, over the fitted frames and beyond. With one, the times are those of
-its frames, and the fitted motion is interpolated linearly between its steps.
+its frames, and the fitted motion is interpolated linearly between its steps. The motions of other scenes, that with the
+values before the fit and those of other fits, may stand beside the fitted one.
 
 F frames, V vertices of all objects.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.memory import check_memory
 from clothfit.evaluation.evaluate import (
     HORIZON,
+    Distance,
     Evaluation,
     compared_cloths,
     deviations,
@@ -25,15 +28,33 @@ from clothfit.evaluation.evaluate import (
     place_of,
     states,
 )
+from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion, check_counts, checked_motion
-from clothfit.motion.times import frame_places, interpolated
+from clothfit.motion.times import TIME_SLACK, frame_places, interpolated
 from clothfit.objective.experiment import check_same_sizes
 from clothfit.pictures.overlay import compared_vertices, per_frame
 from clothfit.pictures.polygons import FARTHEST_SHOWN
+from clothfit.report.residuals import Residuals, residuals
 from clothfit.scene.scene import Scene
 
 MOST_POSITIONS = 3_200_000
-"""Most positions of both motions together: a page with them takes about 15 MB."""
+"""Most positions of all motions together: a page with them takes about 15 MB."""
+
+BEFORE = "before the fit"
+"""The name of the motion of the values with which a fit began."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """The motion of another scene, at the times of the fitted one."""
+
+    name: str
+    scene: Scene
+    positions: Array  # (F, V, 3), m; NaN after it has diverged
+    error: Array  # (F, V), m; NaN where not observed or diverged
+    rmse: Array  # (C,), m, as of the fitted one; NaN where it has diverged
+    largest: Array  # (C,), m
+    near: Distance | None  # over the fitted frames; None where it diverges within them
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,22 +69,31 @@ class Shown:
     rmse: Array  # (C,), m, over the objects that are fitted; NaN where nothing was observed
     largest: Array  # (C,), m
     fitted_until: float  # s, the end of the fitted frames
+    every: int  # one frame in so many is shown
     evaluation: Evaluation
+    residuals: Residuals
     notes: list[str]  # warnings for the reader
+    beside: Sequence[Beside] = ()
 
 
 def shown(
-    truth: Scene, fitted: Scene, target: Motion | None = None, frames: int | None = None, most: int = MOST_POSITIONS
+    truth: Scene,
+    fitted: Scene,
+    target: Motion | None = None,
+    frames: int | None = None,
+    most: int = MOST_POSITIONS,
+    others: Sequence[tuple[str, Scene]] = (),
 ) -> Shown:
-    """Simulate the motions of a page.
+    """Simulate the motions of a page; `others` are names and scenes of those beside the fitted one.
 
     `frames` (default: as `evaluate`, fewer for large scenes) counts the initial state. Where there are more than `most`
-    positions, every k-th frame is shown. Raises InvalidInput when scenes and target do not match, Diverged when a
-    motion has no second frame.
+    positions, every k-th frame is shown. Raises InvalidInput when scenes and target do not match, Diverged when the
+    fitted motion or its target has no second frame.
     """
-    check_same_sizes(fitted, truth)
+    for scene in (fitted, *(scene for _, scene in others)):
+        check_same_sizes(scene, truth)
     length = default_length(truth, most) if frames is None else max(frames, truth.frames)
-    notes = []
+    notes: list[str] = []
     if frames is None and length < max(truth.frames, HORIZON) and target is None:
         notes.append(f"the horizon ends after {length} frames, as more would make this page large (--steps)")
     goal, own, faults = motions(truth, fitted, target, length)
@@ -75,7 +105,36 @@ def shown(
         deviations(truth, fitted),
         faults[0] if faults else None,
     )
-    return pictured(truth, fitted.delta, own, goal, evaluation, notes, bool(faults), most)
+    show = pictured(truth, fitted.delta, own, goal, evaluation, notes, bool(faults), most // (2 + len(others)))
+    return replace(show, beside=[beside(name, scene, truth, goal, show, length) for name, scene in others])
+
+
+def beside(name: str, scene: Scene, truth: Scene, goal: Motion, show: Shown, length: int) -> Beside:
+    """The motion of another scene at the times of what is shown; adds a note where it diverges. `length` is as of the
+    fitted one.
+    """
+    compared, count = compared_cloths(truth), len(show.curve_times)
+    end = min(place_of(length, truth, scene), last_place(goal, scene.delta))
+    positions = np.full((count, sum(scene.vertex_counts), 3), np.nan)
+    near: Distance | None = None
+    try:
+        own, fault = finite_part(scene, range(len(scene.cloths)), max(states(end), 2), 2)
+    except Diverged as ended:
+        fault = str(ended)
+    else:
+        step, fraction = frame_places(goal, scene.delta)
+        known = min(int(np.searchsorted(step + fraction, len(own.positions) - 1, side="right")), count)
+        positions[:known] = interpolated(own.positions, step[:known], fraction[:known])
+        positions[near_enough(positions[:known]) :] = np.nan
+        fitted_end = place_of(truth.frames, truth, scene)
+        if states(min(fitted_end, end)) <= len(own.positions):
+            near = distance(own, goal, scene.delta, compared, fitted_end)
+    if fault:
+        show.notes.append(f"{name}: {fault}; the frames before are shown")
+    wanted = np.where(seen(goal)[:count, :, None], goal.positions[:count], np.nan)
+    gaps = np.sqrt(((positions - wanted) ** 2).sum(axis=2))
+    rmse, largest = per_frame(gaps[:, compared_vertices(truth)] ** 2)
+    return Beside(name, scene, positions[:: show.every], gaps[:: show.every], rmse, largest, near)
 
 
 def default_length(scene: Scene, most: int) -> int:
@@ -104,8 +163,8 @@ def pictured(
     truth: Scene, delta: float, own: Motion, goal: Motion, evaluation: Evaluation, notes: list[str], diverged: bool,
     most: int,
 ) -> Shown:  # fmt: skip
-    """Both motions at the times of the target, as far as both reach; of too many frames every k-th. The fitted one,
-    `own`, has steps of `delta`, s.
+    """Both motions at the times of the target, as far as both reach; of more than `most` positions of each every k-th
+    frame. The fitted one, `own`, has steps of `delta`, s.
     """
     step, fraction = frame_places(goal, delta)
     places = step + fraction
@@ -117,13 +176,15 @@ def pictured(
         fitted, wanted = fitted[:count], wanted[:count]
     error = np.sqrt(((fitted - wanted) ** 2).sum(axis=2))
     times = goal.times[:count]
-    every = -(-2 * fitted.shape[0] * fitted.shape[1] // most)
+    every = max(-(-fitted.shape[0] * fitted.shape[1] // max(most, 1)), 1)
     if every > 1:
-        notes = [*notes, f"one frame in {every} is shown, as all would make this page large; the charts know all"]
-    part = compared_vertices(truth)
+        notes.append(f"one frame in {every} is shown, as all would make this page large; the charts know all")
+    part, until = compared_vertices(truth), float(truth.delta * (truth.frames - 1))
+    start = np.concatenate([cloth.positions for cloth in truth.cloths])
+    left = residuals(fitted, wanted, start, part, times <= until + TIME_SLACK * delta)
     return Shown(
         times[::every], fitted[::every], wanted[::every], error[::every], times, *per_frame(error[:, part] ** 2),
-        float(truth.delta * (truth.frames - 1)), evaluation, notes,
+        until, every, evaluation, left, notes,
     )  # fmt: skip
 
 

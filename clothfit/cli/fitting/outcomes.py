@@ -33,6 +33,7 @@ WORTH_A_WORD = 1e-5
 
 AS_IN_FIT = (
     "status", "method", "cost", "rmse", "frames", "evaluations", "seconds", "rank", "sigma", "travel", "relative_rmse",
+    "objective",
 )
 """Keys of the summary for --json that are attributes of `Fit`."""
 
@@ -240,15 +241,15 @@ class Page:
         from clothfit.report.log import Log, thinned
 
         out = self.output(scene_path, files, fitted)
-        log = Log(thinned(self.points), summary(scene, found, fitted))
+        log = Log(thinned(self.points), summary(scene, found, fitted), start=found.start)
         motion = files.pairs[0][0] if files.pairs else None
         commands = [self.command]
         if not fitted.is_stream:
             commands.append(report.evaluation(scene_path, fitted.path, motion, files.reading))
         target = targets[0] if targets else None
         result = replace(found.scene, name=os.path.basename(fitted.name))
-        inputs = report.digests(scene, result, {motion: target})
-        show, size = report.write(scene, result, target, None, log, commands, inputs, out)
+        origin = commands, report.digests([scene, result], {motion: target})
+        show, size = report.write(scene, [result], target, None, [log], origin, out)
         report.show_result(show, size, out, console)
 
 
