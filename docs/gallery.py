@@ -125,7 +125,7 @@ GALLERY = (
         "A flag in the wind",
         "`--drag air` chooses the drag with which faces of this size feel the wind as in reality.",
         "plane",
-        "--size 3x2 --divisions 16 --upright --fix-side left --wind 7,0,1.5 --drag air --stiffness 200",
+        "--size 3x2 --divisions 16 --upright --fix-side left --wind 7,0,1.5 --drag air --stiffness 200 --frames 75",
     ),
     example(
         "corners",

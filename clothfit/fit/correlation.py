@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array
 from clothfit.scene.block import Block
 
-FEW = 8
-"""Up to so many values all pairs are listed."""
+FEW, NOTABLE, STRONG = 8, 0.5, 0.9
+"""Of up to so many values the pairs with a notable correlation are listed, of more those with a strong one."""
 
-STRONG, MOST = 0.9, 20
-"""Of more values those pairs with at least so strong a correlation, of these the strongest ones."""
+MOST = 20  # pairs that are listed, the strongest ones
 
 
 @dataclass(frozen=True)
@@ -49,10 +48,8 @@ def strongest(matrix: Array, places: NDArray[np.intp], blocks: Sequence[Block]) 
     with np.errstate(divide="ignore", invalid="ignore"):
         found = np.abs(matrix / np.outer(deviation, deviation))
     found = np.triu(np.where(np.isfinite(found), found, 0.0), 1)
-    least = 0.0 if len(places) <= FEW else STRONG
-    rows, columns = np.nonzero(found > least)
-    count = len(rows) if len(places) <= FEW else MOST
-    order = np.argsort(-found[rows, columns], kind="stable")[:count]
+    rows, columns = np.nonzero(found >= (NOTABLE if len(places) <= FEW else STRONG))
+    order = np.argsort(-found[rows, columns], kind="stable")[:MOST]
     return tuple(
         Correlation(
             value_at(int(places[i]), blocks), value_at(int(places[j]), blocks),

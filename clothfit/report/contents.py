@@ -21,7 +21,7 @@ from clothfit.report.findings import STATUS, began, headline, relative, share
 from clothfit.report.log import Log, intervals, number
 from clothfit.report.packing import box, packed, packed_errors, packed_flags, packed_positions
 from clothfit.report.showing import BEFORE, Beside, Shown
-from clothfit.report.tables import FEW, tables
+from clothfit.report.tables import is_listed, tables
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
@@ -56,7 +56,7 @@ def content(
         "cost_unit": cost_unit(log.summary),
         "blocks": [
             block(each, truth, fitted, log, target is None)
-            for each in truth.blocks if each.count > FEW or each.kind.components < each.count
+            for each in truth.blocks if not is_listed(each)
         ],
     }  # fmt: skip
 

@@ -24,8 +24,8 @@ from clothfit.scene.scene import Scene
 Cell: TypeAlias = str | list[Any]
 Table: TypeAlias = dict[str, Any]
 
-FEW = 12
-"""Blocks of up to so many values have a row for each, others one for their median."""
+FEW, FEW_GROUPS = 3, 12
+"""Blocks of up to so many values, or factors of groups, have a row for each, others one for their median."""
 
 MOST_ROWS = 40
 
@@ -66,7 +66,7 @@ def value_rows(
     unit = "factor" if block.factors is not None or (block.name == "rest" and block.mode != "L") else block.kind.unit
     name = owned(block.cloth, block.kind.title)
     known = [None] * block.count if ends is None else ends
-    if block.count > FEW:
+    if not is_listed(block):
         yield many(name, began, found, known, unit, trial)
         return
     for i, label in enumerate(labels(block)):
@@ -74,6 +74,11 @@ def value_rows(
         cells += [] if began is None else [figure(began[i])]
         cells += [figure(found[0][i]), *([figure(found[1][i]), off(found[0][i], found[1][i])] if trial else [])]
         yield [*cells, interval(known[i]), unit]
+
+
+def is_listed(block: Block) -> bool:
+    """Whether each value of a block has a row of its own; otherwise it has a card with charts."""
+    return block.count <= (FEW if block.factors is None else FEW_GROUPS)
 
 
 def many(
@@ -145,10 +150,11 @@ def ladder(summary: Mapping[str, Any]) -> list[Table]:
     """The models that were fitted, from coarse to fine."""
     rows: list[list[Cell]] = []
     for each in records(summary, "ladder"):
-        model = str(each.get("model"))[:1]
-        name = f"{model} {MODEL_NAMES.get(model, '')}"
-        rows.append([name, plain(each.get("values"), 9), length(each.get("rmse")), length(each.get("holdout_rmse")),
-                     plain(each.get("seconds"))])  # fmt: skip
+        model = each.get("model")
+        if not isinstance(model, str) or model not in MODEL_NAMES:
+            continue
+        figures = plain(each.get("values"), 9), length(each.get("rmse")), length(each.get("holdout_rmse"))
+        rows.append([f"{model} {MODEL_NAMES[model]}", *figures, plain(each.get("seconds"))])
     heads = ["model", "values", "error", "held-out error", "seconds"]
     note = "from coarse to fine; a model with more values should be nearer on what was kept out, too"
     return table("ladder", "Models that were tried", heads, rows, note)
@@ -183,7 +189,9 @@ def value_name(value: Any) -> str:
     """One fitted value of a summary."""
     place, index = value.get("object"), value.get("index")
     name = owned(place if isinstance(place, int) else None, str(value.get("name"))[:40])
-    return f"{name} [{index}]" if isinstance(index, int) else name
+    if not isinstance(index, int):
+        return name
+    return f"{name} {'xyz'[index % 3]}" if place is None else f"{name} [{index}]"
 
 
 def side_by_side(truth: Scene, fitted: Scene, show: Shown, logs: Sequence[Log]) -> list[Table]:
@@ -203,6 +211,12 @@ def side_by_side(truth: Scene, fitted: Scene, show: Shown, logs: Sequence[Log]) 
         medians = [figure(float(np.median(parameters(scene, flags=truth)[block.part]))) for block in blocks]
         took = plain(known[name].summary.get("seconds")) if name in known else "–"
         rows.append([name, *far, *medians, took])
-    heads = ["motion", "RMSE", "of travel", "largest", *(f"{owned(b.cloth, b.kind.title)} (median)" for b in blocks),
-             "seconds"]  # fmt: skip
+    named = [f"{owned(b.cloth, b.kind.title)}{suffix(b)}" for b in blocks]
+    heads = ["motion", "RMSE", "of travel", "largest", *named, "seconds"]
     return table("fits", "Side by side", heads, rows, "over the fitted frames")
+
+
+def suffix(block: Block) -> str:
+    """What a figure of a block is, after its name."""
+    kind = " factor" if block.factors is not None else ""
+    return f"{kind} (median)" if block.count > 1 else kind

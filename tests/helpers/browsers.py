@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -35,9 +36,9 @@ def browser() -> Iterator[Any]:
 
 
 @contextmanager
-def opened(started: Any, path: Path) -> Iterator[tuple[Any, list[str]]]:
+def opened(started: Any, path: Path, size: dict[str, int] = SIZE) -> Iterator[tuple[Any, list[str]]]:
     """A page from disk that is ready and stands still, and the list of all that it says on the console."""
-    context = started.new_context(viewport=SIZE, offline=True, reduced_motion="reduce")
+    context = started.new_context(viewport=size, offline=True, reduced_motion="reduce")
     page = context.new_page()
     said: list[str] = []
     page.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
@@ -56,6 +57,18 @@ def pixels(page: Any) -> np.ndarray:
     page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
     shot = page.locator("#stage").screenshot()
     return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), dtype=np.int16)
+
+
+def accessibility_script() -> str:
+    """The text of axe-core, which finds what people with some disability cannot use; the test is skipped where it is
+    not installed: AXE_CORE names its file, or npm has it in the folder `node_modules` of this one or one above.
+    """
+    places = [folder / "node_modules" / "axe-core" / "axe.min.js" for folder in (Path.cwd(), *Path.cwd().parents)]
+    given = os.environ.get("AXE_CORE")
+    found = next((path for path in ([Path(given)] if given else places) if path.is_file()), None)
+    if found is None:
+        pytest.skip("axe-core is not installed (npm install axe-core, or AXE_CORE=FILE)")
+    return found.read_text("utf-8")
 
 
 def differing(a: np.ndarray, b: np.ndarray) -> int:

@@ -174,8 +174,8 @@ def test_what_the_page_unpacks_is_what_was_simulated(page, fitted):
 
 
 def test_charts_and_maps_are_there(page):
-    assert page.locator("svg.chart").count() == 6  # error, cost, and two of each of two kinds
-    assert page.locator("canvas.map").count() == 2
+    assert page.locator("svg.chart").count() == 7  # error, mean residual, cost, and two of each of two kinds
+    assert page.locator("canvas.map").count() == 3  # residuals, and one of each kind
     assert page.locator("path.band").count() == 1  # intervals are known of the stiffnesses only
 
 

@@ -41,6 +41,24 @@ def content_of(html):
     return json.loads(text)
 
 
+def table_of(content, name):
+    """A table of a page."""
+    (found,) = (each for each in content["tables"] if each["id"] == name)
+    return found
+
+
+def text_of(cell):
+    """What a cell shows."""
+    return cell[0] if isinstance(cell, list) else cell
+
+
+def row_of(content, name, first):
+    """The row of a table that begins with a text, by the heads of its columns."""
+    table = table_of(content, name)
+    (row,) = (row for row in table["rows"] if text_of(row[0]) == first)
+    return dict(zip(table["heads"], map(text_of, row), strict=True))
+
+
 def waving(frames, vertices, seed=0):
     """Positions of vertices that swing, each at its own pace."""
     rng = np.random.default_rng(seed)
@@ -261,8 +279,8 @@ def test_a_page_stands_alone_and_tells_all(both):
     content = content_of(html)
     assert content["names"] == {"scene": "scene", "fitted": "scene", "target": "scene"}
     assert content["commands"] == ["clothfit report a 'b c'"]
-    assert [block["title"] for block in content["blocks"]] == ["Mass", "Stiffness"]
-    assert unpacked(content["blocks"][1]["values"]) == pytest.approx([33.0])
+    assert [block["title"] for block in content["blocks"]] == ["Mass"]  # one value for all is a row of a table
+    assert row_of(content, "values", "objects[0] stiffness")["fitted"] == "33"
 
 
 @needs_compilation
@@ -317,11 +335,13 @@ def test_every_kind_of_parameter_has_a_card():
     fits = {"vertVel": "L", "springRestLength": "L", "damping": "G", "dragCoefficient": "G"}
     own = cloth(optimizationSettings="LG", fit=fits, vertVel=[{"x": 3.0, "y": 4.0, "z": 0.0}] * 12)
     scene = load(document(cloth(), own, fit={"gravity": "G"}, optimizationIterations=4))
-    blocks = content_of(report_page(scene, scene, frames=5))["blocks"]
-    found = {(block["title"], block["owner"], block["of"]): unpacked(block["values"]) for block in blocks}
-    assert len(found) == 7
-    assert found["Velocity", "objects[1]", "vertex"].tolist() == [5.0] * 12  # its length
-    assert found["Gravity", "scene", "scene"] == pytest.approx([9.81])
+    content = content_of(report_page(scene, scene, frames=5))
+    found = {(block["title"], block["owner"]): unpacked(block["values"]) for block in content["blocks"]}
+    assert len(found) == 3
+    assert found["Velocity", "objects[1]"].tolist() == [5.0] * 12  # its length
+    names = [text_of(row[0]) for row in table_of(content, "values")["rows"]]
+    assert len(names) == 6 + 3  # a row for each kind of the object; of gravity one for each component
+    assert [row_of(content, "values", f"scene gravity {axis}")["fitted"] for axis in "xyz"] == ["0", "-9.81", "0"]
 
 
 # --- the commands
@@ -349,7 +369,7 @@ def test_the_page_goes_beside_the_fitted_scene(paths, capsys):
         "clothfit report scene.json other.json --steps 9 --log fit.jsonl",
     ]
     assert [name for name, _ in content["inputs"]] == ["scene.json", "other.json", "fit.jsonl"]
-    assert unpacked(content["blocks"][0]["low"]).tolist() == [29.0]
+    assert row_of(content, "values", "objects[0] stiffness")["95 % interval"] == "29 … 31"
 
 
 @needs_compilation
@@ -386,9 +406,15 @@ def test_a_fit_makes_its_page(paths, capsys):
     assert content["history"][0][1] > 100 * content["history"][-1][1]
     assert content["commands"][1] == "clothfit evaluate scene.json 'my fit.json' --target target.npz"
     assert "'{stem}.html'" in content["commands"][0]
-    low, high = (unpacked(content["blocks"][0][end])[0] for end in ("low", "high"))
-    assert low <= 30.0 * (1 + 1e-6)  # float32
-    assert high >= 30.0 * (1 - 1e-6)
+    row = row_of(content, "values", "objects[0] stiffness")
+    low, high = map(float, row["95 % interval"].split(" … "))
+    assert row["start"] == "9"
+    assert float(row["fitted"]) == pytest.approx(30.0, rel=1e-3)  # L-BFGS-B stops early
+    assert low <= 30.0 * (1 + 1e-5)  # five digits are shown
+    assert high >= 30.0 * (1 - 1e-5)
+    assert [each["name"] for each in content["beside"]] == ["before the fit"]
+    assert "before the fit" in content["headline"]["text"]
+    assert content["cost_unit"] == "m²"
 
 
 def test_a_fits_page_does_not_go_where_the_scene_may_go(paths, capsys):

@@ -4,7 +4,7 @@ import { make, path, svg } from "clothfit/drawing";
 import { decades, length, lengthUnit, short, ticks } from "clothfit/words";
 
 const WIDTH = 400, HEIGHT = 190;
-const FRAME = { left: 50, right: 10, top: 20, bottom: 34 };
+const FRAME = { left: 66, right: 12, top: 20, bottom: 34 };
 const LOG = 30;  // the axis is logarithmic where the largest value exceeds the lower quartile by more than this factor
 const DEEPEST = 1e-8;  // the lowest value of such an axis, relative to the largest
 
@@ -17,7 +17,7 @@ function frame({ x, y, xTitle, yTitle, label }) {
   const up = (value) => y0 + ((turn(value) - low) / (high - low || 1)) * (y1 - y0);
   const picture = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "chart", role: "img", "aria-label": label });
   const back = svg("g"), front = svg("g");
-  for (const value of y.log ? decades(y.low, y.high) : ticks(y.low, y.high, 4)) {
+  for (const value of y.log ? decades(y.low, y.high) : ticks(y.low, y.high, 4, y.size)) {
     back.append(
       svg("line", { x1: x0, x2: x1, y1: up(value), y2: up(value), class: "rule" }),
       svg("text", { x: x0 - 6, y: up(value) + 3.5, class: "tick end" }, y.name(value)),
@@ -29,7 +29,7 @@ function frame({ x, y, xTitle, yTitle, label }) {
   back.append(
     svg("line", { x1: x0, x2: x1, y1: y0, y2: y0, class: "axis" }),
     svg("text", { x: (x0 + x1) / 2, y: HEIGHT - 4, class: "name middle" }, xTitle),
-    svg("text", { x: 0, y: 0, class: "name middle", transform: `translate(10 ${(y0 + y1) / 2}) rotate(-90)` }, yTitle),
+    svg("text", { x: 0, y: 0, class: "name middle", transform: `translate(9 ${(y0 + y1) / 2}) rotate(-90)` }, yTitle),
   );
   picture.append(back, front);
   const timeAt = (place) => x.low + ((place - x0) / (x1 - x0)) * (x.high - x.low);
@@ -47,18 +47,11 @@ function axisOf(values, metres, always = false) {
   const [size, unit] = metres && !log ? lengthUnit(high) : [1, metres ? "m" : ""];
   const low = 10 ** Math.floor(Math.log10(Math.max(sorted[0], high * DEEPEST)) + 0.05);
   const name = metres && log ? length : (value) => short(value / size);
-  return { low: log ? low : 0, high: log ? high * 1.6 : high * 1.08, log, name, unit: log ? "" : unit };
+  return { low: log ? low : 0, high: log ? high * 1.6 : high * 1.08, log, name, size, unit: log ? "" : unit };
 }
 
-/** The error of each frame; a click calls `jump(time)`. Returns the element and the function that moves its cursor. */
-export function errorChart(curve, jump) {
-  const { times, rmse, largest, fitted_until: until } = curve;
-  const y = axisOf([...rmse, ...largest], true);
-  const x = { low: times[0], high: times[times.length - 1] };
-  const box = frame({
-    x, y, xTitle: "time, s", yTitle: y.unit ? `error, ${y.unit}` : "",
-    label: "Error of each frame: root mean square and largest distance to the target",
-  });
+/** The window of the fitted frames, and what is written over it. */
+function windowed(box, until) {
   const edge = Math.min(box.across(until), box.x1);
   const [width, height] = [Math.max(edge - box.x0, 0), box.y0 - box.y1];
   box.back.prepend(svg("rect", { x: box.x0, y: box.y1, width, height, class: "window" }));
@@ -66,10 +59,25 @@ export function errorChart(curve, jump) {
   const after = Math.max(edge, box.x0 + 75) + 5;
   if (edge < box.x1 - 90) box.back.append(svg("text", { x: after, y: box.y1 - 6, class: "mark" }, "horizon"));
   if (edge < box.x1 - 1) box.back.append(svg("line", { x1: edge, x2: edge, y1: box.y1, y2: box.y0, class: "edge" }));
+}
+
+/** The error of each frame, with those of the motions beside it; a click calls `jump(time)`. Returns the element and the
+ * function that moves its cursor. */
+export function errorChart(curve, beside, jump) {
+  const { times, rmse, largest, fitted_until: until } = curve;
+  const others = beside.map((each) => each.curve.rmse);
+  const y = axisOf([...rmse, ...largest, ...others.flat()], true);
+  const x = { low: times[0], high: times[times.length - 1] };
+  const box = frame({
+    x, y, xTitle: "time, s", yTitle: y.unit ? `error, ${y.unit}` : "error",
+    label: "Error of each frame: root mean square and largest distance to the target",
+  });
+  windowed(box, until);
   const points = (values) => values.map((value, i) =>
     value === null || (y.log && value <= 0) ? null : [box.across(times[i]), box.up(Math.max(value, y.low))]);
   box.front.append(
     svg("path", { d: path(points(largest)), class: "line quiet" }),
+    ...others.map((values, i) => svg("path", { d: path(points(values)), class: `line other-${i % 4}` })),
     svg("path", { d: path(points(rmse)), class: "line" }),
   );
   const cursor = svg("line", { y1: box.y1, y2: box.y0, class: "cursor" });
@@ -82,18 +90,31 @@ export function errorChart(curve, jump) {
     dot.setAttribute("visibility", value > 0 || (value === 0 && !y.log) ? "visible" : "hidden");
     dot.setAttribute("cx", place);
     dot.setAttribute("cy", value > 0 ? box.up(Math.max(value, y.low)) : box.y0);
-    return { rmse: value, largest: largest[at] };
+    return { rmse: value, largest: largest[at], others: others.map((values) => values[at]) };
   };
   onDrag(box.picture, (place) => jump(box.timeAt(place)));
   return { element: box.picture, move };
 }
 
-/** The best cost after each evaluation. */
-export function costChart(history) {
+/** Lines over time, m, around 0; `lines` are {values, kind}. */
+export function lineChart(curve, lines, label) {
+  const { times, fitted_until: until } = curve;
+  const most = Math.max(...lines.map(({ values }) => values.reduce((high, v) => Math.max(high, Math.abs(v ?? 0)), 0))) || 1e-9;
+  const [size, unit] = lengthUnit(most);
+  const y = { low: -1.08 * most, high: 1.08 * most, log: false, size, name: (value) => short(value / size) };
+  const box = frame({ x: { low: times[0], high: times[times.length - 1] }, y, xTitle: "time, s", yTitle: `residual, ${unit}`, label });
+  windowed(box, until);
+  box.front.append(...lines.map(({ values, kind }) => svg("path", {
+    d: path(values.map((value, i) => (value === null ? null : [box.across(times[i]), box.up(value)]))), class: `line ${kind}` })));
+  return box.picture;
+}
+
+/** The best cost after each evaluation, in its unit. */
+export function costChart(history, unit) {
   const y = { ...axisOf(history.map((point) => point[1]), false, true), name: (value) => short(value, 2) };
   const box = frame({
     x: { low: 0, high: Math.max(history[history.length - 1][0], 1) }, y, xTitle: "evaluations of cost and gradient",
-    yTitle: "cost", label: "Best cost after each evaluation",
+    yTitle: unit ? `cost, ${unit}` : "cost", label: "Best cost after each evaluation",
   });
   const points = [];
   let before = null;

@@ -1,12 +1,14 @@
 // Start the page: unpack its content, build the picture and the charts, and let time pass.
 
 import { Cloth, edgesOf } from "clothfit/cloth";
-import { gradient } from "clothfit/colours";
+import { gradient, repaint } from "clothfit/colours";
 import { make } from "clothfit/drawing";
 import { list, listen } from "clothfit/keys";
+import { listenToPanes, namePanes, panesOf } from "clothfit/panes";
 import { Player, SPEEDS } from "clothfit/player";
+import { savePicture } from "clothfit/save";
 import { MODES, Shading } from "clothfit/shading";
-import { fillSide } from "clothfit/side";
+import { fillHeadline, fillSide } from "clothfit/side";
 import { LEVELS, Stage } from "clothfit/stage";
 import { unpacked, unpackedErrors, unpackedFlags, unpackedPositions } from "clothfit/unpack";
 import { viewOf } from "clothfit/view";
@@ -23,6 +25,15 @@ async function unpackedAll(record) {
   return Object.fromEntries(await Promise.all(entries));
 }
 
+/** The motion of another scene, and its colours' values. */
+async function unpackedBeside(record) {
+  const [values, fitted, error] = await Promise.all([
+    unpackedAll({ rest: record.rest, mass: record.mass, stiffness: record.stiffness }),
+    unpackedPositions(record.fitted), unpackedErrors(record.error),
+  ]);
+  return { ...values, name: record.name, fitted, error };
+}
+
 const sums = (counts) => counts.reduce((found, count) => [...found, found[found.length - 1] + count], [0]);
 
 function theme() {
@@ -36,20 +47,29 @@ function theme() {
   apply();
 }
 
-/** The picture with the cloths in it; null where the browser cannot draw. */
+/** The picture with the cloths in it; its stage is null where the browser cannot draw. */
 function build(content, mesh, parts, canvas) {
   const edges = edgesOf(mesh.triangles, mesh.springs, parts.fitted.vertices);
   const fitted = new Cloth(parts.fitted, mesh.triangles, edges);
   const target = new Cloth(parts.target, mesh.triangles, edges, parts.observed);
+  const others = parts.beside.map((each) => new Cloth(each.fitted, mesh.triangles, edges));
   const view = viewOf([parts.fitted, parts.target], fitted, content.surroundings, edges);
   const fixed = [];
   mesh.fixed.forEach((flag, i) => { if (flag) fixed.push(mesh.start[3 * i], mesh.start[3 * i + 1], mesh.start[3 * i + 2]); });
-  const shading = new Shading(fitted, { ...mesh, errors: parts.errors, observed: parts.observed }, 2 * view.radius);
+  const { observed } = parts;
+  const motions = [fitted, ...others].map((cloth, k) => {
+    const own = k === 0 ? { errors: parts.errors } : { ...parts.beside[k - 1], errors: parts.beside[k - 1].error };
+    return { name: k === 0 ? "fitted" : parts.beside[k - 1].name, cloth,
+             shading: new Shading(cloth, { ...mesh, ...own, observed }, 2 * view.radius) };
+  });
+  Shading.agree(motions.map(({ shading }) => shading));
+  const panes = panesOf(motions, at("chips"), canvas.clientWidth);
+  const shading = panes[0].shading;
   try {
-    return { fitted, target, shading, stage: new Stage(canvas, fitted, target, { ...content.surroundings, fixed }, view) };
+    return { fitted, target, panes, shading, stage: new Stage(canvas, panes, target, { ...content.surroundings, fixed }, view) };
   } catch (error) {
     trouble("This browser cannot draw in 3-D here (WebGL is off); charts and numbers are shown.");
-    return { fitted, target, shading, stage: null };
+    return { fitted, target, panes, shading, stage: null };
   }
 }
 
@@ -65,7 +85,7 @@ function showLegend(legend) {
 
 function chooseMode(mode, { shading, stage }, player) {
   at("modes").querySelector(`[value=${mode}]`).checked = true;
-  stage?.paint(shading.choose(mode));
+  stage?.paint(mode);
   showLegend(shading.legend);
   player.goTo(player.time);
 }
@@ -79,17 +99,17 @@ function buildModes(chosen) {
 }
 
 function toggles({ stage }) {
-  const parts = { fitted: ["cloth"], target: ["targetParts"], mesh: ["threads"] };
+  const parts = { fitted: [stage, "clothShown"], target: [stage?.targetParts, "visible"], mesh: [stage, "threadsShown"] };
   const switches = {};
-  for (const [name, [part]] of Object.entries(parts)) {
+  for (const [name, [owner, flag]] of Object.entries(parts)) {
     const button = at(`show-${name}`);
     switches[name] = () => {
       if (!stage) return;
-      stage[part].visible = !stage[part].visible;
-      button.setAttribute("aria-pressed", stage[part].visible);
+      owner[flag] = !owner[flag];
+      button.setAttribute("aria-pressed", owner[flag]);
       stage.stale = true;
     };
-    if (stage) button.setAttribute("aria-pressed", stage[part].visible);
+    if (stage) button.setAttribute("aria-pressed", owner[flag]);
     button.addEventListener("click", switches[name]);
   }
   return switches;
@@ -153,26 +173,34 @@ function run(player, stage) {
 
 async function main() {
   theme();
+  repaint();
   const content = JSON.parse(at("content").textContent);
   at("content").remove();  // its text is not needed twice
   if (typeof DecompressionStream === "undefined") {
     throw new Error("the browser is too old to unpack the motion; one of 2023 or later can");
   }
   const { motion } = content;
-  const [mesh, fittedMotion, targetMotion, observed, errors, blocks] = await Promise.all([
+  const [mesh, fittedMotion, targetMotion, observed, errors, blocks, beside, residuals] = await Promise.all([
     unpackedAll(content.mesh), unpackedPositions(motion.fitted), unpackedPositions(motion.target),
     unpackedFlags(motion.observed), unpackedErrors(motion.error), Promise.all(content.blocks.map(unpackedAll)),
+    Promise.all(content.beside.map(unpackedBeside)), unpackedAll(content.residuals),
   ]);
+  content.residuals = residuals;
   Object.assign(mesh, { firsts: sums(mesh.vertex_counts), springFirsts: sums(mesh.spring_counts) });
-  const picture = build(content, mesh, { fitted: fittedMotion, target: targetMotion, observed, errors }, at("canvas"));
-  const { fitted, target, shading, stage } = picture;
+  const picture = build(content, mesh, { fitted: fittedMotion, target: targetMotion, observed, errors, beside },
+                        at("canvas"));
+  const { target, panes, stage } = picture;
+  fillHeadline(at("verdict"), content.headline);
   at("subtitle").textContent = `${content.names.fitted} beside ${content.names.target ?? `the motion of ${content.names.scene}`}`;
   at("headline").append(...content.figures.map(([name, value]) => make("div", {}, make("b", {}, value), make("span", {}, name))));
   let moveCursor = () => ({});
   const show = (frame, share) => {
-    fitted.move(frame, share);
     target.move(frame, share);
-    shading.paint(frame);
+    for (const { on, cloth, shading } of panes) {
+      if (!on) continue;
+      cloth.move(frame, share);
+      shading.paint(frame);
+    }
     moveCursor(player.time);
     if (stage) stage.stale = true;
   };
@@ -180,11 +208,14 @@ async function main() {
     at("scrub").value = frame;
     at("scrub").setAttribute("aria-valuetext", `frame ${frame}, ${short(motion.times[frame])} seconds`);
     at("clock").replaceChildren(make("b", {}, `${motion.times[frame].toFixed(2)} s`), `  ${frame} / ${motion.times.length - 1}`);
-    const { rmse, largest } = moveCursor(player.time);
+    const { rmse, largest, others } = moveCursor(player.time);
     const phase = motion.times[frame] <= content.curve.fitted_until * (1 + 1e-9) ? "fitted frames" : "horizon";
     const seen = typeof rmse === "number";
-    const error = seen ? ["RMSE ", make("b", {}, length(rmse)), ` · largest ${length(largest)}`] : ["target not observed"];
+    const { travel } = content.residuals;
+    const part = seen && travel > 0 ? `, ${short((100 * rmse) / travel, 2)} % of the travel` : "";
+    const error = seen ? ["RMSE ", make("b", {}, length(rmse)), `${part} · largest ${length(largest)}`] : ["target not observed"];
     at("readout").replaceChildren(`${phase} · `, ...error);
+    if (stage) namePanes(at("panes"), panes, stage.cells, [rmse, ...others]);
   };
   const player = new Player(motion.times, show, describe);
   moveCursor = fillSide(at("side"), content, mesh, blocks, (time) => { player.pause(); player.goTo(time); });
@@ -195,10 +226,18 @@ async function main() {
   listen(keys);
   list(at("keys"), keys);
   at("fit").addEventListener("click", () => stage?.fit());
+  at("shot").addEventListener("click", () => { stage?.render(); savePicture(at("canvas"), `frame-${player.frame}`); });
+  const again = () => { player.frame = -1; player.goTo(player.time); };
+  listenToPanes(panes, () => { stage?.resize(); again(); });
   if (stage) {
-    theme.changed = (name) => stage.skin(name);
+    theme.changed = (name) => {
+      repaint();
+      stage.skin(name);
+      choose(at("modes").querySelector(":checked").value);
+    };
     stage.skin(document.documentElement.dataset.theme);
-  }
+    stage.resized = again;
+  } else theme.changed = repaint;
   choose("plain");
   player.goTo(motion.times[0]);
   run(player, stage);

@@ -1,8 +1,9 @@
 // The fitted parameters: a map on the cloth, a histogram, the sorted values with their intervals.
 
 import { key } from "clothfit/charts";
-import { css, gradient } from "clothfit/colours";
+import { css, gradient, painted } from "clothfit/colours";
 import { make, path, svg } from "clothfit/drawing";
+import { buttons } from "clothfit/save";
 import { scaleOf } from "clothfit/shading";
 import { short, ticks } from "clothfit/words";
 
@@ -11,20 +12,20 @@ const MOST_SPRINGS = 6000;  // that a map draws as lines
 
 /** A card for a block of parameters; `mesh` are the arrays of the whole scene. */
 export function parameterCard(block, mesh) {
-  const parts = [make("h2", {}, block.title, make("small", {}, owner(block)))];
-  if (block.mode === "G" || block.values.length < 4) {
-    parts.push(valueTable(block));
-  } else {
-    const scale = scaleOf(block.values.map((value, i) => (block.shown[i] ? value : NaN)), block.unit);
-    const drawn = block.object === null ? null : mapCard(block, mesh, scale);
-    if (drawn) parts.push(drawn);
-    parts.push(sortedChart(block, scale));
-    const entries = [["line", "fitted, sorted"], ["given", block.trial ? "truth" : "the scene's value"]];
-    if (block.low.some(Number.isFinite)) entries.push(["band", "95 % interval"]);
-    parts.push(key(...entries), histogram(block, scale));
-  }
+  const scale = scaleOf(block.values.map((value, i) => (block.shown[i] ? value : NaN)), block.unit);
+  const drawn = block.object === null || block.mode !== "L" ? null : mapCard(block, mesh, scale);
+  const sorted = sortedChart(block, scale);
+  const entries = [["line", "fitted, sorted"], ["given", block.trial ? "truth" : "the scene's value"]];
+  if (block.low.some(Number.isFinite)) entries.push(["band", "95 % interval"]);
+  const name = `${block.owner}-${block.title}`.replace(/[^\w]+/g, "-").toLowerCase();
+  const heads = [block.of, `fitted_${block.unit}`, block.trial ? "truth" : "scene", "low", "high"];
+  const rows = () => [heads, ...Array.from(block.values, (value, i) =>
+    [i, value, block.given[i], ...[block.low[i], block.high[i]].map((end) => (Number.isFinite(end) ? end : null))])];
+  const head = make("h2", {}, block.title, make("small", {}, owner(block)),
+                    buttons(name, rows, drawn?.querySelector("canvas") ?? sorted));
+  const parts = [head, ...(drawn ? [drawn] : []), sorted, key(...entries), histogram(block, scale)];
   const lost = block.shown.reduce((sum, flag) => sum + (flag ? 0 : 1), 0);
-  if (lost && block.mode !== "G") {
+  if (lost) {
     const text = `${lost} of ${block.values.length} are not shown by any motion and keep their start; they are left out.`;
     parts.push(make("p", { class: "quiet" }, text));
   }
@@ -32,22 +33,7 @@ export function parameterCard(block, mesh) {
 }
 
 /** The owner of the values, and their number. */
-function owner(block) {
-  const many = block.mode === "G" ? "one value for all" : `${block.values.length} values, one per ${block.of}`;
-  return `${block.owner} · ${many}`;
-}
-
-function valueTable(block) {
-  const unit = block.unit ? ` ${block.unit}` : "";
-  const rows = Array.from(block.values, (value, i) => {
-    const known = Number.isFinite(block.low[i]);
-    const cells = [`${short(value, 5)}${unit}`, `${short(block.given[i], 5)}${unit}`,
-                   known ? `${short(block.low[i], 4)} … ${short(block.high[i], 4)}` : "–"];
-    return make("tr", {}, ...cells.map((cell) => make("td", {}, cell)));
-  });
-  const heads = ["fitted", block.trial ? "truth" : "scene", "95 % interval"].map((name) => make("th", { scope: "col" }, name));
-  return make("table", { class: "values" }, make("thead", {}, make("tr", {}, ...heads)), make("tbody", {}, ...rows));
-}
+const owner = (block) => `${block.owner} · ${block.values.length} values${block.mode === "L" ? `, one per ${block.of}` : ""}`;
 
 /** The map of a block; of too many springs for lines, the mean of the springs at each vertex. */
 function mapCard(block, mesh, scale) {
@@ -71,6 +57,8 @@ function meansOfSprings(block, mesh) {
 }
 
 /** The object as it lies at the start, along the two directions in which it is widest, coloured by its values. */
+export const mapOf = (block, mesh, scale) => map(block, mesh, scale);
+
 function map(block, mesh, scale, note = "") {
   const first = mesh.firsts[block.object], count = mesh.vertex_counts[block.object];
   const points = flattened(mesh.start.subarray(3 * first, 3 * (first + count)));
@@ -82,10 +70,14 @@ function map(block, mesh, scale, note = "") {
   const place = (i) => [canvas.width / 2 + size * points.x[i], canvas.height / 2 - size * points.y[i]];
   const pen = canvas.getContext("2d");
   const tint = (i) => css("rising", scale.share(block.values[i]));
-  if (block.of === "spring") drawSprings(pen, block, mesh, place, first, tint);
-  else if (block.of === "vertex") drawFaces(pen, block, mesh, place, first, scale, tint);
-  else return null;
-  const bar = make("span", { class: "bar", style: `background: ${gradient("rising")}` });
+  if (block.of !== "spring" && block.of !== "vertex") return null;
+  const bar = make("span", { class: "bar" });
+  painted(() => {
+    pen.clearRect(0, 0, canvas.width, canvas.height);
+    bar.style.background = gradient("rising");
+    if (block.of === "spring") drawSprings(pen, block, mesh, place, first, tint);
+    else drawFaces(pen, block, mesh, place, first, scale, tint);
+  });
   const labels = make("span", { class: "labels" }, ...scale.labels.map((text) => make("span", {}, text)));
   const unit = make("span", { class: "unit" }, block.unit), remark = note ? [make("span", {}, note)] : [];
   return make("figure", {}, canvas, make("figcaption", { class: "scale" }, bar, labels, unit, ...remark));
@@ -98,6 +90,7 @@ function drawFaces(pen, block, mesh, place, first, scale, tint) {
     if (corners[0] < first || corners[0] >= last) continue;
     const known = corners.filter((i) => block.shown[i - first]);
     const sum = known.reduce((sum, i) => sum + scale.share(block.values[i - first]), 0);
+    pen.lineWidth = 1;
     pen.fillStyle = pen.strokeStyle = known.length ? css("rising", sum / known.length) : "#8885";
     pen.beginPath();
     corners.forEach((i) => pen.lineTo(...place(i - first)));
@@ -150,7 +143,7 @@ function sortedChart(block, scale) {
   const bounds = [block.values, block.given, block.low, block.high]
     .flatMap((values) => chosen.map((i) => values[i]).filter(Number.isFinite));
   const all = scaleOf(Float32Array.from(bounds));
-  const [left, right, top, bottom] = [50, WIDTH - 10, 8, 128];
+  const [left, right, top, bottom] = [66, WIDTH - 12, 8, 128];
   const across = (k) => left + ((k + 0.5) / chosen.length) * (right - left);
   const up = (value) => bottom - (all.high > all.low ? all.share(Math.min(value, all.high)) : 0.5) * (bottom - top);
   const picture = svg("svg", { viewBox: `0 0 ${WIDTH} 144`, class: "chart", role: "img",
@@ -169,7 +162,7 @@ function sortedChart(block, scale) {
   picture.append(...chosen.map((i, k) => svg("circle", { cx: across(k), cy: up(block.given[i]), r: 1.5, class: "given" })));
   picture.append(svg("path", { d: path(chosen.map((i, k) => [across(k), up(block.values[i])])), class: "line" }),
                  svg("text", { x: (left + right) / 2, y: 141, class: "name middle" }, "in order of size"),
-                 svg("text", { class: "name middle", transform: `translate(10 ${(top + bottom) / 2}) rotate(-90)` }, block.unit));
+                 svg("text", { class: "name middle", transform: `translate(9 ${(top + bottom) / 2}) rotate(-90)` }, block.unit));
   return picture;
 }
 
@@ -184,14 +177,16 @@ function histogram(block, scale) {
     given[bar(block.given[i])]++;
   }
   const most = Math.max(...counts, ...given, 1);
-  const [left, right, top, bottom] = [50, WIDTH - 10, 6, 84], width = (right - left) / BARS;
+  const [left, right, top, bottom] = [66, WIDTH - 12, 6, 84], width = (right - left) / BARS;
   const high = (count) => bottom - (count / most) * (bottom - top);
   const picture = svg("svg", { viewBox: `0 0 ${WIDTH} 118`, class: "chart", role: "img",
                                "aria-label": `${block.title}: how many values lie where` });
-  counts.forEach((count, k) => picture.append(svg("rect", {
-    x: left + k * width + 0.5, y: high(count), width: width - 1, height: bottom - high(count), class: "column",
-    fill: css("rising", both.share === scale.share ? k / BARS : scale.share(valueAt(both, (k + 0.5) / BARS))),
-  })));
+  counts.forEach((count, k) => {
+    const bar = svg("rect", {
+      x: left + k * width + 0.5, y: high(count), width: width - 1, height: bottom - high(count), class: "column" });
+    painted(() => bar.setAttribute("fill", css("rising", scale.share(valueAt(both, (k + 0.5) / BARS)))));
+    picture.append(bar);
+  });
   const steps = Array.from(given).flatMap((count, k) => {
     const [x0, x1, y] = [left + k * width, left + (k + 1) * width, high(count)];
     return count ? [[x0, bottom], [x0, y], [x1, y], [x1, bottom]] : [null];

@@ -3,7 +3,7 @@
 // A quantity of springs is shown at each vertex as the mean over the springs there.
 
 import { BufferAttribute, DynamicDrawUsage } from "three";
-import { table } from "clothfit/colours";
+import { painted, table } from "clothfit/colours";
 import { lengthUnit, short } from "clothfit/words";
 
 export const MODES = [
@@ -13,7 +13,8 @@ export const MODES = [
 const INVISIBLE = 1e-4;  // of the picture's size: smaller errors are invisible, so the colours do not resolve them
 const WIDE = 30;  // values that differ by more than this factor have a logarithmic scale
 const UNKNOWN = 0.18;  // a grey, in linear light
-const TABLES = { rising: table("rising"), both: table("both") };
+const TABLES = {};
+painted(() => Object.assign(TABLES, { rising: table("rising"), both: table("both") }));
 
 export class Shading {
   /** `data`: springs, rest, mass, stiffness, errors {grades, most}, observed or null; `size` of the picture, m. */
@@ -31,6 +32,17 @@ export class Shading {
       mass: scaleOf(data.mass, "kg"),
       stiffness: scaleOf(this.meanOfSprings(data.stiffness), "N/m"),
     };
+  }
+
+  /** Let the colours of several cloths mean the same. */
+  static agree(all) {
+    const most = (name) => Math.max(...all.map((each) => each[name]));
+    const [error, stretch] = [most("most"), most("stretch")];
+    for (const kind of ["mass", "stiffness"]) {
+      const scale = scaleOf(all.flatMap((each) => [each.still[kind].low, each.still[kind].high]), all[0].still[kind].unit);
+      for (const each of all) each.still[kind] = { ...scale, values: each.still[kind].values };
+    }
+    for (const each of all) Object.assign(each, { most: error, stretch });
   }
 
   /** Choose what the colours show; returns the colour attribute, or null for none. */

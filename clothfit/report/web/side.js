@@ -3,17 +3,31 @@
 import { costChart, errorChart, key } from "clothfit/charts";
 import { make } from "clothfit/drawing";
 import { parameterCard } from "clothfit/parameters";
+import { residualCards } from "clothfit/residuals";
+import { buttons } from "clothfit/save";
+import { tableCard } from "clothfit/tables";
+
+const FIRST = ["fits", "values"];  // tables that stand before the charts
 
 const card = (title, ...parts) => make("section", { class: "card" }, make("h2", {}, title), ...parts);
+const drawn = (name, title, rows, chart, ...parts) =>
+  make("section", { class: "card" }, make("h2", {}, title, buttons(name, rows, chart)), chart, ...parts);
 
 /** Fill the column; `jump(time)` moves the player. Returns a function that moves the cursor to a time and returns the
  * error there. */
 export function fillSide(side, content, mesh, blocks, jump) {
-  side.append(summary(content));
-  const error = errorChart(content.curve, jump);
-  side.append(card("Error per frame", error.element, key(["line", "root mean square"], ["quiet", "largest"]),
-                   make("p", { class: "quiet" }, "Press or drag in the chart to go to a frame.")));
-  if (content.history.length > 1) side.append(card("Cost per evaluation", costChart(content.history)));
+  const { curve, beside, history, tables } = content;
+  side.append(summary(content), ...tables.filter(({ id }) => FIRST.includes(id)).map(tableCard));
+  const error = errorChart(curve, beside, jump);
+  const entries = [["line", "root mean square"], ["quiet", "largest"], ...beside.map(({ name }, i) => [`other-${i % 4}`, name])];
+  side.append(drawn("error", "Error per frame", () => errorRows(curve, beside), error.element, key(...entries),
+                    make("p", { class: "quiet" }, "Press or drag in the chart to go to a frame.")));
+  side.append(...residualCards(content.residuals, curve, mesh));
+  if (history.length > 1) {
+    const rows = () => [["evaluations", `cost_${content.cost_unit}`, "rmse_m", "seconds"], ...history];
+    side.append(drawn("cost", "Cost per evaluation", rows, costChart(history, content.cost_unit)));
+  }
+  side.append(...tables.filter(({ id }) => !FIRST.includes(id)).map(tableCard));
   side.append(...blocks.map((block) => parameterCard(block, mesh)));
   side.append(commandLines(content));
   return error.move;
@@ -22,18 +36,20 @@ export function fillSide(side, content, mesh, blocks, jump) {
 function summary(content) {
   const rows = content.facts.flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]);
   const parts = [make("dl", { class: "facts" }, ...rows)];
-  if (content.deviations.length && content.names.target === null) parts.push(deviations(content.deviations));
-  const notes = [["loud", content.notes], ["calm", content.remarks]].flatMap(([kind, texts]) =>
-    texts.map((text) => make("li", { class: kind }, text)));
-  parts.push(make("ul", { class: "notes" }, ...notes));
+  parts.push(make("ul", { class: "notes" }, ...content.remarks.map((text) => make("li", {}, text))));
   return card("Summary", ...parts);
 }
 
-function deviations(rows) {
-  const heads = ["off the truth", "count", "median", "largest"].map((name) => make("th", { scope: "col" }, name));
-  const body = rows.map((row) => make("tr", {}, ...row.map((cell) => make("td", {}, cell))));
-  const table = make("table", {}, make("thead", {}, make("tr", {}, ...heads)), make("tbody", {}, ...body));
-  return make("div", { class: "wide" }, table);
+function errorRows({ times, rmse, largest }, beside) {
+  const heads = ["time_s", "rmse_m", "largest_m", ...beside.map(({ name }) => `rmse_m ${name}`)];
+  return [heads, ...times.map((time, i) => [time, rmse[i], largest[i], ...beside.map(({ curve }) => curve.rmse[i])])];
+}
+
+/** The line on which the eye falls first, and the warnings under it. */
+export function fillHeadline(place, { level, text, warnings }) {
+  place.className = `verdict ${level}`;
+  place.replaceChildren(make("p", { class: "line" }, make("span", { class: "sign", "aria-hidden": "true" }), text));
+  if (warnings.length) place.append(make("ul", {}, ...warnings.map((each) => make("li", {}, each))));
 }
 
 function commandLines(content) {

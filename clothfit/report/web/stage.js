@@ -7,6 +7,7 @@ import {
   SphereGeometry, Vector3, WebGLRenderer,
 } from "three";
 import { Orbit } from "clothfit/orbit";
+import { cells } from "clothfit/panes";
 
 const CLOTH = "#7089e0", TARGET = "#17c964", FIXED = "#f5a524", WIND = "#38bdf8";
 const SKINS = {
@@ -20,8 +21,10 @@ const SKINS = {
 export const LEVELS = [[1, true, true], [0.75, true, true], [0.6, false, true], [0.5, false, false]];
 
 export class Stage {
-  constructor(canvas, fitted, target, around, view) {
-    Object.assign(this, { canvas, fitted, target, view, stale: true, level: 0, ratio: 1 });
+  /** `panes` are {cloth, shading, on}: the cloths that stand side by side, each with the target over it. */
+  constructor(canvas, panes, target, around, view) {
+    Object.assign(this, { canvas, panes, fitted: panes[0].cloth, target, view, stale: true, level: 0, ratio: 1 });
+    this.clothShown = true;
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "high-performance" });
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = PCFShadowMap;
@@ -34,7 +37,7 @@ export class Stage {
     for (const sphere of around.spheres) this.sphere(sphere);
     if (view.arrow) this.wind(view.arrow);
     this.pins(around.fixed);
-    new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
+    new ResizeObserver(() => { this.resize(); this.resized?.(); }).observe(canvas.parentElement);
     this.resize();
   }
 
@@ -57,19 +60,10 @@ export class Stage {
     this.scene.add(this.hemisphere, this.key, this.rim, this.lamp, this.key.target, this.rim.target, this.lamp.target);
   }
 
-  /** The cloths: the fitted one solid, its other side a little darker; the target over it, with its edges. */
+  /** The cloths: those of the panes solid, the other side a little darker; the target over them, with its edges. */
   dress() {
-    const solid = new MeshLambertMaterial({ color: CLOTH, side: DoubleSide });
-    solid.onBeforeCompile = (shader) => {
-      shader.fragmentShader = shader.fragmentShader.replace(
-        "#include <color_fragment>",
-        "#include <color_fragment>\n\tif (!gl_FrontFacing) diffuseColor.rgb *= 0.84;",
-      );
-    };
-    this.cloth = new Mesh(this.fitted.faces, solid);
-    this.cloth.castShadow = true;
-    this.threads = new LineSegments(this.fitted.lines, lines("#0f172a", 0.3));
-    this.threads.visible = this.fitted.triangles.length === 0;
+    this.threadsShown = this.fitted.triangles.length === 0;
+    for (const pane of this.panes) this.dressPane(pane);
     const veil = new MeshLambertMaterial({
       color: TARGET, emissive: TARGET, emissiveIntensity: 0.12, side: DoubleSide, transparent: true,
       opacity: 0.3, depthWrite: false, polygonOffset: true, polygonOffsetFactor: -1, polygonOffsetUnits: -1,
@@ -80,11 +74,24 @@ export class Stage {
     this.seen = new Points(this.target.dots, new PointsMaterial({ color: TARGET, size, sizeAttenuation: false }));
     this.seen.visible = this.target.observed !== null || this.fitted.triangles.length === 0;
     this.targetParts = new Group().add(this.veil, this.hem, this.seen);
-    for (const each of [this.cloth, this.threads, ...this.targetParts.children]) {
-      each.frustumCulled = false;  // the bounding box of a moving cloth would be out of date
-    }
-    this.scene.add(this.cloth, this.threads, this.targetParts);
+    for (const each of this.targetParts.children) each.frustumCulled = false;  // its box would be out of date
+    this.scene.add(this.targetParts);
     [this.veil, this.hem, this.seen].forEach((each, order) => { each.renderOrder = 1 + order; });
+  }
+
+  dressPane(pane) {
+    const solid = new MeshLambertMaterial({ color: CLOTH, side: DoubleSide });
+    solid.onBeforeCompile = (shader) => {
+      shader.fragmentShader = shader.fragmentShader.replace(
+        "#include <color_fragment>",
+        "#include <color_fragment>\n\tif (!gl_FrontFacing) diffuseColor.rgb *= 0.84;",
+      );
+    };
+    pane.solid = new Mesh(pane.cloth.faces, solid);
+    pane.solid.castShadow = true;
+    pane.threads = new LineSegments(pane.cloth.lines, lines("#0f172a", 0.3));
+    pane.solid.frustumCulled = pane.threads.frustumCulled = false;  // the box of a moving cloth would be out of date
+    this.scene.add(pane.solid, pane.threads);
   }
 
   floor() {
@@ -178,15 +185,18 @@ export class Stage {
     this.stale = true;
   }
 
-  /** Colour the cloth per vertex; the target then fades, so that the colours can be read. */
-  paint(attribute) {
-    const material = this.cloth.material;
-    if (attribute) this.fitted.faces.setAttribute("color", attribute);
-    material.vertexColors = attribute !== null;
-    material.color.set(attribute ? "#ffffff" : CLOTH);
-    material.needsUpdate = true;
-    this.veil.visible = attribute === null;
-    this.hem.material.opacity = attribute ? 0.3 : 0.55;
+  /** Colour the cloths per vertex, or plainly; the target fades beside colours, so that they can be read. */
+  paint(mode) {
+    const plain = mode === "plain";
+    for (const { cloth, shading, solid: { material } } of this.panes) {
+      const attribute = shading.choose(mode);
+      if (attribute) cloth.faces.setAttribute("color", attribute);
+      material.vertexColors = attribute !== null;
+      material.color.set(attribute ? "#ffffff" : CLOTH);
+      material.needsUpdate = true;
+    }
+    this.veil.visible = plain;
+    this.hem.material.opacity = plain ? 0.55 : 0.3;
     this.stale = true;
   }
 
@@ -196,9 +206,10 @@ export class Stage {
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2) * this.ratio);
     this.renderer.setSize(width, height, false);
     const before = this.camera.aspect;
-    this.camera.aspect = width / height;
+    this.cells = cells(this.panes.filter((pane) => pane.on).length, width, height);
+    this.camera.aspect = this.cells[0].width / this.cells[0].height;
     this.camera.updateProjectionMatrix();
-    if (!this.fittedOnce || Math.abs(before - this.camera.aspect) > 0.2) this.fit();
+    if (!this.fittedOnce || Math.abs(before / this.camera.aspect - 1) > 0.15) this.fit();
     this.fittedOnce = true;
     this.stale = true;
   }
@@ -221,9 +232,21 @@ export class Stage {
     this.resize();
   }
 
+  /** Draw each pane into its cell. */
   render() {
     this.lamp.position.copy(this.camera.position);
-    this.renderer.render(this.scene, this.camera);
+    this.renderer.setScissorTest(true);
+    const shown = this.panes.filter((pane) => pane.on), { clientHeight: height } = this.canvas.parentElement;
+    this.cells.forEach((cell, k) => {
+      for (const pane of this.panes) {
+        pane.solid.visible = pane === shown[k] && this.clothShown;
+        pane.threads.visible = pane === shown[k] && this.threadsShown;
+      }
+      const place = [cell.left, height - cell.top - cell.height, cell.width, cell.height];
+      this.renderer.setViewport(...place);
+      this.renderer.setScissor(...place);
+      this.renderer.render(this.scene, this.camera);
+    });
     this.stale = false;
   }
 }

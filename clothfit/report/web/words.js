@@ -22,21 +22,22 @@ export function length(metres) {
   return `${short(metres / size)} ${name}`;
 }
 
-/** Round values that divide low … high into about `count` parts. */
-export function ticks(low, high, count = 5) {
+/** Values that divide low … high into about `count` parts, round in a unit of that size. */
+export function ticks(low, high, count = 5, size = 1) {
+  if (size !== 1) return ticks(low / size, high / size, count).map((value) => value * size);
   const rough = (high - low) / count || 1;
   const power = 10 ** Math.floor(Math.log10(rough));
-  const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= rough);
+  const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= 0.6 * rough);
   const found = [];
   for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) found.push(k * step);
   return found;
 }
 
-/** Powers of ten within low … high, no more than about six. */
+/** Powers of ten within low … high, no more than about six; round values where there are less than two. */
 export function decades(low, high) {
   const first = Math.ceil(Math.log10(low) - 1e-9), last = Math.floor(Math.log10(high) + 1e-9);
   const every = Math.max(1, Math.ceil((last - first + 1) / 6));
   const found = [];
   for (let k = first; k <= last; k += every) found.push(10 ** k);
-  return found;
+  return found.length > 1 ? found : ticks(low, high, 3).filter((value) => value > 0);
 }
