@@ -29,10 +29,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
-from clothfit.fit.correlation import Correlation, strongest
 from clothfit.fit.posterior import Local, Posterior, learned_prior, posterior
 from clothfit.fit.sandwich import CHAOS, Kept
 from clothfit.motion.divergence import Diverged
+from clothfit.objective.correlation import Correlation, strongest
 from clothfit.objective.objective import Objective
 from clothfit.objective.running_cost import running_cost
 from clothfit.optimise import momentum, trajectory

@@ -10,13 +10,13 @@ from clothfit.base.arrays import Array
 from clothfit.base.messages import metres, owned
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.fit.confidence import Confidence
-from clothfit.fit.correlation import Correlation
 from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import HeldOut
 from clothfit.fit.model_choice import Judged
 from clothfit.fit.time_step import Step
 from clothfit.fit.verdict import ADEQUATE, Judgement, Verdict, position_rmse, reproduced, verdict
 from clothfit.motion.divergence import Diverged
+from clothfit.objective.correlation import Correlation
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search

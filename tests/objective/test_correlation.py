@@ -5,9 +5,9 @@ import pytest
 from helpers.scenes import even
 
 import clothfit
-from clothfit.fit.correlation import FEW, MOST, NOTABLE, STRONG, Value, strongest
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
+from clothfit.objective.correlation import FEW, MOST, NOTABLE, STRONG, Value, strongest
 from clothfit.scene.scene import load
 
 
