@@ -12,7 +12,7 @@ from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json, same_file
-from clothfit.cli.common.scenes import frames_of, read_scene, warn_of_steps, warn_of_stretch
+from clothfit.cli.common.scenes import frames_of, read_scene, warn_of_contacts, warn_of_steps, warn_of_stretch
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array
@@ -84,6 +84,7 @@ def command(
     console.detail("simulated")
     energy = clothfit.energies(scene, motion) if with_energy else None
     motions.write(motion, out, scene, convention, console, energy_arrays(energy))
+    warn_of_contacts(scene, motion, console, energy)
     if error is None:
         report(scene, motion, seconds, out, console)
     else:

@@ -12,7 +12,7 @@ from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, standard_command
 from clothfit.cli.common.output import output_for, print_json
-from clothfit.cli.common.scenes import frames_of, read_scene, warn_of_steps, warn_of_stretch
+from clothfit.cli.common.scenes import frames_of, read_scene, warn_of_contacts, warn_of_steps, warn_of_stretch
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Convention
@@ -73,6 +73,7 @@ def command(
     console.announce_compilation()
     recorded = record_target(scene, frames, tolerance)
     warn_of_stretch(scene, recorded, console)
+    warn_of_contacts(scene, recorded, console)
     motion = degrade(recorded, noise, observed, every, seed, fps)
     motions.write(motion, out, scene, convention, console)
     seen = 1.0 if motion.observed is None else float(motion.observed.mean())

@@ -84,6 +84,23 @@ class Energy:
         return float(rises[frame]), frame + 1
 
     @property
+    def own(self) -> tuple[Array, Array, Array]:
+        """What the cloths have without contacts, (frames,) J each: kinetic, elastic and gravity."""
+        return self.kinetic, self.elastic, self.gravity
+
+    @property
+    def gain(self) -> tuple[float, int]:
+        """The largest energy that the cloths have at a frame beyond the stored energy at the start and the work of the
+        wind, J, and that frame. What is in contacts counts only at the start: steps press vertices deep into spheres,
+        and the next ones take most of that away again.
+        """
+        with np.errstate(invalid="ignore"):
+            gains = sum(self.own) - self.wind - self.total[0]
+        gains[np.isnan(gains)] = np.inf
+        frame = int(np.argmax(gains))
+        return float(gains[frame]), frame
+
+    @property
     def scale(self) -> float:
         """The largest of the stored energies at any time that is finite, J: a rise is judged against it."""
         stored = np.abs([self.kinetic, self.elastic, self.gravity, self.contact])

@@ -14,8 +14,12 @@ from clothfit.cli.common.output import STREAM
 from clothfit.scene.text import name_of
 
 if TYPE_CHECKING:
+    from clothfit.motion.energy import Energy
     from clothfit.motion.motion import Motion
     from clothfit.scene.scene import Scene
+
+MOST_GAIN = 0.25
+"""Energy that contacts may add without a warning, relative to the largest that is kinetic, elastic or of the weight."""
 
 STRETCH_ADVICE = "the motion is not to be believed unless they are that soft; try a smaller delta"
 
@@ -64,6 +68,26 @@ def warn_of_steps(scene: Scene, frames: int, console: Console) -> None:
     sentence = warning(scene, frames - 1)
     if sentence:
         console.warn(sentence)
+
+
+def warn_of_contacts(scene: Scene, motion: Motion, console: Console, energy: Energy | None = None) -> None:
+    """Warn when contacts have given the cloths energy: steps do not feel a contact that begins within them."""
+    if not scene.spheres or len(motion.times) < 2:
+        return
+    import numpy as np
+
+    from clothfit.motion.energy import energies
+
+    found = energies(scene, motion) if energy is None else energy
+    gain, frame = found.gain
+    largest = max(np.abs(part).max(where=np.isfinite(part), initial=0.0) for part in found.own)
+    if gain <= MOST_GAIN * largest or not found.contact[: frame + 1].any():
+        return
+    console.warn(
+        f"{scene.name}: contacts have added energy: at frame {frame} the cloths have {gain:.3g} J more than at the "
+        f"start, and never more than {largest:.3g} J in one place; a cloth meets a sphere too fast for the time step, so "
+        "try a smaller delta"
+    )
 
 
 def warn_of_stretch(scene: Scene, motion: Motion, console: Console) -> None:
