@@ -85,8 +85,8 @@ def warn_of_contacts(scene: Scene, motion: Motion, console: Console, energy: Ene
         return
     console.warn(
         f"{scene.name}: contacts have added energy: at frame {frame} the cloths have {gain:.3g} J more than at the "
-        f"start, and never more than {largest:.3g} J in one place; a cloth meets a sphere too fast for the time step, so "
-        "try a smaller delta"
+        f"start, and never more than {largest:.3g} J in one place; a cloth meets a sphere too fast for the time step, "
+        "so try a smaller delta"
     )
 
 
