@@ -44,8 +44,9 @@ if TYPE_CHECKING:
     from clothfit.motion.motion import Motion as Motion
     from clothfit.motion.motion import as_motion as as_motion
     from clothfit.motion.simulate import simulate as simulate
-    from clothfit.objective.objective import Objective as Objective
+    from clothfit.objective.differentiable import Objective as Objective
     from clothfit.objective.objective import cost_and_gradient as cost_and_gradient
+    from clothfit.objective.own_cost import Residuals as Residuals
     from clothfit.report.page import report_page as report_page
     from clothfit.scene.cloth import Cloth as Cloth
     from clothfit.scene.fit_vector import parameters as parameters
@@ -70,7 +71,9 @@ _HOMES = {
     "motion.files": ("load_motion", "save_motion"),
     "motion.motion": ("Motion", "as_motion"),
     "motion.simulate": ("simulate",),
-    "objective.objective": ("Objective", "cost_and_gradient"),
+    "objective.differentiable": ("Objective",),
+    "objective.objective": ("cost_and_gradient",),
+    "objective.own_cost": ("Residuals",),
     "fit.estimate": ("estimate",),
     "fit.result": ("Fit",),
     "evaluation.evaluate": ("Evaluation", "evaluate"),

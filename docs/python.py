@@ -37,6 +37,7 @@ in SI units and all arrays are float64 unless something else is said. The packag
 | `Recorded` | a `Motion`, an array (frames, vertices, 3), or the path of a motion file |
 | `Targets` | one of these; a pair of one and the `Scene` of its recording; a list |
 | `Keywords`, `OlderNames` | the keyword arguments of `estimate`; older names of some, which work and warn |
+| `Compared` | what is compared: an objective by its name, several with their weights, or a cost of one's own |
 | `Readable` | a path, an open file, or a dict with the fields of the file |
 | P, n, S, T | the number of fitted values, and of a cloth's vertices, springs and triangles |
 
@@ -51,7 +52,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "energies", "Energy",
     ),
     "Fits": ("estimate", "Fit", "estimate_many", "evaluate", "Evaluation", "report_page"),
-    "Costs and gradients": ("cost_and_gradient", "Objective", "check_scene", "SceneCheck", "verify"),
+    "Costs and gradients": ("cost_and_gradient", "Objective", "Residuals", "check_scene", "SceneCheck", "verify"),
     "Speed and accuracy": ("work_precision", "WorkPrecision"),
     "Errors": ("ClothfitError", "InvalidInput", "InvalidScene", "InvalidMotion", "Diverged"),
 }  # fmt: skip
@@ -73,15 +74,6 @@ PARTS = {
     "WorkPrecision": ("evaluation.work_precision.Row",),
 }
 """Classes that one meets in the fields and results of others."""
-
-
-METHODS = {
-    "Objective": (
-        "cost", "cost_and_gradient", "tangent", "pullback", "rmse", "position_rmse", "until", "needs", "identifiable",
-        "observations", "frames", "steps",
-    ),
-}  # fmt: skip
-"""Of a class with many methods, those for users."""
 
 
 class Field(NamedTuple):
@@ -176,7 +168,7 @@ def methods(value: type) -> Iterator[tuple[str, str]]:
     assert isinstance(node, ast.ClassDef)
     assert module is not None
     for one in node.body:
-        if isinstance(one, ast.FunctionDef) and one.name in METHODS.get(value.__name__, (one.name.lstrip("_"),)):
+        if isinstance(one, ast.FunctionDef) and not one.name.startswith("_"):
             plain = any("property" in ast.unparse(decorator) for decorator in one.decorator_list)
             kind = f": {ast.unparse(one.returns)}" if one.returns else ""
             used = f"{one.name}{kind}" if plain else signature(one.name, one, module)

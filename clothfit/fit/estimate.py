@@ -22,7 +22,7 @@ from clothfit.base.limits import checked_tolerance
 from clothfit.base.memory import budget as memory_budget
 from clothfit.base.messages import metres
 from clothfit.engine.system import build
-from clothfit.fit import time_step
+from clothfit.fit import own_cost, time_step
 from clothfit.fit.confidence import confidence
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import held_out, split
@@ -39,7 +39,7 @@ from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate, simulate_cloths
 from clothfit.objective.experiment import Targets, experiments
 from clothfit.objective.memory_needs import Needs, check_own
-from clothfit.objective.objective import Objective
+from clothfit.objective.objective import Compared, Objective
 from clothfit.optimise import momentum
 from clothfit.optimise.checkpoint import Checkpoint, State, identity, opened
 from clothfit.optimise.progress import Progress
@@ -79,7 +79,7 @@ def estimate(
     rmse: float | None = None,
     tolerance: float | None = None,
     on_progress: Callable[[Progress], None] | None = None,
-    objective: str | Mapping[str, float] = "position",
+    objective: Compared = "position",
     loss: str = "linear",
     loss_scale: float | None = None,
     prior: float | str = "auto",
@@ -107,6 +107,12 @@ def estimate(
     `frames` of each target; of a target with its own scene, as many as that scene says. Without a target the fit is a
     trial: the target is simulated with the scene's own values, and the fit starts from values that do not depend on
     them.
+
+    `objective` may also be a cost of one's own: a function that takes a `Motion` of F frames and N vertices and returns
+    the cost, at least 0, and its derivative (F, N, 3) by the positions; it sees the motion at the times of the target's
+    frames, or without a target at those of the scene. It is minimised by "l-bfgs-b" or another minimiser of SciPy; as
+    `Residuals` also by "gauss-newton". The fit then starts from the scene's values as with a target, and knows no
+    hold-out, clock, placement or loss; `rmse` is the root of the cost.
 
     With a target the fit starts from the scene's values. `start` replaces them: a number for all masses and
     stiffnesses (for all values, where neither are fitted), an array (P,), or a scene whose values to take. `method` is
@@ -162,7 +168,8 @@ def estimate(
 
 def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions) -> Fit:
     """Do what `estimate` says, with its options as one object."""
-    options, hidden, began = options.checked(), target is None, time.monotonic()
+    target, options = own_cost.settled(scene, target, options.checked())
+    hidden, began = target is None, time.monotonic()
     if hidden and (options.substeps is not None or options.model == AUTO):
         what = "substeps" if options.substeps is not None else "model auto"
         raise InvalidInput(f"{what}: a target is needed; without one, the model and the step are the scene's")
@@ -174,7 +181,7 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     options = options.within(objective.rounding)
     if options.foreseen:
         options.foreseen(objective.needs)
-    hints = [] if hidden else early_hints(objective.experiments)
+    hints = [] if hidden or objective.own else early_hints(objective.experiments)
     given = None if hidden else objective.experiments
     same = identity(scene, given, start, **options.identity) if options.checkpoint else {}  # digests of all arrays
     checkpoint, state = opened(options.checkpoint, options.resume, same, len(parameters(scene)))

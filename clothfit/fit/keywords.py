@@ -17,6 +17,7 @@ from clothfit.fit.options import BUDGET, FitOptions
 if TYPE_CHECKING:
     from clothfit.fit.hints import Hint
     from clothfit.objective.memory_needs import Needs
+    from clothfit.objective.objective import Compared
     from clothfit.optimise.progress import Progress
     from clothfit.scene.scene import Scene
 
@@ -53,7 +54,7 @@ class Keywords(OlderNames, total=False):
     rmse: float | None
     tolerance: float | None
     on_progress: Callable[[Progress], None] | None
-    objective: str | Mapping[str, float]
+    objective: Compared
     loss: str
     loss_scale: float | None
     prior: float | str

@@ -19,6 +19,7 @@ from clothfit.base.messages import meant
 if TYPE_CHECKING:
     from clothfit.fit.hints import Hint
     from clothfit.objective.memory_needs import Needs
+    from clothfit.objective.objective import Compared
     from clothfit.optimise.checkpoint import Checkpoint
     from clothfit.optimise.progress import Progress
     from clothfit.scene.scene import Scene
@@ -48,7 +49,7 @@ class FitOptions:
     rmse_tolerance: float | None = None  # m, with another objective in the unit of that; None: as `within` says
     tolerance: float | None = None  # of the linear systems, relative; None: `FIT_TOLERANCE`
     report: Callable[[Progress], None] | None = None
-    objective: str | Mapping[str, float] = "position"
+    objective: Compared = "position"
     loss: str = "linear"
     loss_scale: float | None = None  # m
     prior: float | str = "auto"

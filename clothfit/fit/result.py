@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.base.messages import metres, owned
+from clothfit.base.messages import counted, metres, owned
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.fit.confidence import Confidence
 from clothfit.fit.hints import Hint
@@ -92,8 +92,9 @@ class Fit:
     def __repr__(self) -> str:
         values = sum(block.count for block in self.parameters)
         error = f"RMSE {metres(self.rmse)}" if np.isfinite(self.rmse) else f"cost {self.cost:.3g}"
-        used = f"{self.evaluations} evaluations in {self.seconds:.3g} s"
-        return f"<Fit of {self.scene.name}: {self.status}, {error} over {self.frames} frames, {values} values, {used}>"
+        sizes = f"{counted(self.frames, 'frame', 'frames')}, {counted(values, 'value', 'values')}"
+        used = f"{counted(self.evaluations, 'evaluation', 'evaluations')} in {self.seconds:.3g} s"
+        return f"<Fit of {self.scene.name}: {self.status}, {error} over {sizes}, {used}>"
 
     @property
     def relative_rmse(self) -> float | None:

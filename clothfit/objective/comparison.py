@@ -44,6 +44,13 @@ OBJECTIVES: dict[str, Maker] = {
 }
 
 
+OWN = "own"
+"""The name among the objectives of a cost of one's own (`own_cost`), which goes alone."""
+
+WHOLE = {"spectrum", OWN}
+"""Objectives that compare a whole motion, so that one of fewer frames says nothing of it."""
+
+
 def objective_weights(objective: str | Mapping[str, float]) -> dict[str, float]:
     """The weight of each objective, from one name or from names and weights. Raises InvalidInput."""
     weights = {objective: 1.0} if isinstance(objective, str) else {k: float(a) for k, a in dict(objective).items()}
@@ -155,7 +162,7 @@ class Comparison:
         measure = self.measures[name]
         jacobian = self._constant.get(name)
         if jacobian is None:
-            jacobian = self._by_state(measure.jacobian(s))
+            jacobian = by_state(self.goal, measure.jacobian(s))
             if measure.linear:
                 self._constant[name] = jacobian
         d = measure.residual(s)
@@ -163,11 +170,12 @@ class Comparison:
         values = jacobian.data * np.repeat(factor, np.diff(jacobian.indptr))
         return csr_array((values, jacobian.indices, jacobian.indptr), shape=jacobian.shape)
 
-    def _by_state(self, by_frame: csr_array) -> csr_array:
-        """∂d/∂x from ∂d/∂s: each column of a frame is shared by the steps that it lies between."""
-        from scipy.sparse import csr_array, eye_array, kron
 
-        coordinates = 3 * self.goal.observed.shape[1]
-        times = interpolation(self.goal.step, self.goal.fraction, self.last_step + 1)
-        spread = kron(times, eye_array(coordinates), format="csr")
-        return csr_array(by_frame @ spread)
+def by_state(goal: Target, by_frame: csr_array) -> csr_array:
+    """∂d/∂x from ∂d/∂s: each column of a frame is shared by the steps that it lies between."""
+    from scipy.sparse import csr_array, eye_array, kron
+
+    coordinates = 3 * goal.observed.shape[1]
+    times = interpolation(goal.step, goal.fraction, goal.last_step + 1)
+    spread = kron(times, eye_array(coordinates), format="csr")
+    return csr_array(by_frame @ spread)

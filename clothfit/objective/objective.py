@@ -9,28 +9,31 @@ the cost to about 1e-8; to 1e-14, as far as rounding allows.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
+from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import checked_tolerance
 from clothfit.base.memory import budget
 from clothfit.derivative import adjoint
 from clothfit.derivative.adjoint import CostDerivative, Observer, TrajectoryMemory
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
+from clothfit.engine.rollout import Rollout
 from clothfit.engine.snapshots import Plan
 from clothfit.engine.system import System, build
 from clothfit.engine.tape import Tape
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.rounding import rounding
 from clothfit.objective import memory_needs as storage
-from clothfit.objective.comparison import Comparison, objective_weights
+from clothfit.objective.comparison import OWN, Comparison, objective_weights
 from clothfit.objective.experiment import Experiment, Targets, experiments
 from clothfit.objective.identifiability import identifiable
-from clothfit.objective.loss import loss_named
+from clothfit.objective.loss import Loss, loss_named
 from clothfit.objective.memory_needs import Needs
+from clothfit.objective.own_cost import OwnComparison, OwnCost, Whole, moved, unseen
 from clothfit.objective.run import Run, at_rest, seen_in, simulate, still
 from clothfit.objective.running_cost import SquaredDistances, running_cost
 from clothfit.objective.target import first_step, target
@@ -44,17 +47,21 @@ NEGLIGIBLE_BYTES = 64_000_000
 """Bytes of matrices that are always allowed: the libraries of the program take as much."""
 
 
+Compared: TypeAlias = str | Mapping[str, float] | OwnCost
+"""What is compared: one objective by its name, several with their weights, or a cost of one's own."""
+
+
 class Objective:
     """The cost G(p) of one scene against one or more targets, with its gradient; prepared once, for many p (P,)."""
 
     def __init__(
         self,
         scene: Scene,
-        motion: Targets,
+        motion: Targets | None,
         tolerance: float | None = None,
         frames: int | Sequence[int | None] | None = None,
         *,
-        objective: str | Mapping[str, float] = "position",
+        objective: Compared = "position",
         loss: str = "linear",
         loss_scale: float | None = None,
         memory: int | str | None = None,
@@ -66,8 +73,9 @@ class Objective:
         scene must have the same objects; wind, places, fixed vertices and time step may differ. `scene` says what is
         flagged. The arrays are not copied and must not change.
 
-        `objective` is "position", "velocity", "edge-length", "spectrum", or a dict with the weight of each. `loss`,
-        "linear", "soft_l1" or "huber", says how outliers count, `loss_scale`, m, above which length. `tolerance` is
+        `objective` is "position", "velocity", "edge-length", "spectrum", or a dict with the weight of each; or a cost
+        of one's own (`own_cost`), which needs no `motion`: with None it sees the frames of the scene. `loss`, "linear",
+        "soft_l1" or "huber", says how outliers count, `loss_scale`, m, above which length. `tolerance` is
         that of the linear systems, relative (default: 1e-14). `memory` is how much may be held, in bytes or as "200MB"
         (default: half of what is free); it changes no result.
 
@@ -79,9 +87,11 @@ class Objective:
         self.tolerance = checked_tolerance(tolerance, TIGHT)
         self.blocks = scene.blocks
         self.cloths = fitted_cloths(scene)
-        self.weights = objective_weights(objective)
+        self.own = objective if callable(objective) else None
+        self.weights = {OWN: 1.0} if callable(objective) else objective_weights(objective)
         self.loss = loss_named(loss, loss_scale)
-        self.experiments = experiments(scene, motion)
+        self.experiments = experiments(scene, seen_by(self.own, scene, motion, self.loss))
+        self.wholes: dict[int, Whole] = {}  # of each target, where the cost is one's own
         self._ends = list(frames) if isinstance(frames, Sequence) else [frames] * len(self.experiments)
         self.runs = tuple(
             self._run(number, experiment, cloth, end)
@@ -93,6 +103,9 @@ class Objective:
         motion, scene = experiment
         goal = target(motion, cloth, scene.delta, None if frames is None else frames - 1)
         system = build(scene, cloth)
+        if self.own:
+            whole = self.wholes.setdefault(number, Whole(self.own, scene, motion, goal, self.cloths))
+            return Run(cloth, scene, system, OwnComparison(whole, goal, cloth), number)
         return Run(cloth, scene, system, Comparison(goal, system, self.weights, self.loss, motion.name), number)
 
     def until(self, frames: int | Sequence[int], tolerance: float | None = None) -> Objective:
@@ -116,7 +129,7 @@ class Objective:
         scale = None if self.loss.is_linear else self.loss.scale
         return Objective(
             scene, list(given), tolerance or self.tolerance, frames,
-            objective=self.weights, loss=self.loss.name, loss_scale=scale, memory=self.memory,
+            objective=self.own or self.weights, loss=self.loss.name, loss_scale=scale, memory=self.memory,
         )  # fmt: skip
 
     @cached_property
@@ -206,7 +219,11 @@ class Objective:
         return float(np.sqrt(cost / (sum(run.comparison.total_weight for run in self.runs) or 1.0)))
 
     def position_rmse(self, p: Array) -> float:
-        """Root mean square distance of the observed positions at p (P,), m, for any objective. Raises Diverged."""
+        """Root mean square distance of the observed positions at p (P,), m, for any objective; NaN where nothing is
+        observed. Raises Diverged.
+        """
+        if not self.observations:
+            return np.nan
         squares = 0.0
         for run in self.runs:
             distances = unweighted(run)
@@ -216,6 +233,9 @@ class Objective:
 
     def cost(self, p: Array) -> float:
         """G(p), m², for p (P,). Raises Diverged."""
+        if self.joint:
+            self.place(p)
+            return sum(whole.evaluated()[0] for whole in self.wholes.values())
         return sum(self.cost_of_run(run, p) for run in self.runs)
 
     def cost_of_run(self, run: Run, p: Array) -> float:
@@ -226,8 +246,9 @@ class Objective:
 
     def cost_or_infinity(self, p: Array, cloth: int | None = None) -> float:
         """G(p), m², or the part of one fitted cloth; infinite where the simulation diverges or the cost overflows."""
+        runs = [run for run in self.runs if cloth in (run.cloth, None)]
         try:
-            value = sum(self.cost_of_run(run, p) for run in self.runs if cloth in (run.cloth, None))
+            value = self.cost(p) if self.joint else sum(self.cost_of_run(run, p) for run in runs)
         except Diverged:
             return np.inf
         return value if np.isfinite(value) else np.inf
@@ -235,6 +256,8 @@ class Objective:
     def cost_and_gradient(self, p: Array) -> tuple[float, Array]:
         """G(p), m², and its exact gradient ∂G/∂p (P,). Raises Diverged."""
         total, gradient = 0.0, np.zeros(len(check_shape(self.scene, p)))
+        if self.joint:
+            self.place(p)
         for run in self.runs:
             cost = running_cost(run.comparison)
             system, tape = self.simulate(run, p, cost.update, plan=self.plan(run))
@@ -243,6 +266,25 @@ class Objective:
         if not np.isfinite(gradient).all():
             raise Diverged(f"{self.scene.name}: the gradient overflows", 0)
         return total, gradient
+
+    @property
+    def joint(self) -> bool:
+        """Whether the cost joins several objects that are fitted."""
+        return self.own is not None and len(self.cloths) > 1
+
+    def place(self, p: Array) -> None:
+        """Put all objects of a cost of one's own where p (P,) takes them. Raises Diverged."""
+        for run in self.runs:
+            self.simulate(run, p, moved(self.wholes[run.experiment], run.cloth))
+
+    def positions(self, p: Array) -> list[Array]:
+        """The positions (T + 1, n, 3), m, of each run at p (P,), after every step. Raises Diverged."""
+        found = []
+        for run in self.runs:
+            x = np.tile(run.system.x0, (run.steps + 1, 1, 1))
+            self.simulate(run, p, partial(keep, x))
+            found.append(x)
+        return found
 
     def tangent(self, p: Array, direction: Array) -> list[Array]:
         """Change of the positions (T + 1, n, 3) of each run along `direction` (P,) from p. Raises Diverged."""
@@ -289,6 +331,18 @@ class Objective:
         With a `plan` the motion can be swept back. Raises Diverged.
         """
         return simulate(run, p, self.tolerance, observers, plan)
+
+
+def keep(x: Array, chunk: Rollout) -> None:
+    """Copy the states after the steps of a chunk into those of the whole motion (T + 1, n, 3)."""
+    x[chunk.first + 1 : chunk.first + 1 + chunk.steps] = chunk.x[1:]
+
+
+def seen_by(own: OwnCost | None, scene: Scene, motion: Targets | None, loss: Loss) -> Targets:
+    """The targets of an objective; without any, the frames of the scene with nothing observed. Raises InvalidInput."""
+    if own is not None and not loss.is_linear:
+        raise InvalidInput("loss: a cost of one's own has its own; leave this out")
+    return unseen(scene) if motion is None else motion
 
 
 def unweighted(run: Run) -> SquaredDistances:

@@ -273,6 +273,9 @@ def plainly(value: object) -> str:
     """A text for a value of an option; numbers that are equal have the same."""
     if isinstance(value, Mapping):
         return ", ".join(f"{name}={plainly(each)}" for name, each in value.items())
+    if callable(value):
+        function = getattr(value, "function", value)
+        return f"{function.__module__}.{getattr(function, '__qualname__', type(function).__qualname__)}"
     return repr(float(value)) if isinstance(value, (int, float)) else str(value)
 
 

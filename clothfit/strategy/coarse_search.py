@@ -16,6 +16,7 @@ from itertools import product
 import numpy as np
 
 from clothfit.base.arrays import Array
+from clothfit.objective.comparison import WHOLE
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.objective.target import first_step, target
@@ -30,7 +31,7 @@ Exponents = tuple[float, ...]  # of ten, one per kind that is searched
 
 def best_scales(objective: Objective, patterns: Sequence[Array]) -> list[Array]:
     """The patterns (P,) with the masses and stiffnesses of each cloth multiplied by the best factors, best first."""
-    every = "spectrum" in objective.weights  # a spectrum needs all frames
+    every = bool(WHOLE & set(objective.weights))  # a spectrum needs all frames
     frames = [e.scene.frames if every else min(e.scene.frames, window(e)) for e in objective.experiments]
     early = objective.until(frames, COARSE_TOLERANCE)
     found = [scaled(early, np.array(p, float)) for p in patterns]

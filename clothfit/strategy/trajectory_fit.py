@@ -15,6 +15,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
+from clothfit.objective.comparison import WHOLE
 from clothfit.objective.objective import Objective
 from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import matrix_free, scipy_methods
@@ -192,7 +193,7 @@ def stages(search: Search, near: bool, windows: bool) -> list[Stage]:
     last = Stage(objective, 0.0, WHOLE_ITERATIONS, PATIENT)
     if near:
         return [last]
-    windows = windows and "spectrum" not in objective.weights  # that of a part is another spectrum
+    windows = windows and not WHOLE & set(objective.weights)
     lengths = window_lengths(first_window(objective), whole) if windows else [whole]
     patience = STAGE_PATIENCE if is_long(search) else PATIENT
     parts = [loosened(objective, frames) for frames in lengths[:-1]]

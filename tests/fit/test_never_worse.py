@@ -138,7 +138,7 @@ def test_the_found_scene_is_given_before_anything_else_is_looked_at(monkeypatch)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(module, "confidence", broken)
-    fit = estimate(scene, motions, **{**options, "intervals": True, "holdout": 0.2}, found=said.append)
+    fit = estimate(scene, motions, **{**options, "intervals": True, "holdout": 0.2}, on_found=said.append)
     assert [parameters(one).tolist() for one in said] == [parameters(fit.scene).tolist()]
     assert (fit.status, fit.holdout) == ("limit", None)
     assert fit.warnings == ["no intervals, as their computation was interrupted", "no holdout, as the fit was ended"]

@@ -40,6 +40,21 @@ if fit.status == "converged" and fit.rmse < 1e-6:
 fit = clothfit.estimate(guess, "target.pc2", budget="30s", rmse=1e-4, report=lambda progress: print(progress.cost))
 results = clothfit.estimate_many([guess], ["target.npz"], max_evaluations=50, substeps="auto")
 print(repr(results[0].fit), clothfit.evaluate(made, fit.scene, target=Path("target.npz")))
+
+
+def lowest(motion: clothfit.Motion) -> tuple[float, np.ndarray]:
+    return float(motion.positions[-1, 0, 1] ** 2), np.zeros(motion.positions.shape)
+
+
+def heights(motion: clothfit.Motion) -> tuple[np.ndarray, np.ndarray]:
+    return motion.positions[-1, :, 1], np.eye(motion.positions.size)[-48::3]
+
+
+own = clothfit.estimate(made, objective=lowest, max_evaluations=5)
+whole = clothfit.Objective(made)
+for x in whole.positions(p):
+    print(x.shape, whole.pullback(p, [np.ones_like(x)]).max(), whole.frames)
+own = clothfit.estimate(made, objective=clothfit.Residuals(heights), method="gauss-newton")
 for block in fit.parameters:
     print(block.name, len(block.at_bound), block.interval[0])
 
@@ -76,6 +91,7 @@ def output(tmp_path_factory):
         'fit.rmse.upper()\n'
         'motion.positions = p\n'
         'clothfit.estimate(made, presicion=1.0)\n'
+        'clothfit.estimate(made, objective=lambda motion: 1.0)\n'
     )
     return checked(tmp_path_factory.mktemp("types"), f"{SCRIPT}\n{names}\n{wrong}")
 
@@ -97,4 +113,4 @@ def test_it_knows_the_type_of_every_public_name(output):
 
 def test_it_finds_calls_that_are_wrong(output):
     last = SCRIPT.count("\n") + len(clothfit.__all__) + 2
-    assert lines(output, "error") == [last + k for k in (1, 2, 3, 4, 5)], output
+    assert sorted(set(lines(output, "error"))) == [last + k for k in (1, 2, 3, 4, 5, 6)], output
