@@ -22,11 +22,11 @@ from clothfit.base.limits import checked_tolerance
 from clothfit.base.memory import budget as memory_budget
 from clothfit.base.messages import metres
 from clothfit.engine.system import build
-from clothfit.fit import own_cost, time_step
+from clothfit.fit import time_step
 from clothfit.fit.confidence import confidence
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import held_out, split
-from clothfit.fit.keywords import Keywords, OlderNames, options_of
+from clothfit.fit.keywords import Keywords, OlderNames, options_of, settled
 from clothfit.fit.model_choice import judged
 from clothfit.fit.options import AUTO, FIT_TOLERANCE, FitOptions
 from clothfit.fit.preparation import Prepared, flagged, prepared
@@ -168,7 +168,7 @@ def estimate(
 
 def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions) -> Fit:
     """Do what `estimate` says, with its options as one object."""
-    target, options = own_cost.settled(scene, target, options.checked())
+    target, options = settled(scene, target, options.checked())
     hidden, began = target is None, time.monotonic()
     if hidden and (options.substeps is not None or options.model == AUTO):
         what = "substeps" if options.substeps is not None else "model auto"

@@ -1,21 +1,24 @@
 """The keyword arguments of a fit. They have the names of the command's options; what Python alone has begins with `on_`
 for what is called, or says what the option leaves out (`--no-intervals`: `intervals`).
 
-Names of before this agreement still work and warn.
+Names of before this agreement still work and warn. With a cost of one's own some arguments mean something else.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, TypedDict
 
+from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import duration
-from clothfit.fit.options import BUDGET, FitOptions
+from clothfit.fit.options import AUTO, BUDGET, FitOptions
 
 if TYPE_CHECKING:
     from clothfit.fit.hints import Hint
+    from clothfit.objective.experiment import Targets
     from clothfit.objective.memory_needs import Needs
     from clothfit.objective.objective import Compared
     from clothfit.optimise.progress import Progress
@@ -32,6 +35,9 @@ RENAMED = {
     "seconds": "budget", "rmse_tolerance": "rmse",
 }  # fmt: skip
 """Older names of arguments to those of now."""
+
+RESIDUALS_METHOD, OWN_METHOD = "gauss-newton", "l-bfgs-b"
+"""What `auto` means for a cost of one's own, with and without residuals."""
 
 
 class OlderNames(TypedDict, total=False):
@@ -106,3 +112,37 @@ def options_of(caller: str, given: Mapping[str, Any], level: int = 3) -> FitOpti
 def deprecated(text: str, level: int) -> None:
     """Warn of an older way to call, at the call that is `level` calls up from where it is noticed."""
     warnings.warn(text, DeprecationWarning, stacklevel=level + 1)
+
+
+def settled(scene: Scene, target: Targets | None, options: FitOptions) -> tuple[Targets | None, FitOptions]:
+    """The target and the options of a fit; those of one by a cost of one's own (`objective.own_cost`) as the other
+    parts of a fit know them. Raises InvalidInput where an option does not go with that.
+    """
+    if not callable(options.objective):
+        return target, options
+    from clothfit.objective.own_cost import Residuals, unseen
+    from clothfit.optimise.scipy_methods import METHODS
+    from clothfit.scene.fit_vector import fitted_cloths
+
+    refuse(options)
+    linear = isinstance(options.objective, Residuals) and len(fitted_cloths(scene)) == 1
+    method = options.method
+    if method == AUTO:
+        method = RESIDUALS_METHOD if linear else OWN_METHOD
+    if method not in METHODS and not (linear and method == RESIDUALS_METHOD):
+        needed = "Residuals of one object" if method == RESIDUALS_METHOD else "an objective of this program"
+        raise InvalidInput(f"method: {method} needs {needed}; with a cost of one's own use {OWN_METHOD}")
+    keep_step = options.substeps is None
+    found = replace(options, method=method, intervals=options.intervals and linear, keep_step=keep_step)
+    return unseen(scene) if target is None else target, found
+
+
+def refuse(options: FitOptions) -> None:
+    """Raise InvalidInput where an option needs to know what is compared."""
+    given = {
+        "holdout": options.holdout is not None, "fit_time": options.fit_time, "fit_placement": options.fit_placement,
+        "loss": options.loss != "linear", "model auto": options.model == AUTO,
+        "substeps auto": options.substeps == AUTO,
+    }  # fmt: skip
+    for name in (name for name, is_given in given.items() if is_given):
+        raise InvalidInput(f"{name}: does not go with a cost of one's own, as it needs to know what is compared")
