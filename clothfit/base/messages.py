@@ -80,6 +80,14 @@ def metres(value: float) -> str:
     return f"{value / 1e-9:.3g} nm"
 
 
+def kilograms(value: float) -> str:
+    """Write a mass in the unit that suits its size."""
+    for unit, size in (("t", 1e3), ("kg", 1.0), ("g", 1e-3), ("mg", 1e-6)):
+        if value >= size:
+            return f"{value / size:.3g} {unit}"
+    return f"{value / 1e-9:.3g} µg"
+
+
 def meant(wrong: str, names: Iterable[str]) -> str:
     """Ask about the name that was probably meant, if any: `; did you mean estimate?`."""
     from difflib import get_close_matches  # loaded only after a slip, as every command should start quickly

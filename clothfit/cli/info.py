@@ -1,18 +1,21 @@
-"""`clothfit info`: what is in a scene?"""
+"""`clothfit info`: what is in a file?"""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted, owned
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import print_json
 from clothfit.cli.common.scenes import read_scene
+from clothfit.formats.recognition import CHECKPOINT, EITHER, LOG, MAP, MESH, MOTION, PAGE, kind_of
 
 if TYPE_CHECKING:
     from clothfit.inspection.forecast import Forecast
@@ -22,23 +25,55 @@ if TYPE_CHECKING:
 BESIDE = 4
 """Objects in one table."""
 
+RECORDS = (MOTION, MESH, EITHER, CHECKPOINT, LOG)
+"""Kinds of files that are no scenes, and have something to print."""
+
 MOST_LISTED = 5
 """Parts and spheres that are told one by one."""
 
 
 @standard_command("info")
-@click.argument("scene_path", metavar="SCENE")
-def command(scene_path: str, as_json: bool, console: Console) -> None:
-    """Print what SCENE holds: counts, masses, stiffnesses, the parameters to fit, the stable steps and the memory it
-    takes.
+@click.argument("path_given", metavar="FILE")
+def command(path_given: str, as_json: bool, console: Console) -> None:
+    """Print what FILE holds. Of a scene: counts, masses, stiffnesses, the parameters to fit, the stable steps and the
+    memory it takes; of a motion: frames, points, rate, axes, size, gaps. Meshes, checkpoints and logs are known too.
 
     \b
     clothfit info scene.json
-    clothfit info scene.json --json
+    clothfit info capture.c3d
+    clothfit info shirt.obj --json
     """
+    kind = kind_of(path_given)
+    if kind in RECORDS:
+        show_record(path_given, str(kind), as_json, console)
+    elif kind == PAGE:
+        raise InvalidInput(f"{path_given} is a page; open it in a browser")
+    elif kind == MAP:
+        raise InvalidInput(f"{path_given} is a map of markers to vertices; it goes with --map")
+    else:
+        of_scene(path_given, as_json, console)
+
+
+def show_record(path: str, kind: str, as_json: bool, console: Console) -> None:
+    """Print what a file holds that is no scene."""
+    from clothfit.cli.looking import lines, records
+
+    own = records.either(path) if kind == EITHER else getattr(records, kind)(path)
+    for sentence in own["warnings"]:
+        console.warn(f"{os.path.basename(path)}: {sentence}")
+    rows = getattr(lines, own["kind"])(own)
+    console.result(f"{os.path.basename(path)}: {own['kind']}")
+    console.result("\n".join(f"{name:<13}  {cell}" for name, cell in rows.items()))
+    if as_json:
+        print_json("info", own)
+
+
+def of_scene(scene_path: str, as_json: bool, console: Console) -> None:
+    """Print what a scene holds."""
     scene = read_scene(scene_path, console)
     from clothfit.base.memory import free
     from clothfit.inspection.divisions import divisions
+    from clothfit.inspection.doubts import doubts
     from clothfit.inspection.forecast import forecast
     from clothfit.inspection.overview import beyond_bounds, beyond_editor, facts, flagged, unknown_fields
     from clothfit.scene.mesh_numbering import numberings
@@ -49,6 +84,10 @@ def command(scene_path: str, as_json: bool, console: Console) -> None:
     meshes = [None if each is None else len(each) for each in numberings(scene)]
     for sentence in beyond_bounds(scene):
         console.warn(f"{scene.name}: {sentence}")
+    unlikely = [doubts([b - a for a, b in zip(own.low, own.high, strict=True)], own.mass.total) for own in objects]
+    for index, sentences in enumerate(unlikely):
+        for sentence in sentences:
+            console.warn(f"{scene.name}: objects[{index}]: {sentence}")
     show_scene(scene, console)
     if foreign := beyond_editor(scene):
         console.result(foreign)
@@ -69,7 +108,7 @@ def command(scene_path: str, as_json: bool, console: Console) -> None:
         ]
         found = {"objects": each_object, "flagged": [asdict(each) for each in wanted]}
         others = {"stability": [asdict(each) for each in ahead.steps], "memory": needed, "unknown_fields": strange}
-        print_json("info", {**whole(scene), **found, **others, "warnings": scene.warnings})
+        print_json("info", {**whole(scene), **found, **others, "warnings": scene.warnings, "doubts": unlikely})
 
 
 def whole(scene: Scene) -> dict[str, Any]:
@@ -77,6 +116,7 @@ def whole(scene: Scene) -> dict[str, Any]:
     from clothfit.scene.kinds import INTEGRATORS, OF_THE_EDITOR
 
     return {
+        "kind": "scene",
         "scene": scene.name,
         "title": scene.title,
         "integrator": INTEGRATORS[scene.method],

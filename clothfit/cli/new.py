@@ -141,6 +141,9 @@ def made(cloth: Cloth, fixed: Flags, asked: Asked, title: str) -> Scene:
 
 def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
     """Say what the scene holds, and what about it is not as one may think."""
+    import numpy as np
+
+    from clothfit.inspection.doubts import doubts, extent
     from clothfit.inspection.overview import beyond_bounds
     from clothfit.scene.kinds import INTEGRATORS
 
@@ -155,11 +158,14 @@ def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
     console.say(f"fixed: {held}")
     for sentence in divided(own).sentences:
         console.say(sentence)
+    size = np.ptp(own.positions, axis=0).tolist()
+    for sentence in doubts(size, float(own.mass.sum())):
+        console.warn(f"{out.name}: {sentence}")
     console.detail(f"drag {own.drag:.4g}, damping {own.damping:.4g}")
     console.say(
         f"{scene.title}: {len(own.mass)} vertices, {counted(len(own.triangles), 'triangle', 'triangles')}, "
         f"{len(own.springs)} springs, "
-        f"{own.mass.sum():.4g} kg, {scene.frames} frames of {scene.delta:.4g} s → {out.name}"
+        f"{extent(size)}, {own.mass.sum():.4g} kg, {scene.frames} frames of {scene.delta:.4g} s → {out.name}"
     )
 
 
@@ -181,6 +187,7 @@ def summary(scene: Scene, cloth: Cloth, out: Output) -> dict[str, Any]:
         "vertices": len(own.mass),
         "triangles": len(own.triangles),
         "springs": len(own.springs),
+        "size": [float(high - low) for low, high in zip(own.positions.min(0), own.positions.max(0), strict=True)],
         "mass": float(own.mass.sum()),
         "fixed": own.fixed.nonzero()[0].tolist(),
         "renumbered": cloth.numbering is not None,

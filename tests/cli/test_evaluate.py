@@ -107,7 +107,7 @@ def test_a_scene_from_standard_input(paths):
         (["scene.json", "other.json"], "other.json: its objects have (vertices, springs)"),
         (["scene.json", "fitted.json", "--steps", "0"], "--steps must be at least 1; 0 was given"),
         (["scene.json", "fitted.json", "--target", "absent.npz"], "absent.npz: there is no such file"),
-        (["scene.json", "fitted.json", "--target", "scene.json"], "scene.json: cannot be read as .npz or .npy"),
+        (["scene.json", "fitted.json", "--target", "scene.json"], "scene.json is a scene; did you mean SCENE"),
     ],
 )
 def test_what_cannot_be_compared_is_code_3_and_one_line(paths, tmp_path, monkeypatch, capsys, arguments, message):

@@ -73,8 +73,11 @@ def where(message: str, arguments: Sequence[str], error: BaseException | None) -
         return ": ".join(filter(None, parts)) or None
     if match := OPTION.match(message):
         return match[0]
-    for name in {name for each in arguments for name in (each, os.path.basename(each))} | {"standard input"}:
-        if name and message.startswith(f"{name}: "):
+    names = {name for each in arguments for name in (each, os.path.basename(each))} | {"standard input"}
+    for name in sorted(filter(None, names), key=len, reverse=True):
+        if message.startswith(f"{name} is a"):
+            return name
+        if message.startswith(f"{name}: "):
             place = split(message.removeprefix(f"{name}: "))["place"]
             return f"{name}: {place}" if place else name
     return None

@@ -16,6 +16,7 @@ from clothfit.base.version import __version__
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.help import ExamplesFirst, Sections, complete_files
 from clothfit.cli.common.output import Printed, streams
+from clothfit.cli.common.places import check_places
 
 F = TypeVar("F", bound=Callable[..., object])
 Action = Callable[..., int | None]
@@ -41,6 +42,7 @@ def standard_command(name: str, sections: Sections | None = None) -> Callable[[A
             elsewhere = streams(arguments)
             Printed.begin(name, elsewhere)
             data = elsewhere or arguments["as_json"]
+            check_places(name, arguments)
             console = Console(quiet or before.get("quiet", False), verbose or before.get("verbose", False), data)
             return function(**arguments, console=console)
 

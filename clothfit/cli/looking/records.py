@@ -1,0 +1,129 @@
+"""Motions, meshes, checkpoints and logs in numbers: what `clothfit info --json` prints of them."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags
+from clothfit.formats.convention import Reading
+from clothfit.inspection.doubts import doubts
+
+
+def motion(path: str) -> dict[str, Any]:
+    """The facts of a motion's file, of any format; lengths in m, times in s. Raises InvalidInput."""
+    from clothfit.motion import foreign
+
+    loaded = foreign.load(path, None, Reading())
+    own, taken = loaded.motion, loaded.interpretation
+    seen: Flags = np.ones(own.positions.shape[:2], bool) if own.observed is None else own.observed
+    box = corners(own.positions[seen])
+    size = [high - low for low, high in zip(*box, strict=True)]
+    summary = taken.summary()
+    return {
+        "kind": "motion",
+        **{key: summary[key] for key in ("file", "format", "frames", "points", "duration", "rate", "notes")},
+        "fps": summary["fps"] if loaded.timed else None,
+        "timed": loaded.timed,
+        **{key: summary[key] for key in ("scale", "up", "handedness")},
+        "faces": 0 if loaded.triangles is None else len(loaded.triangles),
+        "low": box[0],
+        "high": box[1],
+        "size": size,
+        "first": frame(own.positions[0], seen[0], float(own.times[0])),
+        "last": frame(own.positions[-1], seen[-1], float(own.times[-1])),
+        "observed": float(seen.mean()) if seen.size else 0.0,
+        "never_observed": int((~seen.any(axis=0)).sum()),
+        "travel": travel(own.positions, seen),
+        "warnings": doubts(size),
+    }
+
+
+def corners(points: Array) -> tuple[list[float], list[float]]:
+    """The two corners of the bounding box of points (n, 3); at the origin where there are none."""
+    if not len(points):
+        return [0.0] * 3, [0.0] * 3
+    return points.min(axis=0).tolist(), points.max(axis=0).tolist()
+
+
+def frame(positions: Array, seen: Flags, time: float) -> dict[str, Any]:
+    """A frame: its time, its corners, and how many of its points are seen."""
+    low, high = corners(positions[seen])
+    return {"time": time, "low": low, "high": high, "observed": int(seen.sum())}
+
+
+def travel(positions: Array, seen: Flags) -> float:
+    """The root mean square distance from frame 0, m, of what is seen in both."""
+    both = seen & seen[0]
+    gaps = np.linalg.norm(positions - positions[0], axis=2)[both]
+    return float(np.sqrt((gaps**2).mean())) if len(gaps) else 0.0
+
+
+def mesh(path: str) -> dict[str, Any]:
+    """The facts of a mesh's file. Raises InvalidInput."""
+    from clothfit.meshes.mesh_file import read_mesh
+    from clothfit.meshes.problems import problems
+
+    found, notes = read_mesh(path)
+    low, high = corners(found.positions)
+    size = [b - a for a, b in zip(low, high, strict=True)]
+    return {
+        "kind": "mesh",
+        "file": os.path.basename(path),
+        "vertices": len(found.positions),
+        "triangles": len(found.triangles),
+        "low": low,
+        "high": high,
+        "size": size,
+        "textured": found.texture is not None,
+        "parts": {name: len(vertices) for name, vertices in found.parts},
+        "notes": list(notes),
+        "problems": [each.sentence for each in problems(found)],
+        "warnings": doubts(size),
+    }
+
+
+def either(path: str) -> dict[str, Any]:
+    """The facts of a file that may have one frame or many. Raises InvalidInput."""
+    found = motion(path)
+    return mesh(path) if found["frames"] == 1 and found["faces"] else found
+
+
+def checkpoint(path: str) -> dict[str, Any]:
+    """The facts of a checkpoint. Raises InvalidInput."""
+    from clothfit.base.reading import unchanged, whole
+    from clothfit.optimise.checkpoint import decoded
+
+    with unchanged(path) as file:
+        _, state = decoded(whole(file), os.path.basename(path))
+    return {
+        "kind": "checkpoint",
+        "file": os.path.basename(path),
+        "parameters": len(state.best),
+        "fitted": len(state.y) or None,
+        "cost": state.cost,
+        "evaluations": len(state.history),
+        "seconds": state.seconds,
+        "status": None if state.status is None else str(state.status),
+        "model": state.model or None,
+        "substeps": state.substeps or None,
+        "warnings": list(state.warnings),
+    }
+
+
+def log(path: str) -> dict[str, Any]:
+    """The facts of a log of a fit. Raises InvalidInput."""
+    from clothfit.report.log import read_log
+
+    found = read_log(path)
+    keys = ("scene", "status", "method", "rmse", "evaluations", "seconds", "output")
+    return {
+        "kind": "log",
+        "file": os.path.basename(path),
+        "points": len(found.points),
+        **{key: found.summary.get(key) for key in keys},
+        "finished": bool(found.summary),
+        "warnings": list(found.warnings),
+    }

@@ -1,0 +1,58 @@
+"""What a file is, by its first bytes and its name: so that one in the wrong place can be told its right one.
+
+The answer is for messages and for `clothfit info`; whoever reads a file finds out for sure.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from contextlib import suppress
+
+from clothfit.formats.registry import NATIVE, foreign, suffix_of
+
+SCENE, MOTION, MESH, EITHER = "scene", "motion", "mesh", "mesh or motion"
+CHECKPOINT, LOG, PAGE, MAP = "checkpoint", "log", "page", "map"
+
+FIRST = 1 << 16  # bytes that are looked at
+ALONE = (".obj", ".ply", ".stl")  # suffixes of meshes of one frame
+ANIMATED = (".glb", ".gltf", ".usd", ".usda", ".usdc", ".abc")  # suffixes of what may have one frame or many
+BEGINNINGS = (
+    (b"clothfit checkpoint ", CHECKPOINT), (b"PK\x03\x04", MOTION), (b"\x93NUMPY", MOTION),
+    (b"<!doctype html", PAGE), (b"<html", PAGE),
+)  # fmt: skip
+
+
+def kind_of(path: str) -> str | None:
+    """One of the kinds above; None for what is not known, and for what is no file, such as a pipe."""
+    if "*" in path and suffix_of(path) == ".obj":
+        return MOTION
+    try:
+        if not os.path.isfile(path):
+            return None
+        with open(path, "rb") as file:
+            first = file.read(FIRST).removeprefix(b"\xef\xbb\xbf").lstrip()
+    except (OSError, ValueError):
+        return None
+    if not first:
+        return None
+    for beginning, kind in BEGINNINGS:
+        if first[: len(beginning)].lower() == beginning.lower():
+            return kind
+    suffix = suffix_of(path)
+    if first.startswith(b"{") and suffix != ".gltf":
+        return LOG if _is_log(first) else SCENE
+    if suffix == ".csv" and b"vertex" in first.split(b"\n", 1)[0].lower():
+        return MAP
+    if suffix in ALONE:
+        return MESH
+    if suffix in ANIMATED:
+        return EITHER
+    return MOTION if foreign(path) is not None or suffix in NATIVE else None
+
+
+def _is_log(first: bytes) -> bool:
+    with suppress(ValueError, RecursionError):
+        line = json.loads(first.split(b"\n", 1)[0])
+        return isinstance(line, dict) and ("iteration" in line or set(line) == {"summary"})
+    return False
