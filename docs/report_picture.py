@@ -1,23 +1,22 @@
 """The picture of a report in `docs/report.md`: `python docs/report_picture.py`. Needs Playwright, Pillow and Chromium.
 
-It fits `examples/flag.json`, and shows the page in light colours and, to the right, in dark ones.
+It fits the shirt of the gallery, and shows the page in light colours and, to the right, in dark ones.
 """
 
 from __future__ import annotations
 
 import io
+import os
 import shutil
 import tempfile
 from pathlib import Path
 
+from gallery import SHIRT, shoot
 from PIL import Image
 
-from clothfit.cli.program import run
-
 DOCS = Path(__file__).resolve().parent
-SCENE = DOCS.parent / "examples" / "flag.json"
 SIZE = {"width": 1280, "height": 800}
-FRAME, CUT = 75, 814  # the cut, in pixels, is between the columns
+FRAME, CUT = 30, 814  # the cut, in pixels, is between the columns
 ARGUMENTS = ["--no-sandbox", "--disable-quic", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
@@ -44,9 +43,12 @@ def shots(page_path: Path) -> list[Image.Image]:
 def main() -> None:
     """Write the picture."""
     with tempfile.TemporaryDirectory() as folder:
-        page = Path(folder) / "report.html"
-        run(["estimate", str(SCENE), "-o", str(Path(folder) / "flag.fitted.json"), "--report", str(page), "-q"])
-        light, dark = shots(page)
+        shutil.copytree(DOCS.parent / "examples", Path(folder) / "examples")
+        os.chdir(folder)
+        *before, fit = [command for command in SHIRT.commands if "guess.gif" not in command]
+        shoot(SHIRT._replace(commands=(*before, fit.replace("--gif fit.gif", "--report report.html"))))
+        light, dark = shots(Path(folder) / "report.html")
+        os.chdir(DOCS)
     light.paste(dark.crop((CUT, 0, *dark.size)), (CUT, 0))
     light.save(DOCS / "report.png", optimize=True)
 

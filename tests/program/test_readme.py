@@ -4,12 +4,15 @@ import io
 import re
 import shlex
 import shutil
+import subprocess
+import sys
 from contextlib import redirect_stderr, redirect_stdout
 
 import numba
 import pytest
 from helpers.paths import ROOT
 
+import clothfit
 from clothfit.cli.program import run
 
 CUT = "[…]"
@@ -80,13 +83,26 @@ def test_the_first_page_shows_all_of_a_day():
     assert {command.split()[0] for command, _ in commands("first")} >= {"simulate", "target", "estimate", "evaluate"}
 
 
-def test_its_first_command_draws_the_picture_that_the_page_shows(checkout):
+def test_its_first_command_makes_the_fit_that_its_first_picture_shows(checkout):
+    (first,) = blocks("sh")
+    fit = first.strip().removeprefix("clothfit ").partition(" --report")[0]
+    gallery = (ROOT / "docs" / "gallery.md").read_text("utf-8").replace(" \\\n    ", " ")
+    (shown,) = re.findall(r"^```sh\n(python [^`]* shirt\.pc2[^`]*)^```", gallery, re.MULTILINE)
+    steps = [line for line in shown.splitlines() if " --gif" not in line]
+    assert any(line.startswith(f"clothfit {fit} ") for line in shown.splitlines())
+    subprocess.run([sys.executable, *steps[0].split()[1:]], check=True)
+    commands = [*(line.removeprefix("clothfit ") for line in steps[1:]), first.removeprefix("clothfit ")]
+    assert [run(shlex.split(command)) for command in commands] == [0] * len(commands)
+    assert (checkout / "fit.html").stat().st_size > 500_000
+    evaluation = clothfit.evaluate(clothfit.load("theirs.json"), clothfit.load("fitted.json"), horizon=100)
+    assert evaluation.fitted.rmse < 1e-4  # the --rmse of the command
+
+
+def test_the_picture_of_a_fit_is_drawn_as_its_page_says(checkout):
     pytest.importorskip("matplotlib", reason="matplotlib draws the picture")
     pictures = (ROOT / "docs" / "pictures.md").read_text("utf-8").replace("\n", " ")
-    (first,) = blocks("sh")
-    assert first.strip() in pictures  # with the command that makes the capture
-    capture = re.search(r"`clothfit (target [^`]* -o capture\.npz)`", pictures)[1]
-    assert [run(shlex.split(command)) for command in (capture, first.removeprefix("clothfit "))] == [0, 0]
+    capture, fit = (re.search(rf"`clothfit ({words}[^`]*)`", pictures)[1] for words in ("target ", "estimate ex"))
+    assert [run(shlex.split(command)) for command in (capture, fit)] == [0, 0]
     assert (checkout / "estimate.png").read_bytes().startswith(b"\x89PNG")
 
 
