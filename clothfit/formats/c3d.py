@@ -61,7 +61,8 @@ def _positions(found: Parameters, path: str | os.PathLike[str]) -> Array:
     if not points or frames < 1 or start <= 0:
         raise InvalidMotion(f"{name_of(path)}: there are no markers in it")
     if frames > there:
-        raise InvalidMotion(f"{name_of(path)}: it ends early: {frames} frames are promised, {there} are there")
+        short = f"it ends early: {frames} frames are promised, {there} are there; export it again"
+        raise InvalidMotion(f"{name_of(path)}: {short}")
     check_room(frames * row * 8 * 4, path)
     if width == 4:
         table: NDArray[np.float64] = found.reals(start, frames * row).astype(np.float64)

@@ -13,10 +13,13 @@ from __future__ import annotations
 
 import os
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from clothfit.base.errors import InvalidInput
+from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.formats.axes import RIGHT, Axes
+
+if TYPE_CHECKING:
+    from clothfit.formats.animation import Animation
 
 
 class Format(NamedTuple):
@@ -58,7 +61,7 @@ def format_of(path: str | os.PathLike[str]) -> Format | None:
     found = foreign(path)
     if found is None and suffix_of(path) not in NATIVE:
         known = ", ".join([NATIVE[0], *(suffix for each in FORMATS for suffix in each.suffixes)])
-        raise InvalidInput(f"{os.fspath(path)}: no motion format has that suffix; known are {known}")
+        raise InvalidInput(f"{os.fspath(path)}: no motion format has that suffix; known are {known}; export it as one")
     return found
 
 
@@ -66,6 +69,18 @@ def foreign(path: object) -> Format | None:
     """The format of another program's file by its suffix; None for any other suffix or object."""
     suffix = suffix_of(path) if isinstance(path, (str, os.PathLike)) else ""
     return next((each for each in FORMATS if suffix in each.suffixes), None)
+
+
+def read(found: Format, path: str | os.PathLike[str]) -> Animation:
+    """Read a file of a format. Raises InvalidMotion, and InvalidInput when the library that reads it is missing."""
+    module = module_of(found)
+    try:
+        content: Animation = module.read(path)
+    except InvalidMotion as error:
+        from clothfit.formats.signatures import explained
+
+        raise explained(path, suffix_of(path), error) from None
+    return content
 
 
 def suffix_of(path: str | os.PathLike[str]) -> str:

@@ -12,7 +12,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.formats import obj
 from clothfit.formats.axes import facing, to_scene
 from clothfit.formats.convention import Convention
-from clothfit.formats.registry import foreign, module_of, suffix_of
+from clothfit.formats.registry import foreign, read, suffix_of
 from clothfit.meshes.mesh import Mesh
 
 FARTHEST_VERTEX = 1e9
@@ -33,10 +33,12 @@ def read_mesh(
     """
     name = os.fspath(path)
     suffix, found = suffix_of(name), foreign(name)
-    if found is None or suffix not in MESHES:
-        raise InvalidInput(f"{name}: no mesh format has that suffix; known are {', '.join(MESHES)}")
+    if found is not None and suffix not in MESHES:
+        raise InvalidInput(f"{name}: {found.name} hold no faces; a mesh is needed, in {', '.join(MESHES)}")
+    if found is None:
+        raise InvalidInput(f"{name}: no mesh format has that suffix; known are {', '.join(MESHES)}; export it as one")
     convention = Convention(scale, up, handedness)
-    animation = module_of(found).read(sources(name)[0])
+    animation = read(found, sources(name)[0])
     axes = convention.axes(animation.axes)
     if animation.triangles is None or not len(animation.triangles):
         raise InvalidInput(f"{name}: has no faces; a cloth is made of triangles")

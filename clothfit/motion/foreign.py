@@ -25,12 +25,12 @@ from clothfit.formats.animation import ASSUMED_RATE, Animation
 from clothfit.formats.axes import SCENE, Axes, facing, to_scene
 from clothfit.formats.convention import Reading
 from clothfit.formats.files import name_of, refused
-from clothfit.formats.registry import Format, foreign, module_of
+from clothfit.formats.registry import Format, foreign, format_of, read
 from clothfit.motion.alignment import Alignment, alignment
 from clothfit.motion.markers import Matches, initial, matched
 from clothfit.motion.motion import Motion, at_frames, check_motion
 from clothfit.motion.motion import load_motion as load_native
-from clothfit.motion.native import described
+from clothfit.motion.native import described, is_strange
 from clothfit.scene.mesh_numbering import mesh_counts, picks
 from clothfit.scene.scene import Scene
 
@@ -125,8 +125,10 @@ def load(
         with refused(path_or_file), unchanged(path_or_file) as file:  # a pipe, which can be read only once
             return _native(io.BytesIO(npz.content(file)), scene, reading, name)
     if found is None:
+        if is_strange(path_or_file):
+            format_of(path_or_file)  # which refuses its suffix
         return _native(path_or_file, scene, reading, name)
-    return _foreign(module_of(found).read(path_or_file), found, scene, reading, name)
+    return _foreign(read(found, path_or_file), found, scene, reading, name)
 
 
 def _foreign(read: Animation, found: Format, scene: Scene | None, reading: Reading, name: str) -> Loaded:

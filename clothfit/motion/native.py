@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import zipfile
 from typing import IO, Any, NamedTuple
 
 import numpy as np
@@ -12,6 +13,10 @@ from numpy.typing import NDArray
 from clothfit.base import npz
 from clothfit.base.arrays import Indices
 from clothfit.base.reading import unchanged
+from clothfit.formats.registry import NATIVE, suffix_of
+
+ARRAY_MAGIC = b"\x93NUMPY"
+"""The beginning of an .npy file."""
 
 DESCRIBED_ARRAYS = ("positions", "times", "vertex_counts", "triangles")
 
@@ -40,6 +45,23 @@ def described(path_or_file: str | os.PathLike[str] | io.BytesIO) -> Described:
             return _described(file)
     except (*npz.FAULTS, KeyError, IndexError, TypeError):
         return NOT_DESCRIBED
+
+
+def is_strange(path: str | os.PathLike[str]) -> bool:
+    """Whether a file has another program's suffix and its content is neither an archive with positions nor an array: to
+    name what is missing in it as an archive would blame the wrong thing.
+    """
+    suffix = suffix_of(path)
+    if suffix in ("", *NATIVE) or not os.path.isfile(path):
+        return False
+    try:
+        with unchanged(path) as file:
+            if file.read(len(ARRAY_MAGIC)) == ARRAY_MAGIC:
+                return False
+            with zipfile.ZipFile(file) as archive:
+                return "positions.npy" not in archive.namelist()
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return True
 
 
 def _described(file: IO[bytes]) -> Described:

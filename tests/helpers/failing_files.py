@@ -117,7 +117,10 @@ FORMATS = {
     ),
     "--mesh: … has … vertices, the motion has …": converted("good.npz a.pc2 --mesh a.obj", **{"a.obj": TRIANGLE}),
     # OBJ
-    "has no vertices (lines v x y z); is it an OBJ file?": read("obj", b"\x89PNG\r\n"),
+    "has no vertices (lines v x y z); is it an OBJ file?": read("obj", b"hello"),
+    "it is a picture; name another file": read("obj", b"\x89PNG\r\n"),
+    "its content is …; rename it to …": read("stl", b"Ogawa"),
+    "it is empty; export it again": read("mdd", b""),
     "a face needs three corners or more, each one of … vertices": read("obj", CORNER + b"f 1 2 3\n"),
     "has … vertices, …, as all frames need": sequence(TRIANGLE, CORNER),
     "has other faces than …; is it of another mesh?": sequence(TRIANGLE, TRIANGLE + b"f 1 2 3\n"),

@@ -74,7 +74,8 @@ def test_of_a_sequence_the_first_file_alone_is_read(folder):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [("a.npz", "", "no mesh format has that suffix; known are .obj"), ("a", "", "has that suffix"),
-     ("a.csv", "", "has that suffix"), ("a.obj", "v 0 0 0\n", "has no faces"), ("a.ply", "", "has no header"),
+     ("a.csv", "", "CSV markers hold no faces; a mesh is needed, in .obj"), ("a.obj", "v 0 0 0\n", "has no faces"),
+     ("a.ply", "", "it is empty"), ("a.ply", "a", "has no header"),
      ("a.obj", obj([(0, 0, 0), ("inf", 0, 0), (0, 1, 0)], [(1, 2, 3)]), "")],
 )  # fmt: skip
 def test_what_is_no_mesh_is_refused(folder, name, text, message):
