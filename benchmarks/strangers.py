@@ -1,9 +1,10 @@
 """Fits of motions that other programs computed: `python benchmarks/strangers.py FOLDER [TABLE …]`.
 
 FOLDER has `blender-side.npz` and `mujoco-corners.npz`: `positions`, `triangles`, `fps`, and `held`, the vertices that
-do not move. Tables: `clocks` (their clock and place, as they are, and changed by what is to be found again),
-`coverage` (whether intervals contain the values that other frames give; takes ten minutes or more), `ladder` (the
-models from coarse to fine, with the time step that is chosen, and the last quarter of the frames kept out).
+do not move; or, for `coverage`, any such files that also have `up`, the axis that points up. Tables: `clocks` (their
+clock and place, as they are, and changed by what is to be found again), `coverage` (whether intervals contain the
+values that other frames give; takes an hour), `ladder` (the models from coarse to fine, with the time step that is
+chosen, and the last quarter of the frames kept out).
 """
 
 from __future__ import annotations
@@ -35,18 +36,24 @@ RATE, OFFSET, TURN, MOVE = 1.1, 0.03, rotation(np.array([0.1, 0.3, -0.2])), np.a
 """What a target is changed by: its clock, s, and its place, m."""
 
 
-def stranger(folder: Path, name: str, substeps: int = 1, **fits: str) -> tuple[clothfit.Scene, Motion]:
+def stranger(
+    folder: Path, name: str, substeps: int = 1, integrator: str = "implicit", **fits: str
+) -> tuple[clothfit.Scene, Motion]:
     """A scene of the default fabric for a stranger's motion, with so many steps for each of its frames; `fits` flags
     kinds beside one stiffness.
     """
-    path, (reading, _) = folder / f"{name}.npz", STRANGERS[name]
+    path = folder / f"{name}.npz"
     with np.load(path) as arrays:
         triangles, held = arrays["triangles"], arrays["held"]
+        if name in STRANGERS:
+            reading, _ = STRANGERS[name]
+        else:
+            reading = Reading(up=str(arrays["up"]), handedness="right", fps=float(arrays["fps"]))
     motion = load(path, None, reading).motion
     count = len(motion.positions[0])
     scene = clothfit.new_scene(
         Mesh(motion.positions[0], triangles), np.isin(np.arange(count), held), fit="nG", fits=fits,
-        integrator="implicit", delta=1.0 / float(reading.fps or 1.0) / substeps,
+        integrator=integrator, delta=1.0 / float(reading.fps or 1.0) / substeps,
         frames=(len(motion.times) - 1) * substeps + 1,
     )  # fmt: skip
     return scene, load(path, scene, reading).motion
@@ -106,31 +113,71 @@ def values(fit: clothfit.Fit) -> list[tuple[float, tuple[float, float] | None]]:
     return found
 
 
+FREE: tuple[dict[str, str], ...] = (
+    {}, {"damping": "G"}, {"damping": "G", "gravity": "G"}, {"drag": "G", "gravity": "G"},
+)  # fmt: skip
+"""What is fitted beside one stiffness, for `coverage`."""
+
+STEPS = (("implicit", 1), ("implicit", 4), ("bdf2", 1))
+"""Integrators and steps per frame, for `coverage`."""
+
+
 def coverage(folder: Path) -> None:
     """How often the interval of a value contains the value that is fitted to the target's other frames."""
-    print("| target | steps per frame | frames | fits | without verdict | intervals | contain the other value |")
-    print("|---|---|---|---|---|---|---|")
-    total = np.zeros(4, int)
-    for name in STRANGERS:
-        for substeps in (1, 4):
-            sums = {way: np.zeros(4, int) for way in parts(8)}
-            for kinds in ({}, {"damping": "G"}, {"damping": "G", "gravity": "G"}, {"drag": "G", "gravity": "G"}):
-                scene, motion = stranger(folder, name, substeps, **kinds)
-                for way, halves in parts(len(motion.times)).items():
-                    both = [clothfit.estimate(scene, only(motion, frames)) for frames in halves]
+    columns = "fits | without verdict | intervals | withheld | contain the other value | median half width"
+    print(f"| target | step | frames | {columns} |\n{'|---' * 9}|")
+    every = [Sums() for _ in parts(8)]
+    for name in sorted(path.stem for path in folder.glob("*.npz") if is_stranger(path)):
+        for step, substeps in STEPS:
+            for (way, _), total in zip(parts(8).items(), every, strict=True):
+                own = Sums()
+                for kinds in FREE:
+                    scene, motion = stranger(folder, name, substeps, step, **kinds)
+                    both = [clothfit.estimate(scene, only(motion, each)) for each in parts(len(motion.times))[way]]
                     for fit, other in (both, both[::-1]):
-                        pairs = zip(values(fit), values(other), strict=True)
-                        known = [(i, v) for (_, i), (v, _) in pairs if i is not None and not np.isnan(v)]
-                        inside = sum(low <= v <= high for (low, high), v in known)
-                        bare = bool(known) and fit.verdict is None
-                        sums[way] += (1, bare, len(known), inside)
-            for way, row in sums.items():
-                fits, bare, count, inside = row
-                share = f"{inside / max(count, 1):.0%}"
-                print(f"| {name} | {substeps} | {way} | {fits} | {bare} | {count} | {share} |", flush=True)
-                total += row
-    fits, bare, count, inside = total
-    print(f"| all | | | {fits} | {bare} | {count} | {inside / max(count, 1):.0%} |")
+                        own.add(fit, other)
+                total += own
+                print(f"| {name} | {step}, {substeps} per frame | {way} | {own} |", flush=True)
+    for way, total in zip(parts(8), every, strict=True):
+        print(f"| all | | {way} | {total} |")
+    print(f"| all | | | {sum(every, Sums())} |")
+
+
+def is_stranger(path: Path) -> bool:
+    """Whether `coverage` can use a file."""
+    with np.load(path) as arrays:
+        return path.stem in STRANGERS or "up" in arrays
+
+
+class Sums:
+    """What was counted of some fits and their intervals."""
+
+    def __init__(self) -> None:
+        self.counts = np.zeros(5, int)  # fits, those with intervals and no verdict, intervals, withheld, right ones
+        self.widths: list[float] = []  # half, in units of the value for masses and the like, else as they are
+
+    def __add__(self, other: Sums) -> Sums:
+        found = Sums()
+        found.counts, found.widths = self.counts + other.counts, self.widths + other.widths
+        return found
+
+    def __iadd__(self, other: Sums) -> Sums:
+        self.counts, self.widths = self.counts + other.counts, self.widths + other.widths
+        return self
+
+    def add(self, fit: clothfit.Fit, other: clothfit.Fit) -> None:
+        """Count the intervals of a fit, with the values of another one."""
+        pairs = [(i, v) for (_, i), (v, _) in zip(values(fit), values(other), strict=True) if not np.isnan(v)]
+        known = [(i, v) for i, v in pairs if i is not None]
+        inside = sum(low <= v <= high for (low, high), v in known)
+        bare = bool(known) and fit.verdict is None
+        self.counts += (1, bare, len(known), len(pairs) - len(known), inside)
+        self.widths += [np.log(high / low) / 2 for ((low, high), _) in known if low > 0]
+
+    def __str__(self) -> str:
+        fits, bare, count, withheld, inside = self.counts
+        wide = np.expm1(np.median(self.widths)) if self.widths else np.nan
+        return f"{fits} | {bare} | {count} | {withheld} | {inside / max(count, 1):.0%} | {wide:.0%}"
 
 
 def ladder(folder: Path) -> None:

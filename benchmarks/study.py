@@ -1,9 +1,10 @@
 """Print the founding study's experiments beside the study's own numbers: `python benchmarks/study.py [TABLE …]`.
 
 Tables: `experiments` (three scenes, four things to fit), `frames` (from 20 to 200 of them), `noise` (and vertices that
-are not seen). Errors are root mean square distances in metres; the study divides by the count of parameters instead,
-its numbers are converted. The truth is hidden from each fit, but for its proportions: examples are of one fabric, so a
-second row of `noise` scatters every stiffness about it by a third. Seconds are of the whole fit on a compiled program.
+are not seen), `families` (one factor for each, or one value for each spring). Errors are root mean square distances in
+metres; the study divides by the count of parameters instead, its numbers are converted. The truth is hidden from each
+fit, but for its proportions: examples are of one fabric, so a second row of `noise` scatters every stiffness about it
+by a third. Seconds are of the whole fit on a compiled program; in `families` of computing.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ STUDY_FRAMES = {
 """Its sweeps, errors in its own measure: on `side` as fitted, on `flag` over 500 frames."""
 
 FRAMES = (20, 40, 60, 80, 100, 120, 140, 160, 180, 200)
+SEEDS, WIDE = range(5), 0.5  # of the factors of families; standard deviation of their logarithms
 NOISE, SEEN, SCATTER = (0.0, 1e-4, 1e-3, 5e-3), (1.0, 0.25, 0.05), (0.0, 0.3)
 
 
@@ -111,12 +113,40 @@ def noise() -> None:
                 )
 
 
+def families() -> None:
+    """`side` with another factor for each family of springs, from captures with noise of 1 mm: fitted with a factor for
+    each family, and with a value for each spring.
+    """
+    print("| seed | fits | values | error to the true motion | over 500 frames | median deviation | rms | seconds |")
+    print("|---|---|---|---|---|---|---|---|")
+    for seed in SEEDS:
+        guess = scene_of("side", "nR")
+        start = clothfit.parameters(guess)
+        factors = np.exp(np.random.default_rng(seed).normal(0.0, WIDE, len(start)))
+        truth = clothfit.with_parameters(guess, start * factors)
+        capture = clothfit.degrade(clothfit.fit.estimate.record_target(truth), 1e-3, seed=seed)
+        for settings in ("nR", "nL"):
+            began = time.process_time()
+            fit = clothfit.estimate(scene_of("side", settings), capture, intervals=False)
+            seconds = time.process_time() - began
+            report = clothfit.evaluate(truth, fit.scene)
+            away = np.log(fit.scene.cloths[0].stiffness / truth.cloths[0].stiffness)
+            print(
+                f"| {seed} | {settings} | {fit.parameters[0].count} | {metres(report.fitted.rmse)} "
+                f"| {metres(report.horizon.rmse)} | {np.median(np.abs(away)):.2g} | {np.sqrt((away**2).mean()):.2g} "
+                f"| {seconds:.1f} |",
+                flush=True,
+            )
+
+
 def changed(scene: clothfit.Scene, stiffness: np.typing.NDArray[np.float64]) -> clothfit.Scene:
     """A scene of one cloth with other stiffnesses."""
     return scene.with_values([scene.cloths[0].mass], [stiffness])
 
 
-TABLES: dict[str, Callable[[], None]] = {"experiments": experiments, "frames": frames, "noise": noise}
+TABLES: dict[str, Callable[[], None]] = {
+    "experiments": experiments, "frames": frames, "noise": noise, "families": families,
+}  # fmt: skip
 
 if __name__ == "__main__":
     clothfit.estimate(scene_of("side", "nL", 10), max_evaluations=2)  # compiled from here on
