@@ -65,9 +65,13 @@ class Local:
         return np.asarray(self.scale * (self.model.g + A @ (self.model.y - self.prior.centre)))
 
     def held(self) -> Flags:
-        """Which parameters (Q,) the data push against a bound."""
+        """Which parameters (Q,) the data push against a bound, more than noise does: where the cost hardly depends on a
+        value, or on a factor of all, chance alone may have led there, and the others are not known any better for it.
+        """
         p, (lower, upper) = self.search.best.p, bounds(self.search.objective.scene)
-        derivative = self.derivative(variance(self.squares, self.count, 0.0))
+        sigma2 = variance(self.squares, self.count, 0.0)
+        derivative = self.derivative(sigma2)
+        derivative[derivative**2 <= sigma2 * np.diag(self.information)] = 0.0
         down, up = at_lower(p, lower)[self.search.fitted], at_upper(p, upper)[self.search.fitted]
         return np.asarray((down & (derivative > 0)) | (up & (derivative < 0)))
 

@@ -126,6 +126,16 @@ def test_of_a_common_factor_nothing_is_determined_and_the_start_keeps_its_mean()
     np.testing.assert_allclose(ratio, ratio.mean(), rtol=1e-4)  # RMSE below 1e-8 m: all but the factor is found
 
 
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("ends", [(0.01, 1.0), (1e-4, 0.01)])
+def test_a_bound_that_the_data_do_not_push_against_determines_nothing(ends, seed):
+    made = chain([(0, 1)], [True, False], "LL", fit={"bounds": {"mass": ends}})
+    scene = load(document(made, optimizationIterations=30))  # the mass, 0.01 kg, is at one of its bounds
+    found = estimate(scene, degrade(record_target(scene), 1e-3, seed=seed), prior="none")
+    assert [block.unidentifiable for block in found.parameters] == [[0, 1], [0]]
+    assert np.isnan(intervals(found)).all()
+
+
 def test_a_spring_that_is_never_stretched_keeps_its_start_and_no_other_is_lost():
     made = chain([(0, 1), (2, 3)], [True, False, False, False])  # the second pair falls freely
     scene = load(document(made, optimizationIterations=20))
