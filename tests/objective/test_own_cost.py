@@ -1,8 +1,11 @@
 """Costs of one's own: their gradients by Taylor ladders, and that they are what the built-in ones are."""
 
+import re
+
 import numba
 import numpy as np
 import pytest
+from helpers.paths import ROOT
 from helpers.physics import TIGHT, scene
 from helpers.scenes import cloth, document, even
 
@@ -273,3 +276,14 @@ def test_a_fit_goes_on_from_its_checkpoint_by_the_name_of_the_function(tmp_path)
     assert again.cost <= first.cost
     with pytest.raises(InvalidInput, match="objective"):
         clothfit.estimate(own, objective=mixed, checkpoint=file, resume=True)
+
+
+def test_the_cost_of_the_documents_is_fitted(monkeypatch):
+    text = (ROOT / "docs" / "fitting.md").read_text("utf-8")
+    (block,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    monkeypatch.chdir(ROOT)
+    names = {}
+    exec(block, names)
+    fit = names["fit"]
+    assert fit.status == "converged"
+    assert simulate(fit.scene).positions[-1, :, 1].mean() == pytest.approx(-3.0, abs=2e-3)  # `rmse` of a millimetre
