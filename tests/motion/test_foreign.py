@@ -125,7 +125,7 @@ def pretend(monkeypatch, animation):
         def read(path):
             return animation
 
-    monkeypatch.setattr(foreign, "module_of", lambda found: Module)
+    monkeypatch.setattr("clothfit.formats.registry.module_of", lambda found: Module)
 
 
 # --- gaps

@@ -28,7 +28,7 @@ def markers(monkeypatch, positions, names=NAMES, observed=None):
         def read(path):
             return made
 
-    monkeypatch.setattr(foreign, "module_of", lambda found: Module)
+    monkeypatch.setattr("clothfit.formats.registry.module_of", lambda found: Module)
 
 
 def moved(frames=4):
