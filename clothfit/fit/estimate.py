@@ -22,7 +22,7 @@ from clothfit.base.limits import checked_tolerance
 from clothfit.base.memory import budget as memory_budget
 from clothfit.base.messages import metres
 from clothfit.engine.system import build
-from clothfit.fit import time_step
+from clothfit.fit import step_choice
 from clothfit.fit.confidence import confidence
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import held_out, split
@@ -239,6 +239,7 @@ def searched(
         first = in_time(objective, start, hidden, options.method)
     p, cost, warnings = first
     search = Search(objective, p, options.enough, options.budget, options.report, checkpoint, state, cost)
+    search.settled = search.start if plan.settled else None
     search.take_over(plan.model, plan.substeps, plan.evaluations, plan.seconds, plan.computing)
     if not hidden:
         search.origin = choose_start(objective, start, hidden=False)
@@ -286,11 +287,11 @@ def with_step_hint(found: Fit, objective: Objective) -> Fit:
     """The fit with a hint where its model differs and a finer step would come nearer."""
     if found.verdict is None or not found.verdict.differs:
         return found
-    nearer = time_step.finer(objective, parameters(found.scene, objective.scene))
+    nearer = step_choice.finer(objective, parameters(found.scene, objective.scene))
     if nearer is None:
         return found
     text = (
-        f"with {time_step.LOOK} steps of BDF2 to a frame, one factor alone would bring the error from "
+        f"with {step_choice.LOOK} steps of BDF2 to a frame, one factor alone would bring the error from "
         f"{metres(found.rmse)} to {metres(nearer)}; --substeps auto fits so, and changes the scene's step"
     )
     return replace(found, hints=[*found.hints, Hint("time_step", text, early=False)])

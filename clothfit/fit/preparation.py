@@ -12,9 +12,10 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import BDF2
-from clothfit.fit import model_choice, time_step
+from clothfit.fit import model_choice, step_choice, time_step
 from clothfit.fit.model_choice import Judged
 from clothfit.fit.options import AUTO, FitOptions
+from clothfit.fit.time_step import Step
 from clothfit.kernels import clock
 from clothfit.objective.objective import Objective
 from clothfit.optimise.checkpoint import State
@@ -35,11 +36,12 @@ class Prepared:
     kept_out: Objective | None
     p: Array | None = None  # (P,), the best values that are known
     cost: float = np.inf  # there, as far as it is known
+    settled: bool = False  # whether they are a minimum
     wanted: list[str] | None = None  # models that are left to try, where no values reproduce the target
     judged: list[Judged] | None = None  # the models among which one was chosen
     model: str = ""  # that was chosen
     substeps: int = 0  # that were chosen, by BDF2; 0: the step is the scene's
-    tried: tuple[time_step.Step, ...] = ()  # time steps that were tried
+    tried: tuple[Step, ...] = ()  # time steps that were tried
     evaluations: int = 0
     seconds: float = 0.0
     computing: float = 0.0  # s, without other work of the machine
@@ -56,14 +58,13 @@ def prepared(
 ) -> Prepared:  # fmt: skip
     """What a fit to given targets begins with. A fit that goes on from a `state` keeps what it had chosen."""
     began, computing = clock.passing(), clock.computing()
-    plan = Prepared(objective, kept_out)
+    plan = own = Prepared(objective, kept_out)
     if isinstance(options.substeps, int):
         plan = with_steps(plan, options.substeps, None)
     if state is not None:
         return chosen_before(plan, state)
-    counts = counts_of(options, objective.scene)
-    if counts:
-        plan = with_chosen_step(plan, choose_start(plan.objective, start, hidden=False), options, counts)
+    if counts_of(options, objective.scene):
+        plan = with_chosen_step(plan, choose_start(plan.objective, start, hidden=False), options, own)
     if options.model == AUTO:
         p = choose_start(plan.objective, start, hidden=False) if plan.p is None else plan.p
         plan = with_chosen_model(plan, p, options)
@@ -77,7 +78,7 @@ def counts_of(options: FitOptions, scene: Scene) -> Sequence[int]:
     if isinstance(options.substeps, int):
         return [options.substeps]
     asked = options.substeps == AUTO or (scene.method == BDF2 and options.method == AUTO)
-    return time_step.COUNTS if asked and not options.keep_step else []
+    return step_choice.COUNTS if asked and not options.keep_step else []
 
 
 def with_steps(plan: Prepared, count: int, method: int | None) -> Prepared:
@@ -104,15 +105,17 @@ def with_model(plan: Prepared, model: str) -> Prepared:
     return replace(plan, objective=plan.objective.flagging(scene), kept_out=kept_out, model=model)
 
 
-def with_chosen_step(plan: Prepared, start: Array, options: FitOptions, counts: Sequence[int]) -> Prepared:
-    """The plan with the step that gains most."""
-    found = time_step.chosen(plan.objective, start, options.enough, counts)
+def with_chosen_step(plan: Prepared, start: Array, options: FitOptions, own: Prepared) -> Prepared:
+    """The plan with the step that gains most; `own` has that of the user's scene."""
+    counts = counts_of(options, own.objective.scene)
+    found = step_choice.chosen(plan.objective, start, options.enough, counts, own.objective)
     if found.substeps:
-        plan = with_steps(plan, found.substeps, BDF2)
+        plan = with_steps(own, found.substeps, BDF2)
     first, *finer = ladder.models(plan.objective.scene)
-    wanted = [first, *finer] if finer else []  # one alone was fitted well, not roughly
+    wanted = [first, *finer] if finer or not found.fitted else []  # one alone was fitted well, not roughly
     return replace(
-        plan, p=found.p, cost=found.cost, substeps=found.substeps, tried=found.tried, evaluations=found.evaluations,
+        plan, p=found.p, cost=found.cost, settled=found.settled, substeps=found.substeps, tried=found.tried,
+        evaluations=found.evaluations,
         wanted=None if found.explained else wanted,
     )  # fmt: skip
 
@@ -128,6 +131,6 @@ def with_chosen_model(plan: Prepared, p: Array, options: FitOptions) -> Prepared
         costs = [min(cost, plan.objective.cost_or_infinity(each)) for cost, each in zip(costs, candidates, strict=True)]
     best = int(np.argmin(costs))
     return replace(
-        plan, p=candidates[best], cost=costs[best], wanted=[found.model], judged=found.judged,
+        plan, p=candidates[best], cost=costs[best], settled=False, wanted=[found.model], judged=found.judged,
         evaluations=plan.evaluations + found.evaluations,
     )  # fmt: skip

@@ -14,7 +14,6 @@ its help. J. Nocedal, S. J. Wright, Numerical Optimization, 2006, chapter 7.
 
 from __future__ import annotations
 
-import contextlib
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from typing import Any
@@ -29,6 +28,9 @@ from clothfit.optimise.trajectory import Trajectory
 
 RECENT = 30  # steps that L-BFGS remembers
 
+FEW = 16
+"""Values up to which a round that has settled ends the descent: no direction is left that its metric does not know."""
+
 ROUND, SHORT_ROUND = 60, 15
 """Evaluations of a round, after which the metric is worth a new one, and of one that is only to compare."""
 
@@ -36,6 +38,12 @@ SLOW_EVALUATIONS, SLOW_SECONDS, SLOW_SAVING = 12, 0.5, 5e-3
 """A round also ends where so many evaluations, and so many seconds of computing, lower the cost by less than this
 fraction.
 """
+
+SETTLED = SLOW_SAVING / SLOW_EVALUATIONS
+"""A round in the metric also ends where its gradient promises less than this fraction of the cost by one more step."""
+
+METRIC_TOLERANCE = 1e-5
+"""Of the linear systems for the metric, which it changes by less than a percent."""
 
 POOR_ROUND = 0.01
 """Relative reduction of the cost, below which a round is followed by one of the other kind, or ends the descent."""
@@ -72,12 +80,16 @@ class RoundOver(Exception):
     """Ends a round from within the cost."""
 
 
+class Settled(RoundOver):
+    """Ends it where another step would save next to nothing."""
+
+
 def minimise(search: Search, patience: Patience | None = None) -> None:
     """Go down from the best point of a search, until two rounds in a row save little, or it is late. Raises Stop as the
     search does.
     """
     patience = patience or Patience()
-    part, in_metric, poor = Trajectory(search, search.objective), True, 0
+    part, in_metric, poor = for_metric(search), True, 0
     while poor < 2 and not patience.is_over(search.best.cost) and not search.is_late:
         before, began = search.best.cost, computing()
         root = metric(part, search.y) if in_metric else None
@@ -85,8 +97,10 @@ def minimise(search: Search, patience: Patience | None = None) -> None:
         search.budget.enter_stage()  # a round has its own end
         if in_metric and root is None:
             poor += 1
+        elif descend(search, root, patience, settled=SETTLED) and len(search.y) <= FEW:
+            search.settled = search.best.p
+            return
         else:
-            descend(search, root, patience)
             poor = poor + 1 if search.best.cost > (1.0 - POOR_ROUND) * before else 0
         in_metric = in_metric != (poor > 0)
 
@@ -94,7 +108,14 @@ def minimise(search: Search, patience: Patience | None = None) -> None:
 def one_round(search: Search) -> None:
     """A short round from the best point of a search. Raises Stop as the search does."""
     search.budget.enter_stage()
-    descend(search, metric(Trajectory(search, search.objective), search.y), Patience(), SHORT_ROUND)
+    if descend(search, metric(for_metric(search), search.y), Patience(), SHORT_ROUND, SETTLED):
+        search.settled = search.best.p
+
+
+def for_metric(search: Search) -> Trajectory:
+    """The trajectory whose sensitivity gives the metric: its systems are solved loosely."""
+    whole = search.objective
+    return Trajectory(search, whole.until(whole.steps + 1, max(METRIC_TOLERANCE, whole.tolerance)))
 
 
 def metric(part: Trajectory, y: Array) -> Array | None:
@@ -119,15 +140,20 @@ def metric(part: Trajectory, y: Array) -> Array | None:
     return np.asarray(L)
 
 
-def descend(search: Search, root: Array | None, patience: Patience, most: int = ROUND) -> None:
-    """A round of L-BFGS from the best point, in the metric of L = `root` (Q, Q) or in the coordinates themselves."""
+def descend(
+    search: Search, root: Array | None, patience: Patience, most: int = ROUND, settled: float = 0.0
+) -> bool:
+    """A round of L-BFGS from the best point, in the metric of L = `root` (Q, Q) or in the coordinates themselves.
+    Returns whether it has ended in the metric where another step would save less than the fraction `settled`.
+    """
     from scipy.linalg import solve_triangular
     from scipy.optimize import minimize
 
-    y0, costs, times = search.y, [search.best.cost], [computing()]
+    y0, costs, times, first = search.y, [search.best.cost], [computing()], 0.0
     lower, upper = np.array(search.bounds).T
 
     def cost(u: Array) -> tuple[float, Array]:
+        nonlocal first
         since = min(len(costs) - 1 - SLOW_EVALUATIONS, bisect_right(times, times[-1] - SLOW_SECONDS) - 1)
         slow = since >= 0 and costs[-1] > (1.0 - SLOW_SAVING) * costs[since]
         if slow or len(costs) > most or search.is_late or patience.is_over(search.best.cost):
@@ -139,10 +165,18 @@ def descend(search: Search, root: Array | None, patience: Patience, most: int = 
         if root is None:
             return value, gradient
         inside = np.where((y > lower) & (y < upper), gradient, 0.0)
-        return value, np.asarray(solve_triangular(root, inside, lower=True))
+        by_u = np.asarray(solve_triangular(root, inside, lower=True))
+        # near y₀ the cost c₀ changes by gᵀu + c₀ |u|², at best by −|g|²/(4 c₀)
+        if settled * value > float(by_u @ by_u) / (4.0 * max(first or value, value)):
+            raise Settled
+        first = first or value
+        return value, by_u
 
     minimizer: Any = minimize  # its stubs know other starts only
     options = {"maxfun": 10 * ROUND, "maxcor": RECENT, "ftol": 0.0, "gtol": 0.0}
     start, ends = (y0, search.bounds) if root is None else (np.zeros(len(y0)), None)
-    with contextlib.suppress(RoundOver):
+    try:
         minimizer(cost, start, jac=True, method="L-BFGS-B", bounds=ends, options=options)
+    except RoundOver as end:
+        return isinstance(end, Settled)
+    return False

@@ -192,6 +192,7 @@ class Search:
         self.rungs: list[Rung] = []  # the models that were fitted from coarse to fine
         self.longest = np.inf  # seconds of computing, after which a fit ends whose model cannot reproduce the target
         self.model, self.substeps = "", 0  # that were chosen for the fit: a letter, and steps to a frame by BDF2
+        self.settled: Array | None = None  # (P,), a minimum by the metric of Gauss–Newton (`preconditioned`)
         self.unit, self.worst = 0.0, 0.0  # the first cost, and the largest
         self._shaken, self._plateau = np.nan, False  # the cost at which the plateau was looked for, and what was found
         if state is not None:
@@ -369,8 +370,14 @@ class Search:
 
     def verdict(self) -> Status:
         """How the search ended, if it ends here: converged or stalled."""
-        at_minimum = self._is_near() or (self._steepness() <= FLAT and not self.on_plateau())
+        flat = self.is_settled or self._steepness() <= FLAT
+        at_minimum = self._is_near() or (flat and not self.on_plateau())
         return Status.CONVERGED if at_minimum else Status.STALLED
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the best point is a minimum by the metric of Gauss–Newton."""
+        return self.settled is not None and np.array_equal(self.settled, self.best.p)
 
     def _is_near(self) -> bool:
         """Whether the error is small enough."""

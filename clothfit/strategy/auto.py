@@ -106,7 +106,8 @@ def by_ladder(
     if not search.rungs:
         search.rungs.append(ladder.reached(search, models[0]))
     if is_far(search) or (not is_near(search) and not is_explained(search)):
-        search(search.y)  # its gradient says whether this is a minimum
+        if not search.is_settled:
+            search(search.y)  # its gradient says whether this is a minimum
         return search.verdict()
     return by_gauss_newton(search, search.best.p, search.best.p, tau, windows=False)
 

@@ -10,6 +10,7 @@ first frames into a bad corner, and where most of the error is in a few common v
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -33,11 +34,18 @@ from clothfit.strategy.trajectory_fit import FIRST_WINDOW, loosened, window_leng
 FEW_VALUES = 16
 """Values up to which a step of Gauss–Newton costs no more than a few gradients."""
 
-WINDOW_STEPS, WINDOW_SAVING, HASTY = 4, 0.05, Patience(1, 0.05, 0.05)
-"""Steps of Gauss–Newton in a window, and relative savings that end it."""
+FIRST_STEPS, LATER_STEPS = 4, 2
+"""Steps of Gauss–Newton in the first window and in each later one, which goes on from near its minimum."""
+
+WINDOW_SAVING, HASTY = 0.05, Patience(1, 0.05, 0.05)
+"""Relative savings that end a window."""
 
 STAGE_TOLERANCE = 1e-7
 """Of the linear systems: its error is far below what a model that differs leaves."""
+
+
+class Enough(Exception):
+    """Ends Gauss–Newton after some steps."""
 
 
 def model_of(scene: Scene) -> str:
@@ -135,7 +143,7 @@ def part_of(search: Search, model: str, p: Array) -> Search:
     whole = search.objective
     scene = as_model(with_parameters(whole.scene, p), model)
     objective = whole.flagging(scene, max(STAGE_TOLERANCE, whole.tolerance))
-    part = search.beside(objective, parameters(scene), np.inf)
+    part = search.beside(objective, parameters(scene), search.best.cost if p is search.best.p else np.inf)
     part.enter(MODEL_NAMES[model])
     return part
 
@@ -156,7 +164,11 @@ def carried(search: Search, part: Search, method: Callable[[Search], None]) -> N
         raise
     finally:
         search.progress.p = search.best.p
-    search.visit(found(part, scene))
+    p = found(part, scene)
+    if not np.array_equal(p, search.best.p):
+        search.visit(p)
+    if part.is_settled and len(part.best.p) == len(p):  # by all values of the search
+        search.settled = p
     if ended == Status.LIMIT:
         raise Stop(ended)
 
@@ -166,20 +178,41 @@ def found(own: Search, scene: Scene) -> Array:
     return parameters(with_parameters(own.objective.scene, own.best.p), flags=scene)
 
 
-def through_windows(own: Search) -> None:
-    """A few steps of Gauss–Newton on the first frames, on more and more: they show gravity and other values that all
-    frames hide behind what a late frame is off by.
+def through_windows(own: Search, windows: slice = slice(None)) -> Array:
+    """A few steps of Gauss–Newton on the first frames, on more and more, or on some of these windows: they show gravity
+    and other values that all frames hide behind what a late frame is off by. Returns the last values (P,).
     """
-    y, whole = own.y, own.objective
-    first = whole.first_step + FIRST_WINDOW * frame_steps(whole)
-    for frames in window_lengths(first, whole.steps + 1)[:-1]:
-        part = Trajectory(own, loosened(whole, frames))
-        own.enter("windows", part.objective)
+    y = own.y
+    for number, window in list(enumerate(windows_of(own.objective)))[windows]:
+        part = Trajectory(own, window)
+        own.enter("windows", window)
         if own.is_late or not np.isfinite(part.cost(y)):
             break
-        problem = part.problem(WINDOW_SAVING, HASTY)
-        y = gauss_newton.minimise(problem, y, none(part.size), part.passed, WINDOW_STEPS)[0].y
+        y = some_steps(part, y, LATER_STEPS if number else FIRST_STEPS)
         own.visit(own.parameters(y))
+    return own.parameters(y)
+
+
+def some_steps(part: Trajectory, y: Array, most: int) -> Array:
+    """Where some steps of Gauss–Newton lead from y (Q,), without a model of the last point."""
+    points: list[Array] = []
+
+    def model(y: Array) -> gauss_newton.Model:
+        points.append(y)
+        if len(points) > most:
+            raise Enough
+        return part.model(y)
+
+    problem = replace(part.problem(WINDOW_SAVING, HASTY), model=model)
+    with contextlib.suppress(Enough):
+        return gauss_newton.minimise(problem, y, none(part.size), part.passed)[0].y
+    return points[-1]
+
+
+def windows_of(objective: Objective) -> list[Objective]:
+    """The objective over the first frames, over more and more, all of them left out."""
+    first = objective.first_step + FIRST_WINDOW * frame_steps(objective)
+    return [loosened(objective, frames) for frames in window_lengths(first, objective.steps + 1)[:-1]]
 
 
 def frame_steps(objective: Objective) -> int:

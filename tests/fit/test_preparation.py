@@ -13,7 +13,7 @@ from clothfit.engine.system import BDF2, IMPLICIT
 from clothfit.fit.estimate import estimate
 from clothfit.fit.options import FitOptions
 from clothfit.fit.preparation import Prepared, chosen_before, counts_of, flagged, prepared, with_model, with_steps
-from clothfit.fit.time_step import COUNTS
+from clothfit.fit.step_choice import COUNTS
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
 from clothfit.motion.simulate import simulate

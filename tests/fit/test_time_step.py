@@ -10,18 +10,8 @@ from helpers.strangers import small, with_finer_steps
 
 from clothfit.base import interrupts
 from clothfit.engine.system import BDF2, IMPLICIT
-from clothfit.fit.time_step import (
-    COUNTS,
-    HIDDEN,
-    chosen,
-    finer,
-    frame_interval,
-    last_time,
-    step_error,
-    substeps_of,
-    with_interval,
-    with_substeps,
-)
+from clothfit.fit.step_choice import COUNTS, HIDDEN, chosen, finer
+from clothfit.fit.time_step import frame_interval, last_time, step_error, substeps_of, with_interval, with_substeps
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
 from clothfit.motion.simulate import simulate

@@ -1,0 +1,279 @@
+"""The choice of a time step: how many steps to a frame of the target, and by which integrator.
+
+A step as long as a frame damps more than most targets do, and no values make up for that. The scene's own step and
+then K = 1, 2, 4 … steps of BDF2 to a frame are compared by the coarsest model of the scene (`ladder`): first by a look
+at the first window of frames, which takes a tenth of a fit and already shows a step that is too coarse. The first one
+that is not is fitted to all frames. It is halved from there while its error shows beside that of the fit, and each fit
+goes on from the values of the one before.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base import interrupts, threads
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+from clothfit.engine.fallbacks import NO_FALLBACKS
+from clothfit.engine.system import BDF2
+from clothfit.fit.time_step import ROUNDING, Step, frame_interval, step_error, with_substeps
+from clothfit.kernels.clock import computing
+from clothfit.motion.divergence import Diverged
+from clothfit.objective.objective import Objective
+from clothfit.objective.whiteness import residual_test
+from clothfit.optimise import momentum
+from clothfit.optimise.search import Search
+from clothfit.optimise.status import Stop
+from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.kinds import INTEGRATORS
+from clothfit.strategy import ladder
+from clothfit.strategy.trajectory_fit import is_near
+
+HIDDEN = 0.3
+"""Error of a step relative to that of the fit, below which twice the steps could lower that by 5 % at most."""
+
+LONGEST_TRIAL = 6.0
+"""Seconds of simulations that a trial may take, compilation and derivatives apart."""
+
+CARRIED = 4.0
+"""Rise of the cost by another step, above which the fit goes through the windows again."""
+
+ALLOWED = 0.05
+"""Rise of the coarsest model's error by a finer step that finer models are expected to make up for."""
+
+PAYS = 0.05
+"""Relative reduction of the error by a finer step that a hint, or another step, is worth."""
+
+COUNTS = (1, 2, 4, 8, 16, 32)
+"""Steps to a frame that are tried one after the other, while they pay."""
+
+LOOK, MOMENT = 4, 4.0
+"""Steps to a frame with which a look at finer steps is taken, and the seconds that it may take."""
+
+SEARCH_EVALUATIONS = 1000
+
+EXPECTED = 30
+"""Simulations that a trial takes at least."""
+
+
+class Stepped(NamedTuple):
+    """An objective with the step of its fit, and what its choice has found."""
+
+    objective: Objective
+    substeps: int  # K of BDF2; 0: the scene's own step
+    p: Array  # (P,), the best values of the coarsest model
+    cost: float  # there
+    tried: tuple[Step, ...]
+    evaluations: int
+    explained: bool  # whether the motion is the target's but for noise
+    settled: bool  # whether they are a minimum
+    fitted: bool  # whether the coarsest model was fitted to all frames, not only to the first ones
+
+
+class Trial:
+    """The coarsest model of a scene with one step."""
+
+    def __init__(self, objective: Objective, count: int, p: Array, enough: float, step: Step) -> None:
+        """`count` is K of BDF2, 0 for the scene's own step; the fit goes on from p (P,); `step` names what is tried."""
+        self.objective, self.count, self.p, self.step = objective, count, p, step
+        self.search = Search(objective, p, enough, SEARCH_EVALUATIONS)
+        self.model = ladder.models(objective.scene)[0]
+        self.each = 0.0  # s of a simulation
+        self.early_rmse = np.inf  # m, over the first window, of the values that were fitted to it
+        self.looked, self.shows = False, False  # whether there is such a window, and the error of the step in it
+        self.fitted = False  # whether all frames were
+        self.ended = False  # by the user or the time
+
+    @property
+    def rmse(self) -> float:
+        """The error of the best values, m."""
+        return self.objective.rmse(self.search.best.cost)
+
+    @property
+    def by_bdf2(self) -> bool:
+        """Whether the step is one of BDF2."""
+        return self.objective.scene.method == BDF2
+
+    def look(self) -> None:
+        """Fit the first window. The scene's own step tries the balances of momentum before, which an exact target of
+        that step fulfils.
+        """
+        self._within(self._look)
+
+    def _look(self) -> None:
+        began = computing()
+        self.search.visit(self.p)
+        self.each = computing() - began
+        if not self.count and momentum.fits(self.objective):
+            self.search.visit(momentum.fit(self.objective, self.p, self.search.fitted, momentum.TREATMENTS[0]))
+        if is_near(self.search) or not self._through(slice(0, 1)):
+            return
+        window, self.looked = ladder.windows_of(self.objective)[0], True
+        self.early_rmse = window.rmse(window.cost_or_infinity(self.p))
+        scene = window.scene.with_step(window.scene.delta, window.steps + 1)
+        error = step_error(scene, self.p)
+        self.shows = error > HIDDEN * self.early_rmse and not is_noise(window, self.p)
+
+    def finish(self, before: float, rough: bool) -> None:
+        """Fit all frames, by a short round where `rough`; first the windows that are left, or all of them where the
+        cost is far above that `before`, by another step and from the same values.
+        """
+        self._within(lambda: self._finish(before, rough))
+
+    def _finish(self, before: float, rough: bool) -> None:
+        if self.looked:
+            self._through(slice(1, None))
+        elif not self.search.visit(self.p) <= CARRIED * before:
+            self._through(slice(None))
+        ladder.stage(self.search, self.model, rough=rough)
+        self.fitted = True
+
+    def _through(self, windows: slice) -> bool:
+        """Fit some windows; whether there are any, and a model of few values, which windows are for."""
+        part, scene = ladder.part_of(self.search, self.model, self.p), self.objective.scene
+        if part.fitted.sum() > ladder.FEW_VALUES or not ladder.windows_of(self.objective)[windows]:
+            return False
+
+        def through(own: Search) -> None:
+            p = ladder.through_windows(own, windows)
+            self.p = parameters(with_parameters(own.objective.scene, p), flags=scene)
+
+        ladder.carried(self.search, part, through)
+        return True
+
+    def _within(self, work: Callable[[], None]) -> None:
+        """Do some work, up to whatever ends it. Raises InvalidInput where there is too little memory, and
+        KeyboardInterrupt, where these end the first trial.
+        """
+        began, first = computing(), not self.count
+        try:
+            with threads.single(), interrupts.heard():
+                work()
+        except (Stop, Diverged) as end:
+            self.fitted, self.shows = True, isinstance(end, Diverged)
+        except InvalidInput:  # too little memory for so many steps
+            if first:
+                raise
+            self.fitted = True
+        except KeyboardInterrupt:
+            if first and not np.isfinite(self.search.best.cost):
+                raise  # there is no result yet
+            self.ended = True
+        except interrupts.OutOfTime:
+            self.ended = True
+        self.step = replace(self.step, rmse=self.rmse, seconds=self.step.seconds + computing() - began)
+
+
+class Trials:
+    """The trials of a choice, and the steps that are left."""
+
+    def __init__(self, objective: Objective, enough: float, counts: Sequence[int], origin: Objective) -> None:
+        """As `chosen` takes them."""
+        self.objective, self.enough, self.origin, self.made = objective, enough, origin, list[Trial]()
+        self.own = frame_interval(origin.experiments[0]) / objective.scene.delta
+        bdf2 = objective.scene.method == BDF2
+        self.left = [count for count in counts if not (bdf2 and abs(count - self.own) < ROUNDING)]
+        self.several = len(ladder.models(objective.scene)) > 1
+
+    def begin(self, count: int, p: Array) -> Trial:
+        """The trial of a step, from p (P,)."""
+        part = with_substeps(self.origin, count, BDF2) if count else self.objective
+        step = Step(count or max(round(self.own), 1), INTEGRATORS[part.scene.method], np.inf, 0.0)
+        self.made.append(Trial(part, count, p, self.enough, step))
+        return self.made[-1]
+
+    def by_looks(self, start: Array) -> Trial:
+        """The first step whose error does not show in the first window, or that half of it does not improve."""
+        trial = self.begin(0, start)
+        trial.look()
+        while self.left and trial.shows and EXPECTED * 2.0 * trial.each < LONGEST_TRIAL:
+            finer = self.begin(self.left.pop(0), trial.p)
+            finer.look()
+            if trial.by_bdf2 and not finer.early_rmse < (1.0 - PAYS) * trial.early_rmse:
+                break
+            trial = finer
+        return trial
+
+    def by_fits(self, best: Trial) -> Trial:
+        """The step, from one that a look has found, after which finer ones do not pay for all frames either."""
+        trial, before, gain = best, np.inf, ALLOWED if self.several else 0.0
+        while True:
+            if not (trial.fitted or trial.ended):
+                trial.finish(before, rough=self.several or not trial.count)
+            good = trial is best or trial.rmse < (1.0 + gain) * best.rmse
+            best = trial if good else best
+            if trial.ended or not self.left or is_enough(best.search) or (trial.count > 1 and not good):
+                return best
+            if trial.by_bdf2 and not is_worth_more(trial.search, trial.rmse):
+                return best
+            before = best.search.best.cost
+            trial = self.begin(self.left.pop(0), best.search.best.p)
+
+
+def chosen(
+    objective: Objective, start: Array, enough: float, counts: Sequence[int], origin: Objective | None = None
+) -> Stepped:
+    """The step for the targets, from `start` (P,): the scene's own, or the first of these numbers of BDF2 steps to a
+    frame whose error hides behind what the model leaves. An RMSE of `enough`, m, is good enough. `origin` is the
+    objective with the step of the user's scene, where that was changed.
+    """
+    trials = Trials(objective, enough, counts, origin or objective)
+    best = trials.by_fits(trials.by_looks(start))
+    best = min([best, *trials.made], key=lambda each: each.rmse if each is best or not each.fitted else np.inf)
+    return Stepped(
+        best.objective, best.count, best.search.best.p, best.search.best.cost,
+        tuple(each.step for each in trials.made), sum(each.search.budget.evaluations for each in trials.made),
+        is_enough(best.search), best.search.is_settled, best.fitted,
+    )  # fmt: skip
+
+
+def is_worth_more(search: Search, rmse: float) -> bool:
+    """Whether steps half as long may pay after a fit with this RMSE, m: where its motion needs fallbacks, with which it
+    jumps with the values, or where the error of its steps shows; unless that takes long. Not where the user or the time
+    ends the look.
+    """
+    objective, p, began = search.objective, search.best.p, computing()
+    try:
+        needed = objective.remedies(p) != NO_FALLBACKS
+        twice = 2.0 * (computing() - began) * max(search.budget.evaluations, EXPECTED)
+        return twice < LONGEST_TRIAL and (needed or step_error(objective.scene, p) > HIDDEN * rmse)
+    except Diverged:
+        return True
+    except (KeyboardInterrupt, interrupts.OutOfTime):
+        return False
+
+
+def finer(objective: Objective, p: Array) -> float | None:
+    """The RMSE, m, of the coarsest model with finer steps from p (P,), where that is lower than at p by as much as
+    pays; None where it is not, or where a moment's look does not find it.
+    """
+    now = objective.rmse(objective.cost(p))
+    search = Search(with_substeps(objective, LOOK, BDF2), p, 0.0, SEARCH_EVALUATIONS)
+    with contextlib.suppress(Stop, Diverged, InvalidInput, interrupts.OutOfTime), interrupts.limited(MOMENT):
+        ladder.stage(search, ladder.models(objective.scene)[0], [p], rough=True)
+    found = search.objective.rmse(search.best.cost)
+    return found if found < (1.0 - PAYS) * now else None
+
+
+def is_enough(search: Search) -> bool:
+    """Whether the step can be no better: the motion is the target's but for noise. A request to end counts as no, and
+    is heard by the next simulation.
+    """
+    if is_near(search):
+        return True
+    try:
+        with threads.single(), interrupts.heard():
+            return is_noise(search.objective, search.best.p)
+    except (Diverged, KeyboardInterrupt, interrupts.OutOfTime):
+        return False
+
+
+def is_noise(objective: Objective, p: Array) -> bool:
+    """Whether what is left at p (P,) is noise. Raises Diverged."""
+    test = residual_test(objective, p)
+    return test is not None and test.is_noise
