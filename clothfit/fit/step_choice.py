@@ -194,7 +194,8 @@ class Trials:
         while self.left and trial.shows and EXPECTED * 2.0 * trial.each < LONGEST_TRIAL:
             finer = self.begin(self.left.pop(0), trial.p)
             finer.look()
-            if trial.by_bdf2 and not finer.early_rmse < (1.0 - PAYS) * trial.early_rmse:
+            pays = is_near(finer.search) or finer.early_rmse < (1.0 - PAYS) * trial.early_rmse
+            if trial.by_bdf2 and not pays:
                 break
             trial = finer
         return trial

@@ -39,8 +39,10 @@ SLOW_EVALUATIONS, SLOW_SECONDS, SLOW_SAVING = 12, 0.5, 5e-3
 fraction.
 """
 
-SETTLED = SLOW_SAVING / SLOW_EVALUATIONS
-"""A round in the metric also ends where its gradient promises less than this fraction of the cost by one more step."""
+SETTLED = 0.1 * SLOW_SAVING / SLOW_EVALUATIONS
+"""A round in the metric also ends where its gradient promises less than this fraction of the cost by one more step: a
+tenth of what a slow round saves.
+"""
 
 METRIC_TOLERANCE = 1e-5
 """Of the linear systems for the metric, which it changes by less than a percent."""

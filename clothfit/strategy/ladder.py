@@ -148,7 +148,7 @@ def part_of(search: Search, model: str, p: Array) -> Search:
     return part
 
 
-def carried(search: Search, part: Search, method: Callable[[Search], None]) -> None:
+def carried(search: Search, part: Search, method: Callable[[Search], object]) -> None:
     """Run a method on a part of a search, which gets its best point whatever ends it. Raises Stop where that ends the
     whole.
     """

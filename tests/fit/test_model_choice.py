@@ -118,7 +118,7 @@ def test_a_budget_that_is_used_up_ends_the_choice_with_what_it_has():
 
 @pytest.mark.slow
 @needs_compilation
-@pytest.mark.parametrize("simulations", [1, 2, 5, 10, 20, 40])
+@pytest.mark.parametrize("simulations", [1, 2, 5, 10, 20, 30])
 def test_an_interrupt_ends_the_choice_with_what_it_has(monkeypatch, simulations):
     interrupt_after(monkeypatch, simulations)
     with interrupts.deferred():
