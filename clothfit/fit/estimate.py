@@ -22,7 +22,6 @@ from clothfit.base.limits import checked_tolerance
 from clothfit.base.memory import budget as memory_budget
 from clothfit.base.messages import metres
 from clothfit.engine.system import build
-from clothfit.fit import step_choice
 from clothfit.fit.confidence import confidence
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import held_out, split
@@ -49,6 +48,7 @@ from clothfit.optimise.status import Status, Stop
 from clothfit.scene.bounds import from_user
 from clothfit.scene.fit_vector import fitted_cloths, parameters
 from clothfit.scene.scene import Scene, check_is_scene
+from clothfit.strategy import step_choice
 from clothfit.strategy.auto import by_momentum, find, one_value_each, resumed
 from clothfit.strategy.ladder import as_model
 from clothfit.strategy.start import FirstPoint, choose_start, first_point, other_starts, start_warnings

@@ -12,17 +12,17 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import BDF2
-from clothfit.fit import model_choice, step_choice, time_step
+from clothfit.fit import model_choice
 from clothfit.fit.model_choice import Judged
 from clothfit.fit.options import AUTO, FitOptions
-from clothfit.fit.time_step import Step
 from clothfit.kernels import clock
 from clothfit.objective.objective import Objective
 from clothfit.optimise.checkpoint import State
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import Scene
-from clothfit.strategy import ladder
+from clothfit.strategy import ladder, step_choice, time_step
 from clothfit.strategy.start import choose_start
+from clothfit.strategy.time_step import Step
 
 MOMENT = 0.5
 """Seconds for the costs of the values that were found, where the time is up."""

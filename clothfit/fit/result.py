@@ -13,7 +13,6 @@ from clothfit.fit.confidence import Confidence
 from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import HeldOut
 from clothfit.fit.model_choice import Judged
-from clothfit.fit.time_step import Step
 from clothfit.fit.verdict import ADEQUATE, Judgement, Verdict, position_rmse, reproduced, verdict
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.correlation import Correlation
@@ -26,6 +25,7 @@ from clothfit.scene.block import Block
 from clothfit.scene.bounds import wider
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds, parameters, with_parameters
 from clothfit.scene.scene import Scene
+from clothfit.strategy.time_step import Step
 
 UNMOVED = 1e-9
 """Relative change up to which a parameter counts as not having moved: beyond the rounding of exp and log."""

@@ -13,7 +13,6 @@ from clothfit.engine.system import BDF2, IMPLICIT
 from clothfit.fit.estimate import estimate
 from clothfit.fit.options import FitOptions
 from clothfit.fit.preparation import Prepared, chosen_before, counts_of, flagged, prepared, with_model, with_steps
-from clothfit.fit.step_choice import COUNTS
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
 from clothfit.motion.simulate import simulate
@@ -22,6 +21,7 @@ from clothfit.optimise import checkpoint as module
 from clothfit.optimise.checkpoint import State
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.strategy import ladder
+from clothfit.strategy.step_choice import COUNTS
 
 needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 

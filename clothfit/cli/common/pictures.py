@@ -130,10 +130,10 @@ def over_target(found: Fit, scene: Scene, target: Goal | None) -> Overlay:
     """The motion of a fit over its target, which may have a scene of its own."""
     import numpy as np
 
-    from clothfit.fit.time_step import with_interval
     from clothfit.objective.experiment import flagged_as
     from clothfit.pictures.overlay import overlaid
     from clothfit.scene.fit_vector import parameters, with_parameters
+    from clothfit.strategy.time_step import with_interval
 
     if target is None:
         return overlaid(scene, found.scene, None, scene.frames)

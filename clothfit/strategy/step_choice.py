@@ -21,7 +21,6 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.system import BDF2
-from clothfit.fit.time_step import ROUNDING, Step, frame_interval, step_error, with_substeps
 from clothfit.kernels.clock import computing
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
@@ -32,6 +31,7 @@ from clothfit.optimise.status import Stop
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import INTEGRATORS
 from clothfit.strategy import ladder
+from clothfit.strategy.time_step import ROUNDING, Step, frame_interval, step_error, with_substeps
 from clothfit.strategy.trajectory_fit import is_near
 
 HIDDEN = 0.3

@@ -10,14 +10,14 @@ from helpers.strangers import small, with_finer_steps
 
 from clothfit.base import interrupts
 from clothfit.engine.system import BDF2, IMPLICIT
-from clothfit.fit.step_choice import COUNTS, HIDDEN, chosen, finer
-from clothfit.fit.time_step import frame_interval, last_time, step_error, substeps_of, with_interval, with_substeps
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
 from clothfit.motion.simulate import simulate
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import parameters
+from clothfit.strategy.step_choice import COUNTS, HIDDEN, chosen, finer
+from clothfit.strategy.time_step import frame_interval, last_time, step_error, substeps_of, with_interval, with_substeps
 
 pytestmark = [
     pytest.mark.slow,  # compiles a fit
