@@ -21,7 +21,13 @@ if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
 
 
-@standard_command("check")
+SECTIONS = {
+    "What to check": ("--steps", "--target", "--seed", "--memory"),
+    "The file of the target": motions.FILE_OPTIONS,
+}
+
+
+@standard_command("check", SECTIONS)
 @click.argument("scene_path", metavar="SCENE")
 @click.option("--steps", type=int, metavar="N",
               help="Simulate N time steps.  [default: the scene's, fewer for large cloths]")

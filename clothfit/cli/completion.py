@@ -10,6 +10,57 @@ from clothfit.cli.common.output import print_json
 
 SHELLS = ("bash", "zsh", "fish")
 
+BASH = r"""
+_clothfit_completion() {
+    local kind value
+    COMPREPLY=()
+    while IFS=, read -r kind value; do
+        COMPREPLY+=("$value")
+        [[ $kind == path ]] && compopt -o filenames 2> /dev/null
+        [[ $value == *= || $value == */ ]] && compopt -o nospace 2> /dev/null
+    done < <(COMP_WORDS="${COMP_WORDS[*]}" COMP_CWORD=$COMP_CWORD _CLOTHFIT_COMPLETE=bash_complete "$1")
+}
+complete -o nosort -F _clothfit_completion clothfit
+"""
+
+ZSH = r"""#compdef clothfit
+
+_clothfit_completion() {
+    local -a alone described open files
+    local kind value help
+    while IFS= read -r kind && IFS= read -r value && IFS= read -r help; do
+        if [[ $value == *[=/] ]]; then open+=("$value")
+        elif [[ $kind == path ]]; then files+=("$value")
+        elif [[ $help == _ ]]; then alone+=("$value")
+        else described+=("${value//:/\\:}:$help")
+        fi
+    done < <(COMP_WORDS="${words[*]}" COMP_CWORD=$((CURRENT - 1)) _CLOTHFIT_COMPLETE=zsh_complete clothfit)
+    (( $#described )) && _describe -V clothfit described -U
+    (( $#alone )) && compadd -U -V values -- "${alone[@]}"
+    (( $#open )) && compadd -U -S '' -V open -- "${open[@]}"
+    (( $#files )) && compadd -U -f -V files -- "${files[@]}"
+}
+
+if [[ $zsh_eval_context[-1] == loadautofunc ]]; then
+    _clothfit_completion "$@"
+else
+    compdef _clothfit_completion clothfit
+fi
+"""
+
+FISH = r"""function _clothfit_completion
+    set -l asked _CLOTHFIT_COMPLETE=fish_complete COMP_WORDS=(commandline -cp) COMP_CWORD=(commandline -t)
+    for line in (env $asked clothfit)
+        string replace -r '^[a-z]+,' '' -- $line
+    end
+end
+
+complete --no-files --command clothfit --arguments "(_clothfit_completion)"
+"""
+
+SCRIPTS = {"bash": BASH.lstrip(), "zsh": ZSH, "fish": FISH}
+"""What each shell is told. The program answers with lines of the kind of a completion, plain or path, and its text."""
+
 
 @standard_command("completion")
 @click.argument("shell", type=click.Choice(SHELLS), metavar="bash|zsh|fish")
@@ -24,19 +75,9 @@ def command(shell: str, as_json: bool, console: Console) -> None:
     Run or add the line of your shell once and open a new terminal. It needs bash 4.4 or newer. The script asks the
     installed program what it can complete.
     """
-    text = script(shell)
+    text = SCRIPTS[shell]
     if as_json:
         print_json("completion", {"shell": shell, "script": text})
     else:
         click.echo(text, nl=False)
 
-
-def script(shell: str) -> str:
-    """The script for that shell."""
-    from click.shell_completion import get_completion_class
-
-    made = get_completion_class(shell)
-    assert made is not None  # click knows all three
-    root = click.get_current_context().find_root().command
-    complete = made(root, {}, "clothfit", "_CLOTHFIT_COMPLETE")
-    return complete.source_template % complete.source_vars()  # `source` asks bash for its version first

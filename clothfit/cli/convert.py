@@ -29,7 +29,14 @@ LEAST_ROUNDING = 1e-12
 """m: a rounding that is worth a word."""
 
 
-@standard_command("convert")
+SECTIONS = {
+    "The scene or the mesh of the motion": ("--scene", "--mesh"),
+    "The file IN": motions.FILE_OPTIONS,
+    "The file OUT": ("--to-scale", "--to-up", "--to-handedness"),
+}
+
+
+@standard_command("convert", SECTIONS)
 @click.argument("in_path", metavar="IN")
 @click.argument("out_path", metavar="OUT")
 @click.option("--scene", "scene_path", metavar="SCENE",
@@ -60,7 +67,10 @@ def command(
     clothfit convert shirt.pc2 shirt.mdd --fps 24 --frames 0:100
     clothfit convert shirt.pc2 shirt.usd --mesh shirt.obj --fps 24 --to-scale 0.01 --to-up z
     """
-    convention = Convention(to_scale, to_up, to_handedness)
+    try:
+        convention = Convention(to_scale, to_up, to_handedness)
+    except InvalidInput as error:
+        raise InvalidInput(f"--to-{error}") from None
     one_stream(in_path, scene_path)
     scene = None if scene_path is None else read_scene(scene_path, console)
     others = (scene_path, mesh_path, None if reading.markers is None else os.fspath(reading.markers))

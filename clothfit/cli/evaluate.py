@@ -23,7 +23,15 @@ if TYPE_CHECKING:
 SPEED_OPTIONS = ("--speed", "--error", "--budget", "--fit", "--max-evaluations")
 
 
-@standard_command("evaluate", {"How fast and how exact (--speed)": SPEED_OPTIONS})
+SECTIONS = {
+    "What to compare": ("--target", "--steps"),
+    "The file of the target": motions.FILE_OPTIONS,
+    "How fast and how exact (--speed)": SPEED_OPTIONS,
+    "What is written": ("--plot", "--gif"),
+}
+
+
+@standard_command("evaluate", SECTIONS)
 @click.argument("scene_path", metavar="SCENE")
 @click.argument("fitted_path", metavar="FITTED", required=False)
 @click.option("--target", "target_path", metavar="MOTION", help="Compare with this motion instead of SCENE's own.")

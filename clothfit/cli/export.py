@@ -24,7 +24,7 @@ MOST_NAMES = 5
 """Of files in the line that says where they are."""
 
 
-@standard_command("export")
+@standard_command("export", {"What is written": ("--to", "--output")})
 @click.argument("fitted_path", metavar="FITTED")
 @click.option("--to", "tool", type=click.Choice(list(TOOLS)), required=True, metavar="TOOL",
               help="Tool: csv, obi, blender or vellum.")
@@ -70,7 +70,7 @@ def folder_of(path: str | None, fitted_path: str, tool: str) -> str:
     """Where the files go. Raises InvalidInput where nothing says so."""
     if path == STREAM or (path is None and fitted_path == STREAM):
         raise InvalidInput("an export is several files, which need a folder; name one with -o")
-    return path or str(Path(fitted_path).with_name(f"{Path(fitted_path).stem}-{tool}"))
+    return path or f"{Path(fitted_path).stem}-{tool}"
 
 
 def summary(scene: Scene, tool: str, folder: str, names: list[str]) -> dict[str, Any]:

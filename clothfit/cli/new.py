@@ -30,7 +30,21 @@ MOST_NAMED = 12
 """Vertices that are named."""
 
 
-@standard_command("new")
+SECTIONS = {
+    "A plane": ("--size", "--divisions", "--upright"),
+    "A mesh from a file": ("--scale", "--up", "--handedness", "--weld"),
+    "Where it is": ("--rotate", "--move"),
+    "What it is made of": (
+        "--density", "--stiffness", "--bending", "--no-bending", "--damping", "--drag", "--warp", "--region",
+    ),
+    "What holds it": ("--fix-box", "--fix-vertices", "--fix-side"),
+    "The world": ("--sphere", "--wind"),
+    "Simulation and fit": ("--fit", "--integrator", "--delta", "--fps", "--frames", "--tolerance"),
+    "What is written": ("--title", "--output"),
+}  # fmt: skip
+
+
+@standard_command("new", SECTIONS)
 @click.argument("given", metavar="plane|MESH", required=False)
 @click.option("--size", metavar="W[xH]", help="Size of the plane in m.  [default: 1]")
 @click.option("--divisions", type=click.IntRange(0), metavar="N", help="Give the longer side of the plane N + 2 "
@@ -116,8 +130,7 @@ def output(mesh_path: str, path: str | None, is_plane: bool) -> Output:
     check_there(*([] if "*" in mesh_path else [mesh_path]))
     from clothfit.meshes.mesh_file import sources
 
-    beside = str(Path(mesh_path).with_name(f"{stem_of(mesh_path)}.json"))
-    return output_for(path or beside, mesh_path, "", tuple(sources(mesh_path)), text=True)
+    return output_for(path or f"{stem_of(mesh_path)}.json", mesh_path, "", tuple(sources(mesh_path)), text=True)
 
 
 def stem_of(mesh_path: str) -> str:

@@ -28,7 +28,7 @@ from clothfit.base.interrupts import REQUESTS, SAME_REQUEST
 from clothfit.base.version import __version__
 from clothfit.cli.common.failures import failed, refused
 from clothfit.cli.common.help import ExamplesFirst
-from clothfit.cli.common.options import loudness
+from clothfit.cli.common.options import as_object, loudness
 from clothfit.cli.common.output import Printed
 from clothfit.cli.common.streams import results_apart
 
@@ -79,9 +79,10 @@ class LazyGroup(click.Group, ExamplesFirst):
 
 @click.command(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="clothfit")
+@as_object
 @loudness
 @click.pass_context
-def group(context: click.Context, quiet: bool, verbose: bool) -> None:
+def group(context: click.Context, as_json: bool, quiet: bool, verbose: bool) -> None:
     """Find the masses and stiffnesses of a cloth whose motion matches a target.
 
     \b
@@ -91,7 +92,7 @@ def group(context: click.Context, quiet: bool, verbose: bool) -> None:
 
     SCENE is a file in the front end's JSON format, or - for standard input.
     """
-    context.obj = {"quiet": quiet, "verbose": verbose}
+    context.obj = {"as_json": as_json, "quiet": quiet, "verbose": verbose}
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

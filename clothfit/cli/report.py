@@ -33,7 +33,14 @@ SILENT = ("quiet", "verbose", "as_json")
 """Parameters of a command that change no result."""
 
 
-@standard_command("report")
+SECTIONS = {
+    "What to show": ("--target", "--steps", "--log"),
+    "The file of the target": motions.FILE_OPTIONS,
+    "What is written": ("--output",),
+}
+
+
+@standard_command("report", SECTIONS)
 @click.argument("scene_path", metavar="SCENE")
 @click.argument("fitted_paths", metavar="FITTED...", nargs=-1, required=True)
 @click.option("--target", "target_path", metavar="MOTION", help="Compare with this motion instead of SCENE's own.")

@@ -30,7 +30,14 @@ MOST_ROWS = 10  # of the table, besides the start
 ENERGY_ROUNDING = 1e-12  # share of the largest energy in one place below which an energy counts as 0
 
 
-@standard_command("simulate")
+SECTIONS = {
+    "What to simulate": ("--steps", "--tolerance"),
+    "What is written": ("--output", "--energy", "--dump", "--plot", "--gif"),
+    "The file of the motion": ("--scale", "--up", "--handedness"),
+}
+
+
+@standard_command("simulate", SECTIONS)
 @click.argument("scene_path", metavar="SCENE")
 @click.option("--steps", type=int, metavar="N",
               help="Simulate N time steps.  [default: the scene's optimizationIterations - 1]")

@@ -18,7 +18,15 @@ if TYPE_CHECKING:
     from clothfit.formats.convention import Convention
 
 
-@standard_command("target")
+SECTIONS = {
+    "What to simulate": ("--steps", "--tolerance"),
+    "What a capture sees of it": ("--noise", "--observed", "--every", "--fps", "--seed"),
+    "What is written": ("--output",),
+    "The file of the motion": ("--scale", "--up", "--handedness"),
+}
+
+
+@standard_command("target", SECTIONS)
 @click.argument("scene_path", metavar="SCENE")
 @click.option("--steps", type=int, metavar="N",
               help="Simulate N time steps.  [default: the scene's optimizationIterations - 1]")

@@ -46,6 +46,7 @@ class FittedBlock:
     groups: list[str] | None = None  # in modes F, R and M: the names of the groups
     modes: list[int] | None = None  # in mode M: the values of each group, one for each mode of its map
     values: list[float] | None = None  # in modes F, R and M: the factors
+    bounds: list[float] = field(default_factory=list)  # that the values of `at_bound` are at, as `values` are meant
     start: float | list[float] | None = None  # where the fit began, as `values` are meant; one number where all agree
 
 
@@ -181,11 +182,12 @@ def fitted_block(search: Search, block: Block, p: Array, known: Confidence | Non
     bound = (at_lower(p[part], lower) | at_upper(p[part], upper)) & ~lost
     start = search.origin
     still = np.abs(p - start) <= UNMOVED * np.maximum(np.abs(start), search.coordinates.change(start))
+    reached = np.where(at_lower(p[part], lower), lower, upper)[bound]
     at_bound, hidden, unmoved = (np.flatnonzero(each).tolist() for each in (bound, lost, still[part] & ~lost))
     began = start[part].tolist()
     found = FittedBlock(
         block.cloth, block.name, block.mode, block.count, at_bound, hidden, unmoved, interval,
-        start=began[0] if len(set(began)) == 1 else began,
+        bounds=reached.tolist(), start=began[0] if len(set(began)) == 1 else began,
     )  # fmt: skip
     if block.factors is None:
         return found

@@ -6,11 +6,10 @@ the models that it imports. Lengths are multiplied by `scale`, m per unit of the
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
-from clothfit.base.arrays import Array, Indices
+if TYPE_CHECKING:
+    from clothfit.base.arrays import Array, Indices
 
 UPS, HANDS = ("y", "z"), ("left", "right")
 
@@ -35,7 +34,7 @@ RIGHT = Axes("y", "right", 1.0)
 
 def to_scene(points: Array, axes: Axes) -> Array:
     """Points (…, 3) of a file in the scene's axes, m."""
-    turned = np.empty(points.shape)  # filled in place: points of a motion take much memory
+    turned = points.astype(float)  # filled in place: points of a motion take much memory
     turned[..., 0] = -points[..., 0] if axes.handedness == "right" else points[..., 0]
     turned[..., 1] = points[..., 2 if axes.up == "z" else 1]
     turned[..., 2] = -points[..., 1] if axes.up == "z" else points[..., 2]
@@ -45,7 +44,7 @@ def to_scene(points: Array, axes: Axes) -> Array:
 
 def from_scene(points: Array, axes: Axes) -> Array:
     """Points (…, 3) of the scene, m, in a file's axes: the inverse of `to_scene`."""
-    turned = np.empty(points.shape)
+    turned = points.astype(float)
     turned[..., 0] = -points[..., 0] if axes.handedness == "right" else points[..., 0]
     turned[..., 1] = -points[..., 2] if axes.up == "z" else points[..., 1]
     turned[..., 2] = points[..., 1 if axes.up == "z" else 2]

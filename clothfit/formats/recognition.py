@@ -26,7 +26,7 @@ BEGINNINGS = (
 def kind_of(path: str) -> str | None:
     """One of the kinds above; None for what is not known, and for what is no file, such as a pipe."""
     if "*" in path and suffix_of(path) == ".obj":
-        return MOTION
+        return EITHER  # a sequence, or the mesh of its first frame
     try:
         if not os.path.isfile(path):
             return None

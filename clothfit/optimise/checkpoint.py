@@ -146,7 +146,9 @@ class Checkpoint:
             with open(self.path, "rb") as file:
                 data: bytes = whole(file) if size < 0 else file.read(size)
         except FileNotFoundError:
-            raise InvalidInput(f"{self._name}: there is no such checkpoint to resume from") from None
+            kept = "a fit keeps one after a minute, or with --checkpoint, and removes its own when it has converged"
+            why = kept if self.after else "no fit that keeps one there has begun"
+            raise InvalidInput(f"{self._name}: there is no such checkpoint to resume from; {why}") from None
         except OSError as error:
             raise InvalidInput(f"{self._name}: cannot be read: {error.strerror or error}") from None
         if not data.startswith(FORMAT_LINE):

@@ -1,14 +1,20 @@
 """Completion: what the shells are given, in this process, through the environment, and in a real bash."""
 
+import os
+import pty
+import select
 import shutil
+import signal
 import stat
 import subprocess
 import sys
+import time
 
 import pytest
 from click.shell_completion import get_completion_class
 from helpers.scenes import environment
 
+from clothfit.cli.common import values
 from clothfit.cli.program import COMMANDS, group, run
 
 pytestmark = pytest.mark.slow  # starts processes
@@ -41,13 +47,75 @@ def test_an_option_completes_after_others():
     ]  # fmt: skip
 
 
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    """Files of some kinds, in the current folder."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("cape.json", "cape.pc2", "cape.npz", "cape.obj", "cape.csv", "cape.txt", "cape note.md", ".cape.json"):
+        (tmp_path / name).touch()
+    (tmp_path / "capes").mkdir()
+    (tmp_path / "capes" / "own.jsonl").touch()
+
+
+@pytest.mark.usefixtures("files")
 @pytest.mark.parametrize(
-    "line",
-    ["simulate sc", "evaluate a.json fi", "estimate a.json b", "estimate a.json --target ca", "simulate a.json -o mo"],
+    ("line", "found"),
+    [
+        ("simulate ca", ["cape.json", "cape.txt", "capes/"]),
+        ("evaluate a.json ca", ["cape.json", "cape.txt", "capes/"]),
+        ("estimate a.json --target ca", ["cape.csv", "cape.npz", "cape.obj", "cape.pc2", "capes/"]),
+        ("convert ca", ["cape.csv", "cape.npz", "cape.obj", "cape.pc2", "capes/"]),
+        ("estimate a.json --map ca", ["cape.csv", "capes/"]),
+        ("new ca", ["cape.obj", "capes/"]),
+        ("report a.json b.json --log capes/", ["capes/own.jsonl"]),
+        ("estimate a.json --start cape.", ["cape.json", "cape.txt"]),
+        ("simulate cape.pc", ["cape.pc2"]),  # nothing likely: all
+        ("simulate .ca", [".cape.json"]),
+        ("simulate absent/", []),
+        ("info cape.", ["cape.csv", "cape.json", "cape.npz", "cape.obj", "cape.pc2", "cape.txt"]),
+    ],
 )
-def test_names_of_files_are_left_to_the_shell(line):
-    word = line.split()[-1]
-    assert completed(f"clothfit {line}") == [("file", word)]
+def test_files_complete_by_their_suffixes(line, found):
+    assert completed(f"clothfit {line}") == [("path", name) for name in found]
+
+
+@pytest.mark.parametrize(
+    ("line", "found"),
+    [
+        ("estimate a.json --method g", ["gauss-newton"]),
+        ("estimate a.json --objective ", ["position", "velocity", "edge-length", "spectrum"]),
+        ("estimate a.json --loss h", ["huber"]),
+        ("estimate a.json --model a", ["auto"]),
+        ("estimate a.json --bounds st", ["stiffness="]),
+        ("estimate a.json --up ", ["y", "z"]),
+        ("new plane --fix-side b", ["bottom", "back"]),
+        ("new plane --integrator s", ["symplectic"]),
+        ("new plane --fit g", ["gravity"]),
+        ("export a.json --to o", ["obi"]),
+    ],
+)
+def test_values_complete(line, found):
+    assert completed(f"clothfit {line}") == [("plain", value) for value in found]
+
+
+def test_the_values_are_those_that_commands_take():
+    from clothfit.fit.options import HOLDOUTS, MODELS, OWN_METHODS
+    from clothfit.meshes.fixing import SIDES
+    from clothfit.meshes.mesh_file import MESHES
+    from clothfit.objective.comparison import OBJECTIVES
+    from clothfit.objective.loss import LOSSES
+    from clothfit.optimise.scipy_methods import METHODS
+    from clothfit.scene.kinds import INTEGRATORS, KINDS
+
+    assert values.VALUES["--method"] == (*OWN_METHODS, *METHODS)
+    assert values.VALUES["--objective"] == tuple(OBJECTIVES)
+    assert (values.VALUES["--loss"], values.VALUES["--integrator"]) == (LOSSES, INTEGRATORS)
+    assert set(values.VALUES["--model"]) == set(MODELS)
+    assert (values.VALUES["--holdout-of"], set(values.SIDES)) == (HOLDOUTS, set(SIDES))
+    assert tuple(kind.name for kind in KINDS) == values.KINDS
+    assert values.MESHES == MESHES
+    known = {name for command in COMMANDS for option in group.get_command(None, command).params for name in option.opts}
+    assert {name for name in (*values.VALUES, *values.SUFFIXES) if name.startswith("--")} <= known
 
 
 @pytest.mark.parametrize("line", ["simulate a.json --steps ", "estimate a.json --memory "])
@@ -78,19 +146,82 @@ def test_completing_is_quick_because_it_loads_no_numerical_library():
     assert not loaded & {"numba", "scipy", "numpy", "rich", "jsonschema"}
 
 
-@pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
-def test_a_bash_completes(tmp_path):
-    program = tmp_path / "clothfit"
+@pytest.fixture
+def path(tmp_path, files):
+    """The variable PATH with the program in front."""
+    folder = tmp_path / "capes"
+    program = folder / "clothfit"
     program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m clothfit "$@"\n', "utf-8")
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    return f"{folder}:{os.environ['PATH']}"
+
+
+def there(shell):
+    """A mark that skips a test where that shell is not installed."""
+    return pytest.mark.skipif(shutil.which(shell) is None, reason=f"there is no {shell}")
+
+
+WORDS = [
+    ("estimate --no", ["--no-intervals"]),
+    ("estimate a.json --method gau", ["gauss-newton"]),
+    ("new plane --fix-side b", ["bottom", "back"]),
+    ("estimate a.json --target cape.p", ["cape.pc2"]),
+    ("simulate ca", ["cape.json", "cape.txt", "capes/"]),
+    ("estimate a.json --bounds st", ["stiffness="]),
+]
+
+
+@there("bash")
+@pytest.mark.parametrize(("line", "found"), WORDS)
+def test_a_bash_completes(path, line, found):
+    words = line.split()
     script = f"""
-        PATH="{tmp_path}:$PATH"
         eval "$(clothfit completion bash)"
         complete -p clothfit
-        COMP_WORDS=(clothfit estimate --no) COMP_CWORD=2 COMPREPLY=()
+        COMP_WORDS=(clothfit {line}) COMP_CWORD={len(words)} COMPREPLY=()
         _clothfit_completion clothfit
-        echo "${{COMPREPLY[*]}}"
+        printf '%s\\n' "${{COMPREPLY[@]}}"
     """
     call = ["bash", "--norc", "-c", script]
-    done = subprocess.run(call, capture_output=True, text=True, env=environment(), check=True)
-    assert done.stdout.splitlines() == ["complete -o nosort -F _clothfit_completion clothfit", "--no-intervals"]
+    done = subprocess.run(call, capture_output=True, text=True, env=environment(PATH=path), check=True)
+    assert done.stdout.splitlines() == ["complete -o nosort -F _clothfit_completion clothfit", *found]
+
+
+@there("fish")
+@pytest.mark.parametrize(("line", "found"), WORDS)
+def test_a_fish_completes(path, tmp_path, line, found):
+    script = f"clothfit completion fish | source; complete --do-complete 'clothfit {line}'"
+    asked = environment(PATH=path, HOME=str(tmp_path), XDG_CONFIG_HOME=str(tmp_path))
+    done = subprocess.run(["fish", "-c", script], capture_output=True, text=True, env=asked, check=True)
+    assert sorted(each.split("\t")[0] for each in done.stdout.splitlines()) == sorted(found)
+
+
+@there("zsh")
+@pytest.mark.parametrize(("line", "found"), WORDS)
+def test_a_zsh_completes(path, tmp_path, line, found):
+    """In a terminal of its own, as its completion runs in its editor only: Tab, or twice, where there are several."""
+    (tmp_path / ".zshrc").write_text("PS1='$ '\nautoload -Uz compinit\ncompinit -u -D\nsetopt no_beep list_ambiguous\n"
+                                     "zstyle ':completion:*' list-colors ''\nLISTMAX=1000\n"
+                                     'eval "$(clothfit completion zsh)"\n')  # fmt: skip
+    shell, terminal = pty.fork()
+    if shell == 0:
+        os.environ.update(environment(PATH=path, ZDOTDIR=str(tmp_path), HOME=str(tmp_path), TERM="dumb", COLUMNS="200"))
+        os.execvp("zsh", ["zsh", "-i"])
+    try:
+        read_until(terminal, "$ ")
+        os.write(terminal, f"clothfit {line}\t\t".encode())
+        shown = read_until(terminal, found[-1], *found)
+        assert all(each in shown for each in found)
+    finally:
+        os.kill(shell, signal.SIGKILL)
+        os.waitpid(shell, 0)
+        os.close(terminal)
+
+
+def read_until(terminal, *expected, seconds=30.0):
+    """What a terminal shows until all that is expected was there, or nothing has come for so long."""
+    shown, end = "", time.monotonic() + seconds
+    while not all(each in shown for each in expected) and time.monotonic() < end:
+        if select.select([terminal], [], [], 0.2)[0]:
+            shown += os.read(terminal, 4096).decode(errors="replace")
+    return shown

@@ -19,7 +19,7 @@ from clothfit.scene.mesh_numbering import numberings
 
 pytestmark = pytest.mark.slow  # starts processes
 
-KEYS = {"schema_version", "command", "scene", "vertices", "triangles", "springs", "mass", "fixed", "renumbered",
+KEYS = {"schema_version", "command", "scene", "vertices", "triangles", "springs", "size", "mass", "fixed", "renumbered",
         "problems", "families", "regions", "output"}  # fmt: skip
 
 
@@ -52,7 +52,7 @@ def test_a_plane_by_default(capsys):
     assert out == ""
     assert err.splitlines() == [
         "fixed: none, so it falls",
-        "plane: 144 vertices, 242 triangles, 726 springs, 0.2 kg, 100 frames of 0.02 s → plane.json",
+        "plane: 144 vertices, 242 triangles, 726 springs, 1 × 0 × 1 m, 0.2 kg, 100 frames of 0.02 s → plane.json",
     ]
     scene = load("plane.json")
     (cloth,) = scene.cloths
@@ -127,12 +127,12 @@ def test_it_is_turned_then_moved_then_held():
     np.testing.assert_allclose(cloth.positions[0], [-0.5, 2.5, 1.0], atol=1e-15)
 
 
-def test_a_mesh_goes_beside_its_file_with_the_files_numbers(folder):
+def test_a_scene_goes_into_the_working_folder_with_the_files_numbers(folder):
     sheet = mesh.plane(3, 1.0)
     (folder / "sub").mkdir()
     shape = trimesh.Trimesh(sheet.positions * [-1, 1, 1], sheet.triangles[:, ::-1], process=False)
     shape.export("sub/cloth.ply", vertex_normal=False)
-    scene = made("sub/cloth.ply", "--scale", "2", "--fix-vertices", "0", name="sub/cloth.json")
+    scene = made("sub/cloth.ply", "--scale", "2", "--fix-vertices", "0", name="cloth.json")
     (cloth,) = scene.cloths
     np.testing.assert_allclose(cloth.positions, 2 * sheet.positions, atol=2e-7)  # single precision
     np.testing.assert_array_equal(cloth.triangles, sheet.triangles)
@@ -313,7 +313,7 @@ def test_regions_and_the_warp_are_written_and_said(capsys):
     assert [region.name for region in own.regions] == ["hem", "patch", "corner"]
     assert own.warp.tolist() == [0.0, 0.0, 1.0]
     assert run(["info", "plane.json"]) == 0
-    assert "objects[0]: regions: hem (36 vertices, 132 springs)" in capsys.readouterr().err
+    assert "objects[0]: regions: hem (36 vertices, 132 springs)" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

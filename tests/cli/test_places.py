@@ -41,7 +41,7 @@ def files(tmp_path, monkeypatch, capsys):
 
 KINDS = {"scene.json": "scene", "curtain.pc2": "motion", "seen.npz": "motion", "flag.glb": "mesh or motion",
          "quad.obj": "mesh", "fit.jsonl": "log", "page.html": "page", "map.csv": "map", "f.checkpoint": "checkpoint",
-         "a_*.obj": "motion", "absent.json": None, ".": None}  # fmt: skip
+         "a_*.obj": "mesh or motion", "absent.json": None, ".": None}  # fmt: skip
 
 
 @pytest.mark.usefixtures("files")

@@ -314,3 +314,34 @@ def test_the_locale_c_gets_ascii(small):
     assert b"m/s^2" in done.stdout
     assert done.stdout.isascii()
     assert b" -> " in started("simulate", small, env=plain).stderr
+
+
+# --- options as they are typed, before or after the command
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["simulate", "scene.json", "--scale", "-1", "-o", "x.pc2"], "--scale must be above 0 and finite"),
+        (["simulate", "scene.json", "--tolerance", "2"], "--tolerance must be above 0"),
+        (["convert", "x.pc2", "y.pc2", "--to-scale", "0"], "--to-scale must be above 0"),
+        (["estimate", "scene.json", "--method", "magic"], "--method: there is no 'magic'"),
+        (["estimate", "scene.json", "--start", "-2"], "--start: -2 is not within"),
+        (["estimate", "scene.json", "--target", "x.npz", "--frames", "a"], "--frames: 'a' is not A:B"),
+        (["new", "plane", "--fix-vertices", "999"], "--fix-vertices: vertex 999 does not exist"),
+        (["new", "plane", "--fix-side", "inner"], "--fix-side: there is no 'inner'"),
+    ],
+)
+def test_a_message_names_the_option_as_it_is_typed(capsys, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    write_scene(tmp_path, trial("nG", 5, 3, 3))
+    code, out, err = said(capsys, *arguments)
+    assert (code, out) == (3, "")
+    assert err.startswith(f"error: {message}")
+
+
+@pytest.mark.parametrize("arguments", [["--json", "-q", "info"], ["-q", "info", "--json"], ["info", "--json", "-q"]])
+def test_common_options_go_before_or_after_the_command(capsys, small, arguments):
+    code, out, err = said(capsys, *arguments, small)
+    assert (code, err) == (0, "")
+    assert json.loads(out)["command"] == "info"

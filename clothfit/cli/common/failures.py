@@ -17,7 +17,7 @@ from contextlib import suppress
 
 import click
 
-from clothfit.base.errors import InvalidScene
+from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.base.messages import harmless, spelled
 from clothfit.cli.common.help import slip
 from clothfit.cli.common.output import Printed, document, plain
@@ -26,6 +26,10 @@ PLACE = re.compile(r"(top level|line \d+, column \d+|(?:[\w.\[\]]|\"[^\"]*\")+):
 """Where something is wrong, before what is."""
 
 OPTION = re.compile(r"--[a-z][a-z-]*")
+ARGUMENT = re.compile(r"([a-z][a-z_ ]*?)(?=: | must be )")  # as messages name it for Python
+
+OTHERWISE = {"markers": "--map", "seconds": "--budget", "rmse_tolerance": "--rmse"}
+"""Arguments of Python whose options have other names."""
 
 
 def split(sentence: str) -> dict[str, str | None]:
@@ -45,6 +49,7 @@ def refused(error: click.UsageError, arguments: Sequence[str]) -> int:
 
 def failed(message: str, code: int, arguments: Sequence[str], error: BaseException | None = None) -> int:
     """Say what is wrong; returns the exit code."""
+    message = as_typed(message) if isinstance(error, InvalidInput) else message
     with suppress(OSError):
         print(spelled(harmless(f"error: {message}"), sys.stderr.encoding), file=sys.stderr, flush=True)
     if wants_json(arguments) and not Printed.summary:
@@ -53,6 +58,15 @@ def failed(message: str, code: int, arguments: Sequence[str], error: BaseExcepti
             text = json.dumps(plain(document(Printed.command, found)))
             print(text, file=sys.stderr if Printed.elsewhere else sys.stdout, flush=True)
     return code
+
+
+def as_typed(message: str) -> str:
+    """The message with the option, as it is typed, in the place of the argument of Python that it is about."""
+    found = ARGUMENT.match(message)
+    if found is None:
+        return message
+    option = OTHERWISE.get(found[1], f"--{found[1].replace('_', '-').replace(' ', '-')}")
+    return option + message[found.end() :] if option in Printed.options else message
 
 
 def wants_json(arguments: Sequence[str]) -> bool:

@@ -11,14 +11,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from inspect import cleandoc
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import click
 
 from clothfit.base.messages import meant
-
-if TYPE_CHECKING:
-    from click.shell_completion import CompletionItem
+from clothfit.cli.common.values import SUFFIXES, VALUES, Known
 
 COMMON = ("as_json", "quiet", "verbose", "version")
 """Parameters that every command has, besides the help itself."""
@@ -104,22 +102,17 @@ class ExamplesFirst(click.Command):
                 formatter.write_dl(records)
 
 
-class FileName(click.types.StringParamType):
-    """A text that a shell completes as the name of a file; whoever reads the file finds out what it is."""
-
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """Let the shell do it."""
-        from click.shell_completion import CompletionItem
-
-        return [CompletionItem(incomplete, type="file")]
-
-
-def complete_files(command: click.Command) -> click.Command:
-    """The command, with file names completed where the name of a value says that it is one."""
+def complete_values(command: click.Command) -> click.Command:
+    """The command, with what its options know completed, and files where a value's name says that it is one."""
     for parameter in command.params:
-        names = re.findall(r"[A-Z]+", parameter.metavar or "")
-        if parameter.type is click.STRING and FILE_NAMES & set(names):
-            parameter.type = FileName()
+        words = set(re.findall(r"[A-Z]+", parameter.metavar or ""))
+        keys = [*parameter.opts, *sorted(words)]
+        values = next((VALUES[key] for key in keys if key in VALUES), ())
+        suffixes = next((SUFFIXES[key] for key in keys if key in SUFFIXES), None)
+        if suffixes is None and FILE_NAMES & words and not values:
+            suffixes = ()
+        if parameter.type is click.STRING and (values or suffixes is not None):
+            parameter.type = Known(values, suffixes)
     return command
 
 

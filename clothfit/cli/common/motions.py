@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from clothfit.motion.motion import Motion
     from clothfit.scene.scene import Scene
 
+FILE_OPTIONS = ("--fps", "--frames", "--scale", "--up", "--handedness", "--map")
+"""Those that say what a motion file does not."""
+
 UNEVEN = 1e-3
 """Of a time step: differences between steps that are no rounding."""
 

@@ -14,7 +14,7 @@ from clothfit.base.limits import duration as duration
 from clothfit.base.limits import is_number as is_number
 from clothfit.base.version import __version__
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.help import ExamplesFirst, Sections, complete_files
+from clothfit.cli.common.help import ExamplesFirst, Sections, complete_values
 from clothfit.cli.common.output import Printed, streams
 from clothfit.cli.common.places import check_places
 
@@ -29,6 +29,12 @@ def loudness(function: F) -> F:
     return click.option("-q", "--quiet", is_flag=True, help="Print errors only.")(verbose(function))
 
 
+def as_object(function: F) -> F:
+    """Add --json; it works before and after a command's name."""
+    text = "Print the summary, or the error, as one JSON object on standard output."
+    return click.option("--json", "as_json", is_flag=True, help=text)(function)
+
+
 def standard_command(name: str, sections: Sections | None = None) -> Callable[[Action], click.Command]:
     """A command with the options that every command has; its function receives a `console` for its messages.
 
@@ -38,19 +44,20 @@ def standard_command(name: str, sections: Sections | None = None) -> Callable[[A
     def decorate(function: Action) -> click.Command:
         @wraps(function)
         def speaking(quiet: bool, verbose: bool, **arguments: Any) -> int | None:
-            before: dict[str, bool] = click.get_current_context().obj or {}
+            context = click.get_current_context()
+            before: dict[str, bool] = context.obj or {}
+            arguments["as_json"] = arguments["as_json"] or before.get("as_json", False)
             elsewhere = streams(arguments)
-            Printed.begin(name, elsewhere)
+            Printed.begin(name, elsewhere, {each for one in context.command.params for each in one.opts})
             data = elsewhere or arguments["as_json"]
             check_places(name, arguments)
             console = Console(quiet or before.get("quiet", False), verbose or before.get("verbose", False), data)
             return function(**arguments, console=console)
 
         made = loudness(click.version_option(__version__, prog_name="clothfit")(speaking))
-        text = "Print the summary as one JSON object on standard output."
-        made = click.option("--json", "as_json", is_flag=True, help=text)(made)
+        made = as_object(made)
         settings = {"help_option_names": ["-h", "--help"]}
-        return complete_files(click.command(name, ExamplesFirst, context_settings=settings, sections=sections)(made))
+        return complete_values(click.command(name, ExamplesFirst, context_settings=settings, sections=sections)(made))
 
     return decorate
 

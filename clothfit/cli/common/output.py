@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,11 +31,12 @@ class Printed:
     command: str | None = None  # its name, as soon as that is known
     elsewhere = False  # whether standard output is for a motion, a scene or a page, and JSON goes to standard error
     summary = False  # whether its JSON was printed
+    options: Collection[str] = ()  # that it has
 
     @classmethod
-    def begin(cls, command: str | None = None, elsewhere: bool = False) -> None:
+    def begin(cls, command: str | None = None, elsewhere: bool = False, options: Collection[str] = ()) -> None:
         """Nothing is printed yet."""
-        cls.command, cls.elsewhere, cls.summary = command, elsewhere, False
+        cls.command, cls.elsewhere, cls.summary, cls.options = command, elsewhere, False, options
 
 
 @contextmanager

@@ -88,7 +88,7 @@ def describe(found: Fit, out: Output, console: Console) -> None:
     for block in found.parameters:
         place = owned(block.object, block.name)
         if block.at_bound:
-            console.warn(f"{place}: {len(block.at_bound)} of {block.count} at a bound: {indices(block.at_bound)}")
+            console.warn(f"{place}: {at_bound(block)}")
         if times := factors(block):
             console.say(f"{place}: {times}")
         if known := certainty(block):
@@ -157,6 +157,17 @@ def factors(block: FittedBlock) -> str:
         return ""
     parts = (f"{name} × {value:.4g}" for name, value in zip(block.groups, block.values, strict=True))
     return ", ".join(parts)
+
+
+def at_bound(block: FittedBlock) -> str:
+    """Which values are at a bound, and which bound that is."""
+    from clothfit.scene.kinds import KIND
+
+    factor = block.values is not None or (block.name == "rest" and block.mode == "G")
+    ends = " and ".join(f"{end:g}" for end in sorted(set(block.bounds)))
+    which = "" if block.count == 1 else f": {indices(block.at_bound)}"
+    unit = "times the start" if factor else KIND[block.name].unit
+    return f"{len(block.at_bound)} of {block.count} at a bound, {ends} {unit} (--bounds){which}"
 
 
 def certainty(block: FittedBlock) -> str:
