@@ -6,13 +6,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
+
+
+@cache
+def libraries() -> ThreadpoolController:
+    """The BLAS of NumPy and that of SciPy; to find them takes longer than many a fit's step."""
+    import scipy.linalg  # noqa: F401  only a loaded BLAS can be found, and SciPy's is not NumPy's
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 @contextmanager
 def single() -> Iterator[None]:
     """Let BLAS use one thread within the block."""
-    import scipy.linalg  # noqa: F401  only a loaded BLAS can be limited, and SciPy's is not NumPy's
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(limits=1, user_api="blas"):
+    with libraries().limit(limits=1, user_api="blas"):
         yield
