@@ -136,11 +136,12 @@ def second_order(euler, inner, tolerance, work, part, t, energy, guarded):
     it is to be taken with the clamped systems, 0 iterations are used.
     """
     x, v, (x_before, v_before) = part.x, velocity(part, t), state_before(part, t)
-    used, iterations, direct, kinetic, weight = bdf2.step(
+    used, iterations, direct, kinetic, weight, size = bdf2.step(
         inner, x[t], v, x_before, v_before, work.solution, tolerance, work, part.w[t], x[t + 1]
     )
     count(part, t, used, iterations, direct)
-    if used == 0 or not finite(x[t + 1]):
+    near = 3.0 * size < FARTHEST * FARTHEST or finite(x[t + 1])  # 3 |a|² ≥ (|a₀| + |a₁| + |a₂|)²
+    if used == 0 or not near:
         return energy, False
     if not guarded:
         return energy, True

@@ -15,7 +15,7 @@ and s how far the step ends from the point of linearisation. Each module has
     add_damping(force, y, scale, q, out)                          out += scale · D(y) q; left out where D = 0
     add_step(force, y, u, h, ahead, A, b)                         A −= h² K + h D,  b += h (f − D u) unless b is empty,
                                                                   and where y is h u `ahead` also −h² K u; returns
-                                                                  `energy` for `step.guard`, of weight 0
+                                                                  `energy` for `step.guard`, of weight 0, unless `ahead`
     add_pullback(force, y, u, w, s, lam, h, grad, gy, gu)         gradient of φ = h λᵀ F(w), s and w held fixed:
                                                                   gy += ∂φ/∂y,  gu += ∂φ/∂u,  grad += ∂φ/∂p
     add_pushforward(force, y, u, w, s, dy, du, direction, h, out) out += h dF(w), s and w held fixed

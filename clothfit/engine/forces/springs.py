@@ -108,7 +108,7 @@ def capped(springs, rho):
     if left < 0.0:
         return springs.cap, 0.0
     if left < springs.bend:
-        t = left / springs.bend
+        t = 1.0 / springs.bend * left
         return springs.cap - left * t * (2.0 - t), rho * t * (4.0 - 3.0 * t)
     return rho, rho
 
@@ -183,14 +183,15 @@ def add_step(springs, y, u, h, ahead, A, b):
             add_block(A.diagonal, springs.ends[i, 0], low, high)
             add_block(A.diagonal, springs.ends[i, 1], low, high)
             subtract_block(A.upper, springs.slot[i], low, high)
-            if len(b) > 0:
+            if len(b) == 0:
+                continue
+            if ahead:
+                u_i = difference(u, springs, i)
+                pull = mul(splat(h * k * (h * hat * dot(u_i, d) - stretch)), d)
+                add_opposite(b, springs, i, fma(across, u_i, pull))
+            else:
                 stored += k * stretch * stretch
-                if ahead:
-                    u_i = difference(u, springs, i)
-                    pull = mul(splat(h * k * (h * hat * dot(u_i, d) - stretch)), d)
-                    add_opposite(b, springs, i, fma(across, u_i, pull))
-                else:
-                    add_opposite(b, springs, i, mul(splat(-h * k * stretch), d))
+                add_opposite(b, springs, i, mul(splat(-h * k * stretch), d))
     return 0.5 * stored
 
 
@@ -210,7 +211,7 @@ def measure(springs, y, begin, end, e, size):
         hat = rho = mul(rest, inverse)
         if springs.bend > 0.0:  # as `capped`
             left = sub(cap, rho)
-            t = div(left, bend)
+            t = mul(splat(1.0 / springs.bend), left)
             hat = where_less(left, bend, sub(cap, mul(mul(left, t), sub(splat(2.0), t))), rho)
         store(inverse, size, 0, j)
         store(sub(length, rest), size, 1, j)

@@ -75,15 +75,18 @@ def energy(system, x, v):
 
 @kernel
 def arrive(vertex, x, base, h, w, x_new):
-    """Write x_new = base + h w for a step from x, (n, 3) each; returns ½ wᵀM w and the work of the weight, J."""
-    twice, way, reach = splat(0.0), splat(0.0), splat(h)
+    """Write x_new = base + h w for a step from x, (n, 3) each; returns ½ wᵀM w and the work of the weight, J, and
+    Σ |x_new|², m².
+    """
+    twice, way, size, reach = splat(0.0), splat(0.0), splat(0.0), splat(h)
     for i in range(len(vertex.mass)):
         m, w_i = splat(vertex.mass[i]), load3(w, i)
         new = add(load3(base, i), mul(reach, w_i))
         twice = fma(mul(m, w_i), w_i, twice)
         way = fma(m, sub(new, load3(x, i)), way)
+        size = fma(new, new, size)
         store3(new, x_new, i)
-    return 0.5 * sum3(twice), dot(vector(vertex.gravity), way)
+    return 0.5 * sum3(twice), dot(vector(vertex.gravity), way), sum3(size)
 
 
 @kernel
