@@ -27,6 +27,9 @@ MOST_BYTES = 200_000_000
 MOST_POINTS = 2000
 """Most points of the cost curve; of more, every k-th is kept."""
 
+LARGEST_START = 1e30
+"""In SI units: larger values are none that a fit began with, and their sums overflow."""
+
 
 class Point(NamedTuple):
     """The state of a fit after some evaluations."""
@@ -144,7 +147,7 @@ def start_of(summary: Mapping[str, Any], scene: Scene) -> Scene | None:
     for block in scene.blocks:
         found = starts.get((str(block.cloth), block.name, block.mode))
         values = [number(value) for value in (found if isinstance(found, list) else [found] * block.count)]
-        known = [value for value in values if value is not None]
+        known = [value for value in values if value is not None and abs(value) < LARGEST_START]
         if len(known) != block.count or len(values) != block.count:
             return None
         p[block.part] = known

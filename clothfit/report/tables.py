@@ -86,15 +86,15 @@ def many(
 ) -> list[Cell]:
     """The row of many values: their medians."""
     cells: list[Cell] = [f"{name}, median of {len(found[0])}"]
-    cells += [] if began is None else [figure(float(np.median(began)))]
-    cells.append(figure(float(np.median(found[0]))))
+    cells += [] if began is None else [figure(median(began))]
+    cells.append(figure(median(found[0])))
     if trial:
         with np.errstate(divide="ignore", invalid="ignore"):
             gaps = np.abs(found[0] / found[1] - 1.0)
-        gap = float(np.median(gaps[np.isfinite(gaps)])) if np.isfinite(gaps).any() else np.nan
-        cells += [figure(float(np.median(found[1]))), [f"{100 * gap:.2g} %", gap] if np.isfinite(gap) else "–"]
+        gap = median(gaps[np.isfinite(gaps)]) if np.isfinite(gaps).any() else np.nan
+        cells += [figure(median(found[1])), [f"{100 * gap:.2g} %", gap] if np.isfinite(gap) else "–"]
     pairs = [each for each in ends if each]
-    half = f"± {figure(float(np.median([high - low for low, high in pairs])) / 2)[0]}" if pairs else "–"
+    half = f"± {median([high - low for low, high in pairs]) / 2:.5g}" if pairs else "–"
     return [*cells, half, unit]
 
 
@@ -108,9 +108,15 @@ def labels(block: Block) -> list[str]:
     return [f"[{i}]" for i in range(block.count)]
 
 
-def figure(value: float) -> list[Any]:
-    """A number as text, and itself."""
-    return [f"{value:.5g}", float(value)]
+def figure(value: float) -> Cell:
+    """A number as text, and itself; only the text of what is not finite."""
+    return [f"{value:.5g}", float(value)] if np.isfinite(value) else f"{value:.5g}"
+
+
+def median(values: Array | Sequence[float]) -> float:
+    """The median; inf where it is too large for a number."""
+    with np.errstate(over="ignore"):
+        return float(np.median(values))
 
 
 def off(value: float, true: float) -> Cell:
@@ -118,7 +124,7 @@ def off(value: float, true: float) -> Cell:
     if true == 0:
         return f"{value:.2g}"
     gap = abs(value / true - 1.0)
-    return [f"{100 * gap:.2g} %", float(gap)]
+    return [f"{100 * gap:.2g} %", float(gap)] if np.isfinite(gap) else "–"
 
 
 def interval(ends: Any) -> str:
@@ -208,7 +214,7 @@ def side_by_side(truth: Scene, fitted: Scene, show: Shown, logs: Sequence[Log]) 
             [metres(near.rmse), near.rmse], [share(near.rmse, show), near.rmse / (show.residuals.travel or np.inf)],
             [metres(near.max_error), near.max_error],
         ]  # fmt: skip
-        medians = [figure(float(np.median(parameters(scene, flags=truth)[block.part]))) for block in blocks]
+        medians = [figure(median(parameters(scene, flags=truth)[block.part])) for block in blocks]
         took = plain(known[name].summary.get("seconds")) if name in known else "–"
         rows.append([name, *far, *medians, took])
     named = [f"{owned(b.cloth, b.kind.title)}{suffix(b)}" for b in blocks]

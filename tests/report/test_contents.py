@@ -15,7 +15,7 @@ from clothfit.report.log import Log, start_of
 from clothfit.report.page import WEB, report_page
 from clothfit.report.residuals import residuals
 from clothfit.report.showing import BEFORE, shown
-from clothfit.report.tables import correlations, ladder, steps, value_name
+from clothfit.report.tables import correlations, figure, ladder, median, steps, value_name
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import load
 
@@ -104,6 +104,11 @@ def test_the_start_of_a_fit_comes_from_its_summary():
     assert start_of({"parameters": [blocks[0], {**blocks[1], "start": [7.0, 8.0]}]}, scene) is None
     assert start_of({"parameters": [blocks[0], {**blocks[1], "start": -7.0}]}, scene) is None  # no stiffness
     assert start_of({"parameters": [[]]}, scene) is None
+
+
+def test_values_that_are_too_large_for_their_median_are_text():
+    assert figure(median(np.full(2, 1.5e308))) == "inf"  # a page is JSON, which has no such number
+    assert figure(2.5) == ["2.5", 2.5]
 
 
 # --- the motions beside the fitted one
