@@ -6,7 +6,8 @@ by the
     dot product   w·(J d) must be (Jᵀ w)·d.
 
 To estimate the rounding in the directional derivative and in the products, they are computed once more with linear
-systems solved ten times less accurately, at values that differ in their last digits.
+systems solved ten times less accurately, at values that differ in their last digits. Where masses and stiffnesses
+differ by more than numbers resolve, that is not all: the condition of the systems bounds what can be known.
 """
 
 from __future__ import annotations
@@ -116,14 +117,15 @@ def check_scene(
     gradient = objective.cost_and_gradient(p)[1]
     d = direction_of(p, gradient, rng)
     other = objective.until(count, LOOSER_TOLERANCE * objective.tolerance)
-    derivative = directional_derivative(other, p, d, gradient)
+    rounding = solved_to(objective)
+    derivative = directional_derivative(other, p, d, gradient, rounding)
     rungs, noise = ladder(objective, p, d)
     short = calm(rungs, noise)
     beyond = next((rung.switch for rung in rungs[len(short) :]), "")
     tests = (
         taylor(short, derivative, noise),
         difference(short, derivative, noise),
-        product(objective, other, p, d, rng),
+        product(objective, other, p, d, rng, rounding),
     )
     reach = short[-1].t if short else 0.0
     return SceneCheck(scene.name, count, tuple(scene.blocks), flagged, tests, reach, beyond)
@@ -144,13 +146,29 @@ def changed(scene: Scene, p: Array, rng: np.random.Generator) -> Array:
     return np.asarray(other)
 
 
-def directional_derivative(other: Objective, p: Array, d: Array, gradient: Array) -> Known:
+def solved_to(objective: Objective) -> float:
+    """Relative error that rounding can make in solutions of the linear systems: ε times a bound of their condition, the
+    largest of (1 + h α) m and (h² + h β) k (`forces`) over the smallest mass above 0.
+    """
+    worst = 1.0
+    for run in objective.runs:
+        system, h = run.system, run.system.h
+        mass = system.vertex.mass[system.vertex.free]
+        inert = (1.0 + h * system.vertex.damping) * mass.max(initial=0.0)
+        stiff = (h + system.springs.damping) * h * system.springs.stiffness.max(initial=0.0)
+        worst = max(worst, max(inert, stiff) / mass.min(where=mass > 0, initial=np.inf))
+    return float(np.finfo(float).eps * worst)
+
+
+def directional_derivative(other: Objective, p: Array, d: Array, gradient: Array, rounding: float) -> Known:
     """g·d, m², with its rounding."""
     value = float(gradient @ d)
-    return Known(value, abs(float(other.cost_and_gradient(nudged(p))[1] @ d) - value))
+    return Known(value, abs(float(other.cost_and_gradient(nudged(p))[1] @ d) - value) + rounding * abs(value))
 
 
-def product(objective: Objective, other: Objective, p: Array, d: Array, rng: np.random.Generator) -> Finding:
+def product(
+    objective: Objective, other: Objective, p: Array, d: Array, rng: np.random.Generator, rounding: float
+) -> Finding:
     """Compare w·(J d) with (Jᵀ w)·d; w has the signs of J d, so that nothing cancels."""
     changes = objective.tangent(p, d)
     weights = [np.copysign(np.abs(rng.normal(size=change.shape)), change) for change in changes]
@@ -162,7 +180,7 @@ def product(objective: Objective, other: Objective, p: Array, d: Array, rng: np.
     found = both(objective, p, changes)
     varied = both(other, nudged(p), other.tangent(nudged(p), d))
     size = max(float(np.abs(found).max()), SMALLEST_FLOAT)
-    blur = float(np.abs(varied - found).sum()) / size
+    blur = float(np.abs(varied - found).sum()) / size + rounding
     return judged("dot product", blur, float(abs(found[1] - found[0])) / size, PRODUCT)
 
 

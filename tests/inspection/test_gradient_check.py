@@ -1,10 +1,12 @@
 """The tests of a gradient on scenes: hard ones pass, faults are found, and kinks are named instead of blamed."""
 
+import json
+
 import numba
 import numpy as np
 import pytest
 from helpers.physics import METHODS, ball, scene, sheet, thing, xyz
-from helpers.scenes import cloth, trial
+from helpers.scenes import cloth, load_text, trial
 
 from clothfit.base.errors import InvalidInput
 from clothfit.derivative import verify
@@ -175,3 +177,15 @@ def test_what_changes_nothing_is_unclear():
 def test_a_scene_that_diverges_cannot_be_checked():
     with pytest.raises(Diverged):
         check_scene(scene(sheet("LL", springStiffness=[1e6] * 16), integrationMethod=0, delta=0.05))
+
+
+@pytest.mark.parametrize(
+    ("mass", "stiffness", "damping"), [(1e-100, 30.0, 0.1), (1e-5, 30.0, 1e12), (0.02, 1e101, 0.1)]
+)
+def test_where_numbers_do_not_resolve_the_systems_nothing_is_called_wrong(mass, stiffness, damping):
+    """A vertex or spring that is 1e15 times and more lighter or stiffer than others: solutions are rounding there."""
+    made = trial("nL", 3, 3, 3)
+    own = made["objects"][0]
+    own["vertMass"][4], own["springStiffness"][7], own["damping"] = mass, stiffness, damping
+    with np.errstate(all="ignore"):
+        assert check_scene(load_text(json.dumps(made))).verdict in ("unclear", "passed")
