@@ -194,8 +194,6 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
             plan = Prepared(objective, None) if hidden else prepared(objective, kept_out, start, options, state)
             found = searched(plan, start, hidden, options, checkpoint, state)
             found = replace(found, hints=[*hints, *found.hints])
-            if start is None and not hidden:
-                found = looked_at(found, unless_flattened, plan.objective, options=options)
         return assessed(found, replace(plan, kept_out=plan.kept_out or kept_out), hidden, options)
 
 
@@ -246,41 +244,57 @@ def searched(
     search.longest = LONGEST if options.seconds is None else np.inf
     search.warn(*warnings)
     others = partial(other_starts, objective, p, hidden) if start is None and plan.p is None else None
+    as_it_is = np.inf if start is not None or hidden else cost_of_pattern(objective)
     status = search_by(search, options, p, others, plan.wanted)
+    flattened = status != Status.DIVERGED and as_it_is < search.best.cost
     if options.found and status != Status.DIVERGED:
-        options.found(fitted_scene(search, search.best.p, start is not None))
+        options.found(objective.scene if flattened else fitted_scene(search, search.best.p, start is not None))
     seconds, warnings = search.progress.seconds, [*search.warnings]
     if checkpoint and checkpoint.fault:
         warnings.append(checkpoint.fault)
     known = assess(search, status, warnings, hidden) if options.intervals else UNKNOWN
     found = result(search, status, options.method, warnings, start is not None, known, seconds)
+    if flattened:
+        found = unflattened(found, objective, as_it_is)
     models = judged(search.rungs, plan.kept_out) if plan.judged is None else plan.judged
     asked = options.substeps if isinstance(options.substeps, int) and not hidden else None
     return replace(found, ladder=models, steps=list(plan.tried), substeps=plan.substeps or asked)
 
 
-def unless_flattened(found: Fit, objective: Objective) -> Fit:
-    """The fit, or the scene as it was where one value for all, which flattens its pattern, comes no nearer."""
+def cost_of_pattern(objective: Objective) -> float:
+    """The cost of the scene as it is where one value for all (G) flattens its pattern; infinite where none does. A
+    request to end counts as no, and is heard by the search.
+    """
     scene = objective.scene
     flat = any(
         block.mode == "G" and block.kind.log and block.cloth is not None
         and len(np.unique(getattr(scene.cloths[block.cloth], block.name))) > 1
         for block in scene.blocks
     )  # fmt: skip
-    if found.status == Status.DIVERGED or not flat:
-        return found
-    kept = objective.flagging(as_model(scene, "F", exactly=True))
-    cost = kept.cost_or_infinity(parameters(kept.scene))
-    if not cost < found.cost:
-        return found
+    if not flat:
+        return np.inf
+    try:
+        with threads.single(), interrupts.heard():
+            kept = objective.flagging(as_model(scene, "F", exactly=True))
+            return kept.cost_or_infinity(parameters(kept.scene))
+    except KeyboardInterrupt:
+        interrupts.request()
+    except interrupts.OutOfTime:
+        pass
+    return np.inf
+
+
+def unflattened(found: Fit, objective: Objective, cost: float) -> Fit:
+    """The scene as it was, of that cost, in place of a fit by equal values that comes no nearer."""
     text = (
-        f"the scene's own values, which differ from each other, come nearer as they are, to {metres(kept.rmse(cost))}, "
-        f"than equal ones (G), to {metres(found.rmse)}, and are kept; --model F keeps their pattern"
+        f"the scene's own values, which differ from each other, come nearer as they are, to "
+        f"{metres(objective.rmse(cost))}, than equal ones (G), to {metres(found.rmse)}, and are kept; --model F keeps "
+        "their pattern"
     )
     blocks = [replace(block, interval=[None] * block.count) for block in found.parameters]
     hints = [*found.hints, Hint("pattern", text, early=False)]
     found = replace(found, parameters=blocks, rank=None, sigma=None, hints=hints, verdict=None)
-    return replace(found, scene=scene, cost=cost, rmse=kept.rmse(cost))
+    return replace(found, scene=objective.scene, cost=cost, rmse=objective.rmse(cost))
 
 
 def with_step_hint(found: Fit, objective: Objective) -> Fit:

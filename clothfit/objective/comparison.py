@@ -47,6 +47,9 @@ OBJECTIVES: dict[str, Maker] = {
 OWN = "own"
 """The name among the objectives of a cost of one's own (`own_cost`), which goes alone."""
 
+UNITS = {"velocity": "m/s", OWN: ""}
+"""Units of the errors of objectives that go alone, where they are not metres."""
+
 WHOLE = {"spectrum", OWN}
 """Objectives that compare a whole motion, so that one of fewer frames says nothing of it."""
 

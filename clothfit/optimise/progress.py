@@ -37,6 +37,7 @@ class Progress:
     window: int = 0  # frames that are compared at this stage …
     frames: int = 0  # … of so many
     window_rmse: float = np.nan  # of the last accepted point, m, where that is of fewer than all frames
+    unit: str = "m"  # of the errors: "m", "m/s", or none
 
 
 class Trend:
@@ -72,9 +73,11 @@ class Trend:
 class Reporter:
     """The stage of a fit, the frames that it compares, its last accepted point, and who wants to know."""
 
-    def __init__(self, report: Callable[[Progress], None] | None, p: Array, frames: int) -> None:
-        """`p` (P,): the first point; `frames`: all that are compared."""
-        self.receiver, self.p, self.frames = report, p, frames
+    def __init__(
+        self, report: Callable[[Progress], None] | None, p: Array, frames: int, unit: str = "m"
+    ) -> None:
+        """`p` (P,): the first point; `frames`: all that are compared; `unit`: of the errors."""
+        self.receiver, self.p, self.frames, self.unit = report, p, frames, unit
         self.stage, self.window, self.window_rmse = "start", frames, np.nan
         self.iterations, self.step = 0, np.nan
         self.began, self.began_computing = passing(), computing()
@@ -102,5 +105,5 @@ class Reporter:
     def report(self, evaluations: int, budget: int, cost: float, rmse: float) -> None:
         """Report the best point of that cost."""
         if self.receiver:
-            at = (self.iterations, self.step, self.stage, self.window, self.frames, self.window_rmse)
+            at = (self.iterations, self.step, self.stage, self.window, self.frames, self.window_rmse, self.unit)
             self.receiver(Progress(evaluations, budget, cost, rmse, self.seconds, *at))

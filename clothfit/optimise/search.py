@@ -17,6 +17,7 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.motion.divergence import Diverged
+from clothfit.objective.comparison import UNITS
 from clothfit.objective.objective import Objective
 from clothfit.optimise.checkpoint import Checkpoint, State
 from clothfit.optimise.coordinates import Coordinates
@@ -186,7 +187,8 @@ class Search:
         self.origin = self.start  # the values of the user, where something before this search has begun with them
         self.best = BestSoFar(self.start)
         self.budget = Budget(budget)
-        self.progress = Reporter(report, self.start, objective.frames)
+        unit = UNITS.get("".join(objective.weights), "m")  # of an objective that goes alone
+        self.progress = Reporter(report, self.start, objective.frames, unit)
         self.checkpoint, self.resumed = checkpoint, state
         self.warnings: list[str] = []  # what the user should know
         self.rungs: list[Rung] = []  # the models that were fitted from coarse to fine

@@ -130,7 +130,9 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
     """
     if not np.isfinite(search.best.cost):
         search.visit(search.start)
-    for start in starts:
+    for number, start in enumerate(starts):
+        if number and search.is_late:
+            break
         part = part_of(search, model, start)
         if part.fitted.sum() <= FEW_VALUES:
             carried(search, part, through_windows)
@@ -199,7 +201,7 @@ def some_steps(part: Trajectory, y: Array, most: int) -> Array:
 
     def model(y: Array) -> gauss_newton.Model:
         points.append(y)
-        if len(points) > most:
+        if len(points) > most or (len(points) > 1 and part.search.is_late):
             raise Enough
         return part.model(y)
 

@@ -40,6 +40,9 @@ HIDDEN = 0.3
 LONGEST_TRIAL = 6.0
 """Seconds of simulations that a trial may take, compilation and derivatives apart."""
 
+LONGEST = 12.0
+"""Seconds of computing after which a trial ends with what it has: of a large cloth, which has one trial then."""
+
 CARRIED = 4.0
 """Rise of the cost by another step, above which the fit goes through the windows again."""
 
@@ -82,6 +85,7 @@ class Trial:
         """`count` is K of BDF2, 0 for the scene's own step; the fit goes on from p (P,); `step` names what is tried."""
         self.objective, self.count, self.p, self.step = objective, count, p, step
         self.search = Search(objective, p, enough, SEARCH_EVALUATIONS)
+        self.search.longest = LONGEST
         self.model = ladder.models(objective.scene)[0]
         self.each = 0.0  # s of a simulation
         self.early_rmse = np.inf  # m, over the first window, of the values that were fitted to it
@@ -131,7 +135,7 @@ class Trial:
         elif not self.search.visit(self.p) <= CARRIED * before:
             self._through(slice(None))
         ladder.stage(self.search, self.model, rough=rough)
-        self.fitted = True
+        self.fitted = not self.search.is_late
 
     def _through(self, windows: slice) -> bool:
         """Fit some windows; whether there are any, and a model of few values, which windows are for."""
@@ -208,7 +212,8 @@ class Trials:
                 trial.finish(before, rough=self.several or not trial.count)
             good = trial is best or trial.rmse < (1.0 + gain) * best.rmse
             best = trial if good else best
-            if trial.ended or not self.left or is_enough(best.search) or (trial.count > 1 and not good):
+            late = trial.search.is_late  # halved steps take twice the time
+            if late or trial.ended or not self.left or is_enough(best.search) or (trial.count > 1 and not good):
                 return best
             if trial.by_bdf2 and not is_worth_more(trial.search, trial.rmse):
                 return best

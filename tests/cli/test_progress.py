@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from clothfit.cli.common.progress import BARS, CURVE_WIDTH, Pace, Shown, duration, pace, plain, sparkline, stage
+from clothfit.cli.common.progress import BARS, CURVE_WIDTH, Pace, Shown, duration, pace, plain, sparkline, stage, state
 from clothfit.optimise.progress import Progress
 
 pytestmark = pytest.mark.slow  # compiles a fit
@@ -60,6 +60,12 @@ def test_a_plain_line_tells_the_same(monkeypatch):
         "  10.0 s  cost 1.250e-02  RMSE 62.5 µm  evaluation 40  gauss-newton  20 of 100 frames  RMSE there 1.2 mm  "
         "step 3.2 %  4 evaluations/s"
     )
+
+
+@pytest.mark.parametrize(("unit", "text"), [("m", "RMSE 12 mm "), ("m/s", "RMSE 12 mm/s "), ("", "RMSE 0.012 ")])
+def test_an_error_has_the_unit_of_what_is_compared(unit, text):
+    progress = Progress(3, 100, 1e-4, 0.012, 1.0, unit=unit)
+    assert text in state(progress)
 
 
 def test_nothing_is_told_that_is_not_known():

@@ -13,7 +13,7 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import BestSoFar
 from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import load
+from clothfit.scene.scene import Scene, load
 from clothfit.strategy.ladder import as_model
 
 pytestmark = [
@@ -163,7 +163,9 @@ def test_one_value_for_all_never_replaces_a_pattern_that_is_nearer():
     pattern = np.random.default_rng(0).uniform(5.0, 50.0, 33).tolist()
     scene = small("nG", FRAMES, springStiffness=pattern)
     target = degrade(simulate(scene), noise=1e-4)
-    found = estimate(scene, target)
+    written: list[Scene] = []
+    found = estimate(scene, target, on_found=written.append)
     assert found.cost <= Objective(scene, target, 1e-10).flagging(as_model(scene, "F", exactly=True)).cost(np.ones(1))
+    assert np.array_equal(written[0].cloths[0].stiffness, scene.cloths[0].stiffness)  # before anything is looked at
     assert np.array_equal(found.scene.cloths[0].stiffness, scene.cloths[0].stiffness)
     assert "pattern" in [hint.code for hint in found.hints]

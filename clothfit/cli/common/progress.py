@@ -52,9 +52,14 @@ class Pace:
         return count / now if now > 0 else 0.0
 
 
+def error(value: float, unit: str) -> str:
+    """An error in the unit of what is compared."""
+    return metres(value) + unit[1:] if unit else f"{value:.3g}"
+
+
 def state(progress: Progress) -> str:
     """Cost, error and evaluations."""
-    return f"cost {progress.cost:.3e}  RMSE {metres(progress.rmse)}  evaluation {progress.evaluations}"
+    return f"cost {progress.cost:.3e}  RMSE {error(progress.rmse, progress.unit)}  evaluation {progress.evaluations}"
 
 
 def stage(progress: Progress) -> list[str]:
@@ -63,7 +68,7 @@ def stage(progress: Progress) -> list[str]:
     if progress.frames:
         known.append(f"{progress.window} of {progress.frames} frames")
     if math.isfinite(progress.window_rmse):
-        known.append(f"RMSE there {metres(progress.window_rmse)}")
+        known.append(f"RMSE there {error(progress.window_rmse, progress.unit)}")
     if math.isfinite(progress.step):
         known.append(f"step {100 * progress.step:.2g} %")
     return known
@@ -172,7 +177,8 @@ class Shown:
         parts = (stage(self.progress), pace(self.progress, self.rate, self.left))
         found += [", ".join(items) for items in parts if items]
         curve = sparkline(self.errors)
-        return [*found, f"{curve} {metres(self.errors[0])} → {metres(self.errors[-1])}"] if len(curve) > 1 else found
+        first, last = (error(value, self.progress.unit) for value in (self.errors[0], self.errors[-1]))
+        return [*found, f"{curve} {first} → {last}"] if len(curve) > 1 else found
 
 
 def sparkline(values: Sequence[float], width: int = CURVE_WIDTH) -> str:
