@@ -133,7 +133,7 @@ READING = {
     "cannot be read: No such file or directory": Case("simulate absent.json"),
     "there is no such file": fit("--target absent.npz"),
     "is a folder; a motion file (.npz) is needed": fit("--target ."),
-    "cannot be read as .npz or .npy (…)": fit("--target scene.json"),
+    "cannot be read as .npz or .npy (…)": fit("--target bad.npz", **{"bad.npz": b"positions"}),
     "it is packed in another way than NumPy's; write it with numpy.savez": Case(
         "estimate scene.json --target bad.npz",
         {"bad.npz": archive(("positions.npy", npy(header())), method=zipfile.ZIP_LZMA)},

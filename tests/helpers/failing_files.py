@@ -230,10 +230,10 @@ MESHES = {
     "integrator: there is no …; use …": plane("--integrator magic"),
     "fit: there is no …; use two letters, or …": plane("--fit colour"),
     "fit: … cannot be fitted as …; use …": plane("--fit wind=L"),
-    "fix side: there is no …; use …": plane("--fix-side inside"),
-    "fix side: the mesh is flat along …, so its … is all of it; name another": plane("--fix-side top"),
-    "fix side: the reach must be at least 0 and finite; -1 m was given": plane("--fix-side left=-1"),
-    "fix vertices: vertex 144 does not exist (the mesh has vertices 0 to …)": plane("--fix-vertices 144"),
+    "--fix-side: there is no …; use …": plane("--fix-side inside"),
+    "--fix-side: the mesh is flat along …, so its … is all of it; name another": plane("--fix-side top"),
+    "--fix-side: the reach must be at least 0 and finite; -1 m was given": plane("--fix-side left=-1"),
+    "--fix-vertices: vertex 144 does not exist (the mesh has vertices 0 to …)": plane("--fix-vertices 144"),
     "weld: within … of most vertices are too many others; give a smaller one": patched(
         ply(PLY, "--weld 9"), "clothfit.meshes.topology.MOST_PAIRS", 1
     ),

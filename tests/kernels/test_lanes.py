@@ -8,11 +8,11 @@ import numba
 import numpy as np
 import pytest
 
-from clothfit.engine.solve.two_threads import config
+from clothfit.kernels.kernel import interpreted
 from clothfit.kernels.lanes import compiled, plain
 
 GUARD = 7.0
-needs_compiler = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled here")
+needs_compiler = pytest.mark.skipif(interpreted(), reason="nothing is compiled here")
 KINDS = [pytest.param(plain, id="plain"), pytest.param(compiled, id="compiled", marks=needs_compiler)]
 both = pytest.mark.parametrize("lanes", KINDS)
 LANE_BY_LANE = ("add", "sub", "mul", "div")

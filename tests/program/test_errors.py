@@ -28,6 +28,10 @@ SCENE, ONES = clothfit.load(SMALL), np.ones(3)
 LINE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([(0, 1, 1)], np.int32))
 
 
+RESULTS = ("check", "evaluate", "validate")
+"""Commands whose result is a text, which may come before the error."""
+
+
 @pytest.mark.parametrize(("family", "message"), CASES)
 def test_a_command_that_fails_says_why_ends_with_its_code_and_writes_nothing_over(
     tmp_path, monkeypatch, capsys, family, message
@@ -42,7 +46,8 @@ def test_a_command_that_fails_says_why_ends_with_its_code_and_writes_nothing_ove
     monkeypatch.undo()
     out, err = capsys.readouterr()
     last = err.splitlines()[-1]
-    assert (code, out) == (case.code, "")
+    assert code == case.code
+    assert out == "" or case.arguments.split()[0] in RESULTS
     assert last.startswith("error: ")
     assert pattern(message).search(last)
     assert {name: (tmp_path / name).read_bytes() for name in before} == before
