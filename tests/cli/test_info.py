@@ -169,6 +169,13 @@ def test_validate_loads_no_compiler():
     assert done.stdout.splitlines()[-1] == "False"
 
 
+def test_info_loads_no_compiler_and_no_scipy():
+    call = "import sys; from clothfit.cli.program import run; run(['info', sys.argv[1]]); "
+    call += "print({'numba', 'scipy.linalg', 'scipy.sparse'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", call, SIDE], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "set()"
+
+
 def test_a_scene_without_flags_and_springs(tmp_path, capsys):
     point = {"vertPos": [{"x": 0, "y": 0, "z": 0}], "vertIsFixed": [False], "vertMass": [1.0], "springs": [],
              "springStiffness": []}  # fmt: skip
