@@ -38,7 +38,8 @@ class State:
     depth: int = 0  # blocks of `deferred` that are open
     holding: bool = False  # whether there is a result to keep
     answered: bool = False  # whether the result is on its way out
-    deadline: float = float("inf")  # s of the monotonic clock
+    deadline: float = float("inf")  # s of the monotonic clock, without what is left out
+    left_out: float = 0.0  # s that count towards no deadline
 
 
 _state = State()
@@ -70,8 +71,18 @@ def requested() -> bool:
 def check() -> None:
     """Raise KeyboardInterrupt when there was a request, OutOfTime when the deadline has passed."""
     check_request()
-    if time.monotonic() > _state.deadline:
+    if now() > _state.deadline:
         raise OutOfTime
+
+
+def leave_out(seconds: float) -> None:
+    """Let all deadlines be later by so many seconds, in which something else was done, such as compiling."""
+    _state.left_out += seconds
+
+
+def now() -> float:
+    """Seconds of the clock by which deadlines are kept."""
+    return time.monotonic() - _state.left_out
 
 
 def check_request() -> None:
@@ -166,7 +177,7 @@ def limited(seconds: float | None) -> Iterator[None]:
     """Raise OutOfTime from `check` after so many seconds; never later than a deadline around this one."""
     before = _state.deadline
     if seconds is not None:
-        _state.deadline = min(before, time.monotonic() + max(seconds, 0.0))
+        _state.deadline = min(before, now() + max(seconds, 0.0))
     try:
         yield
     finally:
@@ -179,7 +190,7 @@ def grace(seconds: float) -> Iterator[None]:
     where less is left until the deadline.
     """
     before, answered = _state.deadline, _state.answered
-    _state.deadline, _state.answered = max(before, time.monotonic() + seconds), True
+    _state.deadline, _state.answered = max(before, now() + seconds), True
     try:
         yield
     finally:

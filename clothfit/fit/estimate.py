@@ -7,7 +7,6 @@ or a stalled line search, the best point that it visited is the result.
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -169,7 +168,7 @@ def estimate(
 def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions) -> Fit:
     """Do what `estimate` says, with its options as one object."""
     target, options = settled(scene, target, options.checked())
-    hidden, began = target is None, time.monotonic()
+    hidden, began = target is None, interrupts.now()
     if hidden and (options.substeps is not None or options.model == AUTO):
         what = "substeps" if options.substeps is not None else "model auto"
         raise InvalidInput(f"{what}: a target is needed; without one, the model and the step are the scene's")
@@ -189,7 +188,7 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
         for hint in hints:
             options.hinted(hint)
     with interrupts.deferred():
-        left = None if options.seconds is None else options.seconds - (time.monotonic() - began)
+        left = None if options.seconds is None else options.seconds - (interrupts.now() - began)
         with interrupts.limited(left):
             plan = Prepared(objective, None) if hidden else prepared(objective, kept_out, start, options, state)
             found = searched(plan, start, hidden, options, checkpoint, state)

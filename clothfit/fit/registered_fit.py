@@ -6,7 +6,6 @@ room for a better registration, the fit is done again with that, and kept if its
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -47,7 +46,7 @@ def registered_fit(scene: Scene, target: Targets | None, options: FitOptions, fi
     """The fit of a scene to targets whose clock or place is found with its values. Raises what `fit` does."""
     if target is None:
         raise InvalidInput("the clock and the place of a target can be found only where one is given; give a target")
-    began, left = time.monotonic(), options.seconds
+    began, left = interrupts.now(), options.seconds
     given = experiments(scene, target)
     if options.objective == "position":  # turned positions show no rounding
         options = options.within(max(rounding(each.motion) for each in given))
@@ -77,7 +76,7 @@ def registered_fit(scene: Scene, target: Targets | None, options: FitOptions, fi
 
 def rest(seconds: float | None, began: float) -> float | None:
     """The seconds that are left."""
-    return None if seconds is None else max(seconds - (time.monotonic() - began), SHORTEST)
+    return None if seconds is None else max(seconds - (interrupts.now() - began), SHORTEST)
 
 
 def in_time(

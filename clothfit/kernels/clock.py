@@ -1,6 +1,6 @@
 """The clocks of a fit: seconds that pass, and seconds of this process's computing, in which other work of the machine
 does not count. Compilation counts in neither, so that the first use of a command ends where all others do, and takes as
-long by its own account.
+long by its own account. Nor does it count towards a deadline (`interrupts.limited`).
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ import time
 
 from numba.core import event
 from numba.core.compiler_lock import global_compiler_lock
+
+from clothfit.base import interrupts
 
 
 class Compilation(event.Listener):
@@ -29,7 +31,9 @@ class Compilation(event.Listener):
         self.depth -= 1
         if self.depth <= 0:
             self.seconds, self.depth = self.seconds + time.process_time() - self.began, 0
-            self.passed += time.perf_counter() - self.began_passing
+            passed = time.perf_counter() - self.began_passing
+            self.passed += passed
+            interrupts.leave_out(passed)
 
 
 compilation = Compilation()

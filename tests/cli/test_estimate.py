@@ -176,6 +176,15 @@ def test_a_spent_budget_is_code_5_and_the_best_is_written(path, tmp_path, capsys
     assert load(summary["output"]).cloths[0].mass.tolist() != load(path).cloths[0].mass.tolist()
 
 
+def test_where_no_evaluation_ends_in_time_the_start_is_written(path, tmp_path, capsys):
+    out = tmp_path / "fitted.json"
+    assert run(["estimate", path, "--budget", "1e-9", "-o", str(out)]) == 5
+    err = capsys.readouterr().err
+    assert "limit: nothing fitted, no evaluation ended in time; the start, as it was → " in err
+    assert not re.search(r"\binf\b", err)
+    assert load(out).cloths[0].stiffness.tolist() == load(path).cloths[0].stiffness.tolist()
+
+
 def test_a_looser_goal_is_reached_sooner(path, capsys):
     code, summary = estimated(capsys, path, "--rmse", "1e-3", "--start", "1", *DOWNHILL)
     assert (code, summary["status"]) == (0, "converged")

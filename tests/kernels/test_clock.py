@@ -7,6 +7,7 @@ import pytest
 from numba.core import event
 from numba.core.compiler_lock import global_compiler_lock
 
+from clothfit.base import interrupts
 from clothfit.kernels import clock
 
 
@@ -57,3 +58,17 @@ def test_an_exception_between_two_lines_of_the_compiler_does_not_stop_the_clock(
     began = clock.computing()
     times.spend(3.0)
     assert clock.computing() - began == pytest.approx(3.0, abs=1e-9)  # sums of seconds
+
+
+def test_a_deadline_waits_for_compilation(monkeypatch):
+    times = Times(monkeypatch)
+    monkeypatch.setattr(interrupts.time, "monotonic", lambda: times.now)
+    with interrupts.limited(5.0), interrupts.limited(7.0):
+        times.spend(4.0)
+        with global_compiler_lock:
+            times.spend(100.0)
+        times.spend(0.5)
+        interrupts.check()  # 4.5 s of 5
+        times.spend(1.0)
+        with pytest.raises(interrupts.OutOfTime):
+            interrupts.check()

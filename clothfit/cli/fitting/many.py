@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -130,7 +131,8 @@ class Writer:
         except ClothfitError as error:
             self.errors[index] = error
             return
-        result_line = f"{found.status}, RMSE {metres(found.rmse)} in {found.seconds:.1f} s → {item.out.name}"
+        error = f"RMSE {metres(found.rmse)}" if found.cost < math.inf else "nothing fitted"
+        result_line = f"{found.status}, {error} in {found.seconds:.1f} s → {item.out.name}"
         self.console.say(f"{self.ended} of {len(self.items)}: {item.path}: {result_line}")
 
     def refuse(self, item: Item, message: str) -> None:
@@ -195,7 +197,7 @@ def figures(outcome: Outcome) -> tuple[str, ...]:
     fit = outcome.fit
     if fit is None:
         return (outcome.status, "", "", "", "")
-    return (fit.status, metres(fit.rmse), str(fit.frames), str(fit.evaluations), f"{fit.seconds:.1f}")
+    return (fit.status, metres(fit.rmse) if fit.cost < math.inf else "", str(fit.frames), str(fit.evaluations), f"{fit.seconds:.1f}")
 
 
 def summaries(

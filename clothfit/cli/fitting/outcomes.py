@@ -72,10 +72,12 @@ def conclude(result: dict[str, Any], out: Output, as_json: bool, log: FitLog | N
 
 def describe(found: Fit, out: Output, console: Console) -> None:
     """Print the result in a few lines."""
-    console.say(
-        f"{ending(found)}: RMSE {error(found)} over {counted(found.frames, 'frame', 'frames')}, "
-        f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s → {out.name}"
-    )
+    over = counted(found.frames, "frame", "frames")
+    used = f"{counted(found.evaluations, 'evaluation', 'evaluations')} in {found.seconds:.1f} s"
+    if found.cost < math.inf:
+        console.say(f"{ending(found)}: RMSE {error(found)} over {over}, {used} → {out.name}")
+    else:
+        console.say(f"{found.status}: nothing fitted, no evaluation ended in time; the start, as it was → {out.name}")
     for i, each in enumerate(found.registration or []):
         console.say(f"target{f' {i + 1}' if i or len(found.registration or []) > 1 else ''}: {each}")
     describe_choices(found, console)
