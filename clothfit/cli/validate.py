@@ -13,7 +13,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.failures import split
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import STREAM, print_json
-from clothfit.cli.common.scenes import one_stream
+from clothfit.cli.common.scenes import better, one_stream
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def judge(path: str) -> Verdict:
         scene = load(sys.stdin.buffer if path == STREAM else path)
         numberings(scene)
     except InvalidScene as error:
-        return Verdict(path, error, ())
+        return Verdict(path, better(error, path), ())
     return Verdict(scene.name if path == STREAM else path, None, scene.warnings, beyond_editor(scene))
 
 

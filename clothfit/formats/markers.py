@@ -119,6 +119,11 @@ def scale_of(unit: str, notes: list[str], default: str = "mm") -> float:
     return METRES_PER_UNIT[default]
 
 
+def named(axes: Axes) -> Axes:
+    """The axes that a file of markers gets: in metres where their unit has no name, as these files name theirs."""
+    return axes._replace(scale=axes.scale / unit_of(axes)[1])
+
+
 def unit_of(axes: Axes) -> tuple[str, float]:
     """The name of the unit to write in, and the factor for positions: metres for a unit without a name."""
     for scale, name in WRITTEN.items():

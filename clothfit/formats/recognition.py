@@ -35,7 +35,7 @@ def kind_of(path: str) -> str | None:
     except (OSError, ValueError):
         return None
     if not first:
-        return None
+        return _by_name(path)
     for beginning, kind in BEGINNINGS:
         if first[: len(beginning)].lower() == beginning.lower():
             return kind
@@ -44,6 +44,11 @@ def kind_of(path: str) -> str | None:
         return LOG if _is_log(first) else SCENE
     if suffix == ".csv" and b"vertex" in first.split(b"\n", 1)[0].lower():
         return MAP
+    return _by_name(path)
+
+
+def _by_name(path: str) -> str | None:
+    suffix = suffix_of(path)
     if suffix in ALONE:
         return MESH
     if suffix in ANIMATED:

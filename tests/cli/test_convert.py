@@ -52,6 +52,22 @@ def summary(say, line):
 # --- convert
 
 
+@pytest.mark.parametrize("out", ["b.trc", "b.csv", "b.c3d", "b.pc2", "b.mdd", "b.glb"])
+def test_a_unit_without_a_name_is_not_taken_for_rounding(say, out):
+    np.savez("a.npz", positions=points(), times=0.1 * np.arange(4))
+    code, _, err = say(f"convert a.npz {out} --to-scale 0.3")
+    assert code == 0
+    metres = "a unit of 0.3 m; it is written in metres" in err
+    assert metres == (out in ("b.trc", "b.csv", "b.c3d"))
+    back = summary(say, f"convert {out} c.npz --fps 10" + ("" if metres else " --scale 0.3"))
+    assert back["frames"] == 4
+    with np.load("c.npz") as found:
+        np.testing.assert_allclose(found["positions"], points(), rtol=0, atol=1e-6)  # float32 of numbers of 3
+    written = summary(say, f"convert a.npz {out} --to-scale 0.3")["written"]
+    assert written["scale"] == (1.0 if metres else 0.3)
+    assert written["largest_rounding"] < 1e-6
+
+
 def test_from_npz_through_all_formats_and_back(say, folder):
     """With faces: of the input, and kept in .npz."""
     np.savez("a.npz", positions=points(), times=0.1 * np.arange(4), triangles=np.array(TRIANGLES))

@@ -141,3 +141,31 @@ def test_what_is_likely_is_not_doubted(capsys, tmp_path, monkeypatch):
     path = write_scene(tmp_path, trial("nG", 5))
     assert run(["info", path]) == 0
     assert capsys.readouterr().err == ""
+
+
+NO_SCENES = {
+    "a.vtk": (b"# vtk DataFile Version 3.0\nASCII\n", "it is a VTK file; export it as .ply, .stl or .obj"),
+    "a.off": (b"OFF\n3 1 0\n", "it is an OFF mesh; export it as .ply, .stl or .obj"),
+    "a.msh": (b"$MeshFormat\n4.1 0 8\n", "it is a Gmsh mesh; export it as .ply, .stl or .obj"),
+    "a.fbx": (b"Kaydara FBX Binary  \0\x1a\0\xe8", "it is an FBX file; export it as .glb, .usd, .abc or .obj"),
+    "a.blend": (b"BLENDER-v402\xff", "it is a Blender file; export it as .glb, .usd, .abc or .obj"),
+    "a.dae": (b'<?xml version="1.0"?><COLLADA/>', "it is an XML file, as COLLADA's and VTK's are; export it as .glb, "
+              ".usd, .abc or .obj"),
+    "a.jpg": (b"\xff\xd8\xff\xe0", "it is a picture; name another file"),
+    "a.m3": (b"\xfe\0\1", "it is no scene, which is a JSON object, and .m3 is no format that is read; export it as "
+             "another"),
+    "e.obj": (b"", "it is empty; export it again"),
+    "e.glb": (b" \n", "it is empty; export it again"),
+    "e.trc": (b"", "it is empty; export it again"),
+    "e.json": (b"", "the file is empty; a scene is a JSON object"),
+    "f.json": (b"[1", "line 1, column 3: the text ends inside a value; is the file complete?"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "content", "message"), [(name, *rest) for name, rest in NO_SCENES.items()])
+def test_what_is_no_scene_is_called_what_it_is(name, content, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_bytes(content)
+    assert run(["info", name]) == 3
+    assert capsys.readouterr().err == f"error: {name}: {message}\n"
+    assert run(["validate", name]) == 3

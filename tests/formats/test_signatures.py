@@ -27,6 +27,8 @@ POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n"
         ("a.obj", gzip.compress(b"v 0 0 0\n"), "it is a gzip archive; unpack it"),
         ("a.glb", PAGE, "it is a web page; download the file itself"),
         ("a.csv", POINTER, "it is a pointer of Git LFS, not the file itself; fetch that with: git lfs pull"),
+        ("a.obj", b"OFF\n3 1 0\n", "it is an OFF mesh; export it as .ply, .stl or .obj"),
+        ("a.obj", b"# vtk DataFile Version 3.0\n", "it is a VTK file; export it as .ply, .stl or .obj"),
         ("a.pc2", b"BLENDER-v402", "it is a Blender file; export it as .glb, .usd, .abc or .obj"),
     ],
 )

@@ -18,6 +18,7 @@ from clothfit.formats.convention import CHOICES, Convention, Reading
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array, Indices
     from clothfit.formats.axes import Axes
+    from clothfit.formats.registry import Format
     from clothfit.motion.foreign import Loaded
     from clothfit.motion.motion import Motion
     from clothfit.scene.scene import Scene
@@ -190,7 +191,7 @@ def write_foreign(
     found = foreign(out.path)
     assert found is not None
     motion_files.check_place(out.path, len(motion.times))
-    meant = convention.axes(found.axes)
+    meant = axes_of(found, convention, out, console)
     made = motion_files.animation(motion, found, meant, triangles, names)
     files = motion_files.files(out.path, found, made)
     if motion.weights is not None:
@@ -201,6 +202,17 @@ def write_foreign(
     if found.times and motion.times[0] != 0:
         start = f"begins at {motion.times[0]:g} s; other programs' files are taken to begin where the scene does"
         console.warn(f"{out.name}: {start}")
+    return meant
+
+
+def axes_of(found: Format, convention: Convention, out: Output, console: Console) -> Axes:
+    """The axes in which a format is written; warns where it has no name for the unit."""
+    from clothfit.formats.markers import named
+
+    asked = convention.axes(found.axes)
+    meant = named(asked) if found.markers else asked
+    if meant != asked:
+        console.warn(f"{out.name}: {found.name} has no name for a unit of {asked.scale:g} m; it is written in metres")
     return meant
 
 

@@ -11,7 +11,7 @@ from clothfit.formats.recognition import CHECKPOINT, EITHER, LOG, MAP, MESH, MOT
 PLACES = {
     "scene_path": (SCENE,), "scene_paths": (SCENE,), "fitted_path": (SCENE,), "start": (SCENE,),
     "target_path": (MOTION, MESH, EITHER), "target_paths": (MOTION, MESH, EITHER), "in_path": (MOTION, MESH, EITHER),
-    "given": (MESH, EITHER), "log_path": (LOG,),
+    "given": (MESH, EITHER), "log_paths": (LOG,),
 }  # fmt: skip
 """Parameters of commands that are files to read, and the kinds that they take."""
 
@@ -26,8 +26,8 @@ def check_places(command: str, arguments: Mapping[str, Any]) -> None:
     for name, taken in PLACES.items():
         value = arguments.get(name)
         paths = value if isinstance(value, tuple) else (value,)
-        if (name == "log_path" and command != "report") or (command == "validate" and len(paths) > 1):
-            continue  # a log to write; of several files, each gets a line of its own
+        if command == "validate" and len(paths) > 1:
+            continue  # each gets a line of its own
         for path in paths:
             kind = None if path is None else kind_of(str(path))
             if kind is not None and kind not in taken:

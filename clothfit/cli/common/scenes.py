@@ -31,11 +31,23 @@ def read_scene(path: str, console: Console) -> Scene:
     from clothfit.base.deferred import defer
 
     defer()
-    scene = clothfit.load(sys.stdin.buffer if path == STREAM else path)
+    try:
+        scene = clothfit.load(sys.stdin.buffer if path == STREAM else path)
+    except InvalidScene as error:
+        raise better(error, path) from None
     for warning in scene.warnings:
         console.warn(f"{scene.name}: {warning}")
     console.detail(f"{scene.name}: {len(scene.cloths)} objects, {sum(scene.vertex_counts)} vertices")
     return scene
+
+
+def better(error: InvalidScene, path: str) -> InvalidScene:
+    """The error of a file that was read as a scene, or what the file is where it cannot be meant as one."""
+    from clothfit.formats.registry import suffix_of
+    from clothfit.formats.signatures import no_scene
+
+    found = None if path == STREAM else no_scene(path, suffix_of(path))
+    return error if found is None else InvalidScene(found, error.name)
 
 
 def check_there(*paths: str) -> None:
