@@ -197,7 +197,8 @@ def figures(outcome: Outcome) -> tuple[str, ...]:
     fit = outcome.fit
     if fit is None:
         return (outcome.status, "", "", "", "")
-    return (fit.status, metres(fit.rmse) if fit.cost < math.inf else "", str(fit.frames), str(fit.evaluations), f"{fit.seconds:.1f}")
+    error = metres(fit.rmse) if fit.cost < math.inf else ""
+    return (fit.status, error, str(fit.frames), str(fit.evaluations), f"{fit.seconds:.1f}")
 
 
 def summaries(
