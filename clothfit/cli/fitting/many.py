@@ -131,8 +131,8 @@ class Writer:
         except ClothfitError as error:
             self.errors[index] = error
             return
-        error = f"RMSE {metres(found.rmse)}" if found.cost < math.inf else "nothing fitted"
-        result_line = f"{found.status}, {error} in {found.seconds:.1f} s → {item.out.name}"
+        reached = f"RMSE {metres(found.rmse)}" if found.cost < math.inf else "nothing fitted"
+        result_line = f"{found.status}, {reached} in {found.seconds:.1f} s → {item.out.name}"
         self.console.say(f"{self.ended} of {len(self.items)}: {item.path}: {result_line}")
 
     def refuse(self, item: Item, message: str) -> None:
