@@ -26,7 +26,7 @@ from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import held_out, split
 from clothfit.fit.keywords import Keywords, OlderNames, options_of, settled
 from clothfit.fit.model_choice import judged
-from clothfit.fit.options import AUTO, FIT_TOLERANCE, FitOptions
+from clothfit.fit.options import AUTO, FIT_TOLERANCE, LONGEST, FitOptions
 from clothfit.fit.preparation import Prepared, flagged, prepared
 from clothfit.fit.registered_fit import registered_fit
 from clothfit.fit.residual_hints import with_residual_hints
@@ -52,11 +52,6 @@ from clothfit.strategy.auto import by_momentum, find, one_value_each, resumed
 from clothfit.strategy.ladder import as_model
 from clothfit.strategy.start import FirstPoint, choose_start, first_point, other_starts, start_warnings
 from clothfit.strategy.trajectory_fit import by_gauss_newton, go_on, resumed_prior
-
-LONGEST = 30.0
-"""Seconds of a search for a target that no values reproduce, where the user gives no other limit: more of them gain
-little there.
-"""
 
 GRACE = 0.5
 """Seconds for each look at a result whose time is up."""

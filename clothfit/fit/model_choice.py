@@ -67,10 +67,12 @@ def error(kept_out: Objective | None, p: Array) -> float | None:
         return np.inf
 
 
-def chosen(whole: Objective, kept_out: Objective | None, p: Array, enough: float, of: str, budget: int) -> Choice:
-    """The model for an objective, from values p (P,) and within a `budget` of evaluations. An RMSE of `enough`, m, is
-    good enough. Where nothing is `kept_out` of the objective, a part of it judges, the last frames or some vertices, as
-    `of` says.
+def chosen(
+    whole: Objective, kept_out: Objective | None, p: Array, enough: float, of: str, budget: int, longest: float = np.inf
+) -> Choice:
+    """The model for an objective, from values p (P,) and within a `budget` of evaluations; none is begun after the
+    `longest` time, s of computing. An RMSE of `enough`, m, is good enough. Where nothing is `kept_out` of the
+    objective, a part of it judges, the last frames or some vertices, as `of` says.
     """
     scene = ladder.as_model(with_parameters(whole.scene, p), "L", exactly=True)
     part = whole.flagging(scene)
@@ -79,6 +81,7 @@ def chosen(whole: Objective, kept_out: Objective | None, p: Array, enough: float
     else:
         kept_out = kept_out.flagging(scene)
     search = Search(part, parameters(scene), enough, budget)
+    search.longest = longest
     try:
         with threads.single(), interrupts.heard():
             climb(search)
@@ -107,6 +110,8 @@ def climb(search: Search) -> None:
     """Fit the models from coarse to fine, up to one that leaves nothing but noise."""
     starts = [search.start]
     for model in ladder.models(search.objective.scene):
+        if search.rungs and search.is_late:
+            return
         try:
             ladder.rung(search, model, starts)
         except Stop as stop:

@@ -39,6 +39,11 @@ RMSE_TOLERANCE = 1e-8  # m; the rounding of the target's numbers where that is m
 FIT_TOLERANCE = 1e-10  # linear systems, relative
 BUDGET = 1000  # evaluations
 
+LONGEST = 30.0
+"""Seconds of a search for a target that no values reproduce, where the user gives no other limit: more of them gain
+little there.
+"""
+
 
 @dataclass(frozen=True)
 class FitOptions:

@@ -14,7 +14,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import BDF2
 from clothfit.fit import model_choice
 from clothfit.fit.model_choice import Judged
-from clothfit.fit.options import AUTO, FitOptions
+from clothfit.fit.options import AUTO, LONGEST, FitOptions
 from clothfit.kernels import clock
 from clothfit.objective.objective import Objective
 from clothfit.optimise.checkpoint import State
@@ -23,6 +23,9 @@ from clothfit.scene.scene import Scene
 from clothfit.strategy import ladder, step_choice, time_step
 from clothfit.strategy.start import choose_start
 from clothfit.strategy.time_step import Step
+
+CHOICE = 0.7
+"""Share of the time of a fit that the choice of its model may take, with that of the step."""
 
 MOMENT = 0.5
 """Seconds for the costs of the values that were found, where the time is up."""
@@ -67,7 +70,8 @@ def prepared(
         plan = with_chosen_step(plan, choose_start(plan.objective, start, hidden=False), options, own)
     if options.model == AUTO:
         p = choose_start(plan.objective, start, hidden=False) if plan.p is None else plan.p
-        plan = with_chosen_model(plan, p, options)
+        longest = CHOICE * LONGEST - (clock.computing() - computing) if options.seconds is None else np.inf
+        plan = with_chosen_model(plan, p, options, longest)
     return replace(plan, seconds=clock.passing() - began, computing=clock.computing() - computing)
 
 
@@ -120,9 +124,13 @@ def with_chosen_step(plan: Prepared, start: Array, options: FitOptions, own: Pre
     )  # fmt: skip
 
 
-def with_chosen_model(plan: Prepared, p: Array, options: FitOptions) -> Prepared:
-    """The plan with the smallest model that no finer one beats on what it has not seen, from values p (P,)."""
-    found = model_choice.chosen(plan.objective, plan.kept_out, p, options.enough, options.holdout_of, options.budget)
+def with_chosen_model(plan: Prepared, p: Array, options: FitOptions, longest: float) -> Prepared:
+    """The plan with the smallest model that no finer one beats on what it has not seen, from values p (P,), of those
+    that begin within the `longest` time, s of computing.
+    """
+    found = model_choice.chosen(
+        plan.objective, plan.kept_out, p, options.enough, options.holdout_of, options.budget, longest
+    )
     before = with_parameters(plan.objective.scene, p)
     plan = with_model(plan, found.model)
     scene = plan.objective.scene

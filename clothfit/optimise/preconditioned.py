@@ -121,10 +121,12 @@ def for_metric(search: Search) -> Trajectory:
 
 
 def metric(part: Trajectory, y: Array) -> Array | None:
-    """L (Q, Q), lower triangular, at y (Q,); None where the sensitivity overflows, or takes too much memory."""
+    """L (Q, Q), lower triangular, at y (Q,); None where the sensitivity overflows, or takes too much memory or time: as
+    long as a simulation for each of a few values, for more of them hardly longer.
+    """
     from scipy.linalg import lapack
 
-    if not part.fits():
+    if not (part.fits() and part.search.has_time(part.search.each * min(len(y), FEW))):
         return None
     try:
         with np.errstate(over="ignore", invalid="ignore"):

@@ -193,6 +193,7 @@ class Search:
         self.warnings: list[str] = []  # what the user should know
         self.rungs: list[Rung] = []  # the models that were fitted from coarse to fine
         self.longest = np.inf  # seconds of computing, after which a fit ends whose model cannot reproduce the target
+        self.each = 0.0  # seconds of computing that the cost took when it was measured last
         self.model, self.substeps = "", 0  # that were chosen for the fit: a letter, and steps to a frame by BDF2
         self.settled: Array | None = None  # (P,), a minimum by the metric of Gauss–Newton (`preconditioned`)
         self.unit, self.worst = 0.0, 0.0  # the first cost, and the largest
@@ -240,6 +241,10 @@ class Search:
         """Whether a fit ends here whose model cannot reproduce the target."""
         return self.progress.computing >= self.longest
 
+    def has_time(self, seconds: float) -> bool:
+        """Whether so many more seconds of computing end before it is late."""
+        return self.progress.computing + seconds <= self.longest
+
     def cost(self, y: Array) -> float:
         """Scaled cost alone, for methods without a gradient."""
         return self(y)[0]
@@ -257,7 +262,12 @@ class Search:
         self.count()
         if objective is None and self._is_known_start(p):
             return self.best.cost
-        return (objective or self.objective).cost_or_infinity(p)
+        if objective is not None:
+            return objective.cost_or_infinity(p)
+        began = self.progress.computing
+        cost = self.objective.cost_or_infinity(p)
+        self.each = self.progress.computing - began
+        return cost
 
     def _is_known_start(self, p: Array) -> bool:
         """Whether parameters (P,) are those of the start, and it is the best point so far."""
@@ -346,7 +356,7 @@ class Search:
         """A search by other parameters, from `start` (P′,) of that cost, with the budget and the reports of this."""
         other = Search(objective, start, self.rmse_tolerance, self.budget.limit, start_cost=cost)
         other.budget, other.progress, other.warnings = self.budget, self.progress, self.warnings
-        other.longest = self.longest
+        other.longest, other.each = self.longest, self.each
         self.progress.p = other.start
         self.budget.enter_stage()
         return other

@@ -40,6 +40,9 @@ FIRST_STEPS, LATER_STEPS = 4, 2
 WINDOW_SAVING, HASTY = 0.05, Patience(1, 0.05, 0.05)
 """Relative savings that end a window."""
 
+STARTED = 2.0
+"""Times what the windows from one start took, that must be left for those from the next one."""
+
 STAGE_TOLERANCE = 1e-7
 """Of the linear systems: its error is far below what a model that differs leaves."""
 
@@ -130,8 +133,9 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
     """
     if not np.isfinite(search.best.cost):
         search.visit(search.start)
+    began = search.progress.computing
     for number, start in enumerate(starts):
-        if number and search.is_late:
+        if number and not search.has_time(STARTED * (search.progress.computing - began) / number):
             break
         part = part_of(search, model, start)
         if part.fitted.sum() <= FEW_VALUES:
@@ -182,15 +186,17 @@ def found(own: Search, scene: Scene) -> Array:
 
 def through_windows(own: Search, windows: slice = slice(None)) -> Array:
     """A few steps of Gauss–Newton on the first frames, on more and more, or on some of these windows: they show gravity
-    and other values that all frames hide behind what a late frame is off by. Returns the last values (P,).
+    and other values that all frames hide behind what a late frame is off by. None is begun that cannot end in time, as
+    it takes as long for each frame as the one before. Returns the last values (P,).
     """
-    y = own.y
+    y, pace = own.y, 0.0
     for number, window in list(enumerate(windows_of(own.objective)))[windows]:
-        part = Trajectory(own, window)
+        part, began = Trajectory(own, window), own.progress.computing
         own.enter("windows", window)
-        if own.is_late or not np.isfinite(part.cost(y)):
+        if own.is_late or not own.has_time(pace * window.steps) or not np.isfinite(part.cost(y)):
             break
         y = some_steps(part, y, LATER_STEPS if number else FIRST_STEPS)
+        pace = (own.progress.computing - began) / window.steps
         own.visit(own.parameters(y))
     return own.parameters(y)
 

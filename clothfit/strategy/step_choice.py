@@ -31,8 +31,9 @@ from clothfit.optimise.status import Stop
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import INTEGRATORS
 from clothfit.strategy import ladder
+from clothfit.strategy.auto import balances_can_hold
 from clothfit.strategy.time_step import ROUNDING, Step, frame_interval, step_error, with_substeps
-from clothfit.strategy.trajectory_fit import is_near
+from clothfit.strategy.trajectory_fit import first_frames, is_near
 
 HIDDEN = 0.3
 """Error of a step relative to that of the fit, below which twice the steps could lower that by 5 % at most."""
@@ -40,8 +41,8 @@ HIDDEN = 0.3
 LONGEST_TRIAL = 6.0
 """Seconds of simulations that a trial may take, compilation and derivatives apart."""
 
-LONGEST = 12.0
-"""Seconds of computing after which a trial ends with what it has: of a large cloth, which has one trial then."""
+LONGEST, ALONE = 12.0, 20.0
+"""Seconds of computing after which a trial ends with what it has; of a large cloth, which has one trial only."""
 
 CARRIED = 4.0
 """Rise of the cost by another step, above which the fit goes through the windows again."""
@@ -92,6 +93,7 @@ class Trial:
         self.looked, self.shows = False, False  # whether there is such a window, and the error of the step in it
         self.fitted = False  # whether all frames were
         self.ended = False  # by the user or the time
+        self.alone = False  # whether a trial of finer steps would take too long
 
     @property
     def rmse(self) -> float:
@@ -113,7 +115,9 @@ class Trial:
         began = computing()
         self.search.visit(self.p)
         self.each = computing() - began
-        if not self.count and momentum.fits(self.objective):
+        if EXPECTED * 2.0 * self.each >= LONGEST_TRIAL:
+            self.alone, self.search.longest = True, ALONE
+        if not self.count and momentum.fits(self.objective) and self._may_balance():
             self.search.visit(momentum.fit(self.objective, self.p, self.search.fitted, momentum.TREATMENTS[0]))
         if is_near(self.search) or not self._through(slice(0, 1)):
             return
@@ -123,9 +127,14 @@ class Trial:
         error = step_error(scene, self.p)
         self.shows = error > HIDDEN * self.early_rmse and not is_noise(window, self.p)
 
+    def _may_balance(self) -> bool:
+        """Whether the balances of momentum can hold."""
+        return balances_can_hold(self.search, self.p, first_frames(self.objective))
+
     def finish(self, before: float, rough: bool) -> None:
         """Fit all frames, by a short round where `rough`; first the windows that are left, or all of them where the
-        cost is far above that `before`, by another step and from the same values.
+        cost is far above that `before`, by another step and from the same values. Where no other step is compared with
+        this one, the windows are enough, and the search that follows does the rest.
         """
         self._within(lambda: self._finish(before, rough))
 
@@ -134,8 +143,9 @@ class Trial:
             self._through(slice(1, None))
         elif not self.search.visit(self.p) <= CARRIED * before:
             self._through(slice(None))
-        ladder.stage(self.search, self.model, rough=rough)
-        self.fitted = not self.search.is_late
+        if not self.alone:
+            ladder.stage(self.search, self.model, rough=rough)
+            self.fitted = not self.search.is_late
 
     def _through(self, windows: slice) -> bool:
         """Fit some windows; whether there are any, and a model of few values, which windows are for."""
@@ -195,7 +205,7 @@ class Trials:
         """The first step whose error does not show in the first window, or that half of it does not improve."""
         trial = self.begin(0, start)
         trial.look()
-        while self.left and trial.shows and EXPECTED * 2.0 * trial.each < LONGEST_TRIAL:
+        while self.left and trial.shows and not trial.alone:
             finer = self.begin(self.left.pop(0), trial.p)
             finer.look()
             pays = is_near(finer.search) or finer.early_rmse < (1.0 - PAYS) * trial.early_rmse
@@ -212,7 +222,7 @@ class Trials:
                 trial.finish(before, rough=self.several or not trial.count)
             good = trial is best or trial.rmse < (1.0 + gain) * best.rmse
             best = trial if good else best
-            late = trial.search.is_late  # halved steps take twice the time
+            late = trial.alone or trial.search.is_late  # halved steps take twice the time
             if late or trial.ended or not self.left or is_enough(best.search) or (trial.count > 1 and not good):
                 return best
             if trial.by_bdf2 and not is_worth_more(trial.search, trial.rmse):
@@ -258,7 +268,10 @@ def finer(objective: Objective, p: Array) -> float | None:
     """The RMSE, m, of the coarsest model with finer steps from p (P,), where that is lower than at p by as much as
     pays; None where it is not, or where a moment's look does not find it.
     """
+    began = computing()
     now = objective.rmse(objective.cost(p))
+    if (computing() - began) * LOOK * EXPECTED > MOMENT:
+        return None
     search = Search(with_substeps(objective, LOOK, BDF2), p, 0.0, SEARCH_EVALUATIONS)
     with contextlib.suppress(Stop, Diverged, InvalidInput, interrupts.OutOfTime), interrupts.limited(MOMENT):
         ladder.stage(search, ladder.models(objective.scene)[0], [p], rough=True)

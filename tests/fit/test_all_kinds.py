@@ -152,4 +152,4 @@ def test_the_command_names_the_scene_and_gives_null(tmp_path, capsys):
     assert deviation["object"] is None
     assert deviation["max_relative_deviation"] < 1e-4  # an RMSE below 1e-8 m
     assert run(["evaluate", path, out]) == 0
-    assert "scene wind (G)" in capsys.readouterr().err
+    assert "scene wind (G)" in capsys.readouterr().out

@@ -278,8 +278,8 @@ def in_pieces(limits, *given, **options):
 @pytest.mark.parametrize("limits", [(2,), (5, 3), (9, 2, 4)])
 def test_a_fit_that_is_interrupted_comes_to_the_same_minimum(tmp_path, case, limits):
     given = arguments(case)
-    whole = estimate(*given, max_evaluations=400)
-    found = in_pieces(limits, *given, max_evaluations=400, checkpoint=tmp_path / "c")
+    whole = estimate(*given, max_evaluations=1000)
+    found = in_pieces(limits, *given, max_evaluations=1000, checkpoint=tmp_path / "c")
     same_minimum(found, whole)
     assert found.evaluations >= limits[0]
     assert found.seconds > 0
