@@ -19,6 +19,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import checked_tolerance
 from clothfit.base.memory import budget as memory_budget
+from clothfit.base.memory import check_memory
 from clothfit.base.messages import metres
 from clothfit.engine.system import build
 from clothfit.fit.confidence import confidence
@@ -338,6 +339,7 @@ def objectives(scene: Scene, target: Targets | None, options: FitOptions) -> tup
             "'nL', or its fit"
         )
     if target is None:
+        check_memory(scene.frames, sum(scene.vertex_counts), 0)  # without --memory, what is free is what is short
         systems = [build(scene, cloth) for cloth in fitted_cloths(scene)]
         check_own(systems, scene.frames, memory_budget(options.memory))
         target = simulate_cloths(scene, fitted_cloths(scene), tolerance=options.tolerance)

@@ -29,9 +29,9 @@ pytestmark = [
 
 KEYS = {"schema_version", "command", "scene", "status", "method", "cost", "rmse", "frames", "evaluations", "seconds"}
 KEYS |= {"ladder", "step", "parameters", "output", "warnings", "rank", "sigma", "prior", "holdout", "memory"}
-KEYS |= {"travel", "relative_rmse", "verdict", "hints", "registration"}
+KEYS |= {"objective", "correlations", "travel", "relative_rmse", "verdict", "hints", "registration"}
 PARAMETER_KEYS = {"object", "name", "mode", "count", "at_bound", "unidentifiable", "unmoved", "interval"}
-PARAMETER_KEYS |= {"groups", "modes", "values", "bounds"}
+PARAMETER_KEYS |= {"groups", "modes", "values", "bounds", "start"}
 DOWNHILL = ["--method", "l-bfgs-b"]  # begins at the start, and takes its time
 LONG = trial("LL", 60, 8, 8)  # takes minutes to fit to the last digit
 
@@ -82,7 +82,9 @@ def test_the_fitted_scene_goes_beside_the_scene(path, tmp_path, capsys):
     (block,) = summary["parameters"]
     told = {"object": 0, "name": "mass", "mode": "L", "count": 16, "at_bound": [], "unidentifiable": [0, 3]}
     none = {"groups": None, "modes": None, "values": None}  # they are of factors
-    assert block == {**told, **none, "unmoved": [], "interval": block["interval"]}
+    ends = {name: block[name] for name in ("start", "interval")}
+    assert block == {**told, **none, "unmoved": [], "bounds": [], **ends}
+    assert block["start"][0] == load(path).cloths[0].mass[0]  # of a held vertex
     assert set(block) == PARAMETER_KEYS
     assert [i for i, ends in enumerate(block["interval"]) if ends is None] == [0, 3]
     assert all(len(ends) == 2 and 0 < ends[0] <= ends[1] for ends in block["interval"] if ends)
@@ -290,14 +292,14 @@ def test_what_is_compared_is_an_option(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--objective", "speed"], "objective: there is no 'speed'; use position, velocity, edge-length, spectrum"),
+        (["--objective", "speed"], "--objective: there is no 'speed'; use position, velocity, edge-length, spectrum"),
         (["--objective", "velocity=fast"], "--objective: velocity=fast: the weight is not a number, as in"),
         (["--objective", "velocity="], "--objective: velocity=: the weight is not a number"),
-        (["--objective", "velocity=-1"], "objective: velocity: the weight must be above 0 and finite; -1 was given"),
+        (["--objective", "velocity=-1"], "--objective: velocity: the weight must be above 0 and finite; -1 was given"),
         (["--objective", "velocity", "--objective", "velocity=2"], "--objective: velocity is given twice"),
-        (["--loss", "cauchy"], "loss: there is no 'cauchy'; use linear, soft_l1, huber"),
-        (["--loss-scale", "0.1"], "loss scale: the linear loss has none; choose the loss soft_l1 or huber with it"),
-        (["--loss", "huber", "--loss-scale", "0"], "loss scale must be above 0 and finite; 0 m was given"),
+        (["--loss", "cauchy"], "--loss: there is no 'cauchy'; use linear, soft_l1, huber"),
+        (["--loss-scale", "0.1"], "--loss-scale: the linear loss has none; choose the loss soft_l1 or huber with it"),
+        (["--loss", "huber", "--loss-scale", "0"], "--loss-scale must be above 0 and finite; 0 m was given"),
         (["--target", "none.npz@scene.json"], "scene.json: cannot be read"),
     ],
 )

@@ -79,16 +79,16 @@ def test_each_scene_has_its_target_its_file_its_row_and_the_worst_decides(here, 
     assert run([*call, "--jobs", "1"]) == 3
     out, err = capsys.readouterr()
     lines = err.splitlines()
-    message = "error: bad.json: line 1, column 2: the text ends inside a value; is the file complete?"
+    message = "line 1, column 2: the text ends inside a value; is the file complete?"
     assert lines[0].startswith("1 of 3: a.json: converged, RMSE ")
-    assert lines[1] == f"2 of 3: bad.json: {message}"
+    assert lines[1] == f"2 of 3: bad.json: error: {message}"
     header, *rows = out.splitlines()
     assert header.split() == ["scene", "status", "RMSE", "frames", "evaluations", "seconds", "output"]
     assert [line.split()[:2] for line in rows] == [
         ["a.json", "converged"], ["bad.json", "failed"], ["b.json", "converged"],
     ]  # fmt: skip
     assert rows[0].endswith("new/fitted/a.fitted.json")
-    assert rows[1].endswith(message)
+    assert rows[1].endswith(f"error: bad.json: {message}")
     assert files("new/fitted") == ["a.fitted.json", "b.fitted.json"]
     assert run(["estimate", "a.json", "--target", "captures/a.npz", "-q"]) == 0
     assert (here / "a.fitted.json").read_bytes() == (here / "new/fitted/a.fitted.json").read_bytes()
@@ -98,7 +98,7 @@ def test_quiet_tells_errors_only_and_json_tells_all(here, in_this_process, capsy
     assert run(["estimate", "none.json", "a.json", "--in-place", "--json", "-q", "--jobs", "1", *FEW]) == 3
     out, err = capsys.readouterr()
     message = "none.json: cannot be read: No such file or directory"
-    assert err == f"error: none.json: {message}\n"
+    assert err == f"error: {message}\n"
     summary = json.loads(out)
     assert (summary["schema_version"], summary["command"]) == (1, "estimate")
     assert summary["seconds"] > 0
@@ -158,7 +158,7 @@ def test_checkpoints_are_kept_for_each_scene_and_each_start_and_gone_on_from(her
         (["--starts", "0"], 3, "--starts must be at least 1; 0 was given"),
         (["--seed", "-1"], 3, "--seed must be at least 0; -1 was given"),
         (["--jobs", "0"], 3, "--jobs must be at least 1; 0 was given"),
-        (["--method", "magic"], 3, "method: there is no 'magic'"),
+        (["--method", "magic"], 3, "--method: there is no 'magic'"),
     ],
 )
 def test_what_cannot_be_for_all_is_refused_before_anything_is_begun(here, options, code, message, capsys):

@@ -107,11 +107,11 @@ class Writer:
         self.ended += 1
         if result.fit is not None and result.outcome.usable:
             self.write(index, item, result)
-        error = self.errors.get(index) or result.error
-        if error and result.outcome.exit_code == 0:
-            self.console.say(f"{self.ended} of {len(self.items)}: {item.path}: {error}")
-        elif error:
-            self.refuse(item, str(error))
+        if error := self.errors.get(index) or result.error:
+            if result.outcome.status == "written":  # before, as the error says
+                self.console.say(f"{self.ended} of {len(self.items)}: {item.path}: {error}")
+            else:
+                self.refuse(item, str(error))
         self.close(item, result)
 
     def write(self, index: int, item: Item, result: Result) -> None:
@@ -137,6 +137,7 @@ class Writer:
 
     def refuse(self, item: Item, message: str) -> None:
         """Print why there is no result; an error is printed even with --quiet."""
+        message = message.removeprefix(f"{item.path}: ")
         if not self.console.quiet:
             self.console.say(f"{self.ended} of {len(self.items)}: {item.path}: error: {message}")
             return
