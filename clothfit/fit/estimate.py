@@ -49,7 +49,7 @@ from clothfit.scene.bounds import from_user
 from clothfit.scene.fit_vector import fitted_cloths, parameters
 from clothfit.scene.scene import Scene, check_is_scene
 from clothfit.strategy import step_choice
-from clothfit.strategy.auto import by_momentum, find, one_value_each, resumed
+from clothfit.strategy.auto import by_ladder, by_momentum, find, models_left, one_value_each, resumed
 from clothfit.strategy.ladder import as_model
 from clothfit.strategy.start import FirstPoint, choose_start, first_point, other_starts, start_warnings
 from clothfit.strategy.trajectory_fit import by_gauss_newton, go_on, resumed_prior
@@ -415,6 +415,8 @@ def found_by(
         return go_on(search, state, tau) if method == "gauss-newton" else resumed(search, state, start, tau)
     if method == "gauss-newton":
         return by_gauss_newton(search, start, start, tau)
+    if state is not None and state.rungs:
+        return by_ladder(search, tau, [], models_left(search, state))
     return find(search, start, others, tau, wanted)
 
 

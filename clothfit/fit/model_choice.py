@@ -19,8 +19,8 @@ from clothfit.base.errors import InvalidInput
 from clothfit.fit.holdout import split
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
-from clothfit.optimise.search import Rung, Search
-from clothfit.optimise.status import Status, Stop
+from clothfit.optimise.search import Search
+from clothfit.optimise.status import Rung, Status, Stop
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.strategy import ladder
 from clothfit.strategy.auto import is_explained

@@ -1,8 +1,8 @@
 """The file from which a fit goes on after it was killed, and what it holds.
 
-A fit that is resumed does not repeat its way: it restarts the stage that it was in (`fit.auto`), or the optimiser, from
-the best values, with the prior that it had learned, and counts evaluations and seconds from its first beginning. It so
-comes to the same minimum, not to the same last bits.
+A fit that is resumed does not repeat its way: it restarts the stage that it was in (`strategy.auto`), the first model
+of the ladder that it had not finished, or the optimiser, from the best values, with the prior that it had learned. It
+counts evaluations and seconds from its first beginning. So it comes to the same minimum, not to the same last bits.
 
 The file is written whole or not at all: a line with the name of the format and a checksum of all that follows, then a
 line of JSON with what is fitted to what, and how (`identity`), and with the `State`. It is written after the first
@@ -30,11 +30,11 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.reading import whole
 from clothfit.base.writing import check_writable, write_atomically
 from clothfit.objective.experiment import Experiment
-from clothfit.optimise.status import Status
+from clothfit.optimise.status import Rung, Status
 from clothfit.scene.factors import FACTOR_MODES
 from clothfit.scene.scene import Scene, dumps
 
-FORMAT_LINE = b"clothfit checkpoint 3 "
+FORMAT_LINE = b"clothfit checkpoint 4 "
 SECRET = "#"  # before a digest, which says nothing to a reader
 
 EVERY = 1.0
@@ -65,6 +65,7 @@ class State(NamedTuple):
     status: Status | None = None  # None while it runs
     model: str = ""  # that was chosen for the fit, a letter; none was where it is empty
     substeps: int = 0  # that were chosen, steps by BDF2 to a frame of the target; 0: the scene's own step
+    rungs: Sequence[Rung] = ()  # the models that were fitted from coarse to fine, to their end
 
 
 @dataclass
@@ -204,9 +205,10 @@ def _understood(values: Mapping[str, Any]) -> State:
     tau, history = (tuple(float(value) for value in values[name]) for name in ("tau", "history"))
     window, beside = (int(values[name]) for name in ("window", "beside"))
     warnings, status = [str(text) for text in values["warnings"]], values["status"]
+    rungs = [Rung(str(m), int(n), float(e), np.array(p, float), float(s)) for m, n, e, p, s in values["rungs"]]
     return State(
         start, best, cost, gradient, centre, tau, y, radius, window, before, before_cost, history, beside, seconds,
-        warnings, None if status is None else Status(status), str(values["model"]), int(values["substeps"]),
+        warnings, None if status is None else Status(status), str(values["model"]), int(values["substeps"]), rungs,
     )  # fmt: skip
 
 
@@ -225,6 +227,19 @@ def is_possible(state: State) -> bool:
         and all(text.isprintable() for text in state.warnings)
         and min(state.window, state.beside, state.substeps) >= 0
         and state.model in ("", *FACTOR_MODES, "L")
+        and all(is_possible_rung(rung, len(state.best)) for rung in state.rungs)
+    )
+
+
+def is_possible_rung(rung: Rung, count: int) -> bool:
+    """Whether a model of a fit of so many parameters can have come to this."""
+    return (
+        rung.model in (*FACTOR_MODES, "G", "L")
+        and rung.values >= 0
+        and min(rung.rmse, rung.seconds) >= 0
+        and math.isfinite(rung.seconds)
+        and rung.p.shape == (count,)
+        and bool(np.isfinite(rung.p).all())
     )
 
 

@@ -22,7 +22,7 @@ from clothfit.objective.objective import Objective
 from clothfit.optimise.checkpoint import Checkpoint, State
 from clothfit.optimise.coordinates import Coordinates
 from clothfit.optimise.progress import Progress, Reporter
-from clothfit.optimise.status import Budget, Status, Stop
+from clothfit.optimise.status import Budget, Rung, Status, Stop
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds
 
 if TYPE_CHECKING:
@@ -74,16 +74,6 @@ class Belief(NamedTuple):
     prior: Prior
     penalty: Callable[[Array], float]  # of parameters (P,), beside the cost
     ceiling: float  # the best cost before the descent, which no result may exceed
-
-
-class Rung(NamedTuple):
-    """What one model of a ladder, from coarse to fine, has come to."""
-
-    model: str  # a letter: F, R, M or L; G where there is no other
-    values: int  # fitted
-    rmse: float  # m
-    p: Array  # (P,), in the parameters of the search
-    seconds: float  # of its stage
 
 
 class BestSoFar:
@@ -305,6 +295,12 @@ class Search:
             cost, budget = self.best.cost, self.budget
             self.progress.report(budget.evaluations, budget.limit, cost, self.objective.rmse(cost))
 
+    def climbed(self, rung: Rung) -> None:
+        """Note what a model of the ladder has come to, and keep it."""
+        self.rungs.append(rung)
+        if self.checkpoint is not None:
+            self.checkpoint.save(self.state, now=True)
+
     def finish(self, status: Status) -> Status:
         """Keep how the search ended; "diverged" where there is no result."""
         self.best.forget()
@@ -324,7 +320,7 @@ class Search:
         return State(
             self.start, best.p, best.cost, best.gradient, centre, tau, y, radius, window, before,
             before_cost, self.budget.history, self.budget.beside, self.progress.seconds, self.warnings,
-            None, self.model, self.substeps,
+            None, self.model, self.substeps, self.rungs,
         )  # fmt: skip
 
     def take_over(self, model: str, substeps: int, evaluations: int, seconds: float, computing: float) -> None:
@@ -339,7 +335,7 @@ class Search:
         self.best.restore(Point(best, state.cost, state.gradient, None))
         self.budget.history, self.budget.beside = list(state.history), state.beside
         self.progress.began -= state.seconds
-        self.warnings = list(state.warnings)
+        self.warnings, self.rungs = list(state.warnings), list(state.rungs)
 
     def warn(self, *texts: str) -> None:
         """Keep warnings for the user, each once."""

@@ -1,9 +1,12 @@
-"""How a fit ends, and the budget that can end it."""
+"""How a fit and its stages end, and the budget that can end it."""
 
 from __future__ import annotations
 
 import math
 from enum import StrEnum
+from typing import NamedTuple
+
+from clothfit.base.arrays import Array
 
 STALL_EVALUATIONS, STALL_REDUCTION = 50, 1e-3
 """A search stalls where so many evaluations in a row lower the best cost by less than this fraction."""
@@ -17,6 +20,16 @@ class Status(StrEnum):
     LIMIT = "limit"  # at the end of its budget
     DIVERGED = "diverged"  # no simulation stayed finite, so there is no result
     INTERRUPTED = "interrupted"  # by the user, with the best point so far
+
+
+class Rung(NamedTuple):
+    """What one model of a ladder, from coarse to fine, has come to."""
+
+    model: str  # a letter: F, R, M or L; G where there is no other
+    values: int  # fitted
+    rmse: float  # m
+    p: Array  # (P,), in the parameters of the search
+    seconds: float  # of its stage
 
 
 class Stop(Exception):

@@ -92,6 +92,15 @@ def resumed(search: Search, state: State, start: Array, tau: float | None) -> St
         return by_ladder(search, tau, [start])
 
 
+def models_left(search: Search, state: State) -> list[str]:
+    """The models of a ladder that a fit has not finished which goes on from a `state`; it has one alone where that was
+    chosen.
+    """
+    done = {rung.model for rung in state.rungs}
+    every = [state.model] if state.model else ladder.models(search.objective.scene)
+    return [model for model in every if model not in done]
+
+
 def by_ladder(
     search: Search, tau: float | None, starts: Sequence[Array], wanted: Sequence[str] | None = None
 ) -> Status:

@@ -22,8 +22,8 @@ from clothfit.objective.objective import Objective
 from clothfit.optimise import gauss_newton, preconditioned
 from clothfit.optimise.gauss_newton import Patience
 from clothfit.optimise.prior import none
-from clothfit.optimise.search import Rung, Search
-from clothfit.optimise.status import Status, Stop
+from clothfit.optimise.search import Search
+from clothfit.optimise.status import Rung, Status, Stop
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import parameters, with_parameters
@@ -118,7 +118,7 @@ def rung(search: Search, model: str, starts: Sequence[Array] = ()) -> None:
     """Fit one model as `stage` does, and note what it has come to. Raises Stop."""
     began = time.monotonic()
     stage(search, model, starts)
-    search.rungs.append(reached(search, model, time.monotonic() - began))
+    search.climbed(reached(search, model, time.monotonic() - began))
 
 
 def reached(search: Search, model: str, seconds: float = 0.0) -> Rung:

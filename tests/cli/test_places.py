@@ -35,7 +35,7 @@ def files(tmp_path, monkeypatch, capsys):
     )
     (tmp_path / "page.html").write_text("<!doctype html><title>fit</title>")
     (tmp_path / "map.csv").write_text("marker,object,vertex\nm1,0,3\n")
-    (tmp_path / "f.checkpoint").write_bytes(b"clothfit checkpoint 3 damaged")
+    (tmp_path / "f.checkpoint").write_bytes(b"clothfit checkpoint 4 damaged")
     capsys.readouterr()
 
 

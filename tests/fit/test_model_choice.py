@@ -14,7 +14,8 @@ from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import at_frames
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.optimise.search import Rung, Search
+from clothfit.optimise.search import Search
+from clothfit.optimise.status import Rung
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.strategy import ladder
 

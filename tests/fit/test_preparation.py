@@ -297,6 +297,30 @@ def test_the_time_ends_a_choice_with_a_result_no_worse_than_the_start(kind, seco
 
 @pytest.mark.slow
 @needs_compilation
+@pytest.mark.parametrize("done", [1, 2])
+def test_a_fit_that_is_resumed_climbs_no_model_again_that_it_had_finished(tmp_path, monkeypatch, done):
+    scene, motion = finer("nL")
+    fitted, rung = [], ladder.rung
+
+    def noted(search, model, starts=()):
+        if len(fitted) == done:
+            raise KeyboardInterrupt
+        rung(search, model, starts)
+        fitted.append(model)
+
+    monkeypatch.setattr(ladder, "rung", noted)
+    first = estimate(scene, motion, intervals=False, checkpoint=tmp_path / "c", keep_step=True)
+    assert (first.status, [each.model for each in first.ladder]) == ("interrupted", fitted)
+    done = -1
+    found = estimate(scene, motion, intervals=False, checkpoint=tmp_path / "c", keep_step=True, resume=True)
+    assert fitted == ladder.models(scene)  # each once
+    assert [each.model for each in found.ladder] == fitted
+    assert [each.rmse for each in found.ladder][: len(first.ladder)] == [each.rmse for each in first.ladder]
+    assert found.cost <= first.cost
+
+
+@pytest.mark.slow
+@needs_compilation
 @pytest.mark.parametrize("kind", ["step", "step and model"])
 def test_a_fit_that_is_resumed_keeps_what_was_chosen(tmp_path, monkeypatch, kind):
     options, letters = CHOICES[kind]
