@@ -195,9 +195,9 @@ def show_energy(energy: Energy | None, console: Console) -> None:
     console.table([["frame", "time", *names], *table])
     rise, frame = energy.largest_rise
     if rise > least:
-        share = f"{100 * rise / energy.scale:.2g} % of the largest energy in one place"
+        share = f": {100 * rise / energy.scale:.2g} % of the largest energy in one place" if energy.scale > 0 else ""
         gain = f"by up to {rise:.3g} J in a step (frame {frame}) beyond the wind's work"
-        console.result(f"the total rises {gain}: {share}")
+        console.result(f"the total rises {gain}{share}")
     else:
         console.result("the total never rises in a step by more than the wind's work")
 

@@ -7,7 +7,8 @@ by the
 
 To estimate the rounding in the directional derivative and in the products, they are computed once more with linear
 systems solved ten times less accurately, at values that differ in their last digits. Where masses and stiffnesses
-differ by more than numbers resolve, that is not all: the condition of the systems bounds what can be known.
+differ by more than numbers resolve, that is not all: the condition of the systems bounds what can be known. So does the
+rounding of positions, where they are many times what the motions differ by.
 """
 
 from __future__ import annotations
@@ -114,11 +115,11 @@ def check_scene(
             f"{target.name}: shows nothing after the start that can move, within {count} frames, so there is nothing "
             "to check the gradient with; ask for more --steps"
         )
-    gradient = objective.cost_and_gradient(p)[1]
+    cost, gradient = objective.cost_and_gradient(p)
     d = direction_of(p, gradient, rng)
     other = objective.until(count, LOOSER_TOLERANCE * objective.tolerance)
     rounding = solved_to(objective)
-    derivative = directional_derivative(other, p, d, gradient, rounding)
+    derivative = directional_derivative(other, p, d, gradient, rounding + placed_to(objective, cost))
     rungs, noise = ladder(objective, p, d)
     short = calm(rungs, noise)
     beyond = next((rung.switch for rung in rungs[len(short) :]), "")
@@ -158,6 +159,15 @@ def solved_to(objective: Objective) -> float:
         stiff = (h + system.springs.damping) * h * system.springs.stiffness.max(initial=0.0)
         worst = max(worst, max(inert, stiff) / mass.min(where=mass > 0, initial=np.inf))
     return float(np.finfo(float).eps * worst)
+
+
+def placed_to(objective: Objective, cost: float) -> float:
+    """Relative error that the rounding of positions can make in a derivative of that cost: ε times the largest
+    coordinate over the root mean square of the distances; 0 where there are none.
+    """
+    error = objective.rmse(cost)
+    largest = max((float(np.abs(run.system.x0).max(initial=0.0)) for run in objective.runs), default=0.0)
+    return float(np.finfo(float).eps * largest / error) if error > 0 else 0.0
 
 
 def directional_derivative(other: Objective, p: Array, d: Array, gradient: Array, rounding: float) -> Known:

@@ -154,7 +154,7 @@ def difference_of(runs: tuple[Run, ...], a: list[Flags], b: list[Flags]) -> str:
 
 def calm(rungs: list[Rung], noise: float) -> list[Rung]:
     """The rungs, from the shortest, before a contact switches or S, above rounding, does not fall as t²."""
-    floor = ABOVE_NOISE * noise
+    floor = max(ABOVE_NOISE * noise, SMALLEST_FLOAT)
     found: list[Rung] = []
     for rung in rungs:
         if rung.switch or not np.isfinite(rung.even):

@@ -162,14 +162,16 @@ def descend(
         slow = since >= 0 and costs[-1] > (1.0 - SLOW_SAVING) * costs[since]
         if slow or len(costs) > most or search.is_late or patience.is_over(search.best.cost):
             raise RoundOver
-        y = u if root is None else y0 + solve_triangular(root, u, lower=True, trans=1)
+        y = u if root is None else y0 + solve_triangular(root, u, lower=True, trans=1, check_finite=False)
+        if not np.isfinite(y).all():
+            raise RoundOver  # its numbers have overflowed
         value, gradient = search(np.clip(y, lower, upper))
         costs.append(search.best.cost)
         times.append(computing())
         if root is None:
             return value, gradient
         inside = np.where((y > lower) & (y < upper), gradient, 0.0)
-        by_u = np.asarray(solve_triangular(root, inside, lower=True))
+        by_u = np.asarray(solve_triangular(root, inside, lower=True, check_finite=False))
         # near y₀ the cost c₀ changes by gᵀu + c₀ |u|², at best by −|g|²/(4 c₀)
         if settled * value > float(by_u @ by_u) / (4.0 * max(first or value, value)):
             raise Settled

@@ -12,7 +12,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.derivative import verify
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
-from clothfit.inspection.gradient_check import check_scene, default_frames
+from clothfit.inspection.gradient_check import check_scene, default_frames, placed_to
 from clothfit.inspection.ladder import Switch, contacts, first_switch
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.simulate import simulate
@@ -189,3 +189,27 @@ def test_where_numbers_do_not_resolve_the_systems_nothing_is_called_wrong(mass, 
     own["vertMass"][4], own["springStiffness"][7], own["damping"] = mass, stiffness, damping
     with np.errstate(all="ignore"):
         assert check_scene(load_text(json.dumps(made))).verdict in ("unclear", "passed")
+
+
+def test_where_values_move_nothing_by_a_rounding_nothing_is_called_wrong():
+    """Of a cloth of 1e9 m and 1e98 kg, whose positions are rounded to 1e-7 m, some costs are exactly 0."""
+    made, rng = trial("nL", 3, 3, 3), np.random.default_rng(0)
+    own = made["objects"][0]
+    own["vertPos"] = [{axis: 1e9 * value for axis, value in at.items()} for at in own["vertPos"]]
+    own["vertPos"] = [{**at, "y": at["y"] + 1e7 * rng.normal()} for at in own["vertPos"]]
+    own["vertVel"] = [dict(zip("xyz", rng.normal(size=3), strict=True)) for _ in range(9)]
+    own["vertMass"], own["damping"], made["delta"], made["tolerance"] = [1e98] * 9, 0, 1e-9, 0.5
+    own["springStiffness"] = [1e101, *own["springStiffness"][1:]]
+    with np.errstate(all="ignore"):
+        assert check_scene(load_text(json.dumps(made)), frames=3).verdict == "unclear"
+
+
+def test_the_rounding_of_positions_counts_relative_to_what_the_motions_differ_by():
+    made = scene(sheet("LL"))
+    truth = simulate(with_parameters(made, 1.1 * parameters(made)))
+    objective = Objective(made, truth)
+    largest = np.abs(made.cloths[0].positions).max()
+    # residuals of 1e-3 m: their squares, over 1 m², change by 2 ε · 1 m / 1e-3 m where each moves by ε · 1 m
+    cost = 1e-6 * objective.cost(parameters(made)) / objective.rmse(objective.cost(parameters(made))) ** 2
+    assert placed_to(objective, cost) == pytest.approx(np.finfo(float).eps * largest / 1e-3, rel=1e-12)
+    assert placed_to(objective, 0.0) == 0.0

@@ -8,7 +8,8 @@ from helpers.scenes import cloth
 
 import clothfit.motion.energy
 from clothfit.base.errors import InvalidInput, InvalidMotion
-from clothfit.cli.simulate import joules
+from clothfit.cli.common.console import Console
+from clothfit.cli.simulate import joules, show_energy
 from clothfit.engine.forces import spheres, springs, total, vertex, wind
 from clothfit.engine.march import velocity
 from clothfit.engine.rollout import rollout
@@ -286,3 +287,9 @@ def test_an_infinite_energy_is_no_scale_and_is_shown():
     assert energy.scale == 3.0
     assert energy.largest_rise == (np.inf, 1)
     assert [joules(value, 1e-12 * energy.scale) for value in energy.elastic] == ["0.5", "inf", "inf"]
+
+
+def test_where_no_energy_is_finite_and_above_0_no_share_of_it_is_told(capsys):
+    energy = Energy(np.arange(2.0), np.array([0.0, np.inf]), *np.zeros((6, 2)))
+    show_energy(energy, Console())
+    assert "the total rises by up to inf J in a step (frame 1) beyond the wind's work\n" in capsys.readouterr().out

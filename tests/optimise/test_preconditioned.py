@@ -277,3 +277,12 @@ def test_a_descent_that_is_over_does_nothing():
     search.longest = 0.0
     minimise(search)
     assert search.budget.evaluations == before
+
+
+@pytest.mark.parametrize("metric_size", [None, 1e-10])
+def test_a_round_whose_numbers_overflow_is_over(metric_size):
+    search = Bowl(np.diag([1e308, 1e308]), np.array([1.0, -1.0]), size=1e300)
+    root = None if metric_size is None else np.diag([metric_size] * 2)
+    with np.errstate(all="ignore"):
+        assert not descend(search, root, unlimited())
+    assert np.isfinite(search.y).all()
