@@ -24,7 +24,7 @@ POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n"
         ("a.abc", (BLENDER / "sheet.usdc").read_bytes(), "its content is USD; rename it to .usdc"),
         ("a.obj", (BLENDER / "sheet-text.stl").read_bytes(), "its content is STL; rename it to .stl"),
         ("a.stl", (BLENDER / "sheet.glb").read_bytes(), "its content is glTF; rename it to .glb"),
-        ("a.obj", gzip.compress(b"v 0 0 0\n"), "it is a gzip archive; unpack it"),
+        ("a.obj", gzip.compress(b"v 0 0 0\n", mtime=0), "it is a gzip archive; unpack it"),
         ("a.glb", PAGE, "it is a web page; download the file itself"),
         ("a.csv", POINTER, "it is a pointer of Git LFS, not the file itself; fetch that with: git lfs pull"),
         ("a.obj", b"OFF\n3 1 0\n", "it is an OFF mesh; export it as .ply, .stl or .obj"),
