@@ -95,5 +95,6 @@ def meant(wrong: str, names: Iterable[str]) -> str:
     known = {name.lower(): name for name in names}
     lower = wrong.lower()
     begins = [name for name in known if len(lower.lstrip("-")) > 1 and name.startswith(lower)]
-    best = [*begins, *get_close_matches(lower, known, 1)][:1]
+    swapped = [name for name in known if sorted(name) == sorted(lower)]  # --rsme is --rmse sooner than --resume
+    best = [*begins, *swapped, *get_close_matches(lower, known, 1)][:1]
     return f"; did you mean {known[best[0]]}?" if best else ""

@@ -48,9 +48,9 @@ def command(
     as_json: bool,
     console: Console,
 ) -> None:
-    """Check the gradient of the cost of a fit of SCENE, at the scene's own values.
+    """Check the gradient that a fit of SCENE would follow, at the scene's own values.
 
-    The Taylor and difference tests compare it with the cost along a random direction; the dot product test compares the
+    The Taylor and difference tests compare it with differences of the cost along a random direction; the dot product test compares the
     forward with the reverse sweep. Steps in which a contact switches are left out, because the cost has a kink there.
 
     \b

@@ -60,13 +60,14 @@ SECTIONS = {  # of the help
 @click.option("--loss-scale", type=float, metavar="METRES",
               help="Distances above this count as outliers.  [default: 0.01]")
 @click.option("--fit-time", is_flag=True,
-              help="Find the rate and the offset of the target's clock with the values.")
+              help="Fit the rate and the offset of the target's clock too.")
 @click.option("--fit-placement", is_flag=True,
-              help="Find the place of the target with the values: how it is turned and moved.")
+              help="Fit how the target is turned and moved too.")
 @click.option("--model", metavar="MODEL",
-              help="Fit all masses, stiffnesses and rest lengths that are flagged by F: one factor on their values, "
-              "R: a factor for each family and region, M: smooth maps, G: one value, L: each by itself; or auto: the "
-              "smallest of F, R, M and L that more freedom does not beat on what is kept out.  [default: the flags]")
+              help="How to fit the masses, stiffnesses and rest lengths that SCENE flags: F, one factor on their "
+              "values; R, a factor for each family and region; M, smooth maps; G, one value; L, each by itself; or "
+              "auto: the simplest of F, R, M and L, unless a freer one is clearly better on frames that are kept out.  "
+              "[default: the flags]")
 @click.option("--substeps", metavar="K",
               help="Time steps to a frame of the target; auto: as many as pay.  [default: auto for scenes with BDF2, "
               "else the scene's step]")

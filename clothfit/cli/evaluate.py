@@ -64,7 +64,7 @@ def command(
 ) -> None:
     """Measure how far the motion and the parameters of FITTED are from those of SCENE.
 
-    With --speed and without FITTED, measure how accurate each way to simulate SCENE is for its time.
+    With --speed and without FITTED, compare ways to simulate SCENE: the error and the time of each.
 
     \b
     clothfit evaluate scene.json scene.fitted.json

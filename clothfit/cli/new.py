@@ -80,12 +80,12 @@ SECTIONS = {
 @click.option("--sphere", multiple=True, metavar="X,Y,Z,R", help="Add a sphere to fall on: centre and radius in m.")
 @click.option("--wind", metavar="X,Y,Z", help="Wind in m/s.  [default: none]")
 @click.option("--fit", multiple=True, metavar="LETTERS|NAME[=L]",
-              help="Parameters to fit: two letters for masses and stiffnesses: n none, F one factor on what is there, "
+              help="Parameters to fit. Two letters for masses and stiffnesses: n none, F one factor on what is there, "
               "R one per family and region, M a smooth map, G one value for all, which flattens, L each its own; or "
               "damping, drag, velocity, rest, wind, gravity.  [default: nF]")
 @click.option("--integrator", default="bdf2", metavar="NAME",
-              help="Integrator: bdf2, of second order, or of those that the editor has implicit, symplectic or "
-              "explicit.  [default: bdf2]")
+              help="Integrator: bdf2, of second order; or implicit, symplectic or explicit, of first order, which "
+              "the front end in Unity can play.  [default: bdf2]")
 @click.option("--delta", type=float, metavar="SECONDS", help="Time step in s.  [default: 0.02]")
 @click.option("--fps", type=float, metavar="F", help="Time steps per second, instead of --delta.")
 @click.option("--frames", type=int, default=100, metavar="N",
@@ -95,7 +95,7 @@ SECTIONS = {
 @click.option("--title", metavar="TEXT", help="Name of the scene.  [default: the file's]")
 @click.option("-o", "--output", "path", metavar="SCENE", help="Scene file.  [default: <stem>.json]")
 def command(given: str | None, path: str | None, as_json: bool, console: Console, **options: Any) -> None:
-    """Make a scene of one cloth: a plane, or a mesh from a file (.obj, .glb, .stl, .usd …), as the front end does.
+    """Make a scene of one cloth: a plane, or a mesh from a file (.obj, .glb, .stl, .usd …).
 
     \b
     clothfit new plane --size 7 --fix-side front

@@ -40,11 +40,11 @@ FEWEST = 3
 
 SUMMARIES = {
     "new": "make a scene of a plane or a mesh",
-    "info": "print what a scene holds",
+    "info": "print what a file holds: a scene, a motion, a mesh",
     "validate": "check scenes without simulating",
-    "simulate": "move the cloths as the editor's engine does",
+    "simulate": "simulate the cloths of a scene and write their motion",
     "target": "record a scene's motion, perfect or as a capture sees it",
-    "estimate": "fit the parameters that a scene flags to a motion",
+    "estimate": "fit the parameters of a scene to a motion",
     "evaluate": "measure how far a fit is from the truth or a target",
     "report": "make a page that plays a fit over its target in 3-D",
     "check": "check the gradient that a fit would follow",
@@ -90,7 +90,7 @@ def group(context: click.Context, as_json: bool, quiet: bool, verbose: bool) -> 
     clothfit estimate scene.json --target capture.npz  fit to a recorded motion
     clothfit evaluate scene.json scene.fitted.json     how good is it?
 
-    SCENE is a file in the front end's JSON format, or - for standard input.
+    SCENE is a scene in JSON, as clothfit new writes it, or - for standard input.
     """
     context.obj = {"as_json": as_json, "quiet": quiet, "verbose": verbose}
 

@@ -62,7 +62,7 @@ def command(
     as_json: bool,
     console: Console,
 ) -> None:
-    """Move the cloths of SCENE as the editor's engine does and write their positions.
+    """Simulate the cloths of SCENE and write their positions.
 
     \b
     clothfit simulate scene.json

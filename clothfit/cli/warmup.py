@@ -8,13 +8,15 @@ import time
 import click
 
 from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import counted
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import print_json
 
 
 @standard_command("warmup")
-@click.option("--small", is_flag=True, help="Compile only what cloths of fewer than 1500 free vertices need: a third.")
+@click.option("--small", is_flag=True,
+              help="Compile only a third: what cloths of fewer than 1500 free vertices need.")
 def command(small: bool, as_json: bool, console: Console) -> None:
     """Compile everything for this machine ahead, so that no command has to wait for it.
 
@@ -33,7 +35,7 @@ def command(small: bool, as_json: bool, console: Console) -> None:
 
     def show(part: Part) -> None:
         if part.compiled:
-            console.say(f"{part.name}: {part.compiled} functions compiled in {part.seconds:.1f} s")
+            console.say(f"{part.name}: {counted(part.compiled, 'function', 'functions')} compiled in {part.seconds:.1f} s")
 
     began = time.perf_counter()
     console.announce_compilation("compiling for this machine: one to two minutes …")

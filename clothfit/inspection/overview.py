@@ -68,8 +68,8 @@ def beyond_editor(scene: Scene) -> str | None:
     if name in OF_THE_EDITOR:
         return None
     return (
-        f"its step ({name}, integrationMethod {scene.method}) is not one of the editor's: play it with `clothfit "
-        "simulate`; for a cloth that the editor is to play, `new --integrator implicit`, and fit with that"
+        f"the front end in Unity cannot play its step ({name}, integrationMethod {scene.method}), `clothfit simulate` "
+        "can; for a cloth that Unity is to play, `new --integrator implicit`, and fit with that"
     )
 
 

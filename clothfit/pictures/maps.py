@@ -81,7 +81,7 @@ def draw(axes: Axes, shown: Map) -> None:
     norm = scale(shown)
     drawn: Any = (vertices if shown.kind.of == "vertex" else springs)(axes, seen, flat, shown, norm)
     blank(axes, seen)
-    title = f"{shown.kind.title}: deviation from the truth" if shown.relative else f"{shown.kind.title}, fitted"
+    title = f"{shown.kind.title}: deviation" if shown.relative else f"{shown.kind.title}, fitted"
     axes.set_title(title, loc="left", fontsize=10, color=INK, pad=5)
     hidden = int((~shown.known).sum())
     if hidden:

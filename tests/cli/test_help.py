@@ -102,6 +102,7 @@ def test_a_slip_is_code_2_one_line_and_what_was_meant(capsys, arguments, message
         ("lbfgsb", ("auto", "l-bfgs-b"), "; did you mean l-bfgs-b?"),
         ("Huber", ("linear", "huber"), "; did you mean huber?"),
         ("edge", ("position", "edge-length"), "; did you mean edge-length?"),
+        ("--rsme", ("--resume", "--rmse"), "; did you mean --rmse?"),
         ("magic", ("auto", "l-bfgs-b"), ""),
         ("", ("auto",), ""),
     ],

@@ -74,5 +74,5 @@ def log(own: dict[str, Any]) -> dict[str, str]:
 
 
 def vector(values: Sequence[float]) -> str:
-    """Three components, for people."""
-    return f"({', '.join(f'{value:.4g}' for value in values)})"
+    """Three components, for people; -0 is 0."""
+    return f"({', '.join(f'{value + 0.0:.4g}' for value in values)})"
