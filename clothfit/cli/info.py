@@ -15,7 +15,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import print_json
 from clothfit.cli.common.scenes import read_scene
-from clothfit.formats.recognition import CHECKPOINT, EITHER, LOG, MAP, MESH, MOTION, PAGE, PICTURE, kind_of
+from clothfit.formats.recognition import CHECKPOINT, EITHER, LOG, MAP, MESH, MOTION, PAGE, kind_of
 
 if TYPE_CHECKING:
     from clothfit.inspection.forecast import Forecast
@@ -48,8 +48,6 @@ def command(path_given: str, as_json: bool, console: Console) -> None:
         show_record(path_given, str(kind), as_json, console)
     elif kind == PAGE:
         raise InvalidInput(f"{path_given} is a page; open it in a browser")
-    elif kind == PICTURE:
-        raise InvalidInput(f"{path_given} is a picture; open it in a viewer")
     elif kind == MAP:
         raise InvalidInput(f"{path_given} is a map of markers to vertices; it goes with --map")
     else:

@@ -35,7 +35,8 @@ def command(small: bool, as_json: bool, console: Console) -> None:
 
     def show(part: Part) -> None:
         if part.compiled:
-            console.say(f"{part.name}: {counted(part.compiled, 'function', 'functions')} compiled in {part.seconds:.1f} s")
+            what = counted(part.compiled, "function", "functions")
+            console.say(f"{part.name}: {what} compiled in {part.seconds:.1f} s")
 
     began = time.perf_counter()
     console.announce_compilation("compiling for this machine: one to two minutes …")

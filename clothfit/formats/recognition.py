@@ -12,14 +12,14 @@ from contextlib import suppress
 from clothfit.formats.registry import NATIVE, foreign, suffix_of
 
 SCENE, MOTION, MESH, EITHER = "scene", "motion", "mesh", "mesh or motion"
-CHECKPOINT, LOG, PAGE, MAP, PICTURE = "checkpoint", "log", "page", "map", "picture"
+CHECKPOINT, LOG, PAGE, MAP = "checkpoint", "log", "page", "map"
 
 FIRST = 1 << 16  # bytes that are looked at
 ALONE = (".obj", ".ply", ".stl")  # suffixes of meshes of one frame
 ANIMATED = (".glb", ".gltf", ".usd", ".usda", ".usdc", ".abc")  # suffixes of what may have one frame or many
 BEGINNINGS = (
     (b"clothfit checkpoint ", CHECKPOINT), (b"PK\x03\x04", MOTION), (b"\x93NUMPY", MOTION),
-    (b"<!doctype html", PAGE), (b"<html", PAGE), (b"\x89PNG", PICTURE), (b"GIF8", PICTURE), (b"%PDF-", PICTURE),
+    (b"<!doctype html", PAGE), (b"<html", PAGE),
 )  # fmt: skip
 
 

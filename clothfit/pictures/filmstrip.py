@@ -91,5 +91,5 @@ def draw_wind(axes: Axes, on: Stage) -> None:
     style = {"arrowstyle": "-|>", "color": QUIET, "linewidth": 1.2}
     axes.annotate("", tuple(middle + half), tuple(middle - half), arrowprops=style, zorder=4)
     box = {"facecolor": GROUND, "alpha": 0.8, "linewidth": 0, "pad": 1.0}  # the cloth may lie behind it
-    words = f"wind {speed:.3g} m/s"
-    axes.annotate(words, (0.34, 0.13), xycoords="axes fraction", fontsize=7, color=QUIET, va="center", bbox=box, zorder=5)
+    words: dict[str, Any] = {"fontsize": 7, "color": QUIET, "va": "center", "bbox": box, "zorder": 5}
+    axes.annotate(f"wind {speed:.3g} m/s", (0.34, 0.13), xycoords="axes fraction", **words)

@@ -34,14 +34,13 @@ def files(tmp_path, monkeypatch, capsys):
         '{"summary": {"status": "converged", "rmse": 0.25, "scene": "scene.json"}}\n'
     )
     (tmp_path / "page.html").write_text("<!doctype html><title>fit</title>")
-    (tmp_path / "fit.gif").write_bytes(b"GIF89a\x80\x02")
     (tmp_path / "map.csv").write_text("marker,object,vertex\nm1,0,3\n")
     (tmp_path / "f.checkpoint").write_bytes(b"clothfit checkpoint 4 damaged")
     capsys.readouterr()
 
 
 KINDS = {"scene.json": "scene", "curtain.pc2": "motion", "seen.npz": "motion", "flag.glb": "mesh or motion",
-         "quad.obj": "mesh", "fit.jsonl": "log", "page.html": "page", "map.csv": "map", "f.checkpoint": "checkpoint", "fit.gif": "picture",
+         "quad.obj": "mesh", "fit.jsonl": "log", "page.html": "page", "map.csv": "map", "f.checkpoint": "checkpoint",
          "a_*.obj": "mesh or motion", "absent.json": None, ".": None}  # fmt: skip
 
 
@@ -118,8 +117,6 @@ def test_no_command_takes_another_file_for_a_scene(capsys, command, name):
         (["new", "curtain.pc2"], "curtain.pc2 is a motion; it has no faces; did you mean estimate --target?"),
         (["new", "scene.json"], "scene.json is a scene; did you mean clothfit info?"),
         (["convert", "page.html", "x.pc2"], "page.html is a page; open it in a browser"),
-        (["info", "fit.gif"], "fit.gif is a picture; open it in a viewer"),
-        (["estimate", "fit.gif"], "fit.gif is a picture; it holds no numbers"),
         (["info", "map.csv"], "map.csv is a map of markers to vertices; it goes with --map"),
     ],
 )

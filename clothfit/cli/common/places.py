@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from clothfit.base.errors import InvalidInput
-from clothfit.formats.recognition import CHECKPOINT, EITHER, LOG, MAP, MESH, MOTION, PAGE, PICTURE, SCENE, kind_of
+from clothfit.formats.recognition import CHECKPOINT, EITHER, LOG, MAP, MESH, MOTION, PAGE, SCENE, kind_of
 
 PLACES = {
     "scene_path": (SCENE,), "scene_paths": (SCENE,), "fitted_path": (SCENE,), "start": (SCENE,),
@@ -52,6 +52,5 @@ def advice(kind: str, command: str, taken: tuple[str, ...]) -> str:
         LOG: "did you mean --log?" if command == "report" else "did you mean clothfit report --log?",
         MAP: "did you mean --map?",
         PAGE: "open it in a browser",
-        PICTURE: "it holds no numbers",
     }
     return known[kind]
