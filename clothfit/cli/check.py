@@ -50,8 +50,9 @@ def command(
 ) -> None:
     """Check the gradient that a fit of SCENE would follow, at the scene's own values.
 
-    The Taylor and difference tests compare it with differences of the cost along a random direction; the dot product test compares the
-    forward with the reverse sweep. Steps in which a contact switches are left out, because the cost has a kink there.
+    The Taylor and difference tests compare it with differences of the cost along a random direction; the dot product
+    test compares the forward with the reverse sweep. Steps in which a contact switches are left out, because the cost
+    has a kink there.
 
     \b
     clothfit check scene.json
