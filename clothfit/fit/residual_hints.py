@@ -38,8 +38,8 @@ CERTAIN = 0.9
 PROMISED = 0.35
 """Share of the squares that a clock must promise to be tried."""
 
-TIME, LEAST = 0.3, 5.0
-"""Time for these hints, relative to that of the fit, and seconds at least."""
+LONGEST = 5.0
+"""Seconds for these hints."""
 
 CODES = {"offset": "time_offset", "rate": "time_scale", "placement": "placement"}
 """Codes of the hints."""
@@ -53,7 +53,7 @@ def with_residual_hints(found: Fit, objective: Objective) -> Fit:
         return found
     said, more = {hint.code for hint in found.hints}, list[Hint]()
     try:
-        with interrupts.limited(max(TIME * found.seconds, LEAST)):
+        with interrupts.limited(LONGEST):
             for look in (from_exchange, from_clock, from_place):
                 more += look(found, objective, said)
     except (Diverged, interrupts.OutOfTime):

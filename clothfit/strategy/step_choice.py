@@ -57,7 +57,7 @@ COUNTS = (1, 2, 4, 8, 16, 32)
 """Steps to a frame that are tried one after the other, while they pay."""
 
 LOOK, MOMENT = 4, 4.0
-"""Steps to a frame with which a look at finer steps is taken, and the seconds that it may take."""
+"""Steps to a frame with which a look at finer steps is taken, and the seconds of computing that it may take."""
 
 SEARCH_EVALUATIONS = 1000
 
@@ -273,7 +273,8 @@ def finer(objective: Objective, p: Array) -> float | None:
     if (computing() - began) * LOOK * EXPECTED > MOMENT:
         return None
     search = Search(with_substeps(objective, LOOK, BDF2), p, 0.0, SEARCH_EVALUATIONS)
-    with contextlib.suppress(Stop, Diverged, InvalidInput, interrupts.OutOfTime), interrupts.limited(MOMENT):
+    search.longest = MOMENT
+    with contextlib.suppress(Stop, Diverged, InvalidInput, interrupts.OutOfTime):
         ladder.stage(search, ladder.models(objective.scene)[0], [p], rough=True)
     found = search.objective.rmse(search.best.cost)
     return found if found < (1.0 - PAYS) * now else None
