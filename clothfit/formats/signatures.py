@@ -45,6 +45,7 @@ OTHERS = {
     b"<!doctype html": ("a web page", "download the file itself"),
     b"<html": ("a web page", "download the file itself"),
     b"\x89PNG": ("a picture", "name another file"),
+    b"GIF8": ("a picture", "name another file"),
     b"%PDF": ("a PDF document", "name another file"),
 }
 """How other files begin: what they are, and what to do."""
