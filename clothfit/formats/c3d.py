@@ -105,6 +105,8 @@ def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Dat
     unit, factor = unit_of(animation.axes)
     positions = with_gaps(animation) * factor
     rate = rated(path, animation)
+    if not rate <= float(np.finfo(np.float32).max):
+        raise InvalidMotion(f"{name_of(path)}: {rate:g} frames a second do not fit into single precision; use .trc")
     frames, points = positions.shape[:2]
     table = np.zeros((frames, points, 4), "<f4")
     known = np.isfinite(positions).all(axis=2)

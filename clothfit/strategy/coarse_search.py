@@ -9,6 +9,7 @@ the values that are given.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import product
@@ -57,7 +58,7 @@ def scaled(objective: Objective, p: Array) -> Array:
 
 def decades(block: Block) -> Exponents:
     """The exponents of the decades within the bounds of a block's values."""
-    low, high = (math.log10(end) for end in block.ends)
+    low, high = (math.log10(min(end, sys.float_info.max)) for end in block.ends)
     first, last = math.ceil(low - ROUNDING), math.floor(high + ROUNDING)
     return tuple(float(e) for e in range(first, last + 1)) or (0.5 * (low + high),)
 

@@ -260,3 +260,11 @@ def test_the_rate_of_a_target_is_its_own(say):
     assert told["frames"] == 9
     _, _, err = say("convert a.mdd b.npz")
     assert "100 frames a second by its own times" in err
+
+
+def test_a_rate_beyond_single_precision_is_refused(say):
+    np.savez("a.npz", positions=points())
+    code, _, err = say("convert a.npz b.c3d --fps 1e300")
+    assert (code, err.splitlines()[-1]) == (
+        3, "error: b.c3d: 1e+300 frames a second do not fit into single precision; use .trc"
+    )  # fmt: skip

@@ -1,5 +1,7 @@
 """The start that knows nothing of the scene's own flagged values."""
 
+from types import SimpleNamespace
+
 import numba
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.scene.scene import load
-from clothfit.strategy.coarse_search import COARSE_FRAMES, best_scales, neighbours
+from clothfit.strategy.coarse_search import COARSE_FRAMES, best_scales, decades, neighbours
 from clothfit.strategy.start import fabric, neutral, neutral_start, proportions
 
 pytestmark = [
@@ -121,3 +123,9 @@ def test_where_every_value_diverges_it_still_gives_values_within_the_bounds():
     still = np.broadcast_to(scene.cloths[0].positions, (40, 16, 3)).copy()
     start = neutral_start(Objective(scene, Motion(still, np.arange(40.0), (16,))))
     assert LOWER <= start[0] <= UPPER
+
+
+def test_decades_end_where_numbers_do():
+    """Bounds relative to values near the largest number are infinite."""
+    assert decades(SimpleNamespace(ends=(1e306, np.inf))) == (306.0, 307.0, 308.0)
+    assert decades(SimpleNamespace(ends=(1e-1, 1e1))) == (-1.0, 0.0, 1.0)
