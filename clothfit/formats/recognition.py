@@ -59,5 +59,5 @@ def _by_name(path: str) -> str | None:
 def _is_log(first: bytes) -> bool:
     with suppress(ValueError, RecursionError):
         line = json.loads(first.split(b"\n", 1)[0])
-        return isinstance(line, dict) and ("iteration" in line or set(line) == {"summary"})
+        return isinstance(line, dict) and ("evaluations" in line or set(line) == {"summary"})
     return False

@@ -141,10 +141,8 @@ def check_counts(motion: Motion, scene: Scene) -> None:
     """Raise InvalidMotion unless the motion's objects have the scene's numbers of vertices."""
     counts = scene.vertex_counts
     if motion.vertex_counts != counts:
-        raise InvalidMotion(
-            f"{motion.name}: its objects have {list(motion.vertex_counts)[:8]} vertices, "
-            f"those of {scene.name} {list(counts)[:8]}"
-        )
+        own, wanted = (", ".join(map(str, some[:8])) for some in (motion.vertex_counts, counts))
+        raise InvalidMotion(f"{motion.name}: its objects have {own} vertices, those of {scene.name} {wanted}")
 
 
 def check_shapes(arrays: Mapping[str, NDArray[Any] | npz.Stored], scene: Scene, name: str) -> None:

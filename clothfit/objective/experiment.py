@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import counted
 from clothfit.motion.motion import Motion, as_motion, checked_motion
 from clothfit.scene.scene import Scene
 
@@ -80,8 +81,14 @@ def flagged_as(scene: Scene, main: Scene) -> Scene:
 
 def check_same_sizes(scene: Scene, main: Scene) -> None:
     """Raise InvalidInput unless the objects of both scenes have the same numbers of vertices and springs."""
-    sizes = [[(len(c.mass), len(c.stiffness)) for c in one.cloths] for one in (scene, main)]
-    if sizes[0] != sizes[1]:
-        raise InvalidInput(
-            f"{scene.name}: its objects have (vertices, springs) {sizes[0][:8]}, those of {main.name} {sizes[1][:8]}"
-        )
+    own, wanted = ([(len(c.mass), len(c.stiffness)) for c in one.cloths] for one in (scene, main))
+    if own != wanted:
+        raise InvalidInput(f"{scene.name}: its objects have {in_words(own)}, those of {main.name} {in_words(wanted)}")
+
+
+def in_words(sizes: Sequence[tuple[int, int]]) -> str:
+    """Numbers of vertices and springs of objects, of the first eight."""
+    return "; ".join(
+        f"{counted(vertices, 'vertex', 'vertices')} and {counted(springs, 'spring', 'springs')}"
+        for vertices, springs in sizes[:8]
+    )

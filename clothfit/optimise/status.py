@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from enum import StrEnum
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from clothfit.base.arrays import Array
+if TYPE_CHECKING:  # helps are printed without NumPy
+    from clothfit.base.arrays import Array
 
 STALL_EVALUATIONS, STALL_REDUCTION = 50, 1e-3
 """A search stalls where so many evaluations in a row lower the best cost by less than this fraction."""

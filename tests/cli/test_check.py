@@ -116,8 +116,8 @@ def test_a_target_of_ones_own(path, capsys):
     [
         (["--steps", "0"], 3, "--steps must be at least 1; 0 was given"),
         (["--seed", "-1"], 3, "invalid value for '--seed'"),
-        (["--memory", "lots"], 3, "memory: 'lots' is not a size"),
-        (["--memory", "1kB"], 3, "memory: 1 kB is too little"),
+        (["--memory", "lots"], 3, "--memory: 'lots' is not a size"),
+        (["--memory", "1kB"], 3, "--memory: 1 kB is too little"),
         (["--target", "absent.npz"], 3, "absent.npz: there is no such file"),
         (["--fast"], 2, "no such option '--fast'"),
     ],

@@ -305,7 +305,7 @@ TEXTS = [
     (b"\x80\x81", "byte 1 (0x80)"),
     (b"[" * 100_000, "the JSON is nested too deeply"),
     (b'{"delta": 1, "delta": 2}', "delta: the key delta appears more than once"),
-    (b"PK\x03\x04\x00\x00\x00\x00", "line 1, column 1"),
+    (b"\x7fELF\x02\x01\x01\x00", "line 1, column 1"),
 ]
 
 

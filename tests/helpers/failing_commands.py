@@ -210,7 +210,7 @@ TOGETHER = {
         "--holdout 0.5 --holdout-of vertices", trial("nG", 5, vertIsFixed=[i > 0 for i in range(VERTICES)])
     ),
     "objects[…] has … values of …, … are needed": fit("--start other.json", **{"other.json": OTHER}),
-    "its objects have (vertices, springs) …, those of …": Case(EVALUATE + "other.json", {"other.json": OTHER}),
+    "its objects have …, those of …": Case(EVALUATE + "other.json", {"other.json": OTHER}),
     "shows no observed vertex in the first … s": Case(
         EVALUATE + "scene.json --target bad.npz", {"bad.npz": UNSEEN}
     ),

@@ -176,7 +176,7 @@ def test_the_command_says_what_is_foreseen(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("size", "message"),
-    [("lots", "memory: 'lots' is not a size"), ("0", "memory must be between 1 byte and 8 EiB; '0' was given")],
+    [("lots", "--memory: 'lots' is not a size"), ("0", "--memory must be between 1 byte and 8 EiB; '0' was given")],
 )
 def test_the_command_refuses_a_size_that_is_none(tmp_path, capsys, size, message):
     path = write_scene(tmp_path, trial("nG", FRAMES))

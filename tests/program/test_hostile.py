@@ -132,7 +132,7 @@ def test_names_that_cannot_be_are_refused():
     ("option", "message"),
     [
         (("--starts", "1000000000"), "--starts must be at most 10000; 1000000000 was given"),
-        (("--loss", "huber", "--loss-scale", "1e300"), "loss scale must be within 1e-100 … 1e+100 m; 1e+300 m"),
+        (("--loss", "huber", "--loss-scale", "1e300"), "--loss-scale must be within 1e-100 … 1e+100 m; 1e+300 m"),
     ],
 )
 def test_options_that_ask_for_too_much_are_refused(option, message):
