@@ -13,6 +13,7 @@ from helpers.strangers import small, with_finer_steps
 
 from clothfit.cli.program import run
 from clothfit.fit.estimate import record_target
+from clothfit.many.job import EXIT_CODES
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import save_motion
 from clothfit.scene.scene import load, save
@@ -148,10 +149,12 @@ def test_the_editors_step_is_kept_unless_another_is_asked_for(given, capsys):
     code, finer, _ = estimated(capsys, path, *target, "--substeps", "auto")
     assert (code, finer["step"]["integrator"], load(finer["output"]).method) == (0, "bdf2", 3)
     assert finer["rmse"] < 0.1 * summary["rmse"]  # second order
+    code, four, _ = estimated(capsys, path, *target, "--substeps", "4")
+    assert (code, four["step"]["substeps"], four["step"]["delta"]) == (0, 4, 0.005)
     # the guard of steps of 10 ms makes the cost jump at its lowest point, which then is no minimum by the gradient
-    _, two, _ = estimated(capsys, path, *target, "--substeps", "2")
-    assert (two["step"]["substeps"], two["step"]["delta"]) == (2, 0.01)
-    assert finer["rmse"] < two["rmse"] < summary["rmse"]
+    code, two, _ = estimated(capsys, path, *target, "--substeps", "2")
+    assert (code, two["step"]["substeps"], two["step"]["delta"]) == (EXIT_CODES[two["status"]], 2, 0.01)
+    assert finer["rmse"] < four["rmse"] < two["rmse"] < summary["rmse"]
 
 
 @pytest.mark.parametrize(
