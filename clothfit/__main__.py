@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 INTERRUPTED = 130  # the exit code
 
 
-OBJECTS = 50_000
+OBJECTS = 200_000
 """New objects after which Python looks for cycles among them: by default it would do so 500 times while libraries
 load, whose objects all stay.
 """

@@ -1,19 +1,33 @@
 """Modules that load when something of them is used: SciPy and numba import some that hardly anything needs.
 
 A tenth of the time that a small fit takes would go into NumPy's tools for Fortran and for tests, which SciPy imports
-only because it passes on all that NumPy has, and into the mail parser behind the list of installed packages, in which
-numba looks for extensions. `importlib.util.LazyLoader` is the standard library's way to put that off.
+only because it passes on all that NumPy has, into the mail parser behind the list of installed packages, in which numba
+looks for extensions, and into YAML, in which numba can be configured where that is installed. The standard library's
+`importlib.util.LazyLoader` would load a module as soon as another one imports it.
 """
 
 from __future__ import annotations
 
-import importlib.util
 import sys
-from importlib.util import LazyLoader, module_from_spec
+from importlib.util import find_spec, module_from_spec
+from types import ModuleType
+from typing import Any
 
 SELDOM_USED = (
     "importlib.metadata", "pydoc", "numpy.f2py", "numpy.testing", "numpy.ma", "numpy.polynomial", "numpy.ctypeslib",
+    "yaml", "html",
 )  # fmt: skip
+
+
+class Deferred(ModuleType):
+    """A module that runs when something is asked for that only its code can give."""
+
+    def __getattr__(self, name: str) -> Any:
+        self.__class__ = ModuleType  # type: ignore[assignment]  # first, as the module may ask itself
+        spec = self.__spec__
+        if spec is not None and spec.loader is not None:
+            spec.loader.exec_module(self)
+        return getattr(self, name)
 
 
 def defer(names: tuple[str, ...] = SELDOM_USED) -> None:
@@ -21,12 +35,11 @@ def defer(names: tuple[str, ...] = SELDOM_USED) -> None:
     that they are in.
     """
     for name in names:
-        spec = None if name in sys.modules else importlib.util.find_spec(name)
+        spec = None if name in sys.modules else find_spec(name)
         if spec is None or spec.loader is None:
             continue
-        spec.loader = LazyLoader(spec.loader)
         module = sys.modules[name] = module_from_spec(spec)
-        spec.loader.exec_module(module)
+        module.__class__ = Deferred
         package, _, own = name.rpartition(".")
         if package:
             setattr(sys.modules[package], own, module)

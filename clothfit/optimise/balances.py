@@ -194,6 +194,10 @@ class Rows(NamedTuple):
         """The root of the squares of each step's residuals at q (Q,)."""
         return np.sqrt(np.bincount(self.step, weights=(self.r - self.C @ q) ** 2))
 
+    def terms(self, q: Array) -> Array:
+        """The root of the squares of Σ_j |C_ij q_j| in each step, at q (Q,): what residuals are small beside."""
+        return np.sqrt(np.bincount(self.step, weights=(abs(self.C) @ np.abs(q)) ** 2))
+
 
 def matrix(rows: Balances, system: System) -> Rows:
     """The valid rows for all masses and stiffnesses, per vertex mass."""

@@ -54,6 +54,11 @@ OUT_OF_BALANCE = 10.0
 UNEVEN = 3.0
 """The same for a balance that all steps share in, so that those which are in none spoil it for the others."""
 
+NEGLIGIBLE = 1e-8
+"""Residual, relative to what masses and stiffnesses make of their columns, up to which a step is in balance however
+much less the others' is: a hundred times the tolerance of the linear systems of an exact target.
+"""
+
 MOST_OUT = 0.25
 """Share of the steps that may be out of balance; where more are, it is not the steps that are exceptions."""
 
@@ -227,7 +232,7 @@ def trimmed(rows: Rows, H: Array) -> tuple[Rows, Array]:
         return rows, H
     q = at_least_squares(rows, H)
     size = rows.residuals(q)
-    if size.max() <= UNEVEN * np.median(size):
+    if size.max() <= max(UNEVEN * np.median(size), NEGLIGIBLE * np.median(rows.terms(q))):
         return rows, H
     half: Flags = np.zeros(len(rows.r), bool)
     for _ in range(ROUNDS):

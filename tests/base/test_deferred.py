@@ -15,13 +15,13 @@ def answer(code):
 
 def test_what_is_put_off_loads_when_it_is_used_and_not_before():
     code = (
-        "import sys\nfrom clothfit.base.deferred import defer\ndefer()\nimport scipy.linalg, scipy.sparse\n"
-        "print('numpy.f2py.crackfortran' in sys.modules, 'unittest' in sys.modules)\n"
+        "import sys\nfrom clothfit.base.deferred import defer\ndefer()\nimport numba, scipy.linalg, scipy.sparse\n"
+        "print(any(name in sys.modules for name in ('numpy.f2py.crackfortran', 'unittest', 'yaml.reader')))\n"
         "import numpy as np\nnp.testing.assert_equal(1, 1)\nprint('unittest' in sys.modules)\n"
         "from numpy import f2py\nprint(f2py.get_include() != '', np.ma.masked_array([1, 2], [0, 1]).sum())\n"
         "from importlib import metadata\nprint(metadata.version('numpy') == np.__version__)\n"
     )
-    assert answer(code) == ["False", "False", "True", "True", "1", "True"]
+    assert answer(code) == ["False", "True", "True", "1", "True"]
 
 
 def test_what_is_loaded_stays_as_it_is():

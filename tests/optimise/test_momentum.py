@@ -140,6 +140,16 @@ def test_what_is_left_out_is_little():
         assert len(np.unique(trimmed(rows, (rows.C.T @ rows.C).toarray())[0].step)) == kept
 
 
+@pytest.mark.parametrize(("rounding", "kept"), [(1e-10, 40), (1e-6, 36)])
+def test_residuals_that_are_nothing_beside_what_they_are_left_of_put_no_step_out(rounding, kept):
+    rng = np.random.default_rng(5)
+    C, q = rng.normal(size=(40, 30, 5)), rng.normal(size=5)
+    size = np.repeat([100.0, 1.0], [4, 36])[:, None]  # the first steps were solved less accurately
+    r = C @ q + rounding * 0.01 * size * rng.normal(size=(40, 30))
+    rows = Rows(csr_array(C.reshape(-1, 5)), r.ravel(), np.repeat(np.arange(40), 30))
+    assert len(np.unique(trimmed(rows, (rows.C.T @ rows.C).toarray())[0].step)) == kept
+
+
 # --- targets with gaps
 
 
