@@ -16,10 +16,10 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Elements
 from clothfit.engine.march import state_before, velocities, velocity
-from clothfit.engine.rollout import Rollout
+from clothfit.engine.rollout import Rollout, Taken
 from clothfit.engine.solve import guess, linear
 from clothfit.engine.step import bdf2, implicit, transition
-from clothfit.engine.system import BDF2, System, clamped, zeros
+from clothfit.engine.system import BDF2, System, zeros
 from clothfit.engine.tape import Tape
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import add, copy, hold_fixed
@@ -47,7 +47,7 @@ def gradient(
     By masses (n,), stiffnesses (S,) and the `kinds`, names of fields of Elements; the other fields stay empty.
     """
     derivative_of = by_position if callable(by_position) else whole(by_position)
-    grad, work, safe = zeros(system, kinds), implicit.workspace(system), clamped(system)
+    grad, work, taken = zeros(system, kinds), implicit.workspace(system), Taken(system)
     state = states(system)
     sweep: Callable[..., None] = sweep_bdf2_back if system.method == BDF2 else sweep_back
     for segment in memory.backward():
@@ -55,8 +55,7 @@ def gradient(
             after, by_position = memory.steps - chunk.first, derivative_of(chunk)
             with linear.served(work.A, work.solver):
                 for begin, end in reversed(alike(chunk)):
-                    taken = forms(safe if chunk.clamped[begin] else system)
-                    sweep(*taken, chunk, by_position, begin, end, tolerance, work, after - end, *state, grad)
+                    sweep(*forms(taken.at(chunk, begin)), chunk, by_position, begin, end, tolerance, work, after - end, *state, grad)
             interrupts.check()
     if "velocity" in kinds:
         hold_fixed(system.vertex.free, state[1])
@@ -96,7 +95,7 @@ class Sweep:
 
     def __init__(self, system: System, direction: Elements, tolerance: float) -> None:
         self.system, self.direction, self.tolerance = system, direction, tolerance
-        self.work, self.safe = implicit.workspace(system), clamped(system)
+        self.work, self.taken = implicit.workspace(system), Taken(system)
         self.state = states(system)
         self.sweep: Callable[..., None] = sweep_bdf2_forward if system.method == BDF2 else sweep_forward
         if len(direction.velocity) > 0:
@@ -108,16 +107,15 @@ class Sweep:
         change = np.empty_like(chunk.x[1:])
         with linear.served(self.work.A, self.work.solver):
             for begin, end in alike(chunk):
-                taken = forms(self.safe if chunk.clamped[begin] else self.system)
                 given = self.direction, self.tolerance, self.work
-                self.sweep(*taken, chunk, begin, end, *given, *self.state, change)
+                self.sweep(*forms(self.taken.at(chunk, begin)), chunk, begin, end, *given, *self.state, change)
         interrupts.check()
         return change
 
 
 def alike(chunk: Rollout) -> list[tuple[int, int]]:
     """Split the steps of a chunk, from first to below last, where the system that they were taken with changes."""
-    changes = (np.flatnonzero(np.diff(chunk.clamped)) + 1).tolist()
+    changes = (np.flatnonzero(np.diff(chunk.clamped) | np.diff(chunk.early)) + 1).tolist()
     return list(zip([0, *changes], [*changes, chunk.steps], strict=True)) if chunk.steps else []
 
 

@@ -22,10 +22,10 @@ from clothfit.derivative.adjoint import Observer, TrajectoryMemory
 from clothfit.derivative.stencil import stencil
 from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian
 from clothfit.engine.march import state_before, velocities, velocity
-from clothfit.engine.rollout import Rollout
+from clothfit.engine.rollout import Rollout, Taken
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import bdf2, implicit
-from clothfit.engine.system import BDF2, EXPLICIT, System, clamped
+from clothfit.engine.system import BDF2, EXPLICIT, System
 from clothfit.kernels.kernel import kernel
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ class Carried:
 
     def __init__(self, system: System, columns: Columns) -> None:
         """At the start of the motion."""
-        self.system, self.safe, self.columns, free = system, clamped(system), columns, system.vertex.free
+        self.system, self.taken, self.columns, free = system, Taken(system), columns, system.vertex.free
         self.place = np.where(free, np.cumsum(free) - 1, -1).astype(np.int32)
         self.solve = Solver(columns.width)
         self.near, self.work = stencil(system, 2), implicit.workspace(system)
@@ -127,7 +127,7 @@ class Carried:
 
     def through(self, chunk: Rollout, t: int) -> None:
         """Step t of a chunk of the motion."""
-        at = point(self.safe if chunk.clamped[t] else self.system, chunk, t, self.work)
+        at = point(self.taken.at(chunk, t), chunk, t, self.work)
         iterates, theta = velocities(chunk, t), chunk.theta[t]
         dw = self.start(at)
         for k in range(chunk.used[t]):

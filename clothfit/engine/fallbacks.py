@@ -14,6 +14,7 @@ class Fallbacks(NamedTuple):
     direct_solves: int = 0  # factorisations where conjugate gradients did not reach the tolerance
     clamped_steps: int = 0  # steps with a positive definite matrix in place of their own (`system.clamped`)
     shortened_steps: int = 0  # steps shortened because they would have added energy (`step.guard`)
+    early_contacts: int = 0  # steps taken with the contacts they begin, which would have added energy (`step.guard`)
 
     def with_those_of(self, part: Rollout) -> Fallbacks:
         """These and those of a part of a motion."""
@@ -21,6 +22,7 @@ class Fallbacks(NamedTuple):
             self.direct_solves + int(part.solves[:, 1].sum()),
             self.clamped_steps + int(part.clamped.sum()),
             self.shortened_steps + int((part.theta < 1.0).sum()),
+            self.early_contacts + int(part.early.sum()),
         )
 
     def together(self, other: Fallbacks) -> Fallbacks:
@@ -43,6 +45,11 @@ class Fallbacks(NamedTuple):
             found.append(
                 f"{self.shortened_steps} of {steps} steps would have added energy and were shortened; "
                 "with a smaller delta there are fewer"
+            )
+        if self.early_contacts:
+            found.append(
+                f"in {self.early_contacts} of {steps} steps contacts began so deep that they would have added energy; "
+                "the steps were taken anew with these contacts in their equations; with a smaller delta there are fewer"
             )
         return found
 

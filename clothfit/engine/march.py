@@ -31,8 +31,8 @@ def velocities(part, t):
 
 
 @kernel
-def run(system, tolerance, work, part, start, stop):
-    """Fill a Rollout from its step `start` to below `stop`.
+def run(system, early, tolerance, work, part, start, stop):
+    """Fill a Rollout from its step `start` to below `stop`; `early` is the system that knows contacts early.
 
     Returns the number of good steps since its beginning, and whether the next one failed. If it did not fail, and
     `stop` is not reached, the caller must take it with the clamped system; its first guess is ready.
@@ -46,8 +46,12 @@ def run(system, tolerance, work, part, start, stop):
         now, power = transition.prepare(system, x[t], v, work)  # the energy that step t − 1 led to
         if t > checked and guard.rises(energy, now, system.h * power):
             checked = t
-            if shortened(system, part, t - 1, energy):
+            if mended(system, early, tolerance, work, part, t - 1, energy):
                 continue
+        if t > start:
+            grant(part, t - 1, system.h * power)
+        elif part.first + t == 0:
+            part.budget[0] = now
         energy = now
         if not safe:
             copy(v, first)
@@ -56,24 +60,48 @@ def run(system, tolerance, work, part, start, stop):
         used[t], iterations, direct = transition.step(system, x[t], v, first, tolerance, work, w[t], x[t + 1])
         solves[t, 0] += iterations
         solves[t, 1] += direct
-        theta[t], capped[t] = 1.0, safe
+        theta[t], capped[t], part.early[t] = 1.0, safe, False
         if used[t] == 0:
             return t, False
         if not finite(x[t + 1]):
             return t, True
         t += 1
     if checked < stop:
-        shortened(system, part, stop - 1, energy)
+        mended(system, early, tolerance, work, part, stop - 1, energy)
+    grant(part, stop - 1, system.h * guard.moving(system.vertex, velocity(part, stop))[1])
     return stop, False
 
 
 @kernel
-def shortened(system, part, t, energy):
-    """Shorten step t, which began with this energy, J, if it added energy; returns whether it was shortened."""
-    x, v = part.x, velocity(part, t + 1)
-    if guard.raised(system, energy, x[t], v, x[t + 1]):
-        part.theta[t] = guard.shorten(system, energy, x[t], v, x[t + 1])
-    return part.theta[t] < 1.0
+def grant(part, t, weight):
+    """Carry the budget over step t, in which the weight did this work, J; `mended` does where contacts are early."""
+    if not part.early[t]:
+        part.budget[t + 1] = part.budget[t] + weight
+
+
+@kernel
+def mended(system, early, tolerance, work, part, t, energy):
+    """Take step t, which began with this energy, J, anew if it added energy, with early contacts where these did, and
+    shorten it if it still does; returns whether anything was done.
+    """
+    x, v, budget = part.x, velocity(part, t + 1), part.budget[t]
+    fault = guard.fault(system, energy, budget, x[t], v, x[t + 1])
+    if fault == guard.NONE:
+        return False
+    if fault == guard.CONTACTS:
+        part.early[t] = True
+        implicit.prepare(early, x[t], velocity(part, t), work)
+        used, iterations, direct = implicit.step(early, x[t], velocity(part, t), v, tolerance, work, part.w[t, :1])
+        count(part, t, used, iterations, direct)
+        v = velocity(part, t + 1)
+        combine(1.0, x[t], system.h, v, x[t + 1])
+        fault = guard.fault(system, energy, budget, x[t], v, x[t + 1])
+    if fault != guard.NONE:
+        part.theta[t] = guard.shorten(system, energy, budget, x[t], v, x[t + 1])
+    if part.early[t]:
+        given = system.h * guard.moving(system.vertex, v)[1]
+        part.budget[t + 1] = min(budget + given, guard.energy(system, x[t + 1], v))
+    return True
 
 
 @kernel
@@ -95,19 +123,21 @@ def state_before(part, t):
 
 
 @kernel
-def run_bdf2(euler, inner, tolerance, work, part, start, stop):
+def run_bdf2(euler, inner, early, tolerance, work, part, start, stop):
     """What `run` does, for the two `bdf2.forms`."""
     x, first, safe = part.x, work.solution, euler.springs.cap <= 1.0
     guarded = guard.applies(euler)
     energy = guard.energy(euler, x[start], velocity(part, start)) if guarded else 0.0
+    if part.first + start == 0:
+        part.budget[0] = energy
     for t in range(start, stop):
         v = velocity(part, t)
         if not safe:
             copy(v, first)
             guess.advance(work.past, part.first + t, first)
             part.solves[t] = 0
-        part.theta[t], part.clamped[t] = 1.0, safe
-        part.euler[t] = part.theta[t - 1] < 1.0 if t > 0 else not part.ready
+        part.theta[t], part.clamped[t], part.early[t] = 1.0, safe, False
+        part.euler[t] = part.theta[t - 1] < 1.0 or part.early[t - 1] if t > 0 else not part.ready
         if not part.euler[t]:
             energy, taken = second_order(euler, inner, tolerance, work, part, t, energy, guarded)
             if part.used[t] == 0:
@@ -125,8 +155,10 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
         if not finite(x[t + 1]):
             return t, True
         if guarded:
-            shortened(euler, part, t, energy)
-            energy = guard.energy(euler, x[t + 1], w)
+            mended(euler, early, tolerance, work, part, t, energy)
+            v = velocity(part, t + 1)
+            grant(part, t, euler.h * guard.moving(euler.vertex, v)[1])
+            energy = guard.energy(euler, x[t + 1], v)
     return stop, False
 
 
@@ -145,8 +177,11 @@ def second_order(euler, inner, tolerance, work, part, t, energy, guarded):
         return energy, False
     if not guarded:
         return energy, True
-    after, passes = guard.passes(euler, energy, x[t], x[t + 1], kinetic, weight)
-    return (after if passes else energy), passes
+    after, fault = guard.judged(euler, energy, part.budget[t], x[t], x[t + 1], kinetic, weight)
+    if fault != guard.NONE:
+        return energy, False
+    grant(part, t, weight)
+    return after, True
 
 
 @kernel

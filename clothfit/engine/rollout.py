@@ -19,7 +19,7 @@ from clothfit.base.memory import check_memory
 from clothfit.engine.march import run, run_bdf2
 from clothfit.engine.solve import linear
 from clothfit.engine.step import bdf2, implicit
-from clothfit.engine.system import BDF2, IMPLICIT, System, clamped
+from clothfit.engine.system import BDF2, IMPLICIT, System, clamped, early
 
 STRETCH = 20_000
 """Vertices × steps between two checks for an interrupt: about 10 ms."""
@@ -35,6 +35,8 @@ class Rollout(NamedTuple):
     clamped: Flags  # (T,), steps taken with the clamped system, as their matrix was not positive definite
     theta: Array  # (T,), part of each step that was taken, 1 unless it was shortened (`step.guard`)
     euler: Flags  # (T,), steps of a BDF2 motion that are implicit Euler steps (`step.bdf2`)
+    early: Flags  # (T,), steps that knew the contacts they begin, as they would have added energy (`step.guard`)
+    budget: Array  # (T + 1,), energy that contacts may bring each state to, J (`step.guard`); −∞: that of the state
     v: Array  # (n, 3), velocity before the first of the steps, m/s
     x_before: Array  # (n, 3), position one step before that, m; any, where nothing was before
     v_before: Array  # (n, 3), the velocity there, m/s
@@ -57,10 +59,12 @@ class Rollout(NamedTuple):
             self.clamped[begin:end],
             self.theta[begin:end],
             self.euler[begin:end],
+            self.early[begin:end],
+            self.budget[begin : end + 1],
             self.velocity(begin),
             x_before,
             v_before,
-            bool(self.theta[begin - 1] == 1.0) if begin else self.ready,
+            bool(self.theta[begin - 1] == 1.0 and not self.early[begin - 1]) if begin else self.ready,
             self.first + begin,
         )
 
@@ -81,14 +85,28 @@ class Rollout(NamedTuple):
         yield self
 
 
+class Taken:
+    """The systems that the steps of a motion are taken with."""
+
+    def __init__(self, system: System) -> None:
+        self.system, self.clamped, self.early = system, clamped(system), early(system)
+
+    def at(self, part: Rollout, t: int) -> System:
+        """That of step t of a part."""
+        if part.early[t]:
+            return self.early
+        return self.clamped if part.clamped[t] else self.system
+
+
 def empty(system: System, steps: int) -> Rollout:
     """Memory for this many steps from the start."""
     n, iterations = len(system.x0), iterations_of(system)
     x, w = np.empty((steps + 1, n, 3)), np.zeros((steps, iterations, n, 3))
     x[0] = system.x0
     used, solves = np.ones(steps, np.int32), np.zeros((steps, 2), np.int32)
-    flags = np.zeros((2, steps), bool)
-    return Rollout(x, w, used, solves, flags[0], np.ones(steps), flags[1], system.v0, system.x0, system.v0)
+    flags, budget = np.zeros((3, steps), bool), np.full(steps + 1, -np.inf)
+    start = system.v0, system.x0, system.v0
+    return Rollout(x, w, used, solves, flags[0], np.ones(steps), flags[1], flags[2], budget, *start)
 
 
 def iterations_of(system: System) -> int:
@@ -98,7 +116,7 @@ def iterations_of(system: System) -> int:
 
 def state_bytes(system: System) -> int:
     """Bytes that a Rollout holds of each step."""
-    return 24 * len(system.x0) * (1 + iterations_of(system)) + 22
+    return 24 * len(system.x0) * (1 + iterations_of(system)) + 31
 
 
 def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]:
@@ -131,9 +149,9 @@ def advance(
 ) -> tuple[int, bool]:
     """Run steps of a part with the method of the system; see `run`."""
     if system.method == BDF2:
-        done, failed = run_bdf2(*bdf2.forms(system), tolerance, work, part, start, stop)
+        done, failed = run_bdf2(*bdf2.forms(system), bdf2.forms(early(system))[0], tolerance, work, part, start, stop)
     else:
-        done, failed = run(system, tolerance, work, part, start, stop)
+        done, failed = run(system, early(system), tolerance, work, part, start, stop)
     return done, failed
 
 

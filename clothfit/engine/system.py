@@ -86,6 +86,11 @@ def clamped(system: System) -> System:
     return system._replace(springs=system.springs._replace(cap=1.0))
 
 
+def early(system: System) -> System:
+    """The `clamped` system whose steps also know the contacts that they begin; see `spheres.felt`."""
+    return clamped(system._replace(spheres=system.spheres._replace(early=True)))
+
+
 def all_elements(system: System) -> Elements:
     """The values that a system has now, every kind of them, copied."""
     return Elements(

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from copy import deepcopy
 from typing import NamedTuple
 
+import numpy as np
+
 from clothfit.base import memory
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
@@ -35,6 +37,7 @@ class Snapshot(NamedTuple):
     x_before: Array  # (n, 3), m, one step before; any, at the start
     v_before: Array  # (n, 3), m/s
     ready: bool  # whether the next step can be a BDF2 step
+    budget: float  # energy that contacts may bring the state to, J (`step.guard`); −∞: that of the state
     past: Past  # solutions of the last steps, for the first guesses
 
 
@@ -70,7 +73,7 @@ class Tape:
         self._room: Rollout | None = None
         self._held: Held | None = None
         x, v = system.x0, system.v0
-        self._kept = {0: Snapshot(0, x, v, x, v, False, deepcopy(self._work.past))}
+        self._kept = {0: Snapshot(0, x, v, x, v, False, -np.inf, deepcopy(self._work.past))}
 
     def forward(self) -> Iterator[Rollout]:
         """All parts from the start; each is valid until the next is taken. Where the motion diverges, the last part
@@ -126,7 +129,7 @@ class Tape:
             self._room = empty(self.system, self.plan.length)
         part = self._room.part(0, end - at.step)._replace(v=at.v, x_before=at.x_before, v_before=at.v_before)
         part = part._replace(ready=at.ready, first=at.step)
-        part.x[0] = at.x
+        part.x[0], part.budget[0] = at.x, at.budget
         self._held = None  # an interrupt may come
         work = self._work._replace(past=deepcopy(at.past))
         good = fill(self.system, self.tolerance, work, part)
@@ -138,4 +141,5 @@ class Tape:
         x, v = last.x[0].copy(), last.v.copy()
         two = self.system.method == BDF2
         x_before, v_before = (last.x_before.copy(), last.v_before.copy()) if two else (x, v)
-        return Held(at.step, end, part, Snapshot(end, x, v, x_before, v_before, last.ready, work.past))
+        budget = float(last.budget[0])
+        return Held(at.step, end, part, Snapshot(end, x, v, x_before, v_before, last.ready, budget, work.past))

@@ -29,6 +29,7 @@ class Spheres(NamedTuple):
 
     centre: Array  # c, (C, 3), m
     radius: Array  # r, (C,), m
+    early: bool = False  # whether a step also knows the contacts that a vertex's own way leads to (`felt`)
 
 
 def build(centres: npt.ArrayLike, radii: npt.ArrayLike) -> Spheres:
@@ -44,6 +45,22 @@ def contact(spheres, y, i, c):
     if delta == 0.0:
         return spheres.radius[c], np.inf, 0.0, 1.0, 0.0  # an infinite δ: the normal does not turn with y
     return spheres.radius[c] - delta, delta, p0 / delta, p1 / delta, p2 / delta
+
+
+@kernel
+def felt(spheres, y, u, h, i, c, depth):
+    """Whether a step from (y, u) knows the contact of vertex i, at this depth, with sphere c: where there is one, and
+    with `early` also where y + t u, 0 < t ≤ h, enters the sphere. Then depth < 0 is a gap that the step's model closes.
+    """
+    if depth > 0.0 or not spheres.early:
+        return depth > 0.0
+    p0, p1, p2 = y[i, 0] - spheres.centre[c, 0], y[i, 1] - spheres.centre[c, 1], y[i, 2] - spheres.centre[c, 2]
+    way = h * (p0 * u[i, 0] + p1 * u[i, 1] + p2 * u[i, 2])
+    if not way < 0.0:
+        return False
+    part = min(1.0, -way / (h * h * (u[i, 0] * u[i, 0] + u[i, 1] * u[i, 1] + u[i, 2] * u[i, 2])))  # the nearest point
+    p0, p1, p2 = p0 + part * h * u[i, 0], p1 + part * h * u[i, 1], p2 + part * h * u[i, 2]
+    return p0 * p0 + p1 * p1 + p2 * p2 < spheres.radius[c] * spheres.radius[c]
 
 
 @kernel
@@ -80,12 +97,12 @@ def add_step(spheres, y, u, h, ahead, A, b):
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
             depth, _, n0, n1, n2 = contact(spheres, y, i, c)
-            if depth > 0.0:
+            if felt(spheres, y, u, h, i, c, depth):
                 n = pack(n0, n1, n2, 0.0)
                 low, high = outer(mul(splat(stiff), n), n)
                 add_block(A.diagonal, i, low, high)
                 if len(b) > 0:
-                    stored += STIFFNESS * depth * depth
+                    stored += STIFFNESS * max(depth, 0.0) * depth
                     outward = u[i, 0] * n0 + u[i, 1] * n1 + u[i, 2] * n2 if ahead else 0.0
                     push = h * STIFFNESS * (depth + h * outward)
                     b[i, 0] += push * n0
@@ -100,7 +117,7 @@ def add_pullback(spheres, y, u, w, s, lam, h, grad, gy, gu):
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
             depth, delta, n0, n1, n2 = contact(spheres, y, i, c)
-            if depth > 0.0:
+            if felt(spheres, y, u, h, i, c, depth):
                 nu = n0 * lam[i, 0] + n1 * lam[i, 1] + n2 * lam[i, 2]
                 sigma = n0 * s[i, 0] + n1 * s[i, 1] + n2 * s[i, 2]
                 cl = (depth - sigma) / delta
@@ -117,7 +134,7 @@ def add_pushforward(spheres, y, u, w, s, dy, du, direction, h, out):
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
             depth, delta, n0, n1, n2 = contact(spheres, y, i, c)
-            if depth > 0.0:
+            if felt(spheres, y, u, h, i, c, depth):
                 ddelta = n0 * dy[i, 0] + n1 * dy[i, 1] + n2 * dy[i, 2]
                 m0 = (dy[i, 0] - ddelta * n0) / delta
                 m1 = (dy[i, 1] - ddelta * n1) / delta

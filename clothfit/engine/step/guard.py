@@ -29,6 +29,13 @@ SLACK = 1e-3
 LEAST_RISE = 1e-20
 """A rise that is tolerated, J: rounding in a cloth that does not move and is not stretched."""
 
+CONTACT_SLACK = 0.1
+"""A rise above the budget by contacts that is tolerated, relative to the budget or, if that is more, the energy before.
+"""
+
+NONE, SPRINGS, CONTACTS = 0, 1, 2
+"""What added energy in a step."""
+
 SHORTEST = 40
 """Halvings at most; v⁺ is then 1e-12 of w."""
 
@@ -60,11 +67,10 @@ def rises(before, after, work):
 
 
 @kernel
-def raised(system, before, x, v, x_new):
-    """The same for a step from x to x_new with velocity v, (n, 3) each."""
+def fault(system, before, budget, x, v, x_new):
+    """What added energy in a step from x to x_new with velocity v, (n, 3) each; see `judged`."""
     kinetic, power = moving(system.vertex, v)
-    known = x_new if starts_deep(system.spheres, system.x0) else x
-    return rises(before, kinetic + total.stored_energy(system, x_new, known), system.h * power)
+    return judged(system, before, budget, x, x_new, kinetic, system.h * power)[1]
 
 
 @kernel
@@ -90,14 +96,20 @@ def arrive(vertex, x, base, h, w, x_new):
 
 
 @kernel
-def passes(system, before, x, x_new, kinetic, work):
-    """The energy, J, after a step from x to x_new that began with the energy `before`, and whether the step adds none.
+def judged(system, before, budget, x, x_new, kinetic, work):
+    """The energy, J, after a step from x to x_new that began with the energy `before`, and what added energy in it:
+    NONE, SPRINGS or CONTACTS, these where they brought it above the budget.
     """
     after = kinetic + total.stored_energy(system, x_new, x_new)
     if not rises(before, after, work):
-        return after, True
-    known = x_new if starts_deep(system.spheres, system.x0) else x
-    return after, not rises(before, kinetic + total.stored_energy(system, x_new, known), work)
+        return after, NONE
+    known = after
+    if not starts_deep(system.spheres, system.x0):
+        known = kinetic + total.stored_energy(system, x_new, x)
+    slack = CONTACT_SLACK * max(before, budget + work) + LEAST_RISE
+    if not after - known <= slack and not after - work - budget <= slack:
+        return after, CONTACTS
+    return after, SPRINGS if rises(before, known, work) else NONE
 
 
 @kernel
@@ -111,13 +123,13 @@ def starts_deep(spheres, x0):
 
 
 @kernel
-def shorten(system, before, x, v, x_new):
+def shorten(system, before, budget, x, v, x_new):
     """Halve v, which led from x to x_new, (n, 3) each, until no energy is added; returns the part θ that is left."""
     theta = 1.0
     for _ in range(SHORTEST):
         theta *= 0.5
         combine(0.5, v, 0.0, v, v)
         combine(1.0, x, system.h, v, x_new)
-        if not raised(system, before, x, v, x_new):
+        if fault(system, before, budget, x, v, x_new) == NONE:
             break
     return theta
