@@ -44,6 +44,7 @@ class Run:
     direct_solves: int
     clamped_steps: int
     shortened_steps: int
+    early_contacts: int
     ms_per_step: float
 
     @property

@@ -32,7 +32,8 @@ def velocities(part, t):
 
 @kernel
 def run(system, early, tolerance, work, part, start, stop):
-    """Fill a Rollout from its step `start` to below `stop`; `early` is the system that knows contacts early.
+    """Fill a Rollout from its step `start` to below `stop`; `early` are the systems that know contacts early,
+    the clamped one last.
 
     Returns the number of good steps since its beginning, and whether the next one failed. If it did not fail, and
     `stop` is not reached, the caller must take it with the clamped system; its first guess is ready.
@@ -89,11 +90,7 @@ def mended(system, early, tolerance, work, part, t, energy):
     if fault == guard.NONE:
         return False
     if fault == guard.CONTACTS:
-        part.early[t] = True
-        implicit.prepare(early, x[t], velocity(part, t), work)
-        used, iterations, direct = implicit.step(early, x[t], velocity(part, t), v, tolerance, work, part.w[t, :1])
-        count(part, t, used, iterations, direct)
-        v = velocity(part, t + 1)
+        v = retaken(early, tolerance, work, part, t)
         combine(1.0, x[t], system.h, v, x[t + 1])
         fault = guard.fault(system, energy, budget, x[t], v, x[t + 1])
     if fault != guard.NONE:
@@ -120,6 +117,21 @@ def state_before(part, t):
     if t == 0:
         return part.x_before, part.v_before
     return part.x[t - 1], velocity(part, t - 1)
+
+
+@kernel
+def retaken(early, tolerance, work, part, t):
+    """Take step t anew with the first of the systems `early` that serves; returns the velocity (n, 3) after it."""
+    x, v, first = part.x[t], velocity(part, t), velocity(part, t + 1).copy()
+    part.early[t] = True
+    for form in early:
+        part.clamped[t] = form.springs.cap <= 1.0
+        implicit.prepare(form, x, v, work)
+        used, iterations, direct = implicit.step(form, x, v, first, tolerance, work, part.w[t, :1])
+        count(part, t, used, iterations, direct)
+        if used > 0:
+            break
+    return velocity(part, t + 1)
 
 
 @kernel

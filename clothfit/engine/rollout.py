@@ -89,13 +89,12 @@ class Taken:
     """The systems that the steps of a motion are taken with."""
 
     def __init__(self, system: System) -> None:
-        self.system, self.clamped, self.early = system, clamped(system), early(system)
+        self.forms = {(knows, False): form for knows, form in ((False, system), (True, early(system)))}
+        self.forms |= {(knows, True): clamped(form) for (knows, _), form in self.forms.items()}
 
     def at(self, part: Rollout, t: int) -> System:
         """That of step t of a part."""
-        if part.early[t]:
-            return self.early
-        return self.clamped if part.clamped[t] else self.system
+        return self.forms[bool(part.early[t]), bool(part.clamped[t])]
 
 
 def empty(system: System, steps: int) -> Rollout:
@@ -148,10 +147,12 @@ def advance(
     system: System, tolerance: float, work: implicit.Workspace, part: Rollout, start: int, stop: int
 ) -> tuple[int, bool]:
     """Run steps of a part with the method of the system; see `run`."""
+    anew = early(system), early(clamped(system))
     if system.method == BDF2:
-        done, failed = run_bdf2(*bdf2.forms(system), bdf2.forms(early(system))[0], tolerance, work, part, start, stop)
+        own, implicit_steps = bdf2.forms(system), tuple(bdf2.forms(form)[0] for form in anew)
+        done, failed = run_bdf2(*own, implicit_steps, tolerance, work, part, start, stop)
     else:
-        done, failed = run(system, early(system), tolerance, work, part, start, stop)
+        done, failed = run(system, anew, tolerance, work, part, start, stop)
     return done, failed
 
 

@@ -87,8 +87,8 @@ def clamped(system: System) -> System:
 
 
 def early(system: System) -> System:
-    """The `clamped` system whose steps also know the contacts that they begin; see `spheres.felt`."""
-    return clamped(system._replace(spheres=system.spheres._replace(early=True)))
+    """The same system whose steps also know the contacts that they begin; see `spheres.felt`."""
+    return system._replace(spheres=system.spheres._replace(early=True))
 
 
 def all_elements(system: System) -> Elements:

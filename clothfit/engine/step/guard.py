@@ -1,4 +1,4 @@
-"""No implicit step adds energy: one that would is shortened.
+"""No implicit step adds energy: one that would is taken anew or shortened.
 
 The linearised step follows tangents. Where the cloth turns far in one step, or is strongly compressed, the springs at
 its end are longer than its model knew, and the energy E = ½ vᵀM v + V(x) rises: by a few percent in a stiff cloth, by
@@ -9,9 +9,14 @@ orders of magnitude in a crushed one, and what follows is garbage. Then only a p
 V being the energy stored in springs and contacts, the last term the work of the weight. Some θ always serves: as θ → 0
 the kinetic energy goes, and where there is none, w = h A⁻¹ f points downhill as A is positive definite (`clamped`).
 
-Some steps are taken whole although the energy rises: where a contact begins with the step, which knew nothing of the
-sphere, unless the cloth starts deep in a sphere; in wind, which brings energy, while air at rest only takes it away;
-and where the rise is below a thousandth.
+A contact that begins with a step is not felt in it: the vertex ends in the sphere with ½ κ d² that nothing gave. In
+ordinary motions steps lose more, so such a gain is left, as long as the energy stays below a budget: that of the start
+and the work of the weight since. A step that contacts bring above it is taken anew as a linearised step that knows
+them, as implicit springs from the surface on (`spheres.felt`): a convex energy, of which such a step only loses. Then
+the energy after that step becomes the budget, so that no later contact gives back what one took.
+
+Some steps are taken whole although the energy rises: those just named, unless the cloth starts deep in a sphere; in
+wind, which brings energy, while air at rest only takes it away; and where the rise is below a thousandth.
 """
 
 from __future__ import annotations
