@@ -55,7 +55,8 @@ def gradient(
             after, by_position = memory.steps - chunk.first, derivative_of(chunk)
             with linear.served(work.A, work.solver):
                 for begin, end in reversed(alike(chunk)):
-                    sweep(*forms(taken.at(chunk, begin)), chunk, by_position, begin, end, tolerance, work, after - end, *state, grad)
+                    own = forms(taken.at(chunk, begin))
+                    sweep(*own, chunk, by_position, begin, end, tolerance, work, after - end, *state, grad)
             interrupts.check()
     if "velocity" in kinds:
         hold_fixed(system.vertex.free, state[1])
