@@ -87,7 +87,7 @@ def clamped(system: System) -> System:
 
 
 def early(system: System) -> System:
-    """The same system whose steps also know the contacts that they begin; see `spheres.felt`."""
+    """The same system whose steps also know the contacts that they begin; see `spheres.begins`."""
     return system._replace(spheres=system.spheres._replace(early=True))
 
 

@@ -29,7 +29,7 @@ class Spheres(NamedTuple):
 
     centre: Array  # c, (C, 3), m
     radius: Array  # r, (C,), m
-    early: bool = False  # whether a step also knows the contacts that a vertex's own way leads to (`felt`)
+    early: bool = False  # whether a step also knows the contacts that a vertex's own way leads to (`begins`)
 
 
 def build(centres: npt.ArrayLike, radii: npt.ArrayLike) -> Spheres:
@@ -48,12 +48,10 @@ def contact(spheres, y, i, c):
 
 
 @kernel
-def felt(spheres, y, u, h, i, c, depth):
-    """Whether a step from (y, u) knows the contact of vertex i, at this depth, with sphere c: where there is one, and
-    with `early` also where y + t u, 0 < t ≤ h, enters the sphere. Then depth < 0 is a gap that the step's model closes.
+def begins(spheres, y, u, h, i, c):
+    """Whether the way y + t u, 0 < t ≤ h, of vertex i enters sphere c from outside: with `early` steps know such
+    contacts too, with the gap as a negative depth.
     """
-    if depth > 0.0 or not spheres.early:
-        return depth > 0.0
     p0, p1, p2 = y[i, 0] - spheres.centre[c, 0], y[i, 1] - spheres.centre[c, 1], y[i, 2] - spheres.centre[c, 2]
     way = h * (p0 * u[i, 0] + p1 * u[i, 1] + p2 * u[i, 2])
     if not way < 0.0:
@@ -97,7 +95,7 @@ def add_step(spheres, y, u, h, ahead, A, b):
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
             depth, _, n0, n1, n2 = contact(spheres, y, i, c)
-            if felt(spheres, y, u, h, i, c, depth):
+            if depth > 0.0 or (spheres.early and begins(spheres, y, u, h, i, c)):
                 n = pack(n0, n1, n2, 0.0)
                 low, high = outer(mul(splat(stiff), n), n)
                 add_block(A.diagonal, i, low, high)
@@ -117,7 +115,7 @@ def add_pullback(spheres, y, u, w, s, lam, h, grad, gy, gu):
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
             depth, delta, n0, n1, n2 = contact(spheres, y, i, c)
-            if felt(spheres, y, u, h, i, c, depth):
+            if depth > 0.0 or (spheres.early and begins(spheres, y, u, h, i, c)):
                 nu = n0 * lam[i, 0] + n1 * lam[i, 1] + n2 * lam[i, 2]
                 sigma = n0 * s[i, 0] + n1 * s[i, 1] + n2 * s[i, 2]
                 cl = (depth - sigma) / delta
@@ -134,7 +132,7 @@ def add_pushforward(spheres, y, u, w, s, dy, du, direction, h, out):
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
             depth, delta, n0, n1, n2 = contact(spheres, y, i, c)
-            if felt(spheres, y, u, h, i, c, depth):
+            if depth > 0.0 or (spheres.early and begins(spheres, y, u, h, i, c)):
                 ddelta = n0 * dy[i, 0] + n1 * dy[i, 1] + n2 * dy[i, 2]
                 m0 = (dy[i, 0] - ddelta * n0) / delta
                 m1 = (dy[i, 1] - ddelta * n1) / delta

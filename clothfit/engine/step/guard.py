@@ -12,7 +12,7 @@ the kinetic energy goes, and where there is none, w = h A⁻¹ f points downhill
 A contact that begins with a step is not felt in it: the vertex ends in the sphere with ½ κ d² that nothing gave. In
 ordinary motions steps lose more, so such a gain is left, as long as the energy stays below a budget: that of the start
 and the work of the weight since. A step that contacts bring above it is taken anew as a linearised step that knows
-them, as implicit springs from the surface on (`spheres.felt`): a convex energy, of which such a step only loses. Then
+them, as implicit springs from the surface on (`spheres.begins`): a convex energy, of which such a step only loses. Then
 the energy after that step becomes the budget, so that no later contact gives back what one took.
 
 Some steps are taken whole although the energy rises: those just named, unless the cloth starts deep in a sphere; in
