@@ -11,6 +11,11 @@ from clothfit.engine.step import bdf2, guard, implicit, transition
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import combine, copy
 
+DONE, REFUSED, FAILED, CONTACTS = 0, 1, 2, 3
+"""How a run of steps ends: all are good; the next one is to be taken with the clamped system, its first guess is ready;
+it diverged; it is there, but its contacts added energy, and it is to be taken anew (`retake`).
+"""
+
 
 @kernel
 def velocity(part, t):
@@ -31,12 +36,10 @@ def velocities(part, t):
 
 
 @kernel
-def run(system, early, tolerance, work, part, start, stop):
-    """Fill a Rollout from its step `start` to below `stop`; `early` are the systems that know contacts early,
-    the clamped one last.
+def run(system, tolerance, work, part, start, stop):
+    """Fill a Rollout from its step `start` to below `stop`.
 
-    Returns the number of good steps since its beginning, and whether the next one failed. If it did not fail, and
-    `stop` is not reached, the caller must take it with the clamped system; its first guess is ready.
+    Returns the number of good steps since its beginning, and how the run ended: DONE, REFUSED, FAILED or CONTACTS.
     """
     x, w, used, solves, capped, theta = part.x, part.w, part.used, part.solves, part.clamped, part.theta
     before = part.first
@@ -47,7 +50,10 @@ def run(system, early, tolerance, work, part, start, stop):
         now, power = transition.prepare(system, x[t], v, work)  # the energy that step t − 1 led to
         if t > checked and guard.rises(energy, now, system.h * power):
             checked = t
-            if mended(system, early, tolerance, work, part, t - 1, energy):
+            fault = shortened(system, part, t - 1, energy)
+            if fault == guard.CONTACTS:
+                return t - 1, CONTACTS
+            if fault == guard.SPRINGS:
                 continue
         if t > start:
             grant(part, t - 1, system.h * power)
@@ -63,42 +69,30 @@ def run(system, early, tolerance, work, part, start, stop):
         solves[t, 1] += direct
         theta[t], capped[t], part.early[t] = 1.0, safe, False
         if used[t] == 0:
-            return t, False
+            return t, REFUSED
         if not finite(x[t + 1]):
-            return t, True
+            return t, FAILED
         t += 1
-    if checked < stop:
-        mended(system, early, tolerance, work, part, stop - 1, energy)
+    if checked < stop and shortened(system, part, stop - 1, energy) == guard.CONTACTS:
+        return stop - 1, CONTACTS
     grant(part, stop - 1, system.h * guard.moving(system.vertex, velocity(part, stop))[1])
-    return stop, False
+    return stop, DONE
 
 
 @kernel
 def grant(part, t, weight):
-    """Carry the budget over step t, in which the weight did this work, J; `mended` does where contacts are early."""
-    if not part.early[t]:
-        part.budget[t + 1] = part.budget[t] + weight
+    """Carry the budget over step t, in which the weight did this work, J."""
+    part.budget[t + 1] = part.budget[t] + weight
 
 
 @kernel
-def mended(system, early, tolerance, work, part, t, energy):
-    """Take step t, which began with this energy, J, anew if it added energy, with early contacts where these did, and
-    shorten it if it still does; returns whether anything was done.
-    """
+def shortened(system, part, t, energy):
+    """Shorten step t, which began with this energy, J, if springs added energy; returns what did (`guard.fault`)."""
     x, v, budget = part.x, velocity(part, t + 1), part.budget[t]
     fault = guard.fault(system, energy, budget, x[t], v, x[t + 1])
-    if fault == guard.NONE:
-        return False
-    if fault == guard.CONTACTS:
-        v = retaken(early, tolerance, work, part, t)
-        combine(1.0, x[t], system.h, v, x[t + 1])
-        fault = guard.fault(system, energy, budget, x[t], v, x[t + 1])
-    if fault != guard.NONE:
+    if fault == guard.SPRINGS:
         part.theta[t] = guard.shorten(system, energy, budget, x[t], v, x[t + 1])
-    if part.early[t]:
-        given = system.h * guard.moving(system.vertex, v)[1]
-        part.budget[t + 1] = min(budget + given, guard.energy(system, x[t + 1], v))
-    return True
+    return fault
 
 
 @kernel
@@ -120,22 +114,31 @@ def state_before(part, t):
 
 
 @kernel
-def retaken(early, tolerance, work, part, t):
-    """Take step t anew with the first of the systems `early` that serves; returns the velocity (n, 3) after it."""
-    x, v, first = part.x[t], velocity(part, t), velocity(part, t + 1).copy()
-    part.early[t] = True
-    for form in early:
-        part.clamped[t] = form.springs.cap <= 1.0
-        implicit.prepare(form, x, v, work)
-        used, iterations, direct = implicit.step(form, x, v, first, tolerance, work, part.w[t, :1])
-        count(part, t, used, iterations, direct)
-        if used > 0:
-            break
-    return velocity(part, t + 1)
+def retake(early, tolerance, work, part, t):
+    """Take step t anew with a system that knows contacts early, and shorten it if it still adds energy. Returns
+    DONE, FAILED or REFUSED, where the clamped system is to be tried.
+    """
+    x, v, budget = part.x, velocity(part, t), part.budget[t]
+    energy = guard.energy(early, x[t], v)
+    part.early[t], part.clamped[t] = True, early.springs.cap <= 1.0
+    implicit.prepare(early, x[t], v, work)
+    used, iterations, direct = implicit.step(early, x[t], v, v, tolerance, work, part.w[t, :1])
+    count(part, t, used, iterations, direct)
+    if used == 0:
+        return REFUSED
+    w = part.w[t, 0]
+    combine(1.0, x[t], early.h, w, x[t + 1])
+    if not finite(x[t + 1]):
+        return FAILED
+    if guard.fault(early, energy, budget, x[t], w, x[t + 1]) != guard.NONE:
+        part.theta[t] = guard.shorten(early, energy, budget, x[t], w, x[t + 1])
+    weight = early.h * guard.moving(early.vertex, w)[1]
+    part.budget[t + 1] = min(budget + weight, guard.energy(early, x[t + 1], w))
+    return DONE
 
 
 @kernel
-def run_bdf2(euler, inner, early, tolerance, work, part, start, stop):
+def run_bdf2(euler, inner, tolerance, work, part, start, stop):
     """What `run` does, for the two `bdf2.forms`."""
     x, first, safe = part.x, work.solution, euler.springs.cap <= 1.0
     guarded = guard.applies(euler)
@@ -153,7 +156,7 @@ def run_bdf2(euler, inner, early, tolerance, work, part, start, stop):
         if not part.euler[t]:
             energy, taken = second_order(euler, inner, tolerance, work, part, t, energy, guarded)
             if part.used[t] == 0:
-                return t, False
+                return t, REFUSED
             if taken:
                 continue
             part.euler[t] = True
@@ -161,17 +164,17 @@ def run_bdf2(euler, inner, early, tolerance, work, part, start, stop):
         used, iterations, direct = implicit.step(euler, x[t], v, first, tolerance, work, part.w[t])
         count(part, t, used, iterations, direct)
         if used == 0:
-            return t, False
+            return t, REFUSED
         w = part.w[t, used - 1]
         combine(1.0, x[t], euler.h, w, x[t + 1])
         if not finite(x[t + 1]):
-            return t, True
+            return t, FAILED
         if guarded:
-            mended(euler, early, tolerance, work, part, t, energy)
-            v = velocity(part, t + 1)
-            grant(part, t, euler.h * guard.moving(euler.vertex, v)[1])
-            energy = guard.energy(euler, x[t + 1], v)
-    return stop, False
+            if shortened(euler, part, t, energy) == guard.CONTACTS:
+                return t, CONTACTS
+            grant(part, t, euler.h * guard.moving(euler.vertex, w)[1])
+            energy = guard.energy(euler, x[t + 1], w)
+    return stop, DONE
 
 
 @kernel

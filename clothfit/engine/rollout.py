@@ -8,7 +8,6 @@ little time. A `tape` goes through a whole motion part by part.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.memory import check_memory
-from clothfit.engine.march import run, run_bdf2
+from clothfit.engine import march
 from clothfit.engine.solve import linear
 from clothfit.engine.step import bdf2, implicit
 from clothfit.engine.system import BDF2, IMPLICIT, System, clamped, early
@@ -86,15 +85,21 @@ class Rollout(NamedTuple):
 
 
 class Taken:
-    """The systems that the steps of a motion are taken with."""
+    """The systems that the steps of a motion are taken with, each made when it is first needed."""
 
     def __init__(self, system: System) -> None:
-        self.forms = {(knows, False): form for knows, form in ((False, system), (True, early(system)))}
-        self.forms |= {(knows, True): clamped(form) for (knows, _), form in self.forms.items()}
+        self.own, self.made = system, {(False, False): system}
+
+    def form(self, knows: bool, safe: bool) -> System:
+        """That of steps that know contacts early, and whose matrix is clamped."""
+        if (knows, safe) not in self.made:
+            form = early(self.own) if knows else self.own
+            self.made[knows, safe] = clamped(form) if safe else form
+        return self.made[knows, safe]
 
     def at(self, part: Rollout, t: int) -> System:
         """That of step t of a part."""
-        return self.forms[bool(part.early[t]), bool(part.clamped[t])]
+        return self.form(bool(part.early[t]), bool(part.clamped[t]))
 
 
 def empty(system: System, steps: int) -> Rollout:
@@ -130,30 +135,40 @@ def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]
 
 def fill(system: System, tolerance: float, work: implicit.Workspace, part: Rollout) -> int:
     """Compute the steps of a part whose x[0], v and first are set; returns how many are good."""
-    own, safe = (partial(advance, form, tolerance, work, part) for form in (system, clamped(system)))
+    taken = Taken(system)
     with linear.served(work.A, work.solver):
         for begin, end in stretches(part.steps, len(system.x0)):
-            done, refused = begin, False
+            done, ended = begin, march.DONE
             while done < end:
-                done, failed = safe(done, done + 1) if refused else own(done, end)
+                if ended == march.REFUSED:
+                    done, ended = advance(taken.form(False, True), tolerance, work, part, done, done + 1)
+                else:
+                    done, ended = advance(system, tolerance, work, part, done, end)
+                if ended == march.CONTACTS:
+                    done, ended = retake(taken, tolerance, work, part, done)
                 interrupts.check()
-                if failed:
+                if ended == march.FAILED:
                     return int(done)
-                refused = not refused and done < end
     return part.steps
 
 
 def advance(
     system: System, tolerance: float, work: implicit.Workspace, part: Rollout, start: int, stop: int
-) -> tuple[int, bool]:
-    """Run steps of a part with the method of the system; see `run`."""
-    anew = early(system), early(clamped(system))
+) -> tuple[int, int]:
+    """Run steps of a part with the method of the system; see `march.run`."""
     if system.method == BDF2:
-        own, implicit_steps = bdf2.forms(system), tuple(bdf2.forms(form)[0] for form in anew)
-        done, failed = run_bdf2(*own, implicit_steps, tolerance, work, part, start, stop)
+        done, ended = march.run_bdf2(*bdf2.forms(system), tolerance, work, part, start, stop)
     else:
-        done, failed = run(system, anew, tolerance, work, part, start, stop)
-    return done, failed
+        done, ended = march.run(system, tolerance, work, part, start, stop)
+    return done, ended
+
+
+def retake(taken: Taken, tolerance: float, work: implicit.Workspace, part: Rollout, t: int) -> tuple[int, int]:
+    """Take step t of a part anew with early contacts; returns what `march.run` does."""
+    ended = march.retake(taken.form(True, False), tolerance, work, part, t)
+    if ended == march.REFUSED:
+        ended = march.retake(taken.form(True, True), tolerance, work, part, t)
+    return (t + 1 if ended == march.DONE else t), ended
 
 
 def stretches(steps: int, n: int) -> Iterator[tuple[int, int]]:

@@ -37,6 +37,13 @@ STEP = 0.001  # s, short enough for explicit steps
 # to fit as well as masses and stiffnesses
 FITTED_KINDS = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}
 EVERYWHERE = {"windVel": True, "gravity": True}
+# as fast as contacts need that begin within a step, into a sphere of 2 m
+FALL = {
+    "delta": 0.05,
+    "windVel": {"x": 0.0, "y": 0.0, "z": 0.0},
+    "gravity": {"x": 0.0, "y": -1000.0, "z": 0.0},
+    "colliders": [{"type": 1, "pos": {"x": 5.0, "y": -3.0, "z": 0.0}, "scale": {"x": 4.0, "y": 4.0, "z": 4.0}}],
+}
 LARGE_FROM, NEVER = 10, 2**31  # vertices
 
 
@@ -143,10 +150,12 @@ def strip_scene(settings: str = "LL", kinds: dict[str, str] | None = None, **fie
 
 
 def simulations() -> None:
-    """Simulate the strip with all integrators, and by the method of reference motions."""
+    """Simulate the strip with all integrators, also where it falls on a sphere, and by the method of reference motions.
+    """
     for method in (0, 1, 2, 3):
         scene = strip_scene(integrationMethod=method)
         energies(scene, simulate(scene))
+    simulate(strip_scene(**FALL))
     runge_kutta.record(build(strip_scene(), 0), STEP, 2, 1)
 
 
