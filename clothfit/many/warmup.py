@@ -38,7 +38,7 @@ STEP = 0.001  # s, short enough for explicit steps
 FITTED_KINDS = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}
 EVERYWHERE = {"windVel": True, "gravity": True}
 # as fast as contacts need that begin within a step, into a sphere of 2 m
-FALL = {
+FALL: dict[str, Any] = {
     "delta": 0.05,
     "windVel": {"x": 0.0, "y": 0.0, "z": 0.0},
     "gravity": {"x": 0.0, "y": -1000.0, "z": 0.0},

@@ -47,7 +47,7 @@ class Motion:
     vertex_counts: tuple[int, ...]  # number of vertices of each object
     observed: Flags | None = None  # (frames, vertices), which positions were seen; None: all
     name: str = "motion"  # for messages
-    remedies: Fallbacks = NO_FALLBACKS  # how many of its steps were solved directly, clamped or shortened
+    remedies: Fallbacks = NO_FALLBACKS  # how many of its steps were solved directly, clamped, shortened or taken anew
     weights: Array | None = None  # (frames, vertices), 0 or more: how often each position counts; None: all once
     unit: float = 1.0  # of the numbers in its file, m
 
