@@ -88,7 +88,7 @@ class Fit:
     start: Scene | None = None  # where the fit began
     objective: dict[str, float] = field(default_factory=dict)  # what is compared, with the weights
     correlations: tuple[Correlation, ...] = ()  # of what is hard to tell apart, strongest first
-    remedies: Fallbacks = NO_FALLBACKS  # steps of the fitted motion that were solved directly, clamped, shortened or taken anew
+    remedies: Fallbacks = NO_FALLBACKS  # its motion's steps that were solved directly, clamped, shortened or taken anew
 
     def __repr__(self) -> str:
         values = sum(block.count for block in self.parameters)
