@@ -115,7 +115,7 @@ def estimate(
     cost and gradient (default: 1000), or below an error of `rmse`, m (with other objectives in the unit of what they
     compare; default: 1e-8, or half a unit in the last place of the target's numbers where they are float32 or text).
     `tolerance` is that of the linear systems, relative. `on_progress` is called with a `Progress` after each
-    evaluation.
+    evaluation, and now and then while a step of thousands of values is computed.
 
     After the time of `budget`, a text such as "30s", "2m" or "1h", or a float in seconds, the fit ends with status
     "limit" and the best result so far; the intervals take the time that the search leaves. (A whole number is a number

@@ -81,6 +81,7 @@ class Problem:
     patience: Patience = PATIENT
     believe: Callable[[Prior, float], None] | None = None  # takes the prior of the moment, and σ²
     is_noise: Callable[[Array], bool] | None = None  # whether most of the residuals may be noise; None: they are
+    waiting: Callable[[], None] | None = None  # called now and then while a long step is computed
 
 
 def minimise(
@@ -114,7 +115,7 @@ def minimise(
         A = prior.matrix(sigma2)
         H, g = model.H + A, model.g + A @ (model.y - prior.centre)
         lower, upper = problem.lower - model.y, problem.upper - model.y
-        whole = bounded.solve(H, g, lower, upper)
+        whole = bounded.solve(H, g, lower, upper, waiting=problem.waiting)
         saving = -float(2 * g @ whole + whole @ H @ whole)
         twice = max(saving / model.cost, last[0] / last[1]) if model.cost > 0 and last[1] < np.inf else np.inf
         if saving <= max(LEFT * sigma2, problem.least * model.cost) or twice <= SMALL:
@@ -122,7 +123,8 @@ def minimise(
         last = saving, model.cost
         value = model.cost + prior.value(model.y, sigma2)
         total = partial(penalised, problem, prior, sigma2)
-        step, radius, good = descend(total, value, Quadratic(model.y, H, g, lower, upper, whole), radius)
+        near = Quadratic(model.y, H, g, lower, upper, whole, problem.waiting)
+        step, radius, good = descend(total, value, near, radius)
         if not good:
             return model, prior, ended(saving <= patience.flat * model.cost)
         model = problem.model(model.y + step)
@@ -151,12 +153,13 @@ class Quadratic:
     lower: Array  # of a step
     upper: Array
     whole: Array  # the step to the minimum
+    waiting: Callable[[], None] | None = None  # as of `Problem`
 
     def within(self, radius: float) -> Array:
         """The best step of at most this length."""
         if np.linalg.norm(self.whole) <= radius:
             return self.whole
-        return bounded.solve(self.H, self.g, self.lower, self.upper, radius)
+        return bounded.solve(self.H, self.g, self.lower, self.upper, radius, self.waiting)
 
     def reduction(self, step: Array) -> float:
         """By how much a step lowers the model."""

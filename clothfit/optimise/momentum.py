@@ -20,7 +20,7 @@ out: P. J. Rousseeuw, Least median of squares regression, Journal of the America
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -87,9 +87,15 @@ TREATMENTS = (
 """From exact targets to very noisy ones."""
 
 
-def fit(objective: Objective, p: Array, fitted: Flags, treatment: Treatment = TREATMENTS[0]) -> Array:
+def fit(
+    objective: Objective,
+    p: Array,
+    fitted: Flags,
+    treatment: Treatment = TREATMENTS[0],
+    waiting: Callable[[], None] | None = None,
+) -> Array:
     """Fit the masses and stiffnesses among the parameters p (P,) that are `fitted` (P,); the rest stays, and so do the
-    factors of maps.
+    factors of maps. A fit of thousands of values calls `waiting` now and then.
 
     What no complete balance determines stays as well: everything, where the target shows no three successive steps.
     """
@@ -105,7 +111,7 @@ def fit(objective: Objective, p: Array, fitted: Flags, treatment: Treatment = TR
         column[places] = np.arange(len(places))
         parts = [rows_of(objective, run, p, own, column, treatment) for run in objective.runs if run.cloth == cloth]
         whole = stacked(parts)
-        found[places] = solve(whole, p[places], lower[places], upper[places], not treatment.summed)
+        found[places] = solve(whole, p[places], lower[places], upper[places], not treatment.summed, waiting)
     return found
 
 
@@ -189,7 +195,9 @@ def iterated(scaled: csr_array, r: Array) -> Array:
     return np.asarray(q)
 
 
-def solve(rows: Rows, p: Array, lower: Array, upper: Array, trim: bool) -> Array:
+def solve(
+    rows: Rows, p: Array, lower: Array, upper: Array, trim: bool, waiting: Callable[[], None] | None = None
+) -> Array:
     """The parameters (Q,) within the bounds that make r − C (q − p) least, from p (Q,); with `trim` over the steps that
     can be in balance.
 
@@ -212,7 +220,7 @@ def solve(rows: Rows, p: Array, lower: Array, upper: Array, trim: bool) -> Array
     q = np.zeros(len(p))
     for _ in range(3):
         g = -(rows.C.T @ (rows.r - rows.C @ q))
-        q = q + bounded.solve(H, g, low - q, high - q)
+        q = q + bounded.solve(H, g, low - q, high - q, waiting=waiting)
     return np.asarray(np.where(determined, np.clip(p + q / scale, lower, upper), p))
 
 

@@ -102,8 +102,9 @@ class Trajectory:
     ) -> gauss_newton.Problem:
         """What Gauss–Newton minimises, until a step would save less than the fraction `least` of the cost."""
         return gauss_newton.Problem(
-            self.model, self.cost, *self.bounds, self.residuals(), least, patience, self.believe, self.is_noise
-        )
+            self.model, self.cost, *self.bounds, self.residuals(), least, patience, self.believe, self.is_noise,
+            self.search.report,
+        )  # fmt: skip
 
     def cost(self, y: Array) -> float:
         """The cost at y; infinite where the simulation diverges. Raises Stop as a visit of the search does."""

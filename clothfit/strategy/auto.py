@@ -150,7 +150,7 @@ def by_momentum(
     search.enter("momentum")
     found: list[tuple[float, Array]] = []
     for treatment in treatments:
-        p = momentum.fit(search.objective, start, search.fitted, treatment)
+        p = momentum.fit(search.objective, start, search.fitted, treatment, search.report)
         if np.array_equal(p, start):
             return []
         if early is not None and early.cost_or_infinity(p) > early.still:  # no evaluation of the whole
@@ -166,7 +166,7 @@ def balances_can_hold(search: Search, start: Array, early: Objective) -> bool:
     if not is_long(search):
         return True
     search.enter("momentum", early)
-    p = momentum.fit(early, start, search.fitted, momentum.TREATMENTS[0])
+    p = momentum.fit(early, start, search.fitted, momentum.TREATMENTS[0], search.report)
     return early.cost_or_infinity(p) <= FAR_ERROR**2 * early.still
 
 

@@ -166,3 +166,44 @@ def test_nothing_is_printed_about_matrices_that_cannot_be_factorised(capfd, H):
     np.testing.assert_array_equal(bounded.solve(H, np.ones(size), -wide, wide), np.zeros(size))
     assert bounded.cholesky(H) is None
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_of_a_singular_matrix_the_eigenvalues_are_taken_once(seed, monkeypatch):
+    """Where bounds cut the way again and again; and the minimum is that of SciPy."""
+    rng = np.random.default_rng(seed)
+    J, b = rng.normal(size=(30, 200)), 10.0 * rng.normal(size=30)
+    lower, upper = -rng.uniform(size=200), rng.uniform(size=200)
+    taken, solved, within_singular, within = [], [], bounded.within_singular, bounded.within
+    monkeypatch.setattr(bounded, "within_singular", lambda *given: taken.append(1) or within_singular(*given))
+    monkeypatch.setattr(bounded, "within", lambda *given: solved.append(1) or within(*given))
+    found = bounded.solve(J.T @ J, J.T @ b, lower, upper)
+    assert len(taken) == 1 < len(solved)
+    best = lsq_linear(J, -b, (lower, upper), tol=1e-14).cost  # half of |J δ + b|²
+    assert np.sum((J @ found + b) ** 2) <= 2.0 * best + 1e-6 * b @ b  # by eigenvalues in every step it is 2e-8, too
+
+
+def test_a_large_singular_matrix_needs_no_eigenvalues(monkeypatch):
+    J, r, lower, upper = problem(60, 0, rows=30)
+    exact = bounded.solve(J.T @ J, J.T @ r, 10.0 * lower, 10.0 * upper)
+    monkeypatch.setattr(bounded, "EIGENVALUES", 59)
+    monkeypatch.setattr(bounded, "within_singular", None)
+    found = bounded.solve(J.T @ J, J.T @ r, 10.0 * lower, 10.0 * upper)
+    assert np.sum((J @ found + r) ** 2) <= np.sum((J @ exact + r) ** 2) + 1e-9 * r @ r  # as above
+
+
+def test_a_long_solution_is_heard_of_between_its_steps(monkeypatch):
+    H, g, lower, upper = coupled(60, 1e6, 0)
+    heard, alone = [], bounded.solve(H, g, lower, upper)
+    monkeypatch.setattr(bounded, "PATIENCE", 0.0)
+    found = bounded.solve(H, g, lower, upper, waiting=lambda: heard.append(1))
+    assert len(heard) > 2
+    np.testing.assert_array_equal(found, alone)
+
+
+def test_a_singular_matrix_beyond_numbers_changes_nothing_and_prints_nothing(capfd):
+    H = np.diag([1e308, 1e308, 0.0])  # its trace is infinite
+    with np.errstate(all="ignore"):
+        found = bounded.solve(H, np.array([-1e300, 1.0, 0.0]), np.full(3, -1e-9), np.full(3, 1e-9))
+    assert np.isfinite(found).all()
+    assert capfd.readouterr().out == ""
