@@ -27,6 +27,13 @@ def harmless(text: str) -> str:
     return ACTING.sub("?", text)
 
 
+def unreadable(error: BaseException) -> str:
+    """Why a file cannot be read, after its name and a colon."""
+    if isinstance(error, FileNotFoundError):
+        return "there is no such file"
+    return f"cannot be read: {getattr(error, 'strerror', None) or error}"
+
+
 PLAIN = {
     "µ": "u", "→": "->", "…": "...", "×": "x", "±": "+-", "²": "^2", "³": "^3", "·": "*", "⁻": "^-", "≥": ">=",
     "≤": "<=", "°": "deg", "λ": "lambda", "τ": "tau", "σ": "sigma", "–": "-", "’": "'", "█": "#", "▇": "*", "▆": "+",
@@ -60,6 +67,18 @@ def place(path: Iterable[str | int]) -> str:
 def counted(count: int, one: str, many: str) -> str:
     """Write a count with its noun: `1 vertex`, `144 vertices`."""
     return f"{count} {one if count == 1 else many}"
+
+
+def spans(numbers: Iterable[int]) -> list[str]:
+    """Write rising whole numbers with three or more successive ones as a span: `0`, `3-5`, `9`, `10`."""
+    found: list[list[int]] = []
+    for number in numbers:
+        if found and number == found[-1][-1] + 1:
+            found[-1].append(number)
+        else:
+            found.append([number])
+    alone = [[f"{part[0]}-{part[-1]}"] if len(part) > 2 else [str(number) for number in part] for part in found]
+    return [text for part in alone for text in part]
 
 
 def owned(cloth: int | None, kind: str) -> str:

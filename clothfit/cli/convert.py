@@ -94,7 +94,7 @@ def place(in_path: str, out_path: str, others: tuple[str | None, ...]) -> Output
     from clothfit.formats.registry import format_of
 
     if out_path != STREAM:
-        format_of(out_path)
+        format_of(out_path, writing=True)
     return output_for(out_path, in_path, "", others)
 
 

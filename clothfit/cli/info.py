@@ -15,7 +15,8 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import print_json
 from clothfit.cli.common.scenes import read_scene
-from clothfit.formats.recognition import CHECKPOINT, EITHER, LOG, MAP, MESH, MOTION, PAGE, kind_of
+from clothfit.formats.beginnings import CHECKPOINT, EITHER, EXPORT, LOG, MAP, MESH, MOTION, PAGE
+from clothfit.formats.recognition import kind_of
 
 if TYPE_CHECKING:
     from clothfit.inspection.forecast import Forecast
@@ -50,6 +51,8 @@ def command(path_given: str, as_json: bool, console: Console) -> None:
         raise InvalidInput(f"{path_given} is a page; open it in a browser")
     elif kind == MAP:
         raise InvalidInput(f"{path_given} is a map of markers to vertices; it goes with --map")
+    elif kind == EXPORT:
+        raise InvalidInput(f"{path_given} is an export for another tool; name the scene that it was made of")
     else:
         of_scene(path_given, as_json, console)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base.errors import InvalidInput
-from clothfit.base.messages import counted
+from clothfit.base.messages import counted, spans
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
@@ -166,7 +166,8 @@ def report(scene: Scene, cloth: Cloth, out: Output, console: Console) -> None:
         warn_of_steps(scene, scene.frames, console)
     (own,) = scene.cloths
     fixed = own.fixed.nonzero()[0].tolist()
-    named = ", ".join(map(str, fixed[:MOST_NAMED])) + (", …" if len(fixed) > MOST_NAMED else "")
+    parts = spans(fixed)
+    named = ", ".join(parts[:MOST_NAMED]) + (", …" if len(parts) > MOST_NAMED else "")
     held = f"{counted(len(fixed), 'vertex', 'vertices')} ({named})" if fixed else "none, so it falls"
     console.say(f"fixed: {held}")
     for sentence in divided(own).sentences:

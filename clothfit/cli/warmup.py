@@ -39,7 +39,8 @@ def command(small: bool, as_json: bool, console: Console) -> None:
             console.say(f"{part.name}: {what} compiled in {part.seconds:.1f} s")
 
     began = time.perf_counter()
-    console.announce_compilation("compiling for this machine: one to two minutes …")
+    expected = "half a minute" if small else "one to two minutes"
+    console.announce_compilation(f"compiling for this machine: {expected} …")
     parts = warm_up(show, small)
     seconds, compiled = time.perf_counter() - began, sum(part.compiled for part in parts)
     if KernelCache.failed:

@@ -1,6 +1,7 @@
 """Files that other tools write and read, by their suffix: one module for each format.
 
-registry lists the formats; signatures know files whose suffix is wrong. All share animation (what a file holds), axes
+registry lists the formats; beginnings knows how files begin, recognition what each
+is, signatures which suffix is wrong. All share animation (what a file holds), axes
 and convention (the meaning of coordinates) and files (bytes and errors). obj, ply and stl stand alone; pc2 and mdd
 share point_cache; glb reads through gltf, gltf_scene and gltf_meshes, and writes through morphs; alembic reads through
 ogawa; c3d, trc and the CSV tables (marker_table, table, vicon_table) share markers; usd reads in a process of its own,

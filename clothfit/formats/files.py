@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from clothfit.base import memory
 from clothfit.base.errors import InvalidMotion
 from clothfit.base.memory import human
+from clothfit.base.messages import unreadable
 from clothfit.base.reading import MOST_TEXT, unchanged, whole
 
 POSITION_COPIES = 2
@@ -27,13 +28,10 @@ def refused(path: str | os.PathLike[str]) -> Iterator[None]:
         yield
     except InvalidMotion:
         raise
-    except FileNotFoundError:
-        raise InvalidMotion(f"{name_of(path)}: there is no such file") from None
     except IsADirectoryError:
         raise InvalidMotion(f"{name_of(path)}: is a folder; a file with a motion is needed") from None
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
-        reason = getattr(error, "strerror", None) or error
-        raise InvalidMotion(f"{name_of(path)}: cannot be read: {reason}") from None
+        raise InvalidMotion(f"{name_of(path)}: {unreadable(error)}") from None
 
 
 def content(path: str | os.PathLike[str], most: int | None = MOST_TEXT) -> bytes:

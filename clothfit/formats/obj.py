@@ -21,6 +21,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidInput, InvalidMotion
+from clothfit.base.messages import unreadable
 from clothfit.base.writing import Data
 from clothfit.formats.animation import Animation
 from clothfit.formats.axes import RIGHT
@@ -106,7 +107,7 @@ def numbered(path: str) -> list[tuple[int, str]]:
     try:
         there = os.listdir(folder or ".")
     except (OSError, ValueError) as error:
-        raise InvalidMotion(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        raise InvalidMotion(f"{path}: {unreadable(error)}") from None
     found = ((pattern.fullmatch(each), each) for each in there)
     return [(int(match[1]), os.path.join(folder, each)) for match, each in found if match]
 

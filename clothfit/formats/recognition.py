@@ -6,39 +6,25 @@ The answer is for messages and for `clothfit info`; whoever reads a file finds o
 from __future__ import annotations
 
 import json
-import os
 from contextlib import suppress
 
+from clothfit.formats.beginnings import EITHER, LOG, MAP, MESH, MOTION, SCENE, beginning, content_of
 from clothfit.formats.registry import NATIVE, foreign, suffix_of
 
-SCENE, MOTION, MESH, EITHER = "scene", "motion", "mesh", "mesh or motion"
-CHECKPOINT, LOG, PAGE, MAP = "checkpoint", "log", "page", "map"
-
-FIRST = 1 << 16  # bytes that are looked at
 ALONE = (".obj", ".ply", ".stl")  # suffixes of meshes of one frame
 ANIMATED = (".glb", ".gltf", ".usd", ".usda", ".usdc", ".abc")  # suffixes of what may have one frame or many
-BEGINNINGS = (
-    (b"clothfit checkpoint ", CHECKPOINT), (b"PK\x03\x04", MOTION), (b"\x93NUMPY", MOTION),
-    (b"<!doctype html", PAGE), (b"<html", PAGE),
-)  # fmt: skip
 
 
 def kind_of(path: str) -> str | None:
-    """One of the kinds above; None for what is not known, and for what is no file, such as a pipe."""
+    """One of the kinds of `beginnings`; None for what is not known, and for what is no file, such as a pipe."""
     if "*" in path and suffix_of(path) == ".obj":
         return EITHER  # a sequence, or the mesh of its first frame
-    try:
-        if not os.path.isfile(path):
-            return None
-        with open(path, "rb") as file:
-            first = file.read(FIRST).removeprefix(b"\xef\xbb\xbf").lstrip()
-    except (OSError, ValueError):
+    first = beginning(path)
+    if first is None:
         return None
-    if not first:
-        return _by_name(path)
-    for beginning, kind in BEGINNINGS:
-        if first[: len(beginning)].lower() == beginning.lower():
-            return kind
+    found = content_of(first)
+    if found is not None and found.kind is not None:
+        return found.kind
     suffix = suffix_of(path)
     if first.startswith(b"{") and suffix != ".gltf":
         return LOG if _is_log(first) else SCENE

@@ -56,13 +56,23 @@ FORMATS = (
 NATIVE = (".npz", ".npy")
 
 
-def format_of(path: str | os.PathLike[str]) -> Format | None:
-    """The format of a file by its suffix; None for this program's own. Raises InvalidInput for any other suffix."""
+def format_of(path: str | os.PathLike[str], writing: bool = False) -> Format | None:
+    """The format of a file by its suffix; None for this program's own. Raises InvalidInput for any other suffix, with
+    what the file is or with the suffixes of what can be read, or written.
+    """
     found = foreign(path)
-    if found is None and suffix_of(path) not in NATIVE:
-        known = ", ".join([NATIVE[0], *(suffix for each in FORMATS for suffix in each.suffixes)])
-        raise InvalidInput(f"{os.fspath(path)}: no motion format has that suffix; known are {known}; export it as one")
-    return found
+    if found is not None or suffix_of(path) in NATIVE:
+        return found
+    from clothfit.formats.signatures import mistaken
+
+    what = None if writing else mistaken(path, suffix_of(path))
+    if what is not None:
+        raise InvalidInput(f"{os.fspath(path)}: {what}")
+    known = [NATIVE[0], *(suffix for each in FORMATS if each.writes or not writing for suffix in each.suffixes)]
+    advice = "use one of these" if writing else "export it as one"
+    raise InvalidInput(
+        f"{os.fspath(path)}: no motion format has that suffix; known are {', '.join(known)}; {advice}"
+    )
 
 
 def foreign(path: object) -> Format | None:

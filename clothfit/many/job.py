@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from clothfit.base.errors import ClothfitError, InvalidInput
+from clothfit.base.messages import unreadable
 from clothfit.base.reading import unchanged
 from clothfit.base.version import __version__
 from clothfit.fit.options import FitOptions
@@ -104,7 +105,7 @@ def read(path: str | os.PathLike[str]) -> File:
         with unchanged(path) as file:
             return File(content(file), name_of(path))
     except (OSError, ValueError) as error:
-        raise InvalidInput(f"{name_of(path)}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        raise InvalidInput(f"{name_of(path)}: {unreadable(error)}") from None
 
 
 def run(job: Job) -> Outcome:

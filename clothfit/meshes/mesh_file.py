@@ -13,6 +13,7 @@ from clothfit.formats import obj
 from clothfit.formats.axes import facing, to_scene
 from clothfit.formats.convention import Convention
 from clothfit.formats.registry import foreign, read, suffix_of
+from clothfit.formats.signatures import mistaken
 from clothfit.meshes.mesh import Mesh
 
 FARTHEST_VERTEX = 1e9
@@ -36,7 +37,8 @@ def read_mesh(
     if found is not None and suffix not in MESHES:
         raise InvalidInput(f"{name}: {found.name} hold no faces; a mesh is needed, in {', '.join(MESHES)}")
     if found is None:
-        raise InvalidInput(f"{name}: no mesh format has that suffix; known are {', '.join(MESHES)}; export it as one")
+        known = f"no mesh format has that suffix; known are {', '.join(MESHES)}; export it as one"
+        raise InvalidInput(f"{name}: {mistaken(name, suffix) or known}")
     convention = Convention(scale, up, handedness)
     animation = read(found, sources(name)[0])
     axes = convention.axes(animation.axes)

@@ -23,7 +23,7 @@ from clothfit.base import npz
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.limits import FARTHEST
-from clothfit.base.messages import counted
+from clothfit.base.messages import counted, unreadable
 from clothfit.base.reading import unchanged
 from clothfit.base.writing import Data, put, write_atomically
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
@@ -225,8 +225,8 @@ def load_motion(path_or_file: str | os.PathLike[str] | IO[bytes], scene: Scene, 
                 arrays = _arrays(file if file.seekable() else io.BytesIO(npz.content(file)), scene, name)
         else:  # an archive is read by seeking, which a stream cannot
             arrays = _arrays(io.BytesIO(npz.content(path_or_file)), scene, name)
-    except FileNotFoundError:
-        raise InvalidMotion(f"{name}: there is no such file") from None
+    except FileNotFoundError as error:
+        raise InvalidMotion(f"{name}: {unreadable(error)}") from None
     except IsADirectoryError:
         raise InvalidMotion(f"{name}: is a folder; a motion file (.npz) is needed") from None
     except InvalidMotion:

@@ -66,20 +66,8 @@ class Objective:
         loss_scale: float | None = None,
         memory: int | str | None = None,
     ) -> None:
-        """Compare with the frames of `motion` that lie within the first `frames` frames of the scene (default: all).
-
-        `motion` is a Motion or an array (frames, vertices, 3), m, with one frame per step; a pair of one of these and
-        the scene it was recorded in; or a list of these, with one number of `frames` for all or one for each. Another
-        scene must have the same objects; wind, places, fixed vertices and time step may differ. `scene` says what is
-        flagged. The arrays are not copied and must not change.
-
-        `objective` is "position", "velocity", "edge-length", "spectrum", or a dict with the weight of each; or a cost
-        of one's own (`own_cost`), which needs no `motion`: with None it sees the frames of the scene. `loss`, "linear",
-        "soft_l1" or "huber", says how outliers count, `loss_scale`, m, above which length. `tolerance` is
-        that of the linear systems, relative (default: 1e-14). `memory` is how much may be held, in bytes or as "200MB"
-        (default: half of what is free); it changes no result.
-
-        Raises InvalidMotion when a motion does not fit its scene or an objective, InvalidInput for other arguments.
+        """The arguments are those that the public `differentiable.Objective` explains; without a `motion` only a cost
+        of one's own (`own_cost`) can be compared. Raises InvalidMotion, InvalidInput.
         """
         check_is_scene(scene)
         self.scene = scene

@@ -27,6 +27,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import unreadable
 from clothfit.base.reading import whole
 from clothfit.base.writing import check_writable, write_atomically
 from clothfit.objective.experiment import Experiment
@@ -151,7 +152,7 @@ class Checkpoint:
             why = kept if self.after else "no fit that keeps one there has begun"
             raise InvalidInput(f"{self._name}: there is no such checkpoint to resume from; {why}") from None
         except OSError as error:
-            raise InvalidInput(f"{self._name}: cannot be read: {error.strerror or error}") from None
+            raise InvalidInput(f"{self._name}: {unreadable(error)}") from None
         if not data.startswith(FORMAT_LINE):
             raise InvalidInput(f"{self._name}: is not a checkpoint that this clothfit can read; name another file")
         return data

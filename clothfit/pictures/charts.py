@@ -28,13 +28,12 @@ ENERGIES = (
 
 
 def convergence(axes: Axes, history: Sequence[Progress]) -> None:
-    """The error of the best point so far, over all frames and over the window where that is shorter."""
+    """The error of the best point so far, over all frames and over the window where that is shorter; `history` is not
+    empty.
+    """
     from matplotlib.ticker import MaxNLocator
 
     label(axes, "convergence", "evaluations of the cost", "RMSE")
-    if not history:
-        empty(axes, "known without a search")
-        return
     x = np.array([one.evaluations for one in history], float)
     y = np.array([max(one.rmse, SMALLEST_LENGTH) for one in history])
     logarithmic(axes, y)

@@ -49,12 +49,13 @@ def simulation(scene: Scene, times: Array, x: Array, energy: Energy | None = Non
 def estimation(over: Overlay, summary: str, history: Sequence[Progress], fitted: float) -> Figure:
     """The picture of a fit: the fitted motion and its target, convergence, error and the values found.
 
-    `summary` says how the fit ended; `fitted` is the end, s, of the fitted frames.
+    `summary` says how the fit ended; `fitted` is the end, s, of the fitted frames. A fit that is known without a search
+    has no convergence.
     """
-    drawn = [
-        Part(lambda axes: charts.convergence(axes, history)),
-        Part(lambda axes: charts.error(axes, over.times, over.rmse, over.largest, fitted)),
-    ]
+    searched = len({one.evaluations for one in history}) > 1
+    drawn = [Part(lambda axes: charts.convergence(axes, history))] if searched else []
+    share = CHART_SHARE if searched else 2.0 * CHART_SHARE
+    drawn.append(Part(lambda axes: charts.error(axes, over.times, over.rmse, over.largest, fitted), share))
     return compared(over, f"{over.scene.name}: fitted", summary, drawn, values(over.scene, None))
 
 

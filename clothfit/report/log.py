@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from clothfit.base.errors import InvalidInput, InvalidScene
-from clothfit.base.messages import counted
+from clothfit.base.messages import counted, unreadable
 from clothfit.base.reading import unchanged, whole
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import Scene
@@ -57,7 +57,7 @@ def read_log(path: str | os.PathLike[str]) -> Log:
         with unchanged(path) as file:
             text = whole(file, MOST_BYTES).decode("utf-8-sig", errors="replace")
     except (OSError, ValueError) as error:
-        raise InvalidInput(f"{name}: the log cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        raise InvalidInput(f"{name}: {unreadable(error)}") from None
     points, summary, lost = [], None, 0
     for line in text.splitlines():
         record = parsed(line)

@@ -25,7 +25,7 @@ from typing import IO, Any
 from clothfit.base import memory
 from clothfit.base.errors import InvalidScene
 from clothfit.base.memory import human
-from clothfit.base.messages import named, place
+from clothfit.base.messages import named, place, unreadable
 from clothfit.base.reading import MOST_TEXT, unchanged, whole
 
 Readable = str | os.PathLike[str] | IO[str] | IO[bytes] | dict[str, Any]
@@ -96,10 +96,8 @@ def read(origin: Readable) -> Source:
         source = _decoded(content) if isinstance(content, bytes) else _checked(content)
     except UnicodeError as error:
         raise InvalidScene(_encoding_problem(error), name_of(origin)) from None
-    except OSError as error:
-        raise InvalidScene(f"cannot be read: {error.strerror or error}", name_of(origin)) from None
-    except (TypeError, ValueError, RecursionError) as error:  # no dict of JSON values, a closed file, a bad path
-        raise InvalidScene(f"cannot be read: {error}", name_of(origin)) from None
+    except (OSError, TypeError, ValueError, RecursionError) as error:  # also no dict of JSON values, or a closed file
+        raise InvalidScene(unreadable(error), name_of(origin)) from None
     if not source.text.strip():
         raise InvalidScene("the file is empty; a scene is a JSON object", name_of(origin))
     return source

@@ -153,7 +153,7 @@ def test_standard_input_is_one_of_them_at_most(capsys):
     ("sentence", "place"),
     [("objects[0].springs[3]: vertex 144 does not exist", "objects[0].springs[3]"), ("delta: is missing", "delta"),
      ("line 3, column 7: not JSON: no", "line 3, column 7"), ("top level: [] is not an object", "top level"),
-     ('"my: field".x: appears twice', '"my: field".x'), ("cannot be read: No such file", None),
+     ('"my: field".x: appears twice', '"my: field".x'), ("cannot be read: Is a directory", None),
      ("the file is empty; a scene is a JSON object", None), ("byte 5 (0xe9) is not UTF-8 text; save", None)],
 )  # fmt: skip
 def test_problems_are_split_into_place_and_message(sentence, place):

@@ -97,7 +97,7 @@ def test_each_scene_has_its_target_its_file_its_row_and_the_worst_decides(here, 
 def test_quiet_tells_errors_only_and_json_tells_all(here, in_this_process, capsys):
     assert run(["estimate", "none.json", "a.json", "--in-place", "--json", "-q", "--jobs", "1", *FEW]) == 3
     out, err = capsys.readouterr()
-    message = "none.json: cannot be read: No such file or directory"
+    message = "none.json: there is no such file"
     assert err == f"error: {message}\n"
     summary = json.loads(out)
     assert (summary["schema_version"], summary["command"]) == (1, "estimate")

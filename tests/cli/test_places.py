@@ -7,6 +7,7 @@ import pytest
 from helpers.scenes import even, trial, write_scene
 
 from clothfit.cli.program import run
+from clothfit.export.tools import exported
 from clothfit.formats.recognition import kind_of
 from clothfit.motion.files import save_motion
 from clothfit.motion.motion import Motion
@@ -34,6 +35,8 @@ def files(tmp_path, monkeypatch, capsys):
         '{"summary": {"status": "converged", "rmse": 0.25, "scene": "scene.json"}}\n'
     )
     (tmp_path / "page.html").write_text("<!doctype html><title>fit</title>")
+    for name, content in exported(scene, "blender").items():
+        (tmp_path / name).write_bytes(content)
     (tmp_path / "map.csv").write_text("marker,object,vertex\nm1,0,3\n")
     (tmp_path / "f.checkpoint").write_bytes(b"clothfit checkpoint 4 damaged")
     capsys.readouterr()
@@ -41,6 +44,7 @@ def files(tmp_path, monkeypatch, capsys):
 
 KINDS = {"scene.json": "scene", "curtain.pc2": "motion", "seen.npz": "motion", "flag.glb": "mesh or motion",
          "quad.obj": "mesh", "fit.jsonl": "log", "page.html": "page", "map.csv": "map", "f.checkpoint": "checkpoint",
+         "blender.json": "export", "blender.py": "export",
          "a_*.obj": "mesh or motion", "absent.json": None, ".": None}  # fmt: skip
 
 
@@ -169,3 +173,11 @@ def test_what_is_no_scene_is_called_what_it_is(name, content, message, tmp_path,
     assert run(["info", name]) == 3
     assert capsys.readouterr().err == f"error: {name}: {message}\n"
     assert run(["validate", name]) == 3
+
+
+@pytest.mark.usefixtures("files")
+@pytest.mark.parametrize("command", ["info", "simulate"])
+def test_an_export_is_called_one(command, capsys):
+    assert run([command, "blender.json"]) == 3
+    assert "is an export" in (said := capsys.readouterr().err)
+    assert said.endswith("name the scene that it was made of\n")

@@ -118,7 +118,7 @@ def test_wrong_usage_is_code_2_and_one_line(capsys, arguments, message):
         (["estimate", "--start", "nan"], "start: nan is not within the bounds 0.0001 … 10000"),
         (["estimate", "--start", "1e9"], "start: 1e+09 is not within the bounds"),
         (["estimate", "--start", "-2"], "start: -2 is not within the bounds"),
-        (["estimate", "--start", "absent.json"], "absent.json: cannot be read: No such file or directory"),
+        (["estimate", "--start", "absent.json"], "absent.json: there is no such file"),
         (["estimate", "--target", "absent.npz"], "absent.npz: there is no such file"),
         (["estimate", "--in-place", "-o", "x.json"], "--in-place writes into the scene's file"),
     ],

@@ -1,6 +1,8 @@
 """Files whose content is not what their suffix says: the message says what they are."""
 
 import gzip
+import io
+import zipfile
 
 import numpy as np
 import pytest
@@ -39,6 +41,13 @@ def test_a_wrong_suffix_is_named(tmp_path, name, content, message):
     assert str(caught.value) == f"{name}: {message}"
 
 
+def packed(name):
+    """A zip archive of one file."""
+    with zipfile.ZipFile(out := io.BytesIO(), "w") as archive:
+        archive.writestr(name, b"anything")
+    return out.getvalue()
+
+
 @pytest.mark.parametrize("suffix", [suffix for each in FORMATS for suffix in each.suffixes])
 def test_an_empty_file_is_called_empty(tmp_path, suffix):
     if foreign(f"a{suffix}").library is not None:
@@ -50,11 +59,18 @@ def test_an_empty_file_is_called_empty(tmp_path, suffix):
 
 # A file with any suffix may be one of this program's, as a pipe has no name.
 def test_an_unknown_suffix_is_refused_unless_the_content_is_known(tmp_path):
-    for name in ("a.fbx", "a.usdz", "a.vtk"):
-        np.savez(tmp_path / "other.npz", vertices=np.zeros(3))
-        (tmp_path / name).write_bytes(b"hello" if name == "a.vtk" else (tmp_path / "other.npz").read_bytes())
-        with pytest.raises(InvalidInput, match=r"no motion format has that suffix; known are .*; export it as one"):
+    np.savez(tmp_path / "other.npz", vertices=np.zeros(3))
+    for name, content, message in (
+        ("a.vtk", b"hello", r"no motion format has that suffix; known are .*; export it as one"),
+        ("a.fbx", (tmp_path / "other.npz").read_bytes(), r"its content is NumPy; rename it to \.npz"),
+        ("a.usdz", packed("shirt.usdc"), "it is a USDZ package; unpack it, as a zip archive, and name the USD file in"),
+        ("a.zip", packed("shirt.png"), "it is a zip archive; unpack it"),
+    ):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(InvalidInput, match=rf"{name}: {message}"):
             load(tmp_path / name, None, Reading())
+        with pytest.raises(InvalidInput, match=rf"{name}: {message.replace('motion', 'mesh')}"):
+            read_mesh(tmp_path / name)
     positions = np.random.default_rng(0).normal(size=(2, 4, 3))
     for name, save in (
         ("a.motion", lambda file: np.savez(file, positions=positions)),

@@ -107,7 +107,6 @@ OPTIONS = {
         "warmup", "clothfit.kernels.cache.config.DISABLE_JIT", 1
     ),
     "an export is several files, which need a folder; name one with -o": Case("export scene.json --to csv -o -"),
-    "the log cannot be read: …": Case("report scene.json scene.json --log missing.jsonl"),
     "no line of it is the record of a fit; give a file that estimate --log has written": Case(
         "report scene.json scene.json --log fit.jsonl", {"fit.jsonl": b"no\nlog\n"}
     ),
@@ -130,8 +129,8 @@ MEMORY = {
 }  # fmt: skip
 
 READING = {
-    "cannot be read: No such file or directory": Case("simulate absent.json"),
-    "there is no such file": fit("--target absent.npz"),
+    "there is no such file": Case("simulate absent.json"),
+    "cannot be read: …": Case("simulate ."),
     "is a folder; a motion file (.npz) is needed": fit("--target ."),
     "cannot be read as .npz or .npy (…)": fit("--target bad.npz", **{"bad.npz": b"positions"}),
     "it is packed in another way than NumPy's; write it with numpy.savez": Case(

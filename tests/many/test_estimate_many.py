@@ -53,7 +53,7 @@ def test_results_are_those_of_single_fits_to_the_last_bit_whatever_the_number_of
             assert dumps(one.fit.scene) == dumps(cheapest.scene)
             assert own[one.best] is cheapest
         assert (results[2].exit_code, results[2].fit) == (3, None)
-        assert results[2].error == "none.json: cannot be read: No such file or directory"
+        assert results[2].error == "none.json: there is no such file"
 
 
 class Killing(Processes):

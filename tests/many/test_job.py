@@ -82,7 +82,7 @@ def test_all_errors_have_a_sentence():
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path):
-    with pytest.raises(InvalidInput, match=r"^none\.json: cannot be read: No such file"):
+    with pytest.raises(InvalidInput, match=r"^none\.json: there is no such file"):
         read(tmp_path / "none.json")
 
 

@@ -38,9 +38,9 @@ def texts(figure):
     return " | ".join(part.get_text() for part in figure.findobj(matplotlib.text.Text))
 
 
-def fitted(settings="LL"):
+def fitted(settings="LL", history=HISTORY):
     truth, found = pair(settings)
-    return plots.estimation(overlaid(truth, found, None, 8), "converged: as hoped", HISTORY, 0.14)
+    return plots.estimation(overlaid(truth, found, None, 8), "converged: as hoped", history, 0.14)
 
 
 def test_a_png_has_its_size_and_something_in_every_part(tmp_path):
@@ -121,13 +121,20 @@ def test_maps_of_many_values_show_some_of_them(monkeypatch):
     assert mass.places.shape == (10, 3)
 
 
-@pytest.mark.parametrize(("history", "last"), [([], None), (HISTORY[:1], 0.2), (HISTORY, 0.02)])
+@pytest.mark.parametrize(("history", "last"), [(HISTORY[:1], 0.2), (HISTORY, 0.02)])
 def test_convergence_is_drawn_whatever_is_known(history, last):
     axes = matplotlib.figure.Figure().add_subplot()
     charts.convergence(axes, history)
     axes.figure.savefig(io.BytesIO())
     best = [line for line in axes.lines if line.get_label() == "best, all frames"]
-    assert [line.get_ydata()[-1] for line in best] == ([] if last is None else [pytest.approx(last)])
+    assert [line.get_ydata()[-1] for line in best] == [pytest.approx(last)]
+
+
+@pytest.mark.parametrize("history", [[], HISTORY[:1]])
+def test_a_fit_without_a_search_has_no_panel_for_one(history):
+    words = texts(fitted(history=history))
+    assert "convergence" not in words
+    assert "distance to the target" in words
 
 
 def test_an_error_of_nothing_has_no_logarithm():

@@ -226,7 +226,7 @@ def test_broken_text_is_refused_with_the_place(kind):
 
 
 def test_a_file_that_cannot_be_read_is_refused_by_name(tmp_path):
-    with pytest.raises(InvalidScene, match=r"^absent.txt: cannot be read: No such file or directory$"):
+    with pytest.raises(InvalidScene, match=r"^absent.txt: there is no such file$"):
         scene.load(tmp_path / "absent.txt")
     with pytest.raises(InvalidScene, match=f"^{tmp_path.name}: cannot be read: Is a directory$"):
         scene.load(tmp_path)

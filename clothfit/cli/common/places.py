@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from clothfit.base.errors import InvalidInput
-from clothfit.formats.recognition import CHECKPOINT, EITHER, LOG, MAP, MESH, MOTION, PAGE, SCENE, kind_of
+from clothfit.formats.beginnings import CHECKPOINT, EITHER, EXPORT, LOG, MAP, MESH, MOTION, PAGE, SCENE
+from clothfit.formats.recognition import kind_of
 
 PLACES = {
     "scene_path": (SCENE,), "scene_paths": (SCENE,), "fitted_path": (SCENE,), "start": (SCENE,),
@@ -52,5 +53,6 @@ def advice(kind: str, command: str, taken: tuple[str, ...]) -> str:
         LOG: "did you mean --log?" if command == "report" else "did you mean clothfit report --log?",
         MAP: "did you mean --map?",
         PAGE: "open it in a browser",
+        EXPORT: "name the scene that it was made of",
     }
     return known[kind]

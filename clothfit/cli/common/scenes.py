@@ -8,6 +8,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from clothfit.base.errors import InvalidInput, InvalidScene
+from clothfit.base.messages import unreadable
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers
 from clothfit.cli.common.output import STREAM
@@ -58,7 +59,7 @@ def check_there(*paths: str) -> None:
                 if path != STREAM:
                     os.stat(path)
         except OSError as error:
-            raise InvalidScene(f"cannot be read: {error.strerror or error}", name_of(path)) from None
+            raise InvalidScene(unreadable(error), name_of(path)) from None
 
 
 def frames_of(steps: int | None, scene: Scene) -> int:

@@ -12,7 +12,7 @@ import { fillHeadline, fillSide } from "clothfit/side";
 import { LEVELS, Stage } from "clothfit/stage";
 import { unpacked, unpackedErrors, unpackedFlags, unpackedPositions } from "clothfit/unpack";
 import { viewOf } from "clothfit/view";
-import { length, short } from "clothfit/words";
+import { length, percent, short } from "clothfit/words";
 
 const SLOW = 45, PATIENCE = 700;  // ms: frames slower than the first for longer than the second make a playing picture coarser
 
@@ -212,7 +212,7 @@ async function main() {
     const phase = motion.times[frame] <= content.curve.fitted_until * (1 + 1e-9) ? "fitted frames" : "horizon";
     const seen = typeof rmse === "number";
     const { travel } = content.residuals;
-    const part = seen && travel > 0 ? `, ${short((100 * rmse) / travel, 2)} % of the travel` : "";
+    const part = seen && travel > 0 ? `, ${percent(rmse / travel)} of the travel` : "";
     const error = seen ? ["RMSE ", make("b", {}, length(rmse)), `${part} · largest ${length(largest)}`] : ["target not observed"];
     at("readout").replaceChildren(`${phase} · `, ...error);
     if (stage) namePanes(at("panes"), panes, stage.cells, [rmse, ...others]);

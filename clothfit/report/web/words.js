@@ -10,6 +10,11 @@ export function short(value, digits = 3) {
   return String(Number(value.toPrecision(digits))).replace("-", "−");
 }
 
+/** A share in percent; one that is next to nothing is not written out. */
+export function percent(share) {
+  return share > 0 && share < 1e-5 ? "below 0.001 %" : `${short(100 * share, 2)} %`;
+}
+
 /** The unit that suits a length, as [metres, name]. */
 export function lengthUnit(metres) {
   return LENGTHS.find(([size]) => metres >= size) ?? LENGTHS[LENGTHS.length - 1];
