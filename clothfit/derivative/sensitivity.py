@@ -215,12 +215,15 @@ class Solver:
 
 
 def whole_solver(matrix: csc_array) -> Callable[[Array], Array]:
-    """A function that solves for B (3 f, Q): of any symmetric matrix, dense where it is small."""
+    """A function that solves for B (3 f, Q): of any symmetric matrix, dense where it is small. Raises LinAlgError."""
     from scipy.linalg import blas, lapack
     from scipy.sparse.linalg import splu
 
     if matrix.shape[0] > DENSE_UNKNOWNS:
-        factor = splu(matrix)
+        try:
+            factor = splu(matrix)
+        except RuntimeError as error:
+            raise np.linalg.LinAlgError(str(error)) from None
         return lambda right: np.asarray(factor.solve(right))
     if not matrix.shape[0]:  # LAPACK writes about these to standard output
         return lambda right: right

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
+from clothfit.base.eigen import eigen
 from clothfit.fit.posterior import Local, Posterior, learned_prior, posterior
 from clothfit.fit.sandwich import CHAOS, Kept
 from clothfit.motion.divergence import Diverged
@@ -160,7 +161,8 @@ def not_shown(known: Posterior, is_noise: bool) -> Hidden:
     width = known.local.width[known.free]
     flags = np.linalg.norm(known.null, axis=1) > HIDDEN_SHARE
     wide = np.flatnonzero((known.deviation > width) & known.at_minimum & ~flags & is_noise)
-    values, vectors = np.linalg.eigh(known.sigma2 * known.K[np.ix_(wide, wide)] / np.outer(width[wide], width[wide]))
+    found = eigen(known.sigma2 * known.K[np.ix_(wide, wide)] / np.outer(width[wide], width[wide]))
+    values, vectors = (np.full(len(wide), np.inf), np.eye(len(wide))) if found is None else found
     more = np.zeros((len(known.free), int((values > 1.0).sum())))
     more[wide] = width[wide, None] * vectors[:, values > 1.0]
     flags[wide] = True

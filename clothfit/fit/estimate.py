@@ -316,7 +316,7 @@ def in_time(objective: Objective, start: float | Array | Scene | None, hidden: b
 
 def looked_at(found: Fit, look: Callable[..., Fit], *given: Any, options: FitOptions) -> Fit:
     """What `look` makes of a fit and what is `given`, within a moment where the time of the fit is limited; the fit as
-    it is where a request or the time ends it.
+    it is where a request or the time ends it, and with a warning where equations have no solution.
     """
     if found.status == Status.INTERRUPTED or interrupts.requested():
         return found
@@ -328,6 +328,8 @@ def looked_at(found: Fit, look: Callable[..., Fit], *given: Any, options: FitOpt
         interrupts.answer()
     except interrupts.OutOfTime:
         pass
+    except np.linalg.LinAlgError as error:
+        return replace(found, warnings=[*found.warnings, f"the fit could not be looked at in full: {error}"])
     return found
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
+from clothfit.base.eigen import eigen
 from clothfit.fit.sandwich import Blocks
 from clothfit.fit.student import half_width
 from clothfit.optimise.gauss_newton import Model
@@ -175,10 +176,11 @@ def learned_prior(search: Search, model: Model, squares: float, count: int) -> P
 
 def null_space(H: Array) -> Array:
     """An orthonormal basis (F, ·) of the directions in which H is zero but for rounding."""
-    if not np.isfinite(H).all():  # nothing is known of any
-        return np.eye(len(H))
     unit, by = scaled(H)
-    values, vectors = np.linalg.eigh(unit)
+    found = eigen(unit)
+    if found is None:  # nothing is known of any
+        return np.eye(len(H))
+    values, vectors = found
     null = vectors[:, values <= NULL_EIGENVALUE * values.max(initial=0.0)] / by[:, None]
     return np.asarray(np.linalg.qr(null / np.maximum(np.linalg.norm(null, axis=0), np.finfo(float).tiny))[0])
 

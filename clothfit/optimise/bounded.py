@@ -24,6 +24,7 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
+from clothfit.base.eigen import eigen
 
 STEPS = 100
 """Projected steps; a handful suffices, except where many bounds hold strongly coupled coordinates."""
@@ -175,9 +176,10 @@ def substitute(factor: Array, g: Array) -> Array:
 
 def within_singular(H: Array, g: Array, radius: float) -> Array:
     """As `within`, for an H that does not determine everything: by its eigenvalues, without those that are rounding."""
-    if not len(H) or not np.isfinite(H).all():
+    found = eigen(H)
+    if not len(H) or found is None:
         return np.zeros(len(H))
-    values, vectors = np.linalg.eigh(H)
+    values, vectors = found
     seen = values > SINGULAR * values[-1]
     values, vectors = values[seen], vectors[:, seen]
     along = vectors.T @ g

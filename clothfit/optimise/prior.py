@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clothfit.base.arrays import Array, Indices
+from clothfit.base.eigen import pseudo_inverse
 
 FIRST_TAU = 0.3
 """τ before the data have been asked, in log parameters: a third more or less."""
@@ -106,7 +107,7 @@ def inverse(matrix: Array) -> Array:
     ridge = RIDGE * len(matrix) * np.abs(matrix).max(initial=0.0)
     lower, fault = lapack.dpotrf(matrix + ridge * np.eye(len(matrix)), lower=1)
     if fault:
-        return np.asarray(np.linalg.pinv(matrix, hermitian=True), float)
+        return pseudo_inverse(matrix)
     half = np.tril(lapack.dpotri(lower, lower=1)[0])
     return np.asarray(half + np.tril(half, -1).T)
 

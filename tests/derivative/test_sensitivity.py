@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from helpers.costs import simulate_all
 from helpers.physics import METHODS, TIGHT, ball, dense_matrix, scene, sheet, xyz
+from scipy.sparse import csc_array
 
 from clothfit.derivative import block_cholesky, sensitivity
 from clothfit.derivative.columns import columns
@@ -156,3 +157,9 @@ def test_parameters_without_a_column_are_held():
     some = together(sweep(system, memory, columns(system, objective.blocks, p, column, factor, 3)))
     every = one_by_one(objective, p, np.arange(len(p)), factor)
     np.testing.assert_allclose(some, every[:, :, kept], atol=1e-12 * np.abs(every).max())  # as above
+
+
+@pytest.mark.parametrize("n", [2, sensitivity.DENSE_UNKNOWNS + 1])
+def test_a_matrix_without_an_inverse_is_an_error_of_linear_algebra(n):
+    with pytest.raises(np.linalg.LinAlgError, match=r"[Ss]ingular"):
+        sensitivity.whole_solver(csc_array((n, n)))

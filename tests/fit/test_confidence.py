@@ -1,6 +1,7 @@
 """Confidence: the textbook's intervals, directions that the motion does not show, coverage, every method."""
 
 import json
+from types import SimpleNamespace
 
 import numba
 import numpy as np
@@ -8,8 +9,9 @@ import pytest
 from helpers.scenes import cloth, document, even, load_text, trial
 from scipy import stats
 
-from clothfit.fit.estimate import estimate, record_target
-from clothfit.fit.options import OWN_METHODS
+from clothfit.fit.confidence import not_shown
+from clothfit.fit.estimate import estimate, looked_at, record_target
+from clothfit.fit.options import OWN_METHODS, FitOptions
 from clothfit.fit.posterior import inverse_beside, null_space
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import as_motion
@@ -279,3 +281,27 @@ def test_a_target_without_noise_at_the_truth_has_intervals_of_rounding():
     ((low, high),) = intervals(found)
     assert low == pytest.approx(30.0, rel=1e-7)  # the tolerance of the linear systems is 1e-10
     assert high == pytest.approx(30.0, rel=1e-7)
+
+
+def test_variances_beyond_numbers_hide_what_they_belong_to():
+    local = SimpleNamespace(width=np.ones(3))
+    never = np.zeros((3, 0))
+    known = SimpleNamespace(
+        local=local, free=np.arange(3), null=never, deviation=np.array([np.inf, 0.1, np.inf]),
+        at_minimum=np.ones(3, bool), sigma2=1.0, K=np.diag([np.inf, 0.01, np.nan]),
+    )  # fmt: skip
+    hidden = not_shown(known, True)
+    assert hidden.flags.tolist() == [True, False, True]
+    np.testing.assert_allclose(np.abs(hidden.directions), [[1, 0], [0, 0], [0, 1]])
+
+
+def test_a_fit_that_cannot_be_looked_at_is_kept_with_a_warning():
+    made = document(chain([(0, 1)], [True, False]), optimizationIterations=4)
+    found = estimate(load(made), max_evaluations=1, intervals=False)
+
+    def look(found):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    kept = looked_at(found, look, options=FitOptions())
+    assert kept.scene is found.scene
+    assert kept.warnings == [*found.warnings, "the fit could not be looked at in full: Singular matrix"]

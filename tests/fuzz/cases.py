@@ -44,6 +44,8 @@ COMMANDS = {
         ("evaluate", "good.json", "good.json", "--steps", "3", "--target", "{file}", "-q"),
         ("convert", "{file}", "out.mdd", "-q"),
         ("convert", "{file}", "out.npz", "--scene", "good.json", "--frames", ":1", "-q"),
+        ("info", "{file}"),
+        ("new", "{file}", "-o", "made.json", "-q"),
     ],
     "checkpoint": [
         ("estimate", "good.json", "--target", "good.npz", "--resume", "--checkpoint", "{file}", *FIT),
@@ -60,10 +62,15 @@ FITS = {
 """Commands that take longer, tried more rarely."""
 
 
+BLENDER = Path(__file__).parents[1] / "formats" / "blender"
 SUFFIXES = {"scene": ".json", "motion": ".npz", "checkpoint": ".checkpoint"}
-TEXTS = (".obj", ".trc", ".csv")
-FOREIGN = (*TEXTS, ".pc2", ".mdd", ".glb", ".c3d")
-"""Suffixes of motions of other programs; there is a good file of each. USD, in a process of its own, is slow."""
+TEXTS = (".obj", ".trc", ".csv", ".gltf")
+WRITTEN = (*TEXTS, ".pc2", ".mdd", ".glb", ".c3d")
+BLENDERS = {".abc": ["sheet.abc"], ".stl": ["sheet-binary.stl", "sheet-text.stl"]}
+FOREIGN = (*WRITTEN, *BLENDERS)
+"""Suffixes of motions of other programs; there is a good file of each, where this program does not write it of Blender.
+USD, in a process of its own, is slow.
+"""
 
 
 @dataclass(frozen=True)
@@ -95,7 +102,7 @@ def workplace(folder: str, warm: bool = True) -> Iterator[None]:
         Path("good.json").write_text(json.dumps(scene()))
         np.savez("good.npz", **motion())  # type: ignore[arg-type]
         np.savez("whole.npz", positions=motion()["positions"][:1])
-        for suffix in FOREIGN:
+        for suffix in WRITTEN:
             judged(("convert", "whole.npz", f"good{suffix}", "--fps", "50", "--scene", "good.json"))
         arguments = ("estimate", "good.json", "--target", "good.npz", "--checkpoint", "good.checkpoint", *FIT)
         if warm:  # compiling is not what is timed
@@ -119,8 +126,10 @@ def case(chance: Random) -> Case:
 
 def foreign_bytes(chance: Random, suffix: str) -> bytes:
     """A damaged motion of another program; of a text, often one with another word in it."""
-    data = Path(f"good{suffix}").read_bytes()
-    return with_token(chance, data) if suffix in TEXTS and chance.random() < 0.6 else damaged(chance, data)
+    file = BLENDER / chance.choice(BLENDERS[suffix]) if suffix in BLENDERS else Path(f"good{suffix}")
+    data = file.read_bytes()
+    text = suffix in TEXTS or file.stem.endswith("text")
+    return with_token(chance, data) if text and chance.random() < 0.6 else damaged(chance, data)
 
 
 def checkpoint_bytes(chance: Random) -> bytes:
