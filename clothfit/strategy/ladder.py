@@ -29,13 +29,16 @@ from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, MODEL_NAMES, MODELS
 from clothfit.scene.scene import Scene
-from clothfit.strategy.trajectory_fit import FIRST_WINDOW, loosened, window_lengths
+from clothfit.strategy import gravity_direction
+from clothfit.strategy.trajectory_fit import FIRST_WINDOW, is_long, loosened, window_lengths
 
 FEW_VALUES = 16
 """Values up to which a step of Gauss–Newton costs no more than a few gradients."""
 
-FIRST_STEPS, LATER_STEPS = 4, 2
-"""Steps of Gauss–Newton in the first window and in each later one, which goes on from near its minimum."""
+FIRST_STEPS, LATER_STEPS = 8, 4
+"""Steps of Gauss–Newton in the first window and in each later one, which goes on from near its minimum; half as many of
+a long fit.
+"""
 
 WINDOW_SAVING, HASTY = 0.05, Patience(1, 0.05, 0.05)
 """Relative savings that end a window."""
@@ -142,14 +145,34 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
             carried(search, part, through_windows)
     method = preconditioned.one_round if rough else preconditioned.minimise
     carried(search, part_of(search, model, search.best.p), method)
+    if not rough and turning_pays(search):
+        part = part_of(search, model, search.best.p, turned=True)
+        if part.fitted.sum() <= FEW_VALUES:
+            carried(search, part, through_windows)
+        carried(search, part_of(search, model, search.best.p, turned=True), method)
 
 
-def part_of(search: Search, model: str, p: Array) -> Search:
-    """A search by the parameters of a model, from the values p (P,) of the whole search."""
+def turning_pays(search: Search) -> bool:
+    """Whether another direction of gravity saves enough at the best point, beside the values of the coarsest model."""
+    scene = search.objective.scene
+    if not gravity_direction.held(scene).any():
+        return False
+    try:
+        return gravity_direction.pays(part_of(search, models(scene)[0], search.best.p, turned=True))
+    finally:
+        search.progress.p = search.best.p
+
+
+def part_of(search: Search, model: str, p: Array, turned: bool = False) -> Search:
+    """A search by the parameters of a model, from the values p (P,) of the whole search; gravity keeps its direction
+    unless it may be `turned`.
+    """
     whole = search.objective
     scene = as_model(with_parameters(whole.scene, p), model)
     objective = whole.flagging(scene, max(STAGE_TOLERANCE, whole.tolerance))
     part = search.beside(objective, parameters(scene), search.best.cost if p is search.best.p else np.inf)
+    if not turned:
+        part.fitted = part.fitted & ~gravity_direction.held(scene)
     part.enter(MODEL_NAMES[model])
     return part
 
@@ -195,7 +218,7 @@ def through_windows(own: Search, windows: slice = slice(None)) -> Array:
         own.enter("windows", window)
         if own.is_late or not own.has_time(pace * window.steps) or not np.isfinite(part.cost(y)):
             break
-        y = some_steps(part, y, LATER_STEPS if number else FIRST_STEPS)
+        y = some_steps(part, y, (LATER_STEPS if number else FIRST_STEPS) // (2 if is_long(own) else 1))
         pace = (own.progress.computing - began) / window.steps
         own.visit(own.parameters(y))
     return own.parameters(y)
