@@ -154,7 +154,7 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
 
 def turning_pays(search: Search) -> bool:
     """Whether another direction of gravity saves enough at the best point, beside the values of the coarsest model."""
-    scene = search.objective.scene
+    scene = with_parameters(search.objective.scene, search.best.p)
     if not gravity_direction.held(scene).any():
         return False
     try:
