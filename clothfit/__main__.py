@@ -6,10 +6,11 @@ quietly as later on.
 
 from __future__ import annotations
 
+# what `signal` wraps: while that makes its enumerations, Ctrl-C would end with a traceback
+import _signal as signal  # type: ignore[import-not-found]
 import atexit
 import gc
 import os
-import signal
 
 TYPE_CHECKING = False  # what `typing` calls so is true for type checkers only, but takes 10 ms to import
 if TYPE_CHECKING:

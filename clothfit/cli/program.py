@@ -6,19 +6,21 @@ without reaching its tolerance, 130 interrupted.
 
 from __future__ import annotations
 
+import _thread
 import errno
 import io
 import os
 import re
 import signal
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from itertools import groupby
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 
@@ -33,6 +35,14 @@ from clothfit.cli.common.output import Printed
 from clothfit.cli.common.streams import results_apart
 
 _last_request = -SAME_REQUEST
+
+CALLBACKS = {
+    ("<frozen importlib._bootstrap>", "cb"), ("weakref.py", "remove"), ("_weakrefset.py", "_remove"),
+}  # fmt: skip
+"""Files and functions of Python's own callbacks on references that end."""
+
+LATER = 0.01
+"""Seconds after which a request that arrived in one of them comes again."""
 
 OBJ_SUFFIX = ".obj"
 FEWEST = 3
@@ -202,16 +212,30 @@ def _pattern(names: list[str]) -> str | None:
     return None
 
 
-def _interrupt(number: int, frame: object) -> None:
+def _interrupt(number: int, frame: Any) -> None:
     """End at the first request, Ctrl-C or a polite one; a fit then writes the best so far.
 
-    Repetitions within a moment are one request: the second of a double Ctrl-C must not hit the writing.
+    Repetitions within a moment are one request: the second of a double Ctrl-C must not hit the writing. A request that
+    arrives where its exception would be lost comes again a moment later.
     """
     global _last_request
+    if _loses_exceptions(frame):
+        threading.Timer(LATER, _thread.interrupt_main, (number,)).start()
+        return
     before, _last_request = _last_request, time.monotonic()
     if _last_request - before > SAME_REQUEST:
         interrupts.request()
         raise KeyboardInterrupt
+
+
+def _loses_exceptions(frame: Any) -> bool:
+    """Whether a frame runs within a callback from which Python lets no exception out, as while modules are imported."""
+    while frame is not None:
+        name = frame.f_code.co_name
+        if name == "__del__" or (os.path.basename(frame.f_code.co_filename), name) in CALLBACKS:
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _open_streams() -> None:

@@ -3,9 +3,12 @@
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 from helpers.scenes import environment, needs_compiler, trial, write_scene
+
+from clothfit.cli.program import _interrupt
 
 pytestmark = pytest.mark.slow  # starts processes
 
@@ -91,3 +94,16 @@ def test_an_interrupt_in_the_first_compilation_is_one_line(tmp_path):
     assert (done.returncode, done.stdout) == (130, b"")
     assert done.stderr.decode().splitlines()[-1] == "error: interrupted"
     assert b"Traceback" not in done.stderr
+
+
+# As importlib's callback of a module's lock, and a destructor.
+CALLBACKS = [("<frozen importlib._bootstrap>", "cb"), ("/usr/lib/python/weakref.py", "remove"), ("any.py", "__del__")]
+
+
+@pytest.mark.parametrize(("file", "name"), CALLBACKS)
+def test_an_interrupt_where_its_exception_would_be_lost_comes_later(file, name):
+    space = {"interrupt": _interrupt, "frame": sys._getframe, "number": int(signal.SIGINT)}
+    exec(compile(f"def {name}():\n    interrupt(number, frame())\n    return 'went on'", file, "exec"), space)
+    assert space[name]() == "went on"
+    with pytest.raises(KeyboardInterrupt):
+        time.sleep(10.0)  # by Python's own handler, which is that of tests
