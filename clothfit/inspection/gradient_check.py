@@ -49,6 +49,9 @@ CHECKED_VERTEX_STEPS = 30_000
 
 LOOSER_TOLERANCE = 10.0  # times the tolerance of the linear systems, to estimate rounding
 
+LEAST_SQUARED = SMALLEST_FLOAT**0.5
+"""Length, m, of which the square is the smallest that doubles hold in full."""
+
 
 @dataclass(frozen=True)
 class SceneCheck:
@@ -190,7 +193,9 @@ def product(
     found = both(objective, p, changes)
     varied = both(other, nudged(p), other.tangent(nudged(p), d))
     size = max(float(np.abs(found).max()), SMALLEST_FLOAT)
-    blur = float(np.abs(varied - found).sum()) / size + rounding
+    farthest = max((float(np.abs(change).max(initial=0.0)) for change in changes), default=0.0)
+    lost = LEAST_SQUARED / max(farthest, SMALLEST_FLOAT)  # solvers sum squares
+    blur = float(np.abs(varied - found).sum()) / size + rounding + lost
     return judged("dot product", blur, float(abs(found[1] - found[0])) / size, PRODUCT)
 
 

@@ -204,6 +204,17 @@ def test_where_values_move_nothing_by_a_rounding_nothing_is_called_wrong():
         assert check_scene(load_text(json.dumps(made)), frames=3).verdict == "unclear"
 
 
+@pytest.mark.parametrize(("size", "verdict"), [(1e-160, "unclear"), (1e-120, "passed")])
+def test_where_squares_of_lengths_vanish_nothing_is_called_wrong(size, verdict):
+    """Solvers sum squares of lengths: those of 1e-160 m are 0 in doubles, those of 1e-120 m are not."""
+    made = trial("nL", 3, 3, 3)
+    own = made["objects"][0]
+    own["vertPos"] = [{axis: size * value for axis, value in at.items()} for at in own["vertPos"]]
+    made["gravity"], made["windVel"] = xyz((0, -9.81 * size, 0)), xyz((0, 0, 0))
+    with np.errstate(all="ignore"):
+        assert check_scene(load_text(json.dumps(made)), frames=3).tests[2].verdict == verdict
+
+
 def test_the_rounding_of_positions_counts_relative_to_what_the_motions_differ_by():
     made = scene(sheet("LL"))
     truth = simulate(with_parameters(made, 1.1 * parameters(made)))
