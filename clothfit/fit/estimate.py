@@ -47,7 +47,7 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
 from clothfit.scene.bounds import from_user
 from clothfit.scene.fit_vector import fitted_cloths, parameters
-from clothfit.scene.scene import Scene, check_is_scene
+from clothfit.scene.scene import Scene, check_is_scene, load
 from clothfit.strategy import step_choice
 from clothfit.strategy.auto import by_ladder, by_momentum, find, models_left, one_value_each, resumed
 from clothfit.strategy.ladder import as_model
@@ -66,7 +66,7 @@ def record_target(scene: Scene, frames: int | None = None, tolerance: float | No
 def estimate(
     scene: Scene,
     target: Targets | None = None,
-    start: float | Array | Scene | None = None,
+    start: float | Array | Scene | str | os.PathLike[str] | None = None,
     method: str = "auto",
     *,
     budget: str | float | None = None,
@@ -110,10 +110,11 @@ def estimate(
     hold-out, clock, placement or loss; `rmse` is the root of the cost.
 
     With a target the fit starts from the scene's values. `start` replaces them: a number for all masses and
-    stiffnesses (for all values, where neither are fitted), an array (P,), or a scene whose values to take. `method` is
-    "auto", "momentum", "gauss-newton", or the name of a minimiser of SciPy. The fit ends after `max_evaluations` of
-    cost and gradient (default: 1000), or below an error of `rmse`, m (with other objectives in the unit of what they
-    compare; default: 1e-8, or half a unit in the last place of the target's numbers where they are float32 or text).
+    stiffnesses (for all values, where neither are fitted), an array (P,), or a scene, or the path of one,
+    whose values to take. `method` is "auto", "momentum", "gauss-newton", or the name of a minimiser of SciPy. The fit
+    ends after `max_evaluations` of cost and gradient (default: 1000), or below an error of `rmse`, m (with other
+    objectives in the unit of what they compare; default: 1e-8, or half a unit in the last place of the target's numbers
+    where they are float32 or text).
     `tolerance` is that of the linear systems, relative. `on_progress` is called with a `Progress` after each
     evaluation, and now and then while a step of thousands of values is computed.
 
@@ -158,7 +159,8 @@ def estimate(
     check_is_scene(scene)
     named = {name: given[name] for name in Keywords.__annotations__ if name in given}
     options = replace(options_of("estimate", named | older), checkpoint=checkpoint, resume=resume)
-    return fit(scene, target, start, options)
+    first = load(start) if isinstance(start, (str, os.PathLike)) else start
+    return fit(scene, target, first, options)
 
 
 def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | None, options: FitOptions) -> Fit:

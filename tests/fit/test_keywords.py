@@ -148,6 +148,17 @@ def test_costs_evaluations_and_pages_take_a_path_as_well(scene, files):
     assert clothfit.report_page(scene, guess, path, frames=6) == clothfit.report_page(scene, guess, motion, frames=6)
 
 
+def test_a_start_may_be_the_path_of_a_scene(scene, tmp_path):
+    guess = clothfit.with_parameters(scene, 1.5 * clothfit.parameters(scene))
+    clothfit.save(guess, tmp_path / "guess.json")
+    motion = clothfit.simulate(scene)
+    options = {"max_evaluations": 2, "method": "l-bfgs-b", "intervals": False}
+    by_path, by_scene = (clothfit.estimate(scene, motion, one, **options) for one in (tmp_path / "guess.json", guess))
+    assert by_path.cost == by_scene.cost > 0
+    with pytest.raises(clothfit.InvalidScene, match=r"nothing\.json: there is no such file"):
+        clothfit.estimate(scene, motion, "nothing.json")
+
+
 def test_a_path_that_cannot_be_loaded_is_an_invalid_motion(scene):
     with pytest.raises(clothfit.InvalidMotion, match=r"nothing\.npz: there is no such file"):
         clothfit.estimate(scene, "nothing.npz")
