@@ -332,7 +332,7 @@ def test_what_is_no_scene_at_all_is_code_3_and_one_line(capsys, tmp_path, text, 
     refused(capsys, tmp_path, str(tmp_path / "scene.json"), message)
 
 
-@pytest.mark.parametrize(("name", "message"), [("absent.json", "No such file or directory"), (".", "Is a directory")])
+@pytest.mark.parametrize(("name", "message"), [("absent.json", "there is no such file"), (".", "Is a directory")])
 def test_what_cannot_be_read_is_code_3(capsys, tmp_path, name, message):
     assert run(["simulate", str(tmp_path / name)]) == 3
     assert message in capsys.readouterr().err
