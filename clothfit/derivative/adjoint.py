@@ -15,6 +15,7 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Elements
+from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.rollout import Rollout, Taken
 from clothfit.engine.solve import guess, linear
@@ -130,6 +131,7 @@ def sweep_back(system, chunk, by_position, begin, end, tolerance, work, before, 
         add(1.0, by_position[t + 1], x_bar)
         v, w = velocity(chunk, t), velocities(chunk, t)
         guess.advance(work.past, before + end - 1 - t, work.solution)
+        set_inputs(system, chunk.first + t)
         transition.pullback(system, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
 
 
@@ -142,6 +144,7 @@ def sweep_forward(system, chunk, begin, end, direction, tolerance, work, dx, dv,
     for t in range(begin, end):
         v, w = velocity(chunk, t), velocities(chunk, t)
         guess.advance(work.past, chunk.first + t, work.solution)
+        set_inputs(system, chunk.first + t)
         transition.pushforward(system, x[t], v, w, used[t], theta[t], tolerance, work, dx, dv, direction)
         copy(dx, change[t])
 
@@ -158,6 +161,7 @@ def sweep_bdf2_back(
         add(1.0, by_position[t + 1], x_bar)
         v, w, (x_before, v_before) = velocity(chunk, t), velocities(chunk, t), state_before(chunk, t)
         guess.advance(work.past, before + end - 1 - t, work.solution)
+        set_inputs(euler, chunk.first + t)
         if chunk.euler[t]:
             implicit.pullback(euler, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
             for bar, rest in ((x_bar, x_rest), (v_bar, v_rest)):
@@ -177,6 +181,7 @@ def sweep_bdf2_forward(
     for t in range(begin, end):
         v, w, (x_before, v_before) = velocity(chunk, t), velocities(chunk, t), state_before(chunk, t)
         guess.advance(work.past, chunk.first + t, work.solution)
+        set_inputs(euler, chunk.first + t)
         if chunk.euler[t]:
             copy(dx, dx_before)
             copy(dv, dv_before)

@@ -21,6 +21,7 @@ from clothfit.derivative import adjoint, block_cholesky
 from clothfit.derivative.adjoint import Observer, TrajectoryMemory
 from clothfit.derivative.stencil import stencil
 from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian
+from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.rollout import Rollout, Taken
 from clothfit.engine.solve import sparse
@@ -127,6 +128,7 @@ class Carried:
 
     def through(self, chunk: Rollout, t: int) -> None:
         """Step t of a chunk of the motion."""
+        set_inputs(self.system, chunk.first + t)
         at = point(self.taken.at(chunk, t), chunk, t, self.work)
         iterates, theta = velocities(chunk, t), chunk.theta[t]
         dw = self.start(at)

@@ -16,6 +16,7 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.memory import check_memory
 from clothfit.engine import march
+from clothfit.engine.inputs.tables import check_steps
 from clothfit.engine.solve import linear
 from clothfit.engine.step import bdf2, implicit
 from clothfit.engine.system import BDF2, IMPLICIT, System, clamped, early
@@ -128,6 +129,7 @@ def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]
 
     Returns the rollout and how many of its steps are good: fewer than `steps` when the motion diverged.
     """
+    check_steps(system.inputs, steps)
     check_memory(steps + 1, len(system.x0), iterations_of(system))
     whole = empty(system, steps)
     return whole, fill(system, tolerance, implicit.workspace(system), whole)

@@ -13,6 +13,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Elements, Flags
 from clothfit.engine.forces import spheres, springs, vertex, wind
+from clothfit.engine.inputs import sampling, tables
 from clothfit.engine.solve import sparse
 from clothfit.scene.scene import Scene
 
@@ -34,10 +35,13 @@ class System(NamedTuple):
     faces: wind.Faces
     spheres: spheres.Spheres
     pattern: sparse.Pattern  # of the step's matrix
+    inputs: tables.Inputs  # what changes over time
 
 
-def build(scene: Scene, index: int, air: bool = False) -> System:
-    """The System of cloth `index` of the scene; `air` keeps its faces even where the scene gives them no drag."""
+def build(scene: Scene, index: int, air: bool = False, steps: int | None = None) -> System:
+    """The System of cloth `index` of the scene, for motions of so many steps, those of the scene unless it is said;
+    `air` keeps its faces even where the scene gives them no drag. Raises InvalidScene, for inputs in files.
+    """
     cloth = scene.cloths[index]
     pattern, slot = sparse.pattern(cloth.springs, ~cloth.fixed)
     return System(
@@ -52,6 +56,7 @@ def build(scene: Scene, index: int, air: bool = False) -> System:
         faces=wind.build(np.array(cloth.triangles), cloth.drag, scene.wind, air or cloth.mode("drag") != "n"),
         spheres=spheres.build([s.centre for s in scene.spheres], [s.radius for s in scene.spheres]),
         pattern=pattern,
+        inputs=sampling.build(scene, cloth, scene.frames - 1 if steps is None else steps),
     )
 
 
@@ -74,11 +79,23 @@ def with_elements(system: System, values: Elements) -> System:
         v0 = held(values.velocity, ~point.free)
     if len(values.rest):
         spring = spring._replace(rest=np.array(values.rest, float))
-    if len(values.wind):
-        face = face._replace(wind=np.array(values.wind, float))
-    if len(values.gravity):
-        point = point._replace(gravity=np.array(values.gravity, float))
-    return system._replace(v0=v0, vertex=point, springs=spring, faces=face)
+    made = system._replace(v0=v0, vertex=point, springs=spring, faces=face)
+    return with_bases(made, values)
+
+
+def with_bases(system: System, values: Elements) -> System:
+    """A system with inputs over time whose constant parts are these values, where they are not empty, and with memory
+    of its own for those of the step that is computed.
+    """
+    inputs = system.inputs
+    wind = np.array(values.wind if len(values.wind) else inputs.wind_base, float)
+    gravity = np.array(values.gravity if len(values.gravity) else inputs.gravity_base, float)
+    return system._replace(
+        vertex=system.vertex._replace(gravity=gravity.copy()),
+        faces=system.faces._replace(wind=wind.copy()),
+        spheres=system.spheres._replace(centre=system.spheres.centre.copy()),
+        inputs=inputs._replace(wind_base=wind, gravity_base=gravity, place=inputs.place.copy()),
+    )
 
 
 def clamped(system: System) -> System:
@@ -100,8 +117,8 @@ def all_elements(system: System) -> Elements:
         drag=np.array([system.faces.drag]),
         velocity=system.v0.copy(),
         rest=system.springs.rest.copy(),
-        wind=system.faces.wind.copy(),
-        gravity=system.vertex.gravity.copy(),
+        wind=system.inputs.wind_base.copy(),
+        gravity=system.inputs.gravity_base.copy(),
     )
 
 

@@ -18,6 +18,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import human
 from clothfit.engine.fallbacks import NO_FALLBACKS
+from clothfit.engine.inputs.tables import check_steps
 from clothfit.engine.rollout import STRETCH, Rollout, empty, fill, iterations_of, state_bytes
 from clothfit.engine.snapshots import Plan
 from clothfit.engine.solve.guess import Past
@@ -55,6 +56,7 @@ class Tape:
 
     def __init__(self, system: System, steps: int, tolerance: float, plan: Plan | None = None) -> None:
         """Without a plan the motion only goes forwards. Raises InvalidInput where its parts do not fit into memory."""
+        check_steps(system.inputs, steps)
         self.system, self.steps, self.tolerance = system, steps, tolerance
         iterations = iterations_of(system)
         self.plan = plan or Plan(min(max(steps, 1), max(SHORTEST_PART, STRETCH // (len(system.x0) * iterations))))

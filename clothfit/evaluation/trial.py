@@ -60,7 +60,7 @@ def run(scene: Scene, setting: Setting, steps: int) -> tuple[float, list[Rollout
     applied, tolerance = setting.applied(scene), setting.tolerance or scene.tolerance
     seconds, found, good = 0.0, [], True
     for index in range(len(scene.cloths)):
-        system = build(applied, index)
+        system = build(applied, index, steps=steps)
         with undisturbed():
             began = time.perf_counter()
             memory, end = rollout(system, steps, tolerance)

@@ -122,7 +122,7 @@ def energies(scene: Scene, motion: Motion) -> Energy:
             f"{motion.name}: energies need every vertex, and a frame after every step of {scene.delta:.4g} s; give a "
             "motion as `simulate` makes it"
         )
-    parts = [balances(build(scene, index), motion.of(index)) for index in range(len(scene.cloths))]
+    parts = [balances(build(scene, index, steps=len(steps) - 1), motion.of(index)) for index in range(len(scene.cloths))]
     kinetic, elastic, gravity, contact, *given = np.sum(parts, axis=0).T
     blown, damped, dragged = np.cumsum(given, axis=1)
     return Energy(motion.times, kinetic, elastic, gravity - gravity[0], contact, blown, -damped, -dragged)

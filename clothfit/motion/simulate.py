@@ -45,7 +45,7 @@ def simulate_cloths(
     motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
     remedies, good, fault = NO_FALLBACKS, count - 1, None
     for index in cloths:
-        tape, last = Tape(build(scene, index), count - 1, accuracy), None
+        tape, last = Tape(build(scene, index, steps=count - 1), count - 1, accuracy), None
         for part in tape.forward():
             motion.of(index)[part.first : part.first + part.steps + 1] = part.x
             last = last_states(part, last)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.scene import array_checks as checks
 from clothfit.scene.bounds import Bounds
+from clothfit.scene.keys import Keys, Pin
 from clothfit.scene.kinds import LETTERED, Kind
 from clothfit.scene.weave.layout import NOTHING, Layout
 
@@ -34,6 +35,7 @@ class Cloth:
     fits: Mapping[str, str]  # what else to fit: "damping", "drag", "velocity", "rest" to one of their modes
     layout: Layout = NOTHING  # what the file says of families, regions and the warp
     bounds: Bounds = field(default_factory=dict)  # of a fit, by kind, before those of the scene
+    pins: tuple[Pin, ...] = ()  # fixed vertices that move
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -67,10 +69,11 @@ class Cloth:
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """A fixed sphere that the cloths cannot enter."""
+    """A sphere that the cloths cannot enter."""
 
     centre: Array  # (3,) m, read-only
     radius: float  # m, above 0
+    position: Keys | None = None  # how far the centre moves over time, m
 
     def __post_init__(self) -> None:
         self.centre.setflags(write=False)

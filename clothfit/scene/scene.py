@@ -26,6 +26,7 @@ from clothfit.scene import schema as structure
 from clothfit.scene.block import Block, flagged
 from clothfit.scene.bounds import Bounds, from_file
 from clothfit.scene.cloth import Cloth, Sphere
+from clothfit.scene.keys import Keys, keys, pins
 from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
 from clothfit.scene.splice import Optional, splice
 from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read
@@ -56,6 +57,8 @@ class Scene:
     name: str  # of the file, for messages
     source: Source  # original text, for saving
     bounds: Bounds = field(default_factory=dict)  # of a fit, by kind; those of an object go before
+    wind_keys: Keys | None = None  # what is added to the wind over time, m/s
+    gravity_keys: Keys | None = None  # what is added to the gravity, m/s²
     main: Scene | None = None  # whose values the factors of modes F, R and M multiply; None: this one's
 
     def __post_init__(self) -> None:
@@ -70,6 +73,11 @@ class Scene:
             f"{INTEGRATORS[self.method]}", f"{counted(values, 'value', 'values')} to fit",
         ]  # fmt: skip
         return f"<Scene {self.name}: {', '.join(sizes)}>"
+
+    @property
+    def changes(self) -> bool:
+        """Whether wind, gravity or an obstacle changes over time."""
+        return bool(self.wind_keys or self.gravity_keys or any(sphere.position for sphere in self.spheres))
 
     @property
     def vertex_counts(self) -> tuple[int, ...]:
@@ -163,13 +171,15 @@ def load(path_or_file: Readable) -> Scene:
     if problems:
         raise InvalidScene(problems, name)
     document = {**structure.defaults("scene"), **parsed.document}
-    cloths = tuple(_cloth(item, f"objects[{i}]", problems) for i, item in enumerate(document["objects"]))
+    folder = os.path.dirname(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else ""
+    cloths = tuple(_cloth(item, f"objects[{i}]", folder, problems) for i, item in enumerate(document["objects"]))
+    inputs = _inputs(document, folder, problems)
     if parsed.constants and not problems:  # one in a field that is not ours
         problems.append(constant_problem(source))
     asked = from_file(document["fit"].get("bounds", {}), KINDS, "fit.bounds", problems)
     if problems:
         raise InvalidScene(problems, name)
-    return _scene(document, tuple(cloth for cloth in cloths if cloth), asked, name, source)
+    return _scene(document, tuple(cloth for cloth in cloths if cloth), inputs, asked, name, source)
 
 
 def save(scene: Scene, path_or_file: str | os.PathLike[str] | IO[str] | IO[bytes]) -> None:
@@ -222,7 +232,17 @@ def _plain(owner: Cloth | Scene, kind: Kind) -> Any:
     return Optional(plain, not np.array_equal(value, owner.default(kind)))
 
 
-def _scene(document: dict[str, Any], cloths: tuple[Cloth, ...], asked: Bounds, name: str, source: Source) -> Scene:
+def _inputs(document: dict[str, Any], folder: str, problems: list[str]) -> list[Keys | None]:
+    """The keys of the wind, of the gravity, and of the position of each collider."""
+    found = [keys(document.get(name), name, folder, problems) for name in ("windVelKeys", "gravityKeys")]
+    colliders = enumerate(document["colliders"])
+    return found + [keys(item.get("posKeys"), f"colliders[{i}].posKeys", folder, problems) for i, item in colliders]
+
+
+def _scene(
+    document: dict[str, Any], cloths: tuple[Cloth, ...], inputs: list[Keys | None], asked: Bounds, name: str,
+    source: Source,
+) -> Scene:  # fmt: skip
     colliders = document["colliders"]
     planes = [i for i, item in enumerate(colliders) if item["type"] != SPHERE]
     more = f" (and {len(planes) - 1} more)" if len(planes) > 1 else ""
@@ -238,19 +258,22 @@ def _scene(document: dict[str, Any], cloths: tuple[Cloth, ...], asked: Bounds, n
         fits=_fits(document["fit"], SCENE_KINDS),
         bounds=asked,
         cloths=cloths,
-        spheres=tuple(_sphere(item) for item in colliders if item["type"] == SPHERE),
+        spheres=tuple(_sphere(*each) for each in zip(colliders, inputs[2:], strict=True) if each[0]["type"] == SPHERE),
         warnings=tuple(f"colliders[{i}]: planes are ignored, as in the editor{more}" for i in planes[:1]),
         name=name,
         source=source,
+        wind_keys=inputs[0],
+        gravity_keys=inputs[1],
     )
 
 
-def _cloth(item: dict[str, Any], place: str, problems: list[str]) -> Cloth | None:
+def _cloth(item: dict[str, Any], place: str, folder: str, problems: list[str]) -> Cloth | None:
     item = {**structure.defaults("object"), **item}
     arrays, layout = checks.arrays(item, place, problems), layout_of(item, place, problems)
     asked = from_file(item["fit"].get("bounds", {}), CLOTH_KINDS, f"{place}.fit.bounds", problems)
     if arrays is None:
         return None
+    pinned = pins(item.get("pins", ()), arrays.fixed, place, folder, problems)
     return Cloth(
         **arrays._asdict(),
         drag=float(item["dragCoefficient"]),
@@ -259,6 +282,7 @@ def _cloth(item: dict[str, Any], place: str, problems: list[str]) -> Cloth | Non
         fits=_fits(item["fit"], CLOTH_KINDS),
         layout=layout,
         bounds=asked,
+        pins=pinned,
     )
 
 
@@ -269,8 +293,8 @@ def _fits(asked: dict[str, Any], kinds: Sequence[Kind]) -> dict[str, str]:
     return {name: mode for name, mode in modes.items() if mode != "n"}
 
 
-def _sphere(item: dict[str, Any]) -> Sphere:
-    return Sphere(_vector(item["pos"]), float(item["scale"]["x"]) / 2)
+def _sphere(item: dict[str, Any], position: Keys | None) -> Sphere:
+    return Sphere(_vector(item["pos"]), float(item["scale"]["x"]) / 2, position)
 
 
 def _vector(item: dict[str, Any]) -> Array:

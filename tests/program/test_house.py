@@ -17,7 +17,7 @@ FOLDERS = [
 ]  # fmt: skip
 """From the bottom to the top: the path of the data."""
 
-ENGINE = ["solve", "forces", "system", "step", "march", "rollout", "tape"]
+ENGINE = ["solve", "forces", "inputs", "system", "step", "march", "rollout", "tape"]
 """The floors of the engine, from the bottom to the top; what is not here imports as it likes within the engine."""
 
 LARGEST = 16

@@ -196,6 +196,16 @@ def add_step(springs, y, u, h, ahead, A, b):
 
 
 @kernel
+def pull_of(springs, y, i, h, w):
+    """(h² K + h D) w at y on one end of spring i, for a velocity w of its other end."""
+    _, inverse, d = axis(springs, y, i)
+    hat, _ = capped(springs, springs.rest[i] * inverse)
+    k = springs.stiffness[i]
+    along = h * k * (h * hat + springs.damping) * dot(d, w)
+    return fma(splat(h * h * k * (1.0 - hat)), w, mul(splat(along), d))
+
+
+@kernel
 def measure(springs, y, begin, end, e, size):
     """Write e of the springs `begin` to below `end` to the rows of e, and 1/L, L − L₀ and ρ̂ to those of size (3, ·); of
     springs of zero length as `axis` does.

@@ -25,6 +25,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.engine.forces import total
+from clothfit.engine.inputs.tables import add_coupling, set_pins
 from clothfit.engine.solve import guess, linear, sparse
 from clothfit.engine.system import System
 from clothfit.kernels.kernel import kernel
@@ -92,6 +93,7 @@ def prepare(system, x, v, work):
     """
     stored = assemble(system, x, v, False, work.A, work.b)
     kinetic, power = add_momentum(system.vertex, v, work.b)
+    add_coupling(system, x, x, work.b)
     return kinetic + stored, power
 
 
@@ -131,6 +133,7 @@ def step(system, x, v, first, tolerance, work, iterates):
         more, more_direct, solved = linear.solve(A, b, tolerance, work.solver, iterates[k], anyhow)
         iterations += more
         direct += more_direct
+        set_pins(system, x, iterates[k])
         if not solved:
             return 0, iterations, direct
         if k > 0 and more == 0 and more_direct == 0:

@@ -1,0 +1,6 @@
+"""Inputs over time: wind, gravity, pins and colliders that move.
+
+files (keys that come from a file) → sampling (values at the times of the steps) → tables (what a step reads of them).
+A scene without keys has empty tables, and its steps do nothing more than a comparison. Inputs are those at the end of a
+step for the implicit methods, at its beginning for the explicit ones; a pin is on its path at every step's end.
+"""

@@ -1,0 +1,142 @@
+"""Keys that come from a file: a table of this kind of numbers, or points of a motion in any format that is read.
+
+A table is a `.csv` with the columns time, x, y, z, in s and in the unit of what the keys change, or an `.npz` with
+`times` (K,) and `values` (K, 3). All else is a motion: its points are turned into the scene's axes and metres.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from clothfit.base import npz
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput, InvalidMotion, InvalidScene
+from clothfit.base.reading import unchanged
+from clothfit.formats.animation import ASSUMED_RATE, with_gaps
+from clothfit.formats.axes import to_scene
+from clothfit.formats.convention import Reading
+from clothfit.formats.files import content, name_of, refused
+from clothfit.formats.registry import foreign, read
+from clothfit.scene.keys import Keys, times_problem
+
+MOST_TEXT = 1 << 28
+"""Bytes of a table, at most."""
+
+
+def resolved(keys: Keys) -> Keys:
+    """Keys with their numbers. Raises InvalidScene, with the place in the scene, where their file does not have them.
+    """
+    if keys.file is None:
+        return keys
+    try:
+        status = os.stat(keys.file)
+        stamp = (status.st_ino, status.st_size, status.st_mtime_ns)
+    except (OSError, ValueError):
+        stamp = None
+    try:
+        times, values = numbers(keys.file, keys.points, tuple(sorted(keys.said.items())), stamp)
+    except (InvalidMotion, InvalidInput) as error:
+        raise InvalidScene(f"{keys.place}.file: {error}") from None
+    return replace(keys, times=times, values=values)
+
+
+@lru_cache(maxsize=32)
+def numbers(path: str, points: tuple[int, ...], said: tuple[tuple[str, Any], ...], stamp: Any) -> tuple[Array, Array]:
+    """The times (K,), s, and values (K, 3) or (K, P, 3) of a file that has this `stamp`, its size and age. Raises
+    InvalidMotion, InvalidInput.
+    """
+    reading = Reading(**dict(said))
+    suffix = os.path.splitext(path)[1].lower()
+    table = csv_table(path) if suffix == ".csv" else npz_table(path) if suffix == ".npz" else None
+    if table is not None:
+        times, values = table
+        if points:
+            raise InvalidInput(f"{name_of(path)}: is a table of one signal; points belong to a motion")
+    else:
+        times, values = motion_of(path, reading)
+        if points and max(points) >= values.shape[1]:
+            raise InvalidInput(f"{name_of(path)}: there is no point {max(points)}; it has {values.shape[1]}, from 0")
+        values = values[:, list(points)] if points else values
+    wrong = times_problem(times, len(values))
+    if wrong:
+        raise InvalidMotion(f"{name_of(path)}: {wrong[0]}: {wrong[1]}")
+    if not (np.isfinite(values).all() and np.isfinite(times).all()):
+        raise InvalidMotion(f"{name_of(path)}: has gaps or numbers that are not finite; an input needs all of them")
+    return times, values
+
+
+def csv_table(path: str) -> tuple[Array, Array] | None:
+    """The times and values of a CSV with four columns, of which the first line may name them; None for any other."""
+    text = content(path, MOST_TEXT).decode("utf-8-sig", errors="replace")
+    rows = [row for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
+    if not rows or any(len(row) != 4 for row in rows[:2]):
+        return None
+    found = []
+    for i, row in enumerate(rows):
+        try:
+            found.append([float(cell) for cell in row])
+        except ValueError:
+            if i > 0:
+                reason = f"line {i + 1} is not four numbers: time, x, y, z"
+                raise InvalidMotion(f"{name_of(path)}: {reason}") from None
+        if found and len(row) != 4:
+            raise InvalidMotion(f"{name_of(path)}: line {i + 1} has {len(row)} columns; time, x, y, z are needed")
+    table = np.array(found, float).reshape(-1, 4)
+    return np.ascontiguousarray(table[:, 0]), np.ascontiguousarray(table[:, 1:])
+
+
+def npz_table(path: str) -> tuple[Array, Array] | None:
+    """The arrays `times` and `values` of an archive; None where it has no `values`."""
+    try:
+        with refused(path), unchanged(path) as file:
+            found = npz.stored(file, ("times", "values"), "positions")
+            if "values" not in found:
+                return None
+            if "times" not in found:
+                raise InvalidMotion(f"{name_of(path)}: has values but no times")
+            times, values = (np.asarray(found[name].read(), float) for name in ("times", "values"))
+    except npz.FAULTS as error:
+        raise InvalidMotion(f"{name_of(path)}: is damaged: {error}") from None
+    if times.ndim != 1 or values.ndim != 2 or values.shape[1] != 3:
+        raise InvalidMotion(f"{name_of(path)}: times {times.shape} and values {values.shape}; (K,) and (K, 3) are needed")
+    return times, values
+
+
+def motion_of(path: str, reading: Reading) -> tuple[Array, Array]:
+    """The times (K,), s, and points (K, P, 3), m, of a motion; the first frame is at time 0."""
+    found = foreign(path)
+    if found is None:
+        return own_motion(path, reading)
+    animation = read(found, path)
+    frames = np.arange(len(animation.positions), dtype=float) * animation.spacing
+    if reading.fps is not None:
+        times = frames / reading.fps
+    elif animation.times is not None:
+        times = animation.times - animation.times[0]
+    else:
+        times = frames / ASSUMED_RATE
+    return times, to_scene(with_gaps(animation), reading.axes(animation.axes))
+
+
+def own_motion(path: str, reading: Reading) -> tuple[Array, Array]:
+    """The same of this program's own files, which are in the scene's axes. Raises InvalidMotion."""
+    try:
+        with refused(path), unchanged(path) as file:
+            found = npz.stored(file, ("times", "positions"), "positions")
+            if "positions" not in found:
+                raise InvalidMotion(f"{name_of(path)}: has neither values nor positions")
+            arrays = {name: np.asarray(each.read(), float) for name, each in found.items()}
+    except npz.FAULTS as error:
+        raise InvalidMotion(f"{name_of(path)}: is damaged: {error}") from None
+    positions = arrays["positions"]
+    if positions.ndim != 3 or positions.shape[2] != 3:
+        raise InvalidMotion(f"{name_of(path)}: positions {positions.shape}; (frames, points, 3) are needed")
+    frames = np.arange(len(positions), dtype=float)
+    times = frames / reading.fps if reading.fps else arrays.get("times", frames / ASSUMED_RATE)
+    return times.reshape(-1), positions

@@ -1,0 +1,114 @@
+"""Keys at the times of the steps: interpolation, rotations, and the tables of a cloth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidScene
+from clothfit.engine.inputs.files import resolved
+from clothfit.engine.inputs.tables import Inputs, constant
+from clothfit.scene.cloth import Cloth, Sphere
+from clothfit.scene.keys import Keys, Pin
+from clothfit.scene.scene import Scene
+
+def build(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
+    """The tables of a cloth of the scene for so many steps. Raises InvalidScene for a file that cannot be read or does
+    not fit.
+    """
+    found = constant(scene.wind, scene.gravity, len(scene.spheres))
+    if not scene.changes and not cloth.pins:
+        return found
+    times = scene.delta * np.arange(steps + 1)
+    wind, gravity = (
+        interpolated(resolved(keys), times) if keys else found.wind for keys in (scene.wind_keys, scene.gravity_keys)
+    )
+    centre, path = centres(scene.spheres, times), paths(cloth, times)
+    pinned = [pin.vertices for pin in cloth.pins]
+    pins = np.concatenate(pinned).astype(np.int32) if pinned else found.pins
+    index = np.full(len(cloth.mass) if len(pins) else 0, -1, np.int32)
+    index[pins] = np.arange(len(pins))
+    held = np.isin(cloth.springs, pins)
+    coupled = np.flatnonzero((held & ~cloth.fixed[cloth.springs][:, ::-1]).any(axis=1)).astype(np.int32)
+    return found._replace(
+        wind=wind, gravity=gravity, centre=centre, path=path, pins=pins, index=index, coupled=coupled,
+        place=np.zeros((len(pins), 3)), lead=int(scene.method >= 2), changes=True, steps=steps,
+    )  # fmt: skip
+
+
+def interpolated(keys: Keys, times: Array) -> Array:
+    """The values (T, …) of keys at times (T,), s."""
+    own, values = keys.times, keys.values
+    inside = np.clip(times, own[0], own[-1])
+    after = np.clip(np.searchsorted(own, inside, side="right"), 1, max(len(own) - 1, 1))
+    if keys.interpolation == "hold" or len(own) == 1:
+        return np.ascontiguousarray(values[np.searchsorted(own, inside, side="right") - 1])
+    if keys.interpolation == "smooth":
+        from scipy.interpolate import CubicSpline
+
+        return np.ascontiguousarray(CubicSpline(own, values, bc_type="clamped")(inside))
+    share = (inside - own[after - 1]) / (own[after] - own[after - 1])
+    share = share.reshape(-1, *[1] * (values.ndim - 1))
+    return np.ascontiguousarray(values[after - 1] + share * (values[after] - values[after - 1]))
+
+
+def rotation(angles: Array) -> Any:
+    """Rotations by Euler angles (…, 3), degrees, as Unity applies them: about z, then x, then y."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_euler("YXZ", np.asarray(angles)[..., [1, 0, 2]], degrees=True)
+
+
+def turned(keys: Keys, times: Array) -> Array:
+    """The rotations (T, 3, 3) since time 0 at times (T,), s; between two keys about one axis, at one rate or, smooth,
+    by a spline.
+    """
+    from scipy.spatial.transform import RotationSpline, Slerp
+
+    known = resolved(keys)
+    own, angles = known.times, rotation(known.values)
+    inside = np.clip(np.append(0.0, times), own[0], own[-1])
+    if known.interpolation == "hold" or len(own) == 1:
+        found = angles[np.searchsorted(own, inside, side="right") - 1]
+    else:
+        found = (RotationSpline if known.interpolation == "smooth" else Slerp)(own, angles)(inside)
+    return np.asarray((found[1:] * found[0].inv()).as_matrix())
+
+
+def moved(keys: Keys, times: Array) -> Array:
+    """The change (T, …, 3) since time 0, m, at times (T,), s."""
+    found = interpolated(resolved(keys), np.append(0.0, times))
+    return np.asarray(found[1:] - found[0])
+
+
+def centres(spheres: Sequence[Sphere], times: Array) -> Array:
+    """The centres (T, C, 3) of the spheres at times (T,), s, in m; none where all stay."""
+    if not any(sphere.position for sphere in spheres):
+        return np.zeros((0, len(spheres), 3))
+    still = np.zeros((len(times), 3))
+    return np.stack([s.centre + (moved(s.position, times) if s.position else still) for s in spheres], axis=1)
+
+
+def paths(cloth: Cloth, times: Array) -> Array:
+    """The places (T, P, 3) of the pins of a cloth, pin by pin, at times (T,), s, in m."""
+    if not cloth.pins:
+        return np.zeros((0, 0, 3))
+    return np.concatenate([path(cloth.positions[pin.vertices], pin, times) for pin in cloth.pins], axis=1)
+
+
+def path(start: Array, pin: Pin, times: Array) -> Array:
+    """The places (T, P, 3) of the vertices of a pin that are at `start` (P, 3) at time 0, m."""
+    places = np.broadcast_to(start, (len(times), *start.shape)).copy()
+    if pin.rotation:
+        pivot = start.mean(axis=0) if pin.pivot is None else pin.pivot
+        places = pivot + np.einsum("tij,pj->tpi", turned(pin.rotation, times), start - pivot)
+    if pin.position:
+        change = moved(pin.position, times)
+        if change.ndim == 3 and change.shape[1] not in (1, len(start)):
+            have = f"{change.shape[1]} points of the file for {len(start)} vertices"
+            raise InvalidScene(f"{pin.position.place}.points: {have}; give one point for all, or one for each vertex")
+        places += change if change.ndim == 3 else change[:, None]
+    return places

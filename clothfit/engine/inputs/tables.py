@@ -1,0 +1,118 @@
+"""Inputs at every step of a motion, and how a step reads them.
+
+The forces read wind, gravity and the places of spheres from arrays of the System; `set_inputs` writes their values for
+a step into these arrays, before the step and before each of its derivatives. A pinned vertex p goes to its place x_p in
+a step that begins at x: its velocity in the step's equation is w_p = (x_p − x)/h, the derivative of the path as the
+integrator takes derivatives. In A w = b the rows of the free vertices get −A_fp w_p on the right; the derivatives need
+nothing else, as they are taken force by force, at velocities that those of the pins belong to.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Indices
+from clothfit.engine.forces import springs
+from clothfit.kernels.kernel import kernel
+from clothfit.kernels.lanes.operations import add, load3, mul, splat, store3, sub
+from clothfit.kernels.vectors import copy
+
+
+class Inputs(NamedTuple):
+    """Row r of a table holds at time r h; a table without rows does not change anything."""
+
+    wind: Array  # (R, 3), m/s, what is added to the scene's
+    gravity: Array  # (R, 3), m/s², the same
+    centre: Array  # (R, C, 3), m, of the spheres
+    path: Array  # (R, P, 3), m, of the pins
+    pins: Indices  # (P,), their vertices
+    index: Indices  # (n,), the place of each vertex among the pins, −1 for the others; empty without pins
+    coupled: Indices  # the springs of which one end is such a vertex and the other is free
+    wind_base: Array  # (3,), m/s, of the scene
+    gravity_base: Array  # (3,), m/s²
+    place: Array  # (P, 3), m, where the pins are after the step that is computed
+    lead: int  # rows by which the forces of a step are ahead of it: 1 for the implicit methods, else 0
+    steps: int  # that the tables have rows for
+    changes: bool  # whether there is any table
+
+
+def constant(wind: Array, gravity: Array, spheres: int) -> Inputs:
+    """Inputs that do not change: wind, m/s, and gravity, m/s², (3,) each, and so many spheres."""
+    none = np.zeros((0, 3))
+    places = np.zeros((0, spheres, 3))
+    nobody = np.zeros(0, np.int32)
+    return Inputs(
+        none, none, places, np.zeros((0, 0, 3)), nobody, nobody, nobody, np.array(wind, float), np.array(gravity, float), none,
+        1, 0, False,
+    )  # fmt: skip
+
+
+def check_steps(inputs: Inputs, steps: int) -> None:
+    """Raise IndexError where a motion has more steps than the tables."""
+    if inputs.changes and steps > inputs.steps:
+        raise IndexError(f"{steps} steps, with inputs for {inputs.steps}")
+
+
+def later(inputs: Inputs, steps: int) -> Inputs:
+    """The inputs of a motion that begins so many steps later."""
+    parts = {name: getattr(inputs, name)[steps:] for name in ("wind", "gravity", "centre", "path")}
+    return inputs._replace(**parts, steps=inputs.steps - steps)
+
+
+@kernel
+def set_inputs(system, t):
+    """Write the inputs of step t of a motion to where the forces read them, and where the pins are after it."""
+    inputs = system.inputs
+    if inputs.changes:
+        late = t + inputs.lead
+        if len(inputs.wind) > 0:
+            add_row(inputs.wind, late, inputs.wind_base, system.faces.wind)
+        if len(inputs.gravity) > 0:
+            add_row(inputs.gravity, late, inputs.gravity_base, system.vertex.gravity)
+        if len(inputs.centre) > 0:
+            copy(inputs.centre[late], system.spheres.centre)
+        if len(inputs.path) > 0:
+            copy(inputs.path[t + 1], inputs.place)
+
+
+@kernel
+def add_row(table, row, base, out):
+    """out (3,) = base + a row of the table."""
+    for c in range(3):
+        out[c] = base[c] + table[row, c]
+
+
+@kernel
+def set_pins(system, x, w):
+    """The velocities w (n, 3) of the pins in a step that begins at x, by the h of the system."""
+    inputs = system.inputs
+    for p in range(len(inputs.pins)):
+        i = inputs.pins[p]
+        for c in range(3):
+            w[i, c] = (inputs.place[p, c] - x[i, c]) / system.h
+
+
+@kernel
+def place_pins(system, x):
+    """Put the pins where they are after the step: no rounding adds up."""
+    inputs = system.inputs
+    for p in range(len(inputs.pins)):
+        i = inputs.pins[p]
+        for c in range(3):
+            x[i, c] = inputs.place[p, c]
+
+
+@kernel
+def add_coupling(system, x, y, b):
+    """b −= A_fp w_p, for the velocities of the pins in a step that begins at x, linearised at y, (n, 3) each."""
+    inputs, h = system.inputs, system.h
+    for c in range(len(inputs.coupled)):
+        i = inputs.coupled[c]
+        for end in range(2):
+            pin, other = system.springs.ends[i, end], system.springs.ends[i, 1 - end]
+            if not system.vertex.free[pin]:
+                p = inputs.index[pin]
+                w = mul(splat(1.0 / h), sub(load3(inputs.place, p), load3(x, pin)))
+                store3(add(load3(b, other), springs.pull_of(system.springs, y, i, h, w)), b, other)

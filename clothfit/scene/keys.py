@@ -1,0 +1,125 @@
+"""Inputs over time: keys, as a scene's file has them, or the file that they come from.
+
+Keys say how a value changes over time: they are added to the value that the scene has. Before the first key and after
+the last the value stays. Where keys move something, what counts is the change since time 0, as the scene says where it
+is then.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Indices
+
+INTERPOLATIONS = ("linear", "smooth", "hold")
+"""How values lie between two keys: on a line, on a cubic spline of two continuous derivatives, as at the key before."""
+
+MOST_KEYS = 1_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Keys:
+    """Values at times: numbers in the scene, or the file that has them."""
+
+    times: Array  # (K,), s, increasing; empty where a file has them
+    values: Array  # (K, 3), in the unit of what they move
+    interpolation: str = "linear"
+    file: str | None = None  # a path
+    points: tuple[int, ...] = ()  # of a motion in the file: which of its points
+    said: dict[str, Any] = field(default_factory=dict)  # fps, scale, up, handedness of the file
+    place: str = ""  # in the scene, for messages
+
+
+@dataclass(frozen=True, eq=False)
+class Pin:
+    """Fixed vertices of an object that follow keys: all by the same displacement, all by one rotation, or each by the
+    path of a point of a file.
+    """
+
+    vertices: Indices  # (P,)
+    position: Keys | None  # displacement, m
+    rotation: Keys | None  # Euler angles as those of colliders, degrees, about `pivot`
+    pivot: Array | None  # (3,), m; None: the mean of the vertices at the start
+
+
+def keys(item: Any, place: str, folder: str, problems: list[str]) -> Keys | None:
+    """The keys in a field of the document at `place`, None where the field is absent or faulty; faults go to
+    `problems`. Paths are relative to `folder`.
+    """
+    if item is None:
+        return None
+    own = [name for name in ("times", "values") if name in item]
+    if "file" in item and own:
+        return fault(problems, place, f"has both a file and {' and '.join(own)}; give one of them")
+    kind = item.get("interpolation", "linear")
+    said = {name: item[name] for name in ("fps", "scale", "up", "handedness") if name in item}
+    if "file" in item:
+        path = os.path.join(folder, item["file"])
+        points = tuple(item.get("points", ()))
+        return Keys(np.zeros(0), np.zeros((0, 3)), kind, path, points, said, place)
+    if len(own) < 2:
+        return fault(problems, place, "needs times and values, or a file")
+    if said or "points" in item:
+        return fault(problems, place, "fps, scale, up, handedness and points belong to a file, and there is none")
+    times = np.array(item["times"], float)
+    values = np.array([[each["x"], each["y"], each["z"]] for each in item["values"]], float).reshape(-1, 3)
+    wrong = times_problem(times, len(values))
+    if wrong:
+        return fault(problems, f"{place}.{wrong[0]}", wrong[1])
+    return Keys(times, values, kind, place=place)
+
+
+def times_problem(times: Array, count: int) -> tuple[str, str] | None:
+    """What is wrong with the times of `count` values, as the field and a sentence."""
+    if not len(times):
+        return "times", "is empty; at least one key is needed"
+    if len(times) != count:
+        return "values", f"has {count} items for {len(times)} times"
+    if len(times) > MOST_KEYS:
+        return "times", f"has {len(times)} items; at most {MOST_KEYS} are possible"
+    late = np.flatnonzero(np.diff(times) <= 0)
+    if len(late):
+        i = int(late[0]) + 1
+        return f"times[{i}]", f"{times[i]:g} s is not later than {times[i - 1]:g} s before it; times must increase"
+    return None
+
+
+def fault(problems: list[str], place: str, sentence: str) -> None:
+    """Add a problem."""
+    problems.append(f"{place}: {sentence}")
+
+
+def pins(items: Sequence[Any], fixed: Array, place: str, folder: str, problems: list[str]) -> tuple[Pin, ...]:
+    """The pins of an object whose vertices are `fixed` (n,); faults go to `problems`."""
+    found: list[Pin] = []
+    owner = np.full(len(fixed), -1)
+    for i, item in enumerate(items):
+        here, before = f"{place}.pins[{i}]", len(problems)
+        vertices = np.array(item["vertices"], np.int64).reshape(-1)
+        for j, vertex in enumerate(vertices.tolist()):
+            spot = f"{here}.vertices[{j}]"
+            if not vertex < len(fixed):
+                fault(problems, spot, f"{vertex} is no vertex; the object has {len(fixed)}, counted from 0")
+            elif not fixed[vertex]:
+                fault(problems, spot, f"vertex {vertex} is not fixed (vertIsFixed); only fixed vertices follow keys")
+            elif owner[vertex] >= 0:
+                where = "twice in this pin" if owner[vertex] == i else f"in pins[{owner[vertex]}] as well"
+                fault(problems, spot, f"vertex {vertex} is {where}")
+            else:
+                owner[vertex] = i
+                continue
+            break
+        position = keys(item.get("posKeys"), f"{here}.posKeys", folder, problems)
+        rotation = keys(item.get("rotKeys"), f"{here}.rotKeys", folder, problems)
+        if "posKeys" not in item and "rotKeys" not in item:
+            fault(problems, here, "needs posKeys, rotKeys or both")
+        pivot = item.get("pivot")
+        if len(problems) == before:
+            centre = None if pivot is None else np.array([pivot["x"], pivot["y"], pivot["z"]], float)
+            found.append(Pin(vertices.astype(np.int32), position, rotation, centre))
+    return tuple(found)
