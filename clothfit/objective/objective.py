@@ -90,7 +90,7 @@ class Objective:
     def _run(self, number: int, experiment: Experiment, cloth: int, frames: int | None) -> Run:
         motion, scene = experiment
         goal = target(motion, cloth, scene.delta, None if frames is None else frames - 1)
-        system = build(scene, cloth, steps=goal.steps)
+        system = build(scene, cloth, steps=goal.last_step)
         if self.own:
             whole = self.wholes.setdefault(number, Whole(self.own, scene, motion, goal, self.cloths))
             return Run(cloth, scene, system, OwnComparison(whole, goal, cloth), number)
