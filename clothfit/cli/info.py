@@ -78,6 +78,7 @@ def of_scene(scene_path: str, as_json: bool, console: Console) -> None:
     from clothfit.inspection.divisions import divisions
     from clothfit.inspection.doubts import doubts
     from clothfit.inspection.forecast import forecast
+    from clothfit.inspection.inputs import inputs_of
     from clothfit.inspection.overview import beyond_bounds, beyond_editor, facts, flagged, unknown_fields
     from clothfit.scene.mesh_numbering import numberings
 
@@ -92,6 +93,9 @@ def of_scene(scene_path: str, as_json: bool, console: Console) -> None:
         for sentence in sentences:
             console.warn(f"{scene.name}: objects[{index}]: {sentence}")
     show_scene(scene, console)
+    moving = inputs_of(scene)
+    for each in moving:
+        console.result(str(each))
     if foreign := beyond_editor(scene):
         console.result(foreign)
     for begin in range(0, len(objects), BESIDE):
@@ -110,6 +114,7 @@ def of_scene(scene_path: str, as_json: bool, console: Console) -> None:
             for own, count, part in zip(objects, meshes, parted, strict=True)
         ]
         found = {"objects": each_object, "flagged": [asdict(each) for each in wanted]}
+        found["inputs"] = [each._asdict() for each in moving]
         others = {"stability": [asdict(each) for each in ahead.steps], "memory": needed, "unknown_fields": strange}
         print_json("info", {**whole(scene), **found, **others, "warnings": scene.warnings, "doubts": unlikely})
 

@@ -54,6 +54,7 @@ def command(scene_paths: tuple[str, ...], as_json: bool, console: Console) -> No
 
 def judge(path: str) -> Verdict:
     """Look at a file."""
+    from clothfit.inspection.inputs import check
     from clothfit.inspection.overview import beyond_editor
     from clothfit.scene.mesh_numbering import numberings
     from clothfit.scene.scene import load
@@ -61,6 +62,8 @@ def judge(path: str) -> Verdict:
     try:
         scene = load(sys.stdin.buffer if path == STREAM else path)
         numberings(scene)
+        if scene.moves:
+            check(scene)
     except InvalidScene as error:
         return Verdict(path, better(error, path), ())
     return Verdict(scene.name if path == STREAM else path, None, scene.warnings, beyond_editor(scene))

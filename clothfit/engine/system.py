@@ -25,7 +25,7 @@ class System(NamedTuple):
     """One cloth, constant during a simulation. n vertices."""
 
     x0: Array  # (n, 3), positions at the start, m
-    v0: Array  # (n, 3), velocities at the start, m/s; 0 at fixed vertices
+    v0: Array  # (n, 3), velocities at the start, m/s; 0 at fixed vertices that are no pins
     h: float  # time step, s
     method: int  # EXPLICIT, SYMPLECTIC, IMPLICIT or BDF2
     newton_iterations: int  # linear solves per implicit or BDF2 step, at least 1
@@ -43,10 +43,11 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None)
     `air` keeps its faces even where the scene gives them no drag. Raises InvalidScene, for inputs in files.
     """
     cloth = scene.cloths[index]
+    inputs = sampling.build(scene, cloth, scene.frames - 1 if steps is None else steps)
     pattern, slot = sparse.pattern(cloth.springs, ~cloth.fixed)
     return System(
         x0=np.array(cloth.positions),
-        v0=held(cloth.velocity, cloth.fixed),
+        v0=at_start(cloth.velocity, cloth.fixed, inputs, scene.delta),
         h=scene.delta,
         method=scene.method,
         newton_iterations=scene.newton_iterations,
@@ -56,13 +57,16 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None)
         faces=wind.build(np.array(cloth.triangles), cloth.drag, scene.wind, air or cloth.mode("drag") != "n"),
         spheres=spheres.build([s.centre for s in scene.spheres], [s.radius for s in scene.spheres]),
         pattern=pattern,
-        inputs=sampling.build(scene, cloth, scene.frames - 1 if steps is None else steps),
+        inputs=inputs,
     )
 
 
-def held(velocity: Array, fixed: Flags) -> Array:
-    """A copy of the velocities (n, 3), 0 at fixed vertices."""
-    return np.ascontiguousarray(np.where(fixed[:, None], 0.0, velocity))
+def at_start(velocity: Array, fixed: Flags, inputs: tables.Inputs, h: float) -> Array:
+    """A copy of the velocities (n, 3), 0 at fixed vertices; those of the pins are the ones of their first step."""
+    own = np.ascontiguousarray(np.where(fixed[:, None], 0.0, velocity))
+    if len(inputs.path):
+        own[inputs.pins] = (inputs.path[1] - inputs.path[0]) / h
+    return own
 
 
 def with_elements(system: System, values: Elements) -> System:
@@ -76,7 +80,7 @@ def with_elements(system: System, values: Elements) -> System:
     if len(values.drag):
         face = face._replace(drag=float(values.drag[0]))
     if len(values.velocity):
-        v0 = held(values.velocity, ~point.free)
+        v0 = at_start(values.velocity, ~point.free, system.inputs, system.h)
     if len(values.rest):
         spring = spring._replace(rest=np.array(values.rest, float))
     made = system._replace(v0=v0, vertex=point, springs=spring, faces=face)
@@ -94,7 +98,9 @@ def with_bases(system: System, values: Elements) -> System:
         vertex=system.vertex._replace(gravity=gravity.copy()),
         faces=system.faces._replace(wind=wind.copy()),
         spheres=system.spheres._replace(centre=system.spheres.centre.copy()),
-        inputs=inputs._replace(wind_base=wind, gravity_base=gravity, place=inputs.place.copy()),
+        inputs=inputs._replace(
+            wind_base=wind, gravity_base=gravity, place=inputs.place.copy(), later=inputs.later.copy()
+        ),
     )
 
 

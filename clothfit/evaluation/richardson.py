@@ -28,6 +28,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import check_memory
+from clothfit.engine.inputs.tables import later
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import IMPLICIT, build
 from clothfit.evaluation.runge_kutta import record
@@ -159,14 +160,17 @@ def moving(scene: Scene, recorder: Recorder, frames: int, substeps: int) -> Arra
 
 
 def explicit(scene: Scene, index: int, frames: int, substeps: int) -> Array | None:
-    """Move one cloth by the method of Runge and Kutta."""
+    """Move one cloth by the method of Runge and Kutta; not where inputs change over time, which it takes as constant.
+    """
+    if scene.changes or scene.cloths[index].pins:
+        return None
     return record(build(scene, index), scene.delta, frames, substeps)
 
 
 def implicit(scene: Scene, index: int, frames: int, substeps: int) -> Array | None:
     """Move one cloth by linearised implicit steps, frame by frame, keeping the states at the frames only."""
     short = replace(scene, method=IMPLICIT, delta=scene.delta / substeps, newton_iterations=1)
-    system = build(short, index)
+    system = build(short, index, steps=(frames - 1) * substeps)
     positions = np.empty((frames, *system.x0.shape))
     positions[0] = system.x0
     for frame in range(1, frames):
@@ -174,7 +178,8 @@ def implicit(scene: Scene, index: int, frames: int, substeps: int) -> Array | No
         if good < substeps:
             return None
         positions[frame] = memory.x[-1]
-        system = system._replace(x0=memory.x[-1].copy(), v0=memory.w[-1, memory.used[-1] - 1].copy())
+        velocity = memory.w[-1, memory.used[-1] - 1].copy()
+        system = system._replace(x0=memory.x[-1].copy(), v0=velocity, inputs=later(system.inputs, substeps))
     return positions
 
 

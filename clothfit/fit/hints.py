@@ -105,7 +105,9 @@ def moved_onto(points: Array, others: Array) -> Array:
 def held_that_move(cloth: Cloth, positions: Array, seen: Flags, name: str) -> Iterator[Hint]:
     """Do vertices that the scene holds move in the target (F, n, 3)?"""
     known = seen.all(axis=0)
-    held, free = (some(np.flatnonzero(known & each), len(positions)) for each in (cloth.fixed, ~cloth.fixed))
+    still = cloth.fixed.copy()
+    still[[vertex for pin in cloth.pins for vertex in pin.vertices]] = False
+    held, free = (some(np.flatnonzero(known & each), len(positions)) for each in (still, ~cloth.fixed))
     if not len(held) or not len(free) or len(positions) < 4:
         return
     away = positions[:, held] - positions[:, held].mean(axis=0)

@@ -29,6 +29,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.forces import spheres, springs, vertex, wind
+from clothfit.engine.inputs.tables import send_pins, set_frame, set_inputs
 from clothfit.engine.step import explicit, guard
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
 from clothfit.kernels.kernel import kernel
@@ -122,7 +123,8 @@ def energies(scene: Scene, motion: Motion) -> Energy:
             f"{motion.name}: energies need every vertex, and a frame after every step of {scene.delta:.4g} s; give a "
             "motion as `simulate` makes it"
         )
-    parts = [balances(build(scene, index, steps=len(steps) - 1), motion.of(index)) for index in range(len(scene.cloths))]
+    cloths, last = range(len(scene.cloths)), len(steps) - 1
+    parts = [balances(build(scene, index, steps=last), motion.of(index)) for index in cloths]
     kinetic, elastic, gravity, contact, *given = np.sum(parts, axis=0).T
     blown, damped, dragged = np.cumsum(given, axis=1)
     return Energy(motion.times, kinetic, elastic, gravity - gravity[0], contact, blown, -damped, -dragged)
@@ -134,7 +136,8 @@ def balances(system: System, x: Array) -> Array:
     length = max(1, AT_ONCE // len(system.x0))
     for begin in range(0, len(x), length):
         end = min(begin + length, len(x))
-        states(system, np.ascontiguousarray(x[begin:end]), velocities(system, x, begin, end), out[begin:end])
+        v = velocities(system, x, begin, end)
+        states(system, np.ascontiguousarray(x[begin:end]), v, begin, out[begin:end])
         first = max(begin, 1)
         if system.method == BDF2:
             add_mean_works(system, x, first, end, out)
@@ -143,7 +146,7 @@ def balances(system: System, x: Array) -> Array:
         u = velocities(system, x, first - 1, end - 1) if system.method == SYMPLECTIC else w
         late = system.method == IMPLICIT and system.newton_iterations > 1
         y = np.ascontiguousarray(x[first:end] if late else x[first - 1 : end - 1])
-        works(system, y, u, w, out[first:end])
+        works(system, y, u, w, first - 1 + system.inputs.lead, out[first:end])
     return out
 
 
@@ -162,7 +165,7 @@ def velocities(system: System, x: Array, begin: int, end: int) -> Array:
 def add_mean_works(system: System, x: Array, first: int, end: int, out: Array) -> None:
     """Write the work of the BDF2 steps that end at some frames to the columns of out (F, 7)."""
     v, ends = velocities(system, x, first - 1, end), np.zeros((end - first + 1, len(ENERGY_COLUMNS)))
-    works(system, np.ascontiguousarray(x[first - 1 : end]), v, v, ends)
+    works(system, np.ascontiguousarray(x[first - 1 : end]), v, v, first - 1, ends)
     given = [WIND, DAMPING, DRAG]
     out[first:end, given] = 0.5 * (ends[1:] + ends[:-1])[:, given]
 
@@ -177,14 +180,19 @@ def last_velocity(system: System, x: Array) -> Array:
     if len(x) == 1:
         return system.v0
     v, before = np.empty_like(system.v0), (x[-1] - x[-2]) / system.h
+    set_inputs(system, len(x) - 2)
     explicit.step(system, np.ascontiguousarray(x[-2]), before, v)
+    send_pins(system, v)
     return v
 
 
 @kernel
-def states(system, x, v, out):
-    """Write what is stored at positions x and velocities v (F, n, 3) to the columns of out (F, 7)."""
+def states(system, x, v, first, out):
+    """Write what is stored at positions x and velocities v (F, n, 3), from the frame `first` on, to the columns of
+    out (F, 7).
+    """
     for k in range(len(x)):
+        set_frame(system, first + k)
         out[k, KINETIC] = guard.moving(system.vertex, v[k])[0]
         out[k, ELASTIC] = springs.energy(system.springs, x[k])
         out[k, GRAVITY] = vertex.energy(system.vertex, x[k])
@@ -192,10 +200,13 @@ def states(system, x, v, out):
 
 
 @kernel
-def works(system, y, u, w, out):
-    """Write the work of steps that move by h w, with forces at (y, u), (F, n, 3) each, to the columns of out (F, 7)."""
+def works(system, y, u, w, first, out):
+    """Write the work of steps that move by h w, with forces at (y, u), (F, n, 3) each, and inputs from the frame
+    `first` on, to the columns of out (F, 7).
+    """
     h = system.h
     for k in range(len(y)):
+        set_frame(system, first + k)
         damped = vertex.damping_power(system.vertex, y[k], u[k], w[k])
         damped += springs.damping_power(system.springs, y[k], u[k], w[k])
         blown, dragged = wind.powers(system.faces, y[k], u[k], w[k])

@@ -91,8 +91,9 @@ def far_groups(scene: Scene, cloth: Cloth) -> tuple[list[Indices], float] | None
     """The vertices of a cloth that fall freely at first, in groups, the farthest from held ones first, and how far, m,
     they may fall; None where that is not known.
     """
-    windy = cloth.feels_air and (scene.wind.any() or scene.mode("wind") != "n")
-    if windy or cloth.velocity.any() or cloth.mode("velocity") != "n" or not len(cloth.springs):
+    windy = cloth.feels_air and (scene.wind_keys or scene.wind.any() or scene.mode("wind") != "n")
+    thrown = cloth.velocity.any() or cloth.mode("velocity") != "n"
+    if windy or thrown or scene.gravity_keys or cloth.pins or not len(cloth.springs):
         return None
     down = scene.gravity / np.linalg.norm(scene.gravity)
     edges = cloth.positions[cloth.springs[:, 0]] - cloth.positions[cloth.springs[:, 1]]

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array, Flags, Indices
 
 INTERPOLATIONS = ("linear", "smooth", "hold")
 """How values lie between two keys: on a line, on a cubic spline of two continuous derivatives, as at the key before."""
@@ -55,7 +55,7 @@ def keys(item: Any, place: str, folder: str, problems: list[str]) -> Keys | None
         return None
     own = [name for name in ("times", "values") if name in item]
     if "file" in item and own:
-        return fault(problems, place, f"has both a file and {' and '.join(own)}; give one of them")
+        return refuse(problems, place, f"has both a file and {' and '.join(own)}; give one of them")
     kind = item.get("interpolation", "linear")
     said = {name: item[name] for name in ("fps", "scale", "up", "handedness") if name in item}
     if "file" in item:
@@ -63,14 +63,14 @@ def keys(item: Any, place: str, folder: str, problems: list[str]) -> Keys | None
         points = tuple(item.get("points", ()))
         return Keys(np.zeros(0), np.zeros((0, 3)), kind, path, points, said, place)
     if len(own) < 2:
-        return fault(problems, place, "needs times and values, or a file")
+        return refuse(problems, place, "needs times and values, or a file")
     if said or "points" in item:
-        return fault(problems, place, "fps, scale, up, handedness and points belong to a file, and there is none")
+        return refuse(problems, place, "fps, scale, up, handedness and points belong to a file, and there is none")
     times = np.array(item["times"], float)
     values = np.array([[each["x"], each["y"], each["z"]] for each in item["values"]], float).reshape(-1, 3)
     wrong = times_problem(times, len(values))
     if wrong:
-        return fault(problems, f"{place}.{wrong[0]}", wrong[1])
+        return refuse(problems, f"{place}.{wrong[0]}", wrong[1])
     return Keys(times, values, kind, place=place)
 
 
@@ -89,12 +89,13 @@ def times_problem(times: Array, count: int) -> tuple[str, str] | None:
     return None
 
 
-def fault(problems: list[str], place: str, sentence: str) -> None:
-    """Add a problem."""
+def refuse(problems: list[str], place: str, sentence: str) -> Keys | None:
+    """Note a problem with keys, of which there are then none."""
     problems.append(f"{place}: {sentence}")
+    return None
 
 
-def pins(items: Sequence[Any], fixed: Array, place: str, folder: str, problems: list[str]) -> tuple[Pin, ...]:
+def pins(items: Sequence[Any], fixed: Flags, place: str, folder: str, problems: list[str]) -> tuple[Pin, ...]:
     """The pins of an object whose vertices are `fixed` (n,); faults go to `problems`."""
     found: list[Pin] = []
     owner = np.full(len(fixed), -1)
@@ -104,12 +105,12 @@ def pins(items: Sequence[Any], fixed: Array, place: str, folder: str, problems: 
         for j, vertex in enumerate(vertices.tolist()):
             spot = f"{here}.vertices[{j}]"
             if not vertex < len(fixed):
-                fault(problems, spot, f"{vertex} is no vertex; the object has {len(fixed)}, counted from 0")
+                refuse(problems, spot, f"{vertex} is no vertex; the object has {len(fixed)}, counted from 0")
             elif not fixed[vertex]:
-                fault(problems, spot, f"vertex {vertex} is not fixed (vertIsFixed); only fixed vertices follow keys")
+                refuse(problems, spot, f"vertex {vertex} is not fixed (vertIsFixed); only fixed vertices follow keys")
             elif owner[vertex] >= 0:
                 where = "twice in this pin" if owner[vertex] == i else f"in pins[{owner[vertex]}] as well"
-                fault(problems, spot, f"vertex {vertex} is {where}")
+                refuse(problems, spot, f"vertex {vertex} is {where}")
             else:
                 owner[vertex] = i
                 continue
@@ -117,7 +118,7 @@ def pins(items: Sequence[Any], fixed: Array, place: str, folder: str, problems: 
         position = keys(item.get("posKeys"), f"{here}.posKeys", folder, problems)
         rotation = keys(item.get("rotKeys"), f"{here}.rotKeys", folder, problems)
         if "posKeys" not in item and "rotKeys" not in item:
-            fault(problems, here, "needs posKeys, rotKeys or both")
+            refuse(problems, here, "needs posKeys, rotKeys or both")
         pivot = item.get("pivot")
         if len(problems) == before:
             centre = None if pivot is None else np.array([pivot["x"], pivot["y"], pivot["z"]], float)

@@ -80,6 +80,11 @@ class Scene:
         return bool(self.wind_keys or self.gravity_keys or any(sphere.position for sphere in self.spheres))
 
     @property
+    def moves(self) -> bool:
+        """Whether any input changes over time, pins included."""
+        return self.changes or any(cloth.pins for cloth in self.cloths)
+
+    @property
     def vertex_counts(self) -> tuple[int, ...]:
         """Number of vertices of each cloth."""
         return tuple(len(cloth.mass) for cloth in self.cloths)

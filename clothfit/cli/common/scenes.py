@@ -85,7 +85,7 @@ def warn_of_steps(scene: Scene, frames: int, console: Console) -> None:
 
 def warn_of_contacts(scene: Scene, motion: Motion, console: Console, energy: Energy | None = None) -> None:
     """Warn when contacts that begin within a step have given the cloths energy: in wind, or in explicit steps."""
-    if not scene.spheres or len(motion.times) < 2:
+    if not scene.spheres or scene.moves or len(motion.times) < 2:  # what moves gives energy as well
         return
     import numpy as np
 

@@ -29,11 +29,9 @@ MOST_TEXT = 1 << 28
 """Bytes of a table, at most."""
 
 
-def resolved(keys: Keys) -> Keys:
-    """Keys with their numbers. Raises InvalidScene, with the place in the scene, where their file does not have them.
-    """
-    if keys.file is None:
-        return keys
+def loaded(keys: Keys) -> Keys:
+    """Keys from a file, with its numbers. Raises InvalidScene, with the place in the scene, where they are not in it."""
+    assert keys.file is not None
     try:
         status = os.stat(keys.file)
         stamp = (status.st_ino, status.st_size, status.st_mtime_ns)
@@ -104,7 +102,8 @@ def npz_table(path: str) -> tuple[Array, Array] | None:
     except npz.FAULTS as error:
         raise InvalidMotion(f"{name_of(path)}: is damaged: {error}") from None
     if times.ndim != 1 or values.ndim != 2 or values.shape[1] != 3:
-        raise InvalidMotion(f"{name_of(path)}: times {times.shape} and values {values.shape}; (K,) and (K, 3) are needed")
+        shapes = f"times {times.shape} and values {values.shape}"
+        raise InvalidMotion(f"{name_of(path)}: {shapes}; (K,) and (K, 3) are needed")
     return times, values
 
 

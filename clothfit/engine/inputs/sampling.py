@@ -9,34 +9,49 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidScene
-from clothfit.engine.inputs.files import resolved
 from clothfit.engine.inputs.tables import Inputs, constant
 from clothfit.scene.cloth import Cloth, Sphere
 from clothfit.scene.keys import Keys, Pin
 from clothfit.scene.scene import Scene
 
+
 def build(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
     """The tables of a cloth of the scene for so many steps. Raises InvalidScene for a file that cannot be read or does
     not fit.
     """
-    found = constant(scene.wind, scene.gravity, len(scene.spheres))
     if not scene.changes and not cloth.pins:
-        return found
-    times = scene.delta * np.arange(steps + 1)
+        return constant(scene.wind, scene.gravity, len(scene.spheres))
+    try:
+        return sampled(scene, cloth, steps)
+    except InvalidScene as error:
+        raise InvalidScene(error.problems, scene.name) from None
+
+
+def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
+    """The tables of a cloth with inputs that change."""
+    found = constant(scene.wind, scene.gravity, len(scene.spheres))
+    times: Array = scene.delta * np.arange(steps + 2, dtype=float)  # explicit steps read two rows
     wind, gravity = (
         interpolated(resolved(keys), times) if keys else found.wind for keys in (scene.wind_keys, scene.gravity_keys)
     )
     centre, path = centres(scene.spheres, times), paths(cloth, times)
     pinned = [pin.vertices for pin in cloth.pins]
     pins = np.concatenate(pinned).astype(np.int32) if pinned else found.pins
-    index = np.full(len(cloth.mass) if len(pins) else 0, -1, np.int32)
-    index[pins] = np.arange(len(pins))
     held = np.isin(cloth.springs, pins)
     coupled = np.flatnonzero((held & ~cloth.fixed[cloth.springs][:, ::-1]).any(axis=1)).astype(np.int32)
     return found._replace(
-        wind=wind, gravity=gravity, centre=centre, path=path, pins=pins, index=index, coupled=coupled,
-        place=np.zeros((len(pins), 3)), lead=int(scene.method >= 2), changes=True, steps=steps,
+        wind=wind, gravity=gravity, centre=centre, path=path, pins=pins, coupled=coupled,
+        place=np.zeros((len(pins), 3)), later=np.zeros((len(pins), 3)), lead=int(scene.method >= 2), changes=True, steps=steps,
     )  # fmt: skip
+
+
+def resolved(keys: Keys) -> Keys:
+    """Keys with their numbers. Raises InvalidScene where their file does not have them."""
+    if keys.file is None:
+        return keys
+    from clothfit.engine.inputs.files import loaded  # what reads all formats, which few scenes need
+
+    return loaded(keys)
 
 
 def interpolated(keys: Keys, times: Array) -> Array:

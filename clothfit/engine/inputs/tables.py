@@ -16,7 +16,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Indices
 from clothfit.engine.forces import springs
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, load3, mul, splat, store3, sub
+from clothfit.kernels.lanes.operations import add, load3, store3
 from clothfit.kernels.vectors import copy
 
 
@@ -28,11 +28,11 @@ class Inputs(NamedTuple):
     centre: Array  # (R, C, 3), m, of the spheres
     path: Array  # (R, P, 3), m, of the pins
     pins: Indices  # (P,), their vertices
-    index: Indices  # (n,), the place of each vertex among the pins, −1 for the others; empty without pins
     coupled: Indices  # the springs of which one end is such a vertex and the other is free
     wind_base: Array  # (3,), m/s, of the scene
     gravity_base: Array  # (3,), m/s²
     place: Array  # (P, 3), m, where the pins are after the step that is computed
+    later: Array  # (P, 3), m, where they are one step after that
     lead: int  # rows by which the forces of a step are ahead of it: 1 for the implicit methods, else 0
     steps: int  # that the tables have rows for
     changes: bool  # whether there is any table
@@ -44,7 +44,7 @@ def constant(wind: Array, gravity: Array, spheres: int) -> Inputs:
     places = np.zeros((0, spheres, 3))
     nobody = np.zeros(0, np.int32)
     return Inputs(
-        none, none, places, np.zeros((0, 0, 3)), nobody, nobody, nobody, np.array(wind, float), np.array(gravity, float), none,
+        none, none, places, np.zeros((0, 0, 3)), nobody, nobody, np.array(wind, float), np.array(gravity, float), none, none,
         1, 0, False,
     )  # fmt: skip
 
@@ -75,6 +75,13 @@ def set_inputs(system, t):
             copy(inputs.centre[late], system.spheres.centre)
         if len(inputs.path) > 0:
             copy(inputs.path[t + 1], inputs.place)
+            copy(inputs.path[t + 1 if inputs.lead else t + 2], inputs.later)
+
+
+@kernel
+def set_frame(system, t):
+    """The same for the state before step t of a motion."""
+    set_inputs(system, t - system.inputs.lead)
 
 
 @kernel
@@ -95,6 +102,16 @@ def set_pins(system, x, w):
 
 
 @kernel
+def send_pins(system, w):
+    """The velocities w (n, 3) of the pins after an explicit Euler step: those with which the next one moves them."""
+    inputs = system.inputs
+    for p in range(len(inputs.pins)):
+        i = inputs.pins[p]
+        for c in range(3):
+            w[i, c] = (inputs.later[p, c] - inputs.place[p, c]) / system.h
+
+
+@kernel
 def place_pins(system, x):
     """Put the pins where they are after the step: no rounding adds up."""
     inputs = system.inputs
@@ -105,14 +122,13 @@ def place_pins(system, x):
 
 
 @kernel
-def add_coupling(system, x, y, b):
-    """b −= A_fp w_p, for the velocities of the pins in a step that begins at x, linearised at y, (n, 3) each."""
-    inputs, h = system.inputs, system.h
-    for c in range(len(inputs.coupled)):
-        i = inputs.coupled[c]
+def add_coupling(system, y, w, b):
+    """b −= A_fp w_p for the velocities of the pins in w, with A linearised at y, (n, 3) each."""
+    coupled = system.inputs.coupled
+    for c in range(len(coupled)):
+        i = coupled[c]
         for end in range(2):
             pin, other = system.springs.ends[i, end], system.springs.ends[i, 1 - end]
             if not system.vertex.free[pin]:
-                p = inputs.index[pin]
-                w = mul(splat(1.0 / h), sub(load3(inputs.place, p), load3(x, pin)))
-                store3(add(load3(b, other), springs.pull_of(system.springs, y, i, h, w)), b, other)
+                pull = springs.pull_of(system.springs, y, i, system.h, load3(w, pin))
+                store3(add(load3(b, other), pull), b, other)

@@ -93,8 +93,16 @@ def prepare(system, x, v, work):
     """
     stored = assemble(system, x, v, False, work.A, work.b)
     kinetic, power = add_momentum(system.vertex, v, work.b)
-    add_coupling(system, x, x, work.b)
+    couple(system, x, x, work)
     return kinetic + stored, power
+
+
+@kernel
+def couple(system, x, y, work):
+    """What the pins, in a step that begins at x and is linearised at y, add to the right-hand side in the workspace."""
+    if len(system.inputs.pins) > 0:
+        set_pins(system, x, work.s)
+        add_coupling(system, y, work.s, work.b)
 
 
 @kernel

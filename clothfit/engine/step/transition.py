@@ -6,7 +6,7 @@ Here, and only here, the three integration methods part. The velocities of a ste
 
 from __future__ import annotations
 
-from clothfit.engine.inputs.tables import set_pins
+from clothfit.engine.inputs.tables import send_pins, set_pins
 from clothfit.engine.step import explicit, implicit
 from clothfit.engine.system import EXPLICIT, IMPLICIT
 from clothfit.kernels.kernel import kernel
@@ -31,7 +31,10 @@ def step(system, x, v, first, tolerance, work, w, x_new):
         used, iterations, direct = implicit.step(system, x, v, first, tolerance, work, w)
     else:
         explicit.step(system, x, v, w[0])
-        set_pins(system, x, w[0])
+        if system.method == EXPLICIT:
+            send_pins(system, w[0])
+        else:
+            set_pins(system, x, w[0])
     moving = v if system.method == EXPLICIT else w[used - 1]
     combine(1.0, x, system.h, moving, x_new)
     return used, iterations, direct

@@ -1,0 +1,276 @@
+"""Inputs over time: frames of reference that move, files, and the derivatives of motions with all inputs at once."""
+
+import numpy as np
+import pytest
+from helpers.physics import METHODS, ball, chain, scene, sheet, thing, xyz
+
+from clothfit.base.errors import InvalidScene
+from clothfit.derivative.columns import columns
+from clothfit.derivative.sensitivity import sweep
+from clothfit.derivative.verify import check
+from clothfit.engine.inputs import sampling
+from clothfit.engine.system import build
+from clothfit.evaluation.richardson import converged
+from clothfit.formats import pc2
+from clothfit.formats.animation import Animation
+from clothfit.formats.axes import RIGHT, from_scene
+from clothfit.motion.energy import energies
+from clothfit.motion.simulate import simulate
+from clothfit.objective.objective import Objective
+from clothfit.optimise.balances import Track, balances
+from clothfit.scene.fit_vector import parameters
+from clothfit.scene.keys import Keys
+
+TIGHT = 1e-13
+VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3), ("bdf2", 1), ("bdf2", 3)]
+
+
+def keys(times, values, **fields):
+    """Keys as the file has them."""
+    return {"times": list(map(float, times)), "values": [xyz(value) for value in values], **fields}
+
+
+def hung(method="implicit", newton=1, pins=(), steps=20, **fields):
+    """A hanging chain of five vertices, the first one held; fields of the object in `own`."""
+    own = fields.pop("own", {})
+    one = chain(5, "nn", fixed=(0,), **{"damping": 0.2, "pins": list(pins), **own})
+    whole = {"delta": 0.01, "tolerance": TIGHT, "optimizationIterations": steps + 1, **fields}
+    return scene(one, integrationMethod=METHODS[method], forwardSubSteps=newton, **whole)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "newton"), VARIANTS)
+def test_a_motion_is_the_same_seen_from_a_frame_that_moves_evenly(method, newton):
+    path = {"vertices": [0], "posKeys": keys([0, 10], [(0, 0, 0), (7, -3, 5)])}
+    ride = np.array([0.7, -0.3, 0.5])
+    # the vertices' own damping is that of air at rest: springs alone see no difference, and theirs comes with it
+    still = simulate(hung(method, newton, own={"damping": 0.0}))
+    carried = simulate(hung(method, newton, [path], own={"vertVel": [xyz(ride)] * 5, "damping": 0.0}))
+    # but for the rounding of some thousand operations and the tolerance of the linear solver
+    np.testing.assert_allclose(carried.positions - carried.times[:, None, None] * ride, still.positions, atol=1e-10)
+
+
+@pytest.mark.slow
+def test_a_pendulum_on_an_accelerated_frame_feels_another_gravity():
+    h, steps, a = 0.01, 20, np.array([4.0, 1.0, -2.0])
+    n = np.arange(steps + 1)
+    # as backward Euler integrates a constant acceleration from rest: differences h² a n
+    path = {"vertices": [0], "posKeys": keys(h * n, 0.5 * h * h * (n * (n + 1))[:, None] * a)}
+    moved = simulate(hung("implicit", 1, [path], own={"damping": 0.0}))
+    tilted = simulate(hung("implicit", 1, gravity=xyz(np.array([0, -9.81, 0]) - a), own={"damping": 0.0}))
+    seen = moved.positions - 0.5 * h * h * (n * (n + 1))[:, None, None] * a
+    np.testing.assert_allclose(seen, tilted.positions, atol=1e-10)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
+def test_pins_are_on_their_path_at_every_frame(method):
+    turn = {"vertices": [0, 1], "rotKeys": keys([0, 0.2], [(0, 0, 0), (0, 0, 90)]), "pivot": xyz((0, 1, 0))}
+    one = chain(5, "nn", fixed=(0, 1), pins=[turn])
+    made = scene(one, integrationMethod=METHODS[method], delta=0.01, optimizationIterations=21)
+    motion = simulate(made)
+    angle = np.radians(90) * motion.times / 0.2
+    start = np.array([[0.0, -1.0, 0.0], [1.0, -1.0, 0.0]])  # from the pivot
+    x = np.cos(angle)[:, None] * start[:, 0] - np.sin(angle)[:, None] * start[:, 1]
+    y = np.sin(angle)[:, None] * start[:, 0] + np.cos(angle)[:, None] * start[:, 1]
+    np.testing.assert_allclose(motion.positions[:, :2, 0], x, atol=1e-14)
+    np.testing.assert_allclose(motion.positions[:, :2, 1], 1.0 + y, atol=1e-14)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
+def test_keys_that_stay_are_the_constant_value(method):
+    fields = {"dragCoefficient": 0.3}
+    made = {"integrationMethod": METHODS[method], "delta": 0.005, "optimizationIterations": 11, "tolerance": TIGHT}
+    plain = scene(sheet("nn", **fields), windVel=xyz((3, 1, -2)), gravity=xyz((1, -9, 2)), **made)
+    keyed = scene(
+        sheet("nn", **fields), windVel=xyz((1, 1, 0)), windVelKeys=keys([0], [(2, 0, -2)]),
+        gravity=xyz((1, 0, 0)), gravityKeys=keys([0], [(0, -9, 2)]), **made,
+    )  # fmt: skip
+    a, b = simulate(plain), simulate(keyed)
+    np.testing.assert_allclose(a.positions, b.positions, atol=1e-12)  # a sum of two numbers is rounded
+    for one, other in zip(vars(energies(plain, a)).values(), vars(energies(keyed, b)).values(), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-10)
+
+
+@pytest.mark.slow
+def test_a_sphere_that_meets_a_cloth_is_a_cloth_that_meets_a_sphere():
+    drop = thing([(0, 0, 0)])
+    fields = {"delta": 0.002, "optimizationIterations": 200, "gravity": xyz((0, 0, 0)), "tolerance": TIGHT}
+    meets = simulate(scene({**drop, "vertVel": [xyz((0, -2, 0))]}, colliders=[ball((0, -0.6, 0), 0.5)], **fields))
+    met = simulate(scene(drop, colliders=[{**ball((0, -0.6, 0), 0.5), "posKeys": keys([0, 1], [(0, 0, 0), (0, 2, 0)])}],
+                         **fields))  # fmt: skip
+    # the sphere is where it is at the end of a step, the vertex where it begins: one step of 4 mm apart, in a contact
+    # whose spring turns at sqrt(1000 N/m / 0.1 kg) = 100/s
+    shifted = met.positions[:, 0, 1] - 2.0 * met.times
+    assert meets.positions[-1, 0, 1] > meets.positions[:, 0, 1].min() + 0.05  # it has come back
+    np.testing.assert_allclose(shifted, meets.positions[:, 0, 1], atol=0.25)
+    assert abs(np.diff(shifted)[-1] - np.diff(meets.positions[:, 0, 1])[-1]) < 0.1 * 0.002 * 2
+
+
+def rich(method="implicit", newton=1, settings="LL", **fields):
+    """A cloth with pins that turn, wind, gravity and a sphere over time."""
+    fits = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}
+    one = sheet(settings, fit=fits if settings == "LL" else {}, vertIsFixed=[i in (0, 1, 2) for i in range(9)])
+    one["vertVel"] = [xyz((0.1 * i, 0, -0.1)) for i in range(9)]
+    one["pins"] = [
+        {"vertices": [0, 2], "rotKeys": keys([0, 0.03], [(0, 0, 0), (20, 40, 10)], interpolation="smooth")},
+        {"vertices": [1], "posKeys": keys([0, 0.02, 0.04], [(0, 0, 0), (0.02, 0.05, 0), (0, 0, 0)])},
+    ]
+    moving = {**ball((1.0, -0.748, 1.0), 0.75), "posKeys": keys([0, 0.05], [(0, 0, 0), (0.01, 0.02, 0)])}
+    return scene(
+        one, integrationMethod=METHODS[method], forwardSubSteps=newton, delta=0.01, optimizationIterations=6,
+        windVel=xyz((4, -2, -3)), windVelKeys=keys([0, 0.03], [(0, 0, 0), (-8, 1, 2)]), colliders=[moving],
+        gravityKeys=keys([0.01, 0.02], [(0, 0, 0), (3, 1, 0)], interpolation="hold"), tolerance=TIGHT,
+        fit={"windVel": True, "gravity": True} if settings == "LL" else {}, **fields,
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "newton"), VARIANTS)
+def test_gradient_and_tangent_with_all_inputs(method, newton):
+    made = rich(method, newton)
+    p = parameters(made)
+    target = simulate(made.with_values([made.cloths[0].mass * 1.1], [made.cloths[0].stiffness * 0.9]))
+    found = check(Objective(made, target, TIGHT), p, seed=1)
+    assert found.order > 1.9
+    assert found.difference < 1e-6
+    assert found.product < 1e-12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "newton"), VARIANTS)
+def test_the_dense_sensitivity_with_all_inputs(method, newton):
+    made = rich(method, newton)
+    objective, p = Objective(made, simulate(made), TIGHT), parameters(made)
+    system, tape = objective.simulate(objective.runs[0], p)
+    direction = np.random.default_rng(2).normal(size=len(p))
+    change = objective.tangent(p, direction)[0][:, system.vertex.free]
+    wanted = columns(system, objective.blocks, p, np.arange(len(p), dtype=np.int32), np.ones(len(p)), len(p))
+    for t, dx in enumerate(sweep(system, tape, wanted)):
+        expected = change[t + 1].reshape(-1)
+        # two ways to the same sums of some hundred products
+        np.testing.assert_allclose(dx @ direction, expected, atol=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "newton"), [*VARIANTS[:3], ("implicit", 12), ("bdf2", 1), ("bdf2", 12)])
+def test_momentum_is_balanced_with_all_inputs(method, newton):
+    made = rich(method, newton)
+    motion, system = simulate(made), build(made, 0)
+    rows = balances(system, Track(motion.positions, np.ones(motion.positions.shape[:2], bool)))
+    left = np.where(rows.valid[..., None], rows.residual, 0.0)
+    assert rows.valid.sum() >= 20
+    # velocities are differences of positions, 1e-16 m over 0.01 s, of masses of 0.01 kg; with some of the Jacobian left
+    # out, twelve of Newton's iterations end at 1e-10 of a momentum of about 1 N s
+    assert np.abs(left).max() < (1e-12 if newton == 1 else 1e-9)
+
+
+@pytest.mark.slow
+def test_a_converged_motion_has_the_inputs_of_its_time():
+    made = rich()
+    reference = converged(made, 4, error=1e-4)
+    fine = simulate(made.with_step(made.delta / 512, 3 * 512 + 1))
+    extent = np.ptp(fine.positions, axis=0).max()
+    # steps of 20 µs of first order; the reference is extrapolated from ones of its own
+    assert np.abs(reference.positions - fine.positions[::512]).max() < 5e-3 * extent
+
+
+def sampled(interpolation, times, values, at):
+    """Keys of one number at some times."""
+    three = np.asarray(values, float)[:, None] * np.ones(3)
+    return sampling.interpolated(Keys(np.array(times, float), three, interpolation), np.array(at, float))[:, 0]
+
+
+def test_interpolation():
+    at = [-1.0, 0.0, 0.5, 1.0, 1.5, 3.0, 9.0]
+    assert sampled("linear", [0, 1, 3], [0, 2, 6], at).tolist() == [0, 0, 1, 2, 3, 6, 6]
+    assert sampled("hold", [0, 1, 3], [0, 2, 6], at).tolist() == [0, 0, 0, 2, 2, 6, 6]
+    assert sampled("smooth", [0, 1, 3], [0, 2, 6], [-1, 0, 1, 3, 9]).tolist() == [0, 0, 2, 6, 6]
+    # the cubic that is at rest at both ends: t² (3 − 2 t)
+    t = np.linspace(0, 1, 11)
+    np.testing.assert_allclose(sampled("smooth", [0, 1], [0, 1], t), t * t * (3 - 2 * t), atol=1e-15)
+    assert sampled("linear", [2], [5], at).tolist() == [5] * 7
+
+
+def test_angles_turn_as_in_unity():
+    # Quaternion.Euler(0, 90, 0) turns forward (z) to the right (x), Euler(90, 0, 0) turns it down; z, then x, then y
+    forward = np.array([0.0, 0.0, 1.0])
+    np.testing.assert_allclose(sampling.rotation(np.array([0, 90, 0])).apply(forward), [1, 0, 0], atol=1e-15)
+    np.testing.assert_allclose(sampling.rotation(np.array([90, 0, 0])).apply(forward), [0, -1, 0], atol=1e-15)
+    np.testing.assert_allclose(sampling.rotation(np.array([90, 90, 0])).apply(forward), [0, -1, 0], atol=1e-15)
+    np.testing.assert_allclose(sampling.rotation(np.array([0, 90, 90])).apply([1, 0, 0]), [0, 1, 0], atol=1e-15)
+
+
+def file_of(tmp_path, name, write):
+    """A file with the path of a pin."""
+    path = tmp_path / name
+    write(path)
+    return str(path)
+
+
+TIMES, PATH = np.array([0.0, 0.1, 0.2]), np.array([[0.0, 0, 0], [0.1, 0.2, 0], [0.3, -0.1, 0.2]])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["csv", "bare csv", "values", "motion", "pc2"])
+def test_keys_from_files(tmp_path, kind):
+    rows = [",".join(map(repr, [float(t), *map(float, v)])) for t, v in zip(TIMES, PATH, strict=True)]
+    said = {}
+    if kind.endswith("csv"):
+        name = "gusts.csv"
+        (tmp_path / name).write_text("\n".join([*(["time,x,y,z"] if kind == "csv" else []), *rows]) + "\n")
+    elif kind == "values":
+        name = "path.npz"
+        np.savez(tmp_path / name, times=TIMES, values=PATH)
+    else:
+        name = "body.npz" if kind == "motion" else "body.pc2"
+        body = np.stack([np.zeros((3, 3)), 5.0 + PATH], axis=1)  # the second point, somewhere else
+        said = {"points": [1]}
+        if kind == "motion":
+            np.savez(tmp_path / name, times=TIMES, positions=body)
+        else:
+            said["fps"] = 10
+            for path, data in pc2.encoded(str(tmp_path / name), Animation(from_scene(body, RIGHT), RIGHT)).items():
+                with open(path, "wb") as file:
+                    data(file) if callable(data) else file.write(data)
+    inline = {"vertices": [0], "posKeys": keys(TIMES, PATH)}
+    stored = {"vertices": [0], "posKeys": {"file": str(tmp_path / name), **said}}
+    a, b = simulate(hung(pins=[inline])), simulate(hung(pins=[stored]))
+    np.testing.assert_allclose(b.positions, a.positions, atol=1e-6 if kind == "pc2" else 1e-12)  # pc2 has single floats
+
+
+BAD_FILES = {
+    "empty.csv": (b"", "no markers|empty|cannot|header|is no"),
+    "words.csv": (b"time,x,y,z\n0,0,0,0\n1,a,b,c\n", "line 3 is not four numbers"),
+    "late.csv": (b"0,0,0,0\n1,0,0,0\n1,1,1,1\n", "times must increase"),
+    "gap.csv": (b"0,0,0,0\n1,nan,0,0\n", "has gaps"),
+    "short.csv": (b"0,0,0,0\n1,1,1,1\n2,0,0\n", "line 3 has 3 columns"),
+    "not.npz": (b"PK nothing", "is damaged"),
+    "what.xyz": (b"", "no motion format|neither"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_files_that_are_no_keys_are_refused_with_their_place(tmp_path, name):
+    content, said = BAD_FILES[name]
+    (tmp_path / name).write_bytes(content)
+    made = hung(pins=[{"vertices": [0], "posKeys": {"file": str(tmp_path / name)}}])
+    with pytest.raises(InvalidScene, match=said) as caught:
+        simulate(made)
+    assert "objects[0].pins[0].posKeys.file: " in str(caught.value)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    made = hung(pins=[{"vertices": [0], "posKeys": {"file": str(tmp_path / "no.csv")}}])
+    with pytest.raises(InvalidScene, match="there is no such file"):
+        simulate(made)
+
+
+def test_points_that_do_not_fit(tmp_path):
+    np.savez(tmp_path / "two.npz", times=TIMES, positions=np.zeros((3, 2, 3)))
+    for points, said in (([], "2 points of the file for 1 vertices"), ([2], "there is no point 2; it has 2")):
+        made = hung(pins=[{"vertices": [0], "posKeys": {"file": str(tmp_path / "two.npz"), "points": points}}])
+        with pytest.raises(InvalidScene, match=said):
+            simulate(made)
