@@ -43,10 +43,8 @@ def constant(wind: Array, gravity: Array, spheres: int) -> Inputs:
     none = np.zeros((0, 3))
     places = np.zeros((0, spheres, 3))
     nobody = np.zeros(0, np.int32)
-    return Inputs(
-        none, none, places, np.zeros((0, 0, 3)), nobody, nobody, np.array(wind, float), np.array(gravity, float), none, none,
-        1, 0, False,
-    )  # fmt: skip
+    bases = np.array(wind, float), np.array(gravity, float)
+    return Inputs(none, none, places, np.zeros((0, 0, 3)), nobody, nobody, *bases, none, none, 1, 0, False)
 
 
 def check_steps(inputs: Inputs, steps: int) -> None:
