@@ -30,7 +30,7 @@ MOST_TEXT = 1 << 28
 
 
 def loaded(keys: Keys) -> Keys:
-    """Keys from a file, with its numbers. Raises InvalidScene, with the place in the scene, where they are not in it."""
+    """Keys from a file, with its numbers. Raises InvalidScene, with their place, where they are not in it."""
     assert keys.file is not None
     try:
         status = os.stat(keys.file)

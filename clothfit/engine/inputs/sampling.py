@@ -41,7 +41,8 @@ def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
     coupled = np.flatnonzero((held & ~cloth.fixed[cloth.springs][:, ::-1]).any(axis=1)).astype(np.int32)
     return found._replace(
         wind=wind, gravity=gravity, centre=centre, path=path, pins=pins, coupled=coupled,
-        place=np.zeros((len(pins), 3)), later=np.zeros((len(pins), 3)), lead=int(scene.method >= 2), changes=True, steps=steps,
+        place=np.zeros((len(pins), 3)), later=np.zeros((len(pins), 3)),
+        lead=int(scene.method >= 2), steps=steps, changes=True,
     )  # fmt: skip
 
 

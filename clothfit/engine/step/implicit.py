@@ -14,7 +14,7 @@ iteration that was taken, so they are exact for two iterations as for twenty, co
 
 Transpose, with w̄ = v̄⁺ + h x̄⁺: solve A λ = w̄; then x̄, v̄ and the parameters receive the derivative of −λᵀ r.
 The term λᵀ (∂A/∂y) w that this contains never forms a tensor: per force element it is the derivative of a scalar.
-Arrays are (n, 3); fixed vertices have velocity 0 and λ 0.
+Arrays are (n, 3); fixed vertices have λ 0, and velocity 0 unless they are pins (`inputs.tables`).
 """
 
 from __future__ import annotations

@@ -1,0 +1,67 @@
+"""Keys and pins in the scene file: what is refused, and where."""
+
+import copy
+import json
+
+import pytest
+from helpers.physics import xyz
+from helpers.scenes import MISSING, changed, document, load_text, problems, sphere
+
+from clothfit.scene.scene import dumps, load
+
+PIN = {"vertices": [0, 3], "posKeys": {"times": [0, 1], "values": [xyz((0, 0, 0)), xyz((1, 0, 0))]}}
+
+
+def scene():
+    """A scene with keys everywhere: vertices 0 and 3 of its object are fixed."""
+    made = copy.deepcopy(document(colliders=[sphere()]))
+    made["objects"][0]["pins"] = [copy.deepcopy(PIN)]
+    made["windVelKeys"] = {"times": [0.0, 0.5], "values": [xyz((0, 0, 0)), xyz((1, 2, 3))], "interpolation": "smooth"}
+    made["gravityKeys"] = {"times": [0.1], "values": [xyz((0, 0, 0))], "interpolation": "hold"}
+    made["colliders"][0]["posKeys"] = copy.deepcopy(PIN["posKeys"])
+    return made
+
+
+WIND = ("windVelKeys",)
+POSITION = ("objects", 0, "pins", 0, "posKeys")
+FAULTS = [
+    ((*WIND, "times"), [0.5, 0.5], "windVelKeys.times[1]: 0.5 s is not later than 0.5 s before it; times must increase"),
+    ((*WIND, "times"), [0.5, 0.1], "windVelKeys.times[1]: 0.1 s is not later than 0.5 s before it; times must increase"),
+    ((*WIND, "times"), [0.0], "windVelKeys.values: has 2 items for 1 times"),
+    ((*WIND, "times"), [], "windVelKeys.times: is empty; at least one key is needed"),
+    ((*WIND, "times"), MISSING, "windVelKeys: needs times and values, or a file"),
+    ((*WIND, "times"), [0.0, "1"], "windVelKeys.times[1]: "),
+    ((*WIND, "times"), [0.0, 1e999], "windVelKeys.times[1]: "),
+    ((*WIND, "values", 1, "y"), MISSING, "windVelKeys.values[1].y: is missing, and it has no default"),
+    ((*WIND, "interpolation"), "cubic", 'windVelKeys.interpolation: "cubic" is not one of "linear", "smooth", "hold"'),
+    ((*WIND, "file"), "gusts.csv", "windVelKeys: has both a file and times and values; give one of them"),
+    ((*WIND, "fps"), 24, "windVelKeys: fps, scale, up, handedness and points belong to a file, and there is none"),
+    (WIND, [], "windVelKeys: a list is not an object"),
+    (("gravityKeys", "times"), [0, 1], "gravityKeys.values: has 1 items for 2 times"),
+    (("colliders", 0, "posKeys", "times"), [1, 0], "colliders[0].posKeys.times[1]: 0 s is not later than 1 s before"),
+    ((*POSITION, "times"), [1, 0], "objects[0].pins[0].posKeys.times[1]: 0 s is not later than 1 s before it"),
+    (("objects", 0, "pins", 0, "vertices"), [0, 12], "objects[0].pins[0].vertices[1]: 12 is no vertex; the object has"),
+    (("objects", 0, "pins", 0, "vertices"), [1], "objects[0].pins[0].vertices[0]: vertex 1 is not fixed (vertIsFixed)"),
+    (("objects", 0, "pins", 0, "vertices"), [0, 0], "objects[0].pins[0].vertices[1]: vertex 0 is twice in this pin"),
+    (("objects", 0, "pins", 0, "vertices"), [], "objects[0].pins[0].vertices: is empty; at least 1 is needed"),
+    (("objects", 0, "pins"), [PIN, PIN], "objects[0].pins[1].vertices[0]: vertex 0 is in pins[0] as well"),
+    (POSITION, MISSING, "objects[0].pins[0]: needs posKeys, rotKeys or both"),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "said"), FAULTS)
+def test_faults_are_named_with_their_place(path, value, said):
+    found = problems(changed(scene(), path, value))
+    assert any(problem.startswith(said) for problem in found), found
+
+
+def test_keys_survive_saving_to_the_byte():
+    text = json.dumps(scene())
+    assert dumps(load_text(text)) == text.encode()
+
+
+def test_paths_are_relative_to_the_scene(tmp_path):
+    made = scene()
+    made["windVelKeys"] = {"file": "gusts.csv"}
+    (tmp_path / "scene.json").write_text(json.dumps(made))
+    assert load(tmp_path / "scene.json").wind_keys.file == str(tmp_path / "gusts.csv")
