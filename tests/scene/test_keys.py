@@ -25,8 +25,8 @@ def scene():
 WIND = ("windVelKeys",)
 POSITION = ("objects", 0, "pins", 0, "posKeys")
 FAULTS = [
-    ((*WIND, "times"), [0.5, 0.5], "windVelKeys.times[1]: 0.5 s is not later than 0.5 s before it; times must increase"),
-    ((*WIND, "times"), [0.5, 0.1], "windVelKeys.times[1]: 0.1 s is not later than 0.5 s before it; times must increase"),
+    ((*WIND, "times"), [0.5, 0.5], "windVelKeys.times[1]: 0.5 s is not later than 0.5 s before it"),
+    ((*WIND, "times"), [0.5, 0.1], "windVelKeys.times[1]: 0.1 s is not later than 0.5 s before it"),
     ((*WIND, "times"), [0.0], "windVelKeys.values: has 2 items for 1 times"),
     ((*WIND, "times"), [], "windVelKeys.times: is empty; at least one key is needed"),
     ((*WIND, "times"), MISSING, "windVelKeys: needs times and values, or a file"),
