@@ -1,6 +1,6 @@
 """Make the example scenes: `python examples/make.py` writes them, `--check` only checks that they are up to date.
 
-Four cloths of 12 × 12 vertices over 7 m, as the front end would build them (`clothfit.mesh`). `README.md` beside this
+Four cloths of 12 × 12 vertices over 7 m, as the editor would build them (`clothfit.mesh`). `README.md` beside this
 file says what each holds and hides. Units: m, kg, s, N/m.
 """
 
@@ -79,7 +79,7 @@ def scene(
     wind: tuple[float, float, float] = (0.0, 0.0, 0.0),
     colliders: list[dict[str, Any]] | None = None,
 ) -> dict[str, Any]:
-    """Make a scene of one cloth, in the order of fields in which the front end writes them."""
+    """Make a scene of one cloth, in the order of fields in which the editor writes them."""
     cloth = object_document(mesh, fixed, density=0.1, stiffness=50.0, damping=0.1, drag=0.1, settings=settings)
     return {
         "integrationMethod": 2,

@@ -85,7 +85,7 @@ SECTIONS = {
               "damping, drag, velocity, rest, wind, gravity.  [default: nF]")
 @click.option("--integrator", default="bdf2", metavar="NAME",
               help="Integrator: bdf2, of second order; or implicit, symplectic or explicit, of first order, which "
-              "the front end in Unity can play.  [default: bdf2]")
+              "the editor in Unity can play.  [default: bdf2]")
 @click.option("--delta", type=float, metavar="SECONDS", help="Time step in s.  [default: 0.02]")
 @click.option("--fps", type=float, metavar="F", help="Time steps per second, instead of --delta.")
 @click.option("--frames", type=int, default=100, metavar="N",

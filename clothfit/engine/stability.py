@@ -19,7 +19,7 @@ springs, at their rest length; the air adds at most what it takes of the vertex 
 
 Springs turn and stretch while the cloth moves, and its fastest frequency with them. Whatever their directions, it stays
 below that of `frequency(…, turned=True)`, where each spring counts k in all directions, a fifth to a quarter above that
-of the start on grids as the front end makes them: a cloth folded into a line. The start predicts better what happens:
+of the start on grids as the editor makes them: a cloth folded into a line. The start predicts better what happens:
 those examples whose springs keep their length diverge between 1.03 and 1.2 times its limit.
 """
 

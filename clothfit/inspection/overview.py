@@ -68,7 +68,7 @@ def beyond_editor(scene: Scene) -> str | None:
     if name in OF_THE_EDITOR:
         return "the front end in Unity does not know of inputs over time: there they stay" if scene.moves else None
     return (
-        f"the front end in Unity cannot play its step ({name}, integrationMethod {scene.method}), `clothfit simulate` "
+        f"the editor in Unity cannot play its step ({name}, integrationMethod {scene.method}), `clothfit simulate` "
         "can; for a cloth that Unity is to play, `new --integrator implicit`, and fit with that"
     )
 

@@ -1,4 +1,4 @@
-"""Scenes without the editor: a triangle mesh becomes the cloth that the front end would build.
+"""Scenes without the editor: a triangle mesh becomes the cloth that the editor would build.
 
 mesh_file (read) → problems and weld (clean) → topology (edges, bending) → mesh (masses, stiffnesses) → fixing (fixed
 vertices) → weave (families, regions) → new_scene (the document).

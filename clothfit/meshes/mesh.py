@@ -1,6 +1,6 @@
-"""From a triangle mesh to an object of a scene, as the front end builds it: springs, stiffnesses, masses.
+"""From a triangle mesh to an object of a scene, as the editor builds it: springs, stiffnesses, masses.
 
-The front end walks through the triangles (a, b, c) in order and meets their edges ab, ac, bc; each such meeting is a
+The editor walks through the triangles (a, b, c) in order and meets their edges ab, ac, bc; each such meeting is a
 *side*. The first side at an edge gives a traction spring along it, the second a bending spring between the two vertices
 opposite it, so spring s is side s and every mesh has three springs per triangle. With A the area of a
 triangle (m²), L the rest length of the spring (m), E the object's stiffness (N/m) and ρ its density (kg/m²):
@@ -108,9 +108,9 @@ def areas(mesh: Mesh) -> Array:
 
 
 def sides(triangles: Indices) -> Sides:
-    """List the sides of the triangles (T, 3) in the order in which the front end meets them.
+    """List the sides of the triangles (T, 3) in the order in which the editor meets them.
 
-    Raises InvalidInput when more than two triangles share an edge, as the result of the front end is not known then.
+    Raises InvalidInput when more than two triangles share an edge, as the result of the editor is not known then.
     """
     met = any_sides(triangles)
     meetings = np.bincount(met.first)
@@ -137,7 +137,7 @@ def keys(pairs: Indices) -> npt.NDArray[np.int64]:
 
 
 def edges(triangles: Indices) -> Indices:
-    """Ends (E, 2) of the edges of the triangles (T, 3), each once, in the order in which the front end meets them."""
+    """Ends (E, 2) of the edges of the triangles (T, 3), each once, in the order in which the editor meets them."""
     met = sides(triangles)
     ends: Indices = met.edge[met.first == np.arange(len(met.first))]
     return ends
@@ -146,7 +146,7 @@ def edges(triangles: Indices) -> Indices:
 def springs(mesh: Mesh, stiffness: float, bending: bool | float = True) -> Springs:
     """Make the springs of an object of stiffness E, N/m.
 
-    `bending` is True for the front end's bending springs, False for none, or their share of E. Raises InvalidInput
+    `bending` is True for the editor's bending springs, False for none, or their share of E. Raises InvalidInput
     when a spring would have no length, or more than two triangles share an edge.
     """
     share = BENDING_SHARE if bending is True else float(bending)
@@ -205,7 +205,7 @@ def object_document(
     settings: str = "nn",
     bending: bool | float = True,
 ) -> dict[str, Any]:
-    """Make an object of a scene file, with the names and the order of fields that the front end writes.
+    """Make an object of a scene file, with the names and the order of fields that the editor writes.
 
     `fixed` (n,) marks the vertices that do not move. `density` is in kg/m², `stiffness` in N/m; `damping`, `drag` and
     `settings` are the file's `damping`, `dragCoefficient` and `optimizationSettings`; `bending` is as in `springs`.

@@ -43,10 +43,10 @@ def new_scene(
     warp: Sequence[float] | None = None,
     regions: Mapping[str, npt.ArrayLike] | None = None,
 ) -> Scene:
-    """Make a scene of one cloth, with the springs and masses that the front end would give it.
+    """Make a scene of one cloth, with the springs and masses that the editor would give it.
 
     `fixed` (n,) marks the vertices that do not move (default: none). `density` is in kg/m², `stiffness` E in N/m.
-    `bending` is True for the front end's bending springs, False for none, or their share of E. `damping` and `drag` are
+    `bending` is True for the editor's bending springs, False for none, or their share of E. `damping` and `drag` are
     those of the file. `fit` is two letters, for masses and stiffnesses: n keeps them, F fits one factor on what is
     there, R one per family and region, M a smooth map, G one value for all, L one each; `fits` gives the letters of
     other kinds, such as {"wind": "G"}. Spheres are (x, y, z, radius), m. `wind` is in m/s,

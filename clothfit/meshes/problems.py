@@ -2,7 +2,7 @@
 
 Tools split vertices where texture or normals jump, double faces to show both sides, and leave points behind. A network
 of springs suffers from that: it is torn where two vertices lie at one place, a vertex in no triangle has no mass, a
-spring between two vertices at one place has no length, and the front end does not define what it makes of an edge with
+spring between two vertices at one place has no length, and the editor does not define what it makes of an edge with
 three triangles.
 
 n vertices, T triangles.

@@ -2,7 +2,7 @@
 
 A motion from the tool that drew the mesh has the mesh's vertices. An optional field of the object lists the vertex of
 the object that each of them became: in `"meshVertices": [0, 1, 2, 1, -1]` the fourth was joined to the second, and the
-fifth left out. The front end keeps the field, as any that it does not know.
+fifth left out. The editor keeps the field, as any that it does not know.
 """
 
 from __future__ import annotations

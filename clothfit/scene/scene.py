@@ -1,4 +1,4 @@
-"""The scene: what the JSON of the front end says, checked, as arrays in SI units; loading and saving it.
+"""The scene: what the JSON of the editor says, checked, as arrays in SI units; loading and saving it.
 
 A scene is immutable; a fit makes new ones with other values. Each remembers the text it came from, and saving changes
 nothing in that text but the numbers that differ. The camelCase names of the file end here and in `checks` and `kinds`:

@@ -1,7 +1,7 @@
 """Where a fit starts: at the given values, or at the scene's. Where these are the truth, which the fit may not know, it
 starts at the best of a coarse search (`coarse_search`) in the proportions of a fabric or with equal values.
 
-A fabric has one density and one stiffness; the front end shares them out by geometry: a vertex' mass is proportional
+A fabric has one density and one stiffness; the editor shares them out by geometry: a vertex' mass is proportional
 to the area of its triangles, a traction spring's stiffness to the area at its edge over its length squared, a bending
 spring's to a quarter of twice that of the second triangle at the edge it bends over (`meshes.mesh`). Springs and
 vertices that belong to no triangle get the geometric mean of the others.

@@ -62,11 +62,11 @@ def test_a_step_that_the_editor_does_not_have_is_said(tmp_path, capsys):
     assert run(["info", foreign]) == 0
     told = capsys.readouterr().out
     assert "bdf2 steps of 0.02 s, 1 Newton iteration, tolerance" in told
-    assert "the front end in Unity cannot play its step (bdf2, integrationMethod 3)" in told
+    assert "the editor in Unity cannot play its step (bdf2, integrationMethod 3)" in told
     assert run(["validate", own, foreign]) == 0
     first, second = capsys.readouterr().out.splitlines()
     assert first.endswith("2.json: valid")
-    assert "3.json: valid; the front end in Unity cannot play its step (bdf2, integrationMethod 3)" in second
+    assert "3.json: valid; the editor in Unity cannot play its step (bdf2, integrationMethod 3)" in second
     assert run(["info", foreign, "--json", "-q"]) == 0
     assert json.loads(capsys.readouterr().out)["of_the_editor"] is False
 

@@ -18,7 +18,7 @@ ROUNDING = 1e-15
 
 
 def built(divisions: int = 4, seed: int = 2, **fields: Any) -> dict[str, Any]:
-    """An object as the front end builds it, with bending springs, its values scattered."""
+    """An object as the editor builds it, with bending springs, its values scattered."""
     plane = mesh.plane(divisions, 1.0)
     held = np.arange(len(plane.positions)) < 2
     made = mesh.object_document(plane, held, density=0.1, stiffness=50.0, damping=0.1, drag=0.1)

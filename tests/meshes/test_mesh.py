@@ -1,4 +1,4 @@
-"""The builder of meshes and objects, against the front end's own export and closed forms."""
+"""The builder of meshes and objects, against the editor's own export and closed forms."""
 
 import io
 import json
@@ -13,7 +13,7 @@ from clothfit import InvalidInput
 from clothfit.meshes import mesh
 from clothfit.meshes.mesh import Mesh
 
-FLOAT32 = 2e-6  # the front end computes in float32: a few roundings of 6e-8, times areas and squared lengths
+FLOAT32 = 2e-6  # the editor computes in float32: a few roundings of 6e-8, times areas and squared lengths
 
 
 def triangles(*corners):

@@ -1,4 +1,4 @@
-"""Scenes made of meshes: the front end's numbers, and that they move."""
+"""Scenes made of meshes: the editor's numbers, and that they move."""
 
 import json
 

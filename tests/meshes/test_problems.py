@@ -68,7 +68,7 @@ def test_a_mesh_that_collapses_when_it_is_welded_is_none():
 
 
 def builds(case):
-    """Whether the front end's objects can be made of a mesh."""
+    """Whether the editor's objects can be made of a mesh."""
     try:
         mesh.object_document(case, np.zeros(len(case.positions), bool), density=1.0, stiffness=1.0)
     except InvalidInput:

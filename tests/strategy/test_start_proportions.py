@@ -1,4 +1,4 @@
-"""The proportions of one fabric, for cloths of the front end's making and for others."""
+"""The proportions of one fabric, for cloths of the editor's making and for others."""
 
 import numpy as np
 import pytest
