@@ -64,7 +64,7 @@ def order(cost, direction=ONES):
         ("evaluations are too few, at least 1 is needed", lambda: clothfit.estimate(SCENE, max_evaluations=0)),
         ("targets: 0 are given for 1 scenes; give one item for each", lambda: clothfit.estimate_many([SCENE], [])),
         ("target: none is given; at least one motion is needed", lambda: clothfit.estimate(SCENE, [])),
-        ("is not a number, an array of numbers or a scene", lambda: clothfit.estimate(SCENE, start="a")),
+        ("is not a number, an array of numbers or a scene", lambda: clothfit.estimate(SCENE, start=["a"])),
         ("objects; one each is needed", lambda: SCENE.with_values([], [])),
         ("items for 1 objects are given", lambda: SCENE.with_values([1], [1], drag=[])),
         ("up must be y or z; 'x' was given", lambda: clothfit.Reading(up="x")),
