@@ -77,7 +77,7 @@ def animation(scene: Scene, times: Array, x: Array, over: Array | None = None, w
     from PIL import Image
 
     times, x, over = good_part(times, x, over)
-    on = stage(scene, [x] if over is None else [x, over], GIF_FACES, GIF_ASPECT)
+    on = stage(scene, [x] if over is None else [x, over], GIF_FACES, GIF_ASPECT, times)
     cut = film(times)
     pictures = [picture(on, times, frame, x, over, width, cut.speed) for frame in cut.frames]
     colours = palette(pictures)

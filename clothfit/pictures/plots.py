@@ -89,7 +89,7 @@ def composed(
     from matplotlib.figure import Figure
 
     times, x, over = good_part(times, x, over)
-    on = stage(scene, [x] if over is None else [x, over], STRIP_FACES)
+    on = stage(scene, [x] if over is None else [x, over], STRIP_FACES, times=times)
     top = HEAD_HEIGHT if over is None else HEAD_HEIGHT + LEGEND_HEIGHT
     strip = (PAGE_WIDTH / STRIP_FRAMES - 0.06) * on.camera.aspect + 0.33
     sizes = [top, strip, *[ROW_HEIGHT] * len(rows)]

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.engine.inputs.sampling import centres_at
 from clothfit.pictures.camera import LIGHT, Camera, direction, faces, framed, project, shaped, thinned
 from clothfit.pictures.palette import CLOTHS, SPHERE_COLOUR, TARGET_COLOUR, Colour
 from clothfit.scene.cloth import Cloth
@@ -45,6 +46,7 @@ class Stage:
     cloth: Indices  # (T,) the object of each triangle
     camera: Camera
     middle: Array  # (F, 3) m, where the camera moves with the cloth; 0 where it stands still
+    centres: Array  # (F, C, 3) m, of the spheres
 
 
 class Patches(NamedTuple):
@@ -55,8 +57,16 @@ class Patches(NamedTuple):
     opacity: float = 1.0
 
 
-def stage(scene: Scene, motions: Sequence[Array], most: int, shape: tuple[float, float] = (0.4, 1.6)) -> Stage:
-    """The stage for motions (F, n, 3) of a scene, with at most `most` faces, its height by width within `shape`."""
+def stage(
+    scene: Scene,
+    motions: Sequence[Array],
+    most: int,
+    shape: tuple[float, float] = (0.4, 1.6),
+    times: Array | None = None,
+) -> Stage:
+    """The stage for motions (F, n, 3) of a scene at `times` (F,), s, by default its own steps, with at most `most`
+    faces, its height by width within `shape`.
+    """
     parts, cloth = [], []
     start = 0
     total = sum(len(own.triangles) for own in scene.cloths)
@@ -66,14 +76,19 @@ def stage(scene: Scene, motions: Sequence[Array], most: int, shape: tuple[float,
         cloth += [index] * len(kept)
         start += len(own.mass)
     triangles = np.concatenate(parts).astype(np.int32) if parts else np.zeros((0, 3), np.int32)
-    middle = middles(motions[0])
+    middle, centres = middles(motions[0]), centres_at(scene, times_of(scene, motions[0], times))
     axes = direction(motions[0], triangles)
     if middle.any():
         seen = framed(axes, some(motions[0] - middle[:, None]))
     else:
-        balls = [ball(sphere.centre, sphere.radius) for sphere in scene.spheres]
+        balls = [ball(c, s.radius) for c, s in zip(centres.mean(axis=0), scene.spheres, strict=True)]
         seen = framed(axes, np.concatenate([*map(some, motions), *balls]))
-    return Stage(scene, triangles, np.array(cloth, np.int32), shaped(seen, *shape), middle)
+    return Stage(scene, triangles, np.array(cloth, np.int32), shaped(seen, *shape), middle, centres)
+
+
+def times_of(scene: Scene, x: Array, times: Array | None) -> Array:
+    """The times (F,), s, of a motion (F, n, 3)."""
+    return scene.delta * np.arange(len(x), dtype=float) if times is None else times
 
 
 def some(x: Array) -> Array:
@@ -121,10 +136,11 @@ def painted(on: Stage, frame: int, x: Array, over: Array | None = None) -> list[
         skins.append(skin(on, over - away, TARGET_COLOUR, TARGET_OPACITY))
     found: list[Patches] = []
     nearest = np.inf
-    for sphere in sorted(on.scene.spheres, key=lambda s: -float(s.centre @ on.camera.forward)):
-        depth = float((sphere.centre - away) @ on.camera.forward)
+    balls = zip(on.centres[frame], on.scene.spheres, strict=True)
+    for centre, sphere in sorted(balls, key=lambda each: -float(each[0] @ on.camera.forward)):
+        depth = float((centre - away) @ on.camera.forward)
         found += [one.between(nearest, depth) for one in skins]
-        found.append(disc(on.camera, sphere.centre - away, sphere.radius))
+        found.append(disc(on.camera, centre - away, sphere.radius))
         nearest = depth
     return [*found, *(one.between(nearest, -np.inf) for one in skins)]
 

@@ -52,8 +52,8 @@ def cloths(on: Stage, frame: int, x: Array, colours: Array, image: Array, depth:
 def spheres(on: Stage, frame: int, image: Array, depth: Array) -> None:
     """Draw the spheres into the image and the depths."""
     scale = pixels_per_metre(on, image)
-    for sphere in on.scene.spheres:
-        place = in_pixels(on, project(on.camera, sphere.centre - on.middle[frame])[None], image)[0]
+    for centre, sphere in zip(on.centres[frame], on.scene.spheres, strict=True):
+        place = in_pixels(on, project(on.camera, centre - on.middle[frame])[None], image)[0]
         fill_sphere(place, SPHERE_SIZE * sphere.radius, scale, np.array(SPHERE_COLOUR), light(), image, depth)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import counted, metres
 from clothfit.base.version import __version__
+from clothfit.engine.inputs.sampling import centres_at
 from clothfit.evaluation.evaluate import Distance, Evaluation
 from clothfit.objective.identifiability import identifiable
 from clothfit.report.findings import STATUS, began, headline, relative, share
@@ -47,7 +48,7 @@ def content(
         "notes": show.notes,
         "remarks": [bound(step), *([] if log.points or log.summary else [NO_LOG])],
         "mesh": mesh(fitted),
-        "surroundings": surroundings(fitted),
+        "surroundings": surroundings(fitted, show.times),
         "motion": motion(show, low, step),
         "curve": curve(show),
         "residuals": left(show),
@@ -143,12 +144,13 @@ def mesh(scene: Scene) -> dict[str, Any]:
     }
 
 
-def surroundings(scene: Scene) -> dict[str, Any]:
-    """Wind and spheres."""
-    return {
-        "wind": scene.wind.tolist(),
-        "spheres": [{"centre": sphere.centre.tolist(), "radius": sphere.radius} for sphere in scene.spheres],
-    }
+def surroundings(scene: Scene, times: Array) -> dict[str, Any]:
+    """Wind and spheres; of those that move also the centre at each of the times (F,), s."""
+    spheres = []
+    for path, sphere in zip(np.moveaxis(centres_at(scene, times), 1, 0), scene.spheres, strict=True):
+        moved = {"path": path.tolist()} if sphere.position else {}
+        spheres.append({"centre": sphere.centre.tolist(), "radius": sphere.radius, **moved})
+    return {"wind": scene.wind.tolist(), "spheres": spheres, "pinned": any(cloth.pins for cloth in scene.cloths)}
 
 
 def facts(truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | None) -> list[list[str]]:

@@ -108,6 +108,13 @@ def centres(spheres: Sequence[Sphere], times: Array) -> Array:
     return np.stack([s.centre + (moved(s.position, times) if s.position else still) for s in spheres], axis=1)
 
 
+def centres_at(scene: Scene, times: Array) -> Array:
+    """The centres (T, C, 3) of all spheres of a scene at times (T,), s, in m, whether they move or not."""
+    still = np.array([sphere.centre for sphere in scene.spheres], float).reshape(-1, 3)
+    found = centres(scene.spheres, times)
+    return found if len(found) else np.broadcast_to(still, (len(times), *still.shape))
+
+
 def paths(cloth: Cloth, times: Array) -> Array:
     """The places (T, P, 3) of the pins of a cloth, pin by pin, at times (T,), s, in m."""
     if not cloth.pins:

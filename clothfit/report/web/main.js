@@ -54,8 +54,8 @@ function build(content, mesh, parts, canvas) {
   const target = new Cloth(parts.target, mesh.triangles, edges, parts.observed);
   const others = parts.beside.map((each) => new Cloth(each.fitted, mesh.triangles, edges));
   const view = viewOf([parts.fitted, parts.target], fitted, content.surroundings, edges);
-  const fixed = [];
-  mesh.fixed.forEach((flag, i) => { if (flag) fixed.push(mesh.start[3 * i], mesh.start[3 * i + 1], mesh.start[3 * i + 2]); });
+  const held = [...mesh.fixed.keys()].filter((i) => mesh.fixed[i]);
+  const fixed = held.flatMap((i) => [...mesh.start.slice(3 * i, 3 * i + 3)]);
   const { observed } = parts;
   const motions = [fitted, ...others].map((cloth, k) => {
     const own = k === 0 ? { errors: parts.errors } : { ...parts.beside[k - 1], errors: parts.beside[k - 1].error };
@@ -66,7 +66,7 @@ function build(content, mesh, parts, canvas) {
   const panes = panesOf(motions, at("chips"), canvas.clientWidth);
   const shading = panes[0].shading;
   try {
-    return { fitted, target, panes, shading, stage: new Stage(canvas, panes, target, { ...content.surroundings, fixed }, view) };
+    return { fitted, target, panes, shading, stage: new Stage(canvas, panes, target, { ...content.surroundings, fixed, held }, view) };
   } catch (error) {
     trouble("This browser cannot draw in 3-D here (WebGL is off); charts and numbers are shown.");
     return { fitted, target, panes, shading, stage: null };
@@ -202,6 +202,7 @@ async function main() {
       shading.paint(frame);
     }
     moveCursor(player.time);
+    stage?.move(frame, share);
     if (stage) stage.stale = true;
   };
   const describe = (frame) => {

@@ -34,6 +34,7 @@ export class Stage {
     this.light();
     this.dress();
     this.floor();
+    this.around = around;
     for (const sphere of around.spheres) this.sphere(sphere);
     if (view.arrow) this.wind(view.arrow);
     this.pins(around.fixed);
@@ -159,6 +160,21 @@ export class Stage {
     this.scene.add(arrow);
   }
 
+  /** Put spheres and pins that move where they are between a frame and the next. */
+  move(frame, share) {
+    this.around.spheres.forEach(({ path }, k) => {
+      if (!path) return;
+      const a = path[frame], b = path[Math.min(frame + 1, path.length - 1)];
+      const at = a.map((value, c) => value + share * (b[c] - value));
+      this.balls[k].position.set(-at[0], at[1], at[2]);
+    });
+    if (!this.around.pinned || !this.pinBalls) return;
+    const places = this.fitted.faces.getAttribute("position");
+    this.around.held.forEach((vertex, i) => this.pinBalls.setMatrixAt(
+      i, new Matrix4().makeTranslation(places.getX(vertex), places.getY(vertex), places.getZ(vertex))));
+    this.pinBalls.instanceMatrix.needsUpdate = true;
+  }
+
   /** Balls at the fixed vertices, flat list of places. */
   pins(places) {
     const count = places.length / 3;
@@ -168,6 +184,7 @@ export class Stage {
     for (let i = 0; i < count; i++) {
       pins.setMatrixAt(i, new Matrix4().makeTranslation(-places[3 * i], places[3 * i + 1], places[3 * i + 2]));
     }
+    this.pinBalls = pins;
     this.scene.add(pins);
   }
 
