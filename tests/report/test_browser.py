@@ -216,3 +216,23 @@ def test_a_target_with_gaps_shows_what_was_seen(started, truth, fitted, tmp_path
         assert 0 < kept[1] < 16
         assert page.locator("#scrub").get_attribute("max") == "14"
         assert said == []
+
+
+def test_spheres_and_pins_move_with_their_keys(started, tmp_path):
+    way = {"times": [0, 1], "values": [{"x": 0, "y": 0, "z": 0}, {"x": 1, "y": -0.5, "z": 0.25}]}
+    ball = sphere(0.6, pos={"x": 1.5, "y": -2.2, "z": 1.5}, posKeys=way)
+    document = even("nG", FRAMES, colliders=[ball])
+    document["objects"][0]["pins"] = [{"vertices": [0], "posKeys": way}]
+    made = load(document)
+    path = tmp_path / "moving.html"
+    path.write_bytes(report_page(made, made))
+    with opened(started, path) as (page, said):
+        page.evaluate("clothfit.player.pause(); clothfit.player.goToFrame(10)")
+        ball = page.evaluate("clothfit.stage.balls[0].position.toArray()")
+        pin = page.evaluate("Array.from(clothfit.stage.pinBalls.instanceMatrix.array.slice(12, 15))")
+        time = page.evaluate("clothfit.player.time")
+        at = time * np.array([1.0, -0.5, 0.25])
+        flipped = np.array([-1.0, 1.0, 1.0])  # the page's axes are right-handed
+        np.testing.assert_allclose(ball, flipped * ([1.5, -2.2, 1.5] + at), atol=1e-9)
+        np.testing.assert_allclose(pin, flipped * at, atol=1e-3)  # positions are packed into 16 bits
+        assert said == []
