@@ -28,7 +28,7 @@ from clothfit.pictures.palette import GROUND
 DOCS = Path(__file__).resolve().parent
 PAGE, FILMS = DOCS / "gallery.md", DOCS / "gallery"
 WIDTH, HALF = 640, 440  # pixels of a film, and of one of two side by side
-LEGEND = 0.053  # of its width: the height at the top where it says who is who and what time it is
+LEGEND = 0.06  # of its width: the height at the top where it says who is who and what time it is
 COLUMNS = 96  # of a command
 HEAD = """
 # Gallery
