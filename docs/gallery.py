@@ -28,7 +28,8 @@ from clothfit.pictures.palette import GROUND
 DOCS = Path(__file__).resolve().parent
 PAGE, FILMS = DOCS / "gallery.md", DOCS / "gallery"
 WIDTH, HALF = 640, 440  # pixels of a film, and of one of two side by side
-LEGEND = 0.06  # of its width: the height at the top where it says who is who and what time it is
+LEGEND = 0.053  # of its width: the height at the top where it says who is who and what time it is
+CLOCK = (0.85, 0.062)  # of its width: where the time begins, and down to where its digits reach
 COLUMNS = 96  # of a command
 HEAD = """
 # Gallery
@@ -182,6 +183,8 @@ def beside(parts: list[list[Image.Image]], captions: list[str]) -> list[Image.Im
         sheet = Image.new("RGB", (width * len(shown), height + top), GROUND)
         for column, (one, caption) in enumerate(zip(shown, captions, strict=True)):
             sheet.paste(one.crop((0, cut, *one.size)), (column * width, top))
+            rest = (round((column + CLOCK[0]) * width), top, (column + 1) * width, top + round(CLOCK[1] * width) - cut)
+            ImageDraw.Draw(sheet).rectangle(rest, fill=GROUND)
             ImageDraw.Draw(sheet).text(((column + 0.5) * width, 19), caption, font=font, fill=GIF_INK, anchor="mm")
         sheets.append(sheet)
     return sheets
