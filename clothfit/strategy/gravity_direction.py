@@ -9,6 +9,8 @@ it as well
 - is certain: without any one of B blocks of successive frames it would be much the same (the jackknife),
 
       d = −H⁻¹ g,    d_b = −(H − H_b)⁻¹ (g − g_b),    t² = d² / ((B − 1)/B Σ_b (d_b − d̄)²)
+
+Where the wind is fitted as well, it may push any way; gravity is then as free.
 """
 
 from __future__ import annotations
@@ -35,10 +37,13 @@ CERTAIN = 4.77
 
 
 def held(scene: Scene) -> Flags:
-    """Which parameters (P,) of a scene are components of gravity that are 0 beside one that is not."""
+    """Which parameters (P,) of a scene are components of gravity that are 0 beside one that is not; none where the wind
+    is fitted as well.
+    """
     flags = np.zeros(sum(block.count for block in scene.blocks), bool)
+    windy = any(block.name == "wind" for block in scene.blocks)
     for block in scene.blocks:
-        if block.name == "gravity":
+        if block.name == "gravity" and not windy:
             gravity = np.asarray(scene.gravity)
             flags[block.part] = (gravity == 0) & gravity.any()
     return flags

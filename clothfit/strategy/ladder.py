@@ -17,6 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.objective.objective import Objective
 from clothfit.optimise import gauss_newton, preconditioned
@@ -48,6 +49,10 @@ STARTED = 2.0
 
 STAGE_TOLERANCE = 1e-7
 """Of the linear systems: its error is far below what a model that differs leaves."""
+
+
+MOMENT = 0.5
+"""Seconds for the cost of what a stage has found that is ended."""
 
 
 class Enough(Exception):
@@ -189,7 +194,8 @@ def carried(search: Search, part: Search, method: Callable[[Search], object]) ->
         ended = stop.status
     except BaseException:
         if np.isfinite(part.best.cost):
-            search.best.offer(found(part, scene), part.best.cost)
+            p = found(part, scene)
+            search.best.offer(p, in_a_moment(search.objective, p, part.best.cost))
         raise
     finally:
         search.progress.p = search.best.p
@@ -200,6 +206,15 @@ def carried(search: Search, part: Search, method: Callable[[Search], object]) ->
         search.settled = p
     if ended == Status.LIMIT:
         raise Stop(ended)
+
+
+def in_a_moment(objective: Objective, p: Array, known: float) -> float:
+    """The cost at p (P,), or what is known of it where a moment is not enough: a motion near a step that the guard
+    shortens may be another one where its systems are solved more tightly.
+    """
+    with contextlib.suppress(interrupts.OutOfTime), interrupts.grace(MOMENT), interrupts.limited(MOMENT):
+        return objective.cost_or_infinity(p)
+    return known
 
 
 def found(own: Search, scene: Scene) -> Array:

@@ -112,10 +112,8 @@ class Trial:
         self._within(self._look)
 
     def _look(self) -> None:
-        began = computing()
         self.search.visit(self.p)
-        self.each = computing() - began
-        if EXPECTED * 2.0 * self.each >= LONGEST_TRIAL:
+        if self._takes_long() and self._takes_long():  # the first one also loads compiled code
             self.alone, self.search.longest = True, ALONE
         if not self.count and momentum.fits(self.objective) and self._may_balance():
             self.search.visit(momentum.fit(self.objective, self.p, self.search.fitted, momentum.TREATMENTS[0]))
@@ -126,6 +124,13 @@ class Trial:
         scene = window.scene.with_step(window.scene.delta, window.steps + 1)
         error = step_error(scene, self.p)
         self.shows = error > HIDDEN * self.early_rmse and not is_noise(window, self.p)
+
+    def _takes_long(self) -> bool:
+        """Whether a trial of finer steps would take too long, by the seconds of a simulation."""
+        began = computing()
+        self.objective.cost_or_infinity(self.p)
+        self.each = computing() - began
+        return EXPECTED * 2.0 * self.each >= LONGEST_TRIAL
 
     def _may_balance(self) -> bool:
         """Whether the balances of momentum can hold."""

@@ -40,6 +40,11 @@ def test_components_that_are_zero_beside_others_are_held(case):
     assert gravity_direction.held(falling(gravity)).tolist() == [False, *expected]
 
 
+def test_gravity_is_free_where_the_wind_is():
+    scene = falling((0.0, -G, 0.0))
+    assert not gravity_direction.held(replace(scene, fits={"wind": "G", "gravity": "G"})).any()
+
+
 def test_the_saving_is_that_of_linear_least_squares():
     H, g, J, r = quadratic(5)
     J, r, more = J.reshape(-1, 5), r.reshape(-1), np.array([False, True, False, False, True])
