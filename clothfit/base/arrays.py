@@ -35,6 +35,7 @@ class Elements(NamedTuple):
     rest: Array = NO_NUMBERS  # (S,), rest lengths, m
     wind: Array = NO_NUMBERS  # (3,), velocity, m/s
     gravity: Array = NO_NUMBERS  # (3,), m/s²
+    gusts: Array = NO_VECTORS  # (K, 3), what the keys add to the wind, m/s
 
 
 def aligned(*shape: int) -> Array:

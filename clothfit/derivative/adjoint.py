@@ -14,8 +14,8 @@ from typing import TypeAlias
 import numpy as np
 
 from clothfit.base import interrupts
-from clothfit.base.arrays import Array, Elements
-from clothfit.engine.inputs.tables import set_inputs
+from clothfit.base.arrays import NO_NUMBERS, Array, Elements
+from clothfit.engine.inputs.tables import set_direction, set_inputs, share_gradient, with_constant
 from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.rollout import Rollout, Taken
 from clothfit.engine.solve import guess, linear
@@ -48,7 +48,9 @@ def gradient(
     By masses (n,), stiffnesses (S,) and the `kinds`, names of fields of Elements; the other fields stay empty.
     """
     derivative_of = by_position if callable(by_position) else whole(by_position)
-    grad, work, taken = zeros(system, kinds), implicit.workspace(system), Taken(system)
+    wanted = {*kinds, "wind"} if "gusts" in kinds else kinds  # the one by the keys is that by the wind, step by step
+    grad, work, taken = zeros(system, wanted), implicit.workspace(system), Taken(system)
+    system.inputs.counted[:] = 0.0
     state = states(system)
     sweep: Callable[..., None] = sweep_bdf2_back if system.method == BDF2 else sweep_back
     for segment in memory.backward():
@@ -62,7 +64,7 @@ def gradient(
     if "velocity" in kinds:
         hold_fixed(system.vertex.free, state[1])
         grad = grad._replace(velocity=state[1])
-    return grad
+    return grad if "wind" in kinds else grad._replace(wind=NO_NUMBERS)
 
 
 def forms(system: System) -> tuple[System, ...]:
@@ -96,7 +98,7 @@ class Sweep:
     """A forward sweep along one direction, and how far it has come."""
 
     def __init__(self, system: System, direction: Elements, tolerance: float) -> None:
-        self.system, self.direction, self.tolerance = system, direction, tolerance
+        self.system, self.direction, self.tolerance = system, with_constant(direction), tolerance
         self.work, self.taken = implicit.workspace(system), Taken(system)
         self.state = states(system)
         self.sweep: Callable[..., None] = sweep_bdf2_forward if system.method == BDF2 else sweep_forward
@@ -133,6 +135,7 @@ def sweep_back(system, chunk, by_position, begin, end, tolerance, work, before, 
         guess.advance(work.past, before + end - 1 - t, work.solution)
         set_inputs(system, chunk.first + t)
         transition.pullback(system, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
+        share_gradient(system, t + chunk.first, grad)
 
 
 @kernel
@@ -145,6 +148,7 @@ def sweep_forward(system, chunk, begin, end, direction, tolerance, work, dx, dv,
         v, w = velocity(chunk, t), velocities(chunk, t)
         guess.advance(work.past, chunk.first + t, work.solution)
         set_inputs(system, chunk.first + t)
+        set_direction(system, chunk.first + t, direction)
         transition.pushforward(system, x[t], v, w, used[t], theta[t], tolerance, work, dx, dv, direction)
         copy(dx, change[t])
 
@@ -170,6 +174,7 @@ def sweep_bdf2_back(
         else:
             state = x_bar, v_bar, x_rest, v_rest
             bdf2.pullback(inner, x[t], v, x_before, v_before, w, used[t], tolerance, work, *state, grad)
+        share_gradient(euler, t + chunk.first, grad)
 
 
 @kernel
@@ -182,6 +187,7 @@ def sweep_bdf2_forward(
         v, w, (x_before, v_before) = velocity(chunk, t), velocities(chunk, t), state_before(chunk, t)
         guess.advance(work.past, chunk.first + t, work.solution)
         set_inputs(euler, chunk.first + t)
+        set_direction(euler, chunk.first + t, direction)
         if chunk.euler[t]:
             copy(dx, dx_before)
             copy(dv, dv_before)

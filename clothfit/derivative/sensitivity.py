@@ -21,7 +21,7 @@ from clothfit.derivative import adjoint, block_cholesky
 from clothfit.derivative.adjoint import Observer, TrajectoryMemory
 from clothfit.derivative.stencil import stencil
 from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian
-from clothfit.engine.inputs.tables import set_inputs
+from clothfit.engine.inputs.tables import set_direction, set_inputs, with_constant
 from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.rollout import Rollout, Taken
 from clothfit.engine.solve import sparse
@@ -118,6 +118,7 @@ class Carried:
         self.system, self.taken, self.columns, free = system, Taken(system), columns, system.vertex.free
         self.place = np.where(free, np.cumsum(free) - 1, -1).astype(np.int32)
         self.solve = Solver(columns.width)
+        self.everywhere = [(column, with_constant(direction)) for column, direction in columns.everywhere]
         self.near, self.work = stencil(system, 2), implicit.workspace(system)
         self.by, self.change = jacobian(system, self.near, rest=len(columns.rest.column) > 0), np.zeros_like(system.x0)
         self.mass = np.repeat(system.vertex.mass[free], 3)[:, None]
@@ -129,6 +130,8 @@ class Carried:
     def through(self, chunk: Rollout, t: int) -> None:
         """Step t of a chunk of the motion."""
         set_inputs(self.system, chunk.first + t)
+        for _, direction in self.everywhere:
+            set_direction(self.system, chunk.first + t, direction)
         at = point(self.taken.at(chunk, t), chunk, t, self.work)
         iterates, theta = velocities(chunk, t), chunk.theta[t]
         dw = self.start(at)
@@ -164,7 +167,7 @@ class Carried:
         add_vertex_columns(place, by.by_mass, self.columns.mass, right)
         add_spring_columns(place, system.springs.ends, by.by_stiffness, self.columns.stiffness, right)
         add_spring_columns(place, system.springs.ends, by.by_rest, self.columns.rest, right)
-        for column, direction in self.columns.everywhere:
+        for column, direction in self.everywhere:
             differentiate_globally(system, at.x, at.v, w, at.u, at.later, self.work, direction, self.change)
             right[:, column] += self.change[system.vertex.free].reshape(-1)
         return right

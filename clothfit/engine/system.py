@@ -92,6 +92,8 @@ def with_bases(system: System, values: Elements) -> System:
     of its own for those of the step that is computed.
     """
     inputs = system.inputs
+    if len(values.gusts):
+        inputs = inputs._replace(gusts=np.array(values.gusts, float), wind=inputs.share @ values.gusts)
     wind = np.array(values.wind if len(values.wind) else inputs.wind_base, float)
     gravity = np.array(values.gravity if len(values.gravity) else inputs.gravity_base, float)
     return system._replace(
@@ -125,6 +127,7 @@ def all_elements(system: System) -> Elements:
         rest=system.springs.rest.copy(),
         wind=system.inputs.wind_base.copy(),
         gravity=system.inputs.gravity_base.copy(),
+        gusts=system.inputs.gusts.copy(),
     )
 
 

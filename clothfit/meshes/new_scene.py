@@ -96,7 +96,7 @@ def _check(**values: float) -> None:
 
 def _flags(fits: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
     """What to fit besides masses and stiffnesses: the fields `fit` of the object and of the scene."""
-    others = [kind for kind in (*CLOTH_KINDS, *SCENE_KINDS) if kind.name not in LETTERED]
+    others = [kind for kind in (*CLOTH_KINDS, *SCENE_KINDS) if kind.name not in (*LETTERED, "gusts")]
     for name, mode in fits.items():
         if name not in [kind.name for kind in others]:
             raise InvalidInput(f"fit: there is no {name!r}; use two letters, or {', '.join(k.name for k in others)}")

@@ -34,7 +34,7 @@ def hidden(cloth: Cloth, name: str, spheres: int, seen: Flags | None = None) -> 
         return np.asarray(~shown[cloth.springs].any(axis=1) | slack)
     if name == "velocity":
         return np.asarray(~shown)
-    if name in ("drag", "wind"):
+    if name in ("drag", "wind", "gusts"):
         return np.array([not (cloth.feels_air and shown[cloth.triangles].any())])
     if name in ("damping", "gravity"):
         return np.array([not shown.any()])
@@ -64,7 +64,7 @@ def identifiable(scene: Scene, seen: Seen = None) -> Flags:
         masks = [hidden(scene.cloths[i], block.name, len(scene.spheres), s) for i, s in zip(cloths, shown, strict=True)]
         if block.factors is not None:
             kept[block.part] = block.factors.acting(~masks[0])
-        elif block.mode == "G":
+        elif block.mode == "G" or block.cloth is None:
             kept[block.part] = not all(mask.all() for mask in masks)
         else:
             kept[block.part] = ~np.repeat(masks[0], block.kind.components)

@@ -17,6 +17,9 @@ from clothfit.scene.kinds import CLOTH_KINDS, KIND, SCENE_KINDS, Kind
 from clothfit.scene.smooth_maps import vertex_modes
 
 
+NO_SHAPES: Mapping[str, tuple[int, ...]] = {}
+
+
 @dataclass(frozen=True)
 class Block:
     """The parameters of one kind, of one cloth or of the scene: a slice of the fit vector.
@@ -138,15 +141,20 @@ class Block:
 
 
 def flagged(
-    cloths: Sequence[Cloth], fits: Mapping[str, str], asked: Bounds = NO_BOUNDS, base: Sequence[Block] = ()
+    cloths: Sequence[Cloth],
+    fits: Mapping[str, str],
+    asked: Bounds = NO_BOUNDS,
+    base: Sequence[Block] = (),
+    shapes: Mapping[str, tuple[int, ...]] = NO_SHAPES,
 ) -> tuple[Block, ...]:
     """What a scene of these cloths flags, in the order of the fit vector; `fits` has the modes of its own kinds,
-    `asked` its own bounds. The factors are those of `base`, where these blocks of another scene are given.
+    `asked` its own bounds, `shapes` the shape of those that are not one vector. The factors are those of `base`, where
+    these blocks of another scene are given.
     """
     found: list[Block] = []
     start = 0
     for cloth, kind, mode in _modes(cloths, fits):
-        shape: tuple[int, ...] = (kind.components,)
+        shape = shapes.get(kind.name, (kind.components,))
         if cloth is not None:
             shape = np.shape(getattr(cloths[cloth], kind.name)) or (1,)
         if np.prod(shape) > 0:
@@ -215,4 +223,4 @@ def _moved(cloths: Sequence[Cloth], cloth: int | None, kind: Kind) -> int:
 
 def reached(cloths: Sequence[Cloth], name: str) -> list[int]:
     """The cloths that a kind of the scene as a whole acts on: the wind on those that feel the air."""
-    return [i for i, cloth in enumerate(cloths) if not cloth.fixed.all() and (name != "wind" or cloth.feels_air)]
+    return [i for i, cloth in enumerate(cloths) if not cloth.fixed.all() and (name not in ("wind", "gusts") or cloth.feels_air)]

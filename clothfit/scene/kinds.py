@@ -50,6 +50,10 @@ KINDS = (
         "gravity", "gravity", "gravity", "scene", "G", 3, "m/s²", "any number", -1e4, 1e4, False,
         scale=10.0, neutral=(0.0, -9.81, 0.0),
     ),
+    Kind(
+        "gusts", "wind over time", "windVelKeys", "scene", "L", 3, "m/s", "any number", -1e4, 1e4, False,
+        scale=5.0, neutral=(0.1, 0.1, 0.1),
+    ),
 )  # fmt: skip
 """In the order of the fit vector: those of each object in turn, then those of the scene."""
 

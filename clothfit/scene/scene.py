@@ -50,7 +50,7 @@ class Scene:
     newton_iterations: int  # per implicit or BDF2 step; 1 is the linearised step
     wind: Array  # (3,) m/s, read-only
     gravity: Array  # (3,) m/s², read-only
-    fits: Mapping[str, str]  # what to fit of the scene as a whole: "wind" or "gravity" to "G"
+    fits: Mapping[str, str]  # what to fit of the scene as a whole: "wind" or "gravity" to "G", "gusts" to "L"
     cloths: tuple[Cloth, ...]  # at least one, in file order
     spheres: tuple[Sphere, ...]  # the obstacles
     warnings: tuple[str, ...]  # what the file asks for but the program ignores, one sentence each
@@ -75,6 +75,11 @@ class Scene:
         return f"<Scene {self.name}: {', '.join(sizes)}>"
 
     @property
+    def gusts(self) -> Array:
+        """What the keys add to the wind, (K, 3) m/s; empty without keys, and where a file has them."""
+        return np.zeros((0, 3)) if self.wind_keys is None or self.wind_keys.file else self.wind_keys.values
+
+    @property
     def changes(self) -> bool:
         """Whether wind, gravity or an obstacle changes over time."""
         return bool(self.wind_keys or self.gravity_keys or any(sphere.position for sphere in self.spheres))
@@ -90,17 +95,18 @@ class Scene:
         return tuple(len(cloth.mass) for cloth in self.cloths)
 
     def mode(self, name: str) -> str:
-        """How "wind" or "gravity" is fitted: "n" not at all, "G" the vector."""
+        """How "wind", "gravity" or "gusts" is fitted: "n" not at all, "G" the vector, "L" that of each key."""
         return self.fits.get(name, "n")
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """What the scene flags, in the order of the fit vector."""
-        return flagged(self.cloths, self.fits, self.bounds, self.main.blocks if self.main else ())
+        shapes = {"gusts": self.gusts.shape}
+        return flagged(self.cloths, self.fits, self.bounds, self.main.blocks if self.main else (), shapes)
 
     def default(self, kind: Kind) -> npt.ArrayLike:
         """The value of a kind where the file gives none."""
-        return _vector(structure.defaults("scene")[kind.field])
+        return self.gusts if kind.name == "gusts" else _vector(structure.defaults("scene")[kind.field])
 
     def with_bounds(self, asked: Bounds) -> Scene:
         """The scene with these bounds of a fit in place of its own and of its objects'."""
@@ -136,6 +142,9 @@ class Scene:
         changed = _checked(self, shared, "", problems)
         if problems:
             raise InvalidScene(problems, self.name)
+        if "gusts" in changed and self.wind_keys:
+            changed["wind_keys"] = replace(self.wind_keys, values=changed["gusts"])
+        changed.pop("gusts", None)
         return replace(self, cloths=tuple(cloths), **changed)
 
     def with_step(self, delta: float, frames: int | None = None, method: int | str | None = None) -> Scene:
@@ -208,6 +217,9 @@ def dumps(scene: Scene) -> bytes:
     """Give the text of a scene: the one it came from, but for the values that differ."""
     objects = [{kind.field: _plain(cloth, kind) for kind in CLOTH_KINDS} for cloth in scene.cloths]
     whole: dict[str, Any] = {kind.field: _plain(scene, kind) for kind in SCENE_KINDS}
+    gusts = whole.pop(KIND["gusts"].field)
+    if scene.gusts.size:
+        whole[KIND["gusts"].field] = {"values": gusts.value}
     kept = structure.defaults("scene")["optimizationIterations"]
     whole |= {"integrationMethod": scene.method, "delta": scene.delta}
     whole["optimizationIterations"] = Optional(scene.frames, scene.frames != kept)
@@ -241,6 +253,11 @@ def _inputs(document: dict[str, Any], folder: str, problems: list[str]) -> list[
     """The keys of the wind, of the gravity, and of the position of each collider."""
     found = [keys(document.get(name), name, folder, problems) for name in ("windVelKeys", "gravityKeys")]
     colliders = enumerate(document["colliders"])
+    if "windVelKeys" in document["fit"] and document["fit"]["windVelKeys"] not in ("n", "N", False):
+        if "windVelKeys" not in document:
+            problems.append("fit.windVelKeys: there are no windVelKeys to fit")
+        elif "file" in document["windVelKeys"]:
+            problems.append("fit.windVelKeys: keys of a file cannot be fitted; write times and values into the scene")
     return found + [keys(item.get("posKeys"), f"colliders[{i}].posKeys", folder, problems) for i, item in colliders]
 
 

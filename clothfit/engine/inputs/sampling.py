@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,9 @@ def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
     wind, gravity = (
         interpolated(resolved(keys), times) if keys else found.wind for keys in (scene.wind_keys, scene.gravity_keys)
     )
+    if scene.mode("gusts") != "n" and scene.wind_keys:
+        share = interpolated(replace(scene.wind_keys, values=np.eye(len(scene.gusts))), times)
+        found = found._replace(gusts=np.array(scene.gusts), share=share)
     centre, path = centres(scene.spheres, times), paths(cloth, times)
     pinned = [pin.vertices for pin in cloth.pins]
     pins = np.concatenate(pinned).astype(np.int32) if pinned else found.pins

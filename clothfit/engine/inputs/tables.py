@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.engine.forces import springs
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, load3, store3
@@ -31,6 +31,9 @@ class Inputs(NamedTuple):
     coupled: Indices  # the springs of which one end is such a vertex and the other is free
     wind_base: Array  # (3,), m/s, of the scene
     gravity_base: Array  # (3,), m/s²
+    gusts: Array  # (K, 3), m/s, the values of the wind's keys where they are fitted; else none
+    share: Array  # (R, K), of each of them in a row of `wind`
+    counted: Array  # (3,), the gradient by the wind up to the step that was swept last
     place: Array  # (P, 3), m, where the pins are after the step that is computed
     later: Array  # (P, 3), m, where they are one step after that
     lead: int  # rows by which the forces of a step are ahead of it: 1 for the implicit methods, else 0
@@ -44,7 +47,7 @@ def constant(wind: Array, gravity: Array, spheres: int) -> Inputs:
     places = np.zeros((0, spheres, 3))
     nobody = np.zeros(0, np.int32)
     bases = np.array(wind, float), np.array(gravity, float)
-    return Inputs(none, none, places, np.zeros((0, 0, 3)), nobody, nobody, *bases, none, none, 1, 0, False)
+    return Inputs(none, none, places, np.zeros((0, 0, 3)), nobody, nobody, *bases, none, np.zeros((0, 0)), np.zeros(3), none, none, 1, 0, False)
 
 
 def check_steps(inputs: Inputs, steps: int) -> None:
@@ -74,6 +77,42 @@ def set_inputs(system, t):
         if len(inputs.path) > 0:
             copy(inputs.path[t + 1], inputs.place)
             copy(inputs.path[t + 1 if inputs.lead else t + 2], inputs.later)
+
+
+@kernel
+def share_gradient(system, t, grad):
+    """Give what step t added to the gradient by the wind to the keys of the wind."""
+    if len(grad.gusts) > 0:
+        inputs = system.inputs
+        row = inputs.share[t + inputs.lead]
+        for c in range(3):
+            more = grad.wind[c] - inputs.counted[c]
+            inputs.counted[c] = grad.wind[c]
+            for k in range(len(row)):
+                grad.gusts[k, c] += row[k] * more
+
+
+@kernel
+def set_direction(system, t, direction):
+    """Write the change of the wind in step t: that of its keys, the first K rows of `gusts`, and in the last row what
+    is the same all the time.
+    """
+    if len(direction.gusts) > 0:
+        inputs = system.inputs
+        row = inputs.share[t + inputs.lead]
+        for c in range(3):
+            change = direction.gusts[len(row), c]
+            for k in range(len(row)):
+                change += row[k] * direction.gusts[k, c]
+            direction.wind[c] = change
+
+
+def with_constant(direction: Elements) -> Elements:
+    """A direction as `set_direction` wants it, its own arrays for what that writes."""
+    if not len(direction.gusts):
+        return direction
+    constant = direction.wind if len(direction.wind) else np.zeros(3)
+    return direction._replace(gusts=np.vstack([direction.gusts, constant]), wind=np.zeros(3))
 
 
 @kernel
