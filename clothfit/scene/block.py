@@ -16,7 +16,6 @@ from clothfit.scene.families import spring_groups, vertex_groups
 from clothfit.scene.kinds import CLOTH_KINDS, KIND, SCENE_KINDS, Kind
 from clothfit.scene.smooth_maps import vertex_modes
 
-
 NO_SHAPES: Mapping[str, tuple[int, ...]] = {}
 
 
@@ -223,4 +222,5 @@ def _moved(cloths: Sequence[Cloth], cloth: int | None, kind: Kind) -> int:
 
 def reached(cloths: Sequence[Cloth], name: str) -> list[int]:
     """The cloths that a kind of the scene as a whole acts on: the wind on those that feel the air."""
-    return [i for i, cloth in enumerate(cloths) if not cloth.fixed.all() and (name not in ("wind", "gusts") or cloth.feels_air)]
+    airy = name in ("wind", "gusts")
+    return [i for i, cloth in enumerate(cloths) if not cloth.fixed.all() and (cloth.feels_air or not airy)]

@@ -45,6 +45,7 @@ FAULTS = [
     (("objects", 0, "pins", 0, "vertices"), [0, 0], "objects[0].pins[0].vertices[1]: vertex 0 is twice in this pin"),
     (("objects", 0, "pins", 0, "vertices"), [], "objects[0].pins[0].vertices: is empty; at least 1 is needed"),
     (("objects", 0, "pins"), [PIN, PIN], "objects[0].pins[1].vertices[0]: vertex 0 is in pins[0] as well"),
+    (("fit",), {"windVelKeys": "G"}, 'fit.windVelKeys: "G" is not one of "n", "L"'),
     (POSITION, MISSING, "objects[0].pins[0]: needs posKeys, rotKeys or both"),
 ]
 
@@ -53,6 +54,15 @@ FAULTS = [
 def test_faults_are_named_with_their_place(path, value, said):
     found = problems(changed(scene(), path, value))
     assert any(problem.startswith(said) for problem in found), found
+
+
+def test_only_keys_in_the_scene_can_be_fitted():
+    made = {**scene(), "fit": {"windVelKeys": "L"}}
+    assert load(made).blocks[-1].count == 6
+    assert problems(changed(made, WIND, {"file": "gusts.csv"})) == [
+        "fit.windVelKeys: keys of a file cannot be fitted; write times and values into the scene"
+    ]
+    assert problems(changed(made, WIND, MISSING)) == ["fit.windVelKeys: there are no windVelKeys to fit"]
 
 
 def test_keys_survive_saving_to_the_byte():

@@ -75,7 +75,7 @@ def test_letters_and_switches(asked, mode):
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        (("fit",), {"wind": True}, "fit.wind: cannot be fitted; windVel, gravity can"),
+        (("fit",), {"wind": True}, "fit.wind: cannot be fitted; windVel, gravity, windVelKeys can"),
         (("objects", 0, "fit"), {"vertMass": "G"}, "objects[0].fit.vertMass: cannot be fitted; damping, drag"),
         (("objects", 0, "fit"), {"damping": "L"}, 'objects[0].fit.damping: "L" is not one of "n", "G"'),
         (("objects", 0, "fit"), {"vertVel": "X"}, 'objects[0].fit.vertVel: "X" is not one of "n", "G", "L"'),
@@ -147,11 +147,11 @@ def test_elements_are_values_of_what_is_fitted_and_empty_for_the_rest():
     made = load_text(json.dumps(full({"springRestLength": "G"}, whole=["gravity"])))
     p = parameters(made)
     values, change = elements(made, 0, p), changes(made, 0, p, p)
-    assert [len(part) for part in values] == [len(part) for part in change] == [9, 16, 0, 0, 0, 16, 0, 3]
+    assert [len(part) for part in values] == [len(part) for part in change] == [9, 16, 0, 0, 0, 16, 0, 3, 0]
     system = build(made, 0)
     for mine, its in zip(all_elements(with_elements(system, values))[2:], all_elements(system)[2:], strict=True):
         np.testing.assert_array_equal(mine, its)  # the factor is exactly 1
-    assert [len(part) for part in elements(made, 1, p)] == [4, 5, 0, 0, 0, 0, 0, 3]
+    assert [len(part) for part in elements(made, 1, p)] == [4, 5, 0, 0, 0, 0, 0, 3, 0]
 
 
 def test_bounds_are_those_of_the_kinds():

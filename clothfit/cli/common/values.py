@@ -17,7 +17,7 @@ from clothfit.formats.registry import FORMATS, NATIVE
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-KINDS = ("mass", "stiffness", "damping", "drag", "velocity", "rest", "wind", "gravity")
+KINDS = ("mass", "stiffness", "damping", "drag", "velocity", "rest", "wind", "gravity", "gusts")
 SIDES = ("left", "right", "bottom", "top", "back", "front")
 LETTERS = ("n", "F", "R", "M", "G", "L")
 
@@ -36,7 +36,9 @@ VALUES = {
     "--fix-side": SIDES,
     "--integrator": ("explicit", "symplectic", "implicit", "bdf2"),
     "--drag": ("air",),
-    "--fit": (*(f"n{letter}" for letter in LETTERS), *(f"{letter}n" for letter in LETTERS[1:]), "GG", "LL", *KINDS[2:]),
+    "--fit": (
+        *(f"n{letter}" for letter in LETTERS), *(f"{letter}n" for letter in LETTERS[1:]), "GG", "LL", *KINDS[2:-1],
+    ),
 }
 """Options to the values that they know; others may take more."""
 

@@ -47,7 +47,8 @@ def constant(wind: Array, gravity: Array, spheres: int) -> Inputs:
     places = np.zeros((0, spheres, 3))
     nobody = np.zeros(0, np.int32)
     bases = np.array(wind, float), np.array(gravity, float)
-    return Inputs(none, none, places, np.zeros((0, 0, 3)), nobody, nobody, *bases, none, np.zeros((0, 0)), np.zeros(3), none, none, 1, 0, False)
+    keyed = none, np.zeros((0, 0)), np.zeros(3)
+    return Inputs(none, none, places, np.zeros((0, 0, 3)), nobody, nobody, *bases, *keyed, none, none, 1, 0, False)
 
 
 def check_steps(inputs: Inputs, steps: int) -> None:
