@@ -21,6 +21,7 @@ from clothfit.formats.recognition import kind_of
 if TYPE_CHECKING:
     from clothfit.inspection.forecast import Forecast
     from clothfit.inspection.overview import Facts, Flagged, Spread
+    from clothfit.scene.cloth import Collider
     from clothfit.scene.scene import Scene
 
 BESIDE = 4
@@ -137,7 +138,38 @@ def whole(scene: Scene) -> dict[str, Any]:
         "wind": scene.wind.tolist(),
         "gravity": scene.gravity.tolist(),
         "spheres": [{"centre": each.centre.tolist(), "radius": each.radius} for each in scene.spheres],
+        "colliders": [described(each) for each in scene.colliders],
     }
+
+
+def described(collider: Collider) -> dict[str, Any]:
+    """What there is to say of a collider that is no plain sphere."""
+    from clothfit.scene.cloth import BOX, CAPSULE, SPHERE
+
+    first, second, third = collider.size.tolist()
+    cone = {"radius": first, "radius2": second, "height": third}
+    size = {CAPSULE: cone, BOX: {"lengths": (2 * collider.size).tolist()}, SPHERE: {"radius": first}}
+    return {
+        "shape": collider.name,
+        "centre": collider.centre.tolist(),
+        "angles": collider.angles.tolist(),
+        **size.get(collider.kind, {}),
+        "thickness": collider.thickness,
+        "stiffness": collider.stiffness,
+        "friction": collider.friction,
+        "moves": collider.moves,
+    }
+
+
+def collider_line(own: dict[str, Any]) -> str:
+    """The same in a line."""
+    sizes = {name: f"{own[name]:.4g} m" for name in ("radius", "radius2", "height") if name in own}
+    if "lengths" in own:
+        sizes["lengths"] = f"{vector(own['lengths'])} m"
+    said = [f"{name} {text}" for name, text in sizes.items()]
+    said += [f"turned by {vector(own['angles'])} degrees"] if any(own["angles"]) else []
+    said += [f"thickness {own['thickness']:.4g} m", f"{own['stiffness']:.4g} N/m", f"friction {own['friction']:.4g}"]
+    return f"{own['shape']} at {vector(own['centre'])} m: {', '.join(said)}{', moves' if own['moves'] else ''}"
 
 
 def show_scene(scene: Scene, console: Console) -> None:
@@ -152,6 +184,10 @@ def show_scene(scene: Scene, console: Console) -> None:
         console.result(f"sphere of {each['radius']:.4g} m at {vector(each['centre'])} m")
     if len(own["spheres"]) > MOST_LISTED:
         console.result(f"and {len(own['spheres']) - MOST_LISTED} more spheres")
+    for each in own["colliders"][:MOST_LISTED]:
+        console.result(collider_line(each))
+    if len(own["colliders"]) > MOST_LISTED:
+        console.result(f"and {len(own['colliders']) - MOST_LISTED} more colliders")
 
 
 def show_objects(chosen: range, objects: Sequence[Facts], wanted: Sequence[Flagged], console: Console) -> None:

@@ -68,9 +68,9 @@ def differentiate(system, stencil, x, v, w, u, later, work, out):
             seed(system.vertex.free, stencil.color, color, c, lam)
             pull(system, y, at, to, s, v, w, lam, gy, gu, out.row)
             if system.method != IMPLICIT:
-                total.add_damping(system, y, system.h, lam, gu)
+                total.add_damping(system, y, v, system.h, lam, gu)
             elif later:
-                add_newton(system, A, y, lam, work.b, gu)
+                add_newton(system, A, y, u, lam, work.b, gu)
             keep(system, stencil, color, c, gy, gu, out)
 
 
@@ -97,11 +97,11 @@ def pull(system, y, u, w, s, v, w_new, lam, gy, gu, row):
 
 
 @kernel
-def add_newton(system, A, y, lam, scratch, gu):
+def add_newton(system, A, y, u, lam, scratch, gu):
     """gu += −h² K λ = (A − M + h D) λ: how the point of linearisation of a later iteration moves with u."""
     sparse.multiply(A, lam, scratch)
     add_mass(system.vertex.mass, -1.0, lam, scratch)
-    total.add_damping(system, y, system.h, lam, scratch)
+    total.add_damping(system, y, u, system.h, lam, scratch)
     combine(1.0, gu, 1.0, scratch, gu)
 
 

@@ -32,6 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array
+from clothfit.engine.forces import colliders
 from clothfit.engine.forces.spheres import STIFFNESS
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
 from clothfit.scene.kinds import INTEGRATORS
@@ -148,30 +149,36 @@ def stiffness(system: System, turned: bool) -> Callable[[Array], Array]:
     k = springs.stiffness[:, None]
     stretched = 1.0 - springs.rest[:, None] / np.where(length > 0.0, length, inf)
     across = k if turned else k * np.maximum(stretched, 0.0) * (length > 0.0)
-    i, normal = touched(system)
+    i, normal, kappa = touched(system)
 
     def multiply(y: Array) -> Array:
         stretch = y[a] - y[b]
         pull = across * stretch + (k - across) * d * np.einsum("si,si->s", d, stretch)[:, None]
-        push = STIFFNESS * normal * np.einsum("ci,ci->c", normal, y[i])[:, None]
+        push = kappa[:, None] * normal * np.einsum("ci,ci->c", normal, y[i])[:, None]
         rows, values = np.concatenate([a, b, i]), np.concatenate([pull, -pull, push])
         return np.stack([np.bincount(rows, column, n) for column in values.T], axis=1)
 
     return multiply
 
 
-def touched(system: System) -> tuple[Array, Array]:
-    """The vertices (c,) in spheres at the start, and the normals (c, 3) there."""
-    found = [(np.zeros(0, int), np.zeros((0, 3)))]
+def touched(system: System) -> tuple[Array, Array, Array]:
+    """The vertices (c,) in colliders at the start, the normals (c, 3) there, and the stiffnesses (c,), N/m."""
+    found = [(np.zeros(0, int), np.zeros((0, 3)), np.zeros(0))]
     for centre, radius in zip(system.spheres.centre, system.spheres.radius, strict=True):
         away = system.x0 - centre
         distance = np.sqrt((away * away).sum(axis=1))
         i = np.flatnonzero(distance < radius)
         up = np.array([0.0, 1.0, 0.0])
         there = distance[i, None]
-        found.append((i, np.where(there > 0.0, away[i] / np.where(there > 0.0, there, 1.0), up)))
-    vertices, normals = zip(*found, strict=True)
-    return np.concatenate(vertices), np.concatenate(normals)
+        normal = np.where(there > 0.0, away[i] / np.where(there > 0.0, there, 1.0), up)
+        found.append((i, normal, np.full(len(i), STIFFNESS)))
+    if len(system.colliders.shape):
+        depth, normal = colliders.depths(system.colliders, system.x0)
+        for c, kappa in enumerate(system.colliders.stiffness):
+            i = np.flatnonzero(depth[c] > 0.0)
+            found.append((i, normal[c, i], np.full(len(i), kappa)))
+    vertices, normals, stiffnesses = zip(*found, strict=True)
+    return np.concatenate(vertices), np.concatenate(normals), np.concatenate(stiffnesses)
 
 
 def drag(system: System) -> float:

@@ -12,9 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Elements, Flags
-from clothfit.engine.forces import spheres, springs, vertex, wind
+from clothfit.engine.forces import colliders, spheres, springs, surfaces, vertex, wind
 from clothfit.engine.inputs import sampling, tables
 from clothfit.engine.solve import sparse
+from clothfit.scene.cloth import SPHERE, Collider
 from clothfit.scene.scene import Scene
 
 EXPLICIT, SYMPLECTIC, IMPLICIT, BDF2 = 0, 1, 2, 3
@@ -34,6 +35,7 @@ class System(NamedTuple):
     springs: springs.Springs
     faces: wind.Faces
     spheres: spheres.Spheres
+    colliders: colliders.Colliders
     pattern: sparse.Pattern  # of the step's matrix
     inputs: tables.Inputs  # what changes over time
 
@@ -56,9 +58,22 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None)
         springs=springs.build(np.array(cloth.springs), cloth.rest, cloth.stiffness, cloth.damping, slot),
         faces=wind.build(np.array(cloth.triangles), cloth.drag, scene.wind, air or cloth.mode("drag") != "n"),
         spheres=spheres.build([s.centre for s in scene.spheres], [s.radius for s in scene.spheres]),
+        colliders=at_rest(scene),
         pattern=pattern,
         inputs=inputs,
     )
+
+
+def at_rest(scene: Scene) -> colliders.Colliders:
+    """The colliders of a scene, where they are at the start."""
+    parts = zip(*((shape_of(c), c.size, c.thickness, c.stiffness, c.friction) for c in scene.colliders), strict=True)
+    columns = list(parts) or [()] * 5
+    return colliders.build(*columns, sampling.states(scene.colliders, np.zeros(1), scene.delta, 0)[0])
+
+
+def shape_of(collider: Collider) -> int:
+    """The surface of a collider: a sphere is a cone without length."""
+    return surfaces.CONE if collider.kind == SPHERE else collider.kind
 
 
 def at_start(velocity: Array, fixed: Flags, inputs: tables.Inputs, h: float) -> Array:
@@ -100,6 +115,7 @@ def with_bases(system: System, values: Elements) -> System:
         vertex=system.vertex._replace(gravity=gravity.copy()),
         faces=system.faces._replace(wind=wind.copy()),
         spheres=system.spheres._replace(centre=system.spheres.centre.copy()),
+        colliders=system.colliders._replace(state=system.colliders.state.copy()),
         inputs=inputs._replace(
             wind_base=wind, gravity_base=gravity, place=inputs.place.copy(), later=inputs.later.copy()
         ),

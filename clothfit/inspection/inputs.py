@@ -52,7 +52,9 @@ def keyed(scene: Scene) -> Iterator[tuple[Keys, int | None]]:
         for pin in cloth.pins:
             for keys in filter(None, (pin.position, pin.rotation)):
                 yield keys, len(pin.vertices)
-    for keys in filter(None, (scene.wind_keys, scene.gravity_keys, *(each.position for each in scene.spheres))):
+    moved = [each.position for each in scene.spheres]
+    moved += [keys for each in scene.colliders for keys in (each.position, each.rotation)]
+    for keys in filter(None, (scene.wind_keys, scene.gravity_keys, *moved)):
         yield keys, None
 
 

@@ -16,9 +16,10 @@ from clothfit.base.arrays import Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.meshes import weave
 from clothfit.meshes.mesh import Mesh, object_document
+from clothfit.scene.cloth import SPHERE
 from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, LETTERED, SCENE_KINDS
 from clothfit.scene.mesh_numbering import FIELD
-from clothfit.scene.scene import SPHERE, Scene, load
+from clothfit.scene.scene import Scene, load
 
 
 def new_scene(

@@ -1,11 +1,12 @@
 """Where the energy of a motion is, frame by frame, and where it went.
 
 Stored, J: kinetic ½ Σ m |v|²; elastic ½ Σ k (L − L₀)² in the springs; gravity −Σ m g·(x − x₀), 0 at the start; contact
-½ Σ κ (r − δ)² in the spheres' push. A spring between fixed vertices counts too, with a constant.
+½ Σ κ (depth)² in the push of spheres and other colliders. A spring between fixed vertices counts too, with a constant.
 
 Given and taken over a step of displacement h w, each force f at the state where the step takes it: the wind gives
-h f·w with the push on a cloth that holds still; damping (of vertices and springs) and drag (what the cloth's own
-velocity changes in the push of the air) take −h f·w. What is still missing,
+h f·w with the push on a cloth that holds still; damping (of vertices and springs), friction, which
+counts as damping, and drag (what the cloth's own velocity changes in the push of the air) take −h f·w. What is still
+missing,
 
     numerical = start + wind − damping − drag − what is stored,
 
@@ -28,7 +29,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
-from clothfit.engine.forces import spheres, springs, vertex, wind
+from clothfit.engine.forces import colliders, spheres, springs, vertex, wind
 from clothfit.engine.inputs.tables import send_pins, set_frame, set_inputs
 from clothfit.engine.step import explicit, guard
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
@@ -51,9 +52,9 @@ class Energy:
     kinetic: Array  # ½ m v²
     elastic: Array  # ½ k (L − L₀)², in the springs
     gravity: Array  # −m g·x, 0 at the start
-    contact: Array  # in the spheres' push
+    contact: Array  # in the push of colliders
     wind: Array  # work of the wind until then
-    damping: Array  # lost to the damping of vertices and springs until then
+    damping: Array  # lost to the damping of vertices and springs, and to friction, until then
     drag: Array  # lost to the air that the cloths move through until then
 
     @property
@@ -196,7 +197,7 @@ def states(system, x, v, first, out):
         out[k, KINETIC] = guard.moving(system.vertex, v[k])[0]
         out[k, ELASTIC] = springs.energy(system.springs, x[k])
         out[k, GRAVITY] = vertex.energy(system.vertex, x[k])
-        out[k, CONTACT] = spheres.energy(system.spheres, x[k])
+        out[k, CONTACT] = spheres.energy(system.spheres, x[k]) + colliders.energy(system.colliders, x[k])
 
 
 @kernel
@@ -209,5 +210,6 @@ def works(system, y, u, w, first, out):
         set_frame(system, first + k)
         damped = vertex.damping_power(system.vertex, y[k], u[k], w[k])
         damped += springs.damping_power(system.springs, y[k], u[k], w[k])
+        damped += colliders.damping_power(system.colliders, y[k], u[k], w[k])
         blown, dragged = wind.powers(system.faces, y[k], u[k], w[k])
         out[k, WIND], out[k, DAMPING], out[k, DRAG] = h * blown, h * damped, h * dragged

@@ -20,7 +20,7 @@ Seen = Mapping[int, Flags] | None
 """For each fitted cloth, the vertices (n,) that a target shows; None: all."""
 
 
-def hidden(cloth: Cloth, name: str, spheres: int, seen: Flags | None = None) -> Flags:
+def hidden(cloth: Cloth, name: str, colliders: int, seen: Flags | None = None) -> Flags:
     """Flags of the values of a kind, one per vertex (n,), per spring (S,) or for all (1,), that a motion cannot reveal.
 
     It hides masses and velocities of fixed vertices; masses where only weight and node damping move a vertex, so that
@@ -38,7 +38,7 @@ def hidden(cloth: Cloth, name: str, spheres: int, seen: Flags | None = None) -> 
         return np.array([not (cloth.feels_air and shown[cloth.triangles].any())])
     if name in ("damping", "gravity"):
         return np.array([not shown.any()])
-    pushed = np.full(len(cloth.mass), spheres > 0)
+    pushed = np.full(len(cloth.mass), colliders > 0)
     pushed[cloth.springs.reshape(-1)] = True
     if cloth.feels_air:
         pushed[cloth.triangles.reshape(-1)] = True
@@ -61,7 +61,7 @@ def identifiable(scene: Scene, seen: Seen = None) -> Flags:
     for block in scene.blocks:
         cloths = reached(scene.cloths, block.name) if block.cloth is None else [block.cloth]
         shown = [None if seen is None else seen[i] for i in cloths]
-        masks = [hidden(scene.cloths[i], block.name, len(scene.spheres), s) for i, s in zip(cloths, shown, strict=True)]
+        masks = [hidden(scene.cloths[i], block.name, scene.obstacles, s) for i, s in zip(cloths, shown, strict=True)]
         if block.factors is not None:
             kept[block.part] = block.factors.acting(~masks[0])
         elif block.mode == "G" or block.cloth is None:

@@ -1,20 +1,27 @@
-"""One object of a scene, and a sphere: arrays in SI units that do not change."""
+"""One object of a scene, and what it may touch: arrays in SI units that do not change."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.scene import array_checks as checks
+from clothfit.scene import schema as structure
 from clothfit.scene.bounds import Bounds
-from clothfit.scene.keys import Keys, Pin
+from clothfit.scene.keys import Keys, Pin, keys
 from clothfit.scene.kinds import LETTERED, Kind
 from clothfit.scene.weave.layout import NOTHING, Layout
+
+PLANE, SPHERE, CAPSULE, BOX = 0, 1, 2, 3
+"""The `type` of a collider."""
+
+NAMES = {PLANE: "plane", SPHERE: "sphere", CAPSULE: "capsule", BOX: "box"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +76,7 @@ class Cloth:
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """A sphere that the cloths cannot enter."""
+    """A sphere that pushes cloths as the editor's does."""
 
     centre: Array  # (3,) m, read-only
     radius: float  # m, above 0
@@ -77,3 +84,73 @@ class Sphere:
 
     def __post_init__(self) -> None:
         self.centre.setflags(write=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Collider:
+    """Any other obstacle: one that the editor does not have, or a sphere that rubs, is thick or has a stiffness."""
+
+    kind: int  # PLANE, SPHERE, CAPSULE or BOX
+    centre: Array  # (3,) m, read-only
+    angles: Array  # (3,) degrees, read-only: Euler angles as the editor has them
+    size: Array  # (3,) m, read-only: of a capsule, or a sphere, the radii at the bottom and at the top, and how far their
+    # centres are apart; half of the lengths of a box; 0 of a plane
+    thickness: float  # m, 0 or more: how far from the surface it begins to push
+    stiffness: float  # N/m, above 0: of each vertex
+    friction: float  # coefficient, 0 or more
+    position: Keys | None = None  # how far the centre moves over time, m
+    rotation: Keys | None = None  # how it turns about the centre, degrees
+
+    def __post_init__(self) -> None:
+        for array in (self.centre, self.angles, self.size):
+            array.setflags(write=False)
+
+    @property
+    def name(self) -> str:
+        """What it is."""
+        return NAMES[self.kind]
+
+    @property
+    def moves(self) -> bool:
+        """Whether it changes over time."""
+        return bool(self.position or self.rotation)
+
+
+def vector(item: Mapping[str, Any]) -> Array:
+    """The array (3,) of a vector in the file."""
+    return np.array([item["x"], item["y"], item["z"]], dtype=np.float64)
+
+
+def obstacles(
+    document: Mapping[str, Any], folder: str, problems: list[str]
+) -> tuple[tuple[Sphere, ...], tuple[Collider, ...]]:
+    """The spheres and the other colliders of a document, without planes that are ignored; faults go to `problems`."""
+    spheres, others = [], []
+    defaults = structure.defaults("collider")
+    for i, own in enumerate(document["colliders"]):
+        place, item = f"colliders[{i}]", {**defaults, **own}
+        position = keys(item.get("posKeys"), f"{place}.posKeys", folder, problems)
+        rotation = keys(item.get("rotKeys"), f"{place}.rotKeys", folder, problems)
+        if item["type"] == SPHERE and not {"friction", "thickness", "stiffness"} & own.keys():
+            spheres.append(Sphere(vector(item["pos"]), float(item["scale"]["x"]) / 2, position))
+        elif item["type"] != PLANE or document["planes"] == "solid":
+            surface = [float(item[name]) for name in ("thickness", "stiffness", "friction")]
+            shape = vector(item["pos"]), vector(item["rot"]), size(item, place, problems)
+            others += [Collider(item["type"], *shape, *surface, position, rotation)]
+    return tuple(spheres), tuple(others)
+
+
+def size(item: Mapping[str, Any], place: str, problems: list[str]) -> Array:
+    """The size (3,) of a collider, as above, m; a scale that is not above 0 where it counts goes to `problems`."""
+    scale = vector(item["scale"])
+    needed = {PLANE: "", SPHERE: "x", CAPSULE: "" if "radius" in item else "x", BOX: "xyz"}[item["type"]]
+    for axis in needed:
+        if not item["scale"][axis] > 0:
+            problems.append(f"{place}.scale.{axis}: {item['scale'][axis]:g} is too small; it must be above 0")
+    if item["type"] == BOX:
+        return scale / 2
+    if item["type"] == CAPSULE:
+        radius = float(item.get("radius", scale[0] / 2))
+        other = float(item.get("radius2", radius))
+        return np.array([radius, other, float(item.get("height", max(2 * scale[1] - radius - other, 0.0)))])
+    return np.array([scale[0] / 2, scale[0] / 2, 0.0]) if item["type"] == SPHERE else np.zeros(3)

@@ -25,14 +25,15 @@ from clothfit.scene import array_checks as checks
 from clothfit.scene import schema as structure
 from clothfit.scene.block import Block, flagged
 from clothfit.scene.bounds import Bounds, from_file
-from clothfit.scene.cloth import Cloth, Sphere
+from clothfit.scene.cloth import PLANE, Cloth, Collider, Sphere, obstacles
+from clothfit.scene.cloth import vector as _vector
 from clothfit.scene.keys import Keys, keys, pins
 from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
 from clothfit.scene.splice import Optional, splice
 from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read
 from clothfit.scene.weave.layout import layout_of
 
-SPHERE = 1  # colliders[].type
+WAY_OUT = '"planes": "solid" in the scene makes them solid'
 LETTERS: dict[str | bool, str] = {
     "n": "n", "f": "F", "r": "R", "m": "M", "g": "G", "l": "L", False: "n", True: "G",
 }  # fmt: skip
@@ -52,13 +53,14 @@ class Scene:
     gravity: Array  # (3,) m/s², read-only
     fits: Mapping[str, str]  # what to fit of the scene as a whole: "wind" or "gravity" to "G", "gusts" to "L"
     cloths: tuple[Cloth, ...]  # at least one, in file order
-    spheres: tuple[Sphere, ...]  # the obstacles
+    spheres: tuple[Sphere, ...]  # the obstacles that the editor has
     warnings: tuple[str, ...]  # what the file asks for but the program ignores, one sentence each
     name: str  # of the file, for messages
     source: Source  # original text, for saving
     bounds: Bounds = field(default_factory=dict)  # of a fit, by kind; those of an object go before
     wind_keys: Keys | None = None  # what is added to the wind over time, m/s
     gravity_keys: Keys | None = None  # what is added to the gravity, m/s²
+    colliders: tuple[Collider, ...] = ()  # the other obstacles
     main: Scene | None = None  # whose values the factors of modes F, R and M multiply; None: this one's
 
     def __post_init__(self) -> None:
@@ -82,12 +84,18 @@ class Scene:
     @property
     def changes(self) -> bool:
         """Whether wind, gravity or an obstacle changes over time."""
-        return bool(self.wind_keys or self.gravity_keys or any(sphere.position for sphere in self.spheres))
+        moving = any(sphere.position for sphere in self.spheres) or any(each.moves for each in self.colliders)
+        return bool(self.wind_keys or self.gravity_keys or moving)
 
     @property
     def moves(self) -> bool:
         """Whether any input changes over time, pins included."""
         return self.changes or any(cloth.pins for cloth in self.cloths)
+
+    @property
+    def obstacles(self) -> int:
+        """Number of obstacles of both kinds."""
+        return len(self.spheres) + len(self.colliders)
 
     @property
     def vertex_counts(self) -> tuple[int, ...]:
@@ -188,12 +196,13 @@ def load(path_or_file: Readable) -> Scene:
     folder = os.path.dirname(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else ""
     cloths = tuple(_cloth(item, f"objects[{i}]", folder, problems) for i, item in enumerate(document["objects"]))
     inputs = _inputs(document, folder, problems)
+    touched = obstacles(document, folder, problems)
     if parsed.constants and not problems:  # one in a field that is not ours
         problems.append(constant_problem(source))
     asked = from_file(document["fit"].get("bounds", {}), KINDS, "fit.bounds", problems)
     if problems:
         raise InvalidScene(problems, name)
-    return _scene(document, tuple(cloth for cloth in cloths if cloth), inputs, asked, name, source)
+    return _scene(document, tuple(cloth for cloth in cloths if cloth), inputs, touched, asked, name, source)
 
 
 def save(scene: Scene, path_or_file: str | os.PathLike[str] | IO[str] | IO[bytes]) -> None:
@@ -250,23 +259,21 @@ def _plain(owner: Cloth | Scene, kind: Kind) -> Any:
 
 
 def _inputs(document: dict[str, Any], folder: str, problems: list[str]) -> list[Keys | None]:
-    """The keys of the wind, of the gravity, and of the position of each collider."""
-    found = [keys(document.get(name), name, folder, problems) for name in ("windVelKeys", "gravityKeys")]
-    colliders = enumerate(document["colliders"])
+    """The keys of the wind and of the gravity."""
     if "windVelKeys" in document["fit"] and document["fit"]["windVelKeys"] not in ("n", "N", False):
         if "windVelKeys" not in document:
             problems.append("fit.windVelKeys: there are no windVelKeys to fit")
         elif "file" in document["windVelKeys"]:
             problems.append("fit.windVelKeys: keys of a file cannot be fitted; write times and values into the scene")
-    return found + [keys(item.get("posKeys"), f"colliders[{i}].posKeys", folder, problems) for i, item in colliders]
+    return [keys(document.get(name), name, folder, problems) for name in ("windVelKeys", "gravityKeys")]
 
 
 def _scene(
-    document: dict[str, Any], cloths: tuple[Cloth, ...], inputs: list[Keys | None], asked: Bounds, name: str,
-    source: Source,
+    document: dict[str, Any], cloths: tuple[Cloth, ...], inputs: list[Keys | None],
+    touched: tuple[tuple[Sphere, ...], tuple[Collider, ...]], asked: Bounds, name: str, source: Source,
 ) -> Scene:  # fmt: skip
-    colliders = document["colliders"]
-    planes = [i for i, item in enumerate(colliders) if item["type"] != SPHERE]
+    solid = document["planes"] == "solid"
+    planes = [i for i, item in enumerate(document["colliders"]) if item["type"] == PLANE and not solid]
     more = f" (and {len(planes) - 1} more)" if len(planes) > 1 else ""
     return Scene(
         title=document["title"].encode(errors="replace").decode(),  # "\ud800" in JSON is a text nobody can print
@@ -280,8 +287,9 @@ def _scene(
         fits=_fits(document["fit"], SCENE_KINDS),
         bounds=asked,
         cloths=cloths,
-        spheres=tuple(_sphere(*each) for each in zip(colliders, inputs[2:], strict=True) if each[0]["type"] == SPHERE),
-        warnings=tuple(f"colliders[{i}]: planes are ignored, as in the editor{more}" for i in planes[:1]),
+        spheres=touched[0],
+        colliders=touched[1],
+        warnings=tuple(f"colliders[{i}]: planes are ignored, as in the editor{more}; {WAY_OUT}" for i in planes[:1]),
         name=name,
         source=source,
         wind_keys=inputs[0],
@@ -313,11 +321,3 @@ def _fits(asked: dict[str, Any], kinds: Sequence[Kind]) -> dict[str, str]:
     letters = {kind.name: asked[kind.field] for kind in kinds if kind.field in asked}
     modes = {name: LETTERS[letter.lower() if isinstance(letter, str) else letter] for name, letter in letters.items()}
     return {name: mode for name, mode in modes.items() if mode != "n"}
-
-
-def _sphere(item: dict[str, Any], position: Keys | None) -> Sphere:
-    return Sphere(_vector(item["pos"]), float(item["scale"]["x"]) / 2, position)
-
-
-def _vector(item: dict[str, Any]) -> Array:
-    return np.array([item["x"], item["y"], item["z"]], dtype=np.float64)

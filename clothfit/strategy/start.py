@@ -196,7 +196,7 @@ def undetermined(scene: Scene) -> list[str]:
     air drag that is known, and spheres, do not.
     """
     found = []
-    for i, cloth in enumerate(() if scene.spheres else scene.cloths):
+    for i, cloth in enumerate(() if scene.obstacles else scene.cloths):
         if "n" in cloth.settings:
             continue
         if not cloth.feels_air:

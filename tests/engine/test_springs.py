@@ -57,7 +57,7 @@ def test_internal_forces_sum_to_zero_in_force_and_torque(name):
 def test_damping_does_not_resist_a_rigid_motion():
     at = state(SYSTEM, "random")
     spin = np.cross([0.3, -1.0, 0.5], at.y) + [1.0, 2.0, 3.0]
-    drag = damping(springs, SPRINGS, at.y, spin)
+    drag = damping(springs, SPRINGS, at.y, at.u, spin)
     # the length of no spring changes: rounding of d·(ω × e) against k β times speeds of order 1
     assert np.abs(drag).max() < 1e-14 * (ALPHA / 2) * SPRINGS.stiffness.max() * np.abs(spin).max()
 

@@ -75,8 +75,8 @@ def test_the_step_gets_the_damping_and_no_stiffness():
     A, b = step_terms(SYSTEM, wind, FACES, at.y, at.u)
     f = physics.total_force(wind, FACES, at.y, at.u)
     # the same products in another order
-    assert relative(times(A, at.dy), -SYSTEM.h * damping(wind, FACES, at.y, at.dy)) < 1e-14
-    assert relative(b, SYSTEM.h * (f - damping(wind, FACES, at.y, at.u))) < 1e-13
+    assert relative(times(A, at.dy), -SYSTEM.h * damping(wind, FACES, at.y, at.u, at.dy)) < 1e-14
+    assert relative(b, SYSTEM.h * (f - damping(wind, FACES, at.y, at.u, at.u))) < 1e-13
 
 
 @pytest.mark.parametrize("name", STATES)

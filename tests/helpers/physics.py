@@ -12,7 +12,7 @@ import numpy as np
 
 import clothfit.scene.scene
 from clothfit.base.arrays import Array, Elements
-from clothfit.engine.forces import spheres, springs, vertex, wind
+from clothfit.engine.forces import colliders, spheres, springs, vertex, wind
 from clothfit.engine.solve import sparse
 from clothfit.engine.system import (
     BDF2,
@@ -148,6 +148,7 @@ def parts(system: System) -> dict[str, tuple[Any, Any]]:
         "springs": (springs, system.springs),
         "wind": (wind, system.faces),
         "spheres": (spheres, system.spheres),
+        "colliders": (colliders, system.colliders),
     }
 
 
@@ -182,10 +183,10 @@ def total_force(module: Any, force: Any, y: Array, u: Array) -> Array:
     return f
 
 
-def damping(module: Any, force: Any, y: Array, d: Array) -> Array:
-    """D(y) d, (n, 3); zero for a force that has no D."""
+def damping(module: Any, force: Any, y: Array, u: Array, d: Array) -> Array:
+    """D(y, u) d, (n, 3); zero for a force that has no D."""
     out = np.zeros_like(y)
-    getattr(module, "add_damping", lambda *_: None)(force, y, 1.0, d, out)
+    getattr(module, "add_damping", lambda *_: None)(force, y, u, 1.0, d, out)
     return out
 
 
@@ -211,7 +212,7 @@ def model(system: System, module: Any, force: Any, at: State) -> Array:
     For a system without fixed vertices: their columns are not in A.
     """
     A, b = step_terms(system, module, force, at.y, at.u)
-    return b - times(A, at.s) / system.h + damping(module, force, at.y, system.h * at.w - at.s)
+    return b - times(A, at.s) / system.h + damping(module, force, at.y, at.u, system.h * at.w - at.s)
 
 
 def pushforward(system: System, module: Any, force: Any, at: State, change: Elements) -> Array:

@@ -85,7 +85,7 @@ def warn_of_steps(scene: Scene, frames: int, console: Console) -> None:
 
 def warn_of_contacts(scene: Scene, motion: Motion, console: Console, energy: Energy | None = None) -> None:
     """Warn when contacts that begin within a step have given the cloths energy: in wind, or in explicit steps."""
-    if not scene.spheres or scene.moves or len(motion.times) < 2:  # what moves gives energy as well
+    if not scene.obstacles or scene.moves or len(motion.times) < 2:  # what moves gives energy as well
         return
     import numpy as np
 
@@ -96,10 +96,11 @@ def warn_of_contacts(scene: Scene, motion: Motion, console: Console, energy: Ene
     largest = max(np.abs(part).max(where=np.isfinite(part), initial=0.0) for part in found.own)
     if gain <= MOST_GAIN * largest or not found.contact[: frame + 1].any():
         return
+    obstacle = "sphere" if scene.spheres else "collider"
     console.warn(
         f"{scene.name}: contacts have added energy: at frame {frame} the cloths have {gain:.3g} J more than at the "
-        f"start, and never more than {largest:.3g} J in one place; a cloth meets a sphere too fast for the time step, "
-        "so try a smaller delta"
+        f"start, and never more than {largest:.3g} J in one place; a cloth meets a {obstacle} too fast for the time "
+        "step, so try a smaller delta"
     )
 
 

@@ -2,17 +2,17 @@
 
 Around a linearisation point (y, u), the implicit step models a force as a function of the new velocity w:
 
-    F(w) = f(y, u) + K(y) s + D(y) (w − u),     s = x + h w − y
+    F(w) = f(y, u) + K s + D (w − u),     s = x + h w − y
 
-with f the force, K and D the position and velocity Jacobians that the editor's engine keeps (not always the true ones),
-and s how far the step ends from the point of linearisation. Each module has
+with f the force, K and D, at (y, u), the position and velocity Jacobians that the editor's engine keeps (not always the
+true ones), and s how far the step ends from the point of linearisation. Each module has
 
     energy(force, y)                                              potential energy, J: −∂/∂y is what of f is left at
                                                                   u = 0 in still air; none of the air
     damping_power(force, y, u, w)                                 f'·w, W, of the part f' of f that damps, at (y, u);
                                                                   left out where nothing does
     add_force(force, y, u, f)                                     f += f(y, u)
-    add_damping(force, y, scale, q, out)                          out += scale · D(y) q; left out where D = 0
+    add_damping(force, y, u, scale, q, out)                       out += scale · D q; left out where D = 0
     add_step(force, y, u, h, ahead, A, b)                         A −= h² K + h D,  b += h (f − D u) unless b is empty,
                                                                   and where y is h u `ahead` also −h² K u; returns
                                                                   `energy` for `step.guard`, of weight 0, unless `ahead`

@@ -157,7 +157,7 @@ def add_force(springs, y, u, f):
 
 
 @kernel
-def add_damping(springs, y, scale, q, out):
+def add_damping(springs, y, u, scale, q, out):
     for i in range(len(springs.rest)):
         _, _, d = axis(springs, y, i)
         pull = -scale * springs.damping * springs.stiffness[i] * dot(d, difference(q, springs, i))

@@ -56,7 +56,7 @@ def add_force(vertex, y, u, f):
 
 
 @kernel
-def add_damping(vertex, y, scale, q, out):
+def add_damping(vertex, y, u, scale, q, out):
     for i in range(len(vertex.mass)):
         for c in range(3):
             out[i, c] -= scale * vertex.damping * vertex.mass[i] * q[i, c]

@@ -102,7 +102,7 @@ def add_force(faces, y, u, f):
 
 
 @kernel
-def add_damping(faces, y, scale, q, out):
+def add_damping(faces, y, u, scale, q, out):
     for i in range(len(faces.corners)):
         n, kappa = normal(faces, y, i)
         for corner in range(3):

@@ -10,8 +10,9 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidScene
+from clothfit.engine.forces.colliders import AXES, PLACE, SPIN, VELOCITY
 from clothfit.engine.inputs.tables import Inputs, constant
-from clothfit.scene.cloth import Cloth, Sphere
+from clothfit.scene.cloth import Cloth, Collider, Sphere
 from clothfit.scene.keys import Keys, Pin
 from clothfit.scene.scene import Scene
 
@@ -21,7 +22,7 @@ def build(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
     not fit.
     """
     if not scene.changes and not cloth.pins:
-        return constant(scene.wind, scene.gravity, len(scene.spheres))
+        return constant(scene.wind, scene.gravity, len(scene.spheres), len(scene.colliders))
     try:
         return sampled(scene, cloth, steps)
     except InvalidScene as error:
@@ -30,7 +31,8 @@ def build(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
 
 def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
     """The tables of a cloth with inputs that change."""
-    found = constant(scene.wind, scene.gravity, len(scene.spheres))
+    found = constant(scene.wind, scene.gravity, len(scene.spheres), len(scene.colliders))
+    lead = int(scene.method >= 2)
     times: Array = scene.delta * np.arange(steps + 2, dtype=float)  # explicit steps read two rows
     wind, gravity = (
         interpolated(resolved(keys), times) if keys else found.wind for keys in (scene.wind_keys, scene.gravity_keys)
@@ -39,14 +41,16 @@ def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
         share = interpolated(replace(scene.wind_keys, values=np.eye(len(scene.gusts))), times)
         found = found._replace(gusts=np.array(scene.gusts), share=share)
     centre, path = centres(scene.spheres, times), paths(cloth, times)
+    moving = any(each.moves for each in scene.colliders)
+    collider = states(scene.colliders, times, scene.delta, lead) if moving else found.collider
     pinned = [pin.vertices for pin in cloth.pins]
     pins = np.concatenate(pinned).astype(np.int32) if pinned else found.pins
     held = np.isin(cloth.springs, pins)
     coupled = np.flatnonzero((held & ~cloth.fixed[cloth.springs][:, ::-1]).any(axis=1)).astype(np.int32)
     return found._replace(
-        wind=wind, gravity=gravity, centre=centre, path=path, pins=pins, coupled=coupled,
+        wind=wind, gravity=gravity, centre=centre, collider=collider, path=path, pins=pins, coupled=coupled,
         place=np.zeros((len(pins), 3)), later=np.zeros((len(pins), 3)),
-        lead=int(scene.method >= 2), steps=steps, changes=True,
+        lead=lead, steps=steps, changes=True,
     )  # fmt: skip
 
 
@@ -109,7 +113,43 @@ def centres(spheres: Sequence[Sphere], times: Array) -> Array:
     if not any(sphere.position for sphere in spheres):
         return np.zeros((0, len(spheres), 3))
     still = np.zeros((len(times), 3))
-    return np.stack([s.centre + (moved(s.position, times) if s.position else still) for s in spheres], axis=1)
+    return np.stack([s.centre + (shift(s.position, times) if s.position else still) for s in spheres], axis=1)
+
+
+def shift(keys: Keys, times: Array) -> Array:
+    """The change (T, 3) since time 0, m, of what moves as one. Raises InvalidScene for several points of a file."""
+    change = moved(keys, times)
+    if change.ndim == 3 and change.shape[1] != 1:
+        raise InvalidScene(f"{keys.place}.points: {change.shape[1]} points of the file; give the one to follow")
+    return change.reshape(len(times), 3)
+
+
+def states(colliders: Sequence[Collider], times: Array, h: float, lead: int) -> Array:
+    """The states (T, C, 6, 3) of colliders at times (T,), a step h apart, s: places, velocities, spins and axes (see
+    `forces.colliders`). The velocity at a time is that of the step that ends there, with `lead` 0 of that which begins.
+    """
+    out = np.zeros((len(times), len(colliders), 6, 3))
+    step = np.clip(np.arange(len(times)) - lead, 0, max(len(times) - 2, 0))
+    for c, each in enumerate(colliders):
+        out[:, c, PLACE] = each.centre
+        start = rotation(each.angles).as_matrix() if each.angles.any() else np.eye(3)
+        turns = np.broadcast_to(start, (len(times), 3, 3))
+        if each.position:
+            out[:, c, PLACE] += shift(each.position, times)
+            out[:, c, VELOCITY] = np.diff(out[:, c, PLACE], axis=0, append=out[-1:, c, PLACE])[step] / h
+        if each.rotation:
+            turns = turned(each.rotation, times) @ turns
+            out[:, c, SPIN] = spins(turns)[step] / h
+        out[:, c, AXES:] = turns.transpose(0, 2, 1)
+    return out
+
+
+def spins(turns: Array) -> Array:
+    """The rotation vectors (T, 3), rad, from each of the rotations (T, 3, 3) to the next one, the last of them 0."""
+    from scipy.spatial.transform import Rotation
+
+    between = turns[1:] @ turns[:-1].transpose(0, 2, 1)
+    return np.concatenate([Rotation.from_matrix(between).as_rotvec(), np.zeros((1, 3))])
 
 
 def centres_at(scene: Scene, times: Array) -> Array:

@@ -26,6 +26,7 @@ class Inputs(NamedTuple):
     wind: Array  # (R, 3), m/s, what is added to the scene's
     gravity: Array  # (R, 3), m/s², the same
     centre: Array  # (R, C, 3), m, of the spheres
+    collider: Array  # (R, C, 6, 3), the states of the other colliders
     path: Array  # (R, P, 3), m, of the pins
     pins: Indices  # (P,), their vertices
     coupled: Indices  # the springs of which one end is such a vertex and the other is free
@@ -41,14 +42,15 @@ class Inputs(NamedTuple):
     changes: bool  # whether there is any table
 
 
-def constant(wind: Array, gravity: Array, spheres: int) -> Inputs:
-    """Inputs that do not change: wind, m/s, and gravity, m/s², (3,) each, and so many spheres."""
+def constant(wind: Array, gravity: Array, spheres: int, colliders: int) -> Inputs:
+    """Inputs that do not change: wind, m/s, and gravity, m/s², (3,) each, so many spheres and other colliders."""
     none = np.zeros((0, 3))
-    places = np.zeros((0, spheres, 3))
+    places, states = np.zeros((0, spheres, 3)), np.zeros((0, colliders, 6, 3))
     nobody = np.zeros(0, np.int32)
     bases = np.array(wind, float), np.array(gravity, float)
     keyed = none, np.zeros((0, 0)), np.zeros(3)
-    return Inputs(none, none, places, np.zeros((0, 0, 3)), nobody, nobody, *bases, *keyed, none, none, 1, 0, False)
+    tables = none, none, places, states, np.zeros((0, 0, 3))
+    return Inputs(*tables, nobody, nobody, *bases, *keyed, none, none, 1, 0, False)
 
 
 def check_steps(inputs: Inputs, steps: int) -> None:
@@ -59,7 +61,7 @@ def check_steps(inputs: Inputs, steps: int) -> None:
 
 def later(inputs: Inputs, steps: int) -> Inputs:
     """The inputs of a motion that begins so many steps later."""
-    parts = {name: getattr(inputs, name)[steps:] for name in ("wind", "gravity", "centre", "path")}
+    parts = {name: getattr(inputs, name)[steps:] for name in ("wind", "gravity", "centre", "collider", "path")}
     return inputs._replace(**parts, steps=inputs.steps - steps)
 
 
@@ -75,6 +77,8 @@ def set_inputs(system, t):
             add_row(inputs.gravity, late, inputs.gravity_base, system.vertex.gravity)
         if len(inputs.centre) > 0:
             copy(inputs.centre[late], system.spheres.centre)
+        for c in range(inputs.collider.shape[1] if len(inputs.collider) > 0 else 0):
+            copy(inputs.collider[late, c], system.colliders.state[c])
         if len(inputs.path) > 0:
             copy(inputs.path[t + 1], inputs.place)
             copy(inputs.path[t + 1 if inputs.lead else t + 2], inputs.later)

@@ -47,7 +47,7 @@ def pullback(system, x, v, v_new, work, x_bar, v_bar, grad):
     gy[:] = 0.0
     gu[:] = 0.0
     total.add_pullback(system, x, v, v, s, lam, h, grad, gy, gu)
-    total.add_damping(system, x, h, lam, gu)
+    total.add_damping(system, x, v, h, lam, gu)
     add_rows_dot(-1.0, lam, v_new, grad.mass)
     add_rows_dot(1.0, lam, v, grad.mass)
     add(h, x_bar, v_bar)
@@ -64,7 +64,7 @@ def pushforward(system, x, v, v_new, work, dx, dv, direction):
     add_mass(direction.mass, 1.0, v, dw)
     add_mass(direction.mass, -1.0, v_new, dw)
     total.add_pushforward(system, x, v, v, s, dx, dv, direction, h, dw)
-    total.add_damping(system, x, h, dv, dw)
+    total.add_damping(system, x, v, h, dv, dw)
     divide_by_mass(system.vertex, dw)
     add(1.0, dv, dw)
     hold_fixed(system.vertex.free, dw)

@@ -16,8 +16,8 @@ them, as implicit springs from the surface on (`spheres.begins`): a convex energ
 the energy after that step becomes the budget, so that no later contact gives back what one took.
 
 Some steps are taken whole although the energy rises: those just named, unless the cloth starts deep in a sphere; in
-wind, which brings energy, while air at rest only takes it away; where inputs change over time; and where the rise is
-below a thousandth.
+wind, which brings energy, while air at rest only takes it away; where inputs change over time; at `colliders`, whose
+early contacts no step knows; and where the rise is below a thousandth.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def applies(system):
     """Whether steps may be shortened at all."""
     faces = system.faces
     still = faces.wind[0] == 0.0 and faces.wind[1] == 0.0 and faces.wind[2] == 0.0
-    if system.inputs.changes:  # they bring energy
+    if system.inputs.changes or len(system.colliders.shape) > 0:  # inputs bring energy
         return False
     return system.guarded and system.method == IMPLICIT and (still or faces.drag == 0.0 or len(faces.corners) == 0)
 

@@ -190,7 +190,7 @@ def pull_iteration(system, x, v, w, u, later, tolerance, work, x_bar, v_bar, gra
         # y = x + h u and s = h (w − u): ū = h (gy − h K λ) + gu, and −h² K λ = A λ − M λ + h D λ
         sparse.multiply(A, lam, w_bar)
         add_mass(mass, -1.0, lam, w_bar)
-        total.add_damping(system, y, h, lam, w_bar)
+        total.add_damping(system, y, u, h, lam, w_bar)
         add(h, gy, w_bar)
         add(1.0, gu, w_bar)
 
@@ -236,7 +236,7 @@ def push_iteration(system, x, v, w, u, later, tolerance, work, dx, dv, direction
         combine(1.0, dx, h, du, dy)
         sparse.multiply(A, du, b)
         add_mass(mass, -1.0, du, b)
-        total.add_damping(system, y, h, du, b)
+        total.add_damping(system, y, u, h, du, b)
     else:
         b[:] = 0.0
         copy(dx, dy)

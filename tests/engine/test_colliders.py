@@ -1,0 +1,363 @@
+"""Colliders with friction: their surfaces and forces against formulas and differences, motions against closed forms."""
+
+import numpy as np
+import pytest
+from helpers import physics
+from helpers.physics import (
+    METHODS,
+    STATES,
+    full,
+    pushforward_error,
+    relative,
+    scene,
+    sheet,
+    state,
+    step_terms,
+    thing,
+    times,
+    transpose_error,
+    xyz,
+)
+
+from clothfit.base.errors import InvalidScene
+from clothfit.derivative.columns import columns
+from clothfit.derivative.sensitivity import sweep
+from clothfit.derivative.verify import check
+from clothfit.engine.forces import colliders
+from clothfit.engine.inputs import sampling
+from clothfit.engine.step import guard
+from clothfit.engine.system import build
+from clothfit.motion.energy import energies
+from clothfit.motion.simulate import simulate
+from clothfit.objective.objective import Objective
+from clothfit.scene.fit_vector import parameters
+
+TIGHT = 1e-13
+G = 9.81
+VARIANTS = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 3), ("bdf2", 1), ("bdf2", 3)]
+RUB = {"friction": 0.6, "thickness": 0.1, "stiffness": 700.0}
+
+
+def keys(times, values, **fields):
+    """Keys as the file has them."""
+    return {"times": list(map(float, times)), "values": [xyz(value) for value in values], **fields}
+
+
+def plane(at=(0, 0, 0), angles=(0, 0, 0), **fields):
+    return {"type": 0, "pos": xyz(at), "rot": xyz(angles), "scale": xyz((1, 1, 1)), **fields}
+
+
+def capsule(at=(0, 0, 0), radius=0.3, radius2=0.3, height=1.0, **fields):
+    own = {"radius": radius, "radius2": radius2, "height": height}
+    return {"type": 2, "pos": xyz(at), "scale": xyz((1, 1, 1)), **own, **fields}
+
+
+def box(at=(0, 0, 0), lengths=(1, 1, 1), **fields):
+    return {"type": 3, "pos": xyz(at), "scale": xyz(lengths), **fields}
+
+
+TURN = {"rotKeys": keys([0, 1], [(0, 0, 0), (40, 90, -30)]), "posKeys": keys([0, 1], [(0, 0, 0), (0.8, 0.5, 0.4)])}
+SHAPES = {
+    "plane": plane((0, 0.1, 0), (10, 20, 30), **RUB),
+    "capsule": capsule((1.0, -0.1, 1.0), 0.5, 0.3, 1.1, rot=xyz((70, 20, 30)), **RUB, **TURN),
+    "sphere": {**physics.ball((1.0, -0.3, 1.0), 0.9), **RUB, **TURN},
+    "box": box((0.9, 0.0, 1.0), (1.2, 0.7, 1.4), rot=xyz((15, 25, 5)), **RUB, **TURN),
+}
+
+
+def touching(name, **fields):
+    """A cloth that the collider of this shape holds in its middle, moving where it moves."""
+    made = full(colliders=[SHAPES[name]], planes="solid", **fields)
+    if len(made.inputs.collider):
+        made.colliders.state[:] = made.inputs.collider[1]
+    return made
+
+
+# --- surfaces
+
+
+def reference(name, p):
+    """Distances of points (P, 3), another way: by dense samples of the surface, or of the axis of a cone."""
+    if name == "box":
+        half = np.array([0.6, 0.35, 0.7])
+        inside = (half - np.abs(p)).min(axis=1)
+        return np.where(inside > 0, -inside, np.linalg.norm(p - np.clip(p, -half, half), axis=1))
+    # the round cone is the union of balls of linear radius on the axis
+    share = np.linspace(0, 1, 200_001)
+    axis, radius = -0.55 + 1.1 * share, 0.5 - 0.2 * share
+    radial = np.hypot(p[:, 0], p[:, 2])
+    return np.array([(np.hypot(r, y - axis) - radius).min() for r, y in zip(radial, p[:, 1], strict=True)])
+
+
+@pytest.mark.parametrize("name", ["box", "capsule"])
+def test_distances_are_those_of_the_shapes(name):
+    made = touching(name).colliders
+    points = np.random.default_rng(1).uniform(-1.2, 1.2, (300, 3))
+    turn, place = made.state[0, 3:], made.state[0, 0]
+    depth, normal = colliders.depths(made, points @ turn + place)
+    # samples of the axis 5 µm apart miss the minimum by their square
+    np.testing.assert_allclose(made.thickness[0] - depth[0], reference(name, points), atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(normal[0], axis=1), 1.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_normals_are_the_gradients_of_the_distances(name):
+    made = touching(name).colliders
+    y, t = made.state[0, 0] + np.random.default_rng(2).uniform(-1.2, 1.2, (200, 3)), 1e-6
+    both = [[colliders.depths(made, y + side * t * e)[0][0] for side in (-1, 1)] for e in np.eye(3)]
+    rows = [(before - after) / (2 * t) for before, after in both]
+    # rounding at 1e-6, and curvatures that jump where two parts of a surface meet, within 1e-6 of a point
+    np.testing.assert_allclose(np.transpose(rows), colliders.depths(made, y)[1][0], atol=1e-5)
+
+
+def test_a_cone_whose_one_end_holds_the_other_is_a_ball():
+    made = full(colliders=[capsule(radius=0.2, radius2=0.5, height=0.25)]).colliders
+    y = np.random.default_rng(3).normal(size=(50, 3))
+    ball = np.linalg.norm(y - [0, 0.125, 0], axis=1) - 0.5
+    np.testing.assert_allclose(-colliders.depths(made, y)[0][0], ball, atol=1e-14)
+
+
+# --- the force
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("at", STATES)
+def test_force_matrix_and_right_hand_side(name, at):
+    system = touching(name)
+    made, point = system.colliders, state(system, at)
+    depth, normal = (found[0] for found in colliders.depths(made, point.y))
+    d, n = np.maximum(depth, 0.0)[:, None], normal
+    assert (d > 0).any()
+    V = made.state[0, 1] + np.cross(made.state[0, 2], point.y - made.state[0, 0])
+
+    def across(v):
+        return v - n * (n * v).sum(axis=1, keepdims=True)
+
+    slip = across(point.u - V)
+    gamma = 0.6 * 700 * d / np.sqrt((slip * slip).sum(axis=1, keepdims=True) + colliders.CREEP**2)
+    f = 700 * d * n - gamma * slip
+    assert relative(physics.total_force(colliders, made, point.y, point.u), f) < 1e-13
+    A, b = step_terms(system, colliders, made, point.y, point.u)
+    h, inside = system.h, d > 0
+    push = 700 * inside * n * (n * point.dy).sum(axis=1, keepdims=True)
+    assert relative(times(A, point.dy), h * h * push + h * gamma * across(point.dy)) < 1e-13
+    assert relative(b, h * (f + gamma * across(point.u))) < 1e-12
+    assert relative(physics.damping(colliders, made, point.y, point.u, point.dy), -gamma * across(point.dy)) < 1e-13
+    later = step_terms(system, colliders, made, point.y, point.u, ahead=True)[1]
+    outward = 700 * inside * n * (n * point.u).sum(axis=1, keepdims=True)
+    assert relative(later - b, h * h * outward) < 1e-10 or not point.u.any()
+    power = colliders.damping_power(made, point.y, point.u, point.w)
+    assert power == pytest.approx(-(gamma * slip * point.w).sum(), rel=1e-12)
+    assert colliders.energy(made, point.y) == pytest.approx(350 * (d * d).sum(), rel=1e-13)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("at", STATES[1:])
+def test_the_derivatives_of_the_model(name, at):
+    system = touching(name)
+    # central differences at 1e-5 of terms that bend over some 0.1 m and 0.1 m/s
+    assert pushforward_error(system, "colliders", state(system, at)) < 1e-6
+    assert transpose_error(system, "colliders", state(system, at)) < 1e-12
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_at_the_centre_the_derivatives_stay_finite(name):
+    system = touching(name)
+    point = state(system, "random")._replace(y=np.repeat(system.colliders.state[0, :1], 9, axis=0))
+    assert np.isfinite(physics.pushforward(system, colliders, system.colliders, point, physics.direction(system))).all()
+    assert transpose_error(system, "colliders", point) < 1e-12
+
+
+# --- motions
+
+
+def sliding(angle, friction, method="bdf2", newton=1, steps=300, delta=2e-3):
+    """The distance down a slope of a square of cloth that begins at rest on it, at each frame, and the times."""
+    turn = physics.rotation((0, 0, 1), angle)
+    x = np.array([[a, -1e-3, b] for a in (0.0, 0.1) for b in (0.0, 0.1)]) @ turn.T  # in the slope by about m g/κ
+    block = thing(x, [(0, 1), (1, 3), (3, 2), (2, 0), (0, 3), (1, 2)], [(0, 1, 2), (1, 3, 2)], stiffness=100.0)
+    made = scene(
+        block, colliders=[plane(angles=(0, 0, np.degrees(angle)), friction=friction)], planes="solid", delta=delta,
+        integrationMethod=METHODS[method], forwardSubSteps=newton, optimizationIterations=steps + 1, tolerance=TIGHT,
+    )  # fmt: skip
+    motion = simulate(made)
+    moved = (motion.positions - motion.positions[0]) @ turn[:, 0]
+    np.testing.assert_allclose(moved, moved[:, :1], atol=1e-9)  # a block: nothing stretches
+    return -moved[:, 0], motion.times
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "newton"), [("implicit", 12), ("bdf2", 1), ("symplectic", 1)])
+def test_a_block_slides_down_a_slope(method, newton):
+    angle, mu = 0.6, 0.4
+    delta = 2e-4 if method == "symplectic" else 2e-3
+    way, t = sliding(angle, mu, method, newton, steps=round(0.6 / delta), delta=delta)
+    # from a time on when it is faster than ε and the start does not count: the second difference of the way
+    a = (way[-1] - 2 * way[len(way) // 2] + way[0]) / (t[len(t) // 2]) ** 2
+    assert a == pytest.approx(G * (np.sin(angle) - mu * np.cos(angle)), rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("newton", [1, 12])
+def test_a_block_holds_up_to_the_coefficient_of_friction(newton):
+    angle = 0.5
+    held, t = sliding(angle, np.tan(angle) / 0.99, "implicit", newton, 500, 2e-3)
+    creep = (held[-1] - held[-100]) / (t[-1] - t[-100])
+    assert creep == pytest.approx(colliders.CREEP * 0.99 / np.sqrt(1 - 0.99**2), rel=1e-3)
+    gone, t = sliding(angle, np.tan(angle) / 1.01, "bdf2", newton, 500, 2e-3)
+    a = (gone[-1] - 2 * gone[-101] + gone[-201]) / (t[-1] - t[-101]) ** 2
+    assert a == pytest.approx(G * np.sin(angle) * (1 - 1 / 1.01), rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_chain_over_a_capsule_obeys_the_capstan_law():
+    radius, mu, n, hang = 0.1, 0.4, 40, 10
+    arc = np.pi * (np.arange(n + 1) / n)
+    over = radius * np.stack([-np.cos(arc), np.sin(arc)], axis=1)
+    seg = np.linalg.norm(over[1] - over[0])
+    below = seg * np.arange(hang, 0, -1)
+    sides = [np.stack([np.full(hang, side * radius), -down], 1) for side, down in ((-1, below), (1, below[::-1]))]
+    x = np.concatenate([sides[0], over, sides[1]])
+    last = len(x) - 1
+    ends = [(i, i + 1) for i in range(last)]
+    pull = [{"vertices": [last], "posKeys": keys([0, 1], [(0, 0, 0), (0, -0.1, 0)])}]
+    rope = thing(
+        np.column_stack([x, np.zeros(len(x))]), ends, mass=[0.1] + [1e-5] * last, stiffness=1e4, fixed=[last], pins=pull
+    )  # fmt: skip
+    bar = capsule(radius=radius, radius2=radius, height=1.0, rot=xyz((90, 0, 0)), friction=mu)
+    made = scene(rope, colliders=[bar], delta=2e-3, optimizationIterations=401, integrationMethod=2, tolerance=1e-10)
+    motion = simulate(made)
+    steps = np.diff(motion.positions[200:], axis=1)  # the weight rises evenly by then
+    tension = 1e4 * (np.linalg.norm(steps, axis=2) - made.cloths[0].lengths)
+    # the contact ends within one segment of 0.08 rad on each side, averaged over the passing of five
+    assert tension[:, -1].mean() / tension[:, 0].mean() == pytest.approx(np.exp(mu * np.pi), rel=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
+def test_what_lies_on_a_collider_that_moves_goes_with_it(method):
+    path = {"posKeys": keys([0, 10], [(0, 0, 0), (3.0, 0, 0)]), "rotKeys": keys([0, 10], [(0, 0, 0), (0, 100, 0)])}
+    ride = plane(friction=1.0, **path)
+    small = 1e-4 if METHODS[method] < 2 else 2e-3
+    made = scene(
+        thing([(0.2, -1e-3, 0.1)]), colliders=[ride], planes="solid", integrationMethod=METHODS[method], delta=small,
+        optimizationIterations=round(0.5 / small) + 1,
+    )  # fmt: skip
+    motion = simulate(made)
+    t = motion.times[-1]
+    assert np.allclose(build(made, 0).inputs.collider[:, 0, 1], [0.3, 0, 0], atol=1e-12)
+    turned = sampling.rotation(np.array([0, 10 * t, 0])).apply([0.2, 0, 0.1]) + [0.3 * t, 0, 0]
+    # it catches up within 0.3 m/s / g, and then lags by less than ε
+    np.testing.assert_allclose(motion.positions[-1, 0, [0, 2]], turned[[0, 2]], atol=0.3**2 / G + 1e-3)
+    w = (motion.positions[-1, 0] - motion.positions[-2, 0]) / made.delta
+    spin = np.radians(10)
+    x, z = motion.positions[-1, 0, 0] - 0.3 * t, motion.positions[-1, 0, 2]
+    np.testing.assert_allclose(w[[0, 2]], [0.3 + spin * z, -spin * x], atol=colliders.CREEP)
+
+
+def rich(method="implicit", newton=1):
+    """A cloth on colliders of each shape, some of which move."""
+    fits = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}
+    one = sheet("LL", fit=fits, vertIsFixed=[i == 0 for i in range(9)])
+    one["vertVel"] = [xyz((1.0 + 0.1 * i, -0.5, -0.6)) for i in range(9)]
+    return scene(
+        one, integrationMethod=METHODS[method], forwardSubSteps=newton, delta=0.005, optimizationIterations=6,
+        colliders=[SHAPES["plane"], SHAPES["capsule"], SHAPES["box"]], planes="solid", tolerance=TIGHT,
+        windVel=xyz((4, -2, -3)), fit={"windVel": True, "gravity": True},
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "newton"), VARIANTS)
+def test_gradient_and_tangent(method, newton):
+    made = rich(method, newton)
+    p = parameters(made)
+    target = simulate(made.with_values([made.cloths[0].mass * 1.1], [made.cloths[0].stiffness * 0.9]))
+    found = check(Objective(made, target, TIGHT), p, seed=1)
+    assert found.order > 1.9
+    assert found.difference < 1e-6
+    assert found.product < 1e-12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "newton"), VARIANTS)
+def test_the_dense_sensitivity(method, newton):
+    made = rich(method, newton)
+    objective, p = Objective(made, simulate(made), TIGHT), parameters(made)
+    system, tape = objective.simulate(objective.runs[0], p)
+    direction = np.random.default_rng(2).normal(size=len(p))
+    change = objective.tangent(p, direction)[0][:, system.vertex.free]
+    wanted = columns(system, objective.blocks, p, np.arange(len(p), dtype=np.int32), np.ones(len(p)), len(p))
+    for t, dx in enumerate(sweep(system, tape, wanted)):
+        expected = change[t + 1].reshape(-1)
+        # two ways to the same sums of some hundred products
+        np.testing.assert_allclose(dx @ direction, expected, atol=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.slow
+def test_friction_is_what_the_account_of_energy_says_it_takes():
+    angle, mu = 0.6, 0.4
+    made = scene(
+        thing([(0, 0, 0)], mass=0.2), colliders=[plane(angles=(0, 0, np.degrees(angle)), friction=mu)], planes="solid",
+        delta=1e-3, integrationMethod=3, optimizationIterations=401, tolerance=TIGHT,
+    )  # fmt: skip
+    motion = simulate(made)
+    found = energies(made, motion)
+    way = np.linalg.norm(motion.positions[-1] - motion.positions[0])
+    # but for the start, when the vertex sinks in by 2 mm and jumps
+    assert found.damping[-1] == pytest.approx(mu * 0.2 * G * np.cos(angle) * way, rel=0.02)
+    assert abs(found.numerical[-1]) < 0.02 * found.damping[-1]
+
+
+# --- scenes
+
+
+def test_steps_at_colliders_are_not_shortened():
+    assert guard.applies(full(windVel=xyz((0, 0, 0))))
+    assert not guard.applies(touching("box", windVel=xyz((0, 0, 0))))
+
+
+def test_planes_are_solid_only_where_the_scene_says_so():
+    still = scene(thing([(0, 0, 0)]), colliders=[plane(), box()])
+    assert [each.name for each in still.colliders] == ["box"]
+    assert still.warnings[0].startswith("colliders[0]: planes are ignored, as in the editor; ")
+    solid = scene(thing([(0, 0, 0)]), colliders=[plane(), box()], planes="solid")
+    assert [each.name for each in solid.colliders] == ["plane", "box"]
+    assert not solid.warnings
+
+
+def test_a_sphere_with_a_field_of_its_own_is_the_same_sphere():
+    own = {"delta": 0.002, "optimizationIterations": 150, "integrationMethod": 3, "forwardSubSteps": 3}
+    drop = thing([(0.05, 0.6, 0.1)], mass=0.5)
+    plain, other = (simulate(scene(drop, colliders=[ball], **own)) for ball in (
+        physics.ball((0, 0, 0), 0.5), {**physics.ball((0, 0, 0), 0.5), "friction": 0}))  # fmt: skip
+    assert np.abs(plain.positions[-1] - plain.positions[0]).max() > 0.1
+    np.testing.assert_allclose(other.positions, plain.positions, atol=1e-12)
+
+
+def test_sizes_are_those_of_unity_unless_they_are_given():
+    made = scene(thing([(0, 0, 0)]), colliders=[
+        {"type": 2, "pos": xyz((0, 0, 0)), "scale": xyz((0.4, 1.5, 9))}, box(lengths=(1, 2, 3)),
+        {"type": 2, "pos": xyz((0, 0, 0)), "scale": xyz((0, 0, 0)), "radius": 0.2, "radius2": 0.1, "height": 2},
+    ])  # fmt: skip
+    assert [each.size.tolist() for each in made.colliders] == [[0.2, 0.2, 2.6], [0.5, 1.0, 1.5], [0.2, 0.1, 2.0]]
+
+
+BAD = {
+    "radius": (capsule(radius=0), "colliders[0].radius: 0 is too small; it must be above 0"),
+    "height": (capsule(height=-1), "colliders[0].height: -1 is too small; it must be at least 0"),
+    "friction": (box(friction=-0.1), "colliders[0].friction: -0.1 is too small; it must be at least 0"),
+    "stiffness": (box(stiffness=0), "colliders[0].stiffness: 0 is too small; it must be above 0"),
+    "thickness": (plane(thickness=-1), "colliders[0].thickness: -1 is too small; it must be at least 0"),
+    "lengths": (box(lengths=(1, 0, 1)), "colliders[0].scale.y: 0 is too small; it must be above 0"),
+    "keys": (box(rotKeys=keys([1, 0], [(0, 0, 0)] * 2)), "colliders[0].rotKeys.times[1]: 0 s is not later than 1 s"),
+    "type": ({**box(), "type": 4}, "colliders[0].type: 4 is not one of 0, 1, 2, 3"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_faults_are_named_with_their_place(name):
+    item, said = BAD[name]
+    with pytest.raises(InvalidScene) as caught:
+        scene(thing([(0, 0, 0)]), colliders=[item], planes="solid")
+    assert any(problem.startswith(said) for problem in caught.value.problems)
