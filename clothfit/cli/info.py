@@ -163,13 +163,14 @@ def described(collider: Collider) -> dict[str, Any]:
 
 def collider_line(own: dict[str, Any]) -> str:
     """The same in a line."""
-    sizes = {name: f"{own[name]:.4g} m" for name in ("radius", "radius2", "height") if name in own}
+    sizes: dict[str, str] = {name: f"{own[name]:.4g} m" for name in ("radius", "radius2", "height") if name in own}
     if "lengths" in own:
         sizes["lengths"] = f"{vector(own['lengths'])} m"
     said = [f"{name} {text}" for name, text in sizes.items()]
     said += [f"turned by {vector(own['angles'])} degrees"] if any(own["angles"]) else []
     said += [f"thickness {own['thickness']:.4g} m", f"{own['stiffness']:.4g} N/m", f"friction {own['friction']:.4g}"]
-    return f"{own['shape']} at {vector(own['centre'])} m: {', '.join(said)}{', moves' if own['moves'] else ''}"
+    kind = "solid plane, as the scene's `planes` says," if own["shape"] == "plane" else own["shape"]
+    return f"{kind} at {vector(own['centre'])} m: {', '.join(said)}{', moves' if own['moves'] else ''}"
 
 
 def show_scene(scene: Scene, console: Console) -> None:

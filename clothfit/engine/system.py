@@ -66,9 +66,15 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None)
 
 def at_rest(scene: Scene) -> colliders.Colliders:
     """The colliders of a scene, where they are at the start."""
-    parts = zip(*((shape_of(c), c.size, c.thickness, c.stiffness, c.friction) for c in scene.colliders), strict=True)
-    columns = list(parts) or [()] * 5
-    return colliders.build(*columns, sampling.states(scene.colliders, np.zeros(1), scene.delta, 0)[0])
+    own = scene.colliders
+    return colliders.build(
+        [shape_of(each) for each in own],
+        [each.size for each in own],
+        [each.thickness for each in own],
+        [each.stiffness for each in own],
+        [each.friction for each in own],
+        sampling.states(own, np.zeros(1), scene.delta, 0)[0],
+    )
 
 
 def shape_of(collider: Collider) -> int:

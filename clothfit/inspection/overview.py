@@ -63,9 +63,11 @@ class Facts:
 
 
 def beyond_editor(scene: Scene) -> str | None:
-    """A sentence where the step of the scene is none of the editor's."""
+    """A sentence where the step, the colliders or the inputs of the scene are none of the editor's."""
     name = INTEGRATORS[scene.method]
     if name in OF_THE_EDITOR:
+        if scene.colliders:
+            return "the front end in Unity has no colliders but plain spheres, and nothing that changes over time"
         return "the front end in Unity does not know of inputs over time: there they stay" if scene.moves else None
     return (
         f"the editor in Unity cannot play its step ({name}, integrationMethod {scene.method}), `clothfit simulate` "

@@ -93,8 +93,8 @@ class Collider:
     kind: int  # PLANE, SPHERE, CAPSULE or BOX
     centre: Array  # (3,) m, read-only
     angles: Array  # (3,) degrees, read-only: Euler angles as the editor has them
-    size: Array  # (3,) m, read-only: of a capsule, or a sphere, the radii at the bottom and at the top, and how far their
-    # centres are apart; half of the lengths of a box; 0 of a plane
+    size: Array  # (3,) m, read-only: of a capsule, or a sphere, the radii at the bottom and at the top, and how far
+    # their centres are apart; half of the lengths of a box; 0 of a plane
     thickness: float  # m, 0 or more: how far from the surface it begins to push
     stiffness: float  # N/m, above 0: of each vertex
     friction: float  # coefficient, 0 or more
@@ -125,28 +125,33 @@ def obstacles(
     document: Mapping[str, Any], folder: str, problems: list[str]
 ) -> tuple[tuple[Sphere, ...], tuple[Collider, ...]]:
     """The spheres and the other colliders of a document, without planes that are ignored; faults go to `problems`."""
-    spheres, others = [], []
-    defaults = structure.defaults("collider")
-    for i, own in enumerate(document["colliders"]):
-        place, item = f"colliders[{i}]", {**defaults, **own}
-        position = keys(item.get("posKeys"), f"{place}.posKeys", folder, problems)
-        rotation = keys(item.get("rotKeys"), f"{place}.rotKeys", folder, problems)
-        if item["type"] == SPHERE and not {"friction", "thickness", "stiffness"} & own.keys():
-            spheres.append(Sphere(vector(item["pos"]), float(item["scale"]["x"]) / 2, position))
-        elif item["type"] != PLANE or document["planes"] == "solid":
-            surface = [float(item[name]) for name in ("thickness", "stiffness", "friction")]
-            shape = vector(item["pos"]), vector(item["rot"]), size(item, place, problems)
-            others += [Collider(item["type"], *shape, *surface, position, rotation)]
-    return tuple(spheres), tuple(others)
+    found = [_obstacle(own, f"colliders[{i}]", folder, problems) for i, own in enumerate(document["colliders"])]
+    solid = document["planes"] == "solid"
+    others = [each for each in found if isinstance(each, Collider) and (solid or each.kind != PLANE)]
+    return tuple(each for each in found if isinstance(each, Sphere)), tuple(others)
+
+
+def _obstacle(own: Mapping[str, Any], place: str, folder: str, problems: list[str]) -> Sphere | Collider:
+    item = {**structure.defaults("collider"), **own}
+    position = keys(item.get("posKeys"), f"{place}.posKeys", folder, problems)
+    rotation = keys(item.get("rotKeys"), f"{place}.rotKeys", folder, problems)
+    if item["type"] == SPHERE and not {"friction", "thickness", "stiffness"} & own.keys():
+        return Sphere(vector(item["pos"]), float(item["scale"]["x"]) / 2, position)
+    return _collider(item, size(item, place, problems), position, rotation)
+
+
+def _collider(item: Mapping[str, Any], size: Array, position: Keys | None, rotation: Keys | None) -> Collider:
+    surface = {name: float(item[name]) for name in ("thickness", "stiffness", "friction")}
+    centre, angles = vector(item["pos"]), vector(item["rot"])
+    return Collider(item["type"], centre, angles, size, **surface, position=position, rotation=rotation)
 
 
 def size(item: Mapping[str, Any], place: str, problems: list[str]) -> Array:
     """The size (3,) of a collider, as above, m; a scale that is not above 0 where it counts goes to `problems`."""
     scale = vector(item["scale"])
     needed = {PLANE: "", SPHERE: "x", CAPSULE: "" if "radius" in item else "x", BOX: "xyz"}[item["type"]]
-    for axis in needed:
-        if not item["scale"][axis] > 0:
-            problems.append(f"{place}.scale.{axis}: {item['scale'][axis]:g} is too small; it must be above 0")
+    flat = [axis for axis in needed if not item["scale"][axis] > 0]
+    problems += [f"{place}.scale.{axis}: {item['scale'][axis]:g} is too small; it must be above 0" for axis in flat]
     if item["type"] == BOX:
         return scale / 2
     if item["type"] == CAPSULE:

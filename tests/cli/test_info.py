@@ -11,6 +11,7 @@ from helpers.scenes import MISSING, changed, cloth, document, sphere, started, t
 
 from clothfit.cli.program import run
 from clothfit.cli.validate import split
+from clothfit.scene.scene import WAY_OUT
 
 pytestmark = pytest.mark.slow  # starts processes
 
@@ -135,7 +136,8 @@ def test_the_summary_of_one_scene(tmp_path, capsys):
     assert run(["validate", path, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["valid"], found["problems"]) == (True, [])
-    assert found["warnings"] == [{"place": "colliders[0]", "message": "planes are ignored, as in the editor"}]
+    message = f"planes are ignored, as in the editor; {WAY_OUT}"
+    assert found["warnings"] == [{"place": "colliders[0]", "message": message}]
 
 
 def test_the_numbers_of_a_mesh_are_looked_at(tmp_path, capsys):

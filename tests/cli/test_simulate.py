@@ -127,7 +127,7 @@ def test_a_motion_is_not_written_to_a_terminal(path, capsys, monkeypatch):
 def test_a_plane_is_a_warning(tmp_path, capsys):
     made = write_scene(tmp_path, {**SCENE, "colliders": [sphere(), sphere(type=0)]})
     assert run(["simulate", made]) == 0
-    assert "warning: scene.json: colliders[1]: planes are ignored, as in the editor\n" in capsys.readouterr().err
+    assert "warning: scene.json: colliders[1]: planes are ignored, as in the editor; " in capsys.readouterr().err
 
 
 # --- places that cannot be written

@@ -145,7 +145,7 @@ def test_force_matrix_and_right_hand_side(name, at):
     assert relative(physics.damping(colliders, made, point.y, point.u, point.dy), -gamma * across(point.dy)) < 1e-13
     later = step_terms(system, colliders, made, point.y, point.u, ahead=True)[1]
     outward = 700 * inside * n * (n * point.u).sum(axis=1, keepdims=True)
-    assert relative(later - b, h * h * outward) < 1e-10 or not point.u.any()
+    np.testing.assert_allclose(later - b, h * h * outward, atol=1e-11)  # differences of numbers of some 10
     power = colliders.damping_power(made, point.y, point.u, point.w)
     assert power == pytest.approx(-(gamma * slip * point.w).sum(), rel=1e-12)
     assert colliders.energy(made, point.y) == pytest.approx(350 * (d * d).sum(), rel=1e-13)
@@ -182,8 +182,8 @@ def sliding(angle, friction, method="bdf2", newton=1, steps=300, delta=2e-3):
     )  # fmt: skip
     motion = simulate(made)
     moved = (motion.positions - motion.positions[0]) @ turn[:, 0]
-    np.testing.assert_allclose(moved, moved[:, :1], atol=1e-9)  # a block: nothing stretches
-    return -moved[:, 0], motion.times
+    assert np.ptp(moved, axis=1).max() < 1e-9  # a block: nothing stretches
+    return -moved.mean(axis=1), motion.times
 
 
 @pytest.mark.slow
@@ -192,21 +192,26 @@ def test_a_block_slides_down_a_slope(method, newton):
     angle, mu = 0.6, 0.4
     delta = 2e-4 if method == "symplectic" else 2e-3
     way, t = sliding(angle, mu, method, newton, steps=round(0.6 / delta), delta=delta)
-    # from a time on when it is faster than ε and the start does not count: the second difference of the way
-    a = (way[-1] - 2 * way[len(way) // 2] + way[0]) / (t[len(t) // 2]) ** 2
+    a = acceleration(way, t, len(way) // 4)
+    # late enough to be much faster than ε and than μ h g; a block sinks in and swings on the normal springs at first
     assert a == pytest.approx(G * (np.sin(angle) - mu * np.cos(angle)), rel=0.01)
 
 
+def acceleration(way, t, span):
+    """The mean over the last two times so many frames."""
+    return (way[-1] - 2 * way[-1 - span] + way[-1 - 2 * span]) / t[span] ** 2
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("newton", [1, 12])
-def test_a_block_holds_up_to_the_coefficient_of_friction(newton):
+@pytest.mark.parametrize(("method", "newton"), [("implicit", 12), ("bdf2", 1)])
+def test_a_block_holds_up_to_the_coefficient_of_friction(method, newton):
     angle = 0.5
-    held, t = sliding(angle, np.tan(angle) / 0.99, "implicit", newton, 500, 2e-3)
+    held, t = sliding(angle, np.tan(angle) / 0.99, method, newton, 500)
     creep = (held[-1] - held[-100]) / (t[-1] - t[-100])
-    assert creep == pytest.approx(colliders.CREEP * 0.99 / np.sqrt(1 - 0.99**2), rel=1e-3)
-    gone, t = sliding(angle, np.tan(angle) / 1.01, "bdf2", newton, 500, 2e-3)
-    a = (gone[-1] - 2 * gone[-101] + gone[-201]) / (t[-1] - t[-101]) ** 2
-    assert a == pytest.approx(G * np.sin(angle) * (1 - 1 / 1.01), rel=0.05)
+    assert creep == pytest.approx(colliders.CREEP * 0.99 / np.sqrt(1 - 0.99**2), rel=0.01)
+    gone, t = sliding(angle, np.tan(angle) / 1.01, method, newton, 900)
+    # a difference of two forces a hundred times as large, of which v/q < 1 leaves out some
+    assert acceleration(gone, t, 100) == pytest.approx(G * np.sin(angle) * (1 - 1 / 1.01), rel=0.03)
 
 
 @pytest.mark.slow
@@ -276,7 +281,8 @@ def test_gradient_and_tangent(method, newton):
     found = check(Objective(made, target, TIGHT), p, seed=1)
     assert found.order > 1.9
     assert found.difference < 1e-6
-    assert found.product < 1e-12
+    # systems are solved to 1e-13, and friction makes their condition about 1e4
+    assert found.product < 1e-10
 
 
 @pytest.mark.slow
@@ -331,7 +337,7 @@ def test_a_sphere_with_a_field_of_its_own_is_the_same_sphere():
     drop = thing([(0.05, 0.6, 0.1)], mass=0.5)
     plain, other = (simulate(scene(drop, colliders=[ball], **own)) for ball in (
         physics.ball((0, 0, 0), 0.5), {**physics.ball((0, 0, 0), 0.5), "friction": 0}))  # fmt: skip
-    assert np.abs(plain.positions[-1] - plain.positions[0]).max() > 0.1
+    assert plain.positions[-1, 0, 2] > 0.15  # it has slid aside
     np.testing.assert_allclose(other.positions, plain.positions, atol=1e-12)
 
 
@@ -340,7 +346,8 @@ def test_sizes_are_those_of_unity_unless_they_are_given():
         {"type": 2, "pos": xyz((0, 0, 0)), "scale": xyz((0.4, 1.5, 9))}, box(lengths=(1, 2, 3)),
         {"type": 2, "pos": xyz((0, 0, 0)), "scale": xyz((0, 0, 0)), "radius": 0.2, "radius2": 0.1, "height": 2},
     ])  # fmt: skip
-    assert [each.size.tolist() for each in made.colliders] == [[0.2, 0.2, 2.6], [0.5, 1.0, 1.5], [0.2, 0.1, 2.0]]
+    sizes = [each.size for each in made.colliders]
+    np.testing.assert_allclose(sizes, [[0.2, 0.2, 2.6], [0.5, 1.0, 1.5], [0.2, 0.1, 2.0]], rtol=1e-15)
 
 
 BAD = {

@@ -54,13 +54,22 @@ class Colliders(NamedTuple):
 
 
 def build(
-    shape: npt.ArrayLike, size: npt.ArrayLike, thickness: npt.ArrayLike, stiffness: npt.ArrayLike,
-    friction: npt.ArrayLike, state: npt.ArrayLike,
-) -> Colliders:  # fmt: skip
+    shape: npt.ArrayLike,
+    size: npt.ArrayLike,
+    thickness: npt.ArrayLike,
+    stiffness: npt.ArrayLike,
+    friction: npt.ArrayLike,
+    state: npt.ArrayLike,
+) -> Colliders:
     """So many colliders, C of them, which may be 0; shapes as above."""
-    numbers = [np.array(values, float).reshape(-1) for values in (thickness, stiffness, friction)]
-    kinds = np.array(shape, np.int32).reshape(-1)
-    return Colliders(kinds, np.array(size, float).reshape(-1, 3), *numbers, np.array(state, float).reshape(-1, 6, 3))
+    return Colliders(
+        np.array(shape, np.int32).reshape(-1),
+        np.array(size, float).reshape(-1, 3),
+        np.array(thickness, float).reshape(-1),
+        np.array(stiffness, float).reshape(-1),
+        np.array(friction, float).reshape(-1),
+        np.array(state, float).reshape(-1, 6, 3),
+    )
 
 
 @kernel
