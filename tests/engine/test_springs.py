@@ -67,7 +67,7 @@ def test_damping_is_the_velocity_jacobian():
     change = physics.total_force(springs, SPRINGS, at.y, at.u + at.du) - physics.total_force(
         springs, SPRINGS, at.y, at.u
     )
-    assert relative(damping(springs, SPRINGS, at.y, at.du), change) < 1e-13  # linear in u: rounding only
+    assert relative(damping(springs, SPRINGS, at.y, at.u, at.du), change) < 1e-13  # linear in u: rounding only
 
 
 @pytest.mark.parametrize("name", STATES)

@@ -36,7 +36,7 @@ def test_damping_is_the_velocity_jacobian():
         vertex, SYSTEM.vertex, at.y, at.u
     )
     # the force is linear in u: only rounding of a difference of numbers of order 1
-    np.testing.assert_allclose(damping(vertex, SYSTEM.vertex, at.y, at.du), change, atol=1e-14)
+    np.testing.assert_allclose(damping(vertex, SYSTEM.vertex, at.y, at.u, at.du), change, atol=1e-14)
 
 
 def test_the_step_gets_the_mass_damping_and_the_weight_alone():
@@ -68,5 +68,5 @@ def test_all_forces_of_the_system_are_covered():
         for field, value in SYSTEM._asdict().items()
         if type(value).__module__.startswith("clothfit.engine.forces")
     }
-    assert fields == {"vertex", "springs", "faces", "spheres"}
+    assert fields == {"vertex", "springs", "faces", "spheres", "colliders"}
     assert len(parts(SYSTEM)) == len(fields)

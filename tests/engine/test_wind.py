@@ -60,14 +60,14 @@ def test_damping_is_lumped_per_vertex():
         n = np.cross(b - a, c - a)
         for i in corners:
             expected[i] -= FACES.drag * np.linalg.norm(n) / 6 * n * (n @ at.du[i])
-    assert relative(damping(wind, FACES, at.y, at.du), expected) < 1e-14  # the same products in another order
+    assert relative(damping(wind, FACES, at.y, at.u, at.du), expected) < 1e-14  # the same products in another order
 
 
 def test_damping_is_the_row_sum_of_the_true_jacobian():
     at = state(SYSTEM, "random")
     same = np.broadcast_to([0.3, -1.0, 2.0], at.y.shape).copy()
     change = physics.total_force(wind, FACES, at.y, at.u + same) - physics.total_force(wind, FACES, at.y, at.u)
-    assert relative(damping(wind, FACES, at.y, same), change) < 1e-13  # linear in u: rounding only
+    assert relative(damping(wind, FACES, at.y, at.u, same), change) < 1e-13  # linear in u: rounding only
 
 
 def test_the_step_gets_the_damping_and_no_stiffness():
