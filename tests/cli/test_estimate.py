@@ -300,7 +300,7 @@ def test_what_is_compared_is_an_option(tmp_path, capsys):
         (["--loss", "cauchy"], "--loss: there is no 'cauchy'; use linear, soft_l1, huber"),
         (["--loss-scale", "0.1"], "--loss-scale: the linear loss has none; choose the loss soft_l1 or huber with it"),
         (["--loss", "huber", "--loss-scale", "0"], "--loss-scale must be above 0 and finite; 0 m was given"),
-        (["--target", "none.npz@scene.json"], "scene.json: cannot be read"),
+        (["--target", "none.npz@scene.json"], "scene.json: there is no such file"),
     ],
 )
 def test_comparisons_that_cannot_be_are_refused(path, options, message, capsys):

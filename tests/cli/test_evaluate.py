@@ -103,7 +103,7 @@ def test_a_scene_from_standard_input(paths):
     [
         (["-", "-"], "standard input (-) can be only one of the inputs"),
         (["scene.json", "-", "--target", "-"], "standard input (-) can be only one of the inputs"),
-        (["scene.json", "absent.json"], "absent.json: cannot be read"),
+        (["scene.json", "absent.json"], "absent.json: there is no such file"),
         (["scene.json", "other.json"], "other.json: its objects have "),
         (["scene.json", "fitted.json", "--steps", "0"], "--steps must be at least 1; 0 was given"),
         (["scene.json", "fitted.json", "--target", "absent.npz"], "absent.npz: there is no such file"),

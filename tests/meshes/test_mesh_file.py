@@ -73,7 +73,8 @@ def test_of_a_sequence_the_first_file_alone_is_read(folder):
 
 @pytest.mark.parametrize(
     ("name", "text", "message"),
-    [("a.npz", "", "no mesh format has that suffix; known are .obj"), ("a", "", "has that suffix"),
+    [("a.npz", "o", "no mesh format has that suffix; known are .obj"), ("a", "o", "has that suffix"),
+     ("a.npz", "", "it is empty; export it again"),
      ("a.csv", "", "CSV markers hold no faces; a mesh is needed, in .obj"), ("a.obj", "v 0 0 0\n", "has no faces"),
      ("a.ply", "", "it is empty"), ("a.ply", "a", "has no header"),
      ("a.obj", obj([(0, 0, 0), ("inf", 0, 0), (0, 1, 0)], [(1, 2, 3)]), "")],

@@ -100,7 +100,7 @@ def test_what_is_foreseen():
     made, motion = guess()
     needs = Objective(made, motion, memory="1GB").needs
     n, steps = 16, FRAMES - 1
-    state = 24 * n * 2 + 22  # a position, a velocity, three counters, two flags and the part that was taken
+    state = 24 * n * 2 + 31  # a position, a velocity, three counters, three flags, the part that was taken, the budget
     assert needs.held >= motion.positions.nbytes + 16 * FRAMES  # … and what was observed
     assert needs.foreseen == needs.held + steps * state
     assert needs.summary() == {"foreseen": needs.foreseen, "budget": 10**9, "snapshots": None}
