@@ -70,9 +70,7 @@ def at_rest(scene: Scene) -> colliders.Colliders:
     return colliders.build(
         [shape_of(each) for each in own],
         [each.size for each in own],
-        [each.thickness for each in own],
-        [each.stiffness for each in own],
-        [each.friction for each in own],
+        [(each.thickness, each.stiffness, each.friction) for each in own],
         sampling.states(own, np.zeros(1), scene.delta, 0)[0],
     )
 
@@ -121,7 +119,7 @@ def with_bases(system: System, values: Elements) -> System:
         vertex=system.vertex._replace(gravity=gravity.copy()),
         faces=system.faces._replace(wind=wind.copy()),
         spheres=system.spheres._replace(centre=system.spheres.centre.copy()),
-        colliders=system.colliders._replace(state=system.colliders.state.copy()),
+        colliders=system.colliders._replace(rows=system.colliders.rows.copy()),
         inputs=inputs._replace(
             wind_base=wind, gravity_base=gravity, place=inputs.place.copy(), later=inputs.later.copy()
         ),

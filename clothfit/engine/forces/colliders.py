@@ -20,13 +20,13 @@ With dV = ω × dy, and from `surfaces` dδ = n·dy and dn = H dy, H = k P + j t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array
 from clothfit.engine.forces.surfaces import distance
 from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
@@ -38,48 +38,53 @@ CREEP = 1e-3
 0.99.
 """
 
-PLACE, VELOCITY, SPIN, AXES = 0, 1, 2, 3
-"""Rows of a collider's state: c, m; ċ, m/s; ω, 1/s; from the last on its three axes, unit vectors."""
+PLACE, VELOCITY, SPIN, AXES, SIZE, LAW, SHAPE = 0, 1, 2, 3, 6, 7, 8
+"""Rows of a collider: c, m; ċ, m/s; ω, 1/s; three unit vectors, its axes; r, s, l of a cone or half of the lengths of a
+box, m; d₀, m, κ, N/m, and μ; the number of `surfaces`. Those before SIZE are its state.
+"""
+
+THICKNESS, STIFFNESS, FRICTION = 0, 1, 2
+"""Places in the row LAW."""
 
 
 class Colliders(NamedTuple):
-    """Colliders of a scene but for its plain spheres; no rows where there are none."""
+    """Colliders of a scene but for its plain spheres: one array, as each one that a step carries costs time."""
 
-    shape: Indices  # (C,), see `surfaces`
-    size: Array  # (C, 3), m: r, s, l of a cone; half of the lengths of a box
-    thickness: Array  # d₀, (C,), m
-    stiffness: Array  # κ, (C,), N/m
-    friction: Array  # μ, (C,)
-    state: Array  # (C, 6, 3)
+    rows: Array  # (C, 9, 3), no rows where there are none
+
+    @property
+    def state(self) -> Array:
+        """What changes as they move, (C, 6, 3), not a copy."""
+        return self.rows[:, :SIZE]
+
+    @property
+    def thickness(self) -> Array:
+        """d₀, (C,), m."""
+        return self.rows[:, LAW, THICKNESS]
+
+    @property
+    def stiffness(self) -> Array:
+        """κ, (C,), N/m."""
+        return self.rows[:, LAW, STIFFNESS]
 
 
-def build(
-    shape: npt.ArrayLike,
-    size: npt.ArrayLike,
-    thickness: npt.ArrayLike,
-    stiffness: npt.ArrayLike,
-    friction: npt.ArrayLike,
-    state: npt.ArrayLike,
-) -> Colliders:
-    """So many colliders, C of them, which may be 0; shapes as above."""
-    return Colliders(
-        np.array(shape, np.int32).reshape(-1),
-        np.array(size, float).reshape(-1, 3),
-        np.array(thickness, float).reshape(-1),
-        np.array(stiffness, float).reshape(-1),
-        np.array(friction, float).reshape(-1),
-        np.array(state, float).reshape(-1, 6, 3),
-    )
+def build(shape: Sequence[int], size: Sequence[Array], law: Sequence[Sequence[float]], state: Array) -> Colliders:
+    """So many colliders, C of them, which may be 0: shapes, sizes (3,), laws (3,) and the states (C, 6, 3)."""
+    rows = np.zeros((len(shape), 9, 3))
+    rows[:, :SIZE] = state
+    for row, number, extent, numbers in zip(rows, shape, size, law, strict=True):
+        row[SIZE], row[LAW], row[SHAPE] = extent, numbers, number
+    return Colliders(rows)
 
 
 @kernel
 def contact(colliders, y, i, c):
     """Depth d (0 or less: no contact), k, j, n and t of vertex i at collider c."""
-    state = colliders.state[c]
-    a, b, e = load3(state, AXES), load3(state, AXES + 1), load3(state, AXES + 2)
-    p = sub(load3(y, i), load3(state, PLACE))
-    delta, k, j, n, t = distance(colliders.shape[c], colliders.size[c], dot(a, p), dot(b, p), dot(e, p))
-    return colliders.thickness[c] - delta, k, j, turned(a, b, e, n), turned(a, b, e, t)
+    own = colliders.rows[c]
+    a, b, e = load3(own, AXES), load3(own, AXES + 1), load3(own, AXES + 2)
+    p = sub(load3(y, i), load3(own, PLACE))
+    delta, k, j, n, t = distance(int(own[SHAPE, 0]), own[SIZE], dot(a, p), dot(b, p), dot(e, p))
+    return own[LAW, THICKNESS] - delta, k, j, turned(a, b, e, n), turned(a, b, e, t)
 
 
 @kernel
@@ -97,9 +102,9 @@ def across(n, v):
 @kernel
 def surface(colliders, y, i, c):
     """V at vertex i."""
-    state = colliders.state[c]
-    away = sub(load3(y, i), load3(state, PLACE))
-    return add(load3(state, VELOCITY), cross(load3(state, SPIN), away))
+    own = colliders.rows[c]
+    away = sub(load3(y, i), load3(own, PLACE))
+    return add(load3(own, VELOCITY), cross(load3(own, SPIN), away))
 
 
 @kernel
@@ -109,7 +114,7 @@ def slide(colliders, y, u, i, c, depth, n):
     v = sub(load3(u, i), V)
     vt = across(n, v)
     q = sqrt(dot(vt, vt) + CREEP * CREEP)
-    return V, v, q, colliders.friction[c] * colliders.stiffness[c] * depth / q
+    return V, v, q, colliders.rows[c, LAW, FRICTION] * colliders.rows[c, LAW, STIFFNESS] * depth / q
 
 
 @kernel
@@ -120,7 +125,7 @@ def add_along(out, i, scale, n):
 
 def depths(colliders: Colliders, y: Array) -> tuple[Array, Array]:
     """Depth (C, n), m, 0 or less outside, and normal (C, n, 3) of points y (n, 3)."""
-    depth = np.zeros((len(colliders.shape), len(y)))
+    depth = np.zeros((len(colliders.rows), len(y)))
     normal = np.zeros((*depth.shape, 3))
     fill_depths(colliders, y, depth, normal)
     return depth, normal
@@ -129,7 +134,7 @@ def depths(colliders: Colliders, y: Array) -> tuple[Array, Array]:
 @kernel
 def fill_depths(colliders, y, depth, normal):
     """The same, written to arrays."""
-    for c in range(len(colliders.shape)):
+    for c in range(len(colliders.rows)):
         for i in range(len(y)):
             depth[c, i], _, _, n, _ = contact(colliders, y, i, c)
             store3(n, normal[c], i)
@@ -138,17 +143,17 @@ def fill_depths(colliders, y, depth, normal):
 @kernel
 def energy(colliders, y):
     total = 0.0  # ½ κ d²
-    for c in range(len(colliders.shape)):
+    for c in range(len(colliders.rows)):
         for i in range(len(y)):
             depth = max(contact(colliders, y, i, c)[0], 0.0)
-            total += 0.5 * colliders.stiffness[c] * depth * depth
+            total += 0.5 * colliders.rows[c, LAW, STIFFNESS] * depth * depth
     return total
 
 
 @kernel
 def damping_power(colliders, y, u, w):
     total = 0.0
-    for c in range(len(colliders.shape)):
+    for c in range(len(colliders.rows)):
         for i in range(len(y)):
             depth, _, _, n, _ = contact(colliders, y, i, c)
             if depth > 0.0:
@@ -159,18 +164,18 @@ def damping_power(colliders, y, u, w):
 
 @kernel
 def add_force(colliders, y, u, f):
-    for c in range(len(colliders.shape)):
+    for c in range(len(colliders.rows)):
         for i in range(len(y)):
             depth, _, _, n, _ = contact(colliders, y, i, c)
             if depth > 0.0:
                 _, v, _, gamma = slide(colliders, y, u, i, c, depth, n)
-                add_along(f, i, colliders.stiffness[c] * depth, n)
+                add_along(f, i, colliders.rows[c, LAW, STIFFNESS] * depth, n)
                 add_along(f, i, -gamma, across(n, v))
 
 
 @kernel
 def add_damping(colliders, y, u, scale, q, out):
-    for c in range(len(colliders.shape)):
+    for c in range(len(colliders.rows)):
         for i in range(len(y)):
             depth, _, _, n, _ = contact(colliders, y, i, c)
             if depth > 0.0:
@@ -181,8 +186,8 @@ def add_damping(colliders, y, u, scale, q, out):
 @kernel
 def add_step(colliders, y, u, h, ahead, A, b):
     stored = 0.0
-    for c in range(len(colliders.shape)):
-        kappa = colliders.stiffness[c]
+    for c in range(len(colliders.rows)):
+        kappa = colliders.rows[c, LAW, STIFFNESS]
         for i in range(len(y)):
             depth, _, _, n, _ = contact(colliders, y, i, c)
             if depth > 0.0:
@@ -202,8 +207,8 @@ def add_step(colliders, y, u, h, ahead, A, b):
 @kernel
 def add_pullback(colliders, y, u, w, s, lam, h, grad, gy, gu):
     # φ/h = κ (d − σ) ν − γ π,  ν = n·λ,  σ = n·s,  π = λ·P z;  dγ = −μκ/q dδ − γ/q dq
-    for c in range(len(colliders.shape)):
-        kappa, spin = colliders.stiffness[c], load3(colliders.state[c], SPIN)
+    for c in range(len(colliders.rows)):
+        kappa, spin = colliders.rows[c, LAW, STIFFNESS], load3(colliders.rows[c], SPIN)
         for i in range(len(y)):
             depth, k, j, n, t = contact(colliders, y, i, c)
             if depth > 0.0:
@@ -224,8 +229,8 @@ def add_pullback(colliders, y, u, w, s, lam, h, grad, gy, gu):
 
 @kernel
 def add_pushforward(colliders, y, u, w, s, dy, du, direction, h, out):
-    for c in range(len(colliders.shape)):
-        kappa, spin = colliders.stiffness[c], load3(colliders.state[c], SPIN)
+    for c in range(len(colliders.rows)):
+        kappa, spin = colliders.rows[c, LAW, STIFFNESS], load3(colliders.rows[c], SPIN)
         for i in range(len(y)):
             depth, k, j, n, t = contact(colliders, y, i, c)
             if depth > 0.0:

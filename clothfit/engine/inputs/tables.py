@@ -15,6 +15,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.engine.forces import springs
+from clothfit.engine.forces.colliders import SIZE
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, load3, store3
 from clothfit.kernels.vectors import copy
@@ -78,7 +79,7 @@ def set_inputs(system, t):
         if len(inputs.centre) > 0:
             copy(inputs.centre[late], system.spheres.centre)
         for c in range(inputs.collider.shape[1] if len(inputs.collider) > 0 else 0):
-            copy(inputs.collider[late, c], system.colliders.state[c])
+            copy(inputs.collider[late, c], system.colliders.rows[c, :SIZE])
         if len(inputs.path) > 0:
             copy(inputs.path[t + 1], inputs.place)
             copy(inputs.path[t + 1 if inputs.lead else t + 2], inputs.later)

@@ -51,7 +51,7 @@ def applies(system):
     """Whether steps may be shortened at all."""
     faces = system.faces
     still = faces.wind[0] == 0.0 and faces.wind[1] == 0.0 and faces.wind[2] == 0.0
-    if system.inputs.changes or len(system.colliders.shape) > 0:  # inputs bring energy
+    if system.inputs.changes or len(system.colliders.rows) > 0:  # inputs bring energy
         return False
     return system.guarded and system.method == IMPLICIT and (still or faces.drag == 0.0 or len(faces.corners) == 0)
 
