@@ -109,6 +109,14 @@ class Registered:
         cloths = fitted_cloths(self.main)
         return [{cloth: build(each.scene, cloth) for cloth in cloths} for each in self.given]
 
+    def _system(self, k: int, cloth: int, end: float) -> System:
+        """A cloth of a target, with inputs up to the time `end`, s: another clock may go beyond the frames."""
+        own, scene = self.systems[k][cloth], self.given[k].scene
+        steps = int(end / scene.delta) + 1
+        if own.inputs.changes and own.inputs.steps < steps:
+            own = self.systems[k][cloth] = build(scene, cloth, steps=steps + steps // 8)
+        return own
+
     def sums(self, p: Array, where: Sequence[Around], theta: Array, factor: Array | None = None) -> Sums:
         """The cost at values p (P,) and registrations θ (K, 8); with H and g by (P + 8 K) coordinates where `factor`
         (P,), the change of each value for its coordinate, is given. Raises Diverged.
@@ -135,7 +143,7 @@ class Registered:
         times, points, seen = motion.times[kept], motion.of(cloth)[kept], motion.seen(cloth)[kept]
         weights = motion.weights_of(cloth)
         at = np.maximum(now.times(times), 0.0)
-        system = with_elements(self.systems[k][cloth], elements(scene, cloth, p))
+        system = with_elements(self._system(k, cloth, at.max(initial=0.0)), elements(scene, cloth, p))
         wanted = self._columns(system, cloth, p, factor)
         free = np.asarray(system.vertex.free)
         parts = np.full((len(times), 2), np.nan)

@@ -17,11 +17,12 @@ from clothfit.registration.residuals import THETA, Registered, around
 from clothfit.scene.fit_vector import parameters
 
 pytestmark = pytest.mark.slow  # compiles a simulation and its sensitivity
+STILL = {"x": 0, "y": 0, "z": 0}
 
 
-def scene_and_target(method=2, seed=0):
+def scene_and_target(method=2, seed=0, **more):
     own = cloth(vertIsFixed=[i < 4 for i in range(12)])
-    fields = {"optimizationIterations": 10, "fit": {"gravity": "G"}, "integrationMethod": method}
+    fields = {"optimizationIterations": 10, "fit": {"gravity": "G"}, "integrationMethod": method, **more}
     made = load_text(json.dumps(document(own, **fields)))
     cloths = tuple(replace(each, settings="GF", fits={"damping": "G"}) for each in made.cloths)
     scene = replace(made, cloths=cloths)
@@ -50,8 +51,9 @@ def test_the_derivative_by_values_clock_and_place(method, loss):
         assert (up - down) / (2 * e) == pytest.approx(2.0 * g[i], rel=1e-6, abs=1e-8)
 
 
-def test_without_registration_the_cost_is_that_of_the_fit():
-    scene, motion = scene_and_target()
+@pytest.mark.parametrize("more", [{}, {"gravityKeys": {"times": [0, 1], "values": [STILL, {"x": 1, "y": 9, "z": 0}]}}])
+def test_without_registration_the_cost_is_that_of_the_fit(more):
+    scene, motion = scene_and_target(**more)
     p = parameters(scene) * 1.1
     registered = Registered(scene, experiments(scene, motion), loss_named(), 1e-13)
     cost = registered.sums(p, [around(Registration(), motion)], np.zeros((1, THETA))).cost
