@@ -68,8 +68,8 @@ SHAPES = {
 def touching(name, **fields):
     """A cloth that the collider of this shape holds in its middle, moving where it moves."""
     made = full(colliders=[SHAPES[name]], planes="solid", **fields)
-    if len(made.inputs.collider):
-        made.colliders.state[:] = made.inputs.collider[1]
+    if len(made.inputs.centre):
+        made.colliders.state[0] = made.inputs.centre[1]
     return made
 
 
@@ -251,7 +251,7 @@ def test_what_lies_on_a_collider_that_moves_goes_with_it(method):
     )  # fmt: skip
     motion = simulate(made)
     t = motion.times[-1]
-    assert np.allclose(build(made, 0).inputs.collider[:, 0, 1], [0.3, 0, 0], atol=1e-12)
+    assert np.allclose(build(made, 0).inputs.centre[:, 1], [0.3, 0, 0], atol=1e-12)
     turned = sampling.rotation(np.array([0, 10 * t, 0])).apply([0.2, 0, 0.1]) + [0.3 * t, 0, 0]
     # it catches up within 0.3 m/s / g, and then lags by less than ε
     np.testing.assert_allclose(motion.positions[-1, 0, [0, 2]], turned[[0, 2]], atol=0.3**2 / G + 1e-3)

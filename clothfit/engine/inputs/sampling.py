@@ -40,15 +40,13 @@ def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
     if scene.mode("gusts") != "n" and scene.wind_keys:
         share = interpolated(replace(scene.wind_keys, values=np.eye(len(scene.gusts))), times)
         found = found._replace(gusts=np.array(scene.gusts), share=share)
-    centre, path = centres(scene.spheres, times), paths(cloth, times)
-    moving = any(each.moves for each in scene.colliders)
-    collider = states(scene.colliders, times, scene.delta, lead) if moving else found.collider
+    centre, path = places(scene, times, lead), paths(cloth, times)
     pinned = [pin.vertices for pin in cloth.pins]
     pins = np.concatenate(pinned).astype(np.int32) if pinned else found.pins
     held = np.isin(cloth.springs, pins)
     coupled = np.flatnonzero((held & ~cloth.fixed[cloth.springs][:, ::-1]).any(axis=1)).astype(np.int32)
     return found._replace(
-        wind=wind, gravity=gravity, centre=centre, collider=collider, path=path, pins=pins, coupled=coupled,
+        wind=wind, gravity=gravity, centre=centre, path=path, pins=pins, coupled=coupled,
         place=np.zeros((len(pins), 3)), later=np.zeros((len(pins), 3)),
         lead=lead, steps=steps, changes=True,
     )  # fmt: skip
@@ -114,6 +112,14 @@ def centres(spheres: Sequence[Sphere], times: Array) -> Array:
         return np.zeros((0, len(spheres), 3))
     still = np.zeros((len(times), 3))
     return np.stack([s.centre + (shift(s.position, times) if s.position else still) for s in spheres], axis=1)
+
+
+def places(scene: Scene, times: Array, lead: int) -> Array:
+    """Where spheres and colliders are, (T, C + 6 D, 3), as `tables.Inputs` has it; none where all stay."""
+    if not any(each.position for each in scene.spheres) and not any(each.moves for each in scene.colliders):
+        return np.zeros((0, len(scene.spheres) + 6 * len(scene.colliders), 3))
+    others = states(scene.colliders, times, scene.delta, lead).reshape(len(times), -1, 3)
+    return np.concatenate([centres_at(scene, times), others], axis=1)
 
 
 def shift(keys: Keys, times: Array) -> Array:

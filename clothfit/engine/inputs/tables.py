@@ -26,8 +26,7 @@ class Inputs(NamedTuple):
 
     wind: Array  # (R, 3), m/s, what is added to the scene's
     gravity: Array  # (R, 3), m/s², the same
-    centre: Array  # (R, C, 3), m, of the spheres
-    collider: Array  # (R, C, 6, 3), the states of the other colliders
+    centre: Array  # (R, C + 6 D, 3), m, of C spheres; then the states (6, 3) of D other colliders, one after another
     path: Array  # (R, P, 3), m, of the pins
     pins: Indices  # (P,), their vertices
     coupled: Indices  # the springs of which one end is such a vertex and the other is free
@@ -46,11 +45,11 @@ class Inputs(NamedTuple):
 def constant(wind: Array, gravity: Array, spheres: int, colliders: int) -> Inputs:
     """Inputs that do not change: wind, m/s, and gravity, m/s², (3,) each, so many spheres and other colliders."""
     none = np.zeros((0, 3))
-    places, states = np.zeros((0, spheres, 3)), np.zeros((0, colliders, 6, 3))
+    places = np.zeros((0, spheres + 6 * colliders, 3))
     nobody = np.zeros(0, np.int32)
     bases = np.array(wind, float), np.array(gravity, float)
     keyed = none, np.zeros((0, 0)), np.zeros(3)
-    tables = none, none, places, states, np.zeros((0, 0, 3))
+    tables = none, none, places, np.zeros((0, 0, 3))
     return Inputs(*tables, nobody, nobody, *bases, *keyed, none, none, 1, 0, False)
 
 
@@ -62,7 +61,7 @@ def check_steps(inputs: Inputs, steps: int) -> None:
 
 def later(inputs: Inputs, steps: int) -> Inputs:
     """The inputs of a motion that begins so many steps later."""
-    parts = {name: getattr(inputs, name)[steps:] for name in ("wind", "gravity", "centre", "collider", "path")}
+    parts = {name: getattr(inputs, name)[steps:] for name in ("wind", "gravity", "centre", "path")}
     return inputs._replace(**parts, steps=inputs.steps - steps)
 
 
@@ -78,8 +77,9 @@ def set_inputs(system, t):
             add_row(inputs.gravity, late, inputs.gravity_base, system.vertex.gravity)
         if len(inputs.centre) > 0:
             copy(inputs.centre[late], system.spheres.centre)
-        for c in range(inputs.collider.shape[1] if len(inputs.collider) > 0 else 0):
-            copy(inputs.collider[late, c], system.colliders.rows[c, :SIZE])
+            begin = len(system.spheres.centre)
+            for c in range(len(system.colliders.rows)):
+                copy(inputs.centre[late, begin + c * SIZE :], system.colliders.rows[c, :SIZE])
         if len(inputs.path) > 0:
             copy(inputs.path[t + 1], inputs.place)
             copy(inputs.path[t + 1 if inputs.lead else t + 2], inputs.later)
