@@ -13,6 +13,12 @@ from clothfit.engine.system import all_elements, with_elements
 pytestmark = pytest.mark.slow  # compiles a fit
 
 STEPS = 6
+GUSTS = {
+    "windVelKeys": {"times": [0.0, 0.02], "values": [{"x": 1, "y": 2, "z": -1}, {"x": -2, "y": 1, "z": 3}]},
+    "fit": {"windVelKeys": "L"},
+}
+"""A wind over time, so that a system has every kind of value."""
+
 ONE = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 2), ("bdf2", 1)]
 VARIANTS = [*ONE, ("implicit", 5), ("bdf2", 3)]
 
@@ -54,7 +60,7 @@ def test_the_gradient_is_the_transpose_of_the_tangent(method, newton):
 
 @pytest.mark.parametrize(("method", "newton"), ONE)
 def test_each_entry_of_the_gradient_against_a_central_difference(method, newton):
-    system = gentle(method, newton, nx=2, ny=2)
+    system = gentle(method, newton, nx=2, ny=2, **GUSTS)
     memory, weight = swept(system)
     gradient = adjoint.gradient(system, memory, weight, TIGHT, KINDS)
     t, scales = 1e-5, all_elements(system)
@@ -106,7 +112,7 @@ def test_the_weight_of_the_initial_frame_does_not_count():
 
 
 def test_the_gradient_is_linear_in_the_weight():
-    system = gentle()
+    system = gentle(**GUSTS)
     memory, weight = swept(system)
     one, other = (adjoint.gradient(system, memory, w, TIGHT, KINDS) for w in (weight, np.flip(weight, axis=0)))
     both = adjoint.gradient(system, memory, 2 * weight - 3 * np.flip(weight, axis=0), TIGHT, KINDS)
