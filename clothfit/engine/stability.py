@@ -172,7 +172,7 @@ def touched(system: System) -> tuple[Array, Array, Array]:
         there = distance[i, None]
         normal = np.where(there > 0.0, away[i] / np.where(there > 0.0, there, 1.0), up)
         found.append((i, normal, np.full(len(i), STIFFNESS)))
-    if len(system.colliders.rows):
+    if system.colliders is not None:
         depth, normal = colliders.depths(system.colliders, system.x0)
         for c, kappa in enumerate(system.colliders.stiffness):
             i = np.flatnonzero(depth[c] > 0.0)

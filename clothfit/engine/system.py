@@ -35,7 +35,7 @@ class System(NamedTuple):
     springs: springs.Springs
     faces: wind.Faces
     spheres: spheres.Spheres
-    colliders: colliders.Colliders
+    colliders: colliders.Colliders | None  # None where there are none
     pattern: sparse.Pattern  # of the step's matrix
     inputs: tables.Inputs  # what changes over time
 
@@ -64,9 +64,11 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None)
     )
 
 
-def at_rest(scene: Scene) -> colliders.Colliders:
-    """The colliders of a scene, where they are at the start."""
+def at_rest(scene: Scene) -> colliders.Colliders | None:
+    """The colliders of a scene, where they are at the start; None where there are none."""
     own = scene.colliders
+    if not own:
+        return None
     return colliders.build(
         [shape_of(each) for each in own],
         [each.size for each in own],
@@ -110,7 +112,7 @@ def with_bases(system: System, values: Elements) -> System:
     """A system with inputs over time whose constant parts are these values, where they are not empty, and with memory
     of its own for those of the step that is computed.
     """
-    inputs = system.inputs
+    inputs, own = system.inputs, system.colliders
     if len(values.gusts):
         inputs = inputs._replace(gusts=np.array(values.gusts, float), wind=inputs.share @ values.gusts)
     wind = np.array(values.wind if len(values.wind) else inputs.wind_base, float)
@@ -119,7 +121,7 @@ def with_bases(system: System, values: Elements) -> System:
         vertex=system.vertex._replace(gravity=gravity.copy()),
         faces=system.faces._replace(wind=wind.copy()),
         spheres=system.spheres._replace(centre=system.spheres.centre.copy()),
-        colliders=system.colliders._replace(rows=system.colliders.rows.copy()),
+        colliders=own and own._replace(rows=own.rows.copy()),
         inputs=inputs._replace(
             wind_base=wind, gravity_base=gravity, place=inputs.place.copy(), later=inputs.later.copy()
         ),

@@ -48,9 +48,12 @@ THICKNESS, STIFFNESS, FRICTION = 0, 1, 2
 
 
 class Colliders(NamedTuple):
-    """Colliders of a scene but for its plain spheres: one array, as each one that a step carries costs time."""
+    """Colliders of a scene but for its plain spheres: one array, as each one that a step carries costs time.
 
-    rows: Array  # (C, 9, 3), no rows where there are none
+    A scene without them has None in this place: of what depends on an argument that is None, nothing is compiled.
+    """
+
+    rows: Array  # (C, 9, 3)
 
     @property
     def state(self) -> Array:
@@ -142,6 +145,8 @@ def fill_depths(colliders, y, depth, normal):
 
 @kernel
 def energy(colliders, y):
+    if colliders is None:
+        return 0.0
     total = 0.0  # ½ κ d²
     for c in range(len(colliders.rows)):
         for i in range(len(y)):
@@ -152,6 +157,8 @@ def energy(colliders, y):
 
 @kernel
 def damping_power(colliders, y, u, w):
+    if colliders is None:
+        return 0.0
     total = 0.0
     for c in range(len(colliders.rows)):
         for i in range(len(y)):
@@ -164,6 +171,8 @@ def damping_power(colliders, y, u, w):
 
 @kernel
 def add_force(colliders, y, u, f):
+    if colliders is None:
+        return
     for c in range(len(colliders.rows)):
         for i in range(len(y)):
             depth, _, _, n, _ = contact(colliders, y, i, c)
@@ -175,6 +184,8 @@ def add_force(colliders, y, u, f):
 
 @kernel
 def add_damping(colliders, y, u, scale, q, out):
+    if colliders is None:
+        return
     for c in range(len(colliders.rows)):
         for i in range(len(y)):
             depth, _, _, n, _ = contact(colliders, y, i, c)
@@ -185,6 +196,8 @@ def add_damping(colliders, y, u, scale, q, out):
 
 @kernel
 def add_step(colliders, y, u, h, ahead, A, b):
+    if colliders is None:
+        return 0.0
     stored = 0.0
     for c in range(len(colliders.rows)):
         kappa = colliders.rows[c, LAW, STIFFNESS]
@@ -206,6 +219,8 @@ def add_step(colliders, y, u, h, ahead, A, b):
 
 @kernel
 def add_pullback(colliders, y, u, w, s, lam, h, grad, gy, gu):
+    if colliders is None:
+        return
     # φ/h = κ (d − σ) ν − γ π,  ν = n·λ,  σ = n·s,  π = λ·P z;  dγ = −μκ/q dδ − γ/q dq
     for c in range(len(colliders.rows)):
         kappa, spin = colliders.rows[c, LAW, STIFFNESS], load3(colliders.rows[c], SPIN)
@@ -229,6 +244,8 @@ def add_pullback(colliders, y, u, w, s, lam, h, grad, gy, gu):
 
 @kernel
 def add_pushforward(colliders, y, u, w, s, dy, du, direction, h, out):
+    if colliders is None:
+        return
     for c in range(len(colliders.rows)):
         kappa, spin = colliders.rows[c, LAW, STIFFNESS], load3(colliders.rows[c], SPIN)
         for i in range(len(y)):

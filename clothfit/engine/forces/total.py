@@ -12,8 +12,7 @@ def add_force(system, y, u, f):
     springs.add_force(system.springs, y, u, f)
     wind.add_force(system.faces, y, u, f)
     spheres.add_force(system.spheres, y, u, f)
-    if len(system.colliders.rows) > 0:
-        colliders.add_force(system.colliders, y, u, f)
+    colliders.add_force(system.colliders, y, u, f)
 
 
 @kernel
@@ -21,8 +20,7 @@ def add_damping(system, y, u, scale, q, out):
     vertex.add_damping(system.vertex, y, u, scale, q, out)
     springs.add_damping(system.springs, y, u, scale, q, out)
     wind.add_damping(system.faces, y, u, scale, q, out)
-    if len(system.colliders.rows) > 0:
-        colliders.add_damping(system.colliders, y, u, scale, q, out)
+    colliders.add_damping(system.colliders, y, u, scale, q, out)
 
 
 @kernel
@@ -31,8 +29,7 @@ def add_step(system, y, u, h, ahead, A, b):
     stored += springs.add_step(system.springs, y, u, h, ahead, A, b)
     stored += wind.add_step(system.faces, y, u, h, ahead, A, b)
     stored += spheres.add_step(system.spheres, y, u, h, ahead, A, b)
-    if len(system.colliders.rows) > 0:
-        stored += colliders.add_step(system.colliders, y, u, h, ahead, A, b)
+    stored += colliders.add_step(system.colliders, y, u, h, ahead, A, b)
     return stored
 
 
@@ -40,8 +37,7 @@ def add_step(system, y, u, h, ahead, A, b):
 def stored_energy(system, y, x):
     """The energy at y of springs and colliders, and of contacts with spheres that there are at x, (n, 3) each, J."""
     held = springs.energy(system.springs, y) + spheres.energy_of_contacts(system.spheres, y, x)
-    if len(system.colliders.rows) > 0:
-        held += colliders.energy(system.colliders, y)
+    held += colliders.energy(system.colliders, y)
     return held
 
 
@@ -51,8 +47,7 @@ def add_pullback(system, y, u, w, s, lam, h, grad, gy, gu):
     springs.add_pullback(system.springs, y, u, w, s, lam, h, grad, gy, gu)
     wind.add_pullback(system.faces, y, u, w, s, lam, h, grad, gy, gu)
     spheres.add_pullback(system.spheres, y, u, w, s, lam, h, grad, gy, gu)
-    if len(system.colliders.rows) > 0:
-        colliders.add_pullback(system.colliders, y, u, w, s, lam, h, grad, gy, gu)
+    colliders.add_pullback(system.colliders, y, u, w, s, lam, h, grad, gy, gu)
 
 
 @kernel
@@ -61,5 +56,4 @@ def add_pushforward(system, y, u, w, s, dy, du, direction, h, out):
     springs.add_pushforward(system.springs, y, u, w, s, dy, du, direction, h, out)
     wind.add_pushforward(system.faces, y, u, w, s, dy, du, direction, h, out)
     spheres.add_pushforward(system.spheres, y, u, w, s, dy, du, direction, h, out)
-    if len(system.colliders.rows) > 0:
-        colliders.add_pushforward(system.colliders, y, u, w, s, dy, du, direction, h, out)
+    colliders.add_pushforward(system.colliders, y, u, w, s, dy, du, direction, h, out)

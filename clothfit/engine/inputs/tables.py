@@ -77,12 +77,18 @@ def set_inputs(system, t):
             add_row(inputs.gravity, late, inputs.gravity_base, system.vertex.gravity)
         if len(inputs.centre) > 0:
             copy(inputs.centre[late], system.spheres.centre)
-            begin = len(system.spheres.centre)
-            for c in range(len(system.colliders.rows)):
-                copy(inputs.centre[late, begin + c * SIZE :], system.colliders.rows[c, :SIZE])
+            move_colliders(system.colliders, inputs.centre[late, len(system.spheres.centre) :])
         if len(inputs.path) > 0:
             copy(inputs.path[t + 1], inputs.place)
             copy(inputs.path[t + 1 if inputs.lead else t + 2], inputs.later)
+
+
+@kernel
+def move_colliders(colliders, states):
+    """Write states (6 D, 3) to D colliders."""
+    if colliders is not None:
+        for c in range(len(colliders.rows)):
+            copy(states[c * SIZE :], colliders.rows[c, :SIZE])
 
 
 @kernel
