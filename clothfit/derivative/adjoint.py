@@ -50,7 +50,8 @@ def gradient(
     derivative_of = by_position if callable(by_position) else whole(by_position)
     wanted = {*kinds, "wind"} if "gusts" in kinds else kinds  # the one by the keys is that by the wind, step by step
     grad, work, taken = zeros(system, wanted), implicit.workspace(system), Taken(system)
-    system.inputs.counted[:] = 0.0
+    if system.inputs is not None:
+        system.inputs.counted[:] = 0.0
     state = states(system)
     sweep: Callable[..., None] = sweep_bdf2_back if system.method == BDF2 else sweep_back
     for segment in memory.backward():
@@ -133,9 +134,9 @@ def sweep_back(system, chunk, by_position, begin, end, tolerance, work, before, 
         add(1.0, by_position[t + 1], x_bar)
         v, w = velocity(chunk, t), velocities(chunk, t)
         guess.advance(work.past, before + end - 1 - t, work.solution)
-        set_inputs(system, chunk.first + t)
+        set_inputs(system.inputs, system, chunk.first + t)
         transition.pullback(system, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
-        share_gradient(system, t + chunk.first, grad)
+        share_gradient(system.inputs, system, t + chunk.first, grad)
 
 
 @kernel
@@ -147,8 +148,8 @@ def sweep_forward(system, chunk, begin, end, direction, tolerance, work, dx, dv,
     for t in range(begin, end):
         v, w = velocity(chunk, t), velocities(chunk, t)
         guess.advance(work.past, chunk.first + t, work.solution)
-        set_inputs(system, chunk.first + t)
-        set_direction(system, chunk.first + t, direction)
+        set_inputs(system.inputs, system, chunk.first + t)
+        set_direction(system.inputs, system, chunk.first + t, direction)
         transition.pushforward(system, x[t], v, w, used[t], theta[t], tolerance, work, dx, dv, direction)
         copy(dx, change[t])
 
@@ -165,7 +166,7 @@ def sweep_bdf2_back(
         add(1.0, by_position[t + 1], x_bar)
         v, w, (x_before, v_before) = velocity(chunk, t), velocities(chunk, t), state_before(chunk, t)
         guess.advance(work.past, before + end - 1 - t, work.solution)
-        set_inputs(euler, chunk.first + t)
+        set_inputs(euler.inputs, euler, chunk.first + t)
         if chunk.euler[t]:
             implicit.pullback(euler, x[t], v, w, used[t], theta[t], tolerance, work, x_bar, v_bar, grad)
             for bar, rest in ((x_bar, x_rest), (v_bar, v_rest)):
@@ -174,7 +175,7 @@ def sweep_bdf2_back(
         else:
             state = x_bar, v_bar, x_rest, v_rest
             bdf2.pullback(inner, x[t], v, x_before, v_before, w, used[t], tolerance, work, *state, grad)
-        share_gradient(euler, t + chunk.first, grad)
+        share_gradient(euler.inputs, euler, t + chunk.first, grad)
 
 
 @kernel
@@ -186,8 +187,8 @@ def sweep_bdf2_forward(
     for t in range(begin, end):
         v, w, (x_before, v_before) = velocity(chunk, t), velocities(chunk, t), state_before(chunk, t)
         guess.advance(work.past, chunk.first + t, work.solution)
-        set_inputs(euler, chunk.first + t)
-        set_direction(euler, chunk.first + t, direction)
+        set_inputs(euler.inputs, euler, chunk.first + t)
+        set_direction(euler.inputs, euler, chunk.first + t, direction)
         if chunk.euler[t]:
             copy(dx, dx_before)
             copy(dv, dv_before)

@@ -129,9 +129,9 @@ class Carried:
 
     def through(self, chunk: Rollout, t: int) -> None:
         """Step t of a chunk of the motion."""
-        set_inputs(self.system, chunk.first + t)
+        set_inputs(self.system.inputs, self.system, chunk.first + t)
         for _, direction in self.everywhere:
-            set_direction(self.system, chunk.first + t, direction)
+            set_direction(self.system.inputs, self.system, chunk.first + t, direction)
         at = point(self.taken.at(chunk, t), chunk, t, self.work)
         iterates, theta = velocities(chunk, t), chunk.theta[t]
         dw = self.start(at)

@@ -48,7 +48,7 @@ def run(system, tolerance, work, part, start, stop):
     t, checked = start, start if guard.applies(system) else stop
     while t < stop:
         v = velocity(part, t)
-        set_inputs(system, before + t)
+        set_inputs(system.inputs, system, before + t)
         now, power = transition.prepare(system, x[t], v, work)  # the energy that step t − 1 led to
         if t > checked and guard.rises(energy, now, system.h * power):
             checked = t
@@ -72,7 +72,7 @@ def run(system, tolerance, work, part, start, stop):
         theta[t], capped[t], part.early[t] = 1.0, safe, False
         if used[t] == 0:
             return t, REFUSED
-        place_pins(system, x[t + 1])
+        place_pins(system.inputs, system, x[t + 1])
         if not finite(x[t + 1]):
             return t, FAILED
         t += 1
@@ -150,7 +150,7 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
         part.budget[0] = energy
     for t in range(start, stop):
         v = velocity(part, t)
-        set_inputs(euler, part.first + t)
+        set_inputs(euler.inputs, euler, part.first + t)
         if not safe:
             copy(v, first)
             guess.advance(work.past, part.first + t, first)
@@ -171,7 +171,7 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
             return t, REFUSED
         w = part.w[t, used - 1]
         combine(1.0, x[t], euler.h, w, x[t + 1])
-        place_pins(euler, x[t + 1])
+        place_pins(euler.inputs, euler, x[t + 1])
         if not finite(x[t + 1]):
             return t, FAILED
         if guarded:
@@ -192,7 +192,7 @@ def second_order(euler, inner, tolerance, work, part, t, energy, guarded):
         inner, x[t], v, x_before, v_before, work.solution, tolerance, work, part.w[t], x[t + 1]
     )
     count(part, t, used, iterations, direct)
-    place_pins(euler, x[t + 1])
+    place_pins(euler.inputs, euler, x[t + 1])
     near = 3.0 * size < FARTHEST * FARTHEST or finite(x[t + 1])  # 3 |a|² ≥ (|a₀| + |a₁| + |a₂|)²
     if used == 0 or not near:
         return energy, False

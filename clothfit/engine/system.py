@@ -37,7 +37,7 @@ class System(NamedTuple):
     spheres: spheres.Spheres
     colliders: colliders.Colliders | None  # None where there are none
     pattern: sparse.Pattern  # of the step's matrix
-    inputs: tables.Inputs  # what changes over time
+    inputs: tables.Inputs | None  # what changes over time
 
 
 def build(scene: Scene, index: int, air: bool = False, steps: int | None = None) -> System:
@@ -82,10 +82,10 @@ def shape_of(collider: Collider) -> int:
     return surfaces.CONE if collider.kind == SPHERE else collider.kind
 
 
-def at_start(velocity: Array, fixed: Flags, inputs: tables.Inputs, h: float) -> Array:
+def at_start(velocity: Array, fixed: Flags, inputs: tables.Inputs | None, h: float) -> Array:
     """A copy of the velocities (n, 3), 0 at fixed vertices; those of the pins are the ones of their first step."""
     own = np.ascontiguousarray(np.where(fixed[:, None], 0.0, velocity))
-    if len(inputs.path):
+    if inputs is not None and len(inputs.path):
         own[inputs.pins] = (inputs.path[1] - inputs.path[0]) / h
     return own
 
@@ -104,15 +104,20 @@ def with_elements(system: System, values: Elements) -> System:
         v0 = at_start(values.velocity, ~point.free, system.inputs, system.h)
     if len(values.rest):
         spring = spring._replace(rest=np.array(values.rest, float))
-    made = system._replace(v0=v0, vertex=point, springs=spring, faces=face)
-    return with_bases(made, values)
+    if system.inputs is not None:
+        return with_bases(system._replace(v0=v0, vertex=point, springs=spring, faces=face), system.inputs, values)
+    if len(values.wind):
+        face = face._replace(wind=np.array(values.wind, float))
+    if len(values.gravity):
+        point = point._replace(gravity=np.array(values.gravity, float))
+    return system._replace(v0=v0, vertex=point, springs=spring, faces=face)
 
 
-def with_bases(system: System, values: Elements) -> System:
+def with_bases(system: System, inputs: tables.Inputs, values: Elements) -> System:
     """A system with inputs over time whose constant parts are these values, where they are not empty, and with memory
     of its own for those of the step that is computed.
     """
-    inputs, own = system.inputs, system.colliders
+    own = system.colliders
     if len(values.gusts):
         inputs = inputs._replace(gusts=np.array(values.gusts, float), wind=inputs.share @ values.gusts)
     wind = np.array(values.wind if len(values.wind) else inputs.wind_base, float)
@@ -140,6 +145,7 @@ def early(system: System) -> System:
 
 def all_elements(system: System) -> Elements:
     """The values that a system has now, every kind of them, copied."""
+    inputs = system.inputs
     return Elements(
         mass=system.vertex.mass.copy(),
         stiffness=system.springs.stiffness.copy(),
@@ -147,9 +153,9 @@ def all_elements(system: System) -> Elements:
         drag=np.array([system.faces.drag]),
         velocity=system.v0.copy(),
         rest=system.springs.rest.copy(),
-        wind=system.inputs.wind_base.copy(),
-        gravity=system.inputs.gravity_base.copy(),
-        gusts=system.inputs.gusts.copy(),
+        wind=(system.faces.wind if inputs is None else inputs.wind_base).copy(),
+        gravity=(system.vertex.gravity if inputs is None else inputs.gravity_base).copy(),
+        gusts=np.zeros((0, 3)) if inputs is None else inputs.gusts.copy(),
     )
 
 

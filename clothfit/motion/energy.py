@@ -147,7 +147,7 @@ def balances(system: System, x: Array) -> Array:
         u = velocities(system, x, first - 1, end - 1) if system.method == SYMPLECTIC else w
         late = system.method == IMPLICIT and system.newton_iterations > 1
         y = np.ascontiguousarray(x[first:end] if late else x[first - 1 : end - 1])
-        works(system, y, u, w, first - 1 + system.inputs.lead, out[first:end])
+        works(system, y, u, w, first if system.inputs is None else first - 1 + system.inputs.lead, out[first:end])
     return out
 
 
@@ -181,9 +181,9 @@ def last_velocity(system: System, x: Array) -> Array:
     if len(x) == 1:
         return system.v0
     v, before = np.empty_like(system.v0), (x[-1] - x[-2]) / system.h
-    set_inputs(system, len(x) - 2)
+    set_inputs(system.inputs, system, len(x) - 2)
     explicit.step(system, np.ascontiguousarray(x[-2]), before, v)
-    send_pins(system, v)
+    send_pins(system.inputs, system, v)
     return v
 
 
@@ -193,7 +193,7 @@ def states(system, x, v, first, out):
     out (F, 7).
     """
     for k in range(len(x)):
-        set_frame(system, first + k)
+        set_frame(system.inputs, system, first + k)
         out[k, KINETIC] = guard.moving(system.vertex, v[k])[0]
         out[k, ELASTIC] = springs.energy(system.springs, x[k])
         out[k, GRAVITY] = vertex.energy(system.vertex, x[k])
@@ -207,7 +207,7 @@ def works(system, y, u, w, first, out):
     """
     h = system.h
     for k in range(len(y)):
-        set_frame(system, first + k)
+        set_frame(system.inputs, system, first + k)
         damped = vertex.damping_power(system.vertex, y[k], u[k], w[k])
         damped += springs.damping_power(system.springs, y[k], u[k], w[k])
         damped += colliders.damping_power(system.colliders, y[k], u[k], w[k])

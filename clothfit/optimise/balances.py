@@ -20,12 +20,12 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.stencil import Stencil, stencil
 from clothfit.derivative.step_jacobian import differentiate, jacobian
 from clothfit.engine.forces import total
-from clothfit.engine.inputs.tables import add_coupling, set_inputs
+from clothfit.engine.inputs.tables import couple_change, set_inputs
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import bdf2, implicit
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.vectors import add, add_mass, combine, copy
+from clothfit.kernels.vectors import add, add_mass, copy
 from clothfit.objective.target import Target
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def fill(system, inner, two, near, x, v, work, step, out):
     """Write the rows of all steps: with `two` those of the `bdf2.forms`, from the second step on of the inner one."""
     late = system.method == IMPLICIT and system.newton_iterations > 1
     for t in range(len(out.residual)):
-        set_inputs(system, t)
+        set_inputs(system.inputs, system, t)
         w, now = v[t + 1], (out.residual[t], out.mass[t], out.stiffness[t])
         if two and t > 0:
             bdf2.extrapolate(inner.h, x[t], v[t], x[t - 1], v[t - 1], work)
@@ -131,9 +131,7 @@ def write(system, near, x, v, u, w, later, work, step, row):
             implicit.assemble_newton(system, x, v, u, work.y, A, work.gy, b)
         else:
             add_mass(mass, 1.0, v, b)  # to what `differentiate` left
-        if len(system.inputs.pins) > 0:  # later: b is of the change from u to w
-            combine(1.0, w, -1.0 if later else 0.0, u, work.s)
-            add_coupling(system, work.y if later else x, work.s, b)
+        couple_change(system.inputs, system, w, u, later, work.y if later else x, work.s, b)
         sparse.multiply(A, w, r)
         add(-1.0, b, r)
     else:

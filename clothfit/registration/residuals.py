@@ -113,7 +113,7 @@ class Registered:
         """A cloth of a target, with inputs up to the time `end`, s: another clock may go beyond the frames."""
         own, scene = self.systems[k][cloth], self.given[k].scene
         steps = int(end / scene.delta) + 1
-        if own.inputs.changes and own.inputs.steps < steps:
+        if own.inputs is not None and own.inputs.steps < steps:
             own = self.systems[k][cloth] = build(scene, cloth, steps=steps + steps // 8)
         return own
 

@@ -68,7 +68,7 @@ SHAPES = {
 def touching(name, **fields):
     """A cloth that the collider of this shape holds in its middle, moving where it moves."""
     made = full(colliders=[SHAPES[name]], planes="solid", **fields)
-    if len(made.inputs.centre):
+    if made.inputs is not None and len(made.inputs.centre):
         made.colliders.state[0] = made.inputs.centre[1]
     return made
 

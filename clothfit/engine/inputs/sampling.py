@@ -17,12 +17,12 @@ from clothfit.scene.keys import Keys, Pin
 from clothfit.scene.scene import Scene
 
 
-def build(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
-    """The tables of a cloth of the scene for so many steps. Raises InvalidScene for a file that cannot be read or does
-    not fit.
+def build(scene: Scene, cloth: Cloth, steps: int) -> Inputs | None:
+    """The tables of a cloth of the scene for so many steps, None where nothing changes. Raises InvalidScene for a file
+    that cannot be read or does not fit.
     """
     if not scene.changes and not cloth.pins:
-        return constant(scene.wind, scene.gravity, len(scene.spheres), len(scene.colliders))
+        return None
     try:
         return sampled(scene, cloth, steps)
     except InvalidScene as error:
@@ -48,7 +48,7 @@ def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
     return found._replace(
         wind=wind, gravity=gravity, centre=centre, path=path, pins=pins, coupled=coupled,
         place=np.zeros((len(pins), 3)), later=np.zeros((len(pins), 3)),
-        lead=lead, steps=steps, changes=True,
+        lead=lead, steps=steps,
     )  # fmt: skip
 
 

@@ -18,11 +18,13 @@ from clothfit.engine.forces import springs
 from clothfit.engine.forces.colliders import SIZE
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, load3, store3
-from clothfit.kernels.vectors import copy
+from clothfit.kernels.vectors import combine, copy
 
 
 class Inputs(NamedTuple):
-    """Row r of a table holds at time r h; a table without rows does not change anything."""
+    """Row r of a table holds at time r h; a table without rows does not change anything. A scene in which nothing
+    changes has None in place of it, so that nothing of this module is compiled for it.
+    """
 
     wind: Array  # (R, 3), m/s, what is added to the scene's
     gravity: Array  # (R, 3), m/s², the same
@@ -39,7 +41,6 @@ class Inputs(NamedTuple):
     later: Array  # (P, 3), m, where they are one step after that
     lead: int  # rows by which the forces of a step are ahead of it: 1 for the implicit methods, else 0
     steps: int  # that the tables have rows for
-    changes: bool  # whether there is any table
 
 
 def constant(wind: Array, gravity: Array, spheres: int, colliders: int) -> Inputs:
@@ -50,26 +51,27 @@ def constant(wind: Array, gravity: Array, spheres: int, colliders: int) -> Input
     bases = np.array(wind, float), np.array(gravity, float)
     keyed = none, np.zeros((0, 0)), np.zeros(3)
     tables = none, none, places, np.zeros((0, 0, 3))
-    return Inputs(*tables, nobody, nobody, *bases, *keyed, none, none, 1, 0, False)
+    return Inputs(*tables, nobody, nobody, *bases, *keyed, none, none, 1, 0)
 
 
-def check_steps(inputs: Inputs, steps: int) -> None:
+def check_steps(inputs: Inputs | None, steps: int) -> None:
     """Raise IndexError where a motion has more steps than the tables."""
-    if inputs.changes and steps > inputs.steps:
+    if inputs is not None and steps > inputs.steps:
         raise IndexError(f"{steps} steps, with inputs for {inputs.steps}")
 
 
-def later(inputs: Inputs, steps: int) -> Inputs:
+def later(inputs: Inputs | None, steps: int) -> Inputs | None:
     """The inputs of a motion that begins so many steps later."""
+    if inputs is None:
+        return None
     parts = {name: getattr(inputs, name)[steps:] for name in ("wind", "gravity", "centre", "path")}
     return inputs._replace(**parts, steps=inputs.steps - steps)
 
 
 @kernel
-def set_inputs(system, t):
+def set_inputs(inputs, system, t):
     """Write the inputs of step t of a motion to where the forces read them, and where the pins are after it."""
-    inputs = system.inputs
-    if inputs.changes:
+    if inputs is not None:
         late = t + inputs.lead
         if len(inputs.wind) > 0:
             add_row(inputs.wind, late, inputs.wind_base, system.faces.wind)
@@ -92,10 +94,9 @@ def move_colliders(colliders, states):
 
 
 @kernel
-def share_gradient(system, t, grad):
+def share_gradient(inputs, system, t, grad):
     """Give what step t added to the gradient by the wind to the keys of the wind."""
-    if len(grad.gusts) > 0:
-        inputs = system.inputs
+    if inputs is not None and len(grad.gusts) > 0:
         row = inputs.share[t + inputs.lead]
         for c in range(3):
             more = grad.wind[c] - inputs.counted[c]
@@ -105,12 +106,11 @@ def share_gradient(system, t, grad):
 
 
 @kernel
-def set_direction(system, t, direction):
+def set_direction(inputs, system, t, direction):
     """Write the change of the wind in step t: that of its keys, the first K rows of `gusts`, and in the last row what
     is the same all the time.
     """
-    if len(direction.gusts) > 0:
-        inputs = system.inputs
+    if inputs is not None and len(direction.gusts) > 0:
         row = inputs.share[t + inputs.lead]
         for c in range(3):
             change = direction.gusts[len(row), c]
@@ -128,9 +128,10 @@ def with_constant(direction: Elements) -> Elements:
 
 
 @kernel
-def set_frame(system, t):
+def set_frame(inputs, system, t):
     """The same for the state before step t of a motion."""
-    set_inputs(system, t - system.inputs.lead)
+    if inputs is not None:
+        set_inputs(inputs, system, t - inputs.lead)
 
 
 @kernel
@@ -141,9 +142,10 @@ def add_row(table, row, base, out):
 
 
 @kernel
-def set_pins(system, x, w):
+def set_pins(inputs, system, x, w):
     """The velocities w (n, 3) of the pins in a step that begins at x, by the h of the system."""
-    inputs = system.inputs
+    if inputs is None:
+        return
     for p in range(len(inputs.pins)):
         i = inputs.pins[p]
         for c in range(3):
@@ -151,9 +153,10 @@ def set_pins(system, x, w):
 
 
 @kernel
-def send_pins(system, w):
+def send_pins(inputs, system, w):
     """The velocities w (n, 3) of the pins after an explicit Euler step: those with which the next one moves them."""
-    inputs = system.inputs
+    if inputs is None:
+        return
     for p in range(len(inputs.pins)):
         i = inputs.pins[p]
         for c in range(3):
@@ -161,9 +164,10 @@ def send_pins(system, w):
 
 
 @kernel
-def place_pins(system, x):
+def place_pins(inputs, system, x):
     """Put the pins where they are after the step: no rounding adds up."""
-    inputs = system.inputs
+    if inputs is None:
+        return
     for p in range(len(inputs.pins)):
         i = inputs.pins[p]
         for c in range(3):
@@ -171,9 +175,11 @@ def place_pins(system, x):
 
 
 @kernel
-def add_coupling(system, y, w, b):
+def add_coupling(inputs, system, y, w, b):
     """b −= A_fp w_p for the velocities of the pins in w, with A linearised at y, (n, 3) each."""
-    coupled = system.inputs.coupled
+    if inputs is None:
+        return
+    coupled = inputs.coupled
     for c in range(len(coupled)):
         i = coupled[c]
         for end in range(2):
@@ -181,3 +187,19 @@ def add_coupling(system, y, w, b):
             if not system.vertex.free[pin]:
                 pull = springs.pull_of(system.springs, y, i, system.h, load3(w, pin))
                 store3(add(load3(b, other), pull), b, other)
+
+
+@kernel
+def couple(inputs, system, x, y, scratch, b):
+    """The same for a step that begins at x; `scratch` (n, 3) is overwritten."""
+    if inputs is not None and len(inputs.pins) > 0:
+        set_pins(inputs, system, x, scratch)
+        add_coupling(inputs, system, y, scratch, b)
+
+
+@kernel
+def couple_change(inputs, system, w, u, later, y, scratch, b):
+    """The same for velocities w, of a `later` iteration for their change from u."""
+    if inputs is not None and len(inputs.pins) > 0:
+        combine(1.0, w, -1.0 if later else 0.0, u, scratch)
+        add_coupling(inputs, system, y, scratch, b)

@@ -25,7 +25,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.engine.forces import total
-from clothfit.engine.inputs.tables import add_coupling, set_pins
+from clothfit.engine.inputs.tables import couple, set_pins
 from clothfit.engine.solve import guess, linear, sparse
 from clothfit.engine.system import System
 from clothfit.kernels.kernel import kernel
@@ -93,16 +93,8 @@ def prepare(system, x, v, work):
     """
     stored = assemble(system, x, v, False, work.A, work.b)
     kinetic, power = add_momentum(system.vertex, v, work.b)
-    couple(system, x, x, work)
+    couple(system.inputs, system, x, x, work.s, work.b)
     return kinetic + stored, power
-
-
-@kernel
-def couple(system, x, y, work):
-    """What the pins, in a step that begins at x and is linearised at y, add to the right-hand side in the workspace."""
-    if len(system.inputs.pins) > 0:
-        set_pins(system, x, work.s)
-        add_coupling(system, y, work.s, work.b)
 
 
 @kernel
@@ -141,7 +133,7 @@ def step(system, x, v, first, tolerance, work, iterates):
         more, more_direct, solved = linear.solve(A, b, tolerance, work.solver, iterates[k], anyhow)
         iterations += more
         direct += more_direct
-        set_pins(system, x, iterates[k])
+        set_pins(system.inputs, system, x, iterates[k])
         if not solved:
             return 0, iterations, direct
         if k > 0 and more == 0 and more_direct == 0:

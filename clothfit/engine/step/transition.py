@@ -32,9 +32,9 @@ def step(system, x, v, first, tolerance, work, w, x_new):
     else:
         explicit.step(system, x, v, w[0])
         if system.method == EXPLICIT:
-            send_pins(system, w[0])
+            send_pins(system.inputs, system, w[0])
         else:
-            set_pins(system, x, w[0])
+            set_pins(system.inputs, system, x, w[0])
     moving = v if system.method == EXPLICIT else w[used - 1]
     combine(1.0, x, system.h, moving, x_new)
     return used, iterations, direct
