@@ -14,6 +14,7 @@ from helpers.physics import (
     step_terms,
     times,
     transpose_error,
+    xyz,
 )
 
 from clothfit.engine.forces import vertex
@@ -63,9 +64,10 @@ def test_fixed_vertices_are_those_of_the_scene():
 
 
 def test_all_forces_of_the_system_are_covered():
+    box = {"type": 3, "pos": xyz((0, -9, 0)), "scale": xyz((1, 1, 1))}  # without one its field is None
     fields = {
         field
-        for field, value in SYSTEM._asdict().items()
+        for field, value in full(colliders=[box])._asdict().items()
         if type(value).__module__.startswith("clothfit.engine.forces")
     }
     assert fields == {"vertex", "springs", "faces", "spheres", "colliders"}
