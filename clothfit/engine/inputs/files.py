@@ -89,18 +89,26 @@ def csv_table(path: str) -> tuple[Array, Array] | None:
     return np.ascontiguousarray(table[:, 0]), np.ascontiguousarray(table[:, 1:])
 
 
-def npz_table(path: str) -> tuple[Array, Array] | None:
-    """The arrays `times` and `values` of an archive; None where it has no `values`."""
+def arrays_of(path: str, needed: str) -> dict[str, Array]:
+    """The array `needed` of an archive, and its `times` where it has them; none where that one is not there. Raises
+    InvalidMotion.
+    """
     try:
         with refused(path), unchanged(path) as file:
-            found = npz.stored(file, ("times", "values"), "positions")
-            if "values" not in found:
-                return None
-            if "times" not in found:
-                raise InvalidMotion(f"{name_of(path)}: has values but no times")
-            times, values = (np.asarray(found[name].read(), float) for name in ("times", "values"))
+            found = npz.stored(file, ("times", needed), "positions")
+            return {name: np.asarray(each.read(), float) for name, each in found.items()} if needed in found else {}
     except npz.FAULTS as error:
         raise InvalidMotion(f"{name_of(path)}: is damaged: {error}") from None
+
+
+def npz_table(path: str) -> tuple[Array, Array] | None:
+    """The arrays `times` and `values` of an archive; None where it has no `values`."""
+    arrays = arrays_of(path, "values")
+    if not arrays:
+        return None
+    if "times" not in arrays:
+        raise InvalidMotion(f"{name_of(path)}: has values but no times")
+    times, values = arrays["times"], arrays["values"]
     if times.ndim != 1 or values.ndim != 2 or values.shape[1] != 3:
         shapes = f"times {times.shape} and values {values.shape}"
         raise InvalidMotion(f"{name_of(path)}: {shapes}; (K,) and (K, 3) are needed")
@@ -125,14 +133,9 @@ def motion_of(path: str, reading: Reading) -> tuple[Array, Array]:
 
 def own_motion(path: str, reading: Reading) -> tuple[Array, Array]:
     """The same of this program's own files, which are in the scene's axes. Raises InvalidMotion."""
-    try:
-        with refused(path), unchanged(path) as file:
-            found = npz.stored(file, ("times", "positions"), "positions")
-            if "positions" not in found:
-                raise InvalidMotion(f"{name_of(path)}: has neither values nor positions")
-            arrays = {name: np.asarray(each.read(), float) for name, each in found.items()}
-    except npz.FAULTS as error:
-        raise InvalidMotion(f"{name_of(path)}: is damaged: {error}") from None
+    arrays = arrays_of(path, "positions")
+    if not arrays:
+        raise InvalidMotion(f"{name_of(path)}: has neither values nor positions")
     positions = arrays["positions"]
     if positions.ndim != 3 or positions.shape[2] != 3:
         raise InvalidMotion(f"{name_of(path)}: positions {positions.shape}; (frames, points, 3) are needed")

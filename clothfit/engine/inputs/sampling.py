@@ -12,7 +12,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidScene
 from clothfit.engine.forces.colliders import AXES, PLACE, SPIN, VELOCITY
 from clothfit.engine.inputs.tables import Inputs, constant
-from clothfit.scene.cloth import Cloth, Collider, Sphere
+from clothfit.scene.cloth import Cloth, Collider
 from clothfit.scene.keys import Keys, Pin
 from clothfit.scene.scene import Scene
 
@@ -106,14 +106,6 @@ def moved(keys: Keys, times: Array) -> Array:
     return np.asarray(found[1:] - found[0])
 
 
-def centres(spheres: Sequence[Sphere], times: Array) -> Array:
-    """The centres (T, C, 3) of the spheres at times (T,), s, in m; none where all stay."""
-    if not any(sphere.position for sphere in spheres):
-        return np.zeros((0, len(spheres), 3))
-    still = np.zeros((len(times), 3))
-    return np.stack([s.centre + (shift(s.position, times) if s.position else still) for s in spheres], axis=1)
-
-
 def places(scene: Scene, times: Array, lead: int) -> Array:
     """Where spheres and colliders are, (T, C + 6 D, 3), as `tables.Inputs` has it; none where all stay."""
     if not any(each.position for each in scene.spheres) and not any(each.moves for each in scene.colliders):
@@ -160,9 +152,10 @@ def spins(turns: Array) -> Array:
 
 def centres_at(scene: Scene, times: Array) -> Array:
     """The centres (T, C, 3) of all spheres of a scene at times (T,), s, in m, whether they move or not."""
-    still = np.array([sphere.centre for sphere in scene.spheres], float).reshape(-1, 3)
-    found = centres(scene.spheres, times)
-    return found if len(found) else np.broadcast_to(still, (len(times), *still.shape))
+    found = np.empty((len(times), len(scene.spheres), 3))
+    for c, sphere in enumerate(scene.spheres):
+        found[:, c] = sphere.centre + (shift(sphere.position, times) if sphere.position else 0.0)
+    return found
 
 
 def paths(cloth: Cloth, times: Array) -> Array:
