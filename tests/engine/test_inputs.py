@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
+from helpers.derivatives import assert_dense_sensitivity, assert_gradient_and_tangent
 from helpers.physics import METHODS, ball, chain, scene, sheet, thing, xyz
 
 from clothfit.base.errors import InvalidScene
-from clothfit.derivative.columns import columns
-from clothfit.derivative.sensitivity import sweep
-from clothfit.derivative.verify import check
 from clothfit.engine.inputs import sampling
 from clothfit.engine.system import build
 from clothfit.evaluation.richardson import converged
@@ -17,9 +15,7 @@ from clothfit.formats.animation import Animation
 from clothfit.formats.axes import RIGHT, from_scene
 from clothfit.motion.energy import energies
 from clothfit.motion.simulate import simulate
-from clothfit.objective.objective import Objective
 from clothfit.optimise.balances import Track, balances
-from clothfit.scene.fit_vector import parameters
 from clothfit.scene.keys import Keys
 from clothfit.scene.scene import load, save
 
@@ -131,28 +127,13 @@ def rich(method="implicit", newton=1, settings="LL", **fields):
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "newton"), VARIANTS)
 def test_gradient_and_tangent_with_all_inputs(method, newton):
-    made = rich(method, newton)
-    p = parameters(made)
-    target = simulate(made.with_values([made.cloths[0].mass * 1.1], [made.cloths[0].stiffness * 0.9]))
-    found = check(Objective(made, target, TIGHT), p, seed=1)
-    assert found.order > 1.9
-    assert found.difference < 1e-6
-    assert found.product < 1e-12
+    assert_gradient_and_tangent(rich(method, newton), TIGHT, 1e-12)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "newton"), VARIANTS)
 def test_the_dense_sensitivity_with_all_inputs(method, newton):
-    made = rich(method, newton)
-    objective, p = Objective(made, simulate(made), TIGHT), parameters(made)
-    system, tape = objective.simulate(objective.runs[0], p)
-    direction = np.random.default_rng(2).normal(size=len(p))
-    change = objective.tangent(p, direction)[0][:, system.vertex.free]
-    wanted = columns(system, objective.blocks, p, np.arange(len(p), dtype=np.int32), np.ones(len(p)), len(p))
-    for t, dx in enumerate(sweep(system, tape, wanted)):
-        expected = change[t + 1].reshape(-1)
-        # two ways to the same sums of some hundred products
-        np.testing.assert_allclose(dx @ direction, expected, atol=1e-11 * np.abs(expected).max())
+    assert_dense_sensitivity(rich(method, newton), TIGHT)
 
 
 @pytest.mark.slow

@@ -1,0 +1,35 @@
+"""Checks of the derivatives of a scene's motion, for tests of forces and inputs in whole motions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clothfit.derivative.columns import columns
+from clothfit.derivative.sensitivity import sweep
+from clothfit.derivative.verify import check
+from clothfit.motion.simulate import simulate
+from clothfit.objective.objective import Objective
+from clothfit.scene.fit_vector import parameters
+from clothfit.scene.scene import Scene
+
+
+def assert_gradient_and_tangent(made: Scene, tolerance: float, product: float) -> None:
+    """The gradient belongs to the cost, and the tangent is its transpose to `product`, relative."""
+    target = simulate(made.with_values([made.cloths[0].mass * 1.1], [made.cloths[0].stiffness * 0.9]))
+    found = check(Objective(made, target, tolerance), parameters(made), seed=1)
+    assert found.order > 1.9
+    assert found.difference < 1e-6
+    assert found.product < product
+
+
+def assert_dense_sensitivity(made: Scene, tolerance: float) -> None:
+    """The columns of the sensitivity, along a direction, are the tangent."""
+    objective, p = Objective(made, simulate(made), tolerance), parameters(made)
+    system, tape = objective.simulate(objective.runs[0], p)
+    direction = np.random.default_rng(2).normal(size=len(p))
+    change = objective.tangent(p, direction)[0][:, system.vertex.free]
+    wanted = columns(system, objective.blocks, p, np.arange(len(p), dtype=np.int32), np.ones(len(p)), len(p))
+    for t, dx in enumerate(sweep(system, tape, wanted)):
+        expected = change[t + 1].reshape(-1)
+        # two ways to the same sums of some hundred products
+        np.testing.assert_allclose(dx @ direction, expected, atol=1e-11 * np.abs(expected).max())
