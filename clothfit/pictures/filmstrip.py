@@ -11,6 +11,7 @@ from clothfit.base.arrays import Array
 from clothfit.pictures.camera import Camera
 from clothfit.pictures.palette import FIXED_VERTEX, GROUND, QUIET, TARGET_COLOUR
 from clothfit.pictures.polygons import Patches, Stage, bare, painted, pins, sightings, wind
+from clothfit.pictures.raster import drawn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,6 +25,9 @@ STRIP_FACES = 6000
 MOST_VECTOR_SHAPES = 3000
 """Most polygons of a frame that a .svg or .pdf holds as polygons; more are stored as an image."""
 
+STILL_WIDTH = 800
+"""Pixels across a frame that is drawn as pixels."""
+
 DOT_SIZE = 1.8  # points, of a vertex
 
 
@@ -35,7 +39,9 @@ def strip(figure: SubFigure, on: Stage, times: Array, x: Array, over: Array | No
     for axes, frame in zip(panels[0], shown, strict=True):
         still(axes, on, int(frame), x[frame], None if over is None else over[frame])
         axes.set_xlabel(f"{times[frame]:.2f} s", fontsize=9, color=QUIET, labelpad=3)
-    draw_wind(panels[0][0], on)
+    blown = len(shown) if np.ptp(on.wind, axis=0).any() else 1
+    for axes, frame in list(zip(panels[0], shown, strict=True))[:blown]:
+        draw_wind(axes, on, int(frame))
     return list(panels[0])
 
 
@@ -46,11 +52,10 @@ def chosen(frames: int) -> Sequence[int]:
 
 def still(axes: Axes, on: Stage, frame: int, x: Array, over: Array | None) -> None:
     """Draw a frame with positions x (n, 3) into its axes."""
-    layers = painted(on, frame, x, over)
-    dots = sum(len(layer.corners) for layer in layers) > MOST_VECTOR_SHAPES
-    for layer in layers:
-        if len(layer.corners):
-            draw_patches(axes, layer, dots)
+    if on.solids:
+        draw_pixels(axes, on.camera, drawn(on, frame, x, over, STILL_WIDTH))
+    else:
+        draw_polygons(axes, painted(on, frame, x, over))
     alone, colours = bare(on, frame, x)
     axes.scatter(alone[:, 0], alone[:, 1], s=(2.0 * DOT_SIZE) ** 2, c=colours, linewidths=0, zorder=2)
     if over is not None:
@@ -59,6 +64,20 @@ def still(axes: Axes, on: Stage, frame: int, x: Array, over: Array | None) -> No
     fixed_at = pins(on, frame, x)
     axes.plot(*fixed_at.T, "o", color=FIXED_VERTEX, markersize=DOT_SIZE + 0.6, markeredgewidth=0, zorder=3)
     blank(axes, on.camera)
+
+
+def draw_pixels(axes: Axes, camera: Camera, picture: Array) -> None:
+    """Show a picture (H, W, 3): no order of painting suits faces that go round a collider."""
+    (left, bottom), (right, top) = camera.low.tolist(), camera.high.tolist()
+    axes.imshow(picture, extent=(left, right, bottom, top), interpolation="antialiased", zorder=2)
+
+
+def draw_polygons(axes: Axes, layers: Sequence[Patches]) -> None:
+    """Paint all polygons of a frame, of which very many become pixels in a file of vectors."""
+    dots = sum(len(layer.corners) for layer in layers) > MOST_VECTOR_SHAPES
+    for layer in layers:
+        if len(layer.corners):
+            draw_patches(axes, layer, dots)
 
 
 def draw_patches(axes: Axes, layer: Patches, dots: bool) -> None:
@@ -79,9 +98,9 @@ def blank(axes: Axes, camera: Camera) -> None:
     axes.spines[:].set_visible(False)
 
 
-def draw_wind(axes: Axes, on: Stage) -> None:
+def draw_wind(axes: Axes, on: Stage, frame: int) -> None:
     """Draw an arrow along the wind in the corner of a picture, with its speed."""
-    found = wind(on)
+    found = wind(on, frame)
     if found is None:
         return
     way, speed = found

@@ -155,7 +155,7 @@ def write(
     share = (times[frame] - times[0]) / max(times[-1] - times[0], 1e-300)
     draw.rectangle((0, height - 5, width, height), fill="#e2e5ea")
     draw.rectangle((0, height - 5, float(share) * width, height), fill=GIF_QUIET)
-    found = wind(on)
+    found = wind(on, frame)
     if found is not None:
         way, wind_speed = found
         arrow(draw, np.array([0.075 * width, height - 0.085 * width]), 0.05 * width * way * (1.0, -1.0))

@@ -13,9 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.engine.inputs.sampling import centres_at
+from clothfit.engine.inputs.sampling import centres_at, winds
 from clothfit.pictures.camera import LIGHT, Camera, direction, faces, framed, project, shaped, thinned
 from clothfit.pictures.palette import CLOTHS, SPHERE_COLOUR, TARGET_COLOUR, Colour
+from clothfit.pictures.solids import Solid, solids
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
 
@@ -33,6 +34,11 @@ MOST_FRAMED_FRAMES, MOST_FRAMED_VERTICES = 200, 5000
 FARTHEST_SHOWN = 20.0
 """A motion that has grown to this many times its size at the start has diverged; its later frames are left out."""
 
+GIVE = 0.35
+"""How far behind their place solids are drawn, relative to the mean edge of a face: between two vertices on a collider
+a face cuts through it.
+"""
+
 FOLLOWED_ABOVE = 5.0
 """The camera follows cloths that travel farther than this many times their own size."""
 
@@ -47,6 +53,9 @@ class Stage:
     camera: Camera
     middle: Array  # (F, 3) m, where the camera moves with the cloth; 0 where it stands still
     centres: Array  # (F, C, 3) m, of the spheres
+    solids: tuple[Solid, ...]  # the other colliders
+    wind: Array  # (F, 3) m/s
+    give: float  # m, how far surfaces of solids are drawn behind where they are
 
 
 class Patches(NamedTuple):
@@ -76,14 +85,24 @@ def stage(
         cloth += [index] * len(kept)
         start += len(own.mass)
     triangles = np.concatenate(parts).astype(np.int32) if parts else np.zeros((0, 3), np.int32)
-    middle, centres = middles(motions[0]), centres_at(scene, times_of(scene, motions[0], times))
+    when = times_of(scene, motions[0], times)
+    middle, centres = middles(motions[0]), centres_at(scene, when)
+    others, air = solids(scene, when, motions[0]), winds(scene, when)
     axes = direction(motions[0], triangles)
     if middle.any():
         seen = framed(axes, some(motions[0] - middle[:, None]))
     else:
         balls = [ball(c, s.radius) for c, s in zip(centres.mean(axis=0), scene.spheres, strict=True)]
-        seen = framed(axes, np.concatenate([*map(some, motions), *balls]))
-    return Stage(scene, triangles, np.array(cloth, np.int32), shaped(seen, *shape), middle, centres)
+        bodies = [each.at(len(when) // 2) for each in others if not each.endless]
+        seen = framed(axes, np.concatenate([*map(some, motions), *balls, *bodies]))
+    owners, give = np.array(cloth, np.int32), GIVE * mean_edge(motions[0][0], triangles)
+    return Stage(scene, triangles, owners, shaped(seen, *shape), middle, centres, others, air, give)
+
+
+def mean_edge(x: Array, triangles: Indices) -> float:
+    """Mean length of the sides of triangles (T, 3) between points x (n, 3), m; 0 without any."""
+    lengths = np.linalg.norm(x[triangles] - x[np.roll(triangles, 1, axis=1)], axis=2)
+    return float(np.nanmean(lengths)) if lengths.size else 0.0
 
 
 def times_of(scene: Scene, x: Array, times: Array | None) -> Array:
@@ -226,7 +245,7 @@ def sightings(on: Stage, frame: int, over: Array) -> Array:
     return project(on.camera, over[shown] - on.middle[frame])[:, :2]
 
 
-def wind(on: Stage) -> tuple[Array, float] | None:
+def wind(on: Stage, frame: int) -> tuple[Array, float] | None:
     """The wind's unit vector projected into the picture (2,), and its speed, m/s; None without wind."""
-    speed = float(np.linalg.norm(on.scene.wind))
-    return (project(on.camera, on.scene.wind / speed)[:2], speed) if speed > 0 else None
+    speed = float(np.linalg.norm(on.wind[frame]))
+    return (project(on.camera, on.wind[frame] / speed)[:2], speed) if speed > 0 else None

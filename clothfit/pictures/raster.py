@@ -24,13 +24,14 @@ BEHIND = 1e300
 def drawn(on: Stage, frame: int, x: Array, over: Array | None, width: int) -> Array:
     """The picture (H, W, 3) of positions x (n, 3), 0 … 255, with the target `over` (n, 3) over it.
 
-    Spheres hide what is behind them. The target is translucent, and no cloth hides it.
+    Colliders hide what is behind them. The target is translucent, and no cloth hides it.
     """
     height = round(width * on.camera.aspect)
     ground = [int(GROUND[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
     image = np.broadcast_to(np.array(ground), (height, width, 3)).copy()
     depth = np.full((height, width), BEHIND)
     spheres(on, frame, image, depth)
+    bodies(on, frame, image, depth)
     veil, veil_depth = image.copy(), depth.copy()
     cloths(on, frame, x, cloth_colours(on.cloth), image, depth)
     if over is not None:
@@ -55,6 +56,16 @@ def spheres(on: Stage, frame: int, image: Array, depth: Array) -> None:
     for centre, sphere in zip(on.centres[frame], on.scene.spheres, strict=True):
         place = in_pixels(on, project(on.camera, centre - on.middle[frame])[None], image)[0]
         fill_sphere(place, SPHERE_SIZE * sphere.radius, scale, np.array(SPHERE_COLOUR), light(), image, depth)
+
+
+def bodies(on: Stage, frame: int, image: Array, depth: Array) -> None:
+    """Draw the other colliders."""
+    for solid in on.solids:
+        places = project(on.camera, solid.at(frame) - on.middle[frame])
+        towards = vertex_normals(places, solid.triangles)
+        colours = solid.tone[solid.triangles[:, :1]] * np.array(SPHERE_COLOUR)
+        pixels = in_pixels(on, places + (0.0, 0.0, on.give), image)
+        fill(pixels, towards, solid.triangles, colours, light(), BACK_BRIGHTNESS, image, depth)
 
 
 def light() -> Array:

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.messages import counted, metres
 from clothfit.base.version import __version__
-from clothfit.engine.inputs.sampling import centres_at
 from clothfit.evaluation.evaluate import Distance, Evaluation
 from clothfit.objective.identifiability import identifiable
 from clothfit.report.findings import STATUS, began, headline, relative, share
 from clothfit.report.log import Log, intervals, number
 from clothfit.report.packing import box, packed, packed_errors, packed_flags, packed_positions
 from clothfit.report.showing import BEFORE, Beside, Shown
+from clothfit.report.surroundings import surroundings
 from clothfit.report.tables import is_listed, tables
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import parameters
@@ -48,7 +48,7 @@ def content(
         "notes": show.notes,
         "remarks": [bound(step), *([] if log.points or log.summary else [NO_LOG])],
         "mesh": mesh(fitted),
-        "surroundings": surroundings(fitted, show.times),
+        "surroundings": surroundings(fitted, show.times, show.fitted),
         "motion": motion(show, low, step),
         "curve": curve(show),
         "residuals": left(show),
@@ -142,15 +142,6 @@ def mesh(scene: Scene) -> dict[str, Any]:
         "mass": whole([cloth.mass for cloth in scene.cloths]),
         "stiffness": whole([cloth.stiffness for cloth in scene.cloths]),
     }
-
-
-def surroundings(scene: Scene, times: Array) -> dict[str, Any]:
-    """Wind and spheres; of those that move also the centre at each of the times (F,), s."""
-    spheres = []
-    for path, sphere in zip(np.moveaxis(centres_at(scene, times), 1, 0), scene.spheres, strict=True):
-        moved = {"path": path.tolist()} if sphere.position else {}
-        spheres.append({"centre": sphere.centre.tolist(), "radius": sphere.radius, **moved})
-    return {"wind": scene.wind.tolist(), "spheres": spheres, "pinned": any(cloth.pins for cloth in scene.cloths)}
 
 
 def facts(truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | None) -> list[list[str]]:

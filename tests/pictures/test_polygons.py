@@ -77,10 +77,10 @@ def test_fixed_vertices_and_the_wind_are_shown():
     x = still(scene)
     on = stage(scene, [x], 1000)
     assert_allclose(pins(on, 0, x[0]), project(on.camera, x[0][scene.cloths[0].fixed])[:, :2])
-    way, speed = wind(on)
+    way, speed = wind(on, 0)
     assert speed == 5.0
     assert_allclose(way, project(on.camera, np.array([0.6, 0.0, 0.8]))[:2])
-    assert wind(stage(load(document()), [x], 1000)) is None
+    assert wind(stage(load(document()), [x], 1000), 0) is None
 
 
 def test_the_camera_follows_a_cloth_that_goes_far_and_only_such_a_one():

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from helpers.browsers import SIZE, browser, differing, opened, pixels
 from helpers.scenes import even, sphere
+from scipy.spatial.transform import Rotation
 
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
+from clothfit.pictures.solids import solids
 from clothfit.report.log import Log, Point
 from clothfit.report.page import report_page
 from clothfit.scene.scene import load
@@ -235,4 +237,37 @@ def test_spheres_and_pins_move_with_their_keys(started, tmp_path):
         flipped = np.array([-1.0, 1.0, 1.0])  # the page's axes are right-handed
         np.testing.assert_allclose(ball, flipped * ([1.5, -2.2, 1.5] + at), atol=1e-9)
         np.testing.assert_allclose(pin, flipped * at, atol=1e-3)  # positions are packed into 16 bits
+        assert said == []
+
+
+def test_colliders_of_every_shape_move_with_their_keys_and_the_arrow_with_the_wind(started, tmp_path):
+    zero = {"x": 0, "y": 0, "z": 0}
+    turn = {"times": [0, 1], "values": [zero, {"x": 9, "y": 80, "z": 3}]}
+    way = {"times": [0, 1], "values": [zero, {"x": 1, "y": -0.5, "z": 0.25}]}
+    common = {"pos": {"x": 1.5, "y": -2.2, "z": 1.5}, "rot": {"x": 0, "y": 30, "z": 70}}
+    common["scale"] = {"x": 1, "y": 2, "z": 1}
+    shapes = [{"type": 0, **common, "rot": zero}, {"type": 2, **common, "radius2": 0.1, "posKeys": way}]
+    shapes.append({"type": 3, **common, "posKeys": way, "rotKeys": turn})
+    wind = {"times": [0, 0.1], "values": [{"x": 1, "y": 0, "z": 0}, {"x": 0, "y": 0, "z": 4}]}
+    made = load(even("nG", FRAMES, colliders=shapes, planes="solid", windVelKeys=wind))
+    path = tmp_path / "colliders.html"
+    path.write_bytes(report_page(made, made))
+    with opened(started, path) as (page, said):
+        page.evaluate("clothfit.player.pause(); clothfit.player.goToFrame(10)")
+        time = page.evaluate("clothfit.player.time")
+        true = solids(made, np.array([0.0, time]), simulate(made).positions)
+        shown = page.evaluate("""clothfit.stage.solids.map((mesh) => {
+          mesh.updateMatrixWorld();
+          const at = mesh.geometry.getAttribute("position").clone().applyMatrix4(mesh.matrixWorld);
+          return [Array.from(at.array), Array.from(mesh.geometry.getAttribute("normal").array)];
+        })""")
+        assert len(shown) == 3
+        for own, (points, normals) in zip(true[1:], shown[1:], strict=True):
+            points = np.reshape(points, (-1, 3)) * [-1.0, 1.0, 1.0]  # the page's axes are right-handed
+            np.testing.assert_allclose(points, own.at(1), atol=1e-5)  # the page has numbers of 32 bits
+            outward = (np.reshape(normals, (-1, 3)) * [-1.0, 1.0, 1.0] * own.points).sum(axis=1)
+            assert (outward > 0).all()  # both shapes are convex, and their origin is within
+        arrow = page.evaluate("[...clothfit.stage.arrow.quaternion.toArray(), clothfit.stage.arrow.scale.x]")
+        np.testing.assert_allclose(Rotation.from_quat(arrow[:4]).apply([0, 1, 0]), [0, 0, 1], atol=1e-9)
+        assert arrow[4] == pytest.approx(1.0)
         assert said == []

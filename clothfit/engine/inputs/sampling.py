@@ -142,6 +142,18 @@ def states(colliders: Sequence[Collider], times: Array, h: float, lead: int) -> 
     return out
 
 
+def winds(scene: Scene, times: Array) -> Array:
+    """The wind (T, 3), m/s, at times (T,), s."""
+    added = interpolated(resolved(scene.wind_keys), times) if scene.wind_keys else np.zeros((len(times), 3))
+    return np.asarray(scene.wind + added)
+
+
+def poses(colliders: Sequence[Collider], times: Array) -> tuple[Array, Array]:
+    """The centres (T, C, 3), m, and axes (T, C, 3, 3), one in each column, of colliders at times (T,), s."""
+    found = states(colliders, times, 1.0, 0)
+    return found[:, :, PLACE], np.swapaxes(found[:, :, AXES:], 2, 3)
+
+
 def spins(turns: Array) -> Array:
     """The rotation vectors (T, 3), rad, from each of the rotations (T, 3, 3) to the next one, the last of them 0."""
     from scipy.spatial.transform import Rotation

@@ -34,6 +34,10 @@ async function unpackedBeside(record) {
   return { ...values, name: record.name, fitted, error };
 }
 
+async function unpackedSolid({ points, triangles, tone, ...rest }) {
+  return { ...(await unpackedAll({ points, triangles, tone })), ...rest };
+}
+
 const sums = (counts) => counts.reduce((found, count) => [...found, found[found.length - 1] + count], [0]);
 
 function theme() {
@@ -186,6 +190,7 @@ async function main() {
     Promise.all(content.beside.map(unpackedBeside)), unpackedAll(content.residuals),
   ]);
   content.residuals = residuals;
+  content.surroundings.solids = await Promise.all(content.surroundings.solids.map(unpackedSolid));
   Object.assign(mesh, { firsts: sums(mesh.vertex_counts), springFirsts: sums(mesh.spring_counts) });
   const picture = build(content, mesh, { fitted: fittedMotion, target: targetMotion, observed, errors, beside },
                         at("canvas"));

@@ -8,6 +8,7 @@ import {
 } from "three";
 import { Orbit } from "clothfit/orbit";
 import { cells } from "clothfit/panes";
+import { placeSolid, solidMesh } from "clothfit/solids";
 
 const CLOTH = "#7089e0", TARGET = "#17c964", FIXED = "#f5a524", WIND = "#38bdf8";
 const SKINS = {
@@ -36,6 +37,8 @@ export class Stage {
     this.floor();
     this.around = around;
     for (const sphere of around.spheres) this.sphere(sphere);
+    this.solids = around.solids.map((solid) => solidMesh(solid, view.give));
+    for (const solid of this.solids) this.scene.add(solid);
     if (view.arrow) this.wind(view.arrow);
     this.pins(around.fixed);
     new ResizeObserver(() => { this.resize(); this.resized?.(); }).observe(canvas.parentElement);
@@ -157,10 +160,11 @@ export class Stage {
     const arrow = new Group().add(shaft, head);
     arrow.quaternion.copy(new Quaternion().setFromUnitVectors(new Vector3(0, 1, 0), way));
     arrow.position.copy(middle);
+    this.arrow = arrow;
     this.scene.add(arrow);
   }
 
-  /** Put spheres and pins that move where they are between a frame and the next. */
+  /** Put colliders and pins that move where they are between a frame and the next; turn and size the wind's arrow. */
   move(frame, share) {
     this.around.spheres.forEach(({ path }, k) => {
       if (!path) return;
@@ -168,11 +172,22 @@ export class Stage {
       const at = a.map((value, c) => value + share * (b[c] - value));
       this.balls[k].position.set(-at[0], at[1], at[2]);
     });
+    this.around.solids.forEach((solid, k) => placeSolid(this.solids[k], solid, frame, share));
+    if (this.around.gusts && this.arrow) this.blow(this.around.gusts, frame, share);
     if (!this.around.pinned || !this.pinBalls) return;
     const places = this.fitted.faces.getAttribute("position");
     this.around.held.forEach((vertex, i) => this.pinBalls.setMatrixAt(
       i, new Matrix4().makeTranslation(places.getX(vertex), places.getY(vertex), places.getZ(vertex))));
     this.pinBalls.instanceMatrix.needsUpdate = true;
+  }
+
+  blow(gusts, frame, share) {
+    const b = gusts[Math.min(frame + 1, gusts.length - 1)];
+    const [x, y, z] = gusts[frame].map((value, c) => value + share * (b[c] - value));
+    const way = new Vector3(-x, y, z), speed = way.length();
+    this.arrow.visible = speed > 0;
+    if (speed > 0) this.arrow.quaternion.setFromUnitVectors(new Vector3(0, 1, 0), way.divideScalar(speed));
+    this.arrow.scale.setScalar(Math.max(speed / this.view.arrow.speed, 0.05));
   }
 
   /** Balls at the fixed vertices, flat list of places. */
@@ -198,7 +213,7 @@ export class Stage {
     this.hemisphere.groundColor.set(skin.ground);
     this.hemisphere.intensity = skin.ambient;
     this.key.intensity = skin.key;
-    for (const ball of this.balls ?? []) ball.material.color.set(skin.sphere);
+    for (const each of [...(this.balls ?? []), ...this.solids]) each.material.color.set(skin.sphere);
     this.stale = true;
   }
 

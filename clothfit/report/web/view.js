@@ -1,21 +1,28 @@
 // From where to look: the box of the motion, and the side from which most of the cloth is seen.
 
 import { Vector3 } from "three";
+import { solidPoints } from "clothfit/solids";
 
 const SIDES = 24, HEIGHT = 0.32, LOOKS = 4;
+const GIVE = 0.35;  // of an edge: how far behind their place solids are drawn
 
 /** Points to look at, their middle and radius, the ground's height and cells, a pin's size, the angles of the best view. */
-export function viewOf(motions, cloth, { spheres, wind }, edges) {
+export function viewOf(motions, cloth, { spheres, solids, wind, gusts }, edges) {
   const points = motions.flatMap(pointsOf);
   const size = radiusOf(points, middleOf(points));
-  const arrow = arrowOf(wind, points, size);
+  const arrow = arrowOf(strongest(gusts ?? [wind]), points, size);
   for (const sphere of spheres) if (sphere.radius < 3 * size) points.push(...ballPoints(sphere));
+  for (const solid of solids.filter(({ endless }) => !endless)) {
+    const corners = solidPoints(solid);
+    if (radiusOf(corners, middleOf(corners)) < 3 * size) points.push(...corners);
+  }
   const centre = middleOf(points), radius = radiusOf(points, centre) || 1;
   let lowest = Infinity;
   for (let i = 1; i < points.length; i += 3) lowest = Math.min(lowest, points[i]);
   return {
     points, arrow, centre, radius, low: lowest - 0.01 * radius, cell: round(radius / 5),
-    pin: Math.min(0.22 * edgeLength(cloth, edges), 0.02 * radius) || 0.01 * radius, ...bestSide(cloth),
+    pin: Math.min(0.22 * edgeLength(cloth, edges), 0.02 * radius) || 0.01 * radius,
+    give: GIVE * edgeLength(cloth, edges), ...bestSide(cloth),
   };
 }
 
@@ -33,6 +40,8 @@ function pointsOf({ grid, low, step, frames, vertices }) {
   return found;
 }
 
+const strongest = (winds) => winds.reduce((most, each) => (Math.hypot(...each) > Math.hypot(...most) ? each : most));
+
 /** Where an arrow for the wind stands: before the cloth, towards its middle; its ends go to the points. */
 function arrowOf(wind, points, radius) {
   if (Math.hypot(...wind) === 0) return null;
@@ -43,7 +52,7 @@ function arrowOf(wind, points, radius) {
   }
   middle.addScaledVector(way, first - 0.62 * size);
   for (const end of [-0.5, 0.5]) points.push(...middle.clone().addScaledVector(way, end * size).toArray());
-  return { middle, way, size };
+  return { middle, way, size, speed: Math.hypot(...wind) };
 }
 
 function ballPoints({ centre, radius }) {
