@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 @cache
 def libraries() -> ThreadpoolController:
     """The BLAS of NumPy and that of SciPy; to find them takes longer than many a fit's step."""
-    import scipy.linalg  # noqa: F401  only a loaded BLAS can be found, and SciPy's is not NumPy's
+    import scipy.linalg.blas  # noqa: F401  only a loaded BLAS can be found, and SciPy's is not NumPy's
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()

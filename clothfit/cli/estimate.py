@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base import interrupts
+from clothfit.base.deferred import LINEAR_ALGEBRA, defer
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import owned
 from clothfit.cli.common import motions, pictures
@@ -195,6 +196,7 @@ def fit_one(
     out = files.output(scene_path)
     if page:
         page.output(scene_path, files, out)
+    defer(LINEAR_ALGEBRA)
     from clothfit.cli.fitting import checkpoints
     from clothfit.fit import estimate as fitting
 

@@ -21,6 +21,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.eigen import eigen
 from clothfit.fit.sandwich import Blocks
 from clothfit.fit.student import half_width
+from clothfit.optimise import bounded
 from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.prior import NARROWEST, Prior, inverse, none, variance
 from clothfit.optimise.search import Search
@@ -177,6 +178,8 @@ def learned_prior(search: Search, model: Model, squares: float, count: int) -> P
 def null_space(H: Array) -> Array:
     """An orthonormal basis (F, ·) of the directions in which H is zero but for rounding."""
     unit, by = scaled(H)
+    if is_regular(unit):
+        return np.zeros((len(H), 0))
     found = eigen(unit)
     if found is None:  # nothing is known of any
         return np.eye(len(H))
@@ -185,9 +188,17 @@ def null_space(H: Array) -> Array:
     return np.asarray(np.linalg.qr(null / np.maximum(np.linalg.norm(null, axis=0), np.finfo(float).tiny))[0])
 
 
+def is_regular(unit: Array) -> bool:
+    """Whether no eigenvalue of a symmetric matrix (F, F) is near the rounding of the largest; much faster than these."""
+    largest = float(np.abs(unit).sum(axis=0).max(initial=0.0))  # at least
+    return bounded.factorised(bounded.with_diagonal(unit, -2.0 * NULL_EIGENVALUE * largest)) is not None
+
+
 def inverse_beside(H: Array, null: Array) -> Array:
     """The inverse (F, F) of H on the complement of its null space (F, ·)."""
     unit, by = scaled(H)
+    if not null.shape[1]:
+        return np.asarray(inverse(unit) / np.outer(by, by))
     basis = null * by[:, None]
     basis = np.linalg.qr(basis)[0]
     K = inverse(unit + basis @ basis.T) / np.outer(by, by)

@@ -20,6 +20,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.derivative.verify import PRODUCT, direction_of
+from clothfit.engine.forces.spheres import STIFFNESS
 from clothfit.inspection.ladder import (
     FAILED,
     PASSED,
@@ -152,7 +153,8 @@ def changed(scene: Scene, p: Array, rng: np.random.Generator) -> Array:
 
 def solved_to(objective: Objective) -> float:
     """Relative error that rounding can make in solutions of the linear systems: ε times a bound of their condition, the
-    largest of (1 + h α) m and (h² + h β) k (`forces`) over the smallest mass above 0.
+    largest of (1 + h α) m, (h² + h β) k, h κ |n|² of the air's drag and h² κ of contacts (`forces`) over the smallest
+    mass above 0.
     """
     worst = 1.0
     for run in objective.runs:
@@ -160,7 +162,11 @@ def solved_to(objective: Objective) -> float:
         mass = system.vertex.mass[system.vertex.free]
         inert = (1.0 + h * system.vertex.damping) * mass.max(initial=0.0)
         stiff = (h + system.springs.damping) * h * system.springs.stiffness.max(initial=0.0)
-        worst = max(worst, max(inert, stiff) / mass.min(where=mass > 0, initial=np.inf))
+        a, b, c = (system.x0[system.faces.corners[:, corner]] for corner in range(3))
+        n = np.linalg.norm(np.cross(b - a, c - a), axis=1).max(initial=0.0)
+        air = h * system.faces.drag / 6.0 * n**3
+        touching = h * h * STIFFNESS if len(system.spheres.radius) else 0.0
+        worst = max(worst, max(inert, stiff, air, touching) / mass.min(where=mass > 0, initial=np.inf))
     return float(np.finfo(float).eps * worst)
 
 

@@ -33,6 +33,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numba
+from llvmlite.binding import parse_assembly
 from numba.core.caching import FunctionCache
 from numba.core.compiler import CompileResult
 from numba.core.runtime.nrt import rtsys
@@ -134,6 +135,19 @@ warn: Callable[[str], None] = _warn
 """Called once, with a sentence, when compiled code cannot be kept; a program may replace it."""
 
 
+def only_called(payload: tuple[Any, ...]) -> tuple[Any, ...]:
+    """What numba keeps of a function without what only other functions need, for one that no other calls.
+
+    That is its bitcode, which other code would be linked with: in its place a module with nothing but the names
+    by which the function is found. And the environments of numba's own functions that hold no constants: compiled
+    code never asks for them, but to load one imports the module it is of, with numba's strings, dates, …
+    """
+    (name, kind, (machine_code, _)), described, *rest, environments = payload
+    called = f'define void @"{described.llvm_cpython_wrapper_name}"() {{ ret void }}'
+    kept = [each for each in environments if each.consts or not each.globals["__name__"].startswith("numba.")]
+    return (name, kind, (machine_code, parse_assembly(called).as_bitcode())), described, *rest, tuple(kept)
+
+
 class KernelCache(FunctionCache):
     """The cache of one function, which numba asks for compiled code and hands compiled code to."""
 
@@ -179,7 +193,8 @@ class KernelCache(FunctionCache):
         key = self._index_key(sig, data.codegen)
         try:
             name = self._file(key)
-            KernelCache.used = save(name, dumps((key, data._reduce())))
+            payload = data._reduce()
+            KernelCache.used = save(name, dumps((key, payload if self._variant else only_called(payload))))
             KernelCache.names.add(name)
         except OSError as error:
             KernelCache.failed = True

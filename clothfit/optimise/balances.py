@@ -209,14 +209,16 @@ def matrix(rows: Balances, system: System) -> Rows:
     steps, n = rows.valid.shape
     springs, ends = len(system.springs.rest), system.springs.ends
     weight = 1.0 / system.vertex.mass
-    row = np.arange(steps * n * 3).reshape(steps, n, 3)
-    mass_column = np.broadcast_to(np.arange(n)[:, None], row.shape)
-    spring_column = np.broadcast_to(n + np.arange(springs)[:, None, None], rows.stiffness.shape)
-    values = [(rows.mass * weight[:, None]).ravel(), (rows.stiffness * weight[ends][:, :, None]).ravel()]
-    places = [row.ravel(), row[:, ends].ravel()], [mass_column.ravel(), spring_column.ravel()]
-    entries = (np.concatenate(values), (np.concatenate(places[0]), np.concatenate(places[1])))
+    row = np.arange(n * 3).reshape(n, 3)  # of one step; all have the same pattern
+    row = np.concatenate([row.ravel(), row[ends].ravel()])
+    column = np.concatenate([np.repeat(np.arange(n), 3), np.repeat(n + np.arange(springs), 6)])
+    order = np.lexsort((column, row))
+    by_mass, by_stiffness = rows.mass * weight[:, None], rows.stiffness * weight[ends][:, :, None]
+    values = np.concatenate([by_mass.reshape(steps, n * 3), by_stiffness.reshape(steps, springs * 6)], axis=1)[:, order]
+    start = np.arange(steps)[:, None] * len(order) + np.searchsorted(row[order], np.arange(n * 3))
+    pattern = np.tile(column[order], steps), np.append(start.ravel(), values.size)
+    whole = csr_array((values.ravel(), *pattern), shape=(steps * n * 3, n + springs))
     kept = np.flatnonzero(np.repeat(rows.valid.ravel(), 3))
-    whole = csr_array(entries, shape=(steps * n * 3, n + springs))
     step = np.unique(kept // (3 * n), return_inverse=True)[1].astype(np.int32)
     return Rows(whole[kept], (rows.residual * weight[:, None]).ravel()[kept], step)
 

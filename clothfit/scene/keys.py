@@ -101,8 +101,8 @@ def pins(items: Sequence[Any], fixed: Flags, place: str, folder: str, problems: 
     owner = np.full(len(fixed), -1)
     for i, item in enumerate(items):
         here, before = f"{place}.pins[{i}]", len(problems)
-        vertices = np.array(item["vertices"], np.int64).reshape(-1)
-        for j, vertex in enumerate(vertices.tolist()):
+        vertices = [int(each) for each in np.asarray(item["vertices"], object).reshape(-1)]
+        for j, vertex in enumerate(vertices):
             spot = f"{here}.vertices[{j}]"
             if not vertex < len(fixed):
                 refuse(problems, spot, f"{vertex} is no vertex; the object has {len(fixed)}, counted from 0")
@@ -122,5 +122,5 @@ def pins(items: Sequence[Any], fixed: Flags, place: str, folder: str, problems: 
         pivot = item.get("pivot")
         if len(problems) == before:
             centre = None if pivot is None else np.array([pivot["x"], pivot["y"], pivot["z"]], float)
-            found.append(Pin(vertices.astype(np.int32), position, rotation, centre))
+            found.append(Pin(np.array(vertices, np.int32), position, rotation, centre))
     return tuple(found)

@@ -9,6 +9,7 @@ import pytest
 from helpers.scenes import cloth, document, even, load_text, trial
 from scipy import stats
 
+from clothfit.fit import posterior
 from clothfit.fit.confidence import not_shown
 from clothfit.fit.estimate import estimate, looked_at, record_target
 from clothfit.fit.options import OWN_METHODS, FitOptions
@@ -185,6 +186,19 @@ def test_the_null_space_does_not_depend_on_units():
     assert null.shape == (6, 1)
     K = inverse_beside(H, null)
     np.testing.assert_allclose(K[2:5, 2:5], np.linalg.pinv(J.T @ J)[2:5, 2:5] / np.outer(scale[2:5], scale[2:5]))
+
+
+@pytest.mark.parametrize("least", [1e-6, 1e-13, 0.0])
+def test_the_short_way_to_the_null_space_and_beside_it_is_the_long_one(least, monkeypatch):
+    """An eigenvalue far above, about and below the rounding of the largest."""
+    Q = np.linalg.qr(np.random.default_rng(1).normal(size=(8, 8)))[0]
+    H = (Q * np.append(np.linspace(1.0, 2.0, 7), least)) @ Q.T
+    null = null_space(H)
+    K = inverse_beside(H, null)
+    monkeypatch.setattr(posterior, "is_regular", lambda unit: False)
+    assert null_space(H).shape == null.shape == (8, int(least < 1e-12))
+    wanted = np.linalg.pinv(H, rcond=1e-10, hermitian=True)
+    np.testing.assert_allclose(K, wanted, rtol=1e-6, atol=1e-7 * np.abs(K).max())  # the ridge over the least is 1e-7
 
 
 # --- intervals of cloths

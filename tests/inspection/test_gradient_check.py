@@ -43,6 +43,15 @@ HARD = {
 }
 
 
+def test_a_gust_on_next_to_no_mass_is_unclear_and_no_fault():
+    """A step's matrix is the mass, 1e-14 kg, beside the drag's h κ |n|², 1e-3 kg: nothing is known to 1e-12."""
+    places = [xyz(place) for place in ((0, 0.111, 0), (1, -0.003, 0), (0, 0.044, 1), (1, 0.07, 1))]
+    light = cloth(2, 2, optimizationSettings="Ln", vertMass=[1.5e-14] * 4, vertPos=places, vertIsFixed=[False] * 4)
+    still = {**light, "springStiffness": [0.0] * len(light["springStiffness"]), "dragCoefficient": 10, "damping": 0.1}
+    blown = scene(still, delta=1e-3, tolerance=1e-15, windVel=xyz((838.6, 586.1, 183.8)), optimizationIterations=3)
+    assert {test.verdict for test in check_scene(blown).tests} == {"unclear"}
+
+
 @pytest.mark.parametrize("name", list(HARD))
 def test_the_gradient_is_right_in_hard_places(name):
     found = check_scene(HARD[name])

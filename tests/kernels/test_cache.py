@@ -331,6 +331,41 @@ def test_importing_writes_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+MODULE = """
+import sys
+import numpy as np
+from clothfit.kernels.kernel import kernel
+
+@kernel
+def filled(size, value):
+    if value < 0:
+        raise ValueError("less than nothing")
+    return np.full(size, value) + np.arange(size)
+"""
+CALLS = """
+from module import filled
+print(filled(3, 2.5).tolist())
+for size, value in ((2, -1.0), (-2, 1.0)):
+    try:
+        filled(size, value)
+    except ValueError as error:
+        print(error)
+import sys
+print("numba.cpython.unicode" in sys.modules)
+"""
+
+
+@compiles
+def test_what_is_loaded_runs_as_when_it_was_compiled_faults_and_all_and_loads_no_strings(tmp_path):
+    (tmp_path / "module.py").write_text(MODULE)
+    where = environment(NUMBA_CACHE_DIR=str(tmp_path / "cache"), PYTHONPATH=os.pathsep.join([str(tmp_path), *sys.path]))
+    call = [sys.executable, "-c", CALLS]
+    first, again = (subprocess.run(call, env=where, capture_output=True, text=True, check=True) for _ in range(2))
+    lines = ["[2.5, 3.5, 4.5]", "less than nothing", "negative dimensions not allowed"]
+    assert first.stdout.splitlines()[:3] == again.stdout.splitlines()[:3] == lines
+    assert again.stdout.splitlines()[3] == "False"
+
+
 # --- commands
 
 

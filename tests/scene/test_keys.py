@@ -41,6 +41,7 @@ FAULTS = [
     (("colliders", 0, "posKeys", "times"), [1, 0], "colliders[0].posKeys.times[1]: 0 s is not later than 1 s before"),
     ((*POSITION, "times"), [1, 0], "objects[0].pins[0].posKeys.times[1]: 0 s is not later than 1 s before it"),
     (("objects", 0, "pins", 0, "vertices"), [0, 12], "objects[0].pins[0].vertices[1]: 12 is no vertex; the object has"),
+    (("objects", 0, "pins", 0, "vertices"), [0, 10**30], f"objects[0].pins[0].vertices[1]: {10**30} is no vertex"),
     (("objects", 0, "pins", 0, "vertices"), [1], "objects[0].pins[0].vertices[0]: vertex 1 is not fixed (vertIsFixed)"),
     (("objects", 0, "pins", 0, "vertices"), [0, 0], "objects[0].pins[0].vertices[1]: vertex 0 is twice in this pin"),
     (("objects", 0, "pins", 0, "vertices"), [], "objects[0].pins[0].vertices: is empty; at least 1 is needed"),
