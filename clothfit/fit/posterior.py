@@ -189,7 +189,7 @@ def null_space(H: Array) -> Array:
 
 
 def is_regular(unit: Array) -> bool:
-    """Whether no eigenvalue of a symmetric matrix (F, F) is near the rounding of the largest; much faster than these."""
+    """Whether no eigenvalue of a symmetric matrix (F, F) is near the rounding of the largest; faster than these."""
     largest = float(np.abs(unit).sum(axis=0).max(initial=0.0))  # at least
     return bounded.factorised(bounded.with_diagonal(unit, -2.0 * NULL_EIGENVALUE * largest)) is not None
 
