@@ -104,6 +104,7 @@ def with_elements(system: System, values: Elements) -> System:
         v0 = at_start(values.velocity, ~point.free, system.inputs, system.h)
     if len(values.rest):
         spring = spring._replace(rest=np.array(values.rest, float))
+    system = with_contacts(system, values)
     if system.inputs is not None:
         return with_bases(system._replace(v0=v0, vertex=point, springs=spring, faces=face), system.inputs, values)
     if len(values.wind):
@@ -111,6 +112,24 @@ def with_elements(system: System, values: Elements) -> System:
     if len(values.gravity):
         point = point._replace(gravity=np.array(values.gravity, float))
     return system._replace(v0=v0, vertex=point, springs=spring, faces=face)
+
+
+def with_contacts(system: System, values: Elements) -> System:
+    """The system with other laws and places of its colliders, where they are not empty; their places are those that the
+    system has, moved by the offset.
+    """
+    own, ball, inputs, offset = system.colliders, system.spheres, system.inputs, values.offset
+    if own is not None and (len(values.friction) or len(values.contact) or len(offset)):
+        own = own._replace(rows=own.rows.copy())
+        for column, numbers in ((colliders.FRICTION, values.friction), (colliders.STIFFNESS, values.contact)):
+            if len(numbers):
+                own.rows[:, colliders.LAW, column] = numbers
+        if len(offset):
+            own.rows[:, colliders.PLACE] += offset
+    if len(offset):
+        ball = ball._replace(centre=ball.centre + offset)
+        inputs = tables.with_offset(inputs, len(ball.centre), offset)
+    return system._replace(colliders=own, spheres=ball, inputs=inputs)
 
 
 def with_bases(system: System, inputs: tables.Inputs, values: Elements) -> System:
@@ -145,7 +164,7 @@ def early(system: System) -> System:
 
 def all_elements(system: System) -> Elements:
     """The values that a system has now, every kind of them, copied."""
-    inputs = system.inputs
+    inputs, touched = system.inputs, system.colliders
     return Elements(
         mass=system.vertex.mass.copy(),
         stiffness=system.springs.stiffness.copy(),
@@ -156,6 +175,9 @@ def all_elements(system: System) -> Elements:
         wind=(system.faces.wind if inputs is None else inputs.wind_base).copy(),
         gravity=(system.vertex.gravity if inputs is None else inputs.gravity_base).copy(),
         gusts=np.zeros((0, 3)) if inputs is None else inputs.gusts.copy(),
+        friction=np.zeros(0) if touched is None else touched.friction.copy(),
+        contact=np.zeros(0) if touched is None else touched.stiffness.copy(),
+        offset=np.zeros(3),
     )
 
 

@@ -36,7 +36,7 @@ class FittedBlock:
     """The fitted values of one kind of one object; the lists hold indices within the block."""
 
     object: int | None  # None: of the scene as a whole
-    name: str  # of the kind: "mass", "stiffness", "damping", "drag", "velocity", "rest", "wind" or "gravity"
+    name: str  # of the kind: "mass", "stiffness", "damping", … (`scene.kinds`)
     mode: str  # "F", "R", "M", "G" or "L"
     count: int  # of values
     at_bound: list[int]  # values at a bound of the fit
@@ -214,7 +214,7 @@ def beyond(block: Block, down: bool, up: bool) -> str:
     which = " and ".join([*["lower"] * down, *["upper"] * up])
     text = f"{owned(block.cloth, kind.title)}: values lie at the {which} bound of the fit"
     if not any(left):
-        return f"{text}, {block.value_ends[0]:g} {kind.unit}, and cannot be less"
+        return f"{text}, {block.value_ends[0]:g}{kind.suffix}, and cannot be less"
     return f"{text}; --bounds {kind.name}={':'.join(left)} widens it"
 
 

@@ -142,7 +142,7 @@ def beyond_bounds(scene: Scene) -> list[str]:
             beyond &= starts > 0  # no factor moves a value of 0
         if beyond.any():
             which = "the mean is" if mean else f"{beyond.sum()} of {len(values)} values are"
-            where = f"{owned(block.cloth, kind.title)}: {which} not within {lower:g} … {upper:g} {kind.unit}"
+            where = f"{owned(block.cloth, kind.title)}: {which} not within {lower:g} … {upper:g}{kind.suffix}"
             found.append(f"{where}, where a fit looks")
     return found
 

@@ -17,7 +17,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.meshes import weave
 from clothfit.meshes.mesh import Mesh, object_document
 from clothfit.scene.cloth import SPHERE
-from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, LETTERED, SCENE_KINDS
+from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS
 from clothfit.scene.mesh_numbering import FIELD
 from clothfit.scene.scene import Scene, load
 
@@ -97,7 +97,8 @@ def _check(**values: float) -> None:
 
 def _flags(fits: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
     """What to fit besides masses and stiffnesses: the fields `fit` of the object and of the scene."""
-    others = [kind for kind in (*CLOTH_KINDS, *SCENE_KINDS) if kind.name not in (*LETTERED, "gusts")]
+    left_out = (*LETTERED, "gusts", "friction", "contact", "offset")  # of what a new scene does not have
+    others = [kind for kind in KINDS if kind.name not in left_out]
     for name, mode in fits.items():
         if name not in [kind.name for kind in others]:
             raise InvalidInput(f"fit: there is no {name!r}; use two letters, or {', '.join(k.name for k in others)}")

@@ -25,8 +25,9 @@ def hidden(cloth: Cloth, name: str, colliders: int, seen: Flags | None = None) -
 
     It hides masses and velocities of fixed vertices; masses where only weight and node damping move a vertex, so that
     they cancel; stiffnesses and rest lengths between two fixed vertices, and rest lengths of springs without stiffness;
-    drag and wind where the air meets no free vertex; everything of a cloth that is fixed. Where `seen` (n,) gives the
-    vertices that a target shows, it also hides all of the parts of the cloth in which no free vertex is seen.
+    drag and wind where the air meets no free vertex; what belongs to colliders where there are none; everything of a
+    cloth that is fixed. Where `seen` (n,) gives the vertices that a target shows, it also hides all of the parts of the
+    cloth in which no free vertex is seen.
     """
     shown = ~cloth.fixed if seen is None else ~cloth.fixed & shown_by(cloth, seen)
     if name in ("stiffness", "rest"):
@@ -38,6 +39,8 @@ def hidden(cloth: Cloth, name: str, colliders: int, seen: Flags | None = None) -
         return np.array([not (cloth.feels_air and shown[cloth.triangles].any())])
     if name in ("damping", "gravity"):
         return np.array([not shown.any()])
+    if name in ("friction", "contact", "offset"):
+        return np.array([not (colliders > 0 and shown.any())])
     pushed = np.full(len(cloth.mass), colliders > 0)
     pushed[cloth.springs.reshape(-1)] = True
     if cloth.feels_air:

@@ -171,8 +171,8 @@ def single_values(scene: Scene, truth: Scene | None = None) -> Sequence[str]:
     for block in flags.blocks:
         if block.mode == "G" or block.cloth is None:
             place = "scene" if block.cloth is None else f"objects[{block.cloth}]"
-            unit = block.kind.unit if block.unit is None else "× that at the start"
-            line = f"{place} {block.kind.title} {vector(p[block.part])} {unit}"
+            unit = block.kind.suffix if block.unit is None else " × that at the start"
+            line = f"{place} {block.kind.title} {vector(p[block.part])}{unit}"
             lines.append(line if truth is None else f"{line} (true: {vector(parameters(truth)[block.part])})")
     return lines
 

@@ -154,11 +154,17 @@ def facts(truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | None
     size = f"{sum(truth.vertex_counts)} vertices, {sum(len(c.stiffness) for c in truth.cloths)} springs"
     rows.append(["cloth", f"{counted(len(truth.cloths), 'object', 'objects')}, {size}"])
     rows.append(["time step", f"{1e3 * fitted.delta:.4g} ms"])
-    for name, vector, unit in (("wind", fitted.wind, "m/s"), ("gravity", fitted.gravity, "m/s²")):
+    for name, vector, unit in vectors_of(fitted):
         if vector.any():
             parts = ", ".join(f"{part:.4g}" for part in vector)
             rows.append([name, f"({parts}) {unit}, {float(np.linalg.norm(vector)):.3g} {unit} in all"])
     return rows
+
+
+def vectors_of(scene: Scene) -> list[tuple[str, Array, str]]:
+    """The vectors of the scene as a whole: what they are, the components (3,) and their unit."""
+    offset = ("offset of the colliders", scene.offset, "m")
+    return [("wind", scene.wind, "m/s"), ("gravity", scene.gravity, "m/s²"), offset]
 
 
 def distances(found: Evaluation) -> dict[str, Distance]:

@@ -140,8 +140,8 @@ def check_range(values: Array | None, kind: Kind, place: str, problems: list[str
     """Check that all values of a kind, if there are any, are in its range: above 0, or 0 or more."""
     if values is not None and kind.valid != "any number":
         wrong = np.flatnonzero(values <= 0 if kind.valid == "above 0" else values < 0).tolist()
-        unit = kind.unit
-        _report(wrong, place, lambda i: f"the {kind.title} {float(values[i])} {unit} must be {kind.valid}", problems)
+        unit = kind.suffix
+        _report(wrong, place, lambda i: f"the {kind.title} {float(values[i])}{unit} must be {kind.valid}", problems)
 
 
 def lengths(positions: Array, springs: Indices) -> Array:

@@ -130,7 +130,7 @@ class Block:
     @property
     def _rows(self) -> tuple[int, ...]:
         """Shape of the values as a list of numbers or of vectors."""
-        return self.shape if self.kind.of != "scene" else (1, *self.shape)
+        return (1, *self.shape) if self.kind.of == "scene" else self.shape
 
     @property
     def column(self) -> Array:

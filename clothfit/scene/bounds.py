@@ -41,9 +41,9 @@ def fault(kind: Kind, low: End, high: End) -> str | None:
         if end is not None and not math.isfinite(end):
             return f"{end:g} is not a finite number"
         if end is not None and end < 0 and kind.valid != "any number":
-            return f"{end:g} {kind.unit} cannot be a bound: the {kind.title} must be {kind.valid}"
+            return f"{end:g}{kind.suffix} cannot be a bound: the {kind.title} must be {kind.valid}"
     if high is not None and high <= 0 and kind.valid != "any number":
-        return f"the upper bound {high:g} {kind.unit} must be above 0"
+        return f"the upper bound {high:g}{kind.suffix} must be above 0"
     if low is not None and high is not None and not low < high:
         return f"the lower bound {low:g} must be below the upper one, {high:g}"
     return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -78,12 +78,18 @@ class Cloth:
 class Sphere:
     """A sphere that pushes cloths as the editor's does."""
 
-    centre: Array  # (3,) m, read-only
+    pos: Array  # (3,) m, read-only
     radius: float  # m, above 0
     position: Keys | None = None  # how far the centre moves over time, m
+    offset: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, that of all colliders
 
     def __post_init__(self) -> None:
-        self.centre.setflags(write=False)
+        self.pos.setflags(write=False)
+
+    @property
+    def centre(self) -> Array:
+        """Where the centre is at the start, (3,) m, read-only."""
+        return moved(self.pos, self.offset)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +97,7 @@ class Collider:
     """Any other obstacle: one that the editor does not have, or a sphere that rubs, is thick or has a stiffness."""
 
     kind: int  # PLANE, SPHERE, CAPSULE or BOX
-    centre: Array  # (3,) m, read-only
+    pos: Array  # (3,) m, read-only
     angles: Array  # (3,) degrees, read-only: Euler angles as the editor has them
     size: Array  # (3,) m, read-only: of a capsule, or a sphere, the radii at the bottom and at the top, and how far
     # their centres are apart; half of the lengths of a box; 0 of a plane
@@ -100,10 +106,17 @@ class Collider:
     friction: float  # coefficient, 0 or more
     position: Keys | None = None  # how far the centre moves over time, m
     rotation: Keys | None = None  # how it turns about the centre, degrees
+    place: int = 0  # which of the colliders of the file it is
+    offset: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, that of all colliders
 
     def __post_init__(self) -> None:
-        for array in (self.centre, self.angles, self.size):
+        for array in (self.pos, self.angles, self.size):
             array.setflags(write=False)
+
+    @property
+    def centre(self) -> Array:
+        """Where the centre is at the start, (3,) m, read-only."""
+        return moved(self.pos, self.offset)
 
     @property
     def name(self) -> str:
@@ -116,6 +129,13 @@ class Collider:
         return bool(self.position or self.rotation)
 
 
+def moved(pos: Array, offset: Array) -> Array:
+    """The sum, read-only."""
+    centre = np.asarray(pos + offset)
+    centre.setflags(write=False)
+    return centre
+
+
 def vector(item: Mapping[str, Any]) -> Array:
     """The array (3,) of a vector in the file."""
     return np.array([item["x"], item["y"], item["z"]], dtype=np.float64)
@@ -125,25 +145,29 @@ def obstacles(
     document: Mapping[str, Any], folder: str, problems: list[str]
 ) -> tuple[tuple[Sphere, ...], tuple[Collider, ...]]:
     """The spheres and the other colliders of a document, without planes that are ignored; faults go to `problems`."""
-    found = [_obstacle(own, f"colliders[{i}]", folder, problems) for i, own in enumerate(document["colliders"])]
+    offset = vector(document["colliderOffset"])
+    found = [_obstacle(own, i, offset, folder, problems) for i, own in enumerate(document["colliders"])]
     solid = document["planes"] == "solid"
     others = [each for each in found if isinstance(each, Collider) and (solid or each.kind != PLANE)]
     return tuple(each for each in found if isinstance(each, Sphere)), tuple(others)
 
 
-def _obstacle(own: Mapping[str, Any], place: str, folder: str, problems: list[str]) -> Sphere | Collider:
-    item = {**structure.defaults("collider"), **own}
+def _obstacle(
+    own: Mapping[str, Any], number: int, offset: Array, folder: str, problems: list[str]
+) -> Sphere | Collider:
+    item, place = {**structure.defaults("collider"), **own}, f"colliders[{number}]"
     position = keys(item.get("posKeys"), f"{place}.posKeys", folder, problems)
     rotation = keys(item.get("rotKeys"), f"{place}.rotKeys", folder, problems)
     if item["type"] == SPHERE and not {"friction", "thickness", "stiffness"} & own.keys():
-        return Sphere(vector(item["pos"]), float(item["scale"]["x"]) / 2, position)
-    return _collider(item, size(item, place, problems), position, rotation)
+        return Sphere(vector(item["pos"]), float(item["scale"]["x"]) / 2, position, offset)
+    made = _collider(item, size(item, place, problems), position, rotation)
+    return replace(made, place=number, offset=offset)
 
 
 def _collider(item: Mapping[str, Any], size: Array, position: Keys | None, rotation: Keys | None) -> Collider:
     surface = {name: float(item[name]) for name in ("thickness", "stiffness", "friction")}
-    centre, angles = vector(item["pos"]), vector(item["rot"])
-    return Collider(item["type"], centre, angles, size, **surface, position=position, rotation=rotation)
+    pos, angles = vector(item["pos"]), vector(item["rot"])
+    return Collider(item["type"], pos, angles, size, **surface, position=position, rotation=rotation)
 
 
 def size(item: Mapping[str, Any], place: str, problems: list[str]) -> Array:

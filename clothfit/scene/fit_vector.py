@@ -114,6 +114,8 @@ def elements(scene: Scene, cloth: int, p: Array) -> Elements:
     values = {name: getattr(scene.cloths[cloth], name) for name in LETTERED}
     for block in _acting(scene, cloth):
         values[block.name] = block.spread(p)
+    if "offset" in values:
+        values["offset"] = values["offset"] - scene.offset  # a system has the colliders where its scene has them
     return _elements(values)
 
 

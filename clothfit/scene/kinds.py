@@ -1,10 +1,10 @@
 """The kinds of parameter that a fit can find: a table with one row each.
 
-A kind belongs to each vertex, spring or object, or to the scene as a whole. Masses and stiffnesses are flagged by the
-two letters of an object's `optimizationSettings`, every other kind by its field's name in the `fit` of its object or of
-the scene. Mode G is one value for the whole object (for rest lengths one factor on the lengths at `vertPos`), L one
-value per vertex or spring. Modes F, R and M are factors on the values that the scene has (`factors`): one for all, one
-for each group of vertices or springs, a smooth map of them.
+A kind belongs to each vertex, spring, object or collider, or to the scene as a whole. Masses and stiffnesses are
+flagged by the two letters of an object's `optimizationSettings`, every other kind by its field's name in the `fit` of
+its object or of the scene. Mode G is one value for the whole object (for rest lengths one factor on the lengths at
+`vertPos`) or for all colliders, L one value per vertex, spring or collider. Modes F, R and M are factors on the values
+that the scene has (`factors`): one for all, one for each group of vertices or springs, a smooth map of them.
 """
 
 from __future__ import annotations
@@ -19,16 +19,21 @@ class Kind:
     name: str  # of the field in `arrays.Elements`, of the attribute of Cloth or Scene, and in reports
     title: str  # in messages
     field: str  # of the scene file
-    of: str  # what each has one: "vertex", "spring", "object" or "scene"
+    of: str  # what each has one: "vertex", "spring", "object", "collider" or "scene"
     modes: str  # the possible modes besides n
     components: int  # 3 for vectors
-    unit: str
+    unit: str  # empty: none
     valid: str  # the range of values in a scene: "above 0", "0 or more" or "any number"
     lower: float  # bounds of a fit where neither the values nor the scene ask for others (`bounds`)
     upper: float
     log: bool  # whether a fit moves its logarithm, or the value itself
     scale: float = 1.0  # typical size, where a fit moves the value itself
     neutral: tuple[float, ...] = (1.0,)  # start of a fit that must not use the scene's value; for lengths the factor
+
+    @property
+    def suffix(self) -> str:
+        """The unit behind a number, with a space before it; nothing where there is none."""
+        return f" {self.unit}" if self.unit else ""
 
 
 KINDS = (
@@ -54,12 +59,19 @@ KINDS = (
         "gusts", "wind over time", "windVelKeys", "scene", "L", 3, "m/s", "any number", -1e4, 1e4, False,
         scale=5.0, neutral=(0.1, 0.1, 0.1),
     ),
+    Kind("friction", "friction", "friction", "collider", "GL", 1, "", "0 or more", 0.0, 10.0, False, 0.5, (0.3,)),
+    Kind("contact", "contact stiffness", "contact", "collider", "GL", 1, "N/m", "above 0", 1.0, 1e6, True,
+         neutral=(1000.0,)),
+    Kind(
+        "offset", "offset of the colliders", "colliderOffset", "scene", "G", 3, "m", "any number", -1e4, 1e4, False,
+        scale=0.1, neutral=(0.0, 0.0, 0.0),
+    ),
 )  # fmt: skip
 """In the order of the fit vector: those of each object in turn, then those of the scene."""
 
 KIND = {kind.name: kind for kind in KINDS}
-CLOTH_KINDS = tuple(kind for kind in KINDS if kind.of != "scene")
-SCENE_KINDS = tuple(kind for kind in KINDS if kind.of == "scene")
+SCENE_KINDS = tuple(kind for kind in KINDS if kind.of in ("scene", "collider"))
+CLOTH_KINDS = tuple(kind for kind in KINDS if kind not in SCENE_KINDS)
 LETTERED = ("mass", "stiffness")
 """The kinds that `optimizationSettings` flags, in the order of its letters."""
 

@@ -34,6 +34,7 @@ from clothfit.scene.text import Readable, Source, constant_problem, name_of, par
 from clothfit.scene.weave.layout import layout_of
 
 WAY_OUT = '"planes": "solid" in the scene makes them solid'
+NOT_FITTED = (None, "n", "N", False)
 LETTERS: dict[str | bool, str] = {
     "n": "n", "f": "F", "r": "R", "m": "M", "g": "G", "l": "L", False: "n", True: "G",
 }  # fmt: skip
@@ -51,7 +52,7 @@ class Scene:
     newton_iterations: int  # per implicit or BDF2 step; 1 is the linearised step
     wind: Array  # (3,) m/s, read-only
     gravity: Array  # (3,) m/s², read-only
-    fits: Mapping[str, str]  # what to fit of the scene as a whole: "wind" or "gravity" to "G", "gusts" to "L"
+    fits: Mapping[str, str]  # what to fit of the scene as a whole, by names of `SCENE_KINDS`: "wind" to "G", …
     cloths: tuple[Cloth, ...]  # at least one, in file order
     spheres: tuple[Sphere, ...]  # the obstacles that the editor has
     warnings: tuple[str, ...]  # what the file asks for but the program ignores, one sentence each
@@ -61,11 +62,13 @@ class Scene:
     wind_keys: Keys | None = None  # what is added to the wind over time, m/s
     gravity_keys: Keys | None = None  # what is added to the gravity, m/s²
     colliders: tuple[Collider, ...] = ()  # the other obstacles
+    offset: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, read-only: of all obstacles, from their `pos`
     main: Scene | None = None  # whose values the factors of modes F, R and M multiply; None: this one's
 
     def __post_init__(self) -> None:
         self.wind.setflags(write=False)
         self.gravity.setflags(write=False)
+        self.offset.setflags(write=False)
 
     def __repr__(self) -> str:
         springs, values = sum(len(cloth.stiffness) for cloth in self.cloths), sum(block.count for block in self.blocks)
@@ -80,6 +83,16 @@ class Scene:
     def gusts(self) -> Array:
         """What the keys add to the wind, (K, 3) m/s; empty without keys, and where a file has them."""
         return np.zeros((0, 3)) if self.wind_keys is None or self.wind_keys.file else self.wind_keys.values
+
+    @property
+    def friction(self) -> Array:
+        """Coefficients of friction (C,) of the `colliders`."""
+        return np.array([each.friction for each in self.colliders])
+
+    @property
+    def contact(self) -> Array:
+        """Stiffnesses of contact (C,) of the `colliders`, N/m."""
+        return np.array([each.stiffness for each in self.colliders])
 
     @property
     def changes(self) -> bool:
@@ -103,18 +116,22 @@ class Scene:
         return tuple(len(cloth.mass) for cloth in self.cloths)
 
     def mode(self, name: str) -> str:
-        """How "wind", "gravity" or "gusts" is fitted: "n" not at all, "G" the vector, "L" that of each key."""
+        """How one of the scene's own kinds ("wind", "friction", …) is fitted: "n" not at all, "G" one value or vector,
+        "L" that of each key or collider.
+        """
         return self.fits.get(name, "n")
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """What the scene flags, in the order of the fit vector."""
-        shapes = {"gusts": self.gusts.shape}
+        count = (len(self.colliders),)
+        shapes = {"gusts": self.gusts.shape, "friction": count, "contact": count}
         return flagged(self.cloths, self.fits, self.bounds, self.main.blocks if self.main else (), shapes)
 
     def default(self, kind: Kind) -> npt.ArrayLike:
         """The value of a kind where the file gives none."""
-        return self.gusts if kind.name == "gusts" else _vector(structure.defaults("scene")[kind.field])
+        defaults = structure.defaults("scene")
+        return _vector(defaults[kind.field]) if kind.field in defaults else getattr(self, kind.name)
 
     def with_bounds(self, asked: Bounds) -> Scene:
         """The scene with these bounds of a fit in place of its own and of its objects'."""
@@ -129,8 +146,9 @@ class Scene:
         """Make a new scene with other masses (n,), kg, and stiffnesses (S,), N/m, one array for each cloth.
 
         `others` are values of other kinds, by their names. Those of objects are one item for each cloth: `damping` and
-        `drag` a number, `velocity` (n, 3), m/s, `rest` (S,), m. Those of the scene, `wind`, m/s, and `gravity`, m/s²,
-        are (3,). Raises InvalidScene when a shape differs, or a value is not finite or outside what its kind allows.
+        `drag` a number, `velocity` (n, 3), m/s, `rest` (S,), m. Those of the scene, `wind`, m/s, `gravity`, m/s², and
+        `offset`, m, are (3,), `gusts` (K, 3), m/s, `friction` and `contact`, N/m, one for each collider. Raises
+        InvalidScene when a shape differs, or a value is not finite or outside what its kind allows.
         """
         if not len(masses) == len(stiffnesses) == len(self.cloths):
             given = f"{len(masses)} arrays of masses and {len(stiffnesses)} of stiffnesses"
@@ -150,10 +168,22 @@ class Scene:
         changed = _checked(self, shared, "", problems)
         if problems:
             raise InvalidScene(problems, self.name)
+        return replace(self, cloths=tuple(cloths), **self._parts(changed))
+
+    def _parts(self, changed: dict[str, Any]) -> dict[str, Any]:
+        """The fields that new values of the scene's own kinds give."""
+        made = {name: changed[name] for name in ("wind", "gravity", "offset") if name in changed}
         if "gusts" in changed and self.wind_keys:
-            changed["wind_keys"] = replace(self.wind_keys, values=changed["gusts"])
-        changed.pop("gusts", None)
-        return replace(self, cloths=tuple(cloths), **changed)
+            made["wind_keys"] = replace(self.wind_keys, values=changed["gusts"])
+        if {"friction", "contact", "offset"} & changed.keys():
+            offset = changed.get("offset", self.offset)
+            laws = zip(changed.get("friction", self.friction), changed.get("contact", self.contact), strict=True)
+            made["spheres"] = tuple(replace(each, offset=offset) for each in self.spheres)
+            made["colliders"] = tuple(
+                replace(each, friction=float(friction), stiffness=float(stiffness), offset=offset)
+                for each, (friction, stiffness) in zip(self.colliders, laws, strict=True)
+            )
+        return made
 
     def with_step(self, delta: float, frames: int | None = None, method: int | str | None = None) -> Scene:
         """Make a new scene that is simulated with another time step `delta`, s, and so many `frames`, by an integration
@@ -197,6 +227,7 @@ def load(path_or_file: Readable) -> Scene:
     cloths = tuple(_cloth(item, f"objects[{i}]", folder, problems) for i, item in enumerate(document["objects"]))
     inputs = _inputs(document, folder, problems)
     touched = obstacles(document, folder, problems)
+    _check_touched(document, *touched, problems)
     if parsed.constants and not problems:  # one in a field that is not ours
         problems.append(constant_problem(source))
     asked = from_file(document["fit"].get("bounds", {}), KINDS, "fit.bounds", problems)
@@ -226,9 +257,11 @@ def dumps(scene: Scene) -> bytes:
     """Give the text of a scene: the one it came from, but for the values that differ."""
     objects = [{kind.field: _plain(cloth, kind) for kind in CLOTH_KINDS} for cloth in scene.cloths]
     whole: dict[str, Any] = {kind.field: _plain(scene, kind) for kind in SCENE_KINDS}
-    gusts = whole.pop(KIND["gusts"].field)
+    gusts, *_ = [whole.pop(KIND[name].field) for name in ("gusts", "friction", "contact")]
     if scene.gusts.size:
         whole[KIND["gusts"].field] = {"values": gusts.value}
+    if scene.colliders:
+        whole["colliders"] = {each.place: _law(each) for each in scene.colliders}
     kept = structure.defaults("scene")["optimizationIterations"]
     whole |= {"integrationMethod": scene.method, "delta": scene.delta}
     whole["optimizationIterations"] = Optional(scene.frames, scene.frames != kept)
@@ -258,14 +291,32 @@ def _plain(owner: Cloth | Scene, kind: Kind) -> Any:
     return Optional(plain, not np.array_equal(value, owner.default(kind)))
 
 
+def _law(collider: Collider) -> dict[str, Any]:
+    """What a fit may change in a collider of the file."""
+    kept = structure.defaults("collider")
+    values = {name: getattr(collider, name) for name in ("friction", "stiffness")}
+    return {name: Optional(value, value != kept[name]) for name, value in values.items()}
+
+
 def _inputs(document: dict[str, Any], folder: str, problems: list[str]) -> list[Keys | None]:
     """The keys of the wind and of the gravity."""
-    if "windVelKeys" in document["fit"] and document["fit"]["windVelKeys"] not in ("n", "N", False):
+    if document["fit"].get("windVelKeys") not in NOT_FITTED:
         if "windVelKeys" not in document:
             problems.append("fit.windVelKeys: there are no windVelKeys to fit")
         elif "file" in document["windVelKeys"]:
             problems.append("fit.windVelKeys: keys of a file cannot be fitted; write times and values into the scene")
     return [keys(document.get(name), name, folder, problems) for name in ("windVelKeys", "gravityKeys")]
+
+
+def _check_touched(
+    document: Mapping[str, Any], spheres: Sequence[Sphere], colliders: Sequence[Collider], problems: list[str]
+) -> None:
+    """Note where a fit of friction, contact or an offset is asked for, and nothing has them."""
+    asked = [name for name in ("friction", "contact", "colliderOffset") if document["fit"].get(name) not in NOT_FITTED]
+    plain = f" but planes; {WAY_OUT}" if document["colliders"] else ""
+    plain = " but plain spheres; one with friction, thickness or stiffness has both" if spheres else plain
+    without = [name for name in asked if not colliders and (name != "colliderOffset" or not spheres)]
+    problems += [f"fit.{name}: there are no colliders{plain}" for name in without]
 
 
 def _scene(
@@ -289,6 +340,7 @@ def _scene(
         cloths=cloths,
         spheres=touched[0],
         colliders=touched[1],
+        offset=_vector(document["colliderOffset"]),
         warnings=tuple(f"colliders[{i}]: planes are ignored, as in the editor{more}; {WAY_OUT}" for i in planes[:1]),
         name=name,
         source=source,

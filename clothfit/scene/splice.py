@@ -5,7 +5,8 @@ module finds the values in the text and replaces the tokens whose value differs;
 behind the last field of its object, spaced as that one. The text has been parsed as a valid scene without repeated
 keys, so strings and brackets alone show the end of a value, without recursion.
 
-A value is a number, a list of numbers, a vector {x, y, z}, or a list of vectors.
+A value is a number, a list of numbers, a vector {x, y, z}, a list of vectors, or some fields of an object, or of those
+at some places of a list, by these places.
 """
 
 from __future__ import annotations
@@ -66,10 +67,12 @@ def _edits(text: str, start: int, spans: Mapping[str, Span], values: Mapping[str
 
 def _changes(text: str, span: Span, value: Any) -> Iterator[Edit]:
     """What to change in the value at `span` to make it the new one."""
-    if isinstance(value, Mapping):
-        parts = dict(_members(text, span[0]))
-        for name, part in value.items():
-            yield from _changes(text, parts[name], part)
+    if isinstance(value, Mapping) and text[span[0]] == "[":
+        items = list(_items(text, span[0]))
+        for place, part in value.items():
+            yield from _changes(text, items[place], part)
+    elif isinstance(value, Mapping):
+        yield from _edits(text, span[0], dict(_members(text, span[0])), value)
     elif isinstance(value, Sequence) and value and isinstance(value[0], Mapping):
         for item, part in zip(_items(text, span[0]), value, strict=True):
             yield from _changes(text, item, part)

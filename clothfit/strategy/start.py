@@ -192,11 +192,12 @@ def start_warnings(objective: Objective, p: Array) -> list[str]:
 def undetermined(scene: Scene) -> list[str]:
     """Warnings of cloths whose fitted masses and stiffnesses the motion shows only up to a common factor.
 
-    Weight, inertia, node damping and springs all scale with them, and so does air drag where it is fitted, too; only
-    air drag that is known, and spheres, do not.
+    Weight, inertia, node damping and springs all scale with them, and so do air drag and contacts where they are
+    fitted, too; only those that are known do not.
     """
     found = []
-    for i, cloth in enumerate(() if scene.obstacles else scene.cloths):
+    scaled = scene.mode("contact") != "n" and not scene.spheres  # the contacts' stiffness is as free as the others
+    for i, cloth in enumerate(scene.cloths if scaled or not scene.obstacles else ()):
         if "n" in cloth.settings:
             continue
         if not cloth.feels_air:
@@ -205,6 +206,8 @@ def undetermined(scene: Scene) -> list[str]:
             what = "feels no spheres, so its motion shows masses, stiffnesses and drag"
         else:
             continue
+        if scaled:
+            what = f"shows masses, stiffnesses{', drag' if cloth.feels_air else ''} and those of contacts"
         found.append(f"objects[{i}] {what} only up to one common factor")
     return found
 

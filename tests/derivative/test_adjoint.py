@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from helpers import physics
-from helpers.physics import KINDS, TIGHT, gentle, product, relative
+from helpers.physics import KINDS, TIGHT, ball, gentle, product, relative
 
 from clothfit.base.arrays import Elements
 from clothfit.derivative import adjoint
@@ -16,8 +16,9 @@ STEPS = 6
 GUSTS = {
     "windVelKeys": {"times": [0.0, 0.02], "values": [{"x": 1, "y": 2, "z": -1}, {"x": -2, "y": 1, "z": 3}]},
     "fit": {"windVelKeys": "L"},
+    "colliders": [ball((1.0, -0.75, 1.0), 0.8), {**ball((0.4, -0.8, 0.2), 0.9), "friction": 0.5}],
 }
-"""A wind over time, so that a system has every kind of value."""
+"""A wind over time and a collider that rubs, so that a system has every kind of value."""
 
 ONE = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 2), ("bdf2", 1)]
 VARIANTS = [*ONE, ("implicit", 5), ("bdf2", 3)]

@@ -264,8 +264,10 @@ def rich(method="implicit", newton=1):
     one["vertVel"] = [xyz((1.0 + 0.1 * i, -0.5, -0.6)) for i in range(9)]
     return scene(
         one, integrationMethod=METHODS[method], forwardSubSteps=newton, delta=0.005, optimizationIterations=6,
-        colliders=[SHAPES["plane"], SHAPES["capsule"], SHAPES["box"]], planes="solid", tolerance=TIGHT,
-        windVel=xyz((4, -2, -3)), fit={"windVel": True, "gravity": True},
+        colliders=[SHAPES["plane"], physics.ball((1.0, -0.74, 1.0), 0.8), SHAPES["capsule"], SHAPES["box"]],
+        planes="solid", tolerance=TIGHT, windVel=xyz((4, -2, -3)),
+        fit={"windVel": True, "gravity": True, "friction": "L", "contact": "L", "colliderOffset": "G"},
+        colliderOffset=xyz((1e-3, -2e-3, 1e-3)),  # small: steps as long as it is do not change contacts
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from helpers.physics import scene, thing, xyz
+from helpers.physics import ball, scene, thing, xyz
 from helpers.scenes import changed, cloth, document, load_text
 
 from clothfit.base.arrays import Elements
@@ -38,7 +38,7 @@ def test_the_table_names_the_elements_and_the_fields_of_the_schema():
     asked = [kind for kind in KINDS if kind.name not in LETTERED]
     own, whole = (part["properties"] for part in (SCHEMA["$defs"]["object"], SCHEMA))
     for kind in KINDS:
-        assert kind.field in (whole if kind in SCENE_KINDS else own)
+        assert kind.of == "collider" or kind.field in (whole if kind in SCENE_KINDS else own)
     for properties, kinds in ((own, CLOTH_KINDS), (whole, SCENE_KINDS)):
         fields = dict(properties["fit"]["properties"])
         bounded = CLOTH_KINDS if kinds is CLOTH_KINDS else KINDS
@@ -75,7 +75,7 @@ def test_letters_and_switches(asked, mode):
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        (("fit",), {"wind": True}, "fit.wind: cannot be fitted; windVel, gravity, windVelKeys can"),
+        (("fit",), {"wind": True}, "fit.wind: cannot be fitted; windVel, gravity, windVelKeys, friction, contact, "),
         (("objects", 0, "fit"), {"vertMass": "G"}, "objects[0].fit.vertMass: cannot be fitted; damping, drag"),
         (("objects", 0, "fit"), {"damping": "L"}, 'objects[0].fit.damping: "L" is not one of "n", "G"'),
         (("objects", 0, "fit"), {"vertVel": "X"}, 'objects[0].fit.vertVel: "X" is not one of "n", "G", "L"'),
@@ -123,6 +123,51 @@ def test_parameters_come_back_from_the_scene_and_from_its_file(modes):
         np.testing.assert_array_equal(mine, its)
 
 
+RUBS = {"type": 3, "pos": xyz((0, -1, 0)), "scale": xyz((1, 1, 1)), "friction": 0.25}
+FLOOR = {"type": 0, "pos": xyz((0, 0, 0)), "scale": xyz((1, 1, 1))}
+OBSTACLES = [FLOOR, RUBS, ball((1, 0, 0), 0.5), {**RUBS, "stiffness": 5e3}]
+
+
+@pytest.mark.parametrize(
+    ("mode", "friction", "contact"), [("L", [0.5, 0.125], [2e3, 3e3]), ("G", [0.5] * 2, [2e3] * 2)]
+)
+def test_the_laws_of_colliders_and_their_offset_go_into_the_file(mode, friction, contact):
+    asked = {"friction": mode, "contact": mode, "colliderOffset": "G"}
+    text = json.dumps(document(cloth(2, 2), fit=asked, colliders=OBSTACLES))
+    first = load_text(text)
+    assert dumps(first).decode() == text
+    assert [block.name for block in first.blocks] == ["friction", "contact", "offset"]
+    own = 2 if mode == "L" else 1
+    p = np.array([*friction[:own], *contact[:own], 0.5, -0.25, 2.0])
+    made = with_parameters(first, p)
+    again = load_text(dumps(made))
+    for found in (made, again):
+        assert found.friction.tolist() == friction
+        assert found.contact.tolist() == contact
+        assert [each.centre.tolist() for each in found.colliders] == [[0.5, -1.25, 2.0]] * 2
+        assert found.spheres[0].centre.tolist() == [1.5, -0.25, 2.0]
+        np.testing.assert_array_equal(parameters(found), p)
+    written = json.loads(dumps(made))
+    laws = [{"friction": friction[i], "stiffness": contact[i]} for i in (0, 1)]
+    assert written["colliders"] == [FLOOR, {**RUBS, **laws[0]}, OBSTACLES[2], {**RUBS, **laws[1]}]
+    assert written["colliderOffset"] == xyz((0.5, -0.25, 2.0))
+
+
+@pytest.mark.parametrize("name", ["friction", "contact", "colliderOffset"])
+def test_what_belongs_to_colliders_needs_one(name):
+    with pytest.raises(InvalidScene, match=rf"^scene: fit\.{name}: there are no colliders$"):
+        load_text(json.dumps(document(fit={name: "G"})))
+    with pytest.raises(InvalidScene, match=rf'^scene: fit\.{name}: there are no colliders but planes; "planes": '):
+        load_text(json.dumps(document(fit={name: "G"}, colliders=[FLOOR])))
+
+
+def test_plain_spheres_have_no_law_of_their_own():
+    one = document(fit={"colliderOffset": "G"}, colliders=[OBSTACLES[2]])
+    assert [block.name for block in load_text(json.dumps(one)).blocks][-1] == "offset"
+    with pytest.raises(InvalidScene, match=r"^scene: fit\.contact: there are no colliders but plain spheres; "):
+        load_text(json.dumps({**one, "fit": {"contact": "L"}}))
+
+
 def test_what_the_parameters_stand_for():
     first = load_text(json.dumps(full({"vertVel": "G", "springRestLength": "G"})))
     p = parameters(first)
@@ -147,11 +192,11 @@ def test_elements_are_values_of_what_is_fitted_and_empty_for_the_rest():
     made = load_text(json.dumps(full({"springRestLength": "G"}, whole=["gravity"])))
     p = parameters(made)
     values, change = elements(made, 0, p), changes(made, 0, p, p)
-    assert [len(part) for part in values] == [len(part) for part in change] == [9, 16, 0, 0, 0, 16, 0, 3, 0]
+    assert [len(part) for part in values] == [len(part) for part in change] == [9, 16, 0, 0, 0, 16, 0, 3, *[0] * 4]
     system = build(made, 0)
     for mine, its in zip(all_elements(with_elements(system, values))[2:], all_elements(system)[2:], strict=True):
         np.testing.assert_array_equal(mine, its)  # the factor is exactly 1
-    assert [len(part) for part in elements(made, 1, p)] == [4, 5, 0, 0, 0, 0, 0, 3, 0]
+    assert [len(part) for part in elements(made, 1, p)] == [4, 5, 0, 0, 0, 0, 0, 3, *[0] * 4]
 
 
 def test_bounds_are_those_of_the_kinds():

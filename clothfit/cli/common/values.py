@@ -17,7 +17,11 @@ from clothfit.formats.registry import FORMATS, NATIVE
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-KINDS = ("mass", "stiffness", "damping", "drag", "velocity", "rest", "wind", "gravity", "gusts")
+KINDS = (
+    "mass", "stiffness", "damping", "drag", "velocity", "rest", "wind", "gravity", "gusts", "friction", "contact",
+    "offset",
+)  # fmt: skip
+NOT_OF_NEW = ("gusts", "friction", "contact", "offset")  # of what a new scene does not have
 SIDES = ("left", "right", "bottom", "top", "back", "front")
 LETTERS = ("n", "F", "R", "M", "G", "L")
 
@@ -37,7 +41,8 @@ VALUES = {
     "--integrator": ("explicit", "symplectic", "implicit", "bdf2"),
     "--drag": ("air",),
     "--fit": (
-        *(f"n{letter}" for letter in LETTERS), *(f"{letter}n" for letter in LETTERS[1:]), "GG", "LL", *KINDS[2:-1],
+        *(f"n{letter}" for letter in LETTERS), *(f"{letter}n" for letter in LETTERS[1:]), "GG", "LL",
+        *(kind for kind in KINDS[2:] if kind not in NOT_OF_NEW),
     ),
 }
 """Options to the values that they know; others may take more."""

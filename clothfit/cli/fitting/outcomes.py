@@ -168,8 +168,8 @@ def at_bound(block: FittedBlock) -> str:
     factor = block.values is not None or (block.name == "rest" and block.mode == "G")
     ends = " and ".join(f"{end:g}" for end in sorted(set(block.bounds)))
     which = "" if block.count == 1 else f": {indices(block.at_bound)}"
-    unit = "times the start" if factor else KIND[block.name].unit
-    return f"{len(block.at_bound)} of {block.count} at a bound, {ends} {unit} (--bounds){which}"
+    unit = " times the start" if factor else KIND[block.name].suffix
+    return f"{len(block.at_bound)} of {block.count} at a bound, {ends}{unit} (--bounds){which}"
 
 
 def certainty(block: FittedBlock) -> str:
@@ -193,7 +193,7 @@ def accuracy(block: FittedBlock) -> str:
     kind, ends = KIND[block.name], [interval for interval in block.interval if interval]
     if kind.log:
         return f"±{100 * (math.sqrt(median([high / low for low, high in ends])) - 1):.2g} %"
-    return f"±{median([high - low for low, high in ends]) / 2:.2g} {kind.unit}"
+    return f"±{median([high - low for low, high in ends]) / 2:.2g}{kind.suffix}"
 
 
 def indices(numbers: list[int]) -> str:

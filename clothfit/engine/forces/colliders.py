@@ -15,7 +15,9 @@ where a vertex starts to slide, and nothing once its velocity stays, or with sev
 
 With dV = ω × dy, and from `surfaces` dδ = n·dy and dn = H dy, H = k P + j t tᵀ:
 
-    dq = v_t·(du − dV − (n·v) dn)/q, v_t = P v,    d(P z) = −P dV − (n·z) dn − (z·dn) n.
+    dq = v_t·(du − dV − (n·v) dn)/q, v_t = P v,    d(P z) = −P dV − (n·z) dn − (z·dn) n,
+
+and by the parameters ∂F/∂μ = −(κ d/q) P z, ∂F/∂κ = (d − n·s) n − (μ d/q) P z, ∂F/∂c = −∂F/∂y.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array
+from clothfit.engine.forces.spheres import offset_of
 from clothfit.engine.forces.surfaces import distance
 from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
@@ -69,6 +72,11 @@ class Colliders(NamedTuple):
     def stiffness(self) -> Array:
         """κ, (C,), N/m."""
         return self.rows[:, LAW, STIFFNESS]
+
+    @property
+    def friction(self) -> Array:
+        """μ, (C,)."""
+        return self.rows[:, LAW, FRICTION]
 
 
 def build(shape: Sequence[int], size: Sequence[Array], law: Sequence[Sequence[float]], state: Array) -> Colliders:
@@ -240,27 +248,54 @@ def add_pullback(colliders, y, u, w, s, lam, h, grad, gy, gu):
                 by_y = fma(splat(gamma / depth * pi - kappa * nu), n, by_y)
                 add_along(gy, i, h, by_y)
                 add_along(gu, i, h, by_u)
+                add_to_law(grad, c, h, colliders.rows[c, LAW], depth / q * pi, push / kappa * nu)
+                if len(grad.offset) > 0:
+                    grad.offset[0] -= h * lane0(by_y)
+                    grad.offset[1] -= h * lane1(by_y)
+                    grad.offset[2] -= h * lane2(by_y)
+
+
+@kernel
+def add_to_law(grad, c, h, law, rub, push):
+    """Add to the gradient by μ and κ of collider c, with `rub` d π/q and `push` (d − σ) ν of a vertex."""
+    if len(grad.friction) > 0:
+        grad.friction[c] -= h * law[STIFFNESS] * rub
+    if len(grad.contact) > 0:
+        grad.contact[c] += h * (push - law[FRICTION] * rub)
+
+
+@kernel
+def change_of_law(direction, c):
+    """The change of μ and κ of collider c."""
+    dmu = direction.friction[c] if len(direction.friction) > 0 else 0.0
+    dkappa = direction.contact[c] if len(direction.contact) > 0 else 0.0
+    return dmu, dkappa
 
 
 @kernel
 def add_pushforward(colliders, y, u, w, s, dy, du, direction, h, out):
     if colliders is None:
         return
+    o0, o1, o2 = offset_of(direction)
+    offset = pack(o0, o1, o2, 0.0)
     for c in range(len(colliders.rows)):
         kappa, spin = colliders.rows[c, LAW, STIFFNESS], load3(colliders.rows[c], SPIN)
+        dmu, dkappa = change_of_law(direction, c)
         for i in range(len(y)):
             depth, k, j, n, t = contact(colliders, y, i, c)
             if depth > 0.0:
                 V, v, q, gamma = slide(colliders, y, u, i, c, depth, n)
-                dy_i, s_i, z = load3(dy, i), load3(s, i), sub(load3(w, i), V)
+                dy_i, s_i, z = sub(load3(dy, i), offset), load3(s, i), sub(load3(w, i), V)
                 dn = fma(splat(k), across(n, dy_i), mul(splat(j * dot(t, dy_i)), t))
                 ddelta, dV = dot(n, dy_i), cross(spin, dy_i)
                 change = sub(sub(load3(du, i), dV), mul(splat(dot(n, v)), dn))
                 dq = dot(across(n, v), change) / q
                 dgamma = -gamma / depth * ddelta - gamma / q * dq
+                dgamma += (dmu * kappa + colliders.rows[c, LAW, FRICTION] * dkappa) * depth / q
                 dpz = fma(splat(-dot(n, z)), dn, mul(splat(-1.0), across(n, dV)))
                 dpz = fma(splat(-dot(z, dn)), n, dpz)
                 add_along(out, i, h * kappa * (depth - dot(n, s_i)), dn)
                 add_along(out, i, -h * kappa * (ddelta + dot(dn, s_i)), n)
+                add_along(out, i, h * dkappa * (depth - dot(n, s_i)), n)
                 add_along(out, i, -h * dgamma, across(n, z))
                 add_along(out, i, -h * gamma, dpz)

@@ -121,22 +121,39 @@ def add_pullback(spheres, y, u, w, s, lam, h, grad, gy, gu):
                 cl = (depth - sigma) / delta
                 cs = -nu / delta
                 cn = -nu - cl * nu - cs * sigma
-                gy[i, 0] += h * STIFFNESS * (cl * lam[i, 0] + cs * s[i, 0] + cn * n0)
-                gy[i, 1] += h * STIFFNESS * (cl * lam[i, 1] + cs * s[i, 1] + cn * n1)
-                gy[i, 2] += h * STIFFNESS * (cl * lam[i, 2] + cs * s[i, 2] + cn * n2)
+                g0 = h * STIFFNESS * (cl * lam[i, 0] + cs * s[i, 0] + cn * n0)
+                g1 = h * STIFFNESS * (cl * lam[i, 1] + cs * s[i, 1] + cn * n1)
+                g2 = h * STIFFNESS * (cl * lam[i, 2] + cs * s[i, 2] + cn * n2)
+                gy[i, 0] += g0
+                gy[i, 1] += g1
+                gy[i, 2] += g2
+                if len(grad.offset) > 0:  # the force depends on y − c
+                    grad.offset[0] -= g0
+                    grad.offset[1] -= g1
+                    grad.offset[2] -= g2
+
+
+@kernel
+def offset_of(direction):
+    """How a change of the elements moves all colliders, m."""
+    if len(direction.offset) > 0:
+        return direction.offset[0], direction.offset[1], direction.offset[2]
+    return 0.0, 0.0, 0.0
 
 
 @kernel
 def add_pushforward(spheres, y, u, w, s, dy, du, direction, h, out):
-    # F = κ (r − δ − σ) n
+    # F = κ (r − δ − σ) n, of y − c
+    o0, o1, o2 = offset_of(direction)
     for c in range(len(spheres.radius)):
         for i in range(len(y)):
             depth, delta, n0, n1, n2 = contact(spheres, y, i, c)
             if depth > 0.0 or (spheres.early and begins(spheres, y, u, h, i, c)):
-                ddelta = n0 * dy[i, 0] + n1 * dy[i, 1] + n2 * dy[i, 2]
-                m0 = (dy[i, 0] - ddelta * n0) / delta
-                m1 = (dy[i, 1] - ddelta * n1) / delta
-                m2 = (dy[i, 2] - ddelta * n2) / delta
+                d0, d1, d2 = dy[i, 0] - o0, dy[i, 1] - o1, dy[i, 2] - o2
+                ddelta = n0 * d0 + n1 * d1 + n2 * d2
+                m0 = (d0 - ddelta * n0) / delta
+                m1 = (d1 - ddelta * n1) / delta
+                m2 = (d2 - ddelta * n2) / delta
                 sigma = n0 * s[i, 0] + n1 * s[i, 1] + n2 * s[i, 2]
                 dsigma = m0 * s[i, 0] + m1 * s[i, 1] + m2 * s[i, 2]
                 push = h * STIFFNESS * (depth - sigma)

@@ -15,7 +15,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.engine.forces import springs
-from clothfit.engine.forces.colliders import SIZE
+from clothfit.engine.forces.colliders import PLACE, SIZE
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, load3, store3
 from clothfit.kernels.vectors import combine, copy
@@ -66,6 +66,16 @@ def later(inputs: Inputs | None, steps: int) -> Inputs | None:
         return None
     parts = {name: getattr(inputs, name)[steps:] for name in ("wind", "gravity", "centre", "path")}
     return inputs._replace(**parts, steps=inputs.steps - steps)
+
+
+def with_offset(inputs: Inputs | None, spheres: int, offset: Array) -> Inputs | None:
+    """The inputs with all of so many spheres, and all other colliders, moved by an offset (3,), m."""
+    if inputs is None or not len(inputs.centre):
+        return inputs
+    centre = inputs.centre.copy()
+    centre[:, :spheres] += offset
+    centre[:, spheres + PLACE :: SIZE] += offset
+    return inputs._replace(centre=centre)
 
 
 @kernel
