@@ -13,12 +13,16 @@ from clothfit.engine.system import all_elements, with_elements
 pytestmark = pytest.mark.slow  # compiles a fit
 
 STEPS = 6
+PATH = [{"x": 0, "y": 0, "z": 0}, {"x": 1, "y": 0, "z": 0.5}]
 GUSTS = {
     "windVelKeys": {"times": [0.0, 0.02], "values": [{"x": 1, "y": 2, "z": -1}, {"x": -2, "y": 1, "z": 3}]},
     "fit": {"windVelKeys": "L"},
-    "colliders": [ball((1.0, -0.75, 1.0), 0.8), {**ball((0.4, -0.8, 0.2), 0.9), "friction": 0.5}],
+    "colliders": [
+        ball((1.0, -0.75, 1.0), 0.8),
+        {**ball((1.0, -0.84, 0.9), 0.9), "friction": 0.5, "posKeys": {"times": [0, 1], "values": PATH}},
+    ],
 }
-"""A wind over time and a collider that rubs, so that a system has every kind of value."""
+"""A wind over time and a collider that rubs as it passes, so that a system has every kind of value."""
 
 ONE = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 2), ("bdf2", 1)]
 VARIANTS = [*ONE, ("implicit", 5), ("bdf2", 3)]

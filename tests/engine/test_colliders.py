@@ -1,5 +1,7 @@
 """Colliders with friction: their surfaces and forces against formulas and differences, motions against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers import physics
@@ -27,6 +29,8 @@ from clothfit.engine.step import guard
 from clothfit.engine.system import build
 from clothfit.motion.energy import energies
 from clothfit.motion.simulate import simulate
+from clothfit.objective.objective import Objective
+from clothfit.scene.fit_vector import parameters
 
 TIGHT = 1e-13
 G = 9.81
@@ -257,13 +261,22 @@ def test_what_lies_on_a_collider_that_moves_goes_with_it(method):
     np.testing.assert_allclose(w[[0, 2]], [0.3 + spin * z, -spin * x], atol=colliders.CREEP)
 
 
+def thrown(settings="LL", **fields):
+    """A sheet with velocities, held at a corner."""
+    one = sheet(settings, vertIsFixed=[i == 0 for i in range(9)], **fields)
+    return {**one, "vertVel": [xyz((1.0 + 0.1 * i, -0.5, -0.6)) for i in range(9)]}
+
+
+def still_cloth():
+    """The same, of which nothing is fitted."""
+    return scene(thrown("nn")).cloths[0]
+
+
 def rich(method="implicit", newton=1):
     """A cloth on colliders of each shape, some of which move."""
-    fits = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}
-    one = sheet("LL", fit=fits, vertIsFixed=[i == 0 for i in range(9)])
-    one["vertVel"] = [xyz((1.0 + 0.1 * i, -0.5, -0.6)) for i in range(9)]
+    one = thrown(fit={"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"})
     return scene(
-        one, integrationMethod=METHODS[method], forwardSubSteps=newton, delta=0.005, optimizationIterations=6,
+        one, integrationMethod=METHODS[method], forwardSubSteps=newton, delta=0.005, optimizationIterations=5,
         colliders=[SHAPES["plane"], physics.ball((1.0, -0.74, 1.0), 0.8), SHAPES["capsule"], SHAPES["box"]],
         planes="solid", tolerance=TIGHT, windVel=xyz((4, -2, -3)),
         fit={"windVel": True, "gravity": True, "friction": "L", "contact": "L", "colliderOffset": "G"},
@@ -274,8 +287,46 @@ def rich(method="implicit", newton=1):
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "newton"), VARIANTS)
 def test_gradient_and_tangent(method, newton):
+    made = rich(method, newton)
+    # the longest steps along the contacts' stiffness switch one of them
+    made = replace(made, fits={name: mode for name, mode in made.fits.items() if name != "contact"})
     # systems are solved to 1e-13, and friction makes their condition about 1e4
-    assert_gradient_and_tangent(rich(method, newton), TIGHT, 1e-10)
+    assert_gradient_and_tangent(made, TIGHT, 1e-10)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "newton"), VARIANTS)
+def test_the_gradient_by_each_law_and_by_the_offset(method, newton):
+    made = replace(rich(method, newton), fits={"friction": "L", "contact": "L", "offset": "G"}, cloths=(still_cloth(),))
+    target = simulate(made.with_values([made.cloths[0].mass * 1.1], [made.cloths[0].stiffness * 0.9]))
+    objective, p = Objective(made, target, TIGHT), parameters(made)
+    gradient = objective.cost_and_gradient(p)[1]
+    assert len(p) == 9
+    assert np.all(gradient != 0)
+    step = 1e-4 * np.maximum(np.abs(p), 1e-2)
+
+    def slope(i, size):
+        """By a central difference of fourth order."""
+        one, two = (
+            [objective.cost(p + side * k * size * np.eye(9)[i]) for side in (1, -1)] for k in (1, 2)
+        )  # fmt: skip
+        return (8 * (one[0] - one[1]) - (two[0] - two[1])) / (12 * size)
+
+    # rounding of positions, 1e-16 m, of moves of 1e-6 m by steps of 1e-4, ten times as much where iterations converge
+    np.testing.assert_allclose(gradient, [slope(i, step[i]) for i in range(9)], rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_without_friction_its_gradient_is_the_limit_from_above():
+    made = replace(rich("bdf2"), fits={"friction": "L"}, cloths=(still_cloth(),))
+    smooth = made.with_values([made.cloths[0].mass], [made.cloths[0].stiffness], friction=np.zeros(3))
+    objective, t = Objective(smooth, simulate(made), TIGHT), 1e-6
+    gradient = objective.cost_and_gradient(np.zeros(3))[1]
+    # a one-sided difference of second order
+    start = objective.cost(np.zeros(3))
+    far = [(4 * objective.cost(t * e) - objective.cost(2 * t * e) - 3 * start) / (2 * t) for e in np.eye(3)]
+    assert np.all(gradient != 0)
+    np.testing.assert_allclose(gradient, far, rtol=1e-5)
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ import json
 import numba
 import numpy as np
 import pytest
-from helpers.physics import xyz
+from helpers.physics import ball, xyz
 from helpers.scenes import cloth, document, load_text, write_scene
 
 from clothfit.base.errors import InvalidInput
@@ -26,6 +26,10 @@ LENGTHS = load_text(json.dumps(document(cloth(3, 3)))).cloths[0].lengths
 RNG = np.random.default_rng(31)
 WIND = {"windVel": xyz((3, 1, -2))}
 
+PATH = [xyz((0, 0, 0)), xyz((0.3, 0.1, 0.2))]
+RUBS = {**ball((1.0, -0.75, 1.0), 0.8), "friction": 0.4, "stiffness": 900.0, "posKeys": {"times": [0, 1], "values": PATH}}
+TOUCHED = {"colliders": [RUBS, ball((2.0, -0.75, 2.0), 0.8)], "colliderOffset": xyz((0.01, 0.005, -0.01))}
+
 # Fields of the one object, fields of the scene.
 CASES = {
     "damping": ({"fit": {"damping": True}, "damping": 0.6}, {}),
@@ -35,6 +39,12 @@ CASES = {
     "rest factor": ({"fit": {"springRestLength": "G"}, "springRestLength": (0.9 * LENGTHS).tolist()}, {}),
     "rest lengths": ({"fit": {"springRestLength": "L"}, "springRestLength": RNG.uniform(0.7, 1.2, 16).tolist()}, {}),
     "wind": ({"dragCoefficient": 0.4}, {"fit": {"windVel": True}, **WIND}),
+    "friction": ({}, {"fit": {"friction": "G"}, **TOUCHED}),
+    "contact stiffness": ({}, {"fit": {"contact": "L"}, **TOUCHED}),
+    "offset": ({}, {"fit": {"colliderOffset": True}, **TOUCHED}),
+    "friction, contact stiffness and offset": (
+        {}, {"fit": {"colliderOffset": True, "friction": "L", "contact": "G"}, **TOUCHED},
+    ),
     "gravity": ({}, {"fit": {"gravity": True}, "gravity": xyz((1, -7, 2))}),
     "drag and damping and wind": (
         {"fit": {"damping": "G", "dragCoefficient": "G"}, "damping": 0.6, "dragCoefficient": 0.4},
