@@ -165,9 +165,9 @@ def _obstacle(
 
 
 def _collider(item: Mapping[str, Any], size: Array, position: Keys | None, rotation: Keys | None) -> Collider:
-    surface = {name: float(item[name]) for name in ("thickness", "stiffness", "friction")}
+    thickness, stiffness, friction = (float(item[name]) for name in ("thickness", "stiffness", "friction"))
     pos, angles = vector(item["pos"]), vector(item["rot"])
-    return Collider(item["type"], pos, angles, size, **surface, position=position, rotation=rotation)
+    return Collider(item["type"], pos, angles, size, thickness, stiffness, friction, position, rotation)
 
 
 def size(item: Mapping[str, Any], place: str, problems: list[str]) -> Array:

@@ -172,7 +172,7 @@ class Scene:
 
     def _parts(self, changed: dict[str, Any]) -> dict[str, Any]:
         """The fields that new values of the scene's own kinds give."""
-        made = {name: changed[name] for name in ("wind", "gravity", "offset") if name in changed}
+        made: dict[str, Any] = {name: changed[name] for name in ("wind", "gravity", "offset") if name in changed}
         if "gusts" in changed and self.wind_keys:
             made["wind_keys"] = replace(self.wind_keys, values=changed["gusts"])
         if {"friction", "contact", "offset"} & changed.keys():

@@ -27,7 +27,8 @@ RNG = np.random.default_rng(31)
 WIND = {"windVel": xyz((3, 1, -2))}
 
 PATH = [xyz((0, 0, 0)), xyz((0.3, 0.1, 0.2))]
-RUBS = {**ball((1.0, -0.75, 1.0), 0.8), "friction": 0.4, "stiffness": 900.0, "posKeys": {"times": [0, 1], "values": PATH}}
+MOVES = {"posKeys": {"times": [0, 1], "values": PATH}}
+RUBS = {**ball((1.0, -0.75, 1.0), 0.8), "friction": 0.4, "stiffness": 900.0, **MOVES}
 TOUCHED = {"colliders": [RUBS, ball((2.0, -0.75, 2.0), 0.8)], "colliderOffset": xyz((0.01, 0.005, -0.01))}
 
 # Fields of the one object, fields of the scene.
