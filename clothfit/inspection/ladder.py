@@ -14,8 +14,8 @@ There
 
 A test is unclear, neither passed nor failed, where rounding leaves too few steps.
 
-A step is smooth in its state and its parameters except where a vertex enters or leaves a sphere: there its matrix
-jumps. Two motions with the same contacts wherever forces are evaluated lie on one smooth piece of the cost.
+A step is smooth in its state and its parameters except where contacts switch (`switches`). Two motions with the same
+contacts wherever forces are evaluated lie on one smooth piece of the cost.
 """
 
 from __future__ import annotations
@@ -25,11 +25,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Flags
+from clothfit.base.arrays import Array
 from clothfit.derivative.verify import ABOVE_NOISE, DIFFERENCE, FEWEST_RUNGS, NOISE_STEPS, ORDER
-from clothfit.engine.rollout import Rollout
-from clothfit.engine.system import System
 from clothfit.engine.tape import Tape
+from clothfit.inspection.switches import Parts, contacts, first_switch, name_of
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run, check
@@ -75,41 +74,7 @@ class Rung(NamedTuple):
     switch: str  # the first contact that differs from p, as text; empty: none
 
 
-class Switch(NamedTuple):
-    """The first difference between two motions of a cloth."""
-
-    step: int  # counted from 1
-    vertex: int
-    sphere: int  # counted from 0
-
-    def __str__(self) -> str:
-        return f"vertex {self.vertex} at sphere {self.sphere}, step {self.step}"
-
-
-def contacts(system: System, part: Rollout) -> Flags:
-    """Which of n vertices are in which of C spheres (T, N, C, n), at the forces of T steps of N iterations."""
-    steps, iterations, n = part.w.shape[:3]
-    spheres = system.spheres
-    found = np.zeros((steps, iterations, len(spheres.radius), n), bool)
-    if not found.size:
-        return found
-    for k in range(iterations):
-        y = part.x[:-1] if k == 0 else part.x[:-1] + system.h * part.w[:, k - 1]
-        for c, (centre, radius) in enumerate(zip(spheres.centre, spheres.radius, strict=True)):
-            found[:, k, c] = np.linalg.norm(y - centre, axis=2) < radius
-    found[np.arange(iterations) >= part.used[:, None]] = False  # iterations that were not made
-    return found
-
-
-def first_switch(a: Flags, b: Flags) -> Switch | None:
-    """The first difference between the contacts of two motions; None where there is none."""
-    if np.array_equal(a, b):
-        return None
-    step, _, sphere, vertex = (int(i) for i in np.argwhere(a != b)[0])
-    return Switch(step + 1, vertex, sphere)
-
-
-def look(objective: Objective, p: Array) -> tuple[float, list[Flags]]:
+def look(objective: Objective, p: Array) -> tuple[float, list[Parts]]:
     """G(p), m², and the contacts of each run. Raises Diverged."""
     total, switches = 0.0, []
     for run in objective.runs:
@@ -143,12 +108,12 @@ def ladder(objective: Objective, p: Array, d: Array) -> tuple[list[Rung], float]
     return [rung(t) for t in RELATIVE_STEPS], float(noise)
 
 
-def difference_of(runs: tuple[Run, ...], a: list[Flags], b: list[Flags]) -> str:
+def difference_of(runs: tuple[Run, ...], a: list[Parts], b: list[Parts]) -> str:
     """Where the contacts of the runs first differ, as text; empty where they do not."""
     for run, one, other in zip(runs, a, b, strict=True):
         found = first_switch(one, other)
         if found is not None:
-            return f"contacts switch (objects[{run.cloth}] {found})"
+            return f"contacts switch (objects[{run.cloth}] {found.at(name_of(run.scene, found.obstacle))})"
     return ""
 
 

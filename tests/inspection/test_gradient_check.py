@@ -10,10 +10,12 @@ from helpers.scenes import cloth, load_text, trial
 
 from clothfit.base.errors import InvalidInput
 from clothfit.derivative import verify
+from clothfit.engine.forces import colliders
+from clothfit.engine.forces.surfaces import BOX, CONE
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
 from clothfit.inspection.gradient_check import check_scene, default_frames, placed_to
-from clothfit.inspection.ladder import Switch, contacts, first_switch
+from clothfit.inspection.switches import Switch, contacts, first_switch, part_of
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
@@ -137,6 +139,43 @@ def test_contacts_are_those_where_forces_are_taken():
         assert not found[t, part.used[t] :].any()
 
 
+@pytest.mark.parametrize("method", ["implicit", "bdf2", "symplectic"])
+def test_contacts_with_what_moves_are_those_where_forces_are_taken(method):
+    """A vertex has left its straight way exactly where it has touched something before."""
+    path = {"posKeys": {"times": [0, 1], "values": [xyz((0, 0, 0)), xyz((-1.2, 0, 0))]}}
+    for obstacle in (ball((1, 0, 0), 0.3), {"type": 3, "pos": xyz((1, 0, 0)), "scale": xyz([0.6] * 3)}):
+        made = scene(
+            thing([(0, 0, 0)]), colliders=[{**obstacle, **path}], gravity=xyz((0, 0, 0)), delta=0.01, tolerance=1e-12,
+            integrationMethod=METHODS[method], optimizationIterations=101,
+        )  # fmt: skip
+        system = build(made, 0)
+        part, good = rollout(system, 100, 1e-12)
+        assert good == 100
+        found = contacts(system, part)[:, 0, 0, 0]
+        first = int(np.argmax(found > 0))
+        assert 50 < first < 65  # 0.7 m away at 1.2 m/s
+        moved = np.any(part.x[1:, 0] != 0, axis=1)
+        assert int(np.argmax(moved)) == first
+
+
+@pytest.mark.parametrize(("kind", "size"), [(BOX, (0.5, 0.3, 0.4)), (CONE, (0.5, 0.2, 0.9)), (CONE, (0.3, 0.3, 0.8))])
+def test_a_normal_bends_smoothly_within_a_part_of_a_surface_and_nowhere_else(kind, size):
+    state = np.concatenate([np.zeros((3, 3)), np.eye(3)])[None]
+    one, rng = colliders.build([kind], [np.array(size)], [(2.0, 1.0, 0.0)], state), np.random.default_rng(5)
+    share, kinks = np.linspace(0, 1, 4001)[:, None], 0
+    for begin, end in rng.uniform(-1.2, 1.2, (30, 2, 3)):
+        y = (1 - share) * begin + share * end
+        part, (depth, normal) = part_of(one.rows[0], y), colliders.depths(one, y)
+        bend = np.linalg.norm(np.diff(normal[0], 2, axis=0), axis=1)
+        same = (part[2:] == part[1:-1]) & (part[:-2] == part[1:-1])
+        # a normal turns by less than the step, up to 1 mm, over the distance to what it turns about
+        about = np.abs(2.0 - depth[0, 1:-1] + (min(size[:2]) if kind == CONE else 0.0))
+        far = about > 0.1
+        assert np.all(bend[same & far] < 4e-6 / about[same & far] ** 2)
+        kinks += int((bend[~same & far] > 1e-5).sum())
+    assert kinks > 20  # and does jump, or begins to turn, between them
+
+
 def test_the_first_switch_is_the_earliest():
     a = np.zeros((5, 2, 3, 4), bool)
     b = a.copy()
@@ -144,6 +183,21 @@ def test_the_first_switch_is_the_earliest():
     assert first_switch(a, b) == Switch(4, 2, 1)
     assert first_switch(a, a.copy()) is None
     assert str(Switch(4, 2, 1)) == "vertex 2 at sphere 1, step 4"
+    inside, other = a.astype(np.int8) + 1, a.astype(np.int8) + 1
+    other[2, 0, 1, 3] = 7
+    assert first_switch(inside, other) == Switch(3, 3, 1, True)
+    assert str(Switch(3, 3, 1, True)) == "vertex 3 at two parts of sphere 1, step 3"
+
+
+def test_the_collider_that_is_switched_is_named():
+    """It slides down from a box: how soon depends on gravity."""
+    box, away = ({"type": 3, "pos": xyz((x, 0, 0)), "scale": xyz([1] * 3)} for x in (0, 9))
+    made = scene(
+        thing([(0.2, 0.499, 0)], mass=0.1), colliders=[{**box, "type": 0}, away, box], gravity=xyz((3, -9.81, 0)),
+        fit={"gravity": True}, optimizationIterations=30,
+    )  # fmt: skip
+    found = check_scene(made)
+    assert "contacts switch (objects[0] vertex 0 at the box colliders[2], step " in found.left_out
 
 
 # --- targets and lengths
