@@ -193,6 +193,11 @@ class Rows(NamedTuple):
         """Some of the rows (N,)."""
         return Rows(self.C[kept], self.r[kept], self.step[kept])
 
+    def times(self, factor: Array) -> Rows:
+        """The rows for parameters q / factor, (Q,)."""
+        C = self.C
+        return self._replace(C=type(C)((C.data * factor[C.indices], C.indices, C.indptr), shape=C.shape))
+
     def residuals(self, q: Array) -> Array:
         """The root of the squares of each step's residuals at q (Q,)."""
         return np.sqrt(np.bincount(self.step, weights=(self.r - self.C @ q) ** 2))

@@ -148,11 +148,10 @@ def information(objective: Objective, p: Array, fitted: Flags, factor: Array) ->
         steps = run.steps - (1 if run.system.method == EXPLICIT else 0)
         if len(rows.r) < 3 * steps * int(run.system.vertex.free.sum()):
             return None
-        C, r, _ = rows.only(in_balance(rows, np.zeros(len(places))))
-        scaled = C.multiply(factor[places][None, :]).tocsr()
-        H += (scaled.T @ scaled).toarray()
-        g -= scaled.T @ r
-        squares, count = squares + float(r @ r), count + len(r)
+        rows = rows.only(in_balance(rows, np.zeros(len(places)))).times(factor[places])
+        H += (rows.C.T @ rows.C).toarray()
+        g -= rows.C.T @ rows.r
+        squares, count = squares + float(rows.r @ rows.r), count + len(rows.r)
     return H, g, squares, count
 
 
@@ -204,12 +203,10 @@ def solve(
     What the rows do not determine stays as it is in p. Two rounds of refinement with the rows themselves undo what
     squaring the matrix costs.
     """
-    from scipy.sparse import diags_array
-
     size = np.sqrt(np.asarray(rows.C.multiply(rows.C).sum(axis=0)).reshape(-1))
     determined = size > 0
     scale = np.where(determined, size, 1.0)
-    rows = rows._replace(C=rows.C @ diags_array(1.0 / scale))
+    rows = rows.times(1.0 / scale)
     low, high = (lower - p) * scale, (upper - p) * scale
     if len(p) > DENSE:
         q = iterated(rows.C, rows.r)
