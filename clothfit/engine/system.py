@@ -35,9 +35,9 @@ class System(NamedTuple):
     springs: springs.Springs
     faces: wind.Faces
     spheres: spheres.Spheres
-    colliders: colliders.Colliders | None  # None where there are none
+    colliders: colliders.Colliders | None  # None where there are none and nothing changes over time
     pattern: sparse.Pattern  # of the step's matrix
-    inputs: tables.Inputs | None  # what changes over time
+    inputs: tables.Inputs | None  # what changes over time; None where nothing does and there are no colliders
 
 
 def build(scene: Scene, index: int, air: bool = False, steps: int | None = None) -> System:
@@ -45,7 +45,7 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None)
     `air` keeps its faces even where the scene gives them no drag. Raises InvalidScene, for inputs in files.
     """
     cloth = scene.cloths[index]
-    inputs = sampling.build(scene, cloth, scene.frames - 1 if steps is None else steps)
+    inputs, touched = of_the_world(scene, cloth, scene.frames - 1 if steps is None else steps)
     pattern, slot = sparse.pattern(cloth.springs, ~cloth.fixed)
     return System(
         x0=np.array(cloth.positions),
@@ -58,17 +58,26 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None)
         springs=springs.build(np.array(cloth.springs), cloth.rest, cloth.stiffness, cloth.damping, slot),
         faces=wind.build(np.array(cloth.triangles), cloth.drag, scene.wind, air or cloth.mode("drag") != "n"),
         spheres=spheres.build([s.centre for s in scene.spheres], [s.radius for s in scene.spheres]),
-        colliders=at_rest(scene),
+        colliders=touched,
         pattern=pattern,
         inputs=inputs,
     )
 
 
-def at_rest(scene: Scene) -> colliders.Colliders | None:
-    """The colliders of a scene, where they are at the start; None where there are none."""
+def of_the_world(
+    scene: Scene, cloth: Cloth, steps: int
+) -> tuple[tables.Inputs | None, colliders.Colliders | None]:
+    """The inputs over time and the colliders. A scene with either gets both, and one that is empty does nothing: code
+    is compiled for scenes with neither and for all others, not for each combination.
+    """
+    if not (scene.changes or cloth.pins or scene.colliders):
+        return None, None
+    return sampling.build(scene, cloth, steps), at_rest(scene)
+
+
+def at_rest(scene: Scene) -> colliders.Colliders:
+    """The colliders of a scene, where they are at the start."""
     own = scene.colliders
-    if not own:
-        return None
     return colliders.build(
         [shape_of(each) for each in own],
         [each.size for each in own],

@@ -53,7 +53,8 @@ THICKNESS, STIFFNESS, FRICTION = 0, 1, 2
 class Colliders(NamedTuple):
     """Colliders of a scene but for its plain spheres: one array, as each one that a step carries costs time.
 
-    A scene without them has None in this place: of what depends on an argument that is None, nothing is compiled.
+    A scene without them, in which nothing changes, has None in this place: of what depends on an argument that is None,
+    nothing is compiled.
     """
 
     rows: Array  # (C, 9, 3)

@@ -16,13 +16,13 @@ from clothfit.scene.cloth import Cloth, Collider
 from clothfit.scene.keys import Keys, Pin
 from clothfit.scene.scene import Scene
 
+ANY_NUMBER = 2**31  # of steps: tables without rows have no end
 
-def build(scene: Scene, cloth: Cloth, steps: int) -> Inputs | None:
-    """The tables of a cloth of the scene for so many steps, None where nothing changes. Raises InvalidScene for a file
-    that cannot be read or does not fit.
+
+def build(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
+    """The tables of a cloth of the scene for so many steps. Raises InvalidScene for a file that cannot be read or does
+    not fit.
     """
-    if not scene.changes and not cloth.pins:
-        return None
     try:
         return sampled(scene, cloth, steps)
     except InvalidScene as error:
@@ -48,7 +48,7 @@ def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
     return found._replace(
         wind=wind, gravity=gravity, centre=centre, path=path, pins=pins, coupled=coupled,
         place=np.zeros((len(pins), 3)), later=np.zeros((len(pins), 3)),
-        lead=lead, steps=steps,
+        lead=lead, steps=steps if scene.changes or cloth.pins else ANY_NUMBER,
     )  # fmt: skip
 
 

@@ -23,7 +23,7 @@ from clothfit.kernels.vectors import combine, copy
 
 class Inputs(NamedTuple):
     """Row r of a table holds at time r h; a table without rows does not change anything. A scene in which nothing
-    changes has None in place of it, so that nothing of this module is compiled for it.
+    changes, and without colliders, has None in place of it, so that nothing of this module is compiled for it.
     """
 
     wind: Array  # (R, 3), m/s, what is added to the scene's
