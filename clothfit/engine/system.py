@@ -64,9 +64,7 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None)
     )
 
 
-def of_the_world(
-    scene: Scene, cloth: Cloth, steps: int
-) -> tuple[tables.Inputs | None, colliders.Colliders | None]:
+def of_the_world(scene: Scene, cloth: Cloth, steps: int) -> tuple[tables.Inputs | None, colliders.Colliders | None]:
     """The inputs over time and the colliders. A scene with either gets both, and one that is empty does nothing: code
     is compiled for scenes with neither and for all others, not for each combination.
     """
