@@ -15,7 +15,7 @@ from clothfit.base.arrays import Array, Elements, Flags
 from clothfit.engine.forces import colliders, spheres, springs, surfaces, vertex, wind
 from clothfit.engine.inputs import sampling, tables
 from clothfit.engine.solve import sparse
-from clothfit.scene.cloth import SPHERE, Collider
+from clothfit.scene.cloth import SPHERE, Cloth, Collider
 from clothfit.scene.scene import Scene
 
 EXPLICIT, SYMPLECTIC, IMPLICIT, BDF2 = 0, 1, 2, 3
