@@ -93,8 +93,8 @@ def of_scene(scene_path: str, as_json: bool, console: Console) -> None:
     for index, sentences in enumerate(unlikely):
         for sentence in sentences:
             console.warn(f"{scene.name}: objects[{index}]: {sentence}")
-    show_scene(scene, console)
     moving = inputs_of(scene)
+    show_scene(scene, console)
     for each in moving:
         console.result(str(each))
     if foreign := beyond_editor(scene):
@@ -144,7 +144,7 @@ def whole(scene: Scene) -> dict[str, Any]:
 
 def described(collider: Collider) -> dict[str, Any]:
     """What there is to say of a collider that is no plain sphere."""
-    from clothfit.scene.cloth import BOX, CAPSULE, SPHERE
+    from clothfit.scene.cloth import BOX, CAPSULE, MESH, SPHERE
 
     first, second, third = collider.size.tolist()
     cone = {"radius": first, "radius2": second, "height": third}
@@ -153,7 +153,7 @@ def described(collider: Collider) -> dict[str, Any]:
         "shape": collider.name,
         "centre": collider.centre.tolist(),
         "angles": collider.angles.tolist(),
-        **size.get(collider.kind, {}),
+        **(mesh(collider) if collider.kind == MESH else size.get(collider.kind, {})),
         "thickness": collider.thickness,
         "stiffness": collider.stiffness,
         "friction": collider.friction,
@@ -161,15 +161,27 @@ def described(collider: Collider) -> dict[str, Any]:
     }
 
 
+def mesh(collider: Collider) -> dict[str, Any]:
+    """What there is to say of a mesh: its size is that of the box about it where it begins."""
+    from clothfit.engine.inputs.body_files import body_of
+
+    assert collider.body is not None
+    place, triangles, _ = body_of(collider).surface
+    size = (place.max(axis=0) - place.min(axis=0)).tolist()
+    return {"file": collider.body.file, "vertices": len(place), "triangles": len(triangles), "lengths": size}
+
+
 def collider_line(own: dict[str, Any]) -> str:
     """The same in a line."""
     sizes: dict[str, str] = {name: f"{own[name]:.4g} m" for name in ("radius", "radius2", "height") if name in own}
     if "lengths" in own:
         sizes["lengths"] = f"{vector(own['lengths'])} m"
-    said = [f"{name} {text}" for name, text in sizes.items()]
+    faces = [f"{own['triangles']} triangles"] if "triangles" in own else []
+    said = [*faces, *(f"{name} {text}" for name, text in sizes.items())]
     said += [f"turned by {vector(own['angles'])} degrees"] if any(own["angles"]) else []
     said += [f"thickness {own['thickness']:.4g} m", f"{own['stiffness']:.4g} N/m", f"friction {own['friction']:.4g}"]
     kind = "solid plane, as the scene's `planes` says," if own["shape"] == "plane" else own["shape"]
+    kind += f" {os.path.basename(own['file'])}" if own.get("file") else ""
     return f"{kind} at {vector(own['centre'])} m: {', '.join(said)}{', moves' if own['moves'] else ''}"
 
 

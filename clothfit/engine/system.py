@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Elements, Flags
-from clothfit.engine.forces import colliders, spheres, springs, surfaces, vertex, wind
+from clothfit.base.errors import InvalidScene
+from clothfit.engine.forces import bodies, spheres, springs, surfaces, touch, vertex, wind
 from clothfit.engine.inputs import sampling, tables
 from clothfit.engine.solve import sparse
 from clothfit.scene.cloth import SPHERE, Cloth, Collider
@@ -35,7 +36,7 @@ class System(NamedTuple):
     springs: springs.Springs
     faces: wind.Faces
     spheres: spheres.Spheres
-    colliders: colliders.Colliders | None  # None where there are none and nothing changes over time
+    colliders: touch.Colliders | None  # None where there are none and nothing changes over time
     pattern: sparse.Pattern  # of the step's matrix
     inputs: tables.Inputs | None  # what changes over time; None where nothing does and there are no colliders
 
@@ -64,24 +65,39 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None)
     )
 
 
-def of_the_world(scene: Scene, cloth: Cloth, steps: int) -> tuple[tables.Inputs | None, colliders.Colliders | None]:
+def of_the_world(scene: Scene, cloth: Cloth, steps: int) -> tuple[tables.Inputs | None, touch.Colliders | None]:
     """The inputs over time and the colliders. A scene with either gets both, and one that is empty does nothing: code
     is compiled for scenes with neither and for all others, not for each combination.
     """
     if not (scene.changes or cloth.pins or scene.colliders):
         return None, None
-    return sampling.build(scene, cloth, steps), at_rest(scene)
+    return sampling.build(scene, cloth, steps), at_rest(scene, len(cloth.mass))
 
 
-def at_rest(scene: Scene) -> colliders.Colliders:
-    """The colliders of a scene, where they are at the start."""
+def at_rest(scene: Scene, count: int) -> touch.Colliders:
+    """The colliders of a scene, where they are at the start, for a cloth of so many vertices. Raises InvalidScene for a
+    mesh that cannot be read or is not closed.
+    """
     own = scene.colliders
-    return colliders.build(
+    return touch.build(
         [shape_of(each) for each in own],
         [each.size for each in own],
         [(each.thickness, each.stiffness, each.friction) for each in own],
         sampling.states(own, np.zeros(1), scene.delta, 0)[0],
+        meshes_of(scene, count),
     )
+
+
+def meshes_of(scene: Scene, count: int) -> bodies.Bodies | None:
+    """The meshes among the colliders, for a cloth of so many vertices; None where there are none."""
+    if not any(each.body for each in scene.colliders):
+        return None
+    from clothfit.engine.inputs.body_files import bodies_of  # what reads all formats, which few scenes need
+
+    try:
+        return bodies.build([each.surface for each in bodies_of(scene.colliders)], count)
+    except InvalidScene as error:
+        raise InvalidScene(error.problems, scene.name) from None
 
 
 def shape_of(collider: Collider) -> int:
@@ -128,11 +144,11 @@ def with_contacts(system: System, values: Elements) -> System:
     own, ball, inputs, offset = system.colliders, system.spheres, system.inputs, values.offset
     if own is not None and (len(values.friction) or len(values.contact) or len(offset)):
         own = own._replace(rows=own.rows.copy())
-        for column, numbers in ((colliders.FRICTION, values.friction), (colliders.STIFFNESS, values.contact)):
+        for column, numbers in ((touch.FRICTION, values.friction), (touch.STIFFNESS, values.contact)):
             if len(numbers):
-                own.rows[:, colliders.LAW, column] = numbers
+                own.rows[:, touch.LAW, column] = numbers
         if len(offset):
-            own.rows[:, colliders.PLACE] += offset
+            own.rows[:, touch.PLACE] += offset
     if len(offset):
         ball = ball._replace(centre=ball.centre + offset)
         inputs = tables.with_offset(inputs, len(ball.centre), offset)
@@ -152,7 +168,7 @@ def with_bases(system: System, inputs: tables.Inputs, values: Elements) -> Syste
         vertex=system.vertex._replace(gravity=gravity.copy()),
         faces=system.faces._replace(wind=wind.copy()),
         spheres=system.spheres._replace(centre=system.spheres.centre.copy()),
-        colliders=own and own._replace(rows=own.rows.copy()),
+        colliders=own and own._replace(rows=own.rows.copy(), bodies=own.bodies and bodies.copied(own.bodies)),
         inputs=inputs._replace(
             wind_base=wind, gravity_base=gravity, place=inputs.place.copy(), later=inputs.later.copy()
         ),

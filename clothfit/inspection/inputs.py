@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
+from clothfit.engine import system
 from clothfit.engine.inputs import sampling
+from clothfit.engine.inputs.sources import keyed
 from clothfit.scene.keys import Keys
 from clothfit.scene.scene import Scene
 
@@ -44,18 +45,7 @@ def check(scene: Scene) -> None:
     """Raise InvalidScene for an input whose file cannot be read or does not fit."""
     for cloth in scene.cloths:
         sampling.build(scene, cloth, 1)
-
-
-def keyed(scene: Scene) -> Iterator[tuple[Keys, int | None]]:
-    """The keys of a scene, and how many vertices each moves where it is a pin's."""
-    for cloth in scene.cloths:
-        for pin in cloth.pins:
-            for keys in filter(None, (pin.position, pin.rotation)):
-                yield keys, len(pin.vertices)
-    moved = [each.position for each in scene.spheres]
-    moved += [keys for each in scene.colliders for keys in (each.position, each.rotation)]
-    for keys in filter(None, (scene.wind_keys, scene.gravity_keys, *moved)):
-        yield keys, None
+    system.meshes_of(scene, 0)
 
 
 def described(keys: Keys, vertices: int | None) -> Input:

@@ -1,8 +1,8 @@
 """Where a motion touches obstacles: which vertex is at which part of which one, at the forces of each step.
 
 Where a vertex enters or leaves an obstacle, the matrix of the step jumps. Where it passes from one part of a surface to
-another, from a face of a box over its edge, from the mantle of a capsule to its end, the normal goes on and its
-derivative jumps. At both the cost has derivatives from two sides. So a part is a number, 0 outside, and two motions
+another, from a face of a box or a mesh over its edge, from the mantle of a capsule to its end, the normal goes on and
+its derivative jumps. At both the cost has derivatives from two sides. So a part is a number, 0 outside, and two motions
 with the same numbers lie on one smooth piece of the cost.
 """
 
@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array
-from clothfit.engine.forces import colliders
-from clothfit.engine.forces.colliders import AXES, PLACE, SHAPE, SIZE
+from clothfit.engine.forces import touch
 from clothfit.engine.forces.surfaces import BOX, CONE
+from clothfit.engine.forces.touch import AXES, PLACE, SHAPE, SIZE
 from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.system import BDF2, System
 from clothfit.scene.scene import Scene
 
-Parts = NDArray[np.int8]
+Parts = NDArray[np.int32]
 
 
 class Switch(NamedTuple):
@@ -54,7 +54,7 @@ def contacts(system: System, part: Rollout) -> Parts:
     """At which parts of C obstacles n vertices are (T, N, C, n), at the forces of T steps of N iterations."""
     steps, iterations, n = part.w.shape[:3]
     count = len(system.spheres.radius) + (0 if system.colliders is None else len(system.colliders.rows))
-    found = np.zeros((steps, iterations, count, n), np.int8)
+    found = np.zeros((steps, iterations, count, n), np.int32)
     if not found.size:
         return found
     for t in range(steps):
@@ -79,12 +79,13 @@ def linearised_at(system: System, part: Rollout, t: int, k: int) -> Array:
 def touched(system: System, y: Array) -> Parts:
     """At which parts of C obstacles points y (n, 3) are, (C, n), where the obstacles are now."""
     gaps = np.linalg.norm(y - system.spheres.centre[:, None], axis=2) - system.spheres.radius[:, None]
-    plain: Parts = (gaps < 0).astype(np.int8)
+    plain: Parts = (gaps < 0).astype(np.int32)
     if system.colliders is None:
         return plain
-    inside = colliders.depths(system.colliders, y)[0] > 0
-    places = [part_of(row, y) for row in system.colliders.rows]
-    return np.concatenate([plain, np.where(inside, places, 0)], dtype=np.int8)
+    inside = touch.depths(system.colliders, y)[0] > 0
+    places, spots = np.array([part_of(row, y) for row in system.colliders.rows]), touch.spots(system.colliders, y)
+    places = np.where(spots < 0, places, 1 + spots)
+    return np.concatenate([plain, np.where(inside, places, 0)], dtype=np.int32)
 
 
 def part_of(row: Array, y: Array) -> Parts:
@@ -95,7 +96,7 @@ def part_of(row: Array, y: Array) -> Parts:
         return part_of_box(row[SIZE], p)
     if shape == CONE:
         return part_of_cone(row[SIZE], p)
-    return np.ones(len(p), np.int8)
+    return np.ones(len(p), np.int32)
 
 
 def part_of_box(half: Array, p: Array) -> Parts:
@@ -105,18 +106,18 @@ def part_of_box(half: Array, p: Array) -> Parts:
     beyond = (np.where(q > 0, side, 0) @ [1, 3, 9]) + 1
     nearest = np.argmax(q, axis=1)
     within = 28 + 2 * nearest + side[np.arange(len(p)), nearest]
-    return np.asarray(np.where((q > 0).any(axis=1), beyond, within), np.int8)
+    return np.asarray(np.where((q > 0).any(axis=1), beyond, within), np.int32)
 
 
 def part_of_cone(size: Array, p: Array) -> Parts:
     """Its mantle, or one of its ends."""
     r, s, length = size
     if length <= abs(r - s):
-        return np.ones(len(p), np.int8)
+        return np.ones(len(p), np.int32)
     sine = (r - s) / length
     along = np.sqrt(1.0 - sine * sine) * (p[:, 1] + 0.5 * length) - sine * np.hypot(p[:, 0], p[:, 2])
     ends = np.array([0.0, np.sqrt(1.0 - sine * sine) * length])
-    return np.asarray(1 + (along[:, None] > ends).sum(axis=1), np.int8)
+    return np.asarray(1 + (along[:, None] > ends).sum(axis=1), np.int32)
 
 
 def first_switch(a: Parts, b: Parts) -> Switch | None:

@@ -30,6 +30,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import unreadable
 from clothfit.base.reading import whole
 from clothfit.base.writing import check_writable, write_atomically
+from clothfit.engine.inputs.sources import arrays_from_files
 from clothfit.objective.experiment import Experiment
 from clothfit.optimise.status import Rung, Status
 from clothfit.scene.factors import FACTOR_MODES
@@ -260,13 +261,16 @@ def identity(scene: Scene, targets: Sequence[Experiment] | None, start: object, 
         parts: list[bytes | Array] = []
         for target in targets:
             parts += [*arrays(target), b"" if target.scene is scene else dumps(target.scene)]
+            parts += [] if target.scene is scene else arrays_from_files(target.scene)
         compared = digest(*parts)
     first = dumps(start) if isinstance(start, Scene) else start
     if isinstance(first, (bytes, np.ndarray, list, tuple)):
         first = digest(first if isinstance(first, bytes) else np.asarray(first, float))
     texts = {name.replace("_", " "): plainly(value) for name, value in options.items()}
     own = {"scene": digest(dumps(scene)), "target": compared, "start": plainly(first)}
-    return {**own, **texts}
+    files = arrays_from_files(scene)
+    inputs = {"input files": digest(*files)} if files else {}
+    return {**own, **inputs, **texts}
 
 
 def arrays(target: Experiment) -> list[Array]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.engine.inputs.sampling import poses
-from clothfit.scene.cloth import BOX, PLANE, Collider
+from clothfit.scene.cloth import BOX, MESH, PLANE, Collider
 from clothfit.scene.scene import Scene
 
 SEGMENTS, ARC = 48, 12
@@ -64,6 +64,11 @@ def shape(collider: Collider, middle: Array, half: float) -> tuple[Array, Indice
     """
     if collider.kind == PLANE:
         return sheet(middle, half)
+    if collider.kind == MESH:
+        from clothfit.engine.inputs.body_files import body_of  # what reads all formats, which few scenes need
+
+        place, triangles, _ = body_of(collider).surface
+        return place, triangles, np.ones(len(place))
     points, triangles = box(collider.size) if collider.kind == BOX else capsule(*collider.size.tolist())
     return points, triangles, np.ones(len(points))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -18,10 +19,10 @@ from clothfit.scene.keys import Keys, Pin, keys
 from clothfit.scene.kinds import LETTERED, Kind
 from clothfit.scene.weave.layout import NOTHING, Layout
 
-PLANE, SPHERE, CAPSULE, BOX = 0, 1, 2, 3
+PLANE, SPHERE, CAPSULE, BOX, MESH = 0, 1, 2, 3, 4
 """The `type` of a collider."""
 
-NAMES = {PLANE: "plane", SPHERE: "sphere", CAPSULE: "capsule", BOX: "box"}
+NAMES = {PLANE: "plane", SPHERE: "sphere", CAPSULE: "capsule", BOX: "box", MESH: "mesh"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,14 +94,30 @@ class Sphere:
 
 
 @dataclass(frozen=True, eq=False)
+class Body:
+    """A triangle mesh, in the scene or in a file, and the file of a motion of its vertices where it has one."""
+
+    positions: Array  # (V, 3), in the collider's axes, before its scale; empty where a file has them
+    triangles: Indices  # (T, 3), vertices; the same
+    file: str | None  # a path
+    said: Mapping[str, Any]  # scale, up, handedness of the file
+    motion: Keys | None
+    place: str  # in the scene, for messages
+
+    def __post_init__(self) -> None:
+        self.positions.setflags(write=False)
+        self.triangles.setflags(write=False)
+
+
+@dataclass(frozen=True, eq=False)
 class Collider:
     """Any other obstacle: one that the editor does not have, or a sphere that rubs, is thick or has a stiffness."""
 
-    kind: int  # PLANE, SPHERE, CAPSULE or BOX
+    kind: int  # PLANE, SPHERE, CAPSULE, BOX or MESH
     pos: Array  # (3,) m, read-only
     angles: Array  # (3,) degrees, read-only: Euler angles as the editor has them
     size: Array  # (3,) m, read-only: of a capsule, or a sphere, the radii at the bottom and at the top, and how far
-    # their centres are apart; half of the lengths of a box; 0 of a plane
+    # their centres are apart; half of the lengths of a box; the factors of a mesh; 0 of a plane
     thickness: float  # m, 0 or more: how far from the surface it begins to push
     stiffness: float  # N/m, above 0: of each vertex
     friction: float  # coefficient, 0 or more
@@ -108,6 +125,7 @@ class Collider:
     rotation: Keys | None = None  # how it turns about the centre, degrees
     place: int = 0  # which of the colliders of the file it is
     offset: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, that of all colliders
+    body: Body | None = None  # of a mesh
 
     def __post_init__(self) -> None:
         for array in (self.pos, self.angles, self.size):
@@ -126,7 +144,7 @@ class Collider:
     @property
     def moves(self) -> bool:
         """Whether it changes over time."""
-        return bool(self.position or self.rotation)
+        return bool(self.position or self.rotation or (self.body and self.body.motion))
 
 
 def moved(pos: Array, offset: Array) -> Array:
@@ -160,8 +178,9 @@ def _obstacle(
     rotation = keys(item.get("rotKeys"), f"{place}.rotKeys", folder, problems)
     if item["type"] == SPHERE and not {"friction", "thickness", "stiffness"} & own.keys():
         return Sphere(vector(item["pos"]), float(item["scale"]["x"]) / 2, position, offset)
+    body = _body(item, place, folder, problems)
     made = _collider(item, size(item, place, problems), position, rotation)
-    return replace(made, place=number, offset=offset)
+    return replace(made, place=number, offset=offset, body=body)
 
 
 def _collider(item: Mapping[str, Any], size: Array, position: Keys | None, rotation: Keys | None) -> Collider:
@@ -170,14 +189,37 @@ def _collider(item: Mapping[str, Any], size: Array, position: Keys | None, rotat
     return Collider(item["type"], pos, angles, size, thickness, stiffness, friction, position, rotation)
 
 
+def _body(item: Mapping[str, Any], place: str, folder: str, problems: list[str]) -> Body | None:
+    """The mesh of a collider of that type; None for another, or where there is none, which goes to `problems`."""
+    if item["type"] != MESH:
+        return None
+    here, given = f"{place}.mesh", item.get("mesh", {})
+    own: Mapping[str, Any] = {"file": given} if isinstance(given, str) else given
+    if ("file" in own) == ("vertices" in own or "triangles" in own):
+        problems.append(f"{here}: needs a file, or vertices and triangles")
+        return None
+    motion = keys(item.get("motion"), f"{place}.motion", folder, problems)
+    if motion and (motion.file is None or motion.points):
+        problems.append(f"{place}.motion: needs the file of a motion of all vertices of the mesh")
+    said = {name: own[name] for name in ("scale", "up", "handedness") if name in own}
+    file = os.path.join(folder, own["file"]) if "file" in own else None
+    positions = np.array([vector(each) for each in own.get("vertices", [])], np.float64).reshape(-1, 3)
+    corners = np.array(own.get("triangles", []), np.int32)
+    if len(corners) % 3:
+        problems.append(f"{here}.triangles: has {len(corners)} items; three corners of each triangle are needed")
+        return None
+    return Body(positions, corners.reshape(-1, 3), file, said, motion, here)
+
+
 def size(item: Mapping[str, Any], place: str, problems: list[str]) -> Array:
     """The size (3,) of a collider, as above, m; a scale that is not above 0 where it counts goes to `problems`."""
     scale = vector(item["scale"])
-    needed = {PLANE: "", SPHERE: "x", CAPSULE: "" if "radius" in item else "x", BOX: "xyz"}[item["type"]]
+    round_one = "" if "radius" in item else "x"
+    needed = {PLANE: "", SPHERE: "x", CAPSULE: round_one, BOX: "xyz", MESH: "xyz"}[item["type"]]
     flat = [axis for axis in needed if not item["scale"][axis] > 0]
     problems += [f"{place}.scale.{axis}: {item['scale'][axis]:g} is too small; it must be above 0" for axis in flat]
-    if item["type"] == BOX:
-        return scale / 2
+    if item["type"] in (BOX, MESH):
+        return scale / 2 if item["type"] == BOX else scale
     if item["type"] == CAPSULE:
         radius = float(item.get("radius", scale[0] / 2))
         other = float(item.get("radius2", radius))

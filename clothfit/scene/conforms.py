@@ -62,7 +62,9 @@ def _reference(value: Any, rule: str, _: Schema, root: Schema) -> bool:
 
 
 def _properties(value: Any, rule: Schema, _: Schema, root: Schema) -> bool:
-    return type(value) is dict and all(conforms(value[name], rule[name], root) for name in rule if name in value)
+    if type(value) is not dict:  # which another keyword allows or refuses
+        return True
+    return all(conforms(value[name], rule[name], root) for name in rule if name in value)
 
 
 def _closed(value: Any, rule: bool, schema: Schema, _: Schema) -> bool:

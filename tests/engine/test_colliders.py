@@ -23,7 +23,7 @@ from helpers.physics import (
 )
 
 from clothfit.base.errors import InvalidScene
-from clothfit.engine.forces import colliders
+from clothfit.engine.forces import colliders, touch
 from clothfit.engine.inputs import sampling
 from clothfit.engine.step import guard
 from clothfit.engine.system import build
@@ -94,7 +94,7 @@ def test_distances_are_those_of_the_shapes(name):
     made = touching(name).colliders
     points = np.random.default_rng(1).uniform(-1.2, 1.2, (300, 3))
     turn, place = made.state[0, 3:], made.state[0, 0]
-    depth, normal = colliders.depths(made, points @ turn + place)
+    depth, normal = touch.depths(made, points @ turn + place)
     # samples of the axis 5 µm apart miss the minimum by their square
     np.testing.assert_allclose(made.thickness[0] - depth[0], reference(name, points), atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(normal[0], axis=1), 1.0, atol=1e-14)
@@ -104,17 +104,17 @@ def test_distances_are_those_of_the_shapes(name):
 def test_normals_are_the_gradients_of_the_distances(name):
     made = touching(name).colliders
     y, t = made.state[0, 0] + np.random.default_rng(2).uniform(-1.2, 1.2, (200, 3)), 1e-6
-    both = [[colliders.depths(made, y + side * t * e)[0][0] for side in (-1, 1)] for e in np.eye(3)]
+    both = [[touch.depths(made, y + side * t * e)[0][0] for side in (-1, 1)] for e in np.eye(3)]
     rows = [(before - after) / (2 * t) for before, after in both]
     # rounding at 1e-6, and curvatures that jump where two parts of a surface meet, within 1e-6 of a point
-    np.testing.assert_allclose(np.transpose(rows), colliders.depths(made, y)[1][0], atol=1e-5)
+    np.testing.assert_allclose(np.transpose(rows), touch.depths(made, y)[1][0], atol=1e-5)
 
 
 def test_a_cone_whose_one_end_holds_the_other_is_a_ball():
     made = full(colliders=[capsule(radius=0.2, radius2=0.5, height=0.25)]).colliders
     y = np.random.default_rng(3).normal(size=(50, 3))
     ball = np.linalg.norm(y - [0, 0.125, 0], axis=1) - 0.5
-    np.testing.assert_allclose(-colliders.depths(made, y)[0][0], ball, atol=1e-14)
+    np.testing.assert_allclose(-touch.depths(made, y)[0][0], ball, atol=1e-14)
 
 
 # --- the force
@@ -125,7 +125,7 @@ def test_a_cone_whose_one_end_holds_the_other_is_a_ball():
 def test_force_matrix_and_right_hand_side(name, at):
     system = touching(name)
     made, point = system.colliders, state(system, at)
-    depth, normal = (found[0] for found in colliders.depths(made, point.y))
+    depth, normal = (found[0] for found in touch.depths(made, point.y))
     d, n = np.maximum(depth, 0.0)[:, None], normal
     assert (d > 0).any()
     V = made.state[0, 1] + np.cross(made.state[0, 2], point.y - made.state[0, 0])
@@ -134,7 +134,7 @@ def test_force_matrix_and_right_hand_side(name, at):
         return v - n * (n * v).sum(axis=1, keepdims=True)
 
     slip = across(point.u - V)
-    gamma = 0.6 * 700 * d / np.sqrt((slip * slip).sum(axis=1, keepdims=True) + colliders.CREEP**2)
+    gamma = 0.6 * 700 * d / np.sqrt((slip * slip).sum(axis=1, keepdims=True) + touch.CREEP**2)
     f = 700 * d * n - gamma * slip
     assert relative(physics.total_force(colliders, made, point.y, point.u), f) < 1e-13
     A, b = step_terms(system, colliders, made, point.y, point.u)
@@ -209,7 +209,7 @@ def test_a_block_holds_up_to_the_coefficient_of_friction(method, newton):
     angle = 0.5
     held, t = sliding(angle, np.tan(angle) / 0.99, method, newton, 500)
     creep = (held[-1] - held[-100]) / (t[-1] - t[-100])
-    assert creep == pytest.approx(colliders.CREEP * 0.99 / np.sqrt(1 - 0.99**2), rel=0.01)
+    assert creep == pytest.approx(touch.CREEP * 0.99 / np.sqrt(1 - 0.99**2), rel=0.01)
     gone, t = sliding(angle, np.tan(angle) / 1.01, method, newton, 900)
     # a difference of two forces a hundred times as large, of which v/q < 1 leaves out some
     assert acceleration(gone, t, 100) == pytest.approx(G * np.sin(angle) * (1 - 1 / 1.01), rel=0.03)
@@ -258,7 +258,7 @@ def test_what_lies_on_a_collider_that_moves_goes_with_it(method):
     w = (motion.positions[-1, 0] - motion.positions[-2, 0]) / made.delta
     spin = np.radians(10)
     x, z = motion.positions[-1, 0, 0] - 0.3 * t, motion.positions[-1, 0, 2]
-    np.testing.assert_allclose(w[[0, 2]], [0.3 + spin * z, -spin * x], atol=colliders.CREEP)
+    np.testing.assert_allclose(w[[0, 2]], [0.3 + spin * z, -spin * x], atol=touch.CREEP)
 
 
 def thrown(settings="LL", **fields):
@@ -393,7 +393,7 @@ BAD = {
     "thickness": (plane(thickness=-1), "colliders[0].thickness: -1 is too small; it must be at least 0"),
     "lengths": (box(lengths=(1, 0, 1)), "colliders[0].scale.y: 0 is too small; it must be above 0"),
     "keys": (box(rotKeys=keys([1, 0], [(0, 0, 0)] * 2)), "colliders[0].rotKeys.times[1]: 0 s is not later than 1 s"),
-    "type": ({**box(), "type": 4}, "colliders[0].type: 4 is not one of 0, 1, 2, 3"),
+    "type": ({**box(), "type": 5}, "colliders[0].type: 5 is not one of 0, 1, 2, 3, 4"),
 }
 
 

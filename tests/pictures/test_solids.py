@@ -5,7 +5,7 @@ import pytest
 from helpers.scenes import document
 from numpy.testing import assert_allclose
 
-from clothfit.engine.forces.colliders import build, depths
+from clothfit.engine.forces.touch import build, depths
 from clothfit.engine.inputs.sampling import states
 from clothfit.pictures.polygons import stage
 from clothfit.pictures.raster import drawn

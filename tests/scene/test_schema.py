@@ -65,7 +65,7 @@ BROKEN = [
     (("objects", 0, "optimizationSettings"), "nn\n", "objects[0].optimizationSettings", "two letters"),
     (("objects", 0, "optimizationSettings"), 3, "objects[0].optimizationSettings", "3 is not text"),
     (("colliders",), 1, "colliders", "1 is not a list"),
-    (("colliders", 0, "type"), 4, "colliders[0].type", "4 is not one of 0, 1, 2, 3"),
+    (("colliders", 0, "type"), 5, "colliders[0].type", "5 is not one of 0, 1, 2, 3, 4"),
     (("colliders", 0, "pos"), None, "colliders[0].pos", "null is not an object"),
     (("colliders", 0, "scale", "x"), 0, "colliders[0].scale.x", "above 0"),
     (("colliders", 0, "scale", "x"), -1, "colliders[0].scale.x", "above 0"),

@@ -19,8 +19,8 @@ from math import copysign, sqrt
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import pack
 
-PLANE, CONE, BOX = 0, 2, 3
-"""What a shape is: the scene's `type`, but that a sphere is a cone here."""
+PLANE, CONE, BOX, MESH = 0, 2, 3, 4
+"""What a shape is: the scene's `type`, but that a sphere is a cone here. Meshes are in `bodies`."""
 
 
 @kernel

@@ -33,15 +33,19 @@ def loaded(keys: Keys) -> Keys:
     """Keys from a file, with its numbers. Raises InvalidScene, with their place, where they are not in it."""
     assert keys.file is not None
     try:
-        status = os.stat(keys.file)
-        stamp = (status.st_ino, status.st_size, status.st_mtime_ns)
-    except (OSError, ValueError):
-        stamp = None
-    try:
-        times, values = numbers(keys.file, keys.points, tuple(sorted(keys.said.items())), stamp)
+        times, values = numbers(keys.file, keys.points, tuple(sorted(keys.said.items())), stamp_of(keys.file))
     except (InvalidMotion, InvalidInput) as error:
         raise InvalidScene(f"{keys.place}.file: {error}") from None
     return replace(keys, times=times, values=values)
+
+
+def stamp_of(path: str) -> tuple[int, int, int] | None:
+    """What changes when a file does; None where it cannot be looked at."""
+    try:
+        status = os.stat(path)
+        return status.st_ino, status.st_size, status.st_mtime_ns
+    except (OSError, ValueError):
+        return None
 
 
 @lru_cache(maxsize=32)
@@ -97,6 +101,8 @@ def arrays_of(path: str, needed: str) -> dict[str, Array]:
         with refused(path), unchanged(path) as file:
             found = npz.stored(file, ("times", needed), "positions")
             return {name: np.asarray(each.read(), float) for name, each in found.items()} if needed in found else {}
+    except InvalidMotion:
+        raise
     except npz.FAULTS as error:
         raise InvalidMotion(f"{name_of(path)}: is damaged: {error}") from None
 

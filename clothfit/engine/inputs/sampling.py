@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidScene
-from clothfit.engine.forces.colliders import AXES, PLACE, SPIN, VELOCITY
+from clothfit.engine.forces.touch import AXES, PLACE, SPIN, VELOCITY
 from clothfit.engine.inputs.tables import Inputs, constant
 from clothfit.scene.cloth import Cloth, Collider
 from clothfit.scene.keys import Keys, Pin
 from clothfit.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from clothfit.engine.inputs.poses import Poses
 
 ANY_NUMBER = 2**31  # of steps: tables without rows have no end
 
@@ -48,8 +51,20 @@ def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
     return found._replace(
         wind=wind, gravity=gravity, centre=centre, path=path, pins=pins, coupled=coupled,
         place=np.zeros((len(pins), 3)), later=np.zeros((len(pins), 3)),
-        lead=lead, steps=steps if scene.changes or cloth.pins else ANY_NUMBER,
+        lead=lead, steps=steps if scene.changes or cloth.pins else ANY_NUMBER, poses=poses_of(scene, times),
     )  # fmt: skip
+
+
+def poses_of(scene: Scene, times: Array) -> Poses | None:
+    """The poses of the meshes among the colliders at times (T,), s; None where there are no meshes."""
+    own = [each.body for each in scene.colliders if each.body]
+    if not own:
+        return None
+    from clothfit.engine.inputs.body_files import bodies_of  # what reads all formats, which few scenes need
+    from clothfit.engine.inputs.poses import build as build_poses
+
+    ways = [each.motion.interpolation if each.motion else "" for each in own]
+    return build_poses(bodies_of(scene.colliders), ways, times)
 
 
 def resolved(keys: Keys) -> Keys:

@@ -15,7 +15,8 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.engine.forces import springs
-from clothfit.engine.forces.colliders import PLACE, SIZE
+from clothfit.engine.forces.touch import PLACE, SIZE
+from clothfit.engine.inputs.poses import Poses, pose
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, load3, store3
 from clothfit.kernels.vectors import combine, copy
@@ -41,6 +42,7 @@ class Inputs(NamedTuple):
     later: Array  # (P, 3), m, where they are one step after that
     lead: int  # rows by which the forces of a step are ahead of it: 1 for the implicit methods, else 0
     steps: int  # that the tables have rows for
+    poses: Poses | None = None  # of the meshes that change; None where there are no meshes
 
 
 def constant(wind: Array, gravity: Array, spheres: int, colliders: int) -> Inputs:
@@ -65,7 +67,9 @@ def later(inputs: Inputs | None, steps: int) -> Inputs | None:
     if inputs is None:
         return None
     parts = {name: getattr(inputs, name)[steps:] for name in ("wind", "gravity", "centre", "path")}
-    return inputs._replace(**parts, steps=inputs.steps - steps)
+    own = inputs.poses
+    poses = own and own._replace(first=own.first[steps:], weight=own.weight[steps:])
+    return inputs._replace(**parts, steps=inputs.steps - steps, poses=poses)
 
 
 def with_offset(inputs: Inputs | None, spheres: int, offset: Array) -> Inputs | None:
@@ -90,6 +94,7 @@ def set_inputs(inputs, system, t):
         if len(inputs.centre) > 0:
             copy(inputs.centre[late], system.spheres.centre)
             move_colliders(system.colliders, inputs.centre[late, len(system.spheres.centre) :])
+        pose(inputs.poses, system.colliders, late, inputs.lead, system.h)
         if len(inputs.path) > 0:
             copy(inputs.path[t + 1], inputs.place)
             copy(inputs.path[t + 1 if inputs.lead else t + 2], inputs.later)

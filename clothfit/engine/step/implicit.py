@@ -77,7 +77,7 @@ def assemble_newton(system, x, v, u, y, A, f, b):
     """Write y = x + h u, A at (y, u) and b = M (v − u) + h f(y, u) + A u, so that b − A u is Newton's residual."""
     h = system.h
     combine(1.0, x, h, u, y)
-    assemble(system, y, u, False, A, b)
+    assemble(system, y, u, True, A, b)
     sparse.multiply(A, u, b)
     add_mass(system.vertex.mass, 1.0, v, b)
     add_mass(system.vertex.mass, -1.0, u, b)
@@ -198,7 +198,7 @@ def linearise(system, x, w, u, later, A, b, y, s):
     else:
         copy(x, y)
         combine(h, w, 0.0, w, s)
-    assemble(system, y, u, False, A, b)
+    assemble(system, y, u, later, A, b)
 
 
 @kernel

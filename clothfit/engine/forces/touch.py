@@ -1,0 +1,230 @@
+"""Where a cloth touches colliders: the rows that describe them, depth and normal of a vertex, and how fast it slides.
+
+The symbols are those of `colliders`, which has the forces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Indices
+from clothfit.engine.forces import bodies as meshes
+from clothfit.engine.forces.surfaces import MESH, distance
+from clothfit.kernels.kernel import kernel
+from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, pack, splat, store3, sub
+from clothfit.kernels.vectors import cross, dot
+
+CREEP = 1e-3
+"""ε, m/s. On a slope of angle θ < arctan μ a vertex creeps by ε r/sqrt(1 − r²), r = tan θ/μ: by ε at r = 0.7, 7 ε at
+0.99.
+"""
+
+PLACE, VELOCITY, SPIN, AXES, SIZE, LAW, SHAPE = 0, 1, 2, 3, 6, 7, 8
+"""Rows of a collider: c, m; ċ, m/s; ω, 1/s; three unit vectors, its axes; r, s, l of a cone or half of the lengths of a
+box, m; d₀, m, κ, N/m, and μ; the number of `surfaces`, and of a mesh which of `bodies`. Those before SIZE are its
+state.
+"""
+
+THICKNESS, STIFFNESS, FRICTION = 0, 1, 2
+"""Places in the row LAW."""
+
+
+class Colliders(NamedTuple):
+    """Colliders of a scene but for its plain spheres: one array, as each one that a step carries costs time.
+
+    A scene without them, in which nothing changes, has None in this place: of what depends on an argument that is None,
+    nothing is compiled.
+    """
+
+    rows: Array  # (C, 9, 3)
+    bodies: meshes.Bodies | None = None  # the meshes; None where there are none
+
+    @property
+    def state(self) -> Array:
+        """What changes as they move, (C, 6, 3), not a copy."""
+        return self.rows[:, :SIZE]
+
+    @property
+    def thickness(self) -> Array:
+        """d₀, (C,), m."""
+        return self.rows[:, LAW, THICKNESS]
+
+    @property
+    def stiffness(self) -> Array:
+        """κ, (C,), N/m."""
+        return self.rows[:, LAW, STIFFNESS]
+
+    @property
+    def friction(self) -> Array:
+        """μ, (C,)."""
+        return self.rows[:, LAW, FRICTION]
+
+
+def build(
+    shape: Sequence[int], size: Sequence[Array], law: Sequence[Sequence[float]], state: Array,
+    bodies: meshes.Bodies | None = None,
+) -> Colliders:  # fmt: skip
+    """So many colliders, C of them, which may be 0: shapes, sizes (3,), laws (3,) and the states (C, 6, 3). Those that
+    are meshes have the bodies, in this order.
+    """
+    rows = np.zeros((len(shape), 9, 3))
+    rows[:, :SIZE] = state
+    for row, number, extent, numbers in zip(rows, shape, size, law, strict=True):
+        row[SIZE], row[LAW], row[SHAPE] = extent, numbers, number
+    rows[rows[:, SHAPE, 0] == MESH, SHAPE, 1] = np.arange(np.count_nonzero(rows[:, SHAPE, 0] == MESH))
+    return Colliders(rows, bodies)
+
+
+@kernel
+def contact(colliders, y, i, c):
+    """Depth d (0 or less: no contact), k, j, n and t of vertex i at collider c, and where on a mesh that is: triangle,
+    part and weights.
+    """
+    own = colliders.rows[c]
+    delta, k, j, n, t, spot = measured(colliders.bodies, own, i, load3(y, i))
+    return own[LAW, THICKNESS] - delta, k, j, outward(own, n), outward(own, t), spot
+
+
+@kernel
+def measured(bodies, own, i, y_i):
+    """What `surfaces.distance` gives in the axes of a collider for vertex i at y_i, and the place on a mesh."""
+    p = inward(own, sub(y_i, load3(own, PLACE)))
+    if bodies is None:
+        return of_shape(own, p)
+    if own[SHAPE, 0] == MESH:
+        return meshes.distance(bodies, int(own[SHAPE, 1]), i, p)
+    return of_shape(own, p)
+
+
+@kernel
+def of_shape(own, p):
+    """The same for a collider that is no mesh."""
+    delta, k, j, n, t = distance(int(own[SHAPE, 0]), own[SIZE], lane0(p), lane1(p), lane2(p))
+    return delta, k, j, n, t, (-1, 0, 0.0, 0.0)
+
+
+@kernel
+def inward(own, v):
+    """The components of v along the axes of a collider."""
+    return pack(dot(load3(own, AXES), v), dot(load3(own, AXES + 1), v), dot(load3(own, AXES + 2), v), 0.0)
+
+
+@kernel
+def outward(own, v):
+    """v₀ a + v₁ b + v₂ e, with the axes of a collider."""
+    a, b, e = load3(own, AXES), load3(own, AXES + 1), load3(own, AXES + 2)
+    return fma(splat(lane2(v)), e, fma(splat(lane1(v)), b, mul(splat(lane0(v)), a)))
+
+
+@kernel
+def begins(bodies, own, depth, n, i, y_i, way):
+    """Whether a vertex outside of a mesh that goes from y_i by `way` in a step enters it, seen from where it is."""
+    if bodies is None:
+        return False
+    if not (own[SHAPE, 0] == MESH and depth - dot(n, way) > 0.0):
+        return False
+    b, c = int(own[SHAPE, 1]), load3(own, PLACE)
+    p, q = inward(own, sub(y_i, c)), inward(own, sub(add(y_i, way), c))
+    return meshes.distance(bodies, b, i, q)[0] < own[LAW, THICKNESS] or meshes.crosses(bodies, b, p, q)
+
+
+@kernel
+def across(n, v):
+    """P v."""
+    return fma(splat(-dot(n, v)), n, v)
+
+
+@kernel
+def surface(colliders, y, i, c, spot):
+    """V at vertex i."""
+    own = colliders.rows[c]
+    away = sub(load3(y, i), load3(own, PLACE))
+    return with_drift(colliders.bodies, own, spot, add(load3(own, VELOCITY), cross(load3(own, SPIN), away)))
+
+
+@kernel
+def with_drift(bodies, own, spot, V):
+    """V, and the velocity of the place on a mesh in its axes."""
+    if bodies is not None:
+        f, _, wb, wc = spot
+        if f >= 0:
+            return add(V, outward(own, meshes.drift(bodies, f, wb, wc)))
+    return V
+
+
+@kernel
+def surface_change(bodies, own, spot, dy):
+    """dV."""
+    dV = cross(load3(own, SPIN), dy)
+    if bodies is not None:
+        f, part, _, _ = spot
+        if f >= 0:
+            return add(dV, outward(own, meshes.drift_change(bodies, f, part, inward(own, dy))))
+    return dV
+
+
+@kernel
+def surface_gradient(bodies, own, spot, by_v):
+    """The gradient by y, for one by V."""
+    by_y = cross(by_v, load3(own, SPIN))
+    if bodies is not None:
+        f, part, _, _ = spot
+        if f >= 0:
+            return add(by_y, outward(own, meshes.drift_gradient(bodies, f, part, inward(own, by_v))))
+    return by_y
+
+
+@kernel
+def slide(colliders, y, u, i, c, depth, n, spot):
+    """V, v, q and γ of vertex i."""
+    V = surface(colliders, y, i, c, spot)
+    v = sub(load3(u, i), V)
+    vt = across(n, v)
+    q = sqrt(dot(vt, vt) + CREEP * CREEP)
+    return V, v, q, colliders.rows[c, LAW, FRICTION] * colliders.rows[c, LAW, STIFFNESS] * max(depth, 0.0) / q
+
+
+def depths(colliders: Colliders, y: Array) -> tuple[Array, Array]:
+    """Depth (C, n), m, 0 or less outside, and normal (C, n, 3) of points y (n, 3)."""
+    depth = np.zeros((len(colliders.rows), len(y)))
+    normal = np.zeros((*depth.shape, 3))
+    fill_depths(colliders, y, depth, normal)
+    return depth, normal
+
+
+@kernel
+def fill_depths(colliders, y, depth, normal):
+    """The same, written to arrays."""
+    for c in range(len(colliders.rows)):
+        for i in range(len(y)):
+            depth[c, i], _, _, n, _, _ = contact(colliders, y, i, c)
+            store3(n, normal[c], i)
+
+
+def spots(colliders: Colliders, y: Array) -> Indices:
+    """Where on meshes points y (n, 3) are, (C, n): seven times the nearest triangle, and the part of it (`triangle`);
+    −1 at other colliders.
+    """
+    found = np.full((len(colliders.rows), len(y)), -1, np.int32)
+    fill_spots(colliders, y, found)
+    return found
+
+
+@kernel
+def fill_spots(colliders, y, found):
+    """The same, written to an array."""
+    for c in range(len(colliders.rows)):
+        for i in range(len(y)):
+            f, part, _, _ = contact(colliders, y, i, c)[5]
+            if f >= 0:
+                found[c, i] = 7 * f + part
+
+
+@kernel
+def gamma_slope(gamma, depth):
+    """∂γ/∂d at a fixed q."""
+    return gamma / depth if depth > 0.0 else 0.0

@@ -1,0 +1,260 @@
+"""Closed meshes as colliders: distances against those of shapes and of all triangles, forces against differences."""
+
+import numpy as np
+import pytest
+from helpers import physics
+from helpers.derivatives import assert_dense_sensitivity, assert_gradient_and_tangent
+from helpers.physics import METHODS, STATES, ball, full, pushforward_error, relative, state, transpose_error, xyz
+from helpers.physics import scene as scene_of
+from helpers.surfaces import block, body, sphere, torus
+
+from clothfit.engine.forces import bodies, touch
+from clothfit.engine.forces import colliders as forces
+from clothfit.engine.inputs import poses, sampling
+from clothfit.engine.inputs.body_files import body_of
+from clothfit.engine.inputs.tables import set_inputs
+from clothfit.engine.system import build
+from clothfit.motion.simulate import simulate
+from clothfit.scene.keys import Keys
+
+TIGHT = 1e-13
+RUB = {"friction": 0.6, "thickness": 0.1, "stiffness": 700.0}
+TURN = {"rotKeys": {"times": [0, 1], "values": [xyz((0, 0, 0)), xyz((40, 90, -30))]},
+        "posKeys": {"times": [0, 1], "values": [xyz((0, 0, 0)), xyz((0.8, 0.5, 0.4))]}}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def wobble(tmp_path_factory):
+    """The file of a motion of a torus that bends and swells."""
+    points = torus(12, 8, 0.8, 0.4)[0]
+    t = np.linspace(0, 0.2, 6)[:, None, None]
+    swollen = points * (1 + 0.8 * t * np.array([1.0, 0.5, -0.7])) + 0.3 * t * np.sin(3 * points[:, ::-1])
+    path = tmp_path_factory.mktemp("motion") / "wobble.npz"
+    np.savez(path, positions=swollen, times=t.reshape(-1))
+    return str(path)
+
+
+def ring(wobble, **fields):
+    """That torus, which goes and turns as well."""
+    motion = {"file": wobble, "interpolation": "smooth"}
+    place = {"pos": xyz((0.3, -0.15, 1.0)), "rot": xyz((10, 20, 30))}
+    return body(torus(12, 8, 0.8, 0.4), **{**RUB, **TURN, **place, "motion": motion, **fields})
+
+
+def touching(wobble, **fields):
+    """A cloth on the torus while both move."""
+    made = full(colliders=[ring(wobble)], **fields)
+    set_inputs(made.inputs, made, 1)
+    return made
+
+
+def around(made, **fields):
+    """The colliders of a scene with one mesh."""
+    return full(colliders=[body(made, **fields)]).colliders
+
+
+# --- distances
+
+
+def test_a_block_has_the_distances_of_a_box():
+    rng = np.random.default_rng(1)
+    y, placed = rng.uniform(-1.2, 1.2, (500, 3)), {"pos": xyz((0.2, 0.1, 0.3)), "rot": xyz((15, 25, 5))}
+    one = around(block((0.5, 0.35, 0.35)), **placed, scale=xyz((2, 1, 3)))
+    box = {"type": 3, "scale": xyz((1.0, 0.35, 1.05)), **placed}
+    other = full(colliders=[{"friction": 0, **box}]).colliders
+    one, other = bodies_with_room(one, len(y)), other
+    for found, expected in zip(touch.depths(one, y), touch.depths(other, y), strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-14)
+
+
+def bodies_with_room(own, count):
+    """The same colliders for so many points."""
+    return own._replace(bodies=own.bodies._replace(last=np.repeat(own.bodies.last[:, :1], count, axis=1)))
+
+
+def test_distances_are_those_of_the_nearest_triangle_inside_and_outside_of_a_torus():
+    points, faces = torus(24, 16)
+    own = bodies_with_room(around((points, faces)), 400)
+    y = np.random.default_rng(2).uniform(-1.5, 1.5, (400, 3)) * [1, 0.5, 1]
+    depth, normal = (found[0] for found in touch.depths(own, y))
+    # the foot of the normal is on the mesh, and none of dense samples of it is nearer
+    share = np.random.default_rng(3).dirichlet(np.ones(3), 200)
+    samples = np.einsum("sc,fcd->fsd", share, points[faces]).reshape(-1, 3)
+    nearest = np.array([np.linalg.norm(samples - p, axis=1).min() for p in y])
+    assert (np.abs(depth) <= nearest + 1e-14).all()
+    assert np.abs(nearest - np.abs(depth)).max() < 0.02  # some millimetres between samples
+    feet = y + depth[:, None] * normal
+    np.testing.assert_allclose(np.abs(touch.depths(own, feet)[0]), 0.0, atol=1e-14)
+    inside = np.hypot(np.hypot(y[:, 0], y[:, 2]) - 1, y[:, 1]) < 0.35
+    far = np.abs(np.hypot(np.hypot(y[:, 0], y[:, 2]) - 1, y[:, 1]) - 0.35) > 0.02  # beyond the edges' chords
+    assert ((depth > 0) == inside)[far].all()
+    assert inside[far].sum() > 50
+
+
+def test_distances_of_finer_balls_come_to_those_of_a_ball():
+    y = np.random.default_rng(4).normal(size=(300, 3))
+    true = 1.0 - np.linalg.norm(y, axis=1)
+    errors = []
+    for rows in (8, 16, 32):
+        own = bodies_with_room(around(sphere(rows)), len(y))
+        errors.append(np.abs(touch.depths(own, y)[0][0] - true).max())
+    assert errors[0] < 0.1
+    # chords: of second order
+    assert errors[0] / errors[1] > 3.3
+    assert errors[1] / errors[2] > 3.3
+
+
+def test_where_the_search_begins_changes_no_bit():
+    own = bodies_with_room(around(torus(24, 16)), 500)
+    y = np.random.default_rng(5).uniform(-1.5, 1.5, (500, 3))
+    y[:16] = torus(24, 16)[0][:16] * 1.2  # nearest to corners, of which each belongs to six triangles
+    first = touch.depths(own, y)
+    own.bodies.last[:] = np.random.default_rng(6).integers(0, 768, own.bodies.last.shape)
+    again = touch.depths(own, y)
+    assert np.array_equal(first[0], again[0])
+    assert np.array_equal(first[1], again[1])
+
+
+def test_normals_are_the_gradients_of_the_distances(wobble):
+    own = touching(wobble).colliders
+    own, t = bodies_with_room(own, 300), 1e-7
+    y = own.state[0, 0] + np.random.default_rng(7).uniform(-1.2, 1.2, (300, 3))
+    both = [[touch.depths(own, y + side * t * e)[0][0] for side in (-1, 1)] for e in np.eye(3)]
+    rows = [(before - after) / (2 * t) for before, after in both]
+    # rounding at 1e-7, and curvatures of edges and corners near a point
+    np.testing.assert_allclose(np.transpose(rows), touch.depths(own, y)[1][0], atol=1e-5)
+
+
+def test_two_meshes_are_two_colliders():
+    one, other = body(sphere(6), pos=xyz((0.5, 0, 0))), body(block(), pos=xyz((-0.5, 0.2, 0)))
+    both = full(colliders=[one, other]).colliders
+    y = np.random.default_rng(8).uniform(-1, 1, (9, 3))
+    for c, each in enumerate((one, other)):
+        alone = full(colliders=[each]).colliders
+        assert np.array_equal(touch.depths(both, y)[0][c], touch.depths(alone, y)[0][0])
+
+
+# --- motion of the mesh
+
+
+def test_vertices_are_where_the_file_has_them_and_have_its_velocity(wobble):
+    for method in ("implicit", "symplectic"):
+        made = full(colliders=[ring(wobble)], integrationMethod=METHODS[method], delta=0.04)
+        frames = np.load(wobble)["positions"]
+        set_inputs(made.inputs, made, 2)
+        late = 2 + made.inputs.lead
+        own = made.colliders.bodies
+        np.testing.assert_allclose(own.place, frames[late], atol=1e-14)  # a step to a frame: on the keys
+        rate = (frames[3] - frames[2]) / 0.04
+        np.testing.assert_allclose(own.velocity, rate, atol=1e-12)
+        again = bodies.build([bodies.Surface(own.place, *body_of(scene_of(
+            physics.sheet("nn"), colliders=[ring(wobble)]).colliders[0]).surface[1:])], 9)  # fmt: skip
+        # the same normals and boxes as of a mesh that is built there, whose tree has another order
+        assert np.array_equal(own.corner, again.corner) or relative(own.corner, again.corner) < 1e-14
+        assert np.array_equal(own.tree.box[0], again.tree.box[0])
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "smooth", "hold"])
+def test_frames_are_interpolated_as_keys_are(interpolation):
+    rng = np.random.default_rng(9)
+    own, values = np.array([0.0, 0.1, 0.35, 0.5]), rng.normal(size=(4, 5, 3))
+    times = np.linspace(-0.1, 0.7, 33)
+    place, weight = poses.shares(own, interpolation, times)
+
+    class Moving:
+        times, frames = own, values
+
+    rows = poses.frames_of(Moving, interpolation)
+    found = np.einsum("tj,tjvc->tvc", weight, rows[place])
+    keys = Keys(own, values, interpolation)
+    np.testing.assert_allclose(found, sampling.interpolated(keys, times), atol=1e-13)
+
+
+# --- forces
+
+
+@pytest.mark.parametrize("at", STATES[1:])
+def test_the_derivatives_of_the_model(wobble, at):
+    system = touching(wobble)
+    point = state(system, at)
+    # where the step begins, at y, it also knows contacts ahead
+    point = point._replace(s=system.h * point.w)
+    depth = touch.depths(system.colliders, point.y)[0][0]
+    assert (depth > 0).any()
+    # central differences at 1e-5 of terms that turn with 1/distance about edges
+    assert pushforward_error(system, "colliders", point) < 1e-6
+    assert transpose_error(system, "colliders", point) < 1e-12
+
+
+def test_a_contact_ahead_brakes_a_vertex_and_has_no_friction():
+    system = full(colliders=[body(block((1, 1, 1)), **RUB)], gravity=xyz((0, 0, 0)))
+    own, h = system.colliders, system.h
+    y = np.tile([0.1, 0.65, 0.2], (9, 1))  # 5 cm above the thickness
+    A, b = physics.step_terms(system, forces, own, y, np.tile([1.0, -0.03 / h, 0], (9, 1)))
+    assert not b.any()
+    A, b = physics.step_terms(system, forces, own, y, np.tile([1.0, -0.08 / h, 0], (9, 1)))
+    np.testing.assert_allclose(b, np.tile([0, -h * 700 * 0.05, 0], (9, 1)), atol=1e-12)
+    np.testing.assert_allclose(physics.times(A, np.ones((9, 3))), np.tile([0, h * h * 700, 0], (9, 1)), atol=1e-12)
+    # with the extrapolated state that is where it is already
+    assert not physics.step_terms(system, forces, own, y, np.tile([0, -0.08 / h, 0], (9, 1)), ahead=True)[1].any()
+
+
+def rich(wobble, method, newton):
+    """A cloth on the torus and on a block, both moving."""
+    fits = {"damping": "G", "dragCoefficient": "G", "vertVel": "L", "springRestLength": "L"}
+    one = physics.sheet("LL", fit=fits, vertIsFixed=[i == 0 for i in range(9)])
+    one["vertVel"] = [xyz((1.0 + 0.1 * i, -0.5, -0.6)) for i in range(9)]
+    still = body(block((1.2, 0.7, 1.4)), pos=xyz((1.9, 0.0, 1.0)), rot=xyz((15, 25, 5)), **RUB)
+    return scene_of(
+        one, integrationMethod=METHODS[method], forwardSubSteps=newton, delta=0.005, optimizationIterations=6,
+        colliders=[ring(wobble), still], tolerance=TIGHT, windVel=xyz((4, -2, -3)),
+        fit={"windVel": True, "gravity": True},
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "newton"), [("symplectic", 1), ("implicit", 1), ("implicit", 3), ("bdf2", 1)])
+def test_gradient_and_tangent(wobble, method, newton):
+    # systems are solved to 1e-13, and friction makes their condition about 1e4
+    assert_gradient_and_tangent(rich(wobble, method, newton), TIGHT, 1e-10)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "newton"), [("implicit", 1), ("bdf2", 1)])
+def test_the_dense_sensitivity(wobble, method, newton):
+    assert_dense_sensitivity(rich(wobble, method, newton), TIGHT)
+
+
+# --- motions
+
+
+def falling(collider, **fields):
+    """A square of cloth that falls on something for half a second."""
+    made = {"delta": 0.01, "optimizationIterations": 51, "gravity": xyz((0, -9.81, 0)), **fields}
+    return simulate(scene_of(physics.thing(
+        [(a, 0.6, b) for a in (-0.1, 0.1) for b in (-0.1, 0.1)], [(0, 1), (1, 3), (3, 2), (2, 0)], mass=0.01,
+    ), colliders=[collider], **made))  # fmt: skip
+
+
+def test_a_finer_ball_of_triangles_comes_to_the_ball():
+    law = {"friction": 0.3, "thickness": 0.01}
+    true = falling({**ball((0, 0, 0), 0.5), **law}, integrationMethod=3).positions
+    found = [falling(body(sphere(rows, 0.5), **law), integrationMethod=3).positions for rows in (16, 64)]
+    coarse, fine = (np.abs(positions - true).max() for positions in found)
+    assert fine < coarse / 4
+
+
+def test_fast_vertices_do_not_pass_through_a_thin_mesh():
+    thin = body(block((2, 0.02, 2)), thickness=0.01)
+    motion = falling(thin, delta=0.02, integrationMethod=2)  # 4 cm in a step where it meets it
+    assert motion.positions[..., 1].min() > 0.01
+
+
+def test_a_motion_that_begins_later_finds_its_poses(wobble):
+    from clothfit.engine.inputs.tables import later
+
+    made = build(rich(wobble, "implicit", 1), 0)
+    set_inputs(made.inputs, made, 3)
+    expected = made.colliders.bodies.place.copy()
+    set_inputs(later(made.inputs, 2), made, 1)
+    assert np.array_equal(made.colliders.bodies.place, expected)
