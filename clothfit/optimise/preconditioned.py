@@ -50,6 +50,9 @@ METRIC_TOLERANCE = 1e-5
 POOR_ROUND = 0.01
 """Relative reduction of the cost, below which a round is followed by one of the other kind, or ends the descent."""
 
+FARTHEST = 1e20
+"""Bounds of coordinates that have none."""
+
 WIDTH = 0.3
 """Standard deviation of the belief in the ridge, in logarithms."""
 
@@ -156,13 +159,16 @@ def descend(
     y0, costs, times, first = search.y, [search.best.cost], [computing()], 0.0
     lower, upper = np.array(search.bounds).T
 
-    def cost(u: Array) -> tuple[float, Array]:
+    # near y₀ the cost c₀ changes by gᵀu + c₀ |u|²: by gᵀz + |z|²/2 in z = √(2 c₀) u
+    scale = np.sqrt(2.0 * search.best.cost / search.unit) if search.unit else np.sqrt(2.0)
+
+    def cost(z: Array) -> tuple[float, Array]:
         nonlocal first
         since = min(len(costs) - 1 - SLOW_EVALUATIONS, bisect_right(times, times[-1] - SLOW_SECONDS) - 1)
         slow = since >= 0 and costs[-1] > (1.0 - SLOW_SAVING) * costs[since]
         if slow or len(costs) > most or search.is_late or patience.is_over(search.best.cost):
             raise RoundOver
-        y = u if root is None else y0 + solve_triangular(root, u, lower=True, trans=1, check_finite=False)
+        y = z if root is None else y0 + solve_triangular(root, z / scale, lower=True, trans=1, check_finite=False)
         if not np.isfinite(y).all():
             raise RoundOver  # its numbers have overflowed
         value, gradient = search(np.clip(y, lower, upper))
@@ -171,16 +177,17 @@ def descend(
         if root is None:
             return value, gradient
         inside = np.where((y > lower) & (y < upper), gradient, 0.0)
-        by_u = np.asarray(solve_triangular(root, inside, lower=True, check_finite=False))
-        # near y₀ the cost c₀ changes by gᵀu + c₀ |u|², at best by −|g|²/(4 c₀)
-        if settled * value > float(by_u @ by_u) / (4.0 * max(first or value, value)):
+        by_z = np.asarray(solve_triangular(root, inside, lower=True, check_finite=False)) / scale
+        # the cost changes at best by −|g|²/2, less where it is now larger than c₀
+        if settled * value > float(by_z @ by_z) / 2.0 * min((first or value) / value, 1.0):
             raise Settled
         first = first or value
-        return value, by_u
+        return value, by_z
 
     minimizer: Any = minimize  # its stubs know other starts only
     options = {"maxfun": 10 * ROUND, "maxcor": RECENT, "ftol": 0.0, "gtol": 0.0}
-    start, ends = (y0, search.bounds) if root is None else (np.zeros(len(y0)), None)
+    # of values with two ends L-BFGS-B takes the first step as long as the gradient, which is right for z
+    start, ends = (y0, search.bounds) if root is None else (np.zeros(len(y0)), [(-FARTHEST, FARTHEST)] * len(y0))
     try:
         minimizer(cost, start, jac=True, method="L-BFGS-B", bounds=ends, options=options)
     except RoundOver as end:

@@ -28,6 +28,7 @@ from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import LARGEST, Trajectory
 from clothfit.scene.kinds import LETTERED
 from clothfit.strategy import ladder
+from clothfit.strategy.few_values import FEW_VALUES
 from clothfit.strategy.trajectory_fit import (
     FAR_ERROR,
     ModelDiffers,
@@ -73,7 +74,7 @@ def find(
     centre = min(guesses, key=lambda p: search.measure(p, early))
     if exact and is_accurate(search):
         return by_gauss_newton(search, search.best.p, centre, tau)
-    if search.fitted.sum() <= ladder.FEW_VALUES and all(block.mode in "FGR" for block in search.objective.blocks):
+    if search.fitted.sum() <= FEW_VALUES and all(block.mode in "FGR" for block in search.objective.blocks):
         return by_ladder(search, tau, [start] if centre is start else [start, centre])
     try:
         status = by_gauss_newton(search, centre, centre, tau, watched=True)

@@ -20,29 +20,15 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.objective.objective import Objective
-from clothfit.optimise import gauss_newton, preconditioned
-from clothfit.optimise.gauss_newton import Patience
-from clothfit.optimise.prior import none
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Rung, Status, Stop
-from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, MODEL_NAMES, MODELS
 from clothfit.scene.scene import Scene
 from clothfit.strategy import gravity_direction
-from clothfit.strategy.trajectory_fit import FIRST_WINDOW, is_long, loosened, window_lengths
-
-FEW_VALUES = 16
-"""Values up to which a step of Gauss–Newton costs no more than a few gradients."""
-
-FIRST_STEPS, LATER_STEPS = 8, 4
-"""Steps of Gauss–Newton in the first window and in each later one, which goes on from near its minimum; half as many of
-a long fit.
-"""
-
-WINDOW_SAVING, HASTY = 0.05, Patience(1, 0.05, 0.05)
-"""Relative savings that end a window."""
+from clothfit.strategy.few_values import FEW_VALUES, beyond_steps, in_a_round, to_the_minimum
+from clothfit.strategy.first_windows import through_windows
 
 STARTED = 2.0
 """Times what the windows from one start took, that must be left for those from the next one."""
@@ -50,13 +36,8 @@ STARTED = 2.0
 STAGE_TOLERANCE = 1e-7
 """Of the linear systems: its error is far below what a model that differs leaves."""
 
-
 MOMENT = 0.5
 """Seconds for the cost of what a stage has found that is ended."""
-
-
-class Enough(Exception):
-    """Ends Gauss–Newton after some steps."""
 
 
 def model_of(scene: Scene) -> str:
@@ -148,7 +129,8 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
         part = part_of(search, model, start)
         if part.fitted.sum() <= FEW_VALUES:
             carried(search, part, through_windows)
-    method = preconditioned.one_round if rough else preconditioned.minimise
+    coarsest = model == models(search.objective.scene)[0]
+    method = in_a_round if rough else to_the_minimum if coarsest else beyond_steps
     carried(search, part_of(search, model, search.best.p), method)
     if not rough and turning_pays(search):
         part = part_of(search, model, search.best.p, turned=True)
@@ -220,49 +202,3 @@ def in_a_moment(objective: Objective, p: Array, known: float) -> float:
 def found(own: Search, scene: Scene) -> Array:
     """The best point of a search as parameters (P,) of another scene's flags."""
     return parameters(with_parameters(own.objective.scene, own.best.p), flags=scene)
-
-
-def through_windows(own: Search, windows: slice = slice(None)) -> Array:
-    """A few steps of Gauss–Newton on the first frames, on more and more, or on some of these windows: they show gravity
-    and other values that all frames hide behind what a late frame is off by. None is begun that cannot end in time, as
-    it takes as long for each frame as the one before. Returns the last values (P,).
-    """
-    y, pace = own.y, 0.0
-    for number, window in list(enumerate(windows_of(own.objective)))[windows]:
-        part, began = Trajectory(own, window), own.progress.computing
-        own.enter("windows", window)
-        if own.is_late or not own.has_time(pace * window.steps) or not np.isfinite(part.cost(y)):
-            break
-        y = some_steps(part, y, (LATER_STEPS if number else FIRST_STEPS) // (2 if is_long(own) else 1))
-        pace = (own.progress.computing - began) / window.steps
-        own.visit(own.parameters(y))
-    return own.parameters(y)
-
-
-def some_steps(part: Trajectory, y: Array, most: int) -> Array:
-    """Where some steps of Gauss–Newton lead from y (Q,), without a model of the last point."""
-    points: list[Array] = []
-
-    def model(y: Array) -> gauss_newton.Model:
-        points.append(y)
-        if len(points) > most or (len(points) > 1 and part.search.is_late):
-            raise Enough
-        return part.model(y)
-
-    problem = replace(part.problem(WINDOW_SAVING, HASTY), model=model)
-    with contextlib.suppress(Enough):
-        return gauss_newton.minimise(problem, y, none(part.size), part.passed)[0].y
-    return points[-1]
-
-
-def windows_of(objective: Objective) -> list[Objective]:
-    """The objective over the first frames, over more and more, all of them left out."""
-    first = objective.first_step + FIRST_WINDOW * frame_steps(objective)
-    return [loosened(objective, frames) for frames in window_lengths(first, objective.steps + 1)[:-1]]
-
-
-def frame_steps(objective: Objective) -> int:
-    """Steps from one compared frame to the next, in the median."""
-    gaps = [np.diff(run.comparison.goal.step) for run in objective.runs]
-    steps = np.concatenate([np.zeros(0, int), *gaps])
-    return max(int(np.median(steps)), 1) if len(steps) else 1

@@ -30,8 +30,9 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import INTEGRATORS
-from clothfit.strategy import ladder
+from clothfit.strategy import first_windows, ladder
 from clothfit.strategy.auto import balances_can_hold
+from clothfit.strategy.few_values import FEW_VALUES
 from clothfit.strategy.time_step import ROUNDING, Step, frame_interval, step_error, with_substeps
 from clothfit.strategy.trajectory_fit import first_frames, is_near
 
@@ -119,7 +120,7 @@ class Trial:
             self.search.visit(momentum.fit(self.objective, self.p, self.search.fitted, momentum.TREATMENTS[0]))
         if is_near(self.search) or not self._through(slice(0, 1)):
             return
-        window, self.looked = ladder.windows_of(self.objective)[0], True
+        window, self.looked = first_windows.windows_of(self.objective)[0], True
         self.early_rmse = window.rmse(window.cost_or_infinity(self.p))
         scene = window.scene.with_step(window.scene.delta, window.steps + 1)
         error = step_error(scene, self.p)
@@ -155,11 +156,11 @@ class Trial:
     def _through(self, windows: slice) -> bool:
         """Fit some windows; whether there are any, and a model of few values, which windows are for."""
         part, scene = ladder.part_of(self.search, self.model, self.p), self.objective.scene
-        if part.fitted.sum() > ladder.FEW_VALUES or not ladder.windows_of(self.objective)[windows]:
+        if part.fitted.sum() > FEW_VALUES or not first_windows.windows_of(self.objective)[windows]:
             return False
 
         def through(own: Search) -> None:
-            p = ladder.through_windows(own, windows)
+            p = first_windows.through_windows(own, windows)
             self.p = parameters(with_parameters(own.objective.scene, p), flags=scene)
 
         ladder.carried(self.search, part, through)

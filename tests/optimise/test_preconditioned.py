@@ -31,7 +31,7 @@ def unlimited():
 class Bowl:
     """A search of a quadratic cost 1 + (y − y*)ᵀ Q (y − y*) / 2 in a box; it notes its evaluations."""
 
-    is_late = False
+    is_late, unit = False, 0.0
 
     def __init__(self, Q, lowest, size=10.0, start=None):
         self.Q, self.lowest = Q, lowest
@@ -72,12 +72,22 @@ def _still_clock(monkeypatch):
 @pytest.mark.usefixtures("_still_clock")
 def test_a_round_in_the_metric_of_a_quadratic_cost_ends_at_its_minimum():
     search = bowl()
-    # the cost is |u − u*|² / 2 there: the first step along its gradient, once its length is known, ends at u*
+    # the cost is |u − u*|² / 2 there: a step along its gradient ends at u*, once its length is known
     descend(search, np.linalg.cholesky(search.Q), unlimited(), SHORT_ROUND)
     assert search.evaluations <= SHORT_ROUND
     # rounding of u, about 1e-16 sqrt(condition) of u* = Lᵀ (y* − y₀)
     np.testing.assert_allclose(search.y, search.lowest, atol=1e-10)
     assert search.cost == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.usefixtures("_still_clock")
+def test_the_first_step_of_a_round_is_as_long_as_the_metric_says():
+    search = bowl()
+    far = search.cost - 1.0
+    # L of a cost c₀ + |u|² about its minimum: c₀ = 1 in the unit of a search that has not evaluated yet
+    descend(search, np.linalg.cholesky(search.Q / 2.0), unlimited(), 2)
+    assert search.evaluations == 2
+    assert search.cost - 1.0 < 1e-10 * far  # rounding, by sqrt(condition) of 1e8
 
 
 @pytest.mark.usefixtures("_still_clock")

@@ -14,7 +14,7 @@ from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status, Stop
 from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.strategy import ladder
+from clothfit.strategy import first_windows, ladder
 
 needs_compilation = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="hundreds of simulations need compilation")
 
@@ -241,4 +241,4 @@ def test_a_stage_is_judged_by_the_cost_of_the_whole():
 def test_steps_from_frame_to_frame(every):
     scene = small("nL", 13)
     target = at_frames(simulate(scene), slice(None, None, every))
-    assert ladder.frame_steps(Objective(scene, target, 1e-10)) == every
+    assert first_windows.frame_steps(Objective(scene, target, 1e-10)) == every

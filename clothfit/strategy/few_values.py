@@ -1,0 +1,97 @@
+"""The descent of a model of few values over all frames, where the target is not what it can reproduce.
+
+Gauss–Newton first: near a motion that the model almost reproduces it comes to the minimum in few simulations. Where its
+steps end early, L-BFGS in its metric goes on (`preconditioned`). A motion jumps where the guard shortens a step or a
+contact comes late, and its cost has steps at which both end; so points around the best one are polled at last, along
+the axes of the metric H = V Λ Vᵀ,
+
+    y = y₀ ± r √(c₀/λᵢ) vᵢ,    at which a smooth cost c would rise from c₀ to (1 + r²) c₀,
+
+and the descent goes on from one that costs clearly less. T. G. Kolda, R. M. Lewis, V. Torczon, Optimization by direct
+search, 2003.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import replace
+
+import numpy as np
+
+from clothfit.motion.divergence import Diverged
+from clothfit.optimise import gauss_newton, preconditioned
+from clothfit.optimise.gauss_newton import Patience
+from clothfit.optimise.preconditioned import FEW as FEW_VALUES
+from clothfit.optimise.prior import none
+from clothfit.optimise.search import Search
+from clothfit.optimise.status import Status
+from clothfit.optimise.trajectory import Trajectory
+
+STEPS = 4
+"""Steps of Gauss–Newton over all frames."""
+
+PATIENCE = Patience(1, 1e-3, 1e-3)
+"""A step of it that saves less than this fraction of the cost is the last."""
+
+RADIUS, POLLS = 0.3, 3
+"""r of the points that are polled, where a smooth cost is a tenth higher, and how often that is done."""
+
+PAYS = 0.01
+"""Share of the cost that a point must save for another descent."""
+
+
+def in_a_round(own: Search) -> None:
+    """A short descent, enough for a comparison. Raises Stop."""
+    if not settled(own):
+        preconditioned.one_round(own)
+
+
+def to_the_minimum(own: Search) -> None:
+    """The descent to the minimum near the best point of a search. Raises Stop."""
+    if not settled(own):
+        preconditioned.minimise(own)
+
+
+def beyond_steps(own: Search) -> None:
+    """The same, and on from points around it that cost less. Raises Stop."""
+    to_the_minimum(own)
+    for _ in range(POLLS):
+        if not polled(own):
+            break
+        to_the_minimum(own)
+
+
+def settled(own: Search) -> bool:
+    """Whether a few steps of Gauss–Newton come to the minimum, which they do only where few values are fitted. Raises
+    Stop.
+    """
+    whole, part = Trajectory(own, own.objective), preconditioned.for_metric(own)
+    if not (is_for_few(own) and part.fits()):
+        return False
+    problem = replace(whole.problem(preconditioned.SETTLED, PATIENCE), model=part.model)
+    status = Status.STALLED
+    with contextlib.suppress(Diverged):
+        status = gauss_newton.minimise(problem, own.y, none(part.size), iterations=STEPS)[2]
+    if status == Status.CONVERGED:
+        own.settled = own.best.p
+    return own.is_settled
+
+
+def polled(own: Search) -> bool:
+    """Whether a point around the best one costs clearly less; it is the best one then. Raises Stop."""
+    part, before = preconditioned.for_metric(own), own.best.cost
+    needed = own.each * 2 * len(own.y)
+    root = preconditioned.metric(part, own.y) if is_for_few(own) and own.has_time(needed) else None
+    if root is None:
+        return False
+    values, axes = np.linalg.eigh(root @ root.T)
+    y, (lower, upper) = own.y, np.array(own.bounds).T
+    for value, axis in zip(values, axes.T, strict=True):
+        for side in (RADIUS, -RADIUS):
+            own.visit(own.parameters(np.clip(y + side / np.sqrt(value) * axis, lower, upper)))
+    return bool(own.best.cost < (1.0 - PAYS) * before)
+
+
+def is_for_few(own: Search) -> bool:
+    """Whether a search is of few values, has a point, and has time."""
+    return bool(own.fitted.sum() <= FEW_VALUES and np.isfinite(own.best.cost) and not own.is_late)

@@ -1,0 +1,78 @@
+"""Through windows of the first frames, with few values: what a model of them comes to before all frames are compared.
+
+The first frames show gravity and other values that all frames hide behind what a late frame is off by.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import replace
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.objective.objective import Objective
+from clothfit.optimise import gauss_newton
+from clothfit.optimise.gauss_newton import Patience
+from clothfit.optimise.prior import none
+from clothfit.optimise.search import Search
+from clothfit.optimise.trajectory import Trajectory
+from clothfit.strategy.trajectory_fit import FIRST_WINDOW, is_long, loosened, window_lengths
+
+FIRST_STEPS, LATER_STEPS = 8, 4
+"""Steps of Gauss–Newton in the first window and in each later one, which goes on from near its minimum; half as many of
+a long fit.
+"""
+
+WINDOW_SAVING, HASTY = 0.05, Patience(1, 0.05, 0.05)
+"""Relative savings that end a window."""
+
+
+class Enough(Exception):
+    """Ends Gauss–Newton after some steps."""
+
+
+def through_windows(own: Search, windows: slice = slice(None)) -> Array:
+    """A few steps of Gauss–Newton on the first frames, on more and more, or on some of these windows: they show gravity
+    and other values that all frames hide behind what a late frame is off by. None is begun that cannot end in time, as
+    it takes as long for each frame as the one before. Returns the last values (P,).
+    """
+    y, pace = own.y, 0.0
+    for number, window in list(enumerate(windows_of(own.objective)))[windows]:
+        part, began = Trajectory(own, window), own.progress.computing
+        own.enter("windows", window)
+        if own.is_late or not own.has_time(pace * window.steps) or not np.isfinite(part.cost(y)):
+            break
+        y = some_steps(part, y, (LATER_STEPS if number else FIRST_STEPS) // (2 if is_long(own) else 1))
+        pace = (own.progress.computing - began) / window.steps
+        own.visit(own.parameters(y))
+    return own.parameters(y)
+
+
+def some_steps(part: Trajectory, y: Array, most: int) -> Array:
+    """Where some steps of Gauss–Newton lead from y (Q,), without a model of the last point."""
+    points: list[Array] = []
+
+    def model(y: Array) -> gauss_newton.Model:
+        points.append(y)
+        if len(points) > most or (len(points) > 1 and part.search.is_late):
+            raise Enough
+        return part.model(y)
+
+    problem = replace(part.problem(WINDOW_SAVING, HASTY), model=model)
+    with contextlib.suppress(Enough):
+        return gauss_newton.minimise(problem, y, none(part.size), part.passed)[0].y
+    return points[-1]
+
+
+def windows_of(objective: Objective) -> list[Objective]:
+    """The objective over the first frames, over more and more, all of them left out."""
+    first = objective.first_step + FIRST_WINDOW * frame_steps(objective)
+    return [loosened(objective, frames) for frames in window_lengths(first, objective.steps + 1)[:-1]]
+
+
+def frame_steps(objective: Objective) -> int:
+    """Steps from one compared frame to the next, in the median."""
+    gaps = [np.diff(run.comparison.goal.step) for run in objective.runs]
+    steps = np.concatenate([np.zeros(0, int), *gaps])
+    return max(int(np.median(steps)), 1) if len(steps) else 1
