@@ -66,8 +66,8 @@ SECTIONS = {
 @click.option("--no-bending", is_flag=True, help="Make springs along edges only.")
 @click.option("--damping", type=float, default=0.1, metavar="A",
               help="Damping of vertices and springs.  [default: 0.1]")
-@click.option("--drag", default="0.1", metavar="C|air", help="Drag coefficient of the faces; air: that of real "
-              "air.  [default: 0.1]")
+@click.option("--drag", metavar="C|air", help="Drag coefficient of the faces; air: that of real air, which is fitted "
+              "as well where the wind is.  [default: 0.1; air where the wind is fitted]")
 @click.option("--fix-box", multiple=True, metavar="X,Y,Z:X,Y,Z",
               help="Fix the vertices in the box between two corners.")
 @click.option("--fix-vertices", metavar="0,11,20-30", help="Fix vertices by their numbers in the mesh.")

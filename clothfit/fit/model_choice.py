@@ -68,11 +68,13 @@ def error(kept_out: Objective | None, p: Array) -> float | None:
 
 
 def chosen(
-    whole: Objective, kept_out: Objective | None, p: Array, enough: float, of: str, budget: int, longest: float = np.inf
-) -> Choice:
+    whole: Objective, kept_out: Objective | None, p: Array, enough: float, of: str, budget: int,
+    longest: float = np.inf, fitted: bool = False,
+) -> Choice:  # fmt: skip
     """The model for an objective, from values p (P,) and within a `budget` of evaluations; none is begun after the
     `longest` time, s of computing. An RMSE of `enough`, m, is good enough. Where nothing is `kept_out` of the
-    objective, a part of it judges, the last frames or some vertices, as `of` says.
+    objective, a part of it judges, the last frames or some vertices, as `of` says. Values that are `fitted`, by the
+    coarsest model, go through no windows again.
     """
     scene = ladder.as_model(with_parameters(whole.scene, p), "L", exactly=True)
     part = whole.flagging(scene)
@@ -84,7 +86,7 @@ def chosen(
     search.longest = longest
     try:
         with threads.single(), interrupts.heard():
-            climb(search)
+            climb(search, [] if fitted else [search.start])
             found = judged(search.rungs, kept_out)
     except (KeyboardInterrupt, interrupts.OutOfTime, Diverged, MemoryError, np.linalg.LinAlgError):
         found = judged(search.rungs, None)  # what was fitted until then
@@ -106,9 +108,8 @@ def parted(objective: Objective, of: str) -> tuple[Objective, Objective | None]:
     return objective.against(objective.scene, given, ends), objective.against(objective.scene, rest, ends)
 
 
-def climb(search: Search) -> None:
-    """Fit the models from coarse to fine, up to one that leaves nothing but noise."""
-    starts = [search.start]
+def climb(search: Search, starts: Sequence[Array]) -> None:
+    """Fit the models from coarse to fine, the first from `starts` (P,), up to one that leaves nothing but noise."""
     for model in ladder.models(search.objective.scene):
         if search.rungs and search.is_late:
             return

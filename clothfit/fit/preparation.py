@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clothfit.base import interrupts
+from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import BDF2
@@ -21,7 +21,7 @@ from clothfit.optimise.checkpoint import State
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import Scene
 from clothfit.strategy import ladder, step_choice, time_step
-from clothfit.strategy.start import choose_start
+from clothfit.strategy.start import choose_start, with_air
 from clothfit.strategy.time_step import Step
 
 CHOICE = 0.7
@@ -66,13 +66,27 @@ def prepared(
         plan = with_steps(plan, options.substeps, None)
     if state is not None:
         return chosen_before(plan, state)
+    first = choose_start(plan.objective, start, hidden=False)
+    if start is None and options.method == AUTO:
+        blown = in_time(plan.objective, first)
+        plan = plan if blown is first else replace(plan, p=blown)
+        first = blown
     if counts_of(options, objective.scene):
-        plan = with_chosen_step(plan, choose_start(plan.objective, start, hidden=False), options, own)
+        plan = with_chosen_step(plan, first, options, own)
     if options.model == AUTO:
-        p = choose_start(plan.objective, start, hidden=False) if plan.p is None else plan.p
+        p = first if plan.p is None else plan.p
         longest = CHOICE * LONGEST - (clock.computing() - computing) if options.seconds is None else np.inf
         plan = with_chosen_model(plan, p, options, longest)
     return replace(plan, seconds=clock.passing() - began, computing=clock.computing() - computing)
+
+
+def in_time(objective: Objective, p: Array) -> Array:
+    """The start p (P,), or a better one (`with_air`) where the time does not end before it is found."""
+    try:
+        with threads.single(), interrupts.heard():
+            return with_air(objective, p)
+    except interrupts.OutOfTime:
+        return p
 
 
 def counts_of(options: FitOptions, scene: Scene) -> Sequence[int]:
@@ -129,8 +143,9 @@ def with_chosen_model(plan: Prepared, p: Array, options: FitOptions, longest: fl
     that begin within the `longest` time, s of computing.
     """
     found = model_choice.chosen(
-        plan.objective, plan.kept_out, p, options.enough, options.holdout_of, options.budget, longest
-    )
+        plan.objective, plan.kept_out, p, options.enough, options.holdout_of, options.budget, longest,
+        fitted=bool(plan.tried),
+    )  # fmt: skip
     before = with_parameters(plan.objective.scene, p)
     plan = with_model(plan, found.model)
     scene = plan.objective.scene

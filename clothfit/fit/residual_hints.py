@@ -24,13 +24,17 @@ from clothfit.objective.run import Run
 from clothfit.objective.target import Frames, sample
 from clothfit.registration.explained import Explained, explained, promised, stage_of
 from clothfit.registration.record import Registration
-from clothfit.scene.fit_vector import parameters
+from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.strategy import smooth_balances
 
 CLOCK, PLACE = 0.5, 0.3
 """Share of the squares that a clock, or a place, must explain: a clock makes up for a part of any wrong model."""
 
 WORSE = 9.0
 """Squares of a vertex relative to the median from which on it may be mistaken for another."""
+
+OTHER_WIND = 0.3
+"""Difference of two winds, relative to one, that is worth a word."""
 
 CERTAIN = 0.9
 """Share of the squares from which on nothing else is tried."""
@@ -54,7 +58,7 @@ def with_residual_hints(found: Fit, objective: Objective) -> Fit:
     said, more = {hint.code for hint in found.hints}, list[Hint]()
     try:
         with interrupts.limited(LONGEST):
-            for look in (from_exchange, from_clock, from_place):
+            for look in (from_exchange, from_air, from_clock, from_place):
                 more += look(found, objective, said)
     except (Diverged, interrupts.OutOfTime):
         pass
@@ -130,6 +134,34 @@ def from_exchange(found: Fit, objective: Objective, said: set[str]) -> list[Hint
             )
             return [Hint("swapped_markers", text, early=False)]
     return []
+
+
+def from_air(found: Fit, objective: Objective, said: set[str]) -> list[Hint]:
+    """Is the wind that single frames show another one than that which brings the whole motion nearest?"""
+    scene = found.scene
+    if "wind" in said or scene.mode("wind") == "n":
+        return []
+    free = replace(scene, cloths=tuple(replace(each, fits={**each.fits, "drag": "G"}) for each in scene.cloths))
+    shown = smooth_balances.values(objective.flagging(free), parameters(free))
+    if shown is None:
+        return []
+    other = with_parameters(free, shown)
+    if np.linalg.norm(other.wind - scene.wind) <= OTHER_WIND * np.linalg.norm(other.wind):
+        return []
+    cloth = objective.cloths[0]
+    text = (
+        f"each frame by itself shows a wind of {vector(other.wind)} m/s with drag {other.cloths[cloth].drag:.3g}; "
+        f"{vector(scene.wind)} m/s with drag {scene.cloths[cloth].drag:.3g} brings the whole motion nearest, as what "
+        "the model lacks moves the fitted wind away from that of the air"
+    )
+    if scene.cloths[cloth].mode("drag") == "n":
+        text += "; fit the drag as well"
+    return [Hint("wind", text, early=False)]
+
+
+def vector(values: Array) -> str:
+    """Three numbers."""
+    return "(" + ", ".join(f"{value:.3g}" for value in values) + ")"
 
 
 class Pair(NamedTuple):

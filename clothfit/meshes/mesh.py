@@ -22,8 +22,8 @@ import numpy.typing as npt
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.formats.labels import Parts
+from clothfit.scene.kinds import AIR_DENSITY
 
-AIR_DENSITY = 1.2  # kg/m³, density of air
 BENDING_SHARE = 0.25  # a bending spring's share of the object's stiffness
 MOST_PLANE_VERTICES = 1_000_000  # vertices of a plane: the text of a scene with many more is too long to be read again
 

@@ -188,7 +188,10 @@ def _of_cloth(block: Block, cloth: Cloth, asked: tuple[End, End], base: Block | 
     if kind.name == "rest" and block.mode == "G":
         return replace(block, unit=cloth.lengths, ends=_of_lengths(cloth, kind, asked))
     unit = np.where(cloth.fixed, 0.0, 1.0) if kind.name == "velocity" and block.mode == "G" else None
-    return replace(block, unit=unit, ends=bounds.of_values(kind, np.ravel(getattr(cloth, kind.name)), asked))
+    values = np.ravel(getattr(cloth, kind.name))
+    if kind.name == "drag":
+        values = np.append(values, cloth.air_drag)
+    return replace(block, unit=unit, ends=bounds.of_values(kind, values, asked))
 
 
 def _factors(cloth: Cloth, kind: Kind, mode: str, ends: tuple[float, float]) -> Factors:

@@ -3,8 +3,9 @@
     lower = 1e-4, or a thousandth of the smallest positive value where that is below 1e-4
     upper = 1e4, or a thousand times the largest value where that is above 1e4
 
-for masses, stiffnesses and rest lengths, in SI units; every other kind has the bounds of `kinds`. So the bounds of
-ordinary values do not depend on them, and in a trial they give away nothing.
+for masses, stiffnesses and rest lengths, in SI units; dampings and drags may likewise be larger than those of `kinds`,
+where the cloth's own value is, or its faces are so small that real air has a larger drag; every other kind has the
+bounds of `kinds`. So the bounds of ordinary values do not depend on them, and in a trial they give away nothing.
 """
 
 from __future__ import annotations
@@ -100,10 +101,12 @@ def of_values(kind: Kind, values: Array, asked: tuple[End, End] = (None, None)) 
 
 def around(kind: Kind, values: Array) -> tuple[float, float]:
     """The default bounds of values."""
-    if not kind.log or not values.size:
+    if kind.valid == "any number" or not values.size:
         return kind.lower, kind.upper
-    least = float(np.min(values, where=values > 0, initial=np.inf))
     most = float(values.max())
+    if not kind.log:
+        return kind.lower, kind.upper if most <= kind.upper else most * AROUND
+    least = float(np.min(values, where=values > 0, initial=np.inf))
     return (
         kind.lower if least >= kind.lower else least / AROUND,
         kind.upper if most <= kind.upper else most * AROUND,

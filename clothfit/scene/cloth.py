@@ -16,8 +16,11 @@ from clothfit.scene import array_checks as checks
 from clothfit.scene import schema as structure
 from clothfit.scene.bounds import Bounds
 from clothfit.scene.keys import Keys, Pin, keys
-from clothfit.scene.kinds import LETTERED, Kind
+from clothfit.scene.kinds import AIR_DENSITY, LETTERED, Kind
 from clothfit.scene.weave.layout import NOTHING, Layout
+
+SMALLEST_SQUARE = 1e-100
+"""m⁴, of the area of a face that is none."""
 
 PLANE, SPHERE, CAPSULE, BOX, MESH = 0, 1, 2, 3, 4
 """The `type` of a collider."""
@@ -68,6 +71,16 @@ class Cloth:
     def default(self, kind: Kind) -> npt.ArrayLike:
         """The values of an optional kind where the file gives none."""
         return self.lengths if kind.name == "rest" else np.zeros_like(getattr(self, kind.name))
+
+    @cached_property
+    def air_drag(self) -> float:
+        """The drag coefficient, kg/(m⁶ s), with which air of 1 m/s pushes a face as real air would, ϱ/(8 A²) with A the
+        median area of the faces that have one; 0 without faces.
+        """
+        a, b, c = (self.positions[corner] for corner in self.triangles.T)
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
+        square = float(np.median(area[area > 0])) ** 2 if (area > 0).any() else 0.0
+        return AIR_DENSITY / (8.0 * square) if square > SMALLEST_SQUARE else 0.0
 
     @property
     def feels_air(self) -> bool:

@@ -75,6 +75,9 @@ CLOTH_KINDS = tuple(kind for kind in KINDS if kind not in SCENE_KINDS)
 LETTERED = ("mass", "stiffness")
 """The kinds that `optimizationSettings` flags, in the order of its letters."""
 
+AIR_DENSITY = 1.2
+"""Of air, kg/m³."""
+
 INTEGRATORS = ("explicit", "symplectic", "implicit", "bdf2")
 """Names of the values of integrationMethod."""
 

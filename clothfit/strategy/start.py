@@ -18,6 +18,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import owned
 from clothfit.meshes.mesh import BENDING_SHARE, Mesh, areas
+from clothfit.objective.comparison import WHOLE
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
 from clothfit.scene.block import Block
@@ -26,10 +27,15 @@ from clothfit.scene.factors import geometric_mean
 from clothfit.scene.fit_vector import bounds, parameters
 from clothfit.scene.kinds import LETTERED
 from clothfit.scene.scene import Scene
-from clothfit.strategy.coarse_search import best_scales, normalised
+from clothfit.strategy import smooth_balances
+from clothfit.strategy.coarse_search import COARSE_FRAMES, COARSE_TOLERANCE, best_scales, normalised
 
 SELF_STARTING = ("auto", "momentum")
 """Methods that look for a start themselves where none is given."""
+
+
+EARLY = 3
+"""The first of so many parts of the frames shows which start is better."""
 
 
 class FirstPoint(NamedTuple):
@@ -71,6 +77,19 @@ def choose_start(objective: Objective, start: float | Array | Scene | None, hidd
     if hidden:
         return np.where(identifiable(scene), neutral_start(objective), parameters(scene))
     return parameters(scene)
+
+
+def with_air(objective: Objective, p: Array) -> Array:
+    """The start p (P,), or, where the wind or the drag is fitted, the values of smooth balances of momentum, if these
+    cost less over the first part of the frames: from a wrong drag no wind pays, and from no wind no drag does.
+    """
+    if not any(block.name in ("wind", "drag") for block in objective.blocks):
+        return p
+    found = smooth_balances.values(objective, p)
+    if found is None or WHOLE & set(objective.weights):
+        return p
+    early = objective.until(max(objective.steps // EARLY, COARSE_FRAMES) + 1, COARSE_TOLERANCE)
+    return min((p, np.where(objective.identifiable, found, p)), key=early.cost_or_infinity)
 
 
 def given_start(scene: Scene, start: float | Array, others: Array) -> Array:

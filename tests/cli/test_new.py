@@ -96,13 +96,22 @@ def test_the_options_of_a_scene():
 
 @pytest.mark.parametrize(
     ("options", "settings", "fits"),
-    [((), "nF", {}), (("--fit", "Ln"), "Ln", {}), (("--fit", "wind"), "nn", {}),
+    [((), "nF", {}), (("--fit", "Ln"), "Ln", {}), (("--fit", "wind"), "nn", {"drag": "G"}),
+     (("--fit", "wind", "--drag", "50"), "nn", {}), (("--fit", "wind", "--fit", "drag"), "nn", {"drag": "G"}),
      (("--fit", "gl", "--fit", "damping", "--fit", "rest=l"), "GL", {"damping": "G", "rest": "L"})],
 )  # fmt: skip
 def test_what_to_fit(options, settings, fits):
     scene = made("plane", *options)
     assert (scene.cloths[0].settings, scene.cloths[0].fits) == (settings, fits)
     assert scene.fits == ({"wind": "G"} if "wind" in options else {})
+
+
+def test_where_the_wind_is_to_be_found_the_drag_is_that_of_air():
+    (still,) = made("plane", "--drag", "air").cloths
+    given = ((), ("--drag", "air"), ("--drag", "2"))
+    drags = [made("plane", "--fit", "wind", *each).cloths[0].drag for each in given]
+    assert drags == pytest.approx([5 * still.drag, 5 * still.drag, 2.0], rel=1e-14)  # of 5 m/s
+    assert made("plane", "--fit", "damping").cloths[0].drag == 0.1
 
 
 @pytest.mark.parametrize(

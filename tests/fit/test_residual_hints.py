@@ -1,16 +1,18 @@
 """Hints from residuals: a clock, a place and two vertices that explain them; noise gives none."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.strangers import sheet, stranger
+from helpers.strangers import WIND, sheet, stranger, windy, with_finer_steps
 
 import clothfit
-from clothfit.fit.residual_hints import exchanged
+from clothfit.fit.residual_hints import exchanged, from_air
 from clothfit.motion.degrade import degrade
 from clothfit.motion.motion import at_frames
 from clothfit.motion.simulate import simulate
+from clothfit.objective.objective import Objective
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
@@ -69,6 +71,24 @@ def test_finer_steps_give_no_hint_of_clock_or_place():
     fine = motion(frames=157, delta=0.005)
     every = replace(fine, times=fine.times[::4], positions=np.ascontiguousarray(fine.positions[::4]))
     assert not {"time_offset", "time_scale", "placement", "swapped_markers"} & set(late_hints(every))
+
+
+@pytest.mark.parametrize(("drag", "said"), [("G", False), ("n", True)])
+def test_a_wind_that_single_frames_show_otherwise_is_said(drag, said):
+    motion = with_finer_steps(windy(), 4)
+
+    def hints(wind):
+        scene = windy(wind)
+        scene = replace(scene, cloths=(replace(scene.cloths[0], fits={"damping": "G", "drag": drag}),))
+        return from_air(SimpleNamespace(scene=scene), Objective(scene, motion, 1e-10), set())
+
+    (hint,) = hints((-1.0, 3.0, 2.0))
+    assert hint.code == "wind"
+    assert "(-1, 3, 2) m/s with drag 2e+03 brings" in hint.text
+    assert ("fit the drag as well" in hint.text) is said
+    assert not hints(WIND)
+    calm = replace(windy(), fits={})
+    assert not from_air(SimpleNamespace(scene=calm), Objective(calm, motion, 1e-10), set())
 
 
 def test_exchanged_finds_the_pair_and_nothing_where_there_is_none():

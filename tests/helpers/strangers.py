@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +14,9 @@ from clothfit.motion.motion import Motion, at_frames
 from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import Scene
 from helpers.scenes import cloth, document, load_text
+
+WIND, DRAG, DAMPING = (1.0, -0.5, 2.0), 2000.0, 0.5
+"""Of a sheet in wind: m/s, kg/(m⁶ s) and 1/s."""
 
 
 def sheet(stiffness: float = 20.0, letters: str = "nG", frames: int = 40, delta: float = 0.02) -> Scene:
@@ -46,3 +50,17 @@ def with_finer_steps(scene: Scene, count: int) -> Motion:
     """The frames of a scene's motion by so many BDF2 steps to each of its own."""
     finer = scene.with_step(scene.delta / count, count * (scene.frames - 1) + 1, "bdf2")
     return at_frames(simulate(finer, tolerance=1e-12), slice(None, None, count))
+
+
+def windy(
+    wind: Sequence[float] = WIND, drag: float = DRAG, damping: float = DAMPING, stiffness: float = 5.0,
+    letters: str = "nF", frames: int = 160, **fields: Any,
+) -> Scene:  # fmt: skip
+    """A sheet of 6 × 6 vertices in wind, held at one side; its frames are near enough for differences."""
+    springs = [stiffness] * len(cloth(6, 6)["springStiffness"])
+    own = cloth(6, 6, 0.1, vertIsFixed=[i < 6 for i in range(36)], vertMass=[0.002] * 36, springStiffness=springs)
+    own |= {"optimizationSettings": letters, "dragCoefficient": drag, "damping": damping}
+    own["fit"] = {"damping": "G", "dragCoefficient": "G"}
+    given = {"windVel": dict(zip("xyz", wind, strict=True)), "fit": {"windVel": "G"}, "integrationMethod": 3}
+    rest = {"optimizationIterations": frames, "delta": 0.0025, "tolerance": 1e-10, **given, **fields}
+    return load_text(json.dumps(document(own, **rest)))

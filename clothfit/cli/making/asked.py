@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 PLANE = "plane"
 """Stands for a mesh that needs no file."""
 
-AIR, CALM = "air", 1.0
-"""Stands for the drag of real air; at so many m/s where there is no wind."""
+AIR, CALM, UNKNOWN = "air", 1.0, 5.0
+"""Stands for the drag of real air; at so many m/s where there is no wind, and where it is to be found."""
 
 Corner = tuple[float, ...]
 """Three coordinates, m."""
@@ -47,7 +47,7 @@ class Asked:
     bending: float | None
     no_bending: bool
     damping: float
-    drag: str
+    drag: str | None
     fix_box: tuple[str, ...]
     fix_vertices: str | None
     fix_side: tuple[str, ...]
@@ -88,11 +88,19 @@ class Asked:
 
     def drag_of(self, mesh: Mesh) -> float:
         """The air drag of a mesh. Raises InvalidInput."""
-        if self.drag != AIR:
-            return numbers("--drag", self.drag, 1, f"0.1 or {AIR}")[0]
+        if not self.of_air:
+            return numbers("--drag", self.drag or "0.1", 1, f"0.1 or {AIR}")[0]
         from clothfit.meshes.mesh import air_drag
 
-        return air_drag(mesh, hypot(*self.blows) or CALM)
+        return air_drag(mesh, hypot(*self.blows) or (UNKNOWN if self._fits("wind") else CALM))
+
+    @property
+    def of_air(self) -> bool:
+        """Whether the drag is that of real air: where it is asked for, or no number is and the wind is to be found."""
+        return self.drag == AIR or (self.drag is None and self._fits("wind"))
+
+    def _fits(self, kind: str) -> bool:
+        return any(text.partition("=")[0] == kind for text in self.fit)
 
     @property
     def extent(self) -> tuple[float, float]:
@@ -152,9 +160,10 @@ class Asked:
 
     @property
     def kinds(self) -> dict[str, str]:
-        """What else to fit: modes by names."""
+        """What else to fit: modes by names. The drag of air depends on its speed: with the wind it is not known."""
         split = [text.partition("=") for text in self.fit if not _lettered(text)]
-        return {name: mode.upper() if equals else "G" for name, equals, mode in split}
+        given = {name: mode.upper() if equals else "G" for name, equals, mode in split}
+        return {"drag": "G", **given} if self._fits("wind") and self.of_air else given
 
 
 def understood(path: str | None, asked: Asked) -> tuple[str, Asked]:
