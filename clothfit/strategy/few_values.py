@@ -21,11 +21,13 @@ import numpy as np
 from clothfit.motion.divergence import Diverged
 from clothfit.optimise import gauss_newton, preconditioned
 from clothfit.optimise.gauss_newton import Patience
-from clothfit.optimise.preconditioned import FEW as FEW_VALUES
 from clothfit.optimise.prior import none
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import Trajectory
+
+FEW_VALUES = preconditioned.FEW
+"""Values up to which a step of Gauss–Newton costs no more than a few gradients."""
 
 STEPS = 4
 """Steps of Gauss–Newton over all frames."""
