@@ -36,10 +36,12 @@ class Solid(NamedTuple):
     turn: Array  # (F, 3, 3), their directions, one in each column
     endless: bool  # whether what is drawn is a part of it
     moves: bool
+    paths: Array | None = None  # (F, P, 3), m, the points where they go ways of their own
 
     def at(self, frame: int) -> Array:
         """The points (P, 3) at a frame, m."""
-        return np.asarray(self.centre[frame] + self.points @ self.turn[frame].T)
+        points = self.points if self.paths is None else self.paths[frame]
+        return np.asarray(self.centre[frame] + points @ self.turn[frame].T)
 
 
 def solids(scene: Scene, times: Array, x: Array) -> tuple[Solid, ...]:
@@ -54,8 +56,19 @@ def solids(scene: Scene, times: Array, x: Array) -> tuple[Solid, ...]:
     for c, each in enumerate(scene.colliders):
         middle = turns[0, c].T @ (0.5 * (low + high) - centres[0, c])
         points, triangles, tone = shape(each, middle, BESIDE * reach)
-        made.append(Solid(points, triangles, tone, centres[:, c], turns[:, c], each.kind == PLANE, each.moves))
+        placed = centres[:, c], turns[:, c], each.kind == PLANE, each.moves
+        made.append(Solid(points, triangles, tone, *placed, paths_of(each, times)))
     return tuple(made)
+
+
+def paths_of(collider: Collider, times: Array) -> Array | None:
+    """The places (F, P, 3) of the vertices of a mesh with a motion of its own in its axes at times (F,), s, m."""
+    if collider.body is None or collider.body.motion is None:
+        return None
+    from clothfit.engine.inputs.body_files import body_of
+    from clothfit.engine.inputs.poses import places
+
+    return places(body_of(collider), collider.body.motion.interpolation, times)
 
 
 def shape(collider: Collider, middle: Array, half: float) -> tuple[Array, Indices, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.engine.inputs.sampling import centres_at, winds
 from clothfit.pictures.solids import Solid, solids
-from clothfit.report.packing import packed
+from clothfit.report.packing import box, packed, packed_positions
 from clothfit.scene.scene import Scene
 
 
@@ -29,12 +29,16 @@ def surroundings(scene: Scene, times: Array, x: Array) -> dict[str, Any]:
 
 
 def solid(found: Solid) -> dict[str, Any]:
-    """A collider in triangles: where its axes are at the start, or at each frame, as a place and a quaternion."""
+    """A collider in triangles: where its axes are at the start, or at each frame, as a place and a quaternion, and in
+    them the paths of points that go their own ways.
+    """
     from scipy.spatial.transform import Rotation
 
     count = len(found.centre) if found.moves else 1
     turns = Rotation.from_matrix(found.turn[:count]).as_quat()
+    paths = {} if found.paths is None else {"paths": packed_positions(found.paths, *box(found.paths))}
     return {
+        **paths,
         "points": packed(found.points),
         "triangles": packed(found.triangles),
         "tone": packed(found.tone),

@@ -166,8 +166,9 @@ def test_frames_are_interpolated_as_keys_are(interpolation):
 
     rows = poses.frames_of(Moving, interpolation)
     found = np.einsum("tj,tjvc->tvc", weight, rows[place])
-    keys = Keys(own, values, interpolation)
-    np.testing.assert_allclose(found, sampling.interpolated(keys, times), atol=1e-13)
+    expected = sampling.interpolated(Keys(own, values, interpolation), times)
+    np.testing.assert_allclose(found, expected, atol=1e-13)
+    np.testing.assert_allclose(poses.places(Moving, interpolation, times), expected, atol=1e-13)
 
 
 # --- forces

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from helpers.scenes import document
+from helpers.surfaces import body, torus
 from numpy.testing import assert_allclose
 
 from clothfit.engine.forces.touch import build, depths
 from clothfit.engine.inputs.sampling import states
+from clothfit.engine.system import build as build_system
 from clothfit.pictures.polygons import stage
 from clothfit.pictures.raster import drawn
 from clothfit.pictures.solids import box, capsule, solids
@@ -44,6 +46,21 @@ def test_every_point_lies_on_the_surface_that_pushes_wherever_it_has_moved(name)
         pushing = build([number], [own.size], [(0.0, 1.0, 0.0)], state[frame])
         assert_allclose(depths(pushing, found.at(frame))[0], 0.0, atol=1e-12)
     assert np.ptp(found.centre[:, 0]) == pytest.approx(0.3)
+
+
+def test_a_mesh_is_drawn_where_it_pushes_and_its_vertices_go_their_own_ways(tmp_path):
+    points, faces = torus(8, 5, 0.4, 0.2)
+    np.savez(tmp_path / "grow.npz", positions=np.stack([points, 1.5 * points]), times=np.array([0.0, 1.0]))
+    item = body((points, faces), motion={"file": str(tmp_path / "grow.npz")})
+    scene = world(**{**item, "pos": {"x": 0.2, "y": -0.4, "z": 0.1}}, posKeys=MOVED, rotKeys=TURNED)
+    times = np.array([0.0, 0.5, 1.0])
+    (found,) = solids(scene, times, scene.cloths[0].positions)
+    system = build_system(scene, 0)
+    for frame in range(3):
+        own = found.at(frame) - found.centre[frame]
+        assert_allclose(own, (1 + 0.5 * times[frame]) * points @ found.turn[frame].T, atol=1e-12)
+    assert_allclose(found.at(0), system.colliders.bodies.place @ found.turn[0].T + found.centre[0], atol=1e-12)
+    assert np.array_equal(np.sort(found.triangles, axis=None), np.sort(system.colliders.bodies.triangles, axis=None))
 
 
 @pytest.mark.parametrize(

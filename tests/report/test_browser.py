@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.browsers import SIZE, browser, differing, opened, pixels
 from helpers.scenes import even, sphere
+from helpers.surfaces import block, body
 from scipy.spatial.transform import Rotation
 
 from clothfit.motion.degrade import degrade
@@ -248,6 +249,10 @@ def test_colliders_of_every_shape_move_with_their_keys_and_the_arrow_with_the_wi
     common["scale"] = {"x": 1, "y": 2, "z": 1}
     shapes = [{"type": 0, **common, "rot": zero}, {"type": 2, **common, "radius2": 0.1, "posKeys": way}]
     shapes.append({"type": 3, **common, "posKeys": way, "rotKeys": turn})
+    points, faces = block((0.1, 0.05, 0.1))  # on a grid of 16 bits finer than the numbers are compared
+    np.savez(tmp_path / "grow.npz", positions=np.stack([points, 1.5 * points]), times=np.array([0.0, 1.0]))
+    bent = {"rotKeys": turn, "motion": {"file": str(tmp_path / "grow.npz")}}
+    shapes.append({**body((points, faces)), **common, **bent})
     wind = {"times": [0, 0.1], "values": [{"x": 1, "y": 0, "z": 0}, {"x": 0, "y": 0, "z": 4}]}
     made = load(even("nG", FRAMES, colliders=shapes, planes="solid", windVelKeys=wind))
     path = tmp_path / "colliders.html"
@@ -261,7 +266,7 @@ def test_colliders_of_every_shape_move_with_their_keys_and_the_arrow_with_the_wi
           const at = mesh.geometry.getAttribute("position").clone().applyMatrix4(mesh.matrixWorld);
           return [Array.from(at.array), Array.from(mesh.geometry.getAttribute("normal").array)];
         })""")
-        assert len(shown) == 3
+        assert len(shown) == 4
         for own, (points, normals) in zip(true[1:], shown[1:], strict=True):
             points = np.reshape(points, (-1, 3)) * [-1.0, 1.0, 1.0]  # the page's axes are right-handed
             np.testing.assert_allclose(points, own.at(1), atol=1e-5)  # the page has numbers of 32 bits

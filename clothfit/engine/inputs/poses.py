@@ -81,6 +81,16 @@ def shares(own: Array, interpolation: str, times: Array) -> tuple[Numbers, Array
     return place, weight
 
 
+def places(moving: Moving, interpolation: str, times: Array) -> Array:
+    """The places (T, V, 3), m, of the vertices of a mesh with a motion of its own at times (T,), s."""
+    first, weight = shares(moving.times, interpolation, times)
+    rows = frames_of(moving, interpolation)
+    found = np.zeros((len(times), *rows.shape[1:]))
+    for j in range(ROWS):
+        found += weight[:, j, None, None] * rows[first[:, j]]
+    return found
+
+
 @kernel
 def pose(poses, colliders, row, lead, h):
     """Put the meshes where they are at a row of the table, with the velocity of the step that ends there, with `lead` 0

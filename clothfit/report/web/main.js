@@ -34,8 +34,9 @@ async function unpackedBeside(record) {
   return { ...values, name: record.name, fitted, error };
 }
 
-async function unpackedSolid({ points, triangles, tone, ...rest }) {
-  return { ...(await unpackedAll({ points, triangles, tone })), ...rest };
+async function unpackedSolid({ points, triangles, tone, paths, ...rest }) {
+  const own = paths ? { paths: await unpackedPositions(paths) } : {};
+  return { ...(await unpackedAll({ points, triangles, tone })), ...rest, ...own };
 }
 
 const sums = (counts) => counts.reduce((found, count) => [...found, found[found.length - 1] + count], [0]);

@@ -1,4 +1,4 @@
-// Colliders that are drawn as triangles: planes, capsules, boxes.
+// Colliders that are drawn as triangles: planes, capsules, boxes, meshes.
 //
 // As with cloths the x axis is turned round, and with it the order of a triangle's vertices and two parts of a turn.
 
@@ -27,10 +27,24 @@ export function solidMesh({ points, triangles, tone }, give) {
 }
 
 /** Put a mesh where its solid is between a frame and the next. */
-export function placeSolid(mesh, { places, turns }, frame, share) {
+export function placeSolid(mesh, { places, turns, paths }, frame, share) {
   const [a, b] = [frame, frame + 1].map((at) => Math.min(at, places.length - 1));
   mesh.position.copy(placeOf(places[a]).lerp(placeOf(places[b]), share));
   mesh.quaternion.copy(turnOf(turns[a]).slerp(turnOf(turns[b]), share));
+  if (paths) bend(mesh.geometry, paths, frame, share);
+}
+
+/** Put the points of a geometry where their paths are between a frame and the next. */
+function bend(geometry, { grid, frames, vertices, low, step }, frame, share) {
+  const points = geometry.getAttribute("position"), row = 3 * vertices;
+  const [a, b] = [frame, frame + 1].map((at) => row * Math.min(at, frames - 1));
+  for (let i = 0; i < row; i++) {
+    const axis = i % 3, q = grid[a + i] + share * (grid[b + i] - grid[a + i]);
+    points.array[i] = (axis === 0 ? -1 : 1) * (low[axis] + step[axis] * q);
+  }
+  points.needsUpdate = true;
+  geometry.computeVertexNormals();
+  geometry.computeBoundingSphere();
 }
 
 /** Its points at the start, turned round as the picture is, flat. */
