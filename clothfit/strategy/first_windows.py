@@ -17,7 +17,7 @@ from clothfit.optimise.gauss_newton import Patience
 from clothfit.optimise.prior import none
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
-from clothfit.strategy.trajectory_fit import FIRST_WINDOW, is_long, loosened, window_lengths
+from clothfit.strategy.trajectory_fit import FIRST_WINDOW, WINDOW_GROWTH, is_long, loosened, window_lengths
 
 FIRST_STEPS, LATER_STEPS = 8, 4
 """Steps of Gauss–Newton in the first window and in each later one, which goes on from near its minimum; half as many of
@@ -26,6 +26,12 @@ a long fit.
 
 WINDOW_SAVING, HASTY = 0.05, Patience(1, 0.05, 0.05)
 """Relative savings that end a window."""
+
+TOUCHING_GROWTH, TOUCHING_SAVING, TOUCHING = 1.3, 1e-4, Patience(1, 1e-4, 1e-4)
+"""The ratio of one window to the one before, and the savings that end one, where a cloth may touch colliders: each
+contact that switches narrows the valley of the minimum. A window must end within that of the next one, and the noise of
+a target hides much of what it shows.
+"""
 
 
 class Enough(Exception):
@@ -43,7 +49,8 @@ def through_windows(own: Search, windows: slice = slice(None)) -> Array:
         own.enter("windows", window)
         if own.is_late or not own.has_time(pace * window.steps) or not np.isfinite(part.cost(y)):
             break
-        y = some_steps(part, y, (LATER_STEPS if number else FIRST_STEPS) // (2 if is_long(own) else 1))
+        most = LATER_STEPS if number and not touches(window) else FIRST_STEPS
+        y = some_steps(part, y, most // (2 if is_long(own) else 1))
         pace = (own.progress.computing - began) / window.steps
         own.visit(own.parameters(y))
     return own.parameters(y)
@@ -59,7 +66,8 @@ def some_steps(part: Trajectory, y: Array, most: int) -> Array:
             raise Enough
         return part.model(y)
 
-    problem = replace(part.problem(WINDOW_SAVING, HASTY), model=model)
+    ends = (TOUCHING_SAVING, TOUCHING) if touches(part.objective) else (WINDOW_SAVING, HASTY)
+    problem = replace(part.problem(*ends), model=model)
     with contextlib.suppress(Enough):
         return gauss_newton.minimise(problem, y, none(part.size), part.passed)[0].y
     return points[-1]
@@ -68,7 +76,13 @@ def some_steps(part: Trajectory, y: Array, most: int) -> Array:
 def windows_of(objective: Objective) -> list[Objective]:
     """The objective over the first frames, over more and more, all of them left out."""
     first = objective.first_step + FIRST_WINDOW * frame_steps(objective)
-    return [loosened(objective, frames) for frames in window_lengths(first, objective.steps + 1)[:-1]]
+    growth = TOUCHING_GROWTH if touches(objective) else WINDOW_GROWTH
+    return [loosened(objective, frames) for frames in window_lengths(first, objective.steps + 1, growth)[:-1]]
+
+
+def touches(objective: Objective) -> bool:
+    """Whether a cloth may touch something."""
+    return objective.scene.obstacles > 0
 
 
 def frame_steps(objective: Objective) -> int:

@@ -219,12 +219,12 @@ def first_frames(objective: Objective) -> Objective:
     return loosened(objective, first_window(objective))
 
 
-def window_lengths(frames: int, last: int) -> list[int]:
-    """Frames of each window, from the first to the last, which is whole."""
+def window_lengths(frames: int, last: int, growth: float = WINDOW_GROWTH) -> list[int]:
+    """Frames of each window, from the first to the last, which is whole; each is `growth` times the one before."""
     lengths = []
     while frames < 0.8 * last:
         lengths.append(frames)
-        frames *= WINDOW_GROWTH
+        frames = max(int(frames * growth), frames + 1)
     return [*lengths, last]
 
 
