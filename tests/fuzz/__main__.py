@@ -77,14 +77,14 @@ class Report:
         return int(bool(self.faults) or self.memory > MOST_MEMORY)
 
 
-def generated(report: Report, seed: int, count: int | None, seconds: float) -> None:
-    """Try cases of a seeded generator, so many or so long; in a workplace."""
+def generated(report: Report, seed: int, count: int | None, seconds: float, moving: bool = True) -> None:
+    """Try cases of a seeded generator, so many or so long, also of what is `moving`; in a workplace."""
     from fuzz.cases import case, tried
 
     end = time.perf_counter() + seconds
     number = 0
     while number < count if count is not None else time.perf_counter() < end:
-        one = case(Random(f"{seed}-{number}"))
+        one = case(Random(f"{seed}-{number}"), moving)
         faulthandler.dump_traceback_later(HUNG, exit=True)
         report.add(one, tried(one))
         number += 1

@@ -20,6 +20,7 @@ import numpy as np
 
 from clothfit.cli.program import run
 from clothfit.optimise.checkpoint import FORMAT_LINE, checksum
+from fuzz.moving import KEYED, TABLE, moving
 from fuzz.mutations import KINDS, damaged, motion, scene, with_token
 
 CODES = (0, 3, 4, 5)
@@ -36,6 +37,7 @@ COMMANDS = {
         ("target", "{file}", "--steps", "2", "--fps", "70", "-o", "out.npz"),
         ("evaluate", "good.json", "{file}", "--steps", "3"),
         ("evaluate", "{file}", "good.json", "--steps", "3", "--target", "good.npz"),
+        ("info", "{file}"),
     ],
     "motion": [
         ("evaluate", "good.json", "good.json", "--steps", "3", "--target", "{file}"),
@@ -47,6 +49,16 @@ COMMANDS = {
         ("info", "{file}"),
         ("new", "{file}", "-o", "made.json", "-q"),
     ],
+    "moving": [
+        ("simulate", "{file}", "--steps", "2", "-o", "out.npz"),
+        ("simulate", "{file}", "--steps", "2", "-o", "out.npz", "--energy"),
+        ("evaluate", "keyed.json", "{file}", "--steps", "3"),
+        ("info", "{file}"),
+    ],
+    "keys": [
+        ("simulate", "keyed.json", "--steps", "2", "-o", "out.npz"),
+        ("info", "keyed.json"),
+    ],
     "checkpoint": [
         ("estimate", "good.json", "--target", "good.npz", "--resume", "--checkpoint", "{file}", *FIT),
     ],
@@ -57,13 +69,14 @@ FITS = {
         ("estimate", "good.json", "--target", "good.npz@{file}", *FIT),
         ("estimate", "good.json", "--target", "good.npz", "--start", "{file}", *FIT),
     ],
+    "moving": [("estimate", "{file}", "--target", "good.npz", *FIT), ("check", "{file}", "--steps", "3")],
     "motion": [("estimate", "good.json", "--target", "{file}", *FIT)],
 }
 """Commands that take longer, tried more rarely."""
 
 
 BLENDER = Path(__file__).parents[1] / "formats" / "blender"
-SUFFIXES = {"scene": ".json", "motion": ".npz", "checkpoint": ".checkpoint"}
+SUFFIXES = {"scene": ".json", "moving": ".json", "motion": ".npz", "keys": ".csv", "checkpoint": ".checkpoint"}
 TEXTS = (".obj", ".trc", ".csv", ".gltf")
 WRITTEN = (*TEXTS, ".pc2", ".mdd", ".glb", ".c3d")
 BLENDERS = {".abc": ["sheet.abc"], ".stl": ["sheet-binary.stl", "sheet-text.stl"]}
@@ -100,6 +113,8 @@ def workplace(folder: str, warm: bool = True) -> Iterator[None]:
     os.chdir(folder)
     try:
         Path("good.json").write_text(json.dumps(scene()))
+        Path("keyed.json").write_text(json.dumps(moving()).replace(KEYED, "case.csv"))
+        Path(KEYED).write_text(TABLE)
         np.savez("good.npz", **motion())  # type: ignore[arg-type]
         np.savez("whole.npz", positions=motion()["positions"][:1])
         for suffix in WRITTEN:
@@ -107,15 +122,28 @@ def workplace(folder: str, warm: bool = True) -> Iterator[None]:
         arguments = ("estimate", "good.json", "--target", "good.npz", "--checkpoint", "good.checkpoint", *FIT)
         if warm:  # compiling is not what is timed
             judged(("warmup",))
+            warm_what_moves()
         judged(arguments)
         yield  # the fit ended at the limit of evaluations, so its checkpoint is still there
     finally:
         os.chdir(before)
 
 
-def case(chance: Random) -> Case:
-    """A case by chance; in a workplace."""
-    kind = chance.choices(["scene", "motion", "foreign", "checkpoint"], [55, 33, 10, 2])[0]
+def warm_what_moves() -> None:
+    """Compile what scenes need in which something moves; in a workplace."""
+    Path("case.csv").write_text(TABLE)
+    whole = json.loads(Path("keyed.json").read_text())
+    for method in range(4):
+        Path("method.json").write_text(json.dumps({**whole, "integrationMethod": method}))
+        judged(("simulate", "method.json", "--steps", "2", "-o", "out.npz", "--energy"))
+        judged(("estimate", "method.json", "--target", "good.npz", *FIT))
+
+
+def case(chance: Random, moving: bool = True) -> Case:
+    """A case by chance, also of scenes in which something is `moving`; in a workplace."""
+    shares = {"scene": 55, "motion": 33, "foreign": 10, "checkpoint": 2}
+    shares |= {"moving": 50, "keys": 5} if moving else {}
+    kind = chance.choices(list(shares), list(shares.values()))[0]
     if kind == "foreign":
         suffix = chance.choice(FOREIGN)
         return Case(kind, chance.choice(COMMANDS[kind]), foreign_bytes(chance, suffix), suffix)

@@ -20,6 +20,8 @@ from typing import Any
 import numpy as np
 from helpers.scenes import cloth, document, sphere
 
+from fuzz.moving import TABLE, moving
+
 NUMBERS = [
     0, -0.0, 1, -1, 2, 3, 0.5, 1e-5, 1e300, -1e300, 1e-300, 5e-324, 1.7e308, 1e154, 1e-160, 1e12, 1e19, 2**31 - 1,
     2**31, 2**32, 2**53 + 1, 2**63, 2**64, 10**30, -(2**31), math.nan, math.inf, -math.inf,
@@ -72,9 +74,9 @@ def places(value: Any, path: tuple[str | int, ...] = ()) -> list[tuple[str | int
     return [inner for key, item in members for inner in [(*path, key), *places(item, (*path, key))]]
 
 
-def changed_document(chance: Random) -> Any:
-    """The scene with one to three of its values replaced, taken away, repeated or exchanged."""
-    made = copy.deepcopy(scene())
+def changed_document(chance: Random, valid: Callable[[], dict[str, Any]]) -> Any:
+    """A scene that was `valid`, with one to three of its values replaced, taken away, repeated or exchanged."""
+    made = copy.deepcopy(valid())
     for _ in range(chance.choice([1, 1, 1, 2, 3])):
         found = places(made)
         if not found:
@@ -111,9 +113,9 @@ def alter(chance: Random, owner: Any, key: Any) -> None:
             owner[key] = chance.choice([*NUMBERS, *near, *near])
 
 
-def scene_bytes(chance: Random) -> bytes:
-    """A scene that is changed in its values, as a text, or both."""
-    text = json.dumps(changed_document(chance) if chance.random() < 0.75 else scene())
+def scene_bytes(chance: Random, valid: Callable[[], dict[str, Any]] = scene) -> bytes:
+    """A `valid` scene that is changed in its values, as a text, or both."""
+    text = json.dumps(changed_document(chance, valid) if chance.random() < 0.75 else valid())
     data = text.encode("utf-8", "surrogatepass")
     match chance.randrange(10):
         case 0 | 1:
@@ -236,4 +238,17 @@ def motion_bytes(chance: Random) -> bytes:
     return damaged(chance, data) if chance.random() < 0.3 else data
 
 
-KINDS: dict[str, Callable[[Random], bytes]] = {"scene": scene_bytes, "motion": motion_bytes}
+def keys_bytes(chance: Random) -> bytes:
+    """A table of keys with another word in it, or damaged."""
+    data = TABLE.encode()
+    return with_token(chance, data) if chance.random() < 0.6 else damaged(chance, data)
+
+
+def moving_bytes(chance: Random) -> bytes:
+    """A scene in which all moves that can, changed."""
+    return scene_bytes(chance, moving)
+
+
+KINDS: dict[str, Callable[[Random], bytes]] = {
+    "scene": scene_bytes, "moving": moving_bytes, "motion": motion_bytes, "keys": keys_bytes,
+}  # fmt: skip

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from fuzz.__main__ import Report, generated
 from fuzz.cases import CODES, COMMANDS, FOREIGN, Case, case, checkpoint_bytes, foreign_bytes, judged, tried, workplace
-from fuzz.mutations import motion, motion_bytes, scene, scene_bytes
+from fuzz.mutations import motion, motion_bytes, moving_bytes, scene, scene_bytes
 from helpers.scenes import changed, load_text
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -165,6 +165,12 @@ def test_mutated_scenes(chance):
 
 @many
 @given(chances)
+def test_mutated_scenes_in_which_everything_moves(chance):
+    assert_faultless(Case("moving", ("info", "{file}"), moving_bytes(chance)))
+
+
+@many
+@given(chances)
 def test_mutated_motions(chance):
     assert_faultless(Case("motion", COMMANDS["motion"][0], motion_bytes(chance)))
 
@@ -215,8 +221,8 @@ def test_a_motion_that_is_taken_fits_its_scene(chance):
 
 
 def test_the_generator_gives_the_same_cases_again(tmp_path):
-    first, second = ([case(Random(f"0-{i}")) for i in range(30)] for _ in range(2))
+    first, second = ([case(Random(f"0-{i}"), moving=False) for i in range(30)] for _ in range(2))
     assert first == second
     report = Report(tmp_path / "faults")
-    generated(report, seed=0, count=30, seconds=0.0)
+    generated(report, seed=0, count=30, seconds=0.0, moving=False)
     assert (report.count, set(report.codes) <= set(CODES)) == (30, True)
