@@ -178,8 +178,9 @@ def descend(
             return value, gradient
         inside = np.where((y > lower) & (y < upper), gradient, 0.0)
         by_z = np.asarray(solve_triangular(root, inside, lower=True, check_finite=False)) / scale
-        # the cost changes at best by −|g|²/2, less where it is now larger than c₀
-        if settled * value > float(by_z @ by_z) / 2.0 * min((first or value) / value, 1.0):
+        with np.errstate(over="ignore"):
+            promise = float(by_z @ by_z) / 2.0  # by which the cost changes at best, less where it is larger than c₀
+        if settled * value > promise * min((first or value) / value, 1.0):
             raise Settled
         first = first or value
         return value, by_z

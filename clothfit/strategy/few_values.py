@@ -72,7 +72,7 @@ def settled(own: Search) -> bool:
         return False
     problem = replace(whole.problem(preconditioned.SETTLED, PATIENCE), model=part.model)
     status = Status.STALLED
-    with contextlib.suppress(Diverged):
+    with contextlib.suppress(Diverged), np.errstate(over="ignore", invalid="ignore"):
         status = gauss_newton.minimise(problem, own.y, none(part.size), iterations=STEPS)[2]
     if status == Status.CONVERGED:
         own.settled = own.best.p
