@@ -2,6 +2,7 @@
 
     masses, stiffnesses, rest lengths, and factors on them:  y = c log p
     all other kinds:                    y = c p / σ,   σ = max(|start|, the kind's typical size)
+    what the wind's keys add to it:     the same with σ at least the speed of the wind to which they add
 
 with c = sqrt(vertices or springs that the parameter moves): one value for a whole cloth and one value per element then
 weigh the same. For a mode of a map c² is the sum of its squares over the vertices or springs, which is what c² is for
@@ -24,7 +25,9 @@ class Coordinates:
         """`start` (P,): where the fit starts."""
         found = scene.blocks
         counts = np.array([block.count for block in found], int)
-        scales = np.repeat([block.kind.scale for block in found], counts)
+        mean = float(np.linalg.norm(scene.wind))
+        sizes = [max(block.kind.scale, mean if block.name == "gusts" else 0.0) for block in found]
+        scales = np.repeat(sizes, counts)
         self.log = np.repeat(np.array([block.kind.log for block in found], bool), counts)
         self.scale = np.where(self.log, 1.0, np.maximum(np.abs(start), scales))  # σ, (P,)
         self.weight = np.sqrt(np.concatenate([np.zeros(0), *(block.weights for block in found)]))  # c, (P,)

@@ -93,7 +93,8 @@ def stage(
         seen = framed(axes, some(motions[0] - middle[:, None]))
     else:
         balls = [ball(c, s.radius) for c, s in zip(centres.mean(axis=0), scene.spheres, strict=True)]
-        bodies = [each.at(len(when) // 2) for each in others if not each.endless]
+        looks = {0, len(when) // 2, len(when) - 1}
+        bodies = [each.at(frame) for each in others if not each.endless for frame in looks]
         seen = framed(axes, np.concatenate([*map(some, motions), *balls, *bodies]))
     owners, give = np.array(cloth, np.int32), GIVE * mean_edge(motions[0][0], triangles)
     return Stage(scene, triangles, owners, shaped(seen, *shape), middle, centres, others, air, give)
