@@ -106,8 +106,12 @@ def shape_of(collider: Collider) -> int:
 
 
 def at_start(velocity: Array, fixed: Flags, inputs: tables.Inputs | None, h: float) -> Array:
-    """A copy of the velocities (n, 3), 0 at fixed vertices; those of the pins are the ones of their first step."""
+    """A copy of the velocities (n, 3), 0 at fixed vertices; those of the pins are the ones of their first step, and
+    where the axes of the scene move their velocity is added.
+    """
     own = np.ascontiguousarray(np.where(fixed[:, None], 0.0, velocity))
+    if inputs is not None and len(inputs.drift):
+        own += inputs.drift
     if inputs is not None and len(inputs.path):
         own[inputs.pins] = (inputs.path[1] - inputs.path[0]) / h
     return own

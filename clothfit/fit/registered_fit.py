@@ -46,6 +46,8 @@ def registered_fit(scene: Scene, target: Targets | None, options: FitOptions, fi
     """The fit of a scene to targets whose clock or place is found with its values. Raises what `fit` does."""
     if target is None:
         raise InvalidInput("the clock and the place of a target can be found only where one is given; give a target")
+    if scene.frame:
+        raise InvalidInput("frame: the axes of the scene must not move where a target's clock or place is to be found")
     began, left = interrupts.now(), options.seconds
     given = experiments(scene, target)
     if options.objective == "position":  # turned positions show no rounding

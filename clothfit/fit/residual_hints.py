@@ -56,9 +56,10 @@ def with_residual_hints(found: Fit, objective: Objective) -> Fit:
     if found.verdict is None or not found.verdict.differs or list(objective.weights) != ["position"]:
         return found
     said, more = {hint.code for hint in found.hints}, list[Hint]()
+    framed = any(each.scene.frame for each in objective.experiments)  # the others know axes that stand still
     try:
         with interrupts.limited(LONGEST):
-            for look in (from_exchange, from_air, from_clock, from_place):
+            for look in (from_exchange,) if framed else (from_exchange, from_air, from_clock, from_place):
                 more += look(found, objective, said)
     except (Diverged, interrupts.OutOfTime):
         pass

@@ -39,7 +39,7 @@ def meshes_at(doc: Document, nodes: list[Placed], tracks: Tracks, times: Array) 
     names: list[tuple[str, str]] = []  # of node and material, for each of `faces` but the first
     start = 0
     for node in nodes:
-        matrix = _matrix(doc, node, tracks, times)
+        matrix = matrix_of(doc, node, tracks, times)
         mirrored = np.linalg.det(matrix[0, :3, :3]) < 0
         shared: dict[tuple[Any, ...], tuple[int, int]] = {}
         for primitive in doc.items(doc.item("meshes", doc.item("nodes", node.node)["mesh"]), "primitives"):
@@ -96,7 +96,7 @@ def _texture(doc: Document, primitive: dict[str, Any], count: int) -> Array:
     return found if found.shape == nothing.shape else nothing
 
 
-def _matrix(doc: Document, node: Placed, tracks: Tracks, times: Array) -> Array:
+def matrix_of(doc: Document, node: Placed, tracks: Tracks, times: Array) -> Array:
     """The matrix of a node at the times: (frames or 1, 4, 4)."""
     product = np.eye(4)[None]
     for index in (*node.above, node.node):

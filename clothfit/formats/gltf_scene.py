@@ -108,7 +108,7 @@ def animated(doc: Document, nodes: list[Placed]) -> tuple[Tracks, tuple[str, ...
     if skinned:
         raise InvalidMotion(f"{doc.name}: a skeleton moves its mesh; bake the motion into shape keys or a point cache")
     shapes = {node.node for node in nodes}
-    each = [_animation(doc, index) for index in range(count)]
+    each = [tracks_of(doc, index) for index in range(count)]
     changing = [i for i in range(count) if any(n in shapes and what == "weights" for n, what in each[i])]
     chosen = (changing or [0])[0]
     tracks, taken = dict(each[chosen]), [chosen]
@@ -122,7 +122,8 @@ def animated(doc: Document, nodes: list[Placed]) -> tuple[Tracks, tuple[str, ...
     return tracks, (f"of its {count} animations number {numbers} is read",)
 
 
-def _animation(doc: Document, index: int) -> Tracks:
+def tracks_of(doc: Document, index: int) -> Tracks:
+    """The tracks of an animation."""
     animation = doc.item("animations", index)
     tracks: Tracks = {}
     for channel in doc.items(animation, "channels"):

@@ -42,7 +42,7 @@ def parsed(path: str, name: str) -> Animation:
     from pxr import Sdf, Usd, UsdGeom
 
     layer = Sdf.Layer.OpenAsAnonymous(path)
-    notes = _alone(layer)
+    notes = alone(layer)
     stage = Usd.Stage.Open(layer, Usd.Stage.LoadNone)
     every = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
     shapes = [prim for prim in every if prim.IsA(UsdGeom.Mesh)] or [prim for prim in every if prim.IsA(UsdGeom.Points)]
@@ -58,7 +58,7 @@ def parsed(path: str, name: str) -> Animation:
     codes = _codes(chosen, name) if moving else _codes_of_places(chosen)
     positions, mirrored = _positions(chosen, codes, name)
     triangles = _all_triangles(chosen, codes, mirrored, name, notes)
-    axes, rate = _units(stage, len(codes) > 1, name, notes)
+    axes, rate = units(stage, len(codes) > 1, name, notes)
     times = np.array([code.GetValue() / rate for code in codes]) if len(codes) > 1 else None
     if not np.isfinite(positions).all() or not (times is None or np.isfinite(times).all()):
         raise InvalidMotion(f"{name}: some of its positions are not finite numbers")
@@ -68,7 +68,7 @@ def parsed(path: str, name: str) -> Animation:
     )
 
 
-def _alone(layer: Any) -> list[str]:
+def alone(layer: Any) -> list[str]:
     """Remove from a layer all that names other files; returns the notes on that."""
     others = list(layer.GetCompositionAssetDependencies())
     for each in others:
@@ -205,7 +205,7 @@ def _whole(attribute: Any, code: Any) -> NDArray[np.int64]:
     return np.zeros(0, np.int64) if value is None else np.array(value, np.int64)
 
 
-def _units(stage: Any, moves: bool, name: str, notes: list[str]) -> tuple[Axes, float]:
+def units(stage: Any, moves: bool, name: str, notes: list[str]) -> tuple[Axes, float]:
     """Axes and time codes per second. Raises InvalidMotion where they make no sense."""
     from pxr import UsdGeom
 

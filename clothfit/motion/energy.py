@@ -35,6 +35,7 @@ from clothfit.engine.step import explicit, guard
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
 from clothfit.kernels.kernel import kernel
 from clothfit.motion.motion import Motion, check_counts, check_loaded
+from clothfit.motion.world import in_world
 from clothfit.scene.scene import Scene, check_is_scene
 
 KINETIC, ELASTIC, GRAVITY, CONTACT, WIND, DAMPING, DRAG = ENERGY_COLUMNS = range(7)
@@ -112,8 +113,8 @@ class Energy:
 def energies(scene: Scene, motion: Motion) -> Energy:
     """The energy of a simulated motion, frame by frame.
 
-    The motion must be one that `simulate` gives: all vertices, a frame after every step. Raises InvalidInput when it is
-    not.
+    The motion must be one that `simulate` gives: all vertices, a frame after every step. Where the scene's axes move,
+    the energy is that in the world. Raises InvalidInput when it is not.
     """
     check_is_scene(scene)
     check_loaded(motion)
@@ -124,6 +125,7 @@ def energies(scene: Scene, motion: Motion) -> Energy:
             f"{motion.name}: energies need every vertex, and a frame after every step of {scene.delta:.4g} s; give a "
             "motion as `simulate` makes it"
         )
+    motion = in_world(motion, scene)
     cloths, last = range(len(scene.cloths)), len(steps) - 1
     parts = [balances(build(scene, index, steps=last), motion.of(index)) for index in cloths]
     kinetic, elastic, gravity, contact, *given = np.sum(parts, axis=0).T

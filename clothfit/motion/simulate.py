@@ -15,6 +15,7 @@ from clothfit.engine.system import build
 from clothfit.engine.tape import Tape
 from clothfit.motion.divergence import Fault, last_states, outcome, with_bad
 from clothfit.motion.motion import Motion
+from clothfit.motion.world import in_scene
 from clothfit.scene.scene import Scene, check_is_scene
 
 
@@ -56,6 +57,7 @@ def simulate_cloths(
     observed = None if moved.all() else np.broadcast_to(moved, (good + 1, len(moved))).copy()
     positions, times = positions[: good + 1], motion.times[: good + 1]
     motion = replace(motion, positions=positions, times=times, observed=observed, remedies=remedies)
+    motion = in_scene(motion, scene)
     if fault is not None:
         raise outcome(scene, motion, fault)
     return motion

@@ -27,6 +27,7 @@ from clothfit.engine.system import System, build
 from clothfit.engine.tape import Tape
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.rounding import rounding
+from clothfit.motion.world import in_world
 from clothfit.objective import memory_needs as storage
 from clothfit.objective.comparison import OWN, Comparison, objective_weights
 from clothfit.objective.experiment import Experiment, Targets, experiments
@@ -89,9 +90,11 @@ class Objective:
 
     def _run(self, number: int, experiment: Experiment, cloth: int, frames: int | None) -> Run:
         motion, scene = experiment
-        goal = target(motion, cloth, scene.delta, None if frames is None else frames - 1)
+        goal = target(in_world(motion, scene), cloth, scene.delta, None if frames is None else frames - 1)
         system = build(scene, cloth, steps=goal.last_step)
         if self.own:
+            if scene.frame:
+                raise InvalidInput(f"{scene.name}: frame: a cost of one's own needs axes that do not move")
             whole = self.wholes.setdefault(number, Whole(self.own, scene, motion, goal, self.cloths))
             return Run(cloth, scene, system, OwnComparison(whole, goal, cloth), number)
         return Run(cloth, scene, system, Comparison(goal, system, self.weights, self.loss, motion.name), number)
@@ -271,7 +274,7 @@ class Objective:
         for run in self.runs:
             x = np.tile(run.system.x0, (run.steps + 1, 1, 1))
             self.simulate(run, p, partial(keep, x))
-            found.append(x)
+            found.append(run.axes.own(x) if run.axes else x)
         return found
 
     def tangent(self, p: Array, direction: Array) -> list[Array]:
@@ -280,14 +283,16 @@ class Objective:
         for run in self.runs:
             system, tape = self.simulate(run, p)
             along = changes(run.scene, run.cloth, p, direction)
-            found.append(adjoint.tangent(system, tape, along, self.tolerance))
+            change = adjoint.tangent(system, tape, along, self.tolerance)
+            found.append(run.axes.directions(change) if run.axes else change)
         return found
 
     def pullback(self, p: Array, by_position: Sequence[Array]) -> Array:
         """The transpose of `tangent` at p: (P,) from one weight (T + 1, n, 3) per run. Raises Diverged."""
         gradient = np.zeros(len(check_shape(self.scene, p)))
         for run, weight in zip(self.runs, by_position, strict=True):
-            self.add_pullback(run, p, *self.simulate(run, p, plan=self.plan(run)), weight, gradient)
+            own = run.axes.world_directions(weight) if run.axes else weight
+            self.add_pullback(run, p, *self.simulate(run, p, plan=self.plan(run)), own, gradient)
         return gradient
 
     def add_pullback(

@@ -6,8 +6,12 @@ from collections.abc import Iterable
 from functools import partial
 from typing import NamedTuple
 
+import numpy as np
+
 from clothfit.base.arrays import Array, Flags
 from clothfit.derivative.adjoint import Observer
+from clothfit.engine.inputs.moving_axes import Axes
+from clothfit.engine.inputs.sampling import axes
 from clothfit.engine.rollout import empty
 from clothfit.engine.snapshots import Plan
 from clothfit.engine.system import System, with_elements
@@ -35,6 +39,12 @@ class Run(NamedTuple):
     def steps(self) -> int:
         """Number of steps that are simulated."""
         return self.comparison.last_step
+
+    @property
+    def axes(self) -> Axes | None:
+        """The axes of the scene after each step, where they move."""
+        times = self.scene.delta * np.arange(self.steps + 1, dtype=float)
+        return axes(self.scene.frame, times) if self.scene.frame else None
 
     def changed(self, p: Array) -> System:
         """The system with the flagged values from p (P,) and all others of the experiment."""
@@ -66,10 +76,13 @@ def check(run: Run, good: int) -> None:
 
 
 def at_rest(run: Run, observe: Observer) -> None:
-    """Show an observer a motion in which nothing moves."""
+    """Show an observer a motion in which nothing moves, but with the axes of the scene."""
     rest = empty(run.system, min(REST_STEPS, run.steps))
     rest.x[:] = run.system.x0
     for first in range(0, run.steps or 1, REST_STEPS):
+        if run.scene.frame:
+            times = run.scene.delta * np.arange(first, first + len(rest.x), dtype=float)
+            rest.x[:] = axes(run.scene.frame, times).world(run.system.x0[None])
         observe(rest.part(0, min(REST_STEPS, run.steps - first))._replace(first=first))
 
 

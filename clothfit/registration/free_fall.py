@@ -93,7 +93,7 @@ def far_groups(scene: Scene, cloth: Cloth) -> tuple[list[Indices], float] | None
     """
     windy = cloth.feels_air and (scene.wind_keys or scene.wind.any() or scene.mode("wind") != "n")
     thrown = cloth.velocity.any() or cloth.mode("velocity") != "n"
-    if windy or thrown or scene.gravity_keys or scene.colliders or cloth.pins or not len(cloth.springs):
+    if windy or thrown or scene.gravity_keys or scene.frame or scene.colliders or cloth.pins or not len(cloth.springs):
         return None
     down = scene.gravity / np.linalg.norm(scene.gravity)
     edges = cloth.positions[cloth.springs[:, 0]] - cloth.positions[cloth.springs[:, 1]]

@@ -24,15 +24,23 @@ MOST_KEYS = 1_000_000
 
 @dataclass(frozen=True, eq=False)
 class Keys:
-    """Values at times: numbers in the scene, or the file that has them."""
+    """Values at times: numbers in the scene, or the file that has them. Those of a joint are its places, m, or its
+    Euler angles, degrees, where the keys are of a rotation.
+    """
 
     times: Array  # (K,), s, increasing; empty where a file has them
     values: Array  # (K, 3), in the unit of what they move
     interpolation: str = "linear"
     file: str | None = None  # a path
     points: tuple[int, ...] = ()  # of a motion in the file: which of its points
+    joint: str | None = None  # of an animation in the file: the one to follow
     said: dict[str, Any] = field(default_factory=dict)  # fps, scale, up, handedness of the file
     place: str = ""  # in the scene, for messages
+
+    @property
+    def turns(self) -> bool:
+        """Whether they are those of a rotation."""
+        return self.place.rpartition(".")[2] == "rotKeys"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +52,16 @@ class Pin:
     vertices: Indices  # (P,)
     position: Keys | None  # displacement, m
     rotation: Keys | None  # Euler angles as those of colliders, degrees, about `pivot`
-    pivot: Array | None  # (3,), m; None: the mean of the vertices at the start
+    pivot: Array | None  # (3,), m; None: where the joint starts, or the mean of the vertices at the start
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """How the axes of a scene move in those of the world, with which they agree at time 0."""
+
+    position: Keys | None  # displacement, m
+    rotation: Keys | None  # Euler angles as those of colliders, degrees, about `pivot`
+    pivot: Array | None  # (3,), m; None: where the joint starts, or the origin
 
 
 def keys(item: Any, place: str, folder: str, problems: list[str]) -> Keys | None:
@@ -60,12 +77,16 @@ def keys(item: Any, place: str, folder: str, problems: list[str]) -> Keys | None
     said = {name: item[name] for name in ("fps", "scale", "up", "handedness") if name in item}
     if "file" in item:
         path = os.path.join(folder, item["file"])
-        points = tuple(item.get("points", ()))
-        return Keys(np.zeros(0), np.zeros((0, 3)), kind, path, points, said, place)
+        points, joint = tuple(item.get("points", ())), item.get("joint")
+        if points and joint is not None:
+            return refuse(problems, place, "has both points and a joint; give one of them")
+        return Keys(np.zeros(0), np.zeros((0, 3)), kind, path, points, joint, said, place)
     if len(own) < 2:
         return refuse(problems, place, "needs times and values, or a file")
-    if said or "points" in item:
-        return refuse(problems, place, "fps, scale, up, handedness and points belong to a file, and there is none")
+    if said or "points" in item or "joint" in item:
+        return refuse(
+            problems, place, "fps, scale, up, handedness, points and joint belong to a file, and there is none"
+        )
     times = np.array(item["times"], float)
     values = np.array([[each["x"], each["y"], each["z"]] for each in item["values"]], float).reshape(-1, 3)
     wrong = times_problem(times, len(values))
@@ -93,6 +114,17 @@ def refuse(problems: list[str], place: str, sentence: str) -> Keys | None:
     """Note a problem with keys, of which there are then none."""
     problems.append(f"{place}: {sentence}")
     return None
+
+
+def frame(item: Any, folder: str, problems: list[str]) -> Frame | None:
+    """The field `frame` of a document, None where it is absent or faulty; faults go to `problems`."""
+    if item is None:
+        return None
+    found = [keys(item.get(name), f"frame.{name}", folder, problems) for name in ("posKeys", "rotKeys")]
+    if "posKeys" not in item and "rotKeys" not in item:
+        refuse(problems, "frame", "needs posKeys, rotKeys or both")
+    pivot = np.array([item["pivot"][axis] for axis in "xyz"], float) if "pivot" in item else None
+    return Frame(found[0], found[1], pivot)
 
 
 def pins(items: Sequence[Any], fixed: Flags, place: str, folder: str, problems: list[str]) -> tuple[Pin, ...]:

@@ -27,7 +27,7 @@ from clothfit.scene.block import Block, flagged
 from clothfit.scene.bounds import Bounds, from_file
 from clothfit.scene.cloth import PLANE, Cloth, Collider, Sphere, obstacles
 from clothfit.scene.cloth import vector as _vector
-from clothfit.scene.keys import Keys, keys, pins
+from clothfit.scene.keys import Frame, Keys, frame, keys, pins
 from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
 from clothfit.scene.splice import Optional, splice
 from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read
@@ -61,6 +61,7 @@ class Scene:
     bounds: Bounds = field(default_factory=dict)  # of a fit, by kind; those of an object go before
     wind_keys: Keys | None = None  # what is added to the wind over time, m/s
     gravity_keys: Keys | None = None  # what is added to the gravity, m/s²
+    frame: Frame | None = None  # how the axes move in which all of it is meant, but wind and gravity
     colliders: tuple[Collider, ...] = ()  # the other obstacles
     offset: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, read-only: of all obstacles, from their `pos`
     main: Scene | None = None  # whose values the factors of modes F, R and M multiply; None: this one's
@@ -96,9 +97,9 @@ class Scene:
 
     @property
     def changes(self) -> bool:
-        """Whether wind, gravity or an obstacle changes over time."""
+        """Whether wind, gravity, an obstacle or the axes change over time."""
         moving = any(sphere.position for sphere in self.spheres) or any(each.moves for each in self.colliders)
-        return bool(self.wind_keys or self.gravity_keys or moving)
+        return bool(self.wind_keys or self.gravity_keys or self.frame or moving)
 
     @property
     def moves(self) -> bool:
@@ -298,14 +299,16 @@ def _law(collider: Collider) -> dict[str, Any]:
     return {name: Optional(value, value != kept[name]) for name, value in values.items()}
 
 
-def _inputs(document: dict[str, Any], folder: str, problems: list[str]) -> list[Keys | None]:
-    """The keys of the wind and of the gravity."""
+def _inputs(document: dict[str, Any], folder: str, problems: list[str]) -> dict[str, Any]:
+    """The fields of a scene for the wind, the gravity and the axes over time."""
     if document["fit"].get("windVelKeys") not in NOT_FITTED:
         if "windVelKeys" not in document:
             problems.append("fit.windVelKeys: there are no windVelKeys to fit")
         elif "file" in document["windVelKeys"]:
             problems.append("fit.windVelKeys: keys of a file cannot be fitted; write times and values into the scene")
-    return [keys(document.get(name), name, folder, problems) for name in ("windVelKeys", "gravityKeys")]
+    fields = {"wind_keys": "windVelKeys", "gravity_keys": "gravityKeys"}
+    found = {own: keys(document.get(name), name, folder, problems) for own, name in fields.items()}
+    return {**found, "frame": frame(document.get("frame"), folder, problems)}
 
 
 def _check_touched(
@@ -320,7 +323,7 @@ def _check_touched(
 
 
 def _scene(
-    document: dict[str, Any], cloths: tuple[Cloth, ...], inputs: list[Keys | None],
+    document: dict[str, Any], cloths: tuple[Cloth, ...], inputs: dict[str, Any],
     touched: tuple[tuple[Sphere, ...], tuple[Collider, ...]], asked: Bounds, name: str, source: Source,
 ) -> Scene:  # fmt: skip
     solid = document["planes"] == "solid"
@@ -344,8 +347,7 @@ def _scene(
         warnings=tuple(f"colliders[{i}]: planes are ignored, as in the editor{more}; {WAY_OUT}" for i in planes[:1]),
         name=name,
         source=source,
-        wind_keys=inputs[0],
-        gravity_keys=inputs[1],
+        **inputs,
     )
 
 

@@ -15,8 +15,6 @@ from clothfit.pictures.solids import box, capsule, solids
 from clothfit.scene.cloth import CAPSULE
 from clothfit.scene.scene import load
 
-pytestmark = pytest.mark.quick
-
 ZERO = {"x": 0.0, "y": 0.0, "z": 0.0}
 TURNED = {"times": [0, 1], "values": [ZERO, {"x": 20, "y": 70, "z": -30}]}
 MOVED = {"times": [0, 1], "values": [ZERO, {"x": 0.3, "y": -0.2, "z": 0.5}]}

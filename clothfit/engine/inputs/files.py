@@ -33,7 +33,12 @@ def loaded(keys: Keys) -> Keys:
     """Keys from a file, with its numbers. Raises InvalidScene, with their place, where they are not in it."""
     assert keys.file is not None
     try:
-        times, values = numbers(keys.file, keys.points, tuple(sorted(keys.said.items())), stamp_of(keys.file))
+        said, stamp = tuple(sorted(keys.said.items())), stamp_of(keys.file)
+        if keys.joint is None:
+            times, values = numbers(keys.file, keys.points, said, stamp)
+        else:
+            times, places, angles = joint_of(keys.file, keys.joint, said, stamp)
+            values = angles if keys.turns else places
     except (InvalidMotion, InvalidInput) as error:
         raise InvalidScene(f"{keys.place}.file: {error}") from None
     return replace(keys, times=times, values=values)
@@ -71,6 +76,25 @@ def numbers(path: str, points: tuple[int, ...], said: tuple[tuple[str, Any], ...
     if not (np.isfinite(values).all() and np.isfinite(times).all()):
         raise InvalidMotion(f"{name_of(path)}: has gaps or numbers that are not finite; an input needs all of them")
     return times, values
+
+
+@lru_cache(maxsize=32)
+def joint_of(path: str, name: str, said: tuple[tuple[str, Any], ...], stamp: Any) -> tuple[Array, Array, Array]:
+    """The times (K,), s, places (K, 3), m, and Euler angles (K, 3), degrees, of a joint in a file that has this
+    `stamp`, in the scene's axes. Raises InvalidMotion, InvalidInput.
+    """
+    from scipy.spatial.transform import Rotation
+
+    from clothfit.formats import joints
+
+    found, reading = joints.read(path, name), Reading(**dict(said))
+    if reading.fps is not None:
+        raise InvalidInput(f"{name_of(path)}: its keys have times; fps belongs to files that count frames")
+    places, turns = found.moved(reading.axes(found.axes))
+    if not (np.isfinite(places).all() and np.isfinite(turns).all()):
+        raise InvalidMotion(f"{name_of(path)}: the joint has numbers that are not finite")
+    angles = Rotation.from_matrix(turns).as_euler("YXZ", degrees=True)  # as `sampling.rotation` reads them
+    return found.times, places, angles[:, [1, 0, 2]]
 
 
 def csv_table(path: str) -> tuple[Array, Array] | None:

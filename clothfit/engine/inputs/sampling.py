@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidScene
 from clothfit.engine.forces.touch import AXES, PLACE, SPIN, VELOCITY
+from clothfit.engine.inputs.moving_axes import Axes
 from clothfit.engine.inputs.tables import Inputs, constant
 from clothfit.scene.cloth import Cloth, Collider
-from clothfit.scene.keys import Keys, Pin
+from clothfit.scene.keys import Frame, Keys, Pin
 from clothfit.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -43,9 +44,14 @@ def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
     if scene.mode("gusts") != "n" and scene.wind_keys:
         share = interpolated(replace(scene.wind_keys, values=np.eye(len(scene.gusts))), times)
         found = found._replace(gusts=np.array(scene.gusts), share=share)
-    centre, path = places(scene, times, lead), paths(cloth, times)
-    pinned = [pin.vertices for pin in cloth.pins]
-    pins = np.concatenate(pinned).astype(np.int32) if pinned else found.pins
+    pins, path = paths(cloth, times)
+    centre = places(scene, times, lead)
+    if scene.frame:
+        others = np.setdiff1d(np.flatnonzero(cloth.fixed), pins).astype(np.int32)
+        still = np.broadcast_to(cloth.positions[others], (len(times), len(others), 3))
+        pins, frame = np.concatenate([pins, others]), axes(scene.frame, times)
+        path = frame.world(np.concatenate([path if len(path) else still[:, :0], still], axis=1))
+        found = found._replace(drift=(frame.at(1).world(cloth.positions[None])[0] - cloth.positions) / scene.delta)
     held = np.isin(cloth.springs, pins)
     coupled = np.flatnonzero((held & ~cloth.fixed[cloth.springs][:, ::-1]).any(axis=1)).astype(np.int32)
     return found._replace(
@@ -121,12 +127,29 @@ def moved(keys: Keys, times: Array) -> Array:
     return np.asarray(found[1:] - found[0])
 
 
+def axes(frame: Frame, times: Array) -> Axes:
+    """The axes of a scene in those of the world at times (T,), s."""
+    turn = turned(frame.rotation, times) if frame.rotation else np.broadcast_to(np.eye(3), (len(times), 3, 3))
+    pivot = pivot_of(frame.rotation, frame.pivot, np.zeros(3))
+    return Axes(turn, pivot, shift(frame.position, times) if frame.position else np.zeros((len(times), 3)))
+
+
+def pivot_of(keys: Keys | None, said: Array | None, otherwise: Array) -> Array:
+    """The centre (3,) of a rotation, m: what the scene says; where a joint turns, its place at time 0."""
+    if said is not None or keys is None or keys.joint is None:
+        return otherwise if said is None else said
+    path = replace(keys, place=f"{keys.place.rpartition('.')[0]}.posKeys")  # of the same joint
+    return np.asarray(interpolated(replace(resolved(path), interpolation="linear"), np.zeros(1))[0])
+
+
 def places(scene: Scene, times: Array, lead: int) -> Array:
     """Where spheres and colliders are, (T, C + 6 D, 3), as `tables.Inputs` has it; none where all stay."""
-    if not any(each.position for each in scene.spheres) and not any(each.moves for each in scene.colliders):
+    moving = any(each.position for each in scene.spheres) or any(each.moves for each in scene.colliders)
+    if not (moving or scene.frame):
         return np.zeros((0, len(scene.spheres) + 6 * len(scene.colliders), 3))
-    others = states(scene.colliders, times, scene.delta, lead).reshape(len(times), -1, 3)
-    return np.concatenate([centres_at(scene, times), others], axis=1)
+    frame, centres = axes(scene.frame, times) if scene.frame else None, centres_at(scene, times)
+    others = states(scene.colliders, times, scene.delta, lead, frame).reshape(len(times), -1, 3)
+    return np.concatenate([frame.world(centres) if frame else centres, others], axis=1)
 
 
 def shift(keys: Keys, times: Array) -> Array:
@@ -137,9 +160,10 @@ def shift(keys: Keys, times: Array) -> Array:
     return change.reshape(len(times), 3)
 
 
-def states(colliders: Sequence[Collider], times: Array, h: float, lead: int) -> Array:
+def states(colliders: Sequence[Collider], times: Array, h: float, lead: int, frame: Axes | None = None) -> Array:
     """The states (T, C, 6, 3) of colliders at times (T,), a step h apart, s: places, velocities, spins and axes (see
-    `forces.colliders`). The velocity at a time is that of the step that ends there, with `lead` 0 of that which begins.
+    `forces.colliders`), in the world where the axes of the scene move. The velocity at a time is that of the step that
+    ends there, with `lead` 0 of that which begins.
     """
     out = np.zeros((len(times), len(colliders), 6, 3))
     step = np.clip(np.arange(len(times)) - lead, 0, max(len(times) - 2, 0))
@@ -147,20 +171,30 @@ def states(colliders: Sequence[Collider], times: Array, h: float, lead: int) -> 
         out[:, c, PLACE] = each.centre
         start = rotation(each.angles).as_matrix() if each.angles.any() else np.eye(3)
         turns = np.broadcast_to(start, (len(times), 3, 3))
+        if each.rotation:
+            turn = turned(each.rotation, times)
+            away = each.centre - pivot_of(each.rotation, None, each.centre)
+            turns = turn @ turns
+            out[:, c, PLACE] += turn @ away - away
         if each.position:
             out[:, c, PLACE] += shift(each.position, times)
+        if frame:
+            out[:, c, PLACE] = frame.world(out[:, c : c + 1, PLACE])[:, 0]
+        if each.moves or frame:
             out[:, c, VELOCITY] = np.diff(out[:, c, PLACE], axis=0, append=out[-1:, c, PLACE])[step] / h
-        if each.rotation:
-            turns = turned(each.rotation, times) @ turns
+        if frame:
+            turns = frame.turn @ turns
+        if each.rotation or frame:
             out[:, c, SPIN] = spins(turns)[step] / h
         out[:, c, AXES:] = turns.transpose(0, 2, 1)
     return out
 
 
 def winds(scene: Scene, times: Array) -> Array:
-    """The wind (T, 3), m/s, at times (T,), s."""
+    """The wind (T, 3), m/s, at times (T,), s, in the axes of the scene."""
     added = interpolated(resolved(scene.wind_keys), times) if scene.wind_keys else np.zeros((len(times), 3))
-    return np.asarray(scene.wind + added)
+    found = np.asarray(scene.wind + added)
+    return axes(scene.frame, times).directions(found[:, None])[:, 0] if scene.frame else found
 
 
 def poses(colliders: Sequence[Collider], times: Array) -> tuple[Array, Array]:
@@ -185,18 +219,21 @@ def centres_at(scene: Scene, times: Array) -> Array:
     return found
 
 
-def paths(cloth: Cloth, times: Array) -> Array:
-    """The places (T, P, 3) of the pins of a cloth, pin by pin, at times (T,), s, in m."""
+def paths(cloth: Cloth, times: Array) -> tuple[Indices, Array]:
+    """The vertices (P,) of the pins of a cloth, pin by pin, and their places (T, P, 3) at times (T,), s, in m; no times
+    without pins.
+    """
     if not cloth.pins:
-        return np.zeros((0, 0, 3))
-    return np.concatenate([path(cloth.positions[pin.vertices], pin, times) for pin in cloth.pins], axis=1)
+        return np.zeros(0, np.int32), np.zeros((0, 0, 3))
+    found = [path(cloth.positions[pin.vertices], pin, times) for pin in cloth.pins]
+    return np.concatenate([pin.vertices for pin in cloth.pins]).astype(np.int32), np.concatenate(found, axis=1)
 
 
 def path(start: Array, pin: Pin, times: Array) -> Array:
     """The places (T, P, 3) of the vertices of a pin that are at `start` (P, 3) at time 0, m."""
     places = np.broadcast_to(start, (len(times), *start.shape)).copy()
     if pin.rotation:
-        pivot = start.mean(axis=0) if pin.pivot is None else pin.pivot
+        pivot = pivot_of(pin.rotation, pin.pivot, start.mean(axis=0))
         places = pivot + np.einsum("tij,pj->tpi", turned(pin.rotation, times), start - pivot)
     if pin.position:
         change = moved(pin.position, times)
