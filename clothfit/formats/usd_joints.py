@@ -21,7 +21,9 @@ from clothfit.formats.usd_reader import OPENING_BYTES, OPENING_RATIO, alone, lim
 
 
 def joint(path: str, name: str, wanted: str) -> tuple[Array, Array, Axes]:
-    """Times (K,), s, from the start of the stage, and matrices (K, 4, 4) of a joint in the file's axes. Raises InvalidMotion."""
+    """Times (K,), s, from the start of the stage, and matrices (K, 4, 4) of a joint, in the file's axes. Raises
+    InvalidMotion.
+    """
     from pxr import Sdf, Usd, UsdGeom, UsdSkel
 
     layer = Sdf.Layer.OpenAsAnonymous(path)

@@ -320,6 +320,8 @@ def _check_touched(
     plain = " but plain spheres; one with friction, thickness or stiffness has both" if spheres else plain
     without = [name for name in asked if not colliders and (name != "colliderOffset" or not spheres)]
     problems += [f"fit.{name}: there are no colliders{plain}" for name in without]
+    if "colliderOffset" in asked and "rotKeys" in document.get("frame", {}):
+        problems.append("fit.colliderOffset: an offset can be fitted where the axes do not turn (frame.rotKeys)")
 
 
 def _scene(

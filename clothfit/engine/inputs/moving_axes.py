@@ -5,9 +5,9 @@
 is the place in the world of what is at x in the scene; at time 0 both are the same. A cloth is simulated in the world,
 where no forces of inertia act: its fixed vertices, pins and colliders are led there, and gravity and wind are those of
 the world. Linear acceleration, Euler, centrifugal and Coriolis force are in it, as exactly as the steps are, and so
-are all derivatives: distances, and with them squared errors, are the same in both. Written as forces in the scene's axes,
-they would ask for a term that depends on velocities by an antisymmetric matrix, which a step's symmetric one
-has no room for; taken at the step's beginning it adds energy.
+are all derivatives: distances, and with them squared errors, are the same in both. Written as forces in the scene's
+axes, they would ask for a term that depends on velocities by an antisymmetric matrix, which a step's symmetric one has
+no room for; taken at the step's beginning it adds energy.
 """
 
 from __future__ import annotations

@@ -173,7 +173,7 @@ def states(colliders: Sequence[Collider], times: Array, h: float, lead: int, fra
         turns = np.broadcast_to(start, (len(times), 3, 3))
         if each.rotation:
             turn = turned(each.rotation, times)
-            away = each.centre - pivot_of(each.rotation, None, each.centre)
+            away = each.pos - pivot_of(each.rotation, None, each.pos)  # an offset moves the whole path
             turns = turn @ turns
             out[:, c, PLACE] += turn @ away - away
         if each.position:

@@ -1,4 +1,4 @@
-"""Write `arm.glb`, `arm.usdc` and `arm.json` with Blender as a Python module: `python make_skeleton.py`, with bpy 4.2 installed.
+"""Write the files `arm` with Blender as a Python module: `python make_skeleton.py`, with bpy 4.2 installed.
 
 An arm of two bones, the lower one below the upper one, on an armature that is turned and moved. Both bones turn, and
 the upper one moves, over ten frames at 25 a second. `arm.json` has what Blender says of them: the matrix of each bone
