@@ -36,8 +36,9 @@ HEAD = """
 
 `python docs/gallery.py` writes this page and runs the commands under each film. The cloth is blue; the target over it
 is translucent green; where both coincide the picture is teal. Red dots are held vertices, or the border of where many
-are held; grey spheres are obstacles. The garments are meshes that [examples/garments.py](../examples/garments.py)
-makes; yours come from a garment tool. `clothfit report` [plays such motions in 3-D](report.md);
+are held; what is grey are colliders. The shirt is a mesh that [examples/garments.py](../examples/garments.py) makes;
+yours come from a garment tool. The scenes in which pins, colliders and the wind move are in
+[examples/world](../examples/world/README.md). `clothfit report` [plays such motions in 3-D](report.md);
 [pictures.md](pictures.md) describes films and pictures.
 """
 
@@ -52,12 +53,11 @@ class Film(NamedTuple):
     captions: tuple[tuple[str, str], ...] = ()  # of several films side by side: files and what is written above them
 
 
-MESHES = "python examples/garments.py"
+MESHES, WORLD = "python examples/garments.py", "examples/world"
 PEGS = (
     "--fix-box=-0.24,0.65,-0.1:-0.18,0.8,0.1 --fix-box=0.18,0.65,-0.1:0.24,0.8,0.1 --wind 0.5,0,1.6 --drag air "
     "--damping 0.3"
 )
-BODY = "--sphere 0,1.68,0,0.11 --sphere 0,1.33,0,0.14 --sphere 0,1.05,0,0.15 --sphere 0,0.85,0,0.16"
 
 SHIRT = Film(
     "shirt",
@@ -97,36 +97,43 @@ def example(name: str, title: str, text: str) -> Film:
     return Film(name, title, text, (f"estimate examples/{name}.json -o {name}.fitted.json --gif {name}.gif",))
 
 
-def made(name: str, title: str, text: str, mesh: str, options: str) -> Film:
-    """The motion of a cloth that `new` makes."""
-    first = () if mesh == "plane" else (MESHES,)
-    commands = (f"new {mesh} {options} -o {name}.json", f"simulate {name}.json -q --gif {name}.gif")
-    return Film(name, title, text, (*first, *commands))
+def world(name: str, title: str, text: str, scene: str, *more: str) -> Film:
+    """The motion of a scene in which the world moves, and its fit."""
+    return Film(name, title, text, (f"simulate {WORLD}/{scene}.json -q -o {scene}.npz --gif {name}.gif", *more))
 
 
 GALLERY = (
     SHIRT,
-    made(
+    world(
         "cape",
-        "A cape",
-        "It hangs from a curve around the shoulders and blows back; four spheres stand for the wearer.",
-        "cape.obj",
-        f"--fix-vertices 0-40 {BODY} --wind 0.5,0,-2.5 --drag air --stiffness 60 --damping 0.3",
+        "A cape on a walking figure",
+        "Eleven capsules walk by keys; the collar is pinned to the shoulders, and the cloth rubs on the figure. The fit "
+        "TEXT-CAPE",
+        "cape",
+        f"estimate {WORLD}/cape.json -o cape.fitted.json",
     ),
-    made(
+    world(
         "tablecloth",
-        "A tablecloth",
-        "A round cloth of 1.8 m. The vertices on the table are held; the rest falls over its edge into folds.",
-        "tablecloth.obj",
-        "--fix-vertices 0-546 --stiffness 40 --damping 0.4",
+        "A tablecloth, laid on askew",
+        "It falls on a box, not in its middle, and slides. TEXT-TABLE",
+        "tablecloth",
+        f"estimate {WORLD}/tablecloth.json -o tablecloth.fitted.json",
     ),
     CURTAIN,
-    made(
-        "banner",
-        "A flag in the wind",
-        "`--drag air` chooses the drag with which faces of this size feel the wind as in reality.",
-        "plane",
-        "--size 3x2 --divisions 16 --upright --fix-side left --wind 7,0,1.5 --drag air --stiffness 200 --frames 75",
+    world(
+        "rail",
+        "A curtain that is drawn",
+        "Nine hooks go along a rail, each by keys of its own. TEXT-RAIL",
+        "curtain",
+        f"estimate {WORLD}/curtain.json --start 1.3 -o curtain.fitted.json",
+    ),
+    world(
+        "gusts",
+        "A flag in gusts",
+        "The wind is read from a table, ten times a second. The fit knows nothing of it but the flag's motion, and finds "
+        "51 numbers: the vector of each key. TEXT-GUSTS",
+        "flag",
+        f"estimate {WORLD}/calm.json --target flag.npz -o found.json",
     ),
     example(
         "corners",

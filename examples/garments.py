@@ -1,12 +1,10 @@
-"""Make garments as meshes: `python examples/garments.py [FOLDER]` writes shirt.obj, cape.obj and tablecloth.obj there.
+"""Make a garment as a mesh: `python examples/garments.py [FOLDER]` writes shirt.obj there.
 
-They take the place of meshes from a garment tool: metres, y up, quads cut into triangles. `docs/gallery.md` shows what
-is done with them.
+It takes the place of a mesh from a garment tool: metres, y up, quads cut into triangles. `docs/gallery.md` shows what is
+done with it.
 
 - shirt: two panels, a front and a back, of one outline, sewn at the sides, the shoulders and along both sleeves; open
   at the neck, the hem and the cuffs. Its vertices stand on an ellipse across the body, so that it is worn, not flat.
-- cape: a sheet that hangs from a curve around the shoulders and flares towards its hem.
-- tablecloth: a disc of rings; the first vertices are the middle.
 """
 
 from __future__ import annotations
@@ -97,39 +95,6 @@ def bulge(flat: Points) -> Points:
     return found
 
 
-def cape() -> tuple[Points, Faces]:
-    """A cape of 1.1 m that hangs from a curve around the shoulders, open in front."""
-    rows, columns = 30, 40
-    share, angle = np.linspace(0.0, 1.0, rows + 1), np.radians(np.linspace(-115, 115, columns + 1))
-    down, around = np.meshgrid(share, angle, indexing="ij")
-    wide, deep = 0.20 + 0.28 * down**0.8, 0.12 + 0.30 * down**0.8
-    x, z = wide * np.sin(around), -deep * np.cos(around)
-    y = 1.50 - 0.06 * np.abs(np.sin(around)) * (1.0 - down) - 1.10 * down
-    points = np.stack([x, y, z], axis=-1).reshape(-1, 3)
-    return points, triangles(quads(np.arange(len(points)).reshape(rows + 1, columns + 1)))
-
-
-def tablecloth() -> tuple[Points, Faces]:
-    """A round cloth of 1.8 m, level, 0.75 m above the ground: a middle, and rings of 6, 12, 18 … vertices."""
-    rings, radius = 24, 0.9
-    points, faces, inner = [np.zeros((1, 2))], [], np.zeros(1, np.intp)
-    for ring in range(1, rings + 1):
-        count = 6 * ring
-        angle = 2.0 * np.pi * np.arange(count) / count
-        outer = inner[-1] + 1 + np.arange(count)
-        points.append(radius * ring / rings * np.column_stack([np.cos(angle), np.sin(angle)]))
-        for k in range(count):
-            sector, step = divmod(k, ring)
-            a, b = outer[k], outer[(k + 1) % count]
-            low = inner[(sector * (ring - 1) + step) % len(inner)]
-            faces.append((a, b, low))
-            if step < ring - 1:
-                faces.append((b, inner[(sector * (ring - 1) + step + 1) % len(inner)], low))
-        inner = outer
-    flat = np.concatenate(points)
-    return np.column_stack([flat[:, 0], np.full(len(flat), 0.75), flat[:, 1]]), np.array(faces)[:, ::-1]
-
-
 def quads(numbers: Faces) -> Faces:
     """The cells (K, 4) of a grid of vertices."""
     return np.stack([numbers[:-1, :-1], numbers[:-1, 1:], numbers[1:, 1:], numbers[1:, :-1]], axis=-1).reshape(-1, 4)
@@ -141,7 +106,7 @@ def triangles(cells: Faces) -> Faces:
     return np.concatenate([turned[:, [0, 1, 2]], turned[:, [0, 2, 3]]])
 
 
-GARMENTS: dict[str, Callable[[], tuple[Points, Faces]]] = {"shirt": shirt, "cape": cape, "tablecloth": tablecloth}
+GARMENTS: dict[str, Callable[[], tuple[Points, Faces]]] = {"shirt": shirt}
 
 
 def text(points: Points, faces: Faces) -> str:

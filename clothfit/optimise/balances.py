@@ -40,7 +40,7 @@ class Track(NamedTuple):
 
 
 def track(goal: Target, system: System) -> Track:
-    """What a target shows of a cloth at the times of the steps; the start and fixed vertices are known."""
+    """What a target shows of a cloth at the times of the steps; the start, fixed vertices and pins are known."""
     whole = np.flatnonzero(goal.fraction == 0)
     frames, n = goal.last_step + 1, len(system.x0)
     x, seen = np.broadcast_to(system.x0, (frames, n, 3)).copy(), np.zeros((frames, n), bool)
@@ -48,6 +48,8 @@ def track(goal: Target, system: System) -> Track:
         here = goal.observed[frame] & system.vertex.free
         x[goal.step[frame], here] = goal.positions[frame, here]
         seen[goal.step[frame], here] = True
+    if system.inputs is not None and len(system.inputs.path):
+        x[:, system.inputs.pins] = system.inputs.path[:frames]
     x[0], seen[0] = system.x0, True
     return Track(x, seen)
 
