@@ -1,7 +1,7 @@
 """Make a garment as a mesh: `python examples/garments.py [FOLDER]` writes shirt.obj there.
 
-It takes the place of a mesh from a garment tool: metres, y up, quads cut into triangles. `docs/gallery.md` shows what is
-done with it.
+It takes the place of a mesh from a garment tool: metres, y up, quads cut into triangles. `docs/gallery.md` shows what
+is done with it.
 
 - shirt: two panels, a front and a back, of one outline, sewn at the sides, the shoulders and along both sleeves; open
   at the neck, the hem and the cuffs. Its vertices stand on an ellipse across the body, so that it is worn, not flat.

@@ -48,7 +48,8 @@ def test_a_free_vertex_in_turning_axes_feels_coriolis_and_centrifugal_force_alon
         gravity=xyz(ZERO), optimizationIterations=51, tolerance=TIGHT,
     )  # fmt: skip
     motion = simulate(made)
-    carried = (about_y(rate * h, start) - start) / h  # the velocity of the axes there, over the first step
+    carried = (4 * about_y(rate * h, start) - about_y(2 * rate * h, start) - 3 * start) / (2 * h)
+    np.testing.assert_allclose(carried, rate * np.array([[-0.2, 0.0, -0.4]]), rtol=2 * (rate * h) ** 2)  # ω × x
     for t, x in zip(motion.times, motion.positions, strict=True):
         # rounding of 50 steps
         np.testing.assert_allclose(x, about_y(-rate * t, start + t * (thrown + carried)), atol=1e-12)
@@ -66,8 +67,8 @@ def test_linear_acceleration_is_a_world_in_which_all_else_is_moved(method):
     cloth = {"dragCoefficient": 0.3, "damping": 0.05, "vertIsFixed": [i in (0, 2) for i in range(9)]}
     still = {"vertVel": [xyz(ZERO)] * 9}
     framed = scene(sheet("nn", **cloth, **still), frame={"posKeys": path}, colliders=[obstacle, box], **whole)
-    first = in_world(simulate(framed, frames=2), framed).positions
-    ride = xyz((first[1, 0] - first[0, 0]) / framed.delta)  # the velocity of the axes, as that of a fixed vertex
+    first = in_world(simulate(framed, frames=3), framed).positions[:, 0]  # of a fixed vertex
+    ride = xyz((4 * first[1] - first[2] - 3 * first[0]) / (2 * framed.delta))  # the velocity of the axes
     pins = [{"vertices": [0, 2], "posKeys": path}]
     moved = [{**each, "posKeys": path} for each in (obstacle, box)]
     world = scene(sheet("nn", **cloth, pins=pins, vertVel=[ride] * 9), colliders=moved, **whole)
@@ -146,7 +147,7 @@ def test_a_fit_finds_stiffnesses_in_moving_axes(method):
     guess = made.with_values([made.cloths[0].mass], [1.5 * made.cloths[0].stiffness])
     found = estimate(guess, target, method=method)
     assert found.rmse < 1e-8
-    assert not found.hints
+    assert {hint.code for hint in found.hints} <= {"rest_lengths"}  # the sheet's are shorter; nothing of the axes
     shown = np.setdiff1d(np.arange(len(one["springStiffness"])), found.parameters[0].unidentifiable)
     np.testing.assert_allclose(found.scene.cloths[0].stiffness[shown], made.cloths[0].stiffness[shown], rtol=1e-5)
 

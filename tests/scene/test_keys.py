@@ -35,7 +35,8 @@ FAULTS = [
     ((*WIND, "values", 1, "y"), MISSING, "windVelKeys.values[1].y: is missing, and it has no default"),
     ((*WIND, "interpolation"), "cubic", 'windVelKeys.interpolation: "cubic" is not one of "linear", "smooth", "hold"'),
     ((*WIND, "file"), "gusts.csv", "windVelKeys: has both a file and times and values; give one of them"),
-    ((*WIND, "fps"), 24, "windVelKeys: fps, scale, up, handedness, points and joint belong to a file, and there is none"),
+    ((*WIND, "fps"), 24, "windVelKeys: fps, scale, up, handedness, points and joint belong to a file, and there is "
+     "none"),
     (WIND, [], "windVelKeys: a list is not an object"),
     (("gravityKeys", "times"), [0, 1], "gravityKeys.values: has 1 items for 2 times"),
     (("colliders", 0, "posKeys", "times"), [1, 0], "colliders[0].posKeys.times[1]: 0 s is not later than 1 s before"),

@@ -37,7 +37,7 @@ def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
     """The tables of a cloth with inputs that change."""
     found = constant(scene.wind, scene.gravity, len(scene.spheres), len(scene.colliders))
     lead = int(scene.method >= 2)
-    times: Array = scene.delta * np.arange(steps + 2, dtype=float)  # explicit steps read two rows
+    times: Array = scene.delta * np.arange(steps + 3, dtype=float)  # explicit steps read two rows
     wind, gravity = (
         interpolated(resolved(keys), times) if keys else found.wind for keys in (scene.wind_keys, scene.gravity_keys)
     )
@@ -51,7 +51,8 @@ def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
         still = np.broadcast_to(cloth.positions[others], (len(times), len(others), 3))
         pins, frame = np.concatenate([pins, others]), axes(scene.frame, times)
         path = frame.world(np.concatenate([path if len(path) else still[:, :0], still], axis=1))
-        found = found._replace(drift=(frame.at(1).world(cloth.positions[None])[0] - cloth.positions) / scene.delta)
+        start, first, second = (frame.at(k).world(cloth.positions[None])[0] for k in range(3))
+        found = found._replace(drift=(4.0 * first - second - 3.0 * start) / (2.0 * scene.delta))
     held = np.isin(cloth.springs, pins)
     coupled = np.flatnonzero((held & ~cloth.fixed[cloth.springs][:, ::-1]).any(axis=1)).astype(np.int32)
     return found._replace(

@@ -40,7 +40,7 @@ class Inputs(NamedTuple):
     counted: Array  # (3,), the gradient by the wind up to the step that was swept last
     place: Array  # (P, 3), m, where the pins are after the step that is computed
     later: Array  # (P, 3), m, where they are one step after that
-    drift: Array  # (n, 3), m/s, velocity of the scene's axes where each vertex starts; none where they stand still
+    drift: Array  # (n, 3), m/s, velocity of the scene's axes where each vertex starts; none where they are still
     lead: int  # rows by which the forces of a step are ahead of it: 1 for the implicit methods, else 0
     steps: int  # that the tables have rows for
     poses: Poses | None = None  # of the meshes that change; None where there are no meshes
