@@ -107,8 +107,8 @@ GALLERY = (
     world(
         "cape",
         "A cape on a walking figure",
-        "Nine capsules walk by keys of their own; the collar is pinned to the shoulders, and the cloth rubs on the figure "
-        "and on the arms that swing.",
+        "Nine capsules walk by keys of their own; the collar is pinned to the shoulders, and the cloth rubs on the "
+        "figure and on the arms that swing.",
         "cape",
     ),
     world(
