@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numba
 import numpy as np
 import pytest
-from helpers.scenes import changed, document, even, trial
+from helpers.scenes import changed, cloth, document, even, sphere, trial
 
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
@@ -13,7 +13,7 @@ from clothfit.objective.objective import Objective
 from clothfit.scene.fit_vector import LOWER, UPPER, parameters, with_parameters
 from clothfit.scene.scene import load
 from clothfit.strategy.coarse_search import COARSE_FRAMES, best_scales, decades, neighbours
-from clothfit.strategy.start import fabric, neutral, neutral_start, proportions
+from clothfit.strategy.start import fabric, neutral, neutral_start, proportions, undetermined
 
 pytestmark = [
     pytest.mark.slow,  # compiles a fit
@@ -31,6 +31,25 @@ def test_neighbours_are_the_points_around_within_the_bounds():
     assert sorted(neighbours((4.0,), 0.5, [axis])) == [(3.5,)]
     corner = sorted(neighbours((-4.0, 0.0), 1.0, [axis] * 2))
     assert corner == [(-4.0, -1.0), (-4.0, 1.0), (-3.0, -1.0), (-3.0, 0.0), (-3.0, 1.0)]
+
+
+FREE = {"contact": "G"}
+
+
+@pytest.mark.parametrize(
+    ("fit", "plain", "warned"),
+    [({}, False, False), ({"friction": "G"}, False, False), (FREE, False, True), (FREE, True, False)],
+)
+def test_contacts_that_are_fitted_scale_with_masses_and_stiffnesses(fit, plain, warned):
+    one = {**cloth(2, 2), "dragCoefficient": 0.0, "optimizationSettings": "LL"}
+    colliders = [sphere(1.1, friction=0.2), *([sphere(1.1)] if plain else [])]
+    made = load(document(one, colliders=colliders, fit=fit))
+    known = ["objects[0] shows masses, stiffnesses and those of contacts only up to one common factor"]
+    assert undetermined(made) == (known if warned else [])
+    twice = made.with_values([2 * made.cloths[0].mass], [2 * made.cloths[0].stiffness], contact=2 * made.contact)
+    # the same motion but for rounding: with plain spheres, whose stiffness is given, it is another
+    same = np.allclose(simulate(made, 8).positions, simulate(twice, 8).positions, atol=1e-9)
+    assert same != plain
 
 
 @pytest.mark.parametrize(("settings", "true"), [("Gn", 0.02), ("nG", 30.0), ("Ln", 0.02), ("nL", 30.0)])
