@@ -124,7 +124,7 @@ def check_scene(
     other = objective.until(count, LOOSER_TOLERANCE * objective.tolerance)
     rounding = solved_to(objective)
     derivative = directional_derivative(other, p, d, gradient, rounding + placed_to(objective, cost))
-    rungs, noise = ladder(objective, p, d)
+    rungs, noise = ladder(objective, p, d, rounded_to(objective, other, p, cost))
     short = calm(rungs, noise)
     beyond = next((rung.switch for rung in rungs[len(short) :]), "")
     tests = (
@@ -177,6 +177,13 @@ def placed_to(objective: Objective, cost: float) -> float:
     error = objective.rmse(cost)
     largest = max((float(np.abs(run.system.x0).max(initial=0.0)) for run in objective.runs), default=0.0)
     return float(np.finfo(float).eps * largest / error) if error > 0 else 0.0
+
+
+def rounded_to(objective: Objective, other: Objective, p: Array, cost: float) -> float:
+    """Error, m², that a cost has at least: by the rounding of positions, the tolerance of the linear systems, to judge by
+    that of `other`, and squares that are too small for numbers.
+    """
+    return max(LEAST_SQUARED, 2.0 * placed_to(objective, cost) * cost, abs(other.cost(p) - cost) / LOOSER_TOLERANCE)
 
 
 def directional_derivative(other: Objective, p: Array, d: Array, gradient: Array, rounding: float) -> Known:

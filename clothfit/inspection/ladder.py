@@ -89,8 +89,8 @@ def look(objective: Objective, p: Array) -> tuple[float, list[Parts]]:
     return total, switches
 
 
-def ladder(objective: Objective, p: Array, d: Array) -> tuple[list[Rung], float]:
-    """All rungs, from short to long steps, and the rounding error of the cost, m²."""
+def ladder(objective: Objective, p: Array, d: Array, least: float) -> tuple[list[Rung], float]:
+    """All rungs, from short to long steps, and the rounding error of the cost, m², at the `least` so much."""
     start, own = look(objective, p)
 
     def rung(t: float) -> Rung:
@@ -104,7 +104,7 @@ def ladder(objective: Objective, p: Array, d: Array) -> tuple[list[Rung], float]
             switch = switch or difference_of(objective.runs, own, switches)
         return Rung(t, costs[0] + costs[1] - 2.0 * start, 0.5 * (costs[0] - costs[1]), switch)
 
-    noise = max(np.finfo(float).eps * abs(start), *(abs(rung(t).even) for t in NOISE_STEPS))
+    noise = max(least, np.finfo(float).eps * abs(start), *(abs(rung(t).even) for t in NOISE_STEPS))
     return [rung(t) for t in RELATIVE_STEPS], float(noise)
 
 
@@ -164,7 +164,8 @@ def difference(rungs: list[Rung], derivative: Known, noise: float) -> Finding:
 
 
 def judged(name: str, blur: float, measured: float, bar: float) -> Finding:
-    """Judge a relative difference with uncertainty `blur`."""
+    """Judge a relative difference with uncertainty `blur`; NaN where that overflows."""
+    blur = np.inf if np.isnan(blur) else blur
     if measured < bar and blur < BEYOND_ROUNDING * DIFFERENCE:
         return Finding(name, measured, bar, PASSED)
     if measured > max(bar, BEYOND_ROUNDING * blur):

@@ -115,6 +115,7 @@ def test_a_cost_that_depends_on_nothing_shows_nothing():
         (1e-5, 1e-5, UNCLEAR),
         (1e-5, 1e-3, FAILED),
         (1e-2, 1e-9, UNCLEAR),  # by chance
+        (np.nan, 1.0, UNCLEAR),  # it overflows
     ],
 )
 def test_how_a_difference_is_judged(blur, measured, verdict):
