@@ -180,8 +180,8 @@ def placed_to(objective: Objective, cost: float) -> float:
 
 
 def rounded_to(objective: Objective, other: Objective, p: Array, cost: float) -> float:
-    """Error, m², that a cost has at least: by the rounding of positions, the tolerance of the linear systems, to judge by
-    that of `other`, and squares that are too small for numbers.
+    """Error, m², that a cost has at least: by the rounding of positions, by the tolerance of the linear systems, which
+    is larger in `other`, and where squares are too small for numbers.
     """
     return max(LEAST_SQUARED, 2.0 * placed_to(objective, cost) * cost, abs(other.cost(p) - cost) / LOOSER_TOLERANCE)
 

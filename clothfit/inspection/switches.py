@@ -83,7 +83,7 @@ def touched(system: System, y: Array) -> Parts:
     if system.colliders is None:
         return plain
     inside = touch.depths(system.colliders, y)[0] > 0
-    places = np.array([part_of(row, y) for row in system.colliders.rows]).reshape(-1, len(y))
+    places = np.array([part_of(row, y) for row in system.colliders.rows], np.int32).reshape(-1, len(y))
     spots = touch.spots(system.colliders, y)
     places = np.where(spots < 0, places, 1 + spots)
     return np.concatenate([plain, np.where(inside, places, 0)], dtype=np.int32)
