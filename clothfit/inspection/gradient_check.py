@@ -183,7 +183,8 @@ def rounded_to(objective: Objective, other: Objective, p: Array, cost: float) ->
     """Error, m², that a cost has at least: by the rounding of positions, by the tolerance of the linear systems, which
     is larger in `other`, and where squares are too small for numbers.
     """
-    return max(LEAST_SQUARED, 2.0 * placed_to(objective, cost) * cost, abs(other.cost(p) - cost) / LOOSER_TOLERANCE)
+    solved = abs(other.cost(p) - cost) / LOOSER_TOLERANCE
+    return float(max(LEAST_SQUARED, 2.0 * placed_to(objective, cost) * cost, solved))
 
 
 def directional_derivative(other: Objective, p: Array, d: Array, gradient: Array, rounding: float) -> Known:
