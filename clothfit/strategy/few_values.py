@@ -50,8 +50,24 @@ def in_a_round(own: Search) -> None:
 
 def to_the_minimum(own: Search) -> None:
     """The descent to the minimum near the best point of a search. Raises Stop."""
-    if not settled(own):
+    if not is_for_few(own):
         preconditioned.minimise(own)
+        return
+    before = np.inf
+    while own.best.cost < (1.0 - PAYS) * before and not settled(own):
+        before = own.best.cost
+        in_metric(own)
+
+
+def in_metric(own: Search) -> None:
+    """A round of L-BFGS in the metric of the best point. Raises Stop."""
+    root = preconditioned.metric(preconditioned.for_metric(own), own.y)
+    if root is None:
+        preconditioned.minimise(own)
+        return
+    own.budget.enter_stage()  # a round has its own end
+    if preconditioned.descend(own, root, preconditioned.Patience(), settled=preconditioned.SETTLED):
+        own.settled = own.best.p
 
 
 def beyond_steps(own: Search) -> None:
