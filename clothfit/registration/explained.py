@@ -9,7 +9,7 @@ weighted residuals, as in `search`: what is held must not move away from where i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from clothfit.scene.scene import Scene
 STEPS = 5
 """Steps of Gauss–Newton."""
 
+TOLERANCE = 1e-5
+"""Of the linear systems: a share of what a model that differs leaves needs no better motion."""
+
 KINDS = {"offset": slice(OFFSET, OFFSET + 1), "rate": slice(RATE, RATE + 1), "placement": PLACE}
 """The coordinates of each kind of registration."""
 
@@ -43,6 +46,7 @@ class Explained:
 def stage_of(scene: Scene, given: Sequence[Experiment], loss: Loss, place: bool) -> Stage:
     """The targets and the values of a scene, where clocks, or where places are looked for. Raises Diverged."""
     stage = Stage.of(scene, given, Wanted(not place, place, loss))
+    stage = replace(stage, registered=replace(stage.registered, tolerance=TOLERANCE))
     return stage.weighted() if place else stage
 
 
