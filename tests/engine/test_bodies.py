@@ -125,6 +125,18 @@ def test_normals_are_the_gradients_of_the_distances(wobble):
     np.testing.assert_allclose(np.transpose(rows), touch.depths(own, y)[1][0], atol=1e-5)
 
 
+def test_an_edge_or_a_corner_has_one_number_whichever_triangle_it_is_found_from():
+    corners = block()[0]
+    sides = [(a + b) / 2 for i, a in enumerate(corners) for b in corners[:i] if np.linalg.norm(a - b) == 1.0]
+    y = 1.2 * np.concatenate([corners, sides])
+    own = bodies_with_room(around(block()), len(y))
+    found = touch.spots(own, y)[0]
+    assert len(np.unique(found)) == 8 + 12
+    for step in 1e-9 * np.concatenate([np.eye(3), -np.eye(3)]):
+        own.bodies.last[:] = np.random.default_rng(9).integers(0, 12, own.bodies.last.shape)
+        assert np.array_equal(touch.spots(own, y + step)[0], found)
+
+
 def test_two_meshes_are_two_colliders():
     one, other = body(sphere(6), pos=xyz((0.5, 0, 0))), body(block(), pos=xyz((-0.5, 0.2, 0)))
     both = full(colliders=[one, other]).colliders

@@ -14,6 +14,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Indices
 from clothfit.engine.forces import bodies as meshes
 from clothfit.engine.forces.surfaces import MESH, distance
+from clothfit.engine.forces.triangle import AB, CA, A
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, lane0, lane1, lane2, load3, mul, pack, splat, store3, sub
 from clothfit.kernels.vectors import cross, dot
@@ -207,10 +208,21 @@ def fill_depths(colliders, y, depth, normal):
 
 def spots(colliders: Colliders, y: Array) -> Indices:
     """Where on meshes points y (n, 3) are, (C, n): seven times the nearest triangle, and the part of it (`triangle`);
-    −1 at other colliders.
+    −1 at other colliders. Of the triangles that share an edge or a corner the first counts.
     """
     found = np.full((len(colliders.rows), len(y)), -1, np.int32)
     fill_spots(colliders, y, found)
+    if colliders.bodies is None:
+        return found
+    corners, across = colliders.bodies.triangles, colliders.bodies.across
+    f, part = np.divmod(found, 7)
+    edge, corner = (part >= AB) & (part <= CA) & (found >= 0), (part >= A) & (found >= 0)
+    other = across[f[edge], part[edge] - AB]
+    first, second = np.minimum(f[edge], other), np.maximum(f[edge], other)
+    found[edge] = 7 * first + AB + (across[first] == second[:, None]).argmax(axis=1)
+    vertices, places = np.unique(corners, return_index=True)
+    owner = places[np.searchsorted(vertices, corners[f[corner], part[corner] - A])]
+    found[corner] = 7 * (owner // 3) + A + owner % 3
     return found
 
 
