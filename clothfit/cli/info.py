@@ -139,6 +139,7 @@ def whole(scene: Scene) -> dict[str, Any]:
         "gravity": scene.gravity.tolist(),
         "spheres": [{"centre": each.centre.tolist(), "radius": each.radius} for each in scene.spheres],
         "colliders": [described(each) for each in scene.colliders],
+        "self_collision": asdict(scene.self_contact) if scene.self_contact else None,
     }
 
 
@@ -193,6 +194,10 @@ def show_scene(scene: Scene, console: Console) -> None:
     console.result(f"{scene.name}: {scene.title!r}: {own['integrator']} steps of {scene.delta:.4g} s{solver}")
     console.result(f"{scene.frames} frames to compare, {own['duration']:.4g} s")
     console.result(f"wind {vector(own['wind'])} m/s, gravity {vector(own['gravity'])} m/s²")
+    if own["self_collision"]:
+        law = own["self_collision"]
+        numbers = f"thickness {law['thickness']:.4g} m, {law['stiffness']:.4g} N/m, friction {law['friction']:.4g}"
+        console.result(f"cloths do not pass through themselves: {numbers}")
     for each in own["spheres"][:MOST_LISTED]:
         console.result(f"sphere of {each['radius']:.4g} m at {vector(each['centre'])} m")
     if len(own["spheres"]) > MOST_LISTED:

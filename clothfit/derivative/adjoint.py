@@ -17,7 +17,7 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import NO_NUMBERS, Array, Elements
 from clothfit.engine.inputs.tables import set_direction, set_inputs, share_gradient, with_constant
 from clothfit.engine.march import state_before, velocities, velocity
-from clothfit.engine.rollout import Rollout, Taken
+from clothfit.engine.rollout import Rollout, Taken, forms
 from clothfit.engine.solve import guess, linear
 from clothfit.engine.step import bdf2, implicit, transition
 from clothfit.engine.system import BDF2, System, zeros
@@ -57,6 +57,11 @@ def gradient(
     for segment in memory.backward():
         for chunk in reversed(segment.parts()):
             after, by_position = memory.steps - chunk.first, derivative_of(chunk)
+            if chunk.touches is not None:
+                from clothfit.derivative import touching  # which few scenes need
+
+                touching.back(sweep, taken, chunk, by_position, tolerance, work, after, state, grad)
+                continue
             with linear.served(work.A, work.solver):
                 for begin, end in reversed(alike(chunk)):
                     own = forms(taken.at(chunk, begin))
@@ -66,11 +71,6 @@ def gradient(
         hold_fixed(system.vertex.free, state[1])
         grad = grad._replace(velocity=state[1])
     return grad if "wind" in kinds else grad._replace(wind=NO_NUMBERS)
-
-
-def forms(system: System) -> tuple[System, ...]:
-    """The systems with which the steps of a motion are taken."""
-    return bdf2.forms(system) if system.method == BDF2 else (system,)
 
 
 def states(system: System) -> tuple[Array, ...]:
@@ -110,6 +110,12 @@ class Sweep:
     def through(self, chunk: Rollout) -> Array:
         """Change of the positions (T, n, 3) after each step of the next chunk of the motion."""
         change = np.empty_like(chunk.x[1:])
+        if chunk.touches is not None:
+            from clothfit.derivative import touching  # which few scenes need
+
+            given = self.direction, self.tolerance, self.work
+            touching.forward(self.sweep, self.taken, chunk, *given, self.state, change)
+            return change
         with linear.served(self.work.A, self.work.solver):
             for begin, end in alike(chunk):
                 given = self.direction, self.tolerance, self.work

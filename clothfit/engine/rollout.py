@@ -8,7 +8,7 @@ little time. A `tape` goes through a whole motion part by part.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,7 @@ class Rollout(NamedTuple):
     v_before: Array  # (n, 3), the velocity there, m/s
     ready: bool = False  # whether the first of the steps can be a BDF2 step
     first: int = 0  # steps of the motion before it
+    touches: Any = None  # (T,) of `touching.Touch`, of a cloth that touches itself; kernels get a `bare` part
 
     @property
     def steps(self) -> int:
@@ -66,7 +67,12 @@ class Rollout(NamedTuple):
             v_before,
             bool(self.theta[begin - 1] == 1.0 and not self.early[begin - 1]) if begin else self.ready,
             self.first + begin,
+            None if self.touches is None else self.touches[begin:end],
         )
+
+    def bare(self) -> Rollout:
+        """The same as kernels take it."""
+        return self._replace(touches=None)
 
     def velocity(self, t: int) -> Array:
         """Velocity (n, 3) before step t, m/s."""
@@ -103,6 +109,11 @@ class Taken:
         return self.form(bool(part.early[t]), bool(part.clamped[t]))
 
 
+def forms(system: System) -> tuple[System, ...]:
+    """The systems with which the steps of a motion are taken."""
+    return bdf2.forms(system) if system.method == BDF2 else (system,)
+
+
 def empty(system: System, steps: int) -> Rollout:
     """Memory for this many steps from the start."""
     n, iterations = len(system.x0), iterations_of(system)
@@ -111,7 +122,8 @@ def empty(system: System, steps: int) -> Rollout:
     used, solves = np.ones(steps, np.int32), np.zeros((steps, 2), np.int32)
     flags, budget = np.zeros((3, steps), bool), np.full(steps + 1, -np.inf)
     start = system.v0, system.x0, system.v0
-    return Rollout(x, w, used, solves, flags[0], np.ones(steps), flags[1], flags[2], budget, *start)
+    made = Rollout(x, w, used, solves, flags[0], np.ones(steps), flags[1], flags[2], budget, *start)
+    return made if system.surface is None else made._replace(touches=np.empty(steps, object))
 
 
 def iterations_of(system: System) -> int:
@@ -138,6 +150,10 @@ def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]
 def fill(system: System, tolerance: float, work: implicit.Workspace, part: Rollout) -> int:
     """Compute the steps of a part whose x[0], v and first are set; returns how many are good."""
     taken = Taken(system)
+    if system.surface is not None:
+        from clothfit.engine import touching  # which few scenes need
+
+        return touching.fill(taken, tolerance, work, part)
     with linear.served(work.A, work.solver):
         for begin, end in stretches(part.steps, len(system.x0)):
             done, ended = begin, march.DONE

@@ -14,6 +14,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Elements, Flags
 from clothfit.base.errors import InvalidScene
 from clothfit.engine.forces import bodies, spheres, springs, surfaces, touch, vertex, wind
+from clothfit.engine.forces.selfcontact import force, pairs
 from clothfit.engine.inputs import sampling, tables
 from clothfit.engine.solve import sparse
 from clothfit.scene.cloth import SPHERE, Cloth, Collider
@@ -39,6 +40,8 @@ class System(NamedTuple):
     colliders: touch.Colliders | None  # None where there are none and nothing changes over time
     pattern: sparse.Pattern  # of the step's matrix
     inputs: tables.Inputs | None  # what changes over time; None where nothing does and there are no colliders
+    surface: pairs.Surface | None = None  # what of the cloth can touch itself; None where the scene does not ask
+    contact: force.Contact | None = None  # the pairs that press in a step; None with `surface`
 
 
 def build(scene: Scene, index: int, air: bool = False, steps: int | None = None) -> System:
@@ -47,7 +50,8 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None)
     """
     cloth = scene.cloths[index]
     inputs, touched = of_the_world(scene, cloth, scene.frames - 1 if steps is None else steps)
-    pattern, slot = sparse.pattern(cloth.springs, ~cloth.fixed)
+    pattern, slot = sparse.pattern(cloth.springs, ~cloth.fixed, whole=scene.self_contact is not None)
+    surface = surface_of(scene, index)
     return System(
         x0=np.array(cloth.positions),
         v0=at_start(cloth.velocity, cloth.fixed, inputs, scene.delta),
@@ -62,14 +66,34 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None)
         colliders=touched,
         pattern=pattern,
         inputs=inputs,
+        surface=surface,
+        contact=surface and pairs.none(surface),
     )
 
 
-def of_the_world(scene: Scene, cloth: Cloth, steps: int) -> tuple[tables.Inputs | None, touch.Colliders | None]:
-    """The inputs over time and the colliders. A scene with either gets both, and one that is empty does nothing: code
-    is compiled for scenes with neither and for all others, not for each combination.
+def surface_of(scene: Scene, index: int) -> pairs.Surface | None:
+    """What of a cloth can touch itself; None where the scene does not ask for that. Raises InvalidScene for a cloth
+    that crosses itself at the start.
     """
-    if not (scene.changes or cloth.pins or scene.colliders):
+    law, cloth = scene.self_contact, scene.cloths[index]
+    if law is None or not len(cloth.triangles):
+        return None
+    from clothfit.engine.forces.selfcontact import start  # which few scenes need
+
+    numbers = law.thickness, law.stiffness, law.friction
+    found = pairs.surface(cloth.triangles, cloth.positions, cloth.fixed, numbers)
+    try:
+        start.check(found, f"objects[{index}]")
+    except InvalidScene as error:
+        raise InvalidScene(error.problems, scene.name) from None
+    return found
+
+
+def of_the_world(scene: Scene, cloth: Cloth, steps: int) -> tuple[tables.Inputs | None, touch.Colliders | None]:
+    """The inputs over time and the colliders. A scene with either, or with self-contact, gets both, and one that is
+    empty does nothing: code is compiled for scenes with neither and for all others, not for each combination.
+    """
+    if not (scene.changes or cloth.pins or scene.colliders or scene.self_contact):
         return None, None
     return sampling.build(scene, cloth, steps), at_rest(scene, len(cloth.mass))
 

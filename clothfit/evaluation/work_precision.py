@@ -103,6 +103,11 @@ def work_precision(
     """
     if not 0 < seconds < math.inf:
         raise InvalidInput(f"seconds must be above 0 and finite; {seconds:g} was given")
+    if scene.self_contact:
+        raise InvalidInput(
+            f"{scene.name}: integrators are compared by a motion that follows the forces alone, and with selfCollision "
+            "steps also keep the cloth from passing through itself; leave that out of the scene"
+        )
     count = scene.frames if frames is None else frames
     warm_up(scene)
     began = time.perf_counter()

@@ -66,6 +66,8 @@ def beyond_editor(scene: Scene) -> str | None:
     """A sentence where the step, the colliders or the inputs of the scene are none of the editor's."""
     name = INTEGRATORS[scene.method]
     if name in OF_THE_EDITOR:
+        if scene.self_contact:
+            return "the front end in Unity does not know of selfCollision: there cloths pass through themselves"
         if scene.colliders:
             return "the front end in Unity has no colliders but plain spheres, and nothing that changes over time"
         return "the front end in Unity does not know of inputs over time: there they stay" if scene.moves else None
@@ -150,11 +152,12 @@ def beyond_bounds(scene: Scene) -> list[str]:
 def unknown_fields(scene: Scene) -> list[str]:
     """The places of fields that neither the format nor this program knows; each field once, where it occurs first."""
     document = json.loads(scene.source.text)
-    known = {kind: structure.fields(kind) for kind in ("scene", "object", "collider")}
+    known = {kind: structure.fields(kind) for kind in ("scene", "object", "collider", "selfCollision")}
     known["object"] |= {FIELD}
     owners: list[tuple[str, tuple[str | int, ...], Any]] = [("scene", (), document)]
     owners += [("object", ("objects", i), item) for i, item in enumerate(document["objects"])]
     owners += [("collider", ("colliders", i), item) for i, item in enumerate(document.get("colliders", []))]
+    owners += [("selfCollision", ("selfCollision",), document.get("selfCollision") or {})]
     found: dict[tuple[str, str], str] = {}
     for kind, path, item in owners:
         for name in item.keys() - known[kind]:

@@ -3,7 +3,8 @@
 Where a vertex enters or leaves an obstacle, the matrix of the step jumps. Where it passes from one part of a surface to
 another, from a face of a box or a mesh over its edge, from the mantle of a capsule to its end, the normal goes on and
 its derivative jumps. At both the cost has derivatives from two sides. So a part is a number, 0 outside, and two motions
-with the same numbers lie on one smooth piece of the cost.
+with the same numbers lie on one smooth piece of the cost. A cloth that touches itself is one more obstacle; its numbers
+stand for the pairs that a vertex is in, and the parts of triangles and edges that are nearest there.
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Indices
 from clothfit.engine.forces import touch
+from clothfit.engine.forces.selfcontact import force, pairs
 from clothfit.engine.forces.surfaces import BOX, CONE
 from clothfit.engine.forces.touch import AXES, PLACE, SHAPE, SIZE
 from clothfit.engine.inputs.tables import set_inputs
@@ -23,6 +25,9 @@ from clothfit.engine.system import BDF2, System
 from clothfit.scene.scene import Scene
 
 Parts = NDArray[np.int32]
+
+MANY = 2**31 - 3
+"""Numbers that pairs are spread over."""
 
 
 class Switch(NamedTuple):
@@ -46,6 +51,8 @@ def name_of(scene: Scene, obstacle: int) -> str:
     """What a switch calls an obstacle of a scene."""
     if obstacle < len(scene.spheres):
         return f"sphere {obstacle}"
+    if obstacle == scene.obstacles:
+        return "the cloth itself"
     each = scene.colliders[obstacle - len(scene.spheres)]
     return f"the {each.name} colliders[{each.place}]"
 
@@ -54,13 +61,18 @@ def contacts(system: System, part: Rollout) -> Parts:
     """At which parts of C obstacles n vertices are (T, N, C, n), at the forces of T steps of N iterations."""
     steps, iterations, n = part.w.shape[:3]
     count = len(system.spheres.radius) + (0 if system.colliders is None else len(system.colliders.rows))
+    count += system.surface is not None
     found = np.zeros((steps, iterations, count, n), np.int32)
     if not found.size:
         return found
     for t in range(steps):
         set_inputs(system.inputs, system, part.first + t)
         for k in range(int(part.used[t])):
-            found[t, k] = touched(system, linearised_at(system, part, t, k))
+            y = linearised_at(system, part, t, k)
+            others = touched(system, y)
+            found[t, k, : len(others)] = others
+            if system.surface is not None:
+                found[t, k, -1] = touched_by_itself(system.surface, part.x[t], part.touches[t].numbers, y)
     return found
 
 
@@ -87,6 +99,16 @@ def touched(system: System, y: Array) -> Parts:
     spots = touch.spots(system.colliders, y)
     places = np.where(spots < 0, places, 1 + spots)
     return np.concatenate([plain, np.where(inside, places, 0)], dtype=np.int32)
+
+
+def touched_by_itself(surface: pairs.Surface, x: Array, numbers: Indices, y: Array) -> Parts:
+    """A number (n,) for what each vertex of a cloth touches of it at y, in a step from x, (n, 3) each."""
+    contact = pairs.of_numbers(surface, x, numbers)
+    place = np.zeros(len(numbers), np.int32)
+    force.find_parts(contact, y, place)
+    total = np.zeros(len(x), np.int64)
+    np.add.at(total, contact.vertices.ravel(), np.repeat(1 + (7919 * numbers + place) % MANY, 4))
+    return np.asarray(np.where(total > 0, 1 + total % MANY, 0), np.int32)
 
 
 def part_of(row: Array, y: Array) -> Parts:

@@ -1,7 +1,8 @@
 """Where the energy of a motion is, frame by frame, and where it went.
 
 Stored, J: kinetic ½ Σ m |v|²; elastic ½ Σ k (L − L₀)² in the springs; gravity −Σ m g·(x − x₀), 0 at the start; contact
-½ Σ κ (depth)² in the push of spheres and other colliders. A spring between fixed vertices counts too, with a constant.
+½ Σ κ (depth)² in the push of spheres, of other colliders and of the cloth on itself. A spring between fixed vertices
+counts too, with a constant.
 
 Given and taken over a step of displacement h w, each force f at the state where the step takes it: the wind gives
 h f·w with the push on a cloth that holds still; damping (of vertices and springs), friction, which
@@ -30,6 +31,8 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.forces import colliders, spheres, springs, vertex, wind
+from clothfit.engine.forces.selfcontact import force as self_contact
+from clothfit.engine.forces.selfcontact import pairs
 from clothfit.engine.inputs.tables import send_pins, set_frame, set_inputs
 from clothfit.engine.step import explicit, guard
 from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, SYMPLECTIC, System, build
@@ -53,7 +56,7 @@ class Energy:
     kinetic: Array  # ½ m v²
     elastic: Array  # ½ k (L − L₀)², in the springs
     gravity: Array  # −m g·x, 0 at the start
-    contact: Array  # in the push of colliders
+    contact: Array  # in the push of colliders, and of a cloth on itself
     wind: Array  # work of the wind until then
     damping: Array  # lost to the damping of vertices and springs, and to friction, until then
     drag: Array  # lost to the air that the cloths move through until then
@@ -141,6 +144,7 @@ def balances(system: System, x: Array) -> Array:
         end = min(begin + length, len(x))
         v = velocities(system, x, begin, end)
         states(system, np.ascontiguousarray(x[begin:end]), v, begin, out[begin:end])
+        add_self_contact(system, x[begin:end], out[begin:end])
         first = max(begin, 1)
         if system.method == BDF2:
             add_mean_works(system, x, first, end, out)
@@ -150,6 +154,7 @@ def balances(system: System, x: Array) -> Array:
         late = system.method == IMPLICIT and system.newton_iterations > 1
         y = np.ascontiguousarray(x[first:end] if late else x[first - 1 : end - 1])
         works(system, y, u, w, first if system.inputs is None else first - 1 + system.inputs.lead, out[first:end])
+        add_self_friction(system, y, u, w, out[first:end])
     return out
 
 
@@ -169,6 +174,7 @@ def add_mean_works(system: System, x: Array, first: int, end: int, out: Array) -
     """Write the work of the BDF2 steps that end at some frames to the columns of out (F, 7)."""
     v, ends = velocities(system, x, first - 1, end), np.zeros((end - first + 1, len(ENERGY_COLUMNS)))
     works(system, np.ascontiguousarray(x[first - 1 : end]), v, v, first - 1, ends)
+    add_self_friction(system, x[first - 1 : end], v, v, ends)
     given = [WIND, DAMPING, DRAG]
     out[first:end, given] = 0.5 * (ends[1:] + ends[:-1])[:, given]
 
@@ -187,6 +193,21 @@ def last_velocity(system: System, x: Array) -> Array:
     explicit.step(system, np.ascontiguousarray(x[-2]), before, v)
     send_pins(system.inputs, system, v)
     return v
+
+
+def add_self_contact(system: System, x: Array, out: Array) -> None:
+    """Add what is stored in self-contact at positions x (F, n, 3) to the columns of out (F, 7)."""
+    if system.surface is not None:
+        for k, y in enumerate(np.ascontiguousarray(x)):
+            out[k, CONTACT] += self_contact.energy(pairs.touching(system.surface, y), y)
+
+
+def add_self_friction(system: System, x: Array, u: Array, w: Array, out: Array) -> None:
+    """Add the work of self-contact's friction over steps that begin at x (F, n, 3), as `works` has it."""
+    if system.surface is not None and system.surface.friction > 0.0:
+        for k, y in enumerate(np.ascontiguousarray(x)):
+            touched = pairs.touching(system.surface, y)
+            out[k, DAMPING] += system.h * self_contact.damping_power(touched, y, u[k], w[k])
 
 
 @kernel

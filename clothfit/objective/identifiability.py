@@ -64,7 +64,8 @@ def identifiable(scene: Scene, seen: Seen = None) -> Flags:
     for block in scene.blocks:
         cloths = reached(scene.cloths, block.name) if block.cloth is None else [block.cloth]
         shown = [None if seen is None else seen[i] for i in cloths]
-        masks = [hidden(scene.cloths[i], block.name, scene.obstacles, s) for i, s in zip(cloths, shown, strict=True)]
+        pushes = scene.obstacles + (scene.self_contact is not None)
+        masks = [hidden(scene.cloths[i], block.name, pushes, s) for i, s in zip(cloths, shown, strict=True)]
         if block.factors is not None:
             kept[block.part] = block.factors.acting(~masks[0])
         elif block.mode == "G" or block.cloth is None:

@@ -31,6 +31,8 @@ from clothfit.objective.target import Target
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
+    from clothfit.engine.forces.selfcontact.pairs import Surface
+
 
 class Track(NamedTuple):
     """What a target shows of one cloth at each of T + 1 steps."""
@@ -101,7 +103,21 @@ def valid_rows(system: System, near: Stencil, track: Track, steps: int) -> Flags
         bad |= missing[2 : steps + 2]
     for back in {EXPLICIT: (), BDF2: (1, 2, 3)}.get(system.method, (1,)):
         bad[back:] |= missing[: max(steps - back, 0)]
+    if system.surface is not None:
+        bad |= touched_rows(system.surface, track.x, steps)
     return np.ascontiguousarray(~bad & system.vertex.free)  # in one order, however few steps: to compile once for
+
+
+def touched_rows(surface: Surface, x: Array, steps: int) -> Flags:
+    """Which rows (T, n) belong to vertices that self-contact may push in the step: of which forces the rows know
+    nothing.
+    """
+    from clothfit.engine.forces.selfcontact import pairs
+
+    near = np.zeros((steps + 1, x.shape[1]), bool)
+    for t, y in enumerate(np.ascontiguousarray(x[: steps + 1])):
+        near[t, pairs.touching(surface, y).vertices] = True
+    return np.asarray(near[:-1] | near[1:])
 
 
 @kernel

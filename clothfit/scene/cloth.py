@@ -167,6 +167,24 @@ def moved(pos: Array, offset: Array) -> Array:
     return centre
 
 
+@dataclass(frozen=True)
+class SelfContact:
+    """How cloths push themselves apart."""
+
+    thickness: float  # m, above 0: the distance below which two parts push each other
+    stiffness: float  # N/m, above 0: of each pair
+    friction: float  # coefficient, 0 or more
+
+
+def self_contact(document: Mapping[str, Any]) -> SelfContact | None:
+    """What a document asks for; None where it does not."""
+    own = document.get("selfCollision")
+    if own is None:
+        return None
+    item = {**structure.defaults("selfCollision"), **own}
+    return SelfContact(*(float(item[name]) for name in ("thickness", "stiffness", "friction")))
+
+
 def vector(item: Mapping[str, Any]) -> Array:
     """The array (3,) of a vector in the file."""
     return np.array([item["x"], item["y"], item["z"]], dtype=np.float64)

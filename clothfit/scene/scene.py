@@ -25,7 +25,7 @@ from clothfit.scene import array_checks as checks
 from clothfit.scene import schema as structure
 from clothfit.scene.block import Block, flagged
 from clothfit.scene.bounds import Bounds, from_file
-from clothfit.scene.cloth import PLANE, Cloth, Collider, Sphere, obstacles
+from clothfit.scene.cloth import PLANE, Cloth, Collider, SelfContact, Sphere, obstacles, self_contact
 from clothfit.scene.cloth import vector as _vector
 from clothfit.scene.keys import Frame, Keys, frame, keys, pins
 from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
@@ -64,6 +64,7 @@ class Scene:
     frame: Frame | None = None  # how the axes move in which all of it is meant, but wind and gravity
     colliders: tuple[Collider, ...] = ()  # the other obstacles
     offset: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, read-only: of all obstacles, from their `pos`
+    self_contact: SelfContact | None = None  # of each cloth with itself; None: cloths pass through themselves
     main: Scene | None = None  # whose values the factors of modes F, R and M multiply; None: this one's
 
     def __post_init__(self) -> None:
@@ -350,6 +351,7 @@ def _scene(
         name=name,
         source=source,
         **inputs,
+        self_contact=self_contact(document),
     )
 
 

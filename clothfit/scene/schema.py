@@ -58,13 +58,13 @@ def problems_of(document: Any) -> list[str]:
 
 
 def defaults(kind: str) -> dict[str, Any]:
-    """Give the default of each optional field of the "scene", an "object" or a "collider"."""
+    """Give the default of each optional field of the "scene", an "object", a "collider" or "selfCollision"."""
     schema = _schema() if kind == "scene" else _schema()["$defs"][kind]
     return {name: field["default"] for name, field in schema["properties"].items() if "default" in field}
 
 
 def fields(kind: str) -> set[str]:
-    """Names of the fields that the "scene", an "object" or a "collider" may have."""
+    """Names of the fields that the "scene", an "object", a "collider" or "selfCollision" may have."""
     schema = _schema() if kind == "scene" else _schema()["$defs"][kind]
     return set(schema["properties"])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from clothfit.engine.forces import colliders, spheres, springs, vertex, wind
+from clothfit.engine.forces.selfcontact import force as contact
 from clothfit.kernels.kernel import kernel
 
 
@@ -13,6 +14,7 @@ def add_force(system, y, u, f):
     wind.add_force(system.faces, y, u, f)
     spheres.add_force(system.spheres, y, u, f)
     colliders.add_force(system.colliders, y, u, f)
+    contact.add_force(system.contact, y, u, f)
 
 
 @kernel
@@ -21,6 +23,7 @@ def add_damping(system, y, u, scale, q, out):
     springs.add_damping(system.springs, y, u, scale, q, out)
     wind.add_damping(system.faces, y, u, scale, q, out)
     colliders.add_damping(system.colliders, y, u, scale, q, out)
+    contact.add_damping(system.contact, y, u, scale, q, out)
 
 
 @kernel
@@ -30,6 +33,7 @@ def add_step(system, y, u, h, ahead, A, b):
     stored += wind.add_step(system.faces, y, u, h, ahead, A, b)
     stored += spheres.add_step(system.spheres, y, u, h, ahead, A, b)
     stored += colliders.add_step(system.colliders, y, u, h, ahead, A, b)
+    stored += contact.add_step(system.contact, y, u, h, ahead, A, b)
     return stored
 
 
@@ -48,6 +52,7 @@ def add_pullback(system, y, u, w, s, lam, h, grad, gy, gu):
     wind.add_pullback(system.faces, y, u, w, s, lam, h, grad, gy, gu)
     spheres.add_pullback(system.spheres, y, u, w, s, lam, h, grad, gy, gu)
     colliders.add_pullback(system.colliders, y, u, w, s, lam, h, grad, gy, gu)
+    contact.add_pullback(system.contact, y, u, w, s, lam, h, grad, gy, gu)
 
 
 @kernel
@@ -57,3 +62,4 @@ def add_pushforward(system, y, u, w, s, dy, du, direction, h, out):
     wind.add_pushforward(system.faces, y, u, w, s, dy, du, direction, h, out)
     spheres.add_pushforward(system.spheres, y, u, w, s, dy, du, direction, h, out)
     colliders.add_pushforward(system.colliders, y, u, w, s, dy, du, direction, h, out)
+    contact.add_pushforward(system.contact, y, u, w, s, dy, du, direction, h, out)

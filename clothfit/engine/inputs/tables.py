@@ -17,6 +17,7 @@ from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.engine.forces import springs
 from clothfit.engine.forces.touch import PLACE, SIZE
 from clothfit.engine.inputs.poses import Poses, pose
+from clothfit.engine.solve.joined import add_from_fixed
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, load3, store3
 from clothfit.kernels.vectors import combine, copy
@@ -206,11 +207,13 @@ def add_coupling(inputs, system, y, w, b):
 
 
 @kernel
-def couple(inputs, system, x, y, scratch, b):
-    """The same for a step that begins at x; `scratch` (n, 3) is overwritten."""
+def couple(inputs, system, x, y, scratch, A, b):
+    """The same for a step that begins at x, contacts included; `scratch` (n, 3) is overwritten."""
     if inputs is not None and len(inputs.pins) > 0:
+        scratch[:] = 0.0
         set_pins(inputs, system, x, scratch)
         add_coupling(inputs, system, y, scratch, b)
+        add_from_fixed(A.joined, -1.0, scratch, b)
 
 
 @kernel

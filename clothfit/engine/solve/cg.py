@@ -8,7 +8,7 @@ Eisenstat's trick makes one of them as cheap. In x̂ = (D̂ + Lᵀ) x and r̂ = 
 
 two triangular solves that together read A once, and the preconditioner of Â is D̂: z = D̂ r̂, without a solve. The
 direction in w itself is t. The residual r is not at hand: its norm is predicted from r̂ᵀ D̂ r̂, and when the prediction
-is small enough, r is computed.
+is small enough, r is computed. What contacts join (`joined`), C, is added to A, not to L: (D̂ + L)⁻¹ C t to Â p.
 
 A negative curvature pᵀ Â p proves that A is not positive definite (strongly compressed springs do that).
 
@@ -21,7 +21,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from clothfit.base.arrays import Array, aligned, staggered
-from clothfit.engine.solve import sparse, ssor
+from clothfit.engine.solve import joined, sparse, ssor
 from clothfit.kernels.kernel import kernel
 
 CONVERGED, INDEFINITE, LIMIT = 0, 1, 2
@@ -59,6 +59,7 @@ def solve(A, b, tolerance, limit, work, w):
     x, r, p, t, q, z, own, inverse = work
     whole = A.subdomains[0]
     bb = ssor.enter(A, whole, b, w, x, own)
+    joined.add_product(A.joined, -1.0, x, own)
     rr = ssor.residual(A, whole, x, own, r)  # 1: r = b − A x
     target = tolerance * tolerance * bb
     if ssor.is_solved(A, rr, bb, target, w):
@@ -72,6 +73,7 @@ def solve(A, b, tolerance, limit, work, w):
     ratio, beta = rr / rz, 0.0
     for iteration in range(1, limit + 1):  # 2: for j = 0, 1, … until convergence
         ssor.solve_upper(A, whole, inverse, kappa, beta, z, p, t, own)  # 8 of the last j: p = z + β p; t
+        joined.add_product(A.joined, 1.0, t, own)
         curvature = ssor.apply_lower(A, whole, inverse, p, t, own, q)  # q = Â p and pᵀ q
         if not curvature > 0.0:
             return iteration, INDEFINITE

@@ -15,6 +15,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.engine.solve import cg, cg_two_threads, multigrid, sparse
+from clothfit.engine.solve.joined import Joined
 from clothfit.engine.solve.sparse import BlockMatrix
 from clothfit.kernels.kernel import kernel, objmode
 from clothfit.kernels.vectors import copy
@@ -41,7 +42,8 @@ class Workspace(NamedTuple):
 
 def workspace(A: BlockMatrix) -> Workspace:
     """Memory for systems with the matrix A, by its pattern."""
-    return Workspace(cg.workspace(len(A.diagonal) - 1), cg_two_threads.second(A), multigrid.hierarchy(A))
+    hierarchy = multigrid.hierarchy(A) if A.joined is None else None
+    return Workspace(cg.workspace(len(A.diagonal) - 1), cg_two_threads.second(A), hierarchy)
 
 
 @contextmanager
@@ -85,15 +87,36 @@ def iterate(A, b, tolerance, limit, work, second, hierarchy, w):
 @kernel
 def solve_directly(A, b, w):
     """Solve A w = b by a factorisation."""
-    order, row, column, subdomains, diagonal, upper = A
+    solve_joined_directly(A.joined, A, b, w)
+
+
+@kernel
+def solve_joined_directly(joined, A, b, w):
+    """The same, for the `joined` of A: an argument, as numba leaves out a branch only where an argument is None."""
+    if joined is None:
+        solve_alone_directly(A, b, w)
+        return
+    order, row, column, subdomains, diagonal, upper, _ = A
+    vertices, rows, own, free = joined
     with objmode(solution="float64[:, ::1]"):
-        solution = factorise_and_solve(order, row, column, subdomains, diagonal, upper, b)
+        pairs = Joined(vertices, rows, own, free)
+        solution = factorise_and_solve(order, row, column, subdomains, diagonal, upper, pairs, b)
+    copy(solution, w)
+
+
+@kernel
+def solve_alone_directly(A, b, w):
+    """The same without pairs."""
+    order, row, column, subdomains, diagonal, upper, _ = A
+    with objmode(solution="float64[:, ::1]"):
+        solution = factorise_and_solve(order, row, column, subdomains, diagonal, upper, None, b)
     copy(solution, w)
 
 
 def factorise_and_solve(
-    order: Indices, row: Indices, column: Indices, subdomains: Indices, diagonal: Array, upper: Array, b: Array
-) -> Array:
+    order: Indices, row: Indices, column: Indices, subdomains: Indices, diagonal: Array, upper: Array,
+    joined: Joined | None, b: Array,
+) -> Array:  # fmt: skip
     """Solve A w = b by a sparse LU factorisation of the free rows; NaN where A is singular or not finite, or where the
     result is no solution.
     """
@@ -103,7 +126,7 @@ def factorise_and_solve(
     solution = np.zeros(b.shape)
     if not (np.isfinite(diagonal[order]).all() and np.isfinite(upper[:-1]).all()):
         return np.full(b.shape, np.nan)  # the factorisation divides by infinity and gives finite numbers
-    A = sparse.to_scipy(order, row, column, subdomains, diagonal, upper)
+    A = sparse.to_scipy(order, row, column, subdomains, diagonal, upper, joined)
     known = b[free].reshape(-1)
     for options in (SYMMETRIC, {}):
         try:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices, aligned
+from clothfit.engine.solve import joined as pairs
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import (
     add,
@@ -63,6 +64,7 @@ class BlockMatrix(NamedTuple):
     subdomains: Indices  # (3, 2), first row and end of each subdomain; no spring joins the first two
     diagonal: Array  # (n + 1, 8), diagonal blocks; the last is only read into by loads of the one before
     upper: Array  # (E + 1, 8), blocks of the slots; the last takes what belongs to no row
+    joined: pairs.Joined | None = None  # blocks of self-contact beside the pattern; None where there is none
 
 
 class Pattern(NamedTuple):
@@ -74,12 +76,13 @@ class Pattern(NamedTuple):
     subdomains: Indices
 
 
-def pattern(ends: Indices, free: Flags) -> tuple[Pattern, Indices]:
+def pattern(ends: Indices, free: Flags, whole: bool = False) -> tuple[Pattern, Indices]:
     """The pattern, and the slot of each pair, for the vertex pairs `ends` (S, 2) that are joined.
 
-    Pairs that join the same two vertices share a slot; pairs with a fixed vertex get the slot that no row reads.
+    Pairs that join the same two vertices share a slot; pairs with a fixed vertex get the slot that no row reads. A
+    `whole` pattern has one subdomain, however large it is.
     """
-    order, subdomains = sweep(ends, free)
+    order, subdomains = sweep(ends, free, whole)
     place = np.zeros(len(free), np.int64)
     place[order] = np.arange(len(order))
     kept = free[ends].all(axis=1)
@@ -93,7 +96,7 @@ def pattern(ends: Indices, free: Flags) -> tuple[Pattern, Indices]:
     return Pattern(order, row.astype(np.int32), column.astype(np.int32), subdomains), slot
 
 
-def sweep(ends: Indices, free: Flags) -> tuple[Indices, Indices]:
+def sweep(ends: Indices, free: Flags, whole: bool = False) -> tuple[Indices, Indices]:
     """The order of sweep (m,) and its subdomains (3, 2): two that are not joined, and the separator between them.
 
     A small cloth is swept in the order of its vertices and is one subdomain. A large one is swept along its bandwidth
@@ -109,7 +112,7 @@ def sweep(ends: Indices, free: Flags) -> tuple[Indices, Indices]:
     joined = place[ends[free[ends].all(axis=1)]]
     along = along_bandwidth(joined, m)
     order, joined = order[along], np.argsort(along)[joined]
-    if m >= MULTIGRID_FROM:
+    if whole or m >= MULTIGRID_FROM:
         return order, np.array([[0, m], [m, m], [m, m]], np.int32)
     first = (joined < m // 2).any(axis=1)
     between = np.zeros(m, bool)
@@ -151,6 +154,7 @@ def reset(A, mass):
         store(zero, A.diagonal, i, 0)
         store(zero, A.diagonal, i, 4)
         A.diagonal[i, XX] = A.diagonal[i, YY] = A.diagonal[i, ZZ] = mass[i]
+    pairs.reset(A.joined)
 
 
 @kernel
@@ -201,6 +205,7 @@ def multiply(A, x, out):
             total = times(A.upper, e, load3(x, j), total)
             store3(times_spread(A.upper, e, x0, x1, x2, load3(out, j)), out, j)
         store3(total, out, i)
+    pairs.add_product(A.joined, 1.0, x, out)
 
 
 @kernel
@@ -226,8 +231,9 @@ def invert_diagonal(A, scale, inverse):
 
 
 def to_scipy(
-    order: Indices, row: Indices, column: Indices, _subdomains: Indices, diagonal: Array, upper: Array
-) -> csc_array:
+    order: Indices, row: Indices, column: Indices, _subdomains: Indices, diagonal: Array, upper: Array,
+    joined: pairs.Joined | None = None,
+) -> csc_array:  # fmt: skip
     """The matrix as a SciPy sparse array (3 m, 3 m), both halves: of the free vertices, in ascending order."""
     from scipy.sparse import bsr_array
 
@@ -238,4 +244,7 @@ def to_scipy(
     sorting = np.lexsort((columns, rows))
     blocks = np.concatenate([diagonal[order], upper[:-1], upper[:-1]])[sorting][:, SQUARE]
     starts = np.searchsorted(rows[sorting], np.arange(m + 1))
-    return bsr_array((blocks, columns[sorting], starts), shape=(3 * m, 3 * m)).tocsr().T  # it is symmetric
+    A = bsr_array((blocks, columns[sorting], starts), shape=(3 * m, 3 * m)).tocsr()
+    if joined is not None:
+        A = (A + pairs.to_scipy(joined.vertices, joined.rows, order)).tocsr()
+    return A.T  # it is symmetric

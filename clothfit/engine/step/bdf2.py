@@ -77,7 +77,7 @@ def step(inner, x, v, x_before, v_before, first, tolerance, work, w, x_new):
     extrapolate(inner.h, x, v, x_before, v_before, work)
     implicit.assemble(inner, work.y, work.u, True, work.A, work.b)
     implicit.add_momentum(inner.vertex, work.v_base, work.b)
-    couple(inner.inputs, inner, work.x_base, work.y, work.s, work.b)
+    couple(inner.inputs, inner, work.x_base, work.y, work.s, work.A, work.b)
     used, iterations, direct = implicit.step(inner, work.x_base, work.v_base, first, tolerance, work, w)
     kinetic, weight, size = guard.arrive(inner.vertex, x, work.x_base, inner.h, w[used - 1], x_new)
     return used, iterations, direct, kinetic, weight, size

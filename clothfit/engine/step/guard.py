@@ -57,7 +57,7 @@ def applies(system):
     """Whether steps may be shortened at all."""
     faces = system.faces
     still = faces.wind[0] == 0.0 and faces.wind[1] == 0.0 and faces.wind[2] == 0.0
-    if exist(system.inputs) or exist(system.colliders):  # inputs bring energy
+    if exist(system.inputs) or exist(system.colliders) or exist(system.contact):  # inputs bring energy
         return False
     return system.guarded and system.method == IMPLICIT and (still or faces.drag == 0.0 or len(faces.corners) == 0)
 

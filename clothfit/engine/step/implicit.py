@@ -27,6 +27,7 @@ from clothfit.base.arrays import Array
 from clothfit.engine.forces import total
 from clothfit.engine.inputs.tables import couple, set_pins
 from clothfit.engine.solve import guess, linear, sparse
+from clothfit.engine.solve.joined import joined
 from clothfit.engine.system import System
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add as add_lanes
@@ -58,6 +59,8 @@ def workspace(system: System) -> Workspace:
     n = len(system.x0)
     vectors = [np.zeros((n, 3)) for _ in range(10)]
     A = sparse.zeros(system.pattern, n)
+    if system.contact is not None:
+        A = A._replace(joined=joined(system.contact.vertices, system.contact.free))
     return Workspace(A, linear.workspace(A), guess.past(n), np.zeros((0, 3)), *vectors)
 
 
@@ -93,7 +96,7 @@ def prepare(system, x, v, work):
     """
     stored = assemble(system, x, v, False, work.A, work.b)
     kinetic, power = add_momentum(system.vertex, v, work.b)
-    couple(system.inputs, system, x, x, work.s, work.b)
+    couple(system.inputs, system, x, x, work.s, work.A, work.b)
     return kinetic + stored, power
 
 

@@ -1,0 +1,238 @@
+"""Closest points of a vertex and a triangle, or of two edges, and how they move with their four vertices.
+
+The vector from one closest point to the other is
+
+    r = Σ cᵢ yᵢ,    c = c⁰ + q₁ β₁ + q₂ β₂,
+
+with the parameters q of the points in the triangle or on the edges: a vertex p and a triangle a b c have
+r = p − a − q₁ (b − a) − q₂ (c − a), edges a b and e f have r = a + q₁ (b − a) − e − q₂ (f − e). Of the two parameters
+two, one or none are free; the others are at a border. A free one, along β, has ε·r = 0 with ε = Σ βᵢ yᵢ. So where the
+vertices move by dy, with ρ = Σ cᵢ dyᵢ and G = (ε_k·ε_l),
+
+    G dq = −(ε_k·ρ + r·Σ β_ki dyᵢ),   dc = Σ dq_k β_k,   dr = ρ + Σ dq_k ε_k,   dδ = n·ρ,   dn = (I − n nᵀ) dr/δ
+
+for the distance δ = ±|r| and the normal n = r/δ; δ < 0 means that the two have passed through each other since the
+side was noted. The derivative of δ is therefore cᵢ n, without a derivative of c.
+
+Two edges that are almost parallel have closest points that jump. The share of such a pair, `share`, goes to 0 there;
+its vertices still touch triangles. Reference: C. Ericson, Real-time collision detection, 2005, section 5.1; M. Li et
+al., Incremental potential contact, ACM Transactions on Graphics 39, 2020, section 5.1, on the share.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from clothfit.kernels.kernel import kernel
+from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub
+from clothfit.kernels.vectors import cross, dot
+
+CORNER, EDGE = 0, 1
+"""Kinds of a pair: a vertex and a triangle, two edges."""
+
+NONE, FIRST, SECOND, BOTH, BETWEEN = 0, 1, 2, 3, 4
+"""Which parameters are free; BETWEEN: along the side where q₁ + q₂ = 1."""
+
+PARALLEL = 0.01
+"""sin² of the angle of two edges from which on their share is 1."""
+
+
+@kernel
+def in_triangle(p, a, b, c):
+    """q₁, q₂ of the point of a triangle that is closest to p, and which of them are free."""
+    ab, ac, ap = sub(b, a), sub(c, a), sub(p, a)
+    d1, d2 = dot(ab, ap), dot(ac, ap)
+    if d1 <= 0.0 and d2 <= 0.0:
+        return 0.0, 0.0, NONE
+    bp = sub(p, b)
+    d3, d4 = dot(ab, bp), dot(ac, bp)
+    if d3 >= 0.0 and d4 <= d3:
+        return 1.0, 0.0, NONE
+    vc = d1 * d4 - d3 * d2
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        return d1 / (d1 - d3), 0.0, FIRST
+    cp = sub(p, c)
+    d5, d6 = dot(ab, cp), dot(ac, cp)
+    if d6 >= 0.0 and d5 <= d6:
+        return 0.0, 1.0, NONE
+    vb = d5 * d2 - d1 * d6
+    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        return 0.0, d2 / (d2 - d6), SECOND
+    va = d3 * d6 - d5 * d4
+    if va <= 0.0 and d4 >= d3 and d5 >= d6:
+        q = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        return 1.0 - q, q, BETWEEN
+    whole = va + vb + vc
+    return vb / whole, vc / whole, BOTH
+
+
+@kernel
+def on_edges(a, b, e, f):
+    """q₁, q₂ of the closest points of the edges a b and e f, and which of them are free."""
+    one, other, away = sub(b, a), sub(f, e), sub(a, e)
+    oo, tt, ot = dot(one, one), dot(other, other), dot(one, other)
+    oa, ta = dot(one, away), dot(other, away)
+    whole = oo * tt - ot * ot
+    s = min(max((ot * ta - oa * tt) / whole, 0.0), 1.0) if whole > 0.0 else 0.0
+    t = (ot * s + ta) / tt
+    if t <= 0.0:
+        t, s = 0.0, min(max(-oa / oo, 0.0), 1.0)
+    elif t >= 1.0:
+        t, s = 1.0, min(max((ot - oa) / oo, 0.0), 1.0)
+    free = (FIRST if 0.0 < s < 1.0 else NONE) + (SECOND if 0.0 < t < 1.0 else NONE)
+    return s, t, free
+
+
+@kernel
+def weights(kind, q1, q2):
+    """c of a pair."""
+    if kind == CORNER:
+        return 1.0, q1 + q2 - 1.0, -q1, -q2
+    return 1.0 - q1, q1, q2 - 1.0, -q2
+
+
+@kernel
+def way(kind, free, k):
+    """β_k of the free parameters, k = 0 or 1; all 0 where fewer are free."""
+    first, second = 0.0, 0.0
+    if k == 0:
+        first = 1.0 if free in (FIRST, BOTH) else -1.0 if free == BETWEEN else 0.0
+        second = 1.0 if free in (SECOND, BETWEEN) else 0.0
+    else:
+        second = 1.0 if free == BOTH else 0.0
+    if kind == CORNER:
+        return 0.0, first + second, -first, -second
+    return -first, first, second, -second
+
+
+@kernel
+def mixed(c, own, a):
+    """Σ cᵢ a_i over the four vertices `own` of an array (n, 3)."""
+    total = mul(splat(c[0]), load3(a, own[0]))
+    total = fma(splat(c[1]), load3(a, own[1]), total)
+    total = fma(splat(c[2]), load3(a, own[2]), total)
+    return fma(splat(c[3]), load3(a, own[3]), total)
+
+
+@kernel
+def spread(c, own, v, out):
+    """out_i += cᵢ v."""
+    store3(fma(splat(c[0]), v, load3(out, own[0])), out, own[0])
+    store3(fma(splat(c[1]), v, load3(out, own[1])), out, own[1])
+    store3(fma(splat(c[2]), v, load3(out, own[2])), out, own[2])
+    store3(fma(splat(c[3]), v, load3(out, own[3])), out, own[3])
+
+
+@kernel
+def closest(kind, own, y):
+    """c, which parameters are free, and r, of the vertices `own` at y (n, 3)."""
+    a, b, c, d = load3(y, own[0]), load3(y, own[1]), load3(y, own[2]), load3(y, own[3])
+    if kind == CORNER:
+        q1, q2, free = in_triangle(a, b, c, d)
+    else:
+        q1, q2, free = on_edges(a, b, c, d)
+    found = weights(kind, q1, q2)
+    return found, free, mixed(found, own, y)
+
+
+@kernel
+def distance(kind, own, y):
+    """|r|."""
+    r = closest(kind, own, y)[2]
+    return sqrt(dot(r, r))
+
+
+@kernel
+def side(kind, own, y):
+    """1 or −1: on which side of the triangle the vertex is, or of one edge the other."""
+    a, b, c, d = load3(y, own[0]), load3(y, own[1]), load3(y, own[2]), load3(y, own[3])
+    if kind == CORNER:
+        return 1.0 if dot(sub(a, b), cross(sub(c, b), sub(d, b))) >= 0.0 else -1.0
+    return 1.0 if dot(sub(a, c), cross(sub(b, a), sub(d, c))) >= 0.0 else -1.0
+
+
+@kernel
+def share(kind, own, y):
+    """The share of a pair of edges, 1 of other pairs."""
+    if kind == CORNER:
+        return 1.0
+    one, other = sub(load3(y, own[1]), load3(y, own[0])), sub(load3(y, own[3]), load3(y, own[2]))
+    oo, tt, ot = dot(one, one), dot(other, other), dot(one, other)
+    t = (1.0 - ot * ot / (oo * tt)) / PARALLEL
+    return t * (2.0 - t) if t < 1.0 else 1.0
+
+
+@kernel
+def share_slopes(kind, own, y):
+    """The derivative of the share by the one edge and by the other."""
+    one, other = sub(load3(y, own[1]), load3(y, own[0])), sub(load3(y, own[3]), load3(y, own[2]))
+    oo, tt, ot = dot(one, one), dot(other, other), dot(one, other)
+    t = (1.0 - ot * ot / (oo * tt)) / PARALLEL
+    if kind == CORNER or not t < 1.0:
+        return splat(0.0), splat(0.0)
+    # sin² = 1 − (a·b)²/(a² b²):  ∂/∂a = 2 (a·b)/(a² b²) ((a·b)/a² a − b)
+    by_t = (2.0 - 2.0 * t) / PARALLEL * 2.0 * ot / (oo * tt)
+    by_one = mul(splat(by_t), sub(mul(splat(ot / oo), one), other))
+    return by_one, mul(splat(by_t), sub(mul(splat(ot / tt), other), one))
+
+
+@kernel
+def solve(g00, g01, g11, b0, b1):
+    """G⁻¹ b for as many free parameters as there are: where one is missing, its row is 0."""
+    if g11 == 0.0:
+        return (b0 / g00 if g00 > 0.0 else 0.0), 0.0
+    whole = g00 * g11 - g01 * g01
+    return (g11 * b0 - g01 * b1) / whole, (g00 * b1 - g01 * b0) / whole
+
+
+@kernel
+def moved(kind, own, y, free, c, r, delta, n, dy):
+    """dc, dn and dδ where the vertices move by dy (n, 3)."""
+    way0, way1 = way(kind, free, 0), way(kind, free, 1)
+    e0, e1, rho = mixed(way0, own, y), mixed(way1, own, y), mixed(c, own, dy)
+    b0 = -dot(e0, rho) - dot(r, mixed(way0, own, dy))
+    b1 = -dot(e1, rho) - dot(r, mixed(way1, own, dy))
+    q0, q1 = solve(dot(e0, e0), dot(e0, e1), dot(e1, e1), b0, b1)
+    dr = fma(splat(q0), e0, fma(splat(q1), e1, rho))
+    dn = mul(splat(1.0 / delta), fma(splat(-dot(n, dr)), n, dr))
+    dc = (
+        q0 * way0[0] + q1 * way1[0],
+        q0 * way0[1] + q1 * way1[1],
+        q0 * way0[2] + q1 * way1[2],
+        q0 * way0[3] + q1 * way1[3],
+    )
+    return dc, dn, dot(n, rho)
+
+
+@kernel
+def add_moved_back(kind, own, y, free, c, r, delta, n, by_c, by_n, by_delta, scale, gy):
+    """The transpose of `moved`: gy += scale · the gradient by y of what has these gradients by c, n and δ."""
+    way0, way1 = way(kind, free, 0), way(kind, free, 1)
+    e0, e1 = mixed(way0, own, y), mixed(way1, own, y)
+    by_r = mul(splat(1.0 / delta), fma(splat(-dot(n, by_n)), n, by_n))
+    b0 = dot(by_r, e0) + by_c[0] * way0[0] + by_c[1] * way0[1] + by_c[2] * way0[2] + by_c[3] * way0[3]
+    b1 = dot(by_r, e1) + by_c[0] * way1[0] + by_c[1] * way1[1] + by_c[2] * way1[2] + by_c[3] * way1[3]
+    m0, m1 = solve(dot(e0, e0), dot(e0, e1), dot(e1, e1), b0, b1)
+    by_rho = fma(splat(by_delta), n, fma(splat(-m0), e0, fma(splat(-m1), e1, by_r)))
+    spread(c, own, mul(splat(scale), by_rho), gy)
+    spread(way0, own, mul(splat(-scale * m0), r), gy)
+    spread(way1, own, mul(splat(-scale * m1), r), gy)
+
+
+@kernel
+def add_share_back(kind, own, y, by_share, gy):
+    """gy += by_share · the gradient of the share by y."""
+    one, other = share_slopes(kind, own, y)
+    one, other = mul(splat(by_share), one), mul(splat(by_share), other)
+    store3(sub(load3(gy, own[0]), one), gy, own[0])
+    store3(add(load3(gy, own[1]), one), gy, own[1])
+    store3(sub(load3(gy, own[2]), other), gy, own[2])
+    store3(add(load3(gy, own[3]), other), gy, own[3])
+
+
+@kernel
+def share_change(kind, own, y, dy):
+    """The change of the share where the vertices move by dy."""
+    one, other = share_slopes(kind, own, y)
+    first = dot(one, sub(load3(dy, own[1]), load3(dy, own[0])))
+    return first + dot(other, sub(load3(dy, own[3]), load3(dy, own[2])))
