@@ -478,7 +478,7 @@ def test_a_scene_that_does_not_ask_has_nothing_of_it():
 def test_a_cloth_that_crosses_itself_at_the_start_is_refused():
     points, springs, faces = two_sheets(0.1)
     points[-1, 1] = -0.05
-    with pytest.raises(InvalidScene, match=r"objects\[0\].vertPos: the edge from vertex \d+ to \d+ passes through the triangle \d+ \("):
+    with pytest.raises(InvalidScene, match=r"objects\[0\].vertPos: the edge from vertex \d+ to \d+ passes through"):
         build(touching(points, springs, faces, {}), 0)
 
 
