@@ -12,7 +12,7 @@ Each step notes its pairs and zones; the derivatives take them from there.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -27,9 +27,8 @@ from clothfit.engine.system import BDF2, IMPLICIT, System
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import combine, copy
 
-if TYPE_CHECKING:
-    from clothfit.engine import rollout
-    from clothfit.engine.rollout import Rollout
+Rollout: TypeAlias = Any
+"""A `rollout.Rollout`; that module imports this one."""
 
 ROUNDS = 12
 """Times that a step is taken, at most, until its pairs stay."""
@@ -69,7 +68,7 @@ def with_contact(
     return system._replace(contact=contact), work._replace(A=A)
 
 
-def fill(forms: rollout.Taken, tolerance: float, work: implicit.Workspace, part: Rollout) -> int:
+def fill(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout) -> int:
     """Compute the steps of a part whose x[0], v and first are set; returns how many are good."""
     bare = part.bare()
     for t in range(part.steps):
@@ -80,7 +79,7 @@ def fill(forms: rollout.Taken, tolerance: float, work: implicit.Workspace, part:
             return t
         part.touches[t] = touch
         interrupts.check()
-    return part.steps
+    return int(part.steps)
 
 
 def step(system: System, tolerance: float, work: implicit.Workspace, part: Rollout, t: int) -> tuple[Touch, int]:
