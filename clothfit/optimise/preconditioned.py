@@ -187,8 +187,10 @@ def descend(
 
     minimizer: Any = minimize  # its stubs know other starts only
     options = {"maxfun": 10 * ROUND, "maxcor": RECENT, "ftol": 0.0, "gtol": 0.0}
-    # of values with two ends L-BFGS-B takes the first step as long as the gradient, which is right for z
-    start, ends = (y0, search.bounds) if root is None else (np.zeros(len(y0)), [(-FARTHEST, FARTHEST)] * len(y0))
+    # of values with two ends L-BFGS-B takes the first step as long as the gradient, which is right for z; many values
+    # come lower from a longer one, of 1
+    far = FARTHEST if len(y0) <= FEW else np.inf
+    start, ends = (y0, search.bounds) if root is None else (np.zeros(len(y0)), [(-far, far)] * len(y0))
     try:
         minimizer(cost, start, jac=True, method="L-BFGS-B", bounds=ends, options=options)
     except RoundOver as end:
