@@ -56,6 +56,7 @@ def moving() -> dict[str, Any]:
         one, cloth(2, 2), optimizationIterations=4, windVelKeys=keys((0, 0, 0), (1, 2, 3)),
         gravityKeys={"file": KEYED, "interpolation": "smooth"}, planes="solid", colliders=colliders(),
         colliderOffset=xyz(0.01, 0, -0.02),
+        frame={"posKeys": keys((0, 0, 0), (0.1, 0, 0.3), (0, 0, 0), interpolation="smooth")},
         fit={
             "windVelKeys": "L", "friction": "L", "contact": "G", "colliderOffset": True, "bounds": {"friction": [0, 2]},
         },
