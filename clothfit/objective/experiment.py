@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias
 
+import numpy as np
+
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
@@ -80,10 +82,17 @@ def flagged_as(scene: Scene, main: Scene) -> Scene:
 
 
 def check_same_sizes(scene: Scene, main: Scene) -> None:
-    """Raise InvalidInput unless the objects of both scenes have the same numbers of vertices and springs."""
+    """Raise InvalidInput unless the objects of both scenes have the same numbers of vertices and springs, and the
+    scenes as many of what is fitted of them.
+    """
     own, wanted = ([(len(c.mass), len(c.stiffness)) for c in one.cloths] for one in (scene, main))
     if own != wanted:
         raise InvalidInput(f"{scene.name}: its objects have {in_words(own)}, those of {main.name} {in_words(wanted)}")
+    for block in main.blocks:
+        values = () if block.cloth is not None else np.shape(getattr(scene, block.name))
+        if block.cloth is None and values != block.shape:
+            counts = f"{values[0]} in this scene, {block.shape[0]} in {main.name}"
+            raise InvalidInput(f"{scene.name}: {block.kind.title}: {counts}; a fit of both needs as many")
 
 
 def in_words(sizes: Sequence[tuple[int, int]]) -> str:

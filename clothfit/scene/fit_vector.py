@@ -72,10 +72,9 @@ def parameters(scene: Scene, flags: Scene | None = None) -> Array:
         else:
             values = np.zeros(0)
         if values.shape != block.shape:
-            raise InvalidInput(
-                f"{scene.name}: objects[{block.cloth}] has {len(values)} values of {block.name}, "
-                f"{block.shape[0]} are needed"
-            )
+            owner = "the scene" if block.cloth is None else f"objects[{block.cloth}]"
+            counts = f"{len(values)} values of {block.name}, {block.shape[0]} are needed"
+            raise InvalidInput(f"{scene.name}: {owner} has {counts}")
         parts.append(block.gather(values))
     return np.concatenate(parts)
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from helpers.costs import simulate_all
 from helpers.physics import scene, xyz
-from helpers.scenes import cloth, even, trial
+from helpers.scenes import cloth, even, sphere, trial
 
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.derivative.verify import check
@@ -141,3 +141,18 @@ def test_the_scenes_need_the_same_springs():
     other = scene(cloth(4, 4, springs=[0, 1], springStiffness=[1.0]))
     with pytest.raises(InvalidInput, match="16 vertices and 1 spring, "):
         Objective(MAIN, (record_target(MAIN), other))
+
+
+def test_the_scenes_need_as_many_colliders_and_keys_where_these_are_fitted():
+    one, two, none = ([sphere(friction=0.2)] * count for count in (1, 2, 0))
+    keyed = {"times": [0, 1], "values": [xyz((0, 0, 0)), xyz((1, 0, 0))]}
+    main = scene(cloth(), colliders=one, windVelKeys=keyed, fit={"friction": "G", "windVelKeys": "L"})
+    still = np.tile(main.cloths[0].positions, (2, 1, 1))
+    assert experiments(main, (still, scene(cloth(), colliders=one, windVelKeys=keyed)))[0].scene.mode("friction") == "G"
+    for other in (two, none):
+        with pytest.raises(InvalidInput, match=rf"^scene: friction: {len(other)} in this scene, 1 in scene; "):
+            experiments(main, (still, scene(cloth(), colliders=other, windVelKeys=keyed)))
+    with pytest.raises(InvalidInput, match=r"^scene: wind over time: 0 in this scene, 2 in scene; "):
+        experiments(main, (still, scene(cloth(), colliders=one)))
+    with pytest.raises(InvalidInput, match=r"^scene: the scene has 2 values of friction, 1 are needed$"):
+        parameters(scene(cloth(), colliders=two, windVelKeys=keyed), flags=main)
