@@ -30,6 +30,9 @@ NO_BOUNDS: Bounds = {}
 AROUND = 1e3
 """Factor around values that lie outside the bounds of their kind."""
 
+LEAST = 1e-290
+"""A lower bound that no default is below: upper bounds can be divided by it."""
+
 
 def kind_named(name: str, kinds: Sequence[Kind] = KINDS) -> Kind | None:
     """The kind with this name, or whose field in the scene file has it; None where there is none."""
@@ -108,7 +111,7 @@ def around(kind: Kind, values: Array) -> tuple[float, float]:
         return kind.lower, kind.upper if most <= kind.upper else most * AROUND
     least = float(np.min(values, where=values > 0, initial=np.inf))
     return (
-        kind.lower if least >= kind.lower else least / AROUND,
+        kind.lower if least >= kind.lower else max(least / AROUND, LEAST),
         kind.upper if most <= kind.upper else most * AROUND,
     )
 

@@ -345,3 +345,9 @@ def test_deviations_name_the_scene_and_pass_over_what_is_0():
     assert found[0, "velocity"] is None
     three = [found[0, "damping"], found[None, "wind"], found[None, "gravity"]]
     np.testing.assert_allclose(three, [0.5, 0.1, 0], atol=1e-15)  # rounding
+
+
+def test_the_bounds_of_a_value_next_to_nothing_are_finite():
+    made = load_text(json.dumps(document(cloth(2, 2, optimizationSettings="nF", springStiffness=[5e-324] + [1.0] * 4))))
+    lower, upper = bounds(made)
+    assert 0 < lower[0] < upper[0] < np.inf
