@@ -7,8 +7,12 @@ from pathlib import Path
 
 import pytest
 from helpers.scenes import trial, write_scene
+from hypothesis import HealthCheck, settings
 
 from clothfit.base import threads
+
+settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any machine")  # a busy one is no reason to fail
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -87,7 +87,8 @@ class Hidden:
 def confidence(search: Search, differs: bool) -> Confidence | None:
     """What the data say at the best point of a search, where what is left is no noise if the model `differs`.
 
-    None where that would take too long (`trajectory.LARGEST`) or too much memory, or where nothing could be evaluated.
+    None where that would take too long (`trajectory.LARGEST`) or too much memory, or where nothing could be evaluated
+    or a step of the motion is singular.
     """
     problem = Trajectory(search.aside(budget=100), search.objective)
     quick = balances(search) if is_exact(search, search.best.cost) else None
@@ -96,7 +97,7 @@ def confidence(search: Search, differs: bool) -> Confidence | None:
         return None
     try:
         return found_with(problem, quick, differs)
-    except Diverged:
+    except (Diverged, np.linalg.LinAlgError):
         return None
 
 

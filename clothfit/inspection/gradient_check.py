@@ -50,6 +50,11 @@ CHECKED_VERTEX_STEPS = 30_000
 
 LOOSER_TOLERANCE = 10.0  # times the tolerance of the linear systems, to estimate rounding
 
+NUDGES = (2.0, -2.0, 5.0)  # last digits by which values are changed to see what rounding does
+
+HALF_OF_THE_DIGITS = float(np.finfo(float).eps ** 0.5)
+"""Relative error of a linear system's solution from which on what follows from it, step by step, is not judged."""
+
 LEAST_SQUARED = SMALLEST_FLOAT**0.5
 """Length, m, of which the square is the smallest that doubles hold in full."""
 
@@ -205,14 +210,15 @@ def product(
         return np.array([forward, objective.pullback(p, weights) @ d])
 
     found = both(objective, p, changes)
-    varied = both(other, nudged(p), other.tangent(nudged(p), d))
+    varied = [both(other, near, other.tangent(near, d)) for near in (nudged(p, by) for by in NUDGES)]
     size = max(float(np.abs(found).max()), SMALLEST_FLOAT)
     farthest = max((float(np.abs(change).max(initial=0.0)) for change in changes), default=0.0)
     lost = LEAST_SQUARED / max(farthest, SMALLEST_FLOAT)  # solvers sum squares
-    blur = float(np.abs(varied - found).sum()) / size + rounding + lost
+    spread = max(float(np.abs(each - found).sum()) for each in varied)  # a single one may be small by chance
+    blur = spread / size + rounding + lost if rounding < HALF_OF_THE_DIGITS else np.inf
     return judged("dot product", blur, float(abs(found[1] - found[0])) / size, PRODUCT)
 
 
-def nudged(p: Array) -> Array:
-    """p, changed in its last digits."""
-    return np.asarray(p * (1.0 + 2.0 * np.finfo(float).eps))
+def nudged(p: Array, by: float = 2.0) -> Array:
+    """p, changed in its last digits, `by` so many."""
+    return np.asarray(p * (1.0 + by * np.finfo(float).eps))

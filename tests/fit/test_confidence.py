@@ -319,3 +319,14 @@ def test_a_fit_that_cannot_be_looked_at_is_kept_with_a_warning():
     kept = looked_at(found, look, options=FitOptions())
     assert kept.scene is found.scene
     assert kept.warnings == [*found.warnings, "the fit could not be looked at in full: Singular matrix"]
+
+
+def test_where_a_step_of_the_motion_is_singular_there_are_no_intervals(monkeypatch):
+    def singular(*given):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(trajectory.Trajectory, "model", singular)
+    made = document(chain([(0, 1)], [True, False]), optimizationIterations=4)
+    target = simulate(load(made).with_values([[0.01, 0.01]], [[15.0]]))  # of no balance, so that the model is asked for
+    found = estimate(load(made), degrade(target, noise=1e-4, seed=1), method="l-bfgs-b", max_evaluations=2)
+    assert found.parameters[0].interval is None or not any(found.parameters[0].interval)
