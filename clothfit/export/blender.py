@@ -28,13 +28,13 @@ as vertices, so most of the variation from spring to spring is lost.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from clothfit.base.arrays import Array, Indices
+from clothfit.export import numbers
 from clothfit.export.topology import Roles, roles
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.kinds import INTEGRATORS
@@ -69,7 +69,7 @@ def files(scene: Scene) -> dict[str, bytes]:
         "step": step_of(scene),
         "objects": [one(number, cloth, step_of(scene)) for number, cloth in enumerate(scene.cloths)],
     }
-    text = json.dumps(document, allow_nan=False)
+    text = numbers.text(document, "blender")
     script = SCRIPT.read_text("utf-8").replace(DATA_PLACE, f"json.loads({text!r})")
     return {"blender.json": text.encode(), "blender.py": script.encode()}
 

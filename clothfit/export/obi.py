@@ -7,12 +7,12 @@ here that of the mean stiffness. Axes and units are the scene's, which are Unity
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
+from clothfit.export.numbers import text
 from clothfit.export.topology import roles
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
@@ -24,7 +24,7 @@ def files(scene: Scene) -> dict[str, bytes]:
     """One file of JSON."""
     objects = [one(number, cloth) for number, cloth in enumerate(scene.cloths)]
     document = {"format": OBI_FORMAT, "units": {"mass": "kg", "compliance": "m/N", "length": "m"}, "objects": objects}
-    return {"obi.json": json.dumps(document, allow_nan=False).encode()}
+    return {"obi.json": text(document, "obi").encode()}
 
 
 def one(number: int, cloth: Cloth) -> dict[str, Any]:

@@ -12,12 +12,12 @@ where the mass of a fixed end is infinite.
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.export.numbers import text
 from clothfit.export.topology import roles
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
@@ -35,7 +35,7 @@ def files(scene: Scene) -> dict[str, bytes]:
         made[f"object{number}.cloth.geo"] = geometry(points, {}, faces, closed=True)
         made[f"object{number}.constraints.geo"] = geometry(points, constraints(cloth), cloth.springs, closed=False)
     summary = {"format": VELLUM_FORMAT, "objects": [one(number, cloth) for number, cloth in enumerate(scene.cloths)]}
-    return made | {"vellum.json": json.dumps(summary, allow_nan=False).encode()}
+    return made | {"vellum.json": text(summary, "vellum").encode()}
 
 
 def masses(cloth: Cloth) -> Array:
@@ -97,7 +97,7 @@ def geometry(
         "attributes", attributes,
         "primitives", [[["type", "Polygon_run" if closed else "PolygonCurve_run"], run]] if count else [],
     ]  # fmt: skip
-    return json.dumps(document, allow_nan=False).encode()
+    return text(document, "vellum").encode()
 
 
 def attribute(name: str, values: Array | list[str]) -> list[Any]:

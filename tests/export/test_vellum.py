@@ -8,6 +8,7 @@ from helpers.exports import ROUNDING, built, content, of, two
 from helpers.scenes import cloth, document, load_text
 
 from clothfit import simulate
+from clothfit.base.errors import InvalidInput
 from clothfit.export.tools import exported
 from clothfit.export.topology import roles
 
@@ -136,3 +137,14 @@ def test_a_solver_of_constraints_moves_the_exported_cloth_as_it_moves_here():
     softer = {**constraints, "stiffness": [0.9 * k for k in constraints["stiffness"]]}
     other = moved_by_constraints(points, ends, softer, points["v"], h, steps)
     assert np.abs(other - expected).max() > 1e-2 * moved  # so the stiffnesses do decide
+
+
+@pytest.mark.parametrize("tool", ["vellum", "obi", "blender"])
+def test_a_value_that_overflows_in_the_tools_terms_is_refused(tool):
+    """A mass of 1e-200 kg on a spring of 1e200 N/m: the damping ratio is the root of 1e400."""
+    made = of(cloth(2, 2, vertMass=[1e-200] * 4, springStiffness=[1e200] * 5, damping=1e250))
+    if tool == "vellum":
+        with pytest.raises(InvalidInput, match=r"vellum cannot have the scene: a value in its terms is infinite"):
+            exported(made, tool)
+    else:  # which take what there is
+        assert exported(made, tool)
