@@ -57,7 +57,8 @@ def constraints(cloth: Cloth) -> dict[str, Array | list[str]]:
 def damping_ratio(cloth: Cloth) -> Array:
     """The damping ratios (S,) of the springs; 0 where both ends are fixed."""
     a, b = (np.where(cloth.fixed, 0.0, 1.0 / cloth.mass)[cloth.springs[:, end]] for end in (0, 1))
-    ratios: Array = 0.25 * cloth.damping * np.sqrt(cloth.stiffness * (a + b))
+    with np.errstate(over="ignore"):  # of values that `text` refuses
+        ratios: Array = 0.25 * cloth.damping * np.sqrt(cloth.stiffness * (a + b))
     return ratios
 
 
