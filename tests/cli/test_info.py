@@ -18,7 +18,8 @@ pytestmark = pytest.mark.slow  # starts processes
 SIDE = str(EXAMPLES / "side.json")
 INFO = {"schema_version", "command", "scene", "title", "integrator", "of_the_editor", "delta", "frames", "duration",
         "tolerance", "newton_iterations", "wind", "gravity", "spheres", "objects", "flagged", "stability", "memory",
-        "unknown_fields", "warnings", "kind", "doubts", "inputs", "colliders"}  # fmt: skip
+        "unknown_fields", "warnings", "kind", "doubts", "inputs", "colliders",
+        "self_collision"}  # fmt: skip
 
 
 def test_the_text_of_info_is_its_result(capsys):
