@@ -81,7 +81,8 @@ SECTIONS = {  # of the help
 @click.option("--method", default="auto", metavar="NAME",
               help="Optimiser: auto, momentum, gauss-newton, l-bfgs-b or another one of SciPy.  [default: auto]")
 @click.option("--budget", "time_budget", metavar="SECONDS",
-              help="Stop after this time, such as 30, 30s, 2m or 1h, with the best so far.  [default: no limit]")
+              help="Stop after this time, such as 30, 30s, 2m or 1h, with the best so far.  "
+              "[default: none; 30s where the model falls short of the target]")
 @click.option("--max-evaluations", type=int, default=1000, metavar="N",
               help="Stop after N evaluations of the cost.  [default: 1000]")
 @click.option("--rmse", type=float, metavar="METRES",

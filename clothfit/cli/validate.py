@@ -62,7 +62,7 @@ def judge(path: str) -> Verdict:
     try:
         scene = load(sys.stdin.buffer if path == STREAM else path)
         numberings(scene)
-        if scene.moves or any(each.body for each in scene.colliders):
+        if scene.moves or scene.self_contact or any(each.body for each in scene.colliders):
             check(scene)
     except InvalidScene as error:
         return Verdict(path, better(error, path), ())

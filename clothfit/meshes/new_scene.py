@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -58,6 +59,9 @@ def new_scene(
     before the parts of the mesh. Raises InvalidInput when no scene can be
     made.
     """
+    if isinstance(mesh, (str, os.PathLike)):
+        path = os.fspath(mesh)
+        raise InvalidInput(f"mesh: a path is given, {path!r}; read it: clothfit.read_mesh({path!r})")
     _check(density=density, stiffness=stiffness, bending=float(bending))
     held = np.zeros(len(mesh.positions), bool) if fixed is None else fixed
     if integrator not in INTEGRATORS:

@@ -100,7 +100,7 @@ def climb(search: Search, wanted: Sequence[str], starts: Sequence[Array] = ()) -
             break
         rung(search, model, [search.best.p] if number else starts)
     if search.is_late:
-        search.warn(f"the fit ended after {search.longest:g} s, as its model differs; --budget gives it more")
+        search.warn(f"the fit ended after {search.longest:g} s, short of the target; --budget gives it more")
 
 
 def rung(search: Search, model: str, starts: Sequence[Array] = ()) -> None:

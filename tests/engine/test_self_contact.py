@@ -11,6 +11,7 @@ from helpers.derivatives import assert_gradient_and_tangent
 from helpers.physics import METHODS, relative, rotation, scene, thing, xyz
 
 from clothfit.base.errors import InvalidScene
+from clothfit.cli.validate import judge
 from clothfit.engine.forces.selfcontact import candidates, force, nearest, pairs, zones
 from clothfit.engine.rollout import rollout
 from clothfit.engine.solve import sparse
@@ -20,6 +21,7 @@ from clothfit.engine.touching import with_pairs
 from clothfit.inspection.switches import contacts, first_switch, name_of
 from clothfit.motion.energy import energies
 from clothfit.motion.simulate import simulate
+from clothfit.scene.scene import dumps
 
 TIGHT = 1e-13
 G = 9.81
@@ -475,11 +477,13 @@ def test_a_scene_that_does_not_ask_has_nothing_of_it():
     assert made.contact is None
 
 
-def test_a_cloth_that_crosses_itself_at_the_start_is_refused():
+def test_a_cloth_that_crosses_itself_at_the_start_is_refused(tmp_path):
     points, springs, faces = two_sheets(0.1)
     points[-1, 1] = -0.05
     with pytest.raises(InvalidScene, match=r"objects\[0\].vertPos: the edge from vertex \d+ to \d+ passes through"):
         build(touching(points, springs, faces, {}), 0)
+    (tmp_path / "s.json").write_bytes(dumps(touching(points, springs, faces, {})))
+    assert "passes through" in str(judge(str(tmp_path / "s.json")).error)
 
 
 def test_seams_that_are_not_welded_pass():

@@ -119,3 +119,8 @@ def test_what_cannot_be_is_refused(options):
 def test_what_the_format_does_not_have_is_refused_by_the_check_of_scenes(options, place):
     with pytest.raises(InvalidScene, match=place):
         new_scene(TWO, **options)
+
+
+def test_of_a_path_it_says_how_to_read_it():
+    with pytest.raises(InvalidInput, match=r"mesh: a path is given, 'a.obj'; read it: clothfit.read_mesh\('a.obj'\)"):
+        new_scene("a.obj")

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 from clothfit.base.messages import harmless, spelled
 
-COMPILING = "compiling for this machine: a command's first use does so once, for 10 to 25 seconds …"
+COMPILING = "compiling for this machine: the first use of a command, or of a kind of scene, takes 10 to 40 seconds …"
 _listening: list[object] = []  # to compilations
 
 
