@@ -183,12 +183,18 @@ def touched(system: System) -> tuple[Array, Array, Array]:
 
 def drag(system: System) -> float:
     """The largest rate at which the air slows a free vertex at the start, 1/s."""
+    rate = np.nan_to_num(drags(system) / system.vertex.mass, nan=inf, posinf=inf)
+    return float(rate[system.vertex.free].max(initial=0.0))
+
+
+def drags(system: System) -> Array:
+    """The air's drag on each vertex at the start, along the normals of its faces, Σ κ |n|² (n,), kg/s."""
     corners, x = system.faces.corners, system.x0
     a, b, c = (x[corners[:, corner]] for corner in range(3))
     n = np.cross(b - a, c - a)
     size = (n * n).sum(axis=1)
-    taken = np.bincount(corners.reshape(-1), np.repeat(system.faces.drag / 6.0 * size**1.5, 3), len(x))
-    return float(np.nan_to_num(taken / system.vertex.mass, nan=inf, posinf=inf)[system.vertex.free].max(initial=0.0))
+    each = np.repeat(system.faces.drag / 6.0 * size**1.5, 3)
+    return np.asarray(np.bincount(corners.reshape(-1), each, len(x)), float)
 
 
 def largest_eigenvalue(multiply: Callable[[Array], Array], n: int) -> float:

@@ -21,6 +21,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.derivative.verify import PRODUCT, direction_of
 from clothfit.engine.forces.spheres import STIFFNESS
+from clothfit.engine.stability import drags
 from clothfit.inspection.ladder import (
     FAILED,
     PASSED,
@@ -167,9 +168,7 @@ def solved_to(objective: Objective) -> float:
         mass = system.vertex.mass[system.vertex.free]
         inert = (1.0 + h * system.vertex.damping) * mass.max(initial=0.0)
         stiff = (h + system.springs.damping) * h * system.springs.stiffness.max(initial=0.0)
-        a, b, c = (system.x0[system.faces.corners[:, corner]] for corner in range(3))
-        n = np.linalg.norm(np.cross(b - a, c - a), axis=1).max(initial=0.0)
-        air = h * system.faces.drag / 6.0 * n**3
+        air = h * drags(system).max(initial=0.0)
         touching = h * h * STIFFNESS if len(system.spheres.radius) else 0.0
         worst = max(worst, max(inert, stiff, air, touching) / mass.min(where=mass > 0, initial=np.inf))
     return float(np.finfo(float).eps * worst)

@@ -32,7 +32,7 @@ from clothfit.engine.forces.selfcontact.nearest import (
     side,
     spread,
 )
-from clothfit.engine.forces.touch import CREEP
+from clothfit.engine.forces.touch import CREEP, across
 from clothfit.engine.solve.joined import keep
 from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
@@ -61,12 +61,6 @@ def touch(contact, y, k):
     if free == 3 and side(kind, own, y) != contact.side[k]:
         delta = -delta
     return c, free, r, mul(splat(1.0 / delta), r), delta, share(kind, own, y)
-
-
-@kernel
-def across(n, v):
-    """P v."""
-    return fma(splat(-dot(n, v)), n, v)
 
 
 @kernel

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from math import sqrt
 
+from clothfit.engine.forces import triangle
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub
 from clothfit.kernels.vectors import cross, dot
@@ -33,37 +34,11 @@ CORNER, EDGE = 0, 1
 NONE, FIRST, SECOND, BOTH, BETWEEN = 0, 1, 2, 3, 4
 """Which parameters are free; BETWEEN: along the side where q₁ + q₂ = 1."""
 
+FREE_ON = (BOTH, FIRST, BETWEEN, SECOND, NONE, NONE, NONE)
+"""The free parameters of the nearest point on each part of a triangle (`triangle`), in the order of these."""
+
 PARALLEL = 0.01
 """sin² of the angle of two edges from which on their share is 1."""
-
-
-@kernel
-def in_triangle(p, a, b, c):
-    """q₁, q₂ of the point of a triangle that is closest to p, and which of them are free."""
-    ab, ac, ap = sub(b, a), sub(c, a), sub(p, a)
-    d1, d2 = dot(ab, ap), dot(ac, ap)
-    if d1 <= 0.0 and d2 <= 0.0:
-        return 0.0, 0.0, NONE
-    bp = sub(p, b)
-    d3, d4 = dot(ab, bp), dot(ac, bp)
-    if d3 >= 0.0 and d4 <= d3:
-        return 1.0, 0.0, NONE
-    vc = d1 * d4 - d3 * d2
-    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        return d1 / (d1 - d3), 0.0, FIRST
-    cp = sub(p, c)
-    d5, d6 = dot(ab, cp), dot(ac, cp)
-    if d6 >= 0.0 and d5 <= d6:
-        return 0.0, 1.0, NONE
-    vb = d5 * d2 - d1 * d6
-    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        return 0.0, d2 / (d2 - d6), SECOND
-    va = d3 * d6 - d5 * d4
-    if va <= 0.0 and d4 >= d3 and d5 >= d6:
-        q = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        return 1.0 - q, q, BETWEEN
-    whole = va + vb + vc
-    return vb / whole, vc / whole, BOTH
 
 
 @kernel
@@ -128,7 +103,8 @@ def closest(kind, own, y):
     """c, which parameters are free, and r, of the vertices `own` at y (n, 3)."""
     a, b, c, d = load3(y, own[0]), load3(y, own[1]), load3(y, own[2]), load3(y, own[3])
     if kind == CORNER:
-        q1, q2, free = in_triangle(a, b, c, d)
+        part, q1, q2 = triangle.nearest(a, b, c, d)
+        free = FREE_ON[part]
     else:
         q1, q2, free = on_edges(a, b, c, d)
     found = weights(kind, q1, q2)
