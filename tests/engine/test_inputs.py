@@ -192,6 +192,14 @@ def test_interpolation():
     assert sampled("linear", [2], [5], at).tolist() == [5] * 7
 
 
+@pytest.mark.parametrize(("times", "value"), [([0.0, 1e-310], 1.0), ([0.0, 0.02], 1.7e308)])
+def test_a_smooth_curve_whose_slopes_overflow_is_refused(times, value):
+    with pytest.raises(InvalidScene, match=r"^frame\.posKeys: the values change too much in too short a time"):
+        sampling.interpolated(
+            Keys(np.array(times), value * np.eye(2, 3), "smooth", place="frame.posKeys"), np.zeros(1)
+        )
+
+
 def test_angles_turn_as_in_unity():
     # Quaternion.Euler(0, 90, 0) turns forward (z) to the right (x), Euler(90, 0, 0) turns it down; z, then x, then y
     forward = np.array([0.0, 0.0, 1.0])

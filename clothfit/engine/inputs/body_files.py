@@ -32,6 +32,7 @@ class Moving(NamedTuple):
     file_vertices: int  # vertices before those at one place were joined
     times: Array  # (K,), s; empty where it has none
     frames: Array  # (K, V, 3), m
+    motion: str = ""  # the field of the scene that has it, for messages
 
 
 def body_of(collider: Collider) -> Moving:
@@ -58,7 +59,7 @@ def body_of(collider: Collider) -> Moving:
         raise InvalidScene(f"{body.motion.place}.file: has {have} for the {count} vertices of the mesh")
     frames = own.values[:, first] * collider.size
     check_frames(frames, surface.triangles, body.motion.place)
-    return Moving(surface._replace(place=frames[0]), count, own.times, frames)
+    return Moving(surface._replace(place=frames[0]), count, own.times, frames, body.motion.place)
 
 
 def inline(body: Body) -> Mesh:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.engine.forces import bodies as meshes
+from clothfit.engine.inputs.splines import splined
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import fma, load3, mul, splat, store3, sub
 
@@ -53,9 +54,7 @@ def frames_of(moving: Moving, interpolation: str) -> Array:
     """The frames (K, V, 3), and after them the slopes of a smooth motion, (K, V, 3) again."""
     if interpolation != "smooth" or len(moving.times) == 1:
         return moving.frames
-    from scipy.interpolate import CubicSpline
-
-    slopes = CubicSpline(moving.times, moving.frames, bc_type="clamped")(moving.times, 1)
+    slopes = splined(moving.times, moving.frames, moving.motion)(moving.times, 1)
     return np.concatenate([moving.frames, slopes])
 
 

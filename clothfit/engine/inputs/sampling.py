@@ -12,6 +12,7 @@ from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidScene
 from clothfit.engine.forces.touch import AXES, PLACE, SPIN, VELOCITY
 from clothfit.engine.inputs.moving_axes import Axes
+from clothfit.engine.inputs.splines import splined
 from clothfit.engine.inputs.tables import Inputs, constant
 from clothfit.scene.cloth import Cloth, Collider
 from clothfit.scene.keys import Frame, Keys, Pin
@@ -91,9 +92,7 @@ def interpolated(keys: Keys, times: Array) -> Array:
     if keys.interpolation == "hold" or len(own) == 1:
         return np.ascontiguousarray(values[np.searchsorted(own, inside, side="right") - 1])
     if keys.interpolation == "smooth":
-        from scipy.interpolate import CubicSpline
-
-        return np.ascontiguousarray(CubicSpline(own, values, bc_type="clamped")(inside))
+        return np.ascontiguousarray(splined(own, values, keys.place)(inside))
     share = (inside - own[after - 1]) / (own[after] - own[after - 1])
     share = share.reshape(-1, *[1] * (values.ndim - 1))
     return np.ascontiguousarray(values[after - 1] + share * (values[after] - values[after - 1]))
