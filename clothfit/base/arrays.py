@@ -36,8 +36,8 @@ class Elements(NamedTuple):
     wind: Array = NO_NUMBERS  # (3,), velocity, m/s
     gravity: Array = NO_NUMBERS  # (3,), m/s²
     gusts: Array = NO_VECTORS  # (K, 3), what the keys add to the wind, m/s
-    friction: Array = NO_NUMBERS  # (C,), coefficient of each collider that is no plain sphere
-    contact: Array = NO_NUMBERS  # (C,), its stiffness, N/m
+    friction: Array = NO_NUMBERS  # (C,), coefficient of each collider that is no plain sphere, then of self-contact
+    contact: Array = NO_NUMBERS  # (C,), their stiffnesses, N/m
     offset: Array = NO_NUMBERS  # (3,), how far all colliders are from where the system has them, m
 
 

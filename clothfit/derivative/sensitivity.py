@@ -5,7 +5,8 @@ formed once, A is factorised once, and all columns go through dense linear algeb
 
     A dW = Y dX + U dV + M dV + C,     dX⁺ = dX + h dW,     dX, dV, dW (3 f, Q)
 
-A is factorised in blocks (`block_cholesky`); one that is not positive definite is inverted whole.
+A is factorised in blocks (`block_cholesky`); one that is not positive definite is inverted whole. What a cloth that
+touches itself adds is in `contact_columns`.
 """
 
 from __future__ import annotations
@@ -26,11 +27,13 @@ from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.rollout import Rollout, Taken
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import bdf2, implicit
-from clothfit.engine.system import BDF2, EXPLICIT, System
+from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System
 from clothfit.kernels.kernel import kernel
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
+
+    from clothfit.derivative import contact_columns
 
 FEW_COLUMNS = 16
 """Columns up to which one sweep for each is faster than one for all together."""
@@ -95,19 +98,20 @@ class Point(NamedTuple):
     v: Array  # (n, 3), m/s; ṽ of a BDF2 step
     u: Array  # (n, 3), m/s, velocity that the iteration starts from
     later: bool  # whether it is one of Newton's, linearised at x + h u
+    work: implicit.Workspace
 
 
 def point(system: System, chunk: Rollout, t: int, work: implicit.Workspace) -> Point:
-    """Where the first iteration of step t of a chunk starts."""
+    """Where the first iteration of step t of a chunk starts, for a system and its workspace."""
     x, v = chunk.x[t], velocity(chunk, t)
     if system.method != BDF2:
-        return Point(system, x, v, v, False)
+        return Point(system, x, v, v, False, work)
     euler, inner = bdf2.forms(system)
     if chunk.euler[t]:
-        return Point(euler, x, v, v, False)
+        return Point(euler, x, v, v, False, work)
     x_before, v_before = state_before(chunk, t)
     bdf2.extrapolate(inner.h, x, v, x_before, v_before, work)
-    return Point(inner, work.x_base, work.v_base, work.u, True)
+    return Point(inner, work.x_base, work.v_base, work.u, True, work)
 
 
 class Carried:
@@ -126,19 +130,41 @@ class Carried:
         self.dx, self.dv, self.dx_before, self.dv_before, self.dy = (np.zeros(size) for _ in range(5))
         for column, start in columns.velocity:
             self.dv[:, column] = start[free].reshape(-1)
+        self.touching: contact_columns.Columns | None = None
+        if system.surface is not None:
+            from clothfit.derivative import contact_columns  # which few scenes need
+
+            self.touching = contact_columns.Columns(system, self.place, self.by.row)
 
     def through(self, chunk: Rollout, t: int) -> None:
         """Step t of a chunk of the motion."""
         set_inputs(self.system.inputs, self.system, chunk.first + t)
         for _, direction in self.everywhere:
             set_direction(self.system.inputs, self.system, chunk.first + t, direction)
-        at = point(self.taken.at(chunk, t), chunk, t, self.work)
+        if self.touching is not None:
+            self.touched(chunk, t)
+            return
+        self.advance(point(self.taken.at(chunk, t), chunk, t, self.work), chunk, t)
+
+    def touched(self, chunk: Rollout, t: int) -> None:
+        """Step t of a cloth that touches itself."""
+        from clothfit.derivative import contact_columns
+        from clothfit.engine import touching
+
+        own = touching.taken(self.taken.at(chunk, t), self.work, chunk, t)
+        self.advance(point(own.system, chunk.bare(), t, own.work), own.part, 0)
+        if own.zones is not None:
+            vertex, h = own.system.vertex, own.system.h
+            contact_columns.join(own.zones, vertex, self.place, h, self.columns.mass, self.dx, self.dv)
+
+    def advance(self, at: Point, chunk: Rollout, t: int) -> None:
+        """Step t of a chunk, from its point on."""
         iterates, theta = velocities(chunk, t), chunk.theta[t]
         dw = self.start(at)
         for k in range(chunk.used[t]):
             at = at if k == 0 else at._replace(u=iterates[k - 1], later=True)
             right = self.right(at, iterates[k], dw)
-            dw = np.ascontiguousarray(self.solve(self.work.A, right))
+            dw = np.ascontiguousarray(self.solve(at.work.A, right))
         self.dx += at.system.h * (self.dv if self.system.method == EXPLICIT else theta * dw)
         np.multiply(theta, dw, out=self.dv)
 
@@ -158,17 +184,21 @@ class Carried:
     def right(self, at: Point, w: Array, du: Array) -> Array:
         """The right-hand side of an iteration to w; its matrix is left in the workspace."""
         system, near, place, by = at.system, self.near, self.place, self.by
-        differentiate(system, near, at.x, at.v, w, at.u, at.later, self.work, by)
+        bare = self.touching.bare(system) if self.touching else system
+        differentiate(bare, near, at.x, at.v, w, at.u, at.later, self.work, by)
         dy = np.add(self.dx, system.h * du, out=self.dy) if at.later else self.dx
         right = self.mass * self.dv
         add_product(near, place, by.by_y, dy, right)
         if np.any(by.by_u):
             add_product(near, place, by.by_u, du, right)
+        if self.touching:
+            to = w if system.method == IMPLICIT else at.v
+            self.touching.add(system, at.work, (at.u, to, at.later), dy, du, right)
         add_vertex_columns(place, by.by_mass, self.columns.mass, right)
         add_spring_columns(place, system.springs.ends, by.by_stiffness, self.columns.stiffness, right)
         add_spring_columns(place, system.springs.ends, by.by_rest, self.columns.rest, right)
         for column, direction in self.everywhere:
-            differentiate_globally(system, at.x, at.v, w, at.u, at.later, self.work, direction, self.change)
+            differentiate_globally(system, at.x, at.v, w, at.u, at.later, at.work, direction, self.change)
             right[:, column] += self.change[system.vertex.free].reshape(-1)
         return right
 
@@ -210,7 +240,7 @@ class Solver:
     def __call__(self, A: sparse.BlockMatrix, right: Array) -> Array:
         """dW for B = `right` (3 f, Q), which stays as it is."""
         matrix = sparse.to_scipy(*A)
-        if self.blocks is None:
+        if self.blocks is None or A.joined is not None:  # whose pattern is another one at each step
             self.blocks = block_cholesky.blocks_of(matrix)
         if block_cholesky.is_cheaper(self.blocks, self.columns):
             found = block_cholesky.solver(matrix, self.blocks)

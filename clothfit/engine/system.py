@@ -76,7 +76,7 @@ def surface_of(scene: Scene, index: int) -> pairs.Surface | None:
     that crosses itself at the start.
     """
     law, cloth = scene.self_contact, scene.cloths[index]
-    if law is None or not len(cloth.triangles):
+    if law is None:
         return None
     from clothfit.engine.forces.selfcontact import start  # which few scenes need
 
@@ -174,13 +174,25 @@ def with_contacts(system: System, values: Elements) -> System:
         own = own._replace(rows=own.rows.copy())
         for column, numbers in ((touch.FRICTION, values.friction), (touch.STIFFNESS, values.contact)):
             if len(numbers):
-                own.rows[:, touch.LAW, column] = numbers
+                own.rows[:, touch.LAW, column] = numbers[: len(own.rows)]
         if len(offset):
             own.rows[:, touch.PLACE] += offset
     if len(offset):
         ball = ball._replace(centre=ball.centre + offset)
         inputs = tables.with_offset(inputs, len(ball.centre), offset)
-    return system._replace(colliders=own, spheres=ball, inputs=inputs)
+    return with_own_law(system._replace(colliders=own, spheres=ball, inputs=inputs), values)
+
+
+def with_own_law(system: System, values: Elements) -> System:
+    """The system with another law of its contact with itself: the last friction and stiffness, where not empty."""
+    own = system.surface
+    if own is None or not (len(values.friction) or len(values.contact)):
+        return system
+    if len(values.friction):
+        own = own._replace(friction=float(values.friction[-1]))
+    if len(values.contact):
+        own = own._replace(stiffness=float(values.contact[-1]))
+    return system._replace(surface=own, contact=pairs.none(own))
 
 
 def with_bases(system: System, inputs: tables.Inputs, values: Elements) -> System:
@@ -215,7 +227,8 @@ def early(system: System) -> System:
 
 def all_elements(system: System) -> Elements:
     """The values that a system has now, every kind of them, copied."""
-    inputs, touched = system.inputs, system.colliders
+    inputs = system.inputs
+    friction, contact = laws(system)
     return Elements(
         mass=system.vertex.mass.copy(),
         stiffness=system.springs.stiffness.copy(),
@@ -226,10 +239,19 @@ def all_elements(system: System) -> Elements:
         wind=(system.faces.wind if inputs is None else inputs.wind_base).copy(),
         gravity=(system.vertex.gravity if inputs is None else inputs.gravity_base).copy(),
         gusts=np.zeros((0, 3)) if inputs is None else inputs.gusts.copy(),
-        friction=np.zeros(0) if touched is None else touched.friction.copy(),
-        contact=np.zeros(0) if touched is None else touched.stiffness.copy(),
+        friction=friction,
+        contact=contact,
         offset=np.zeros(3),
     )
+
+
+def laws(system: System) -> tuple[Array, Array]:
+    """The coefficients of friction and the stiffnesses, N/m, of the colliders, then of the contact with itself."""
+    touched, own = system.colliders, system.surface
+    friction, stiffness = (np.zeros(0), np.zeros(0)) if touched is None else (touched.friction, touched.stiffness)
+    if own is None:
+        return friction.copy(), stiffness.copy()
+    return np.append(friction, own.friction), np.append(stiffness, own.stiffness)
 
 
 def zeros(system: System, kinds: Collection[str] = ()) -> Elements:

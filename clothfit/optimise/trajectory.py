@@ -194,8 +194,7 @@ def run_model(
     blocks = [block for block in objective.blocks if block.cloth in (run.cloth, None)]
     wanted = columns(system, blocks, p, column, factor, count)
     few = partial(tangents, system, tape, wanted, objective.tolerance)
-    one_by_one = count <= FEW_COLUMNS or system.surface is not None  # whose matrix has another pattern at each step
-    steps = few if one_by_one else partial(sweep, system, tape, wanted)
+    steps = few if count <= FEW_COLUMNS else partial(sweep, system, tape, wanted)
     residuals = cost.residuals(free)
     H, g = normal.accumulate(residuals, steps(residuals.update), (3 * int(free.sum()), count), scores)
     return H, g, cost.value

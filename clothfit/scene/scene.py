@@ -88,13 +88,19 @@ class Scene:
 
     @property
     def friction(self) -> Array:
-        """Coefficients of friction (C,) of the `colliders`."""
-        return np.array([each.friction for each in self.colliders])
+        """Coefficients of friction (C,) of the `laws`."""
+        return np.array([each.friction for each in self.laws])
 
     @property
     def contact(self) -> Array:
-        """Stiffnesses of contact (C,) of the `colliders`, N/m."""
-        return np.array([each.stiffness for each in self.colliders])
+        """Stiffnesses of contact (C,) of the `laws`, N/m."""
+        return np.array([each.stiffness for each in self.laws])
+
+    @property
+    def laws(self) -> tuple[Collider | SelfContact, ...]:
+        """What has a friction and a stiffness of its own: the `colliders`, then the contact of cloths with themselves.
+        """
+        return (*self.colliders, *([self.self_contact] if self.self_contact else []))
 
     @property
     def changes(self) -> bool:
@@ -119,14 +125,14 @@ class Scene:
 
     def mode(self, name: str) -> str:
         """How one of the scene's own kinds ("wind", "friction", …) is fitted: "n" not at all, "G" one value or vector,
-        "L" that of each key or collider.
+        "L" that of each key or contact.
         """
         return self.fits.get(name, "n")
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """What the scene flags, in the order of the fit vector."""
-        count = (len(self.colliders),)
+        count = (len(self.laws),)
         shapes = {"gusts": self.gusts.shape, "friction": count, "contact": count}
         return flagged(self.cloths, self.fits, self.bounds, self.main.blocks if self.main else (), shapes)
 
@@ -149,7 +155,7 @@ class Scene:
 
         `others` are values of other kinds, by their names. Those of objects are one item for each cloth: `damping` and
         `drag` a number, `velocity` (n, 3), m/s, `rest` (S,), m. Those of the scene, `wind`, m/s, `gravity`, m/s², and
-        `offset`, m, are (3,), `gusts` (K, 3), m/s, `friction` and `contact`, N/m, one for each collider. Raises
+        `offset`, m, are (3,), `gusts` (K, 3), m/s, `friction` and `contact`, N/m, one for each of `laws`. Raises
         InvalidScene when a shape differs, or a value is not finite or outside what its kind allows.
         """
         if not len(masses) == len(stiffnesses) == len(self.cloths):
@@ -179,12 +185,16 @@ class Scene:
             made["wind_keys"] = replace(self.wind_keys, values=changed["gusts"])
         if {"friction", "contact", "offset"} & changed.keys():
             offset = changed.get("offset", self.offset)
-            laws = zip(changed.get("friction", self.friction), changed.get("contact", self.contact), strict=True)
+            numbers = zip(changed.get("friction", self.friction), changed.get("contact", self.contact), strict=True)
+            laws = [(float(friction), float(stiffness)) for friction, stiffness in numbers]
             made["spheres"] = tuple(replace(each, offset=offset) for each in self.spheres)
             made["colliders"] = tuple(
-                replace(each, friction=float(friction), stiffness=float(stiffness), offset=offset)
-                for each, (friction, stiffness) in zip(self.colliders, laws, strict=True)
+                replace(each, offset=offset, friction=friction, stiffness=stiffness)
+                for each, (friction, stiffness) in zip(self.colliders, laws, strict=False)  # one more of self-contact
             )
+            if self.self_contact:
+                friction, stiffness = laws[-1]
+                made["self_contact"] = replace(self.self_contact, friction=friction, stiffness=stiffness)
         return made
 
     def with_step(self, delta: float, frames: int | None = None, method: int | str | None = None) -> Scene:
@@ -263,7 +273,9 @@ def dumps(scene: Scene) -> bytes:
     if scene.gusts.size:
         whole[KIND["gusts"].field] = {"values": gusts.value}
     if scene.colliders:
-        whole["colliders"] = {each.place: _law(each) for each in scene.colliders}
+        whole["colliders"] = {each.place: _law(each, "collider") for each in scene.colliders}
+    if scene.self_contact:
+        whole["selfCollision"] = _law(scene.self_contact, "selfCollision")
     kept = structure.defaults("scene")["optimizationIterations"]
     whole |= {"integrationMethod": scene.method, "delta": scene.delta}
     whole["optimizationIterations"] = Optional(scene.frames, scene.frames != kept)
@@ -293,10 +305,10 @@ def _plain(owner: Cloth | Scene, kind: Kind) -> Any:
     return Optional(plain, not np.array_equal(value, owner.default(kind)))
 
 
-def _law(collider: Collider) -> dict[str, Any]:
-    """What a fit may change in a collider of the file."""
-    kept = structure.defaults("collider")
-    values = {name: getattr(collider, name) for name in ("friction", "stiffness")}
+def _law(owner: Collider | SelfContact, part: str) -> dict[str, Any]:
+    """What a fit may change in a collider of the file, or in what it says of self-contact."""
+    kept = structure.defaults(part)
+    values = {name: getattr(owner, name) for name in ("friction", "stiffness")}
     return {name: Optional(value, value != kept[name]) for name, value in values.items()}
 
 
@@ -319,7 +331,8 @@ def _check_touched(
     asked = [name for name in ("friction", "contact", "colliderOffset") if document["fit"].get(name) not in NOT_FITTED]
     plain = f" but planes; {WAY_OUT}" if document["colliders"] else ""
     plain = " but plain spheres; one with friction, thickness or stiffness has both" if spheres else plain
-    without = [name for name in asked if not colliders and (name != "colliderOffset" or not spheres)]
+    own = document.get("selfCollision") is not None
+    without = [name for name in asked if not colliders and not (spheres if name == "colliderOffset" else own)]
     problems += [f"fit.{name}: there are no colliders{plain}" for name in without]
     if "colliderOffset" in asked and "rotKeys" in document.get("frame", {}):
         problems.append("fit.colliderOffset: an offset can be fitted where the axes do not turn (frame.rotKeys)")

@@ -82,7 +82,7 @@ def windows_of(objective: Objective) -> list[Objective]:
 
 def touches(objective: Objective) -> bool:
     """Whether a cloth may touch something."""
-    return objective.scene.obstacles > 0
+    return objective.scene.obstacles > 0 or objective.scene.self_contact is not None
 
 
 def frame_steps(objective: Objective) -> int:

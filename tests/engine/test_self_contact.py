@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from helpers import physics
-from helpers.derivatives import assert_gradient_and_tangent
+from helpers.derivatives import assert_dense_sensitivity, assert_gradient_and_tangent
 from helpers.physics import METHODS, relative, rotation, scene, thing, xyz
 
 from clothfit.base.errors import InvalidScene
@@ -288,7 +288,7 @@ def colliding(method="implicit", newton=1, friction=0.0, frames=8, speed=1.5, ma
     )  # fmt: skip
 
 
-LETTERED = {"optimizationSettings": "LL"}
+LETTERED = {"optimizationSettings": "LL", "fit": {"friction": "G", "contact": "G"}}
 VARIANTS = [("explicit", 1, 0.4), ("symplectic", 1, 0.0), ("implicit", 1, 0.0), ("implicit", 1, 0.4),
             ("implicit", 3, 0.4), ("bdf2", 1, 0.4)]  # fmt: skip
 
@@ -300,6 +300,7 @@ def test_gradient_and_tangent(method, newton, friction):
     assert max(len(each.numbers) for each in rollout(build(made, 0), 7, TIGHT)[0].touches) > 10
     # systems are solved to 1e-13, and friction makes their condition about 1e4
     assert_gradient_and_tangent(made, TIGHT, 1e-10)
+    assert_dense_sensitivity(made, TIGHT, 1e-9)
 
 
 @pytest.mark.slow
@@ -354,6 +355,7 @@ def test_gradient_and_tangent_where_zones_form():
     touches = rollout(build(made, 0), 4, TIGHT)[0].touches
     assert any(each.zones is not None for each in touches)
     assert_gradient_and_tangent(made, TIGHT, 1e-10)
+    assert_dense_sensitivity(made, TIGHT, 1e-9)
 
 
 @pytest.mark.slow

@@ -73,3 +73,22 @@ def test_where_a_figure_walks_is_found():
     moved = with_parameters(made, [0.03, -0.02, 0.025])
     found = estimate(made, record_target(moved))
     np.testing.assert_allclose(found.scene.offset, moved.offset, rtol=1e-4)
+
+
+def test_the_law_of_self_contact_is_found_where_a_sheet_slides_down_a_sheet():
+    mesh = plane(6, 0.4)
+    count = len(mesh.positions)
+    below = mesh.positions - mesh.positions.mean(axis=0)
+    above = below + [0.03, 0.012, 0.01]
+    both = mesh._replace(
+        positions=np.concatenate([below, above]), triangles=np.concatenate([mesh.triangles, mesh.triangles + count])
+    )
+    slope = xyz((9.81 * np.sin(0.25), -9.81 * np.cos(0.25), 0))
+    bare = json.loads(dumps(new_scene(both, fixed=np.arange(2 * count) < count, integrator="implicit", frames=31, fit="nn")))
+    law = {"thickness": 0.01, "stiffness": 200.0, "friction": 0.15}
+    made = load({**bare, "gravity": slope, "selfCollision": law, "fit": {"friction": "G", "contact": "G"}})
+    truth = parameters(made)
+    found = estimate(with_parameters(made, 0.7 * truth), record_target(made)).scene
+    # the positions are known to 1e-8 m, of which a change by 1e-4 makes some µm
+    np.testing.assert_allclose(parameters(found), truth, rtol=1e-4)
+    assert load(json.loads(dumps(found))).self_contact == found.self_contact

@@ -11,6 +11,8 @@ its second derivative is definite, and the forces of a pair have neither a sum n
 
     Fᵢ = cᵢ T,   T = κ s (d − n·S) n − γ P Z,   S = Σ cᵢ sᵢ,   Z = Σ cᵢ wᵢ.
 
+By the parameters, ∂T/∂μ = −(κ s d/q) P Z and ∂T/∂κ = s (d − n·S) n − (μ s d/q) P Z.
+
 Which pairs there are the step says (`engine.touching`): those that end nearer than d₀, so that none pulls; some of them
 begin farther away, with d < 0, and do not rub yet.
 """
@@ -195,6 +197,10 @@ def add_pullback(contact, y, u, w, s, lam, h, grad, gy, gu):
             by_share = contact.stiffness * left * nu - (gamma * pi / part if gamma != 0.0 else 0.0)
             add_share_back(kind, own, y, h * by_share, gy)
         spread(c, own, mul(splat(h), by_V), gu)
+        if len(grad.friction) > 0:
+            grad.friction[-1] -= h * stiff * max(depth, 0.0) / q * pi
+        if len(grad.contact) > 0:
+            grad.contact[-1] += h * (part * left * nu - gamma / contact.stiffness * pi)
 
 
 @kernel
@@ -208,6 +214,8 @@ def weight_slope(i, by_L, lam, by_S, s, by_Z, w, by_V, u):
 def add_pushforward(contact, y, u, w, s, dy, du, direction, h, out):
     if contact is None:
         return
+    dmu = direction.friction[-1] if len(direction.friction) > 0 else 0.0
+    dkappa = direction.contact[-1] if len(direction.contact) > 0 else 0.0
     for k in range(len(contact.kind)):
         own, kind = contact.vertices[k], contact.kind[k]
         c, free, r, n, delta, part = touch(contact, y, k)
@@ -218,13 +226,15 @@ def add_pushforward(contact, y, u, w, s, dy, du, direction, h, out):
         dc, dn, ddelta = moved(kind, own, y, free, c, r, delta, n, dy)
         dS, dZ, dV = mixed(dc, own, s), mixed(dc, own, w), add(mixed(dc, own, u), mixed(c, own, du))
         dshare = share_change(kind, own, y, dy) if part < 1.0 else 0.0
-        dpush = contact.stiffness * dshare * left - stiff * (ddelta + dot(dn, S) + dot(n, dS))
+        dpush = contact.stiffness * dshare * left - stiff * (ddelta + dot(dn, S) + dot(n, dS)) + dkappa * part * left
         dT = fma(splat(dpush), n, mul(splat(stiff * left), dn))
         if gamma != 0.0:
             dq = dot(across(n, V), dV) / q - dot(n, V) * dot(V, dn) / q
             dgamma = gamma * (dshare / part - ddelta / depth - dq / q)
             drub = sub(dZ, fma(splat(dot(n, dZ) + dot(dn, Z)), n, mul(splat(dot(n, Z)), dn)))
             dT = sub(dT, fma(splat(dgamma), rub, mul(splat(gamma), drub)))
+        dlaw = (dmu * contact.stiffness + contact.friction * dkappa) * part * max(depth, 0.0) / q
+        dT = sub(dT, mul(splat(dlaw), rub))
         T = fma(splat(stiff * left), n, mul(splat(-gamma), rub))
         spread(dc, own, mul(splat(h), T), out)
         spread(c, own, mul(splat(h), dT), out)
