@@ -1,11 +1,11 @@
 """The kinds of parameter that a fit can find: a table with one row each.
 
-A kind belongs to each vertex, spring, object or collider (the contact of cloths with themselves is one), or to the scene
-as a whole. Masses and stiffnesses are flagged by the two letters of an object's `optimizationSettings`, every other kind
-by its field's name in the `fit` of its object or of the scene. Mode G is one value for the whole object (for rest
-lengths one factor on the lengths at `vertPos`) or for all contacts, L one value per vertex, spring or contact. Modes F, R
-and M are factors on the values that the scene has (`factors`): one for all, one for each group of vertices or springs, a
-smooth map of them.
+A kind belongs to each vertex, spring, object or collider (the contact of cloths with themselves is one), or to the
+scene as a whole. Masses and stiffnesses are flagged by the two letters of an object's `optimizationSettings`, every
+other kind by its field's name in the `fit` of its object or of the scene. Mode G is one value for the whole object
+(for rest lengths one factor on the lengths at `vertPos`) or for all contacts, L one value per vertex, spring or
+contact. Modes F, R and M are factors on the values that the scene has (`factors`): one for all, one for each group of
+vertices or springs, a smooth map of them.
 """
 
 from __future__ import annotations

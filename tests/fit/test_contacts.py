@@ -84,7 +84,8 @@ def test_the_law_of_self_contact_is_found_where_a_sheet_slides_down_a_sheet():
         positions=np.concatenate([below, above]), triangles=np.concatenate([mesh.triangles, mesh.triangles + count])
     )
     slope = xyz((9.81 * np.sin(0.25), -9.81 * np.cos(0.25), 0))
-    bare = json.loads(dumps(new_scene(both, fixed=np.arange(2 * count) < count, integrator="implicit", frames=31, fit="nn")))
+    held = np.arange(2 * count) < count
+    bare = json.loads(dumps(new_scene(both, fixed=held, integrator="implicit", frames=31, fit="nn")))
     law = {"thickness": 0.01, "stiffness": 200.0, "friction": 0.15}
     made = load({**bare, "gravity": slope, "selfCollision": law, "fit": {"friction": "G", "contact": "G"}})
     truth = parameters(made)
