@@ -33,6 +33,8 @@ class Elements(NamedTuple):
     drag: Array = NO_NUMBERS  # (1,), air drag of the faces, kg/(m⁶ s)
     velocity: Array = NO_VECTORS  # (n, 3), at the start, m/s
     rest: Array = NO_NUMBERS  # (S,), rest lengths, m
+    path: Array = NO_VECTORS  # (K, 3), how far the keys of the pins' paths are, m
+    shift: Array = NO_NUMBERS  # (3,), how far all pins are from where their paths have them, m
     wind: Array = NO_NUMBERS  # (3,), velocity, m/s
     gravity: Array = NO_NUMBERS  # (3,), m/s²
     gusts: Array = NO_VECTORS  # (K, 3), what the keys add to the wind, m/s

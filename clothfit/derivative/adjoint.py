@@ -15,6 +15,7 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import NO_NUMBERS, Array, Elements
+from clothfit.engine.inputs.pin_derivatives import forget, pull_start, push_start
 from clothfit.engine.inputs.tables import set_direction, set_inputs, share_gradient, with_constant
 from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.rollout import Rollout, Taken, forms
@@ -52,11 +53,13 @@ def gradient(
     grad, work, taken = zeros(system, wanted), implicit.workspace(system), Taken(system)
     if system.inputs is not None:
         system.inputs.counted[:] = 0.0
-    state = states(system)
+    forget(system.inputs)
+    state, at_start = states(system), np.zeros_like(system.x0)
     sweep: Callable[..., None] = sweep_bdf2_back if system.method == BDF2 else sweep_back
     for segment in memory.backward():
         for chunk in reversed(segment.parts()):
             after, by_position = memory.steps - chunk.first, derivative_of(chunk)
+            at_start = by_position[0]
             if chunk.touches is not None:
                 from clothfit.derivative import touching  # which few scenes need
 
@@ -67,6 +70,7 @@ def gradient(
                     own = forms(taken.at(chunk, begin))
                     sweep(*own, chunk, by_position, begin, end, tolerance, work, after - end, *state, grad)
             interrupts.check()
+    pull_start(system.inputs, system.h, state[0] + at_start, state[1], grad)
     if "velocity" in kinds:
         hold_fixed(system.vertex.free, state[1])
         grad = grad._replace(velocity=state[1])
@@ -89,6 +93,7 @@ def tangent(system: System, memory: TrajectoryMemory, direction: Elements, toler
     """Change of all positions (T + 1, n, 3) for the change `direction`; its empty fields do not change."""
     change = np.zeros((memory.steps + 1, *system.x0.shape))
     sweep = Sweep(system, direction, tolerance)
+    change[0] = sweep.state[0]
     for segment in memory.forward():
         for chunk in segment.parts():
             change[chunk.first + 1 : chunk.first + 1 + chunk.steps] = sweep.through(chunk)
@@ -106,6 +111,7 @@ class Sweep:
         if len(direction.velocity) > 0:
             copy(direction.velocity, self.state[1])
             hold_fixed(system.vertex.free, self.state[1])
+        push_start(system.inputs, system.h, direction, self.state[0], self.state[1])
 
     def through(self, chunk: Rollout) -> Array:
         """Change of the positions (T, n, 3) after each step of the next chunk of the motion."""

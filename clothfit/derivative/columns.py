@@ -14,6 +14,9 @@ from clothfit.scene.block import Block
 LOCAL = ("mass", "stiffness", "rest")
 """Kinds that act on one vertex or spring each; `velocity` acts at the start only, every other kind everywhere."""
 
+LEADING = ("path", "shift")
+"""Kinds that move pins, and other vertices through them alone."""
+
 
 def columns(
     system: System, blocks: Sequence[Block], p: Array, column: Indices, factor: Array, count: int
@@ -26,6 +29,7 @@ def columns(
     local = {"mass": none(len(system.x0)), "stiffness": none(len(system.springs.rest)), "rest": none(0)}
     everywhere: list[tuple[int, Elements]] = []
     velocity: list[tuple[int, Array]] = []
+    led: list[tuple[int, Elements]] = []
     for block in blocks:
         own = np.flatnonzero(column[block.part] >= 0) + block.start
         if block.name in LOCAL and len(own):
@@ -38,8 +42,10 @@ def columns(
             if block.name == "velocity":
                 velocity.append((int(column[i]), change))
             else:
-                everywhere.append((int(column[i]), zeros(system)._replace(**{block.name: change})))
-    return Columns(count, local["mass"], local["stiffness"], local["rest"], tuple(everywhere), tuple(velocity))
+                kept = led if block.name in LEADING else everywhere
+                kept.append((int(column[i]), zeros(system)._replace(**{block.name: change})))
+    shares = local["mass"], local["stiffness"], local["rest"]
+    return Columns(count, *shares, tuple(everywhere), tuple(led), tuple(velocity))
 
 
 def none(count: int) -> Share:

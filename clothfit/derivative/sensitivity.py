@@ -1,10 +1,12 @@
 """The sensitivity of a motion: how all positions change with each of Q parameters at once.
 
 This is the forward sweep of `adjoint` with Q right-hand sides per step: the matrices of the step (`step_jacobian`) are
-formed once, A is factorised once, and all columns go through dense linear algebra together. With f free vertices
+formed once, A is factorised once, and all columns go through dense linear algebra together. With f vertices that
+parameters can move
 
     A dW = Y dX + U dV + M dV + C,     dX⁺ = dX + h dW,     dX, dV, dW (3 f, Q)
 
+for those that are free; pins whose paths are fitted go along with these (`inputs.pin_derivatives`).
 A is factorised in blocks (`block_cholesky`); one that is not positive definite is inverted whole. What a cloth that
 touches itself adds is in `contact_columns`.
 """
@@ -20,6 +22,7 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.derivative import adjoint, block_cholesky
 from clothfit.derivative.adjoint import Observer, TrajectoryMemory
+from clothfit.derivative.pins import Pins
 from clothfit.derivative.stencil import stencil
 from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian
 from clothfit.engine.inputs.tables import set_direction, set_inputs, with_constant
@@ -27,7 +30,7 @@ from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.rollout import Rollout, Taken
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import bdf2, implicit
-from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System
+from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, mobile
 from clothfit.kernels.kernel import kernel
 
 if TYPE_CHECKING:
@@ -52,6 +55,7 @@ class Columns(NamedTuple):
     stiffness: Share
     rest: Share  # empty where no rest length is asked for
     everywhere: tuple[tuple[int, Elements], ...]  # column, direction
+    led: tuple[tuple[int, Elements], ...]  # the same of pins' paths
     velocity: tuple[tuple[int, Array], ...]  # column, change (n, 3) of the velocity at the start, m/s
 
 
@@ -76,7 +80,7 @@ class Share(NamedTuple):
 def sweep(
     system: System, memory: TrajectoryMemory, columns: Columns, observe: Observer | None = None
 ) -> Iterator[Array]:
-    """Yield dX (3 f, Q) after every step, the coordinates of the free vertices in order; always the same array.
+    """Yield dX (3 f, Q) after every step, the coordinates of the movable vertices in order; always the same array.
 
     `observe` gets each chunk of the motion before dX after its steps is yielded.
     """
@@ -119,8 +123,9 @@ class Carried:
 
     def __init__(self, system: System, columns: Columns) -> None:
         """At the start of the motion."""
-        self.system, self.taken, self.columns, free = system, Taken(system), columns, system.vertex.free
+        self.system, self.taken, self.columns, free = system, Taken(system), columns, mobile(system)
         self.place = np.where(free, np.cumsum(free) - 1, -1).astype(np.int32)
+        self.pins, self.free = Pins(system, columns.led, self.place), np.repeat(system.vertex.free[free], 3)
         self.solve = Solver(columns.width)
         self.everywhere = [(column, with_constant(direction)) for column, direction in columns.everywhere]
         self.near, self.work = stencil(system, 2), implicit.workspace(system)
@@ -129,7 +134,8 @@ class Carried:
         size = (3 * int(free.sum()), columns.width)
         self.dx, self.dv, self.dx_before, self.dv_before, self.dy = (np.zeros(size) for _ in range(5))
         for column, start in columns.velocity:
-            self.dv[:, column] = start[free].reshape(-1)
+            self.dv[:, column] = np.where(system.vertex.free[:, None], start, 0.0)[free].reshape(-1)
+        self.pins.start(self.dx, self.dv)
         self.touching: contact_columns.Columns | None = None
         if system.surface is not None:
             from clothfit.derivative import contact_columns  # which few scenes need
@@ -163,10 +169,23 @@ class Carried:
         dw = self.start(at)
         for k in range(chunk.used[t]):
             at = at if k == 0 else at._replace(u=iterates[k - 1], later=True)
-            right = self.right(at, iterates[k], dw)
-            dw = np.ascontiguousarray(self.solve(at.work.A, right))
+            dw = self.solved(at, iterates[k], dw, chunk.first + t)
         self.dx += at.system.h * (self.dv if self.system.method == EXPLICIT else theta * dw)
         np.multiply(theta, dw, out=self.dv)
+
+    def solved(self, at: Point, w: Array, du: Array, step: int) -> Array:
+        """The change of the velocity w of an iteration, for that of the one before, du (3 f, Q)."""
+        right = self.right(at, w, du)
+        if self.free.all():
+            return np.ascontiguousarray(self.solve(at.work.A, right))
+        dw = np.empty_like(right)
+        dw[~self.free] = self.pins.velocity(step, at.system, self.dx[~self.free])
+        if at.system.method == IMPLICIT:
+            self.pins.couple(at.system, at.work.y, dw - du if at.later else dw, right)
+        dw[self.free] = self.solve(at.work.A, right[self.free])
+        if at.system.method == EXPLICIT:
+            dw[~self.free] = self.pins.sent(step, at.system, du.shape[1])
+        return dw
 
     def start(self, at: Point) -> Array:
         """Make dx and dv those of the point, and return that of the velocity which the first iteration starts from."""
@@ -199,15 +218,30 @@ class Carried:
         add_spring_columns(place, system.springs.ends, by.by_rest, self.columns.rest, right)
         for column, direction in self.everywhere:
             differentiate_globally(system, at.x, at.v, w, at.u, at.later, at.work, direction, self.change)
-            right[:, column] += self.change[system.vertex.free].reshape(-1)
+            right[:, column] += self.change[place >= 0].reshape(-1)
         return right
+
+
+def is_dense(system: System) -> bool:
+    """Whether a step's columns can go together: not where pins whose paths are fitted touch a cloth that meets itself.
+    """
+    return system.surface is None or np.array_equal(mobile(system), system.vertex.free)
+
+
+def at_start(system: System, columns: Columns) -> Array:
+    """dX (3 f, Q) before the first step: 0 but for pins."""
+    moved = mobile(system)
+    dx = np.zeros((3 * int(moved.sum()), columns.width))
+    place = np.where(moved, np.cumsum(moved) - 1, -1).astype(np.int32)
+    Pins(system, columns.led, place).start(dx, np.zeros_like(dx))
+    return dx
 
 
 def tangents(
     system: System, memory: TrajectoryMemory, columns: Columns, tolerance: float, observe: Observer | None = None
 ) -> Iterator[Array]:
     """The same as `sweep` by one forward sweep per column, which is faster for a few columns."""
-    free = system.vertex.free
+    free = mobile(system)
     sweeps = [adjoint.Sweep(system, along(system, columns, q), tolerance) for q in range(columns.width)]
     for chunk in (chunk for segment in memory.forward() for chunk in segment.parts()):
         if observe:
@@ -220,7 +254,7 @@ def tangents(
 def along(system: System, columns: Columns, q: int) -> Elements:
     """The change of all elements along column q."""
     change = Elements(columns.mass.along(q), columns.stiffness.along(q), rest=columns.rest.along(q))
-    for column, direction in columns.everywhere:
+    for column, direction in (*columns.everywhere, *columns.led):
         if column == q:
             change = direction
     for column, start in columns.velocity:

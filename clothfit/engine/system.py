@@ -15,7 +15,7 @@ from clothfit.base.arrays import Array, Elements, Flags
 from clothfit.base.errors import InvalidScene
 from clothfit.engine.forces import bodies, spheres, springs, surfaces, touch, vertex, wind
 from clothfit.engine.forces.selfcontact import force, pairs
-from clothfit.engine.inputs import sampling, tables
+from clothfit.engine.inputs import fitted_paths, pin_derivatives, sampling, tables
 from clothfit.engine.solve import sparse
 from clothfit.scene.cloth import SPHERE, Cloth, Collider
 from clothfit.scene.scene import Scene
@@ -53,7 +53,7 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None)
     pattern, slot = sparse.pattern(cloth.springs, ~cloth.fixed, whole=scene.self_contact is not None)
     surface = surface_of(scene, index)
     return System(
-        x0=np.array(cloth.positions),
+        x0=with_pins(np.array(cloth.positions), cloth.shift, inputs),
         v0=at_start(cloth.velocity, cloth.fixed, inputs, scene.delta),
         h=scene.delta,
         method=scene.method,
@@ -141,6 +141,18 @@ def at_start(velocity: Array, fixed: Flags, inputs: tables.Inputs | None, h: flo
     return own
 
 
+def with_pins(x0: Array, shift: Array, inputs: tables.Inputs | None) -> Array:
+    """The positions x0 (n, 3) at the start, m; the pins are on their path where an offset has moved that."""
+    if inputs is not None and len(inputs.path) and shift.any():
+        x0[inputs.pins] = inputs.path[0]
+    return x0
+
+
+def mobile(system: System) -> Flags:
+    """Which vertices (n,) parameters can move: those that are free, and pins whose paths are fitted."""
+    return np.asarray(system.vertex.free | pin_derivatives.led(system.inputs, len(system.x0)))
+
+
 def with_elements(system: System, values: Elements) -> System:
     """The same system with other values, those that are not empty; nothing else is built again."""
     point, spring, face, v0 = system.vertex, system.springs, system.faces, system.v0
@@ -151,6 +163,9 @@ def with_elements(system: System, values: Elements) -> System:
         spring = spring._replace(damping=0.5 * float(values.damping[0]))
     if len(values.drag):
         face = face._replace(drag=float(values.drag[0]))
+    if len(values.path) or len(values.shift):
+        system = with_paths(system, values)
+        v0 = system.v0
     if len(values.velocity):
         v0 = at_start(values.velocity, ~point.free, system.inputs, system.h)
     if len(values.rest):
@@ -163,6 +178,18 @@ def with_elements(system: System, values: Elements) -> System:
     if len(values.gravity):
         point = point._replace(gravity=np.array(values.gravity, float))
     return system._replace(v0=v0, vertex=point, springs=spring, faces=face)
+
+
+def with_paths(system: System, values: Elements) -> System:
+    """The system with pins on other paths."""
+    assert system.inputs is not None
+    fitted = fitted_paths.with_values(system.inputs.fitted, values.path, values.shift)
+    inputs, x0, v0 = system.inputs._replace(fitted=fitted, path=fitted.path), system.x0, system.v0.copy()
+    if len(values.shift):
+        x0 = x0.copy()
+        x0[inputs.pins] = inputs.path[0]
+    v0[inputs.pins] = (inputs.path[1] - inputs.path[0]) / system.h
+    return system._replace(x0=x0, v0=v0, inputs=inputs)
 
 
 def with_contacts(system: System, values: Elements) -> System:
@@ -210,7 +237,8 @@ def with_bases(system: System, inputs: tables.Inputs, values: Elements) -> Syste
         spheres=system.spheres._replace(centre=system.spheres.centre.copy()),
         colliders=own and own._replace(rows=own.rows.copy(), bodies=own.bodies and bodies.copied(own.bodies)),
         inputs=inputs._replace(
-            wind_base=wind, gravity_base=gravity, place=inputs.place.copy(), later=inputs.later.copy()
+            wind_base=wind, gravity_base=gravity, place=inputs.place.copy(), later=inputs.later.copy(),
+            fitted=fitted_paths.with_values(inputs.fitted, values.path, values.shift),
         ),
     )
 
@@ -236,6 +264,8 @@ def all_elements(system: System) -> Elements:
         drag=np.array([system.faces.drag]),
         velocity=system.v0.copy(),
         rest=system.springs.rest.copy(),
+        path=np.zeros((0, 3)) if inputs is None else inputs.fitted.keys.copy(),
+        shift=np.zeros(3) if inputs is None else inputs.fitted.offset.copy(),
         wind=(system.faces.wind if inputs is None else inputs.wind_base).copy(),
         gravity=(system.vertex.gravity if inputs is None else inputs.gravity_base).copy(),
         gusts=np.zeros((0, 3)) if inputs is None else inputs.gusts.copy(),

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.eigen import eigen
+from clothfit.engine.system import mobile
 from clothfit.fit.posterior import Local, Posterior, learned_prior, posterior
 from clothfit.fit.sandwich import CHAOS, Kept
 from clothfit.motion.divergence import Diverged
@@ -232,6 +233,6 @@ def residual_squares(objective: Objective, p: Array) -> tuple[float, int]:
     squares, count = 0.0, 0
     for run in objective.runs:
         show = partial(objective.simulate, run, p)
-        part, number = running_cost(run.comparison).squares(run.system.vertex.free, show)
+        part, number = running_cost(run.comparison).squares(mobile(run.system), show)
         squares, count = squares + part, count + number
     return squares, count

@@ -101,7 +101,7 @@ def _check(**values: float) -> None:
 
 def _flags(fits: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
     """What to fit besides masses and stiffnesses: the fields `fit` of the object and of the scene."""
-    left_out = (*LETTERED, "gusts", "friction", "contact", "offset")  # of what a new scene does not have
+    left_out = (*LETTERED, "path", "shift", "gusts", "friction", "contact", "offset")  # of what a new scene lacks
     others = [kind for kind in KINDS if kind.name not in left_out]
     for name, mode in fits.items():
         if name not in [kind.name for kind in others]:

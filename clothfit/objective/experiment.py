@@ -88,8 +88,8 @@ def check_same_sizes(scene: Scene, main: Scene) -> None:
     own, wanted = ([(len(c.mass), len(c.stiffness)) for c in one.cloths] for one in (scene, main))
     if own != wanted:
         raise InvalidInput(f"{scene.name}: its objects have {in_words(own)}, those of {main.name} {in_words(wanted)}")
-    for block in (each for each in main.blocks if each.cloth is None):
-        values = np.shape(getattr(scene, block.name))
+    for block in (each for each in main.blocks if each.cloth is None or each.kind.of == "key"):
+        values = np.shape(getattr(scene if block.cloth is None else scene.cloths[block.cloth], block.name))
         if values != block.shape:
             counts = f"{values[0]} in this scene, {block.shape[0]} in {main.name}"
             raise InvalidInput(f"{scene.name}: {block.kind.title}: {counts}; a fit of both needs as many")

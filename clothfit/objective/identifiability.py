@@ -26,8 +26,9 @@ def hidden(cloth: Cloth, name: str, colliders: int, seen: Flags | None = None) -
     It hides masses and velocities of fixed vertices; masses where only weight and node damping move a vertex, so that
     they cancel; stiffnesses and rest lengths between two fixed vertices, and rest lengths of springs without stiffness;
     drag and wind where the air meets no free vertex; what belongs to colliders where there are none; everything of a
-    cloth that is fixed. Where `seen` (n,) gives the vertices that a target shows, it also hides all of the parts of the
-    cloth in which no free vertex is seen.
+    cloth that is fixed; of pins' paths the key that the start has, and all of those that lead nothing. Where `seen`
+    (n,) gives the vertices that a target shows, it also hides all of the parts of the cloth in which no free vertex is
+    seen.
     """
     shown = ~cloth.fixed if seen is None else ~cloth.fixed & shown_by(cloth, seen)
     if name in ("stiffness", "rest"):
@@ -35,6 +36,8 @@ def hidden(cloth: Cloth, name: str, colliders: int, seen: Flags | None = None) -
         return np.asarray(~shown[cloth.springs].any(axis=1) | slack)
     if name == "velocity":
         return np.asarray(~shown)
+    if name in ("path", "shift"):
+        return hidden_paths(cloth, name, shown, seen)
     if name in ("drag", "wind", "gusts"):
         return np.array([not (cloth.feels_air and shown[cloth.triangles].any())])
     if name in ("damping", "gravity"):
@@ -46,6 +49,20 @@ def hidden(cloth: Cloth, name: str, colliders: int, seen: Flags | None = None) -
     if cloth.feels_air:
         pushed[cloth.triangles.reshape(-1)] = True
     return np.asarray(~shown | ~pushed)
+
+
+def hidden_paths(cloth: Cloth, name: str, shown: Flags, seen: Flags | None) -> Flags:
+    """The same of the keys of pins' paths, (K,), or of their offset, (1,): pins lead free vertices, `shown` (n,), and
+    may be seen themselves.
+    """
+    moves = shown | (cloth.fixed if seen is None else seen & cloth.fixed)
+    for links in (cloth.springs, cloth.triangles if cloth.feels_air else cloth.triangles[:0]):
+        moves = moves.copy()
+        moves[links[shown[links].any(axis=1)]] = True
+    found = np.array([not moves[pin.vertices].any() for pin in cloth.pins], bool)
+    if name == "shift":
+        return np.array([found.all()])
+    return np.asarray(found[cloth.key_pins] | (cloth.datums == np.arange(len(cloth.path))))
 
 
 def shown_by(cloth: Cloth, seen: Flags) -> Flags:

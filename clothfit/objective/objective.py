@@ -37,7 +37,7 @@ from clothfit.objective.memory_needs import Needs
 from clothfit.objective.own_cost import OwnComparison, OwnCost, Whole, moved, unseen
 from clothfit.objective.run import Run, at_rest, seen_in, simulate, still
 from clothfit.objective.running_cost import SquaredDistances, running_cost
-from clothfit.objective.target import first_step, target
+from clothfit.objective.target import first_step, target, without_start
 from clothfit.scene.fit_vector import changes, check_shape, extra_kinds, fitted_cloths, parameters
 from clothfit.scene.scene import Scene, check_is_scene
 
@@ -91,6 +91,8 @@ class Objective:
     def _run(self, number: int, experiment: Experiment, cloth: int, frames: int | None) -> Run:
         motion, scene = experiment
         goal = target(in_world(motion, scene), cloth, scene.delta, None if frames is None else frames - 1)
+        if scene.cloths[cloth].mode("shift") != "n":
+            goal = without_start(goal, np.concatenate([pin.vertices for pin in scene.cloths[cloth].pins]))
         system = build(scene, cloth, steps=goal.last_step)
         if self.own:
             if scene.frame:

@@ -14,7 +14,7 @@ from clothfit.engine.inputs.moving_axes import Axes
 from clothfit.engine.inputs.sampling import axes
 from clothfit.engine.rollout import empty
 from clothfit.engine.snapshots import Plan
-from clothfit.engine.system import System, with_elements
+from clothfit.engine.system import System, mobile, with_elements
 from clothfit.engine.tape import Tape
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.comparison import Comparison
@@ -95,7 +95,7 @@ def still(run: Run) -> float:
 
 def residual_count(run: Run) -> int:
     """Number of residuals of a run that a parameter can change: not of the initial state or of fixed vertices."""
-    return running_cost(run.comparison).squares(run.system.vertex.free, partial(at_rest, run))[1]
+    return running_cost(run.comparison).squares(mobile(run.system), partial(at_rest, run))[1]
 
 
 def seen_in(runs: Iterable[Run]) -> dict[int, Flags]:

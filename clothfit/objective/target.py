@@ -52,6 +52,13 @@ def target(motion: Motion, cloth: int, delta: float, last_step: float | None = N
     return Target(step[kept], fraction[kept], positions, observed, counted)
 
 
+def without_start(goal: Target, vertices: Indices) -> Target:
+    """The target without where it shows some vertices in the initial state, which a fit may move."""
+    observed = goal.observed.copy()
+    observed[np.ix_(goal.places <= 0, vertices)] = False
+    return goal._replace(observed=observed)
+
+
 class Frames:
     """Which frames of a target belong to a chunk of the motion: to the one after whose steps they are first known."""
 

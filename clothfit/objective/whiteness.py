@@ -22,6 +22,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.rollout import Rollout
+from clothfit.engine.system import mobile
 from clothfit.objective.loss import Loss
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run
@@ -147,7 +148,7 @@ class Watch:
 
     def __post_init__(self) -> None:
         self.frames = Frames(self.run.comparison.goal)
-        self.free = np.asarray(self.run.system.vertex.free)
+        self.free = mobile(self.run.system)
         self.shown = movable(self.run.comparison.goal, self.free)
         ends = np.asarray(self.run.system.springs.ends)
         none = np.zeros((0, 2), np.int32)

@@ -23,7 +23,7 @@ from clothfit.engine.forces import total
 from clothfit.engine.inputs.tables import couple_change, set_inputs
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import bdf2, implicit
-from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System
+from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, mobile
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import add, add_mass, copy
 from clothfit.objective.target import Target
@@ -42,16 +42,19 @@ class Track(NamedTuple):
 
 
 def track(goal: Target, system: System) -> Track:
-    """What a target shows of a cloth at the times of the steps; the start, fixed vertices and pins are known."""
+    """What a target shows of a cloth at the times of the steps; the start, fixed vertices and pins are known, but not
+    those whose paths are fitted.
+    """
     whole = np.flatnonzero(goal.fraction == 0)
     frames, n = goal.last_step + 1, len(system.x0)
     x, seen = np.broadcast_to(system.x0, (frames, n, 3)).copy(), np.zeros((frames, n), bool)
     for frame in whole:  # several frames may fall on one step: the last counts
-        here = goal.observed[frame] & system.vertex.free
+        here = goal.observed[frame] & mobile(system)
         x[goal.step[frame], here] = goal.positions[frame, here]
         seen[goal.step[frame], here] = True
     if system.inputs is not None and len(system.inputs.path):
-        x[:, system.inputs.pins] = system.inputs.path[:frames]
+        known = ~mobile(system)[system.inputs.pins]
+        x[:, system.inputs.pins[known]] = system.inputs.path[:frames, known]
     x[0], seen[0] = system.x0, True
     return Track(x, seen)
 
@@ -95,7 +98,7 @@ def valid_rows(system: System, near: Stencil, track: Track, steps: int) -> Flags
     from scipy.sparse import csr_array
 
     n = len(system.x0)
-    unseen = ~(track.seen | ~system.vertex.free)
+    unseen = ~(track.seen | ~mobile(system))
     touched = csr_array((np.ones(len(near.neighbour)), near.neighbour, near.start), shape=(n, n))
     missing = np.asarray((touched @ unseen.T.astype(float)).T > 0)  # (T + 1, n), of a vertex or a neighbour
     bad = missing[:steps] | missing[1 : steps + 1]

@@ -45,14 +45,14 @@ class Scores:
 
 
 def accumulate(
-    residuals: Residuals, steps: Iterator[Array], size: tuple[int, int], scores: Scores | None = None
+    residuals: Residuals, steps: Iterator[Array], before: Array, scores: Scores | None = None
 ) -> tuple[Array, Array]:
-    """H (Q, Q) and g (Q,) from the residuals and the sensitivities after each of their T steps, of that `size`:
-    (3 f, Q). `scores` takes what each step adds.
+    """H (Q, Q) and g (Q,) from the residuals and the sensitivities (3 f, Q) `before` the first and after each of their
+    T steps. `scores` takes what each step adds.
     """
-    rows, count = size
+    rows, count = before.shape
     length = 1 if scores is not None and scores.by_step else chunk_steps(rows * count)
-    H, g, before = np.zeros((count, count)), np.zeros(count), np.zeros(size)
+    H, g = np.zeros((count, count)), np.zeros(count)
 
     def add(sensitivity: Array, first: int, end: int) -> None:
         J, r = residuals.rows(sensitivity, first, end)

@@ -14,7 +14,8 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.columns import columns
-from clothfit.derivative.sensitivity import DENSE_UNKNOWNS, FEW_COLUMNS, sweep, tangents
+from clothfit.derivative.sensitivity import DENSE_UNKNOWNS, FEW_COLUMNS, at_start, is_dense, sweep, tangents
+from clothfit.engine.system import mobile
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run, residual_count
@@ -157,7 +158,7 @@ class Trajectory:
         """Operations of one dense model, roughly."""
         total = 0.0
         for run in self.objective.runs:
-            rows, count = 3.0 * run.system.vertex.free.sum(), float((self.acts(run) & self.fitted).sum())
+            rows, count = 3.0 * mobile(run.system).sum(), float((self.acts(run) & self.fitted).sum())
             solve = rows * (rows if rows <= DENSE_UNKNOWNS else 40.0 * np.sqrt(rows)) * count
             total += run.steps * (2.0 * solve + rows * count**2)
         return total
@@ -166,7 +167,7 @@ class Trajectory:
         """Whether the dense model fits into what the objective may hold."""
         needed = 8 * MATRICES * self.size**2
         for run in self.objective.runs:
-            wide = 3 * int(run.system.vertex.free.sum()) * int((self.acts(run) & self.fitted).sum())
+            wide = 3 * int(mobile(run.system).sum()) * int((self.acts(run) & self.fitted).sum())
             steps = 1 + min(normal.chunk_steps(wide), run.steps)
             needed += 8 * CHUNKS * steps * wide + running_cost(run.comparison).residual_bytes
         return needed <= self.objective.room
@@ -188,13 +189,13 @@ def run_model(
     """H, g and the cost of one run at p (P,), by the columns of `column` (P,), with derivatives multiplied by `factor`
     (P,); `scores` takes what each step adds. Raises Diverged.
     """
-    cost, free = running_cost(run.comparison), run.system.vertex.free
+    cost = running_cost(run.comparison)
     system, tape = objective.simulate(run, p, cost.update, plan=objective.plan(run))
     count = int(column.max(initial=-1)) + 1
     blocks = [block for block in objective.blocks if block.cloth in (run.cloth, None)]
     wanted = columns(system, blocks, p, column, factor, count)
     few = partial(tangents, system, tape, wanted, objective.tolerance)
-    steps = few if count <= FEW_COLUMNS else partial(sweep, system, tape, wanted)
-    residuals = cost.residuals(free)
-    H, g = normal.accumulate(residuals, steps(residuals.update), (3 * int(free.sum()), count), scores)
+    steps = few if count <= FEW_COLUMNS or not is_dense(system) else partial(sweep, system, tape, wanted)
+    residuals = cost.residuals(mobile(system))
+    H, g = normal.accumulate(residuals, steps(residuals.update), at_start(system, wanted), scores)
     return H, g, cost.value

@@ -24,9 +24,9 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.derivative.columns import columns
-from clothfit.derivative.sensitivity import Columns, tangents
+from clothfit.derivative.sensitivity import Columns, at_start, tangents
 from clothfit.engine.rollout import Rollout
-from clothfit.engine.system import System, build, with_elements
+from clothfit.engine.system import System, build, mobile, with_elements
 from clothfit.engine.tape import Tape
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
@@ -145,7 +145,7 @@ class Registered:
         at = np.maximum(now.times(times), 0.0)
         system = with_elements(self._system(k, cloth, at.max(initial=0.0)), elements(scene, cloth, p))
         wanted = self._columns(system, cloth, p, factor)
-        free = np.asarray(system.vertex.free)
+        free = mobile(system)
         parts = np.full((len(times), 2), np.nan)
         size = wanted.width + THETA
         total = Sums(0.0, np.zeros((size, size)), np.zeros(size), [parts])
@@ -187,7 +187,7 @@ def states(system: System, places: Array, wanted: Columns, tolerance: float) -> 
     step = np.floor(places).astype(np.int64)
     tape = Tape(system, int(step.max(initial=0)) + 1, tolerance)
     chunks: list[Rollout] = []
-    frame, before = 0, np.zeros((3 * int(system.vertex.free.sum()), wanted.width))
+    frame, before = 0, at_start(system, wanted)
     for t, after in enumerate(steps(system, tape, wanted, tolerance, chunks)):
         x = chunks[-1].x[t - chunks[-1].first :][:2]
         while frame < len(places) and step[frame] == t:
@@ -214,7 +214,7 @@ def steps(
     for chunk in tape.forward():
         keep(chunk)
         for _ in range(chunk.steps):
-            yield np.zeros((3 * int(system.vertex.free.sum()), 0))
+            yield np.zeros((3 * int(mobile(system).sum()), 0))
 
 
 def spread(sensitivity: Array, free: Flags) -> Array:

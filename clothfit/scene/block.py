@@ -130,7 +130,7 @@ class Block:
     @property
     def _rows(self) -> tuple[int, ...]:
         """Shape of the values as a list of numbers or of vectors."""
-        return (1, *self.shape) if self.kind.of == "scene" else self.shape
+        return (1, *self.shape) if self.kind.components == 3 and len(self.shape) == 1 else self.shape
 
     @property
     def column(self) -> Array:

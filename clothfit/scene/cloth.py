@@ -47,6 +47,7 @@ class Cloth:
     layout: Layout = NOTHING  # what the file says of families, regions and the warp
     bounds: Bounds = field(default_factory=dict)  # of a fit, by kind, before those of the scene
     pins: tuple[Pin, ...] = ()  # fixed vertices that move
+    shift: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m: of all pins, from where their paths have them
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -56,6 +57,37 @@ class Cloth:
     def __repr__(self) -> str:
         sizes = f"{len(self.mass)} vertices, {len(self.stiffness)} springs, {len(self.triangles)} triangles"
         return f"<Cloth: {sizes}, {self.mass.sum():.3g} kg>"
+
+    @property
+    def path(self) -> Array:
+        """The values (K, 3), m, of the keys of all pins' positions, pin by pin; without those that files have."""
+        return np.concatenate([np.zeros((0, 3)), *(pin.own.values for pin in self.pins if pin.own)])
+
+    @property
+    def key_pins(self) -> Indices:
+        """The pin (K,) of each key of `path`."""
+        counts = [len(pin.own.times) if pin.own else 0 for pin in self.pins]
+        return np.repeat(np.arange(len(counts), dtype=np.int32), counts)
+
+    @property
+    def datums(self) -> Indices:
+        """For each key of `path` the one (K,), of the same pin, whose value the start has: a constant on all keys of a
+        pin changes no motion.
+        """
+        owner = self.key_pins
+        found = [np.flatnonzero(owner == i)[0] + pin.own.datum for i, pin in enumerate(self.pins) if pin.own]
+        return np.asarray(np.repeat(found, np.unique(owner, return_counts=True)[1]), np.int32)
+
+    def with_kinds(self, path: Array | None = None, **values: Any) -> Cloth:
+        """The same object with other values of some kinds, of which those that its pins have are `path` (K, 3)."""
+        if path is None or not len(path):
+            return replace(self, **values)
+        ends = np.cumsum([len(pin.own.times) if pin.own else 0 for pin in self.pins])
+        pins = tuple(
+            replace(pin, position=replace(pin.own, values=part)) if pin.own else pin
+            for pin, part in zip(self.pins, np.split(path, ends[:-1]), strict=True)
+        )
+        return replace(self, **values, pins=pins)
 
     def mode(self, name: str) -> str:
         """How a kind ("mass", "drag", …) is fitted: "n" not at all, or one of the modes of the kind."""

@@ -92,7 +92,7 @@ def with_parameters(scene: Scene, p: Sequence[float] | Array, untouched: Collect
         if block.cloth is not None:
             old, new = made[block.name][block.cloth], block.spread(values)
             kept = np.where(block.column == 0, old, new)  # fixed vertices keep their velocities
-            made[block.name][block.cloth] = kept if np.ndim(old) else new[0]
+            made[block.name][block.cloth] = kept.reshape(np.shape(old)) if np.ndim(old) else new[0]
     shared = {block.name: block.spread(values) for block in flagged if block.cloth is None}
     return scene.with_values(made.pop("mass"), made.pop("stiffness"), **made, **shared)
 

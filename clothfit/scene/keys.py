@@ -38,6 +38,11 @@ class Keys:
     place: str = ""  # in the scene, for messages
 
     @property
+    def datum(self) -> int:
+        """The key at or before time 0, else the first: only the change since then counts where keys move something."""
+        return max(int(np.searchsorted(self.times, 0.0, side="right")) - 1, 0)
+
+    @property
     def turns(self) -> bool:
         """Whether they are those of a rotation."""
         return self.place.rpartition(".")[2] == "rotKeys"
@@ -53,6 +58,11 @@ class Pin:
     position: Keys | None  # displacement, m
     rotation: Keys | None  # Euler angles as those of colliders, degrees, about `pivot`
     pivot: Array | None  # (3,), m; None: where the joint starts, or the mean of the vertices at the start
+
+    @property
+    def own(self) -> Keys | None:
+        """The keys of its positions, where the scene and no file has them: a fit may change these."""
+        return None if self.position is None or self.position.file is not None else self.position
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,11 +1,11 @@
 """The kinds of parameter that a fit can find: a table with one row each.
 
-A kind belongs to each vertex, spring, object or collider (the contact of cloths with themselves is one), or to the
-scene as a whole. Masses and stiffnesses are flagged by the two letters of an object's `optimizationSettings`, every
-other kind by its field's name in the `fit` of its object or of the scene. Mode G is one value for the whole object
-(for rest lengths one factor on the lengths at `vertPos`) or for all contacts, L one value per vertex, spring or
-contact. Modes F, R and M are factors on the values that the scene has (`factors`): one for all, one for each group of
-vertices or springs, a smooth map of them.
+A kind belongs to each vertex, spring, key of a pin, object or collider (the contact of cloths with themselves is one),
+or to the scene as a whole. Masses and stiffnesses are flagged by the two letters of an object's `optimizationSettings`,
+every other kind by its field's name in the `fit` of its object or of the scene. Mode G is one value for the whole
+object (for rest lengths one factor on the lengths at `vertPos`) or for all contacts, L one value per vertex, spring,
+key or contact. Modes F, R and M are factors on the values that the scene has (`factors`): one for all, one for each
+group of vertices or springs, a smooth map of them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ class Kind:
     name: str  # of the field in `arrays.Elements`, of the attribute of Cloth or Scene, and in reports
     title: str  # in messages
     field: str  # of the scene file
-    of: str  # what each has one: "vertex", "spring", "object", "collider" or "scene"
+    of: str  # what each has one: "vertex", "spring", "key" of its pins, "object", "collider" or "scene"
     modes: str  # the possible modes besides n
     components: int  # 3 for vectors
     unit: str  # empty: none
@@ -47,6 +47,14 @@ KINDS = (
         neutral=(0.0, 0.0, 0.0),
     ),
     Kind("rest", "rest length", "springRestLength", "spring", "FRMGL", 1, "m", "above 0", 1e-4, 1e4, True),
+    Kind(
+        "path", "path of the pins", "posKeys", "key", "L", 3, "m", "any number", -1e4, 1e4, False,
+        scale=0.1, neutral=(0.0, 0.0, 0.0),
+    ),
+    Kind(
+        "shift", "offset of the pins", "pinOffset", "object", "G", 3, "m", "any number", -1e4, 1e4, False,
+        scale=0.1, neutral=(0.0, 0.0, 0.0),
+    ),
     Kind(
         "wind", "wind", "windVel", "scene", "G", 3, "m/s", "any number", -1e4, 1e4, False,
         # not 0: in still air a flat cloth stays flat, and reveals no wind along it

@@ -27,7 +27,7 @@ from clothfit.scene.block import Block, flagged
 from clothfit.scene.bounds import Bounds, from_file
 from clothfit.scene.cloth import PLANE, Cloth, Collider, SelfContact, Sphere, obstacles, self_contact
 from clothfit.scene.cloth import vector as _vector
-from clothfit.scene.keys import Frame, Keys, frame, keys, pins
+from clothfit.scene.keys import Frame, Keys, Pin, frame, keys, pins
 from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
 from clothfit.scene.splice import Optional, splice
 from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read
@@ -154,8 +154,9 @@ class Scene:
         """Make a new scene with other masses (n,), kg, and stiffnesses (S,), N/m, one array for each cloth.
 
         `others` are values of other kinds, by their names. Those of objects are one item for each cloth: `damping` and
-        `drag` a number, `velocity` (n, 3), m/s, `rest` (S,), m. Those of the scene, `wind`, m/s, `gravity`, m/s², and
-        `offset`, m, are (3,), `gusts` (K, 3), m/s, `friction` and `contact`, N/m, one for each of `laws`. Raises
+        `drag` a number, `velocity` (n, 3), m/s, `rest` (S,), m, `path` (K, 3), m, of the keys of all its pins in the
+        scene, `shift` (3,), m. Those of the scene, `wind`, m/s, `gravity`, m/s², and `offset`, m, are (3,), `gusts`
+        (K, 3), m/s, `friction` and `contact`, N/m, one for each of `laws`. Raises
         InvalidScene when a shape differs, or a value is not finite or outside what its kind allows.
         """
         if not len(masses) == len(stiffnesses) == len(self.cloths):
@@ -172,7 +173,8 @@ class Scene:
         cloths = []
         for i, cloth in enumerate(self.cloths):
             values = {name: each[i] for name, each in own.items()}
-            cloths.append(replace(cloth, **_checked(cloth, values, f"objects[{i}].", problems)))
+            made = _checked(cloth, values, f"objects[{i}].", problems)
+            cloths.append(cloth if problems else cloth.with_kinds(**made))
         changed = _checked(self, shared, "", problems)
         if problems:
             raise InvalidScene(problems, self.name)
@@ -267,7 +269,7 @@ def save(scene: Scene, path_or_file: str | os.PathLike[str] | IO[str] | IO[bytes
 
 def dumps(scene: Scene) -> bytes:
     """Give the text of a scene: the one it came from, but for the values that differ."""
-    objects = [{kind.field: _plain(cloth, kind) for kind in CLOTH_KINDS} for cloth in scene.cloths]
+    objects = [_object(cloth) for cloth in scene.cloths]
     whole: dict[str, Any] = {kind.field: _plain(scene, kind) for kind in SCENE_KINDS}
     gusts, *_ = [whole.pop(KIND[name].field) for name in ("gusts", "friction", "contact")]
     if scene.gusts.size:
@@ -280,6 +282,21 @@ def dumps(scene: Scene) -> bytes:
     whole |= {"integrationMethod": scene.method, "delta": scene.delta}
     whole["optimizationIterations"] = Optional(scene.frames, scene.frames != kept)
     return scene.source.encode(splice(scene.source.text, objects, whole))
+
+
+def _object(cloth: Cloth) -> dict[str, Any]:
+    """What a fit may change in an object of the file."""
+    values = {kind.field: _plain(cloth, kind) for kind in CLOTH_KINDS}
+    values.pop(KIND["path"].field)
+    own = {i: pin.own.values for i, pin in enumerate(cloth.pins) if pin.own}
+    if own:
+        values["pins"] = {i: {"posKeys": {"values": _vectors(each)}} for i, each in own.items()}
+    return values
+
+
+def _vectors(values: Array) -> list[dict[str, float]]:
+    """Vectors (K, 3) as JSON holds them."""
+    return [dict(zip("xyz", row, strict=True)) for row in values.tolist()]
 
 
 def _checked(owner: Cloth | Scene, values: Mapping[str, Any], place: str, problems: list[str]) -> dict[str, Any]:
@@ -298,7 +315,7 @@ def _plain(owner: Cloth | Scene, kind: Kind) -> Any:
     value = np.asarray(getattr(owner, kind.name))
     plain: Any = value.tolist()
     if kind.components == 3:
-        rows = [dict(zip("xyz", row, strict=True)) for row in value.reshape(-1, 3).tolist()]
+        rows = _vectors(value.reshape(-1, 3))
         plain = rows if value.ndim == 2 else rows[0]
     if kind.name in LETTERED:
         return plain
@@ -375,6 +392,7 @@ def _cloth(item: dict[str, Any], place: str, folder: str, problems: list[str]) -
     if arrays is None:
         return None
     pinned = pins(item.get("pins", ()), arrays.fixed, place, folder, problems)
+    _check_pins(item, pinned, place, problems)
     return Cloth(
         **arrays._asdict(),
         drag=float(item["dragCoefficient"]),
@@ -384,7 +402,18 @@ def _cloth(item: dict[str, Any], place: str, folder: str, problems: list[str]) -
         layout=layout,
         bounds=asked,
         pins=pinned,
+        shift=_vector(item["pinOffset"]),
     )
+
+
+def _check_pins(item: Mapping[str, Any], pinned: Sequence[Pin], place: str, problems: list[str]) -> None:
+    """Note where a fit of paths, or an offset, is asked for, and no pin has it."""
+    asked = [name for name in ("posKeys", "pinOffset") if item["fit"].get(name) not in NOT_FITTED]
+    if not item.get("pins"):
+        problems += [f"{place}.fit.{name}: the object has no pins" for name in asked]
+    elif "posKeys" in asked and not any(pin.own for pin in pinned):
+        said = "no pin has posKeys with times and values in the scene; those of a file cannot be fitted"
+        problems.append(f"{place}.fit.posKeys: {said}")
 
 
 def _fits(asked: dict[str, Any], kinds: Sequence[Kind]) -> dict[str, str]:

@@ -143,7 +143,10 @@ def neutral(scene: Scene) -> Array:
     parts = [np.zeros(0)]
     for block in scene.blocks:
         lengths = scene.cloths[block.cloth].lengths if block.cloth is not None and block.name == "rest" else None
-        if block.factors is not None:
+        if block.name == "path" and block.cloth is not None:
+            own = scene.cloths[block.cloth]
+            parts.append(own.path[own.datums].reshape(-1))  # they stand still
+        elif block.factors is not None:
             parts.append(block.at_level(block.kind.neutral[0] if lengths is None else geometric_mean(lengths)))
         else:
             values = block.kind.neutral if lengths is None or block.mode == "G" else lengths

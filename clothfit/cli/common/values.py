@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
 KINDS = (
-    "mass", "stiffness", "damping", "drag", "velocity", "rest", "wind", "gravity", "gusts", "friction", "contact",
-    "offset",
+    "mass", "stiffness", "damping", "drag", "velocity", "rest", "path", "shift", "wind", "gravity", "gusts", "friction",
+    "contact", "offset",
 )  # fmt: skip
-NOT_OF_NEW = ("gusts", "friction", "contact", "offset")  # of what a new scene does not have
+NOT_OF_NEW = ("path", "shift", "gusts", "friction", "contact", "offset")  # of what a new scene does not have
 SIDES = ("left", "right", "bottom", "top", "back", "front")
 LETTERS = ("n", "F", "R", "M", "G", "L")
 

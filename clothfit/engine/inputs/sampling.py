@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidScene
 from clothfit.engine.forces.touch import AXES, PLACE, SPIN, VELOCITY
+from clothfit.engine.inputs import fitted_paths
 from clothfit.engine.inputs.moving_axes import Axes
 from clothfit.engine.inputs.splines import splined
 from clothfit.engine.inputs.tables import Inputs, constant
@@ -37,7 +39,7 @@ def build(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
 def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
     """The tables of a cloth with inputs that change."""
     found = constant(scene.wind, scene.gravity, len(scene.spheres), len(scene.colliders))
-    lead = int(scene.method >= 2)
+    lead, turns = int(scene.method >= 2), np.zeros((0, 3, 3))
     times: Array = scene.delta * np.arange(steps + 3, dtype=float)  # explicit steps read two rows
     wind, gravity = (
         interpolated(resolved(keys), times) if keys else found.wind for keys in (scene.wind_keys, scene.gravity_keys)
@@ -54,10 +56,12 @@ def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
         path = frame.world(np.concatenate([path if len(path) else still[:, :0], still], axis=1))
         start, first, second = (frame.at(k).world(cloth.positions[None])[0] for k in range(3))
         found = found._replace(drift=(4.0 * first - second - 3.0 * start) / (2.0 * scene.delta))
+        turns = np.ascontiguousarray(frame.turn) if scene.frame.rotation else turns
     held = np.isin(cloth.springs, pins)
     coupled = np.flatnonzero((held & ~cloth.fixed[cloth.springs][:, ::-1]).any(axis=1)).astype(np.int32)
     return found._replace(
         wind=wind, gravity=gravity, centre=centre, path=path, pins=pins, coupled=coupled,
+        fitted=fitted_paths.build(cloth, path, turns, partial(moved, times=times)),
         place=np.zeros((len(pins), 3)), later=np.zeros((len(pins), 3)),
         lead=lead, steps=steps if scene.changes or cloth.pins else ANY_NUMBER, poses=poses_of(scene, times),
     )  # fmt: skip
@@ -225,8 +229,9 @@ def paths(cloth: Cloth, times: Array) -> tuple[Indices, Array]:
     """
     if not cloth.pins:
         return np.zeros(0, np.int32), np.zeros((0, 0, 3))
-    found = [path(cloth.positions[pin.vertices], pin, times) for pin in cloth.pins]
-    return np.concatenate([pin.vertices for pin in cloth.pins]).astype(np.int32), np.concatenate(found, axis=1)
+    found = np.concatenate([path(cloth.positions[pin.vertices], pin, times) for pin in cloth.pins], axis=1)
+    places = found + cloth.shift if cloth.shift.any() else found
+    return np.concatenate([pin.vertices for pin in cloth.pins]).astype(np.int32), places
 
 
 def path(start: Array, pin: Pin, times: Array) -> Array:

@@ -16,6 +16,8 @@ import numpy as np
 from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.engine.forces import springs
 from clothfit.engine.forces.touch import PLACE, SIZE
+from clothfit.engine.inputs import fitted_paths
+from clothfit.engine.inputs.fitted_paths import FittedPaths, pull_places, push_places
 from clothfit.engine.inputs.poses import Poses, pose
 from clothfit.engine.solve.joined import add_from_fixed
 from clothfit.kernels.kernel import kernel
@@ -36,6 +38,7 @@ class Inputs(NamedTuple):
     coupled: Indices  # the springs of which one end is such a vertex and the other is free
     wind_base: Array  # (3,), m/s, of the scene
     gravity_base: Array  # (3,), m/s²
+    fitted: FittedPaths  # pins whose paths are fitted
     gusts: Array  # (K, 3), m/s, the values of the wind's keys where they are fitted; else none
     share: Array  # (R, K), of each of them in a row of `wind`
     counted: Array  # (3,), the gradient by the wind up to the step that was swept last
@@ -55,7 +58,7 @@ def constant(wind: Array, gravity: Array, spheres: int, colliders: int) -> Input
     bases = np.array(wind, float), np.array(gravity, float)
     keyed = none, np.zeros((0, 0)), np.zeros(3)
     tables = none, none, places, np.zeros((0, 0, 3))
-    return Inputs(*tables, nobody, nobody, *bases, *keyed, none, none, none, 1, 0)
+    return Inputs(*tables, nobody, nobody, *bases, fitted_paths.none(), *keyed, none, none, none, 1, 0)
 
 
 def check_steps(inputs: Inputs | None, steps: int) -> None:
@@ -68,10 +71,11 @@ def later(inputs: Inputs | None, steps: int) -> Inputs | None:
     """The inputs of a motion that begins so many steps later."""
     if inputs is None:
         return None
-    parts = {name: getattr(inputs, name)[steps:] for name in ("wind", "gravity", "centre", "path")}
+    parts = {name: getattr(inputs, name)[steps:] for name in ("wind", "gravity", "centre", "path", "share")}
     own = inputs.poses
     poses = own and own._replace(first=own.first[steps:], weight=own.weight[steps:])
-    return inputs._replace(**parts, steps=inputs.steps - steps, poses=poses)
+    fitted = fitted_paths.later(inputs.fitted, steps)
+    return inputs._replace(**parts, fitted=fitted, steps=inputs.steps - steps, poses=poses)
 
 
 def with_offset(inputs: Inputs | None, spheres: int, offset: Array) -> Inputs | None:
@@ -112,7 +116,9 @@ def move_colliders(colliders, states):
 
 @kernel
 def share_gradient(inputs, system, t, grad):
-    """Give what step t added to the gradient by the wind to the keys of the wind."""
+    """Give what step t added to the gradient by the wind to the keys of the wind, and that by the pins' places to the
+    keys of their paths.
+    """
     if inputs is not None and len(grad.gusts) > 0:
         row = inputs.share[t + inputs.lead]
         for c in range(3):
@@ -120,12 +126,16 @@ def share_gradient(inputs, system, t, grad):
             inputs.counted[c] = grad.wind[c]
             for k in range(len(row)):
                 grad.gusts[k, c] += row[k] * more
+    if inputs is not None and len(inputs.fitted.pin) > 0:
+        pull_places(inputs.fitted, t + 1, inputs.fitted.change, grad)
+        if not inputs.lead:
+            pull_places(inputs.fitted, t + 2, inputs.fitted.change_later, grad)
 
 
 @kernel
 def set_direction(inputs, system, t, direction):
     """Write the change of the wind in step t: that of its keys, the first K rows of `gusts`, and in the last row what
-    is the same all the time.
+    is the same all the time; and that of the places of the pins.
     """
     if inputs is not None and len(direction.gusts) > 0:
         row = inputs.share[t + inputs.lead]
@@ -134,6 +144,9 @@ def set_direction(inputs, system, t, direction):
             for k in range(len(row)):
                 change += row[k] * direction.gusts[k, c]
             direction.wind[c] = change
+    if inputs is not None and len(inputs.fitted.pin) > 0:
+        push_places(inputs.fitted, t + 1, direction, inputs.fitted.change)
+        push_places(inputs.fitted, t + 1 if inputs.lead else t + 2, direction, inputs.fitted.change_later)
 
 
 def with_constant(direction: Elements) -> Elements:

@@ -124,6 +124,22 @@ def add_from_fixed(joined, scale, w, out):
             store3(fma(splat(rows[k, FREE + e]), z, load3(out, i)), out, i)
 
 
+@kernel
+def add_to_fixed(joined, scale, x, out):
+    """out += scale · the blocks that join fixed vertices to free ones, times the x (n, 3) of these."""
+    if joined is None:
+        return
+    vertices, rows, _, free = joined
+    for k in range(len(rows)):
+        z = splat(0.0)
+        for e in range(4):
+            z = fma(splat(rows[k, FREE + e]), load3(x, vertices[k, e]), z)
+        z = mul(splat(scale), block_product(rows, k, z))
+        for e in range(4):
+            i = vertices[k, e]
+            store3(fma(splat(rows[k, WEIGHT + e] * (1.0 - free[i])), z, load3(out, i)), out, i)
+
+
 def to_scipy(vertices: Indices, rows: Array, order: Indices) -> coo_array:
     """The blocks off the diagonal as a SciPy sparse array (3 m, 3 m), of the m free vertices in ascending order."""
     from scipy.sparse import coo_array

@@ -12,6 +12,7 @@ Arrays are (n, 3); fixed vertices stay.
 from __future__ import annotations
 
 from clothfit.engine.forces import total
+from clothfit.engine.inputs.pin_derivatives import move_pins, pull_sent, send_changes
 from clothfit.engine.system import SYMPLECTIC
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import add, add_mass, add_rows_dot, combine, copy, hold_fixed
@@ -50,6 +51,7 @@ def pullback(system, x, v, v_new, work, x_bar, v_bar, grad):
     total.add_damping(system, x, v, h, lam, gu)
     add_rows_dot(-1.0, lam, v_new, grad.mass)
     add_rows_dot(1.0, lam, v, grad.mass)
+    pull_sent(system.inputs, system, x_bar, v_bar, system.method != SYMPLECTIC)
     add(h, x_bar, v_bar)
     add(1.0, gu, v_bar)
     add(1.0, gy, x_bar)
@@ -69,7 +71,9 @@ def pushforward(system, x, v, v_new, work, dx, dv, direction):
     add(1.0, dv, dw)
     hold_fixed(system.vertex.free, dw)
     if system.method == SYMPLECTIC:
+        move_pins(system.inputs, system, dx, dw)
         add(h, dw, dx)
     else:
+        send_changes(system.inputs, system, dw)
         add(h, dv, dx)
     copy(dw, dv)

@@ -25,6 +25,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.engine.forces import total
+from clothfit.engine.inputs.pin_derivatives import move_pins, pull_pins, pull_through, push_pins
 from clothfit.engine.inputs.tables import couple, set_pins
 from clothfit.engine.solve import guess, linear, sparse
 from clothfit.engine.solve.joined import joined
@@ -181,6 +182,7 @@ def pull_iteration(system, x, v, w, u, later, tolerance, work, x_bar, v_bar, gra
     add_rows_dot(1.0, lam, v, grad.mass)
     add_mass(mass, 1.0, lam, v_bar)
     add(1.0, gy, x_bar)
+    pull_pins(system.inputs, system, y, lam, A, w_bar, x_bar, b)
     if later:
         # y = x + h u and s = h (w − u): ū = h (gy − h K λ) + gu, and −h² K λ = A λ − M λ + h D λ
         sparse.multiply(A, lam, w_bar)
@@ -188,6 +190,7 @@ def pull_iteration(system, x, v, w, u, later, tolerance, work, x_bar, v_bar, gra
         total.add_damping(system, y, u, h, lam, w_bar)
         add(h, gy, w_bar)
         add(1.0, gu, w_bar)
+        pull_through(system.inputs, b, w_bar)
 
 
 @kernel
@@ -239,5 +242,7 @@ def push_iteration(system, x, v, w, u, later, tolerance, work, dx, dv, direction
     add_mass(mass, 1.0, dv, b)
     add_mass(direction.mass, 1.0, v, b)
     add_mass(direction.mass, -1.0, w, b)
+    push_pins(system.inputs, system, y, dx, du, later, s, A, b)
     hold_fixed(free, b)
     linear.solve(A, b, tolerance, work.solver, dw, True)
+    move_pins(system.inputs, system, dx, dw)

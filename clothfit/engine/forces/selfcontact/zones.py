@@ -88,7 +88,7 @@ def pull(zones, vertex, h, x_bar, v_bar, grad):
         total[:] = 0.0
         for e in range(zones.first[z], zones.first[z + 1]):
             i = zones.member[e]
-            if vertex.free[i] and fixed == 0:
+            if vertex.free[i]:
                 for c in range(3):
                     total[c] += v_bar[i, c] + h * x_bar[i, c]
         for e in range(zones.first[z], zones.first[z + 1]):
@@ -99,6 +99,9 @@ def pull(zones, vertex, h, x_bar, v_bar, grad):
                     if fixed == 0:
                         v_bar[i, c] += vertex.mass[i] / mass * total[c]
                         grad.mass[i] += (zones.found[e, c] - mean[c]) * total[c] / mass
+            else:
+                for c in range(3):
+                    v_bar[i, c] += total[c] / fixed
 
 
 @kernel
@@ -115,6 +118,9 @@ def push(zones, vertex, h, direction, dx, dv):
                 for c in range(3):
                     more = vertex.mass[i] * dv[i, c] + direction.mass[i] * (zones.found[e, c] - mean[c])
                     change[c] += more / mass
+            elif not vertex.free[i]:
+                for c in range(3):
+                    change[c] += dv[i, c] / fixed
         for e in range(zones.first[z], zones.first[z + 1]):
             i = zones.member[e]
             if vertex.free[i]:
