@@ -41,7 +41,7 @@ def led(method="implicit", newton=1, fit=FIT, settings="nn", touch=True, **field
         {"vertices": [1], "posKeys": keys([-0.01, 0.015, 0.04], [(0, 0, 0), (0.02, 0.05, 0), (0, 0, 0)])},
         {"vertices": [0], "posKeys": keys([0, 0.02], [(0, 0, 0), (0, 0.004, 0.01)], interpolation="hold")},
     ]  # fmt: skip
-    rubbing = {**ball((1.0, -0.748, 1.0), 0.75), "friction": 0.4, "thickness": 0.01}
+    rubbing = {**ball((1.0, -0.748, 1.0), 0.75), "friction": 0.4, "thickness": 0.03}
     turning = {"rotKeys": keys([0, 0.1], [(0, 0, 0), (5, 10, 3)]), "posKeys": keys([0, 0.1], [(0, 0, 0), (0.1, 0, 0)])}
     whole = {"colliders": [rubbing], "frame": turning} if touch else {}
     return scene(
