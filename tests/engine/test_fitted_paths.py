@@ -1,23 +1,17 @@
 """Paths of pins that a fit finds: what they do, their derivatives with all that they meet, and fits."""
 
-import json
 
 import numpy as np
 import pytest
-from helpers.derivatives import assert_dense_sensitivity, assert_gradient_and_tangent
+from helpers.derivatives import assert_gradient_and_tangent
 from helpers.physics import METHODS, ball, scene, sheet, xyz
 
 from clothfit.derivative.columns import columns
 from clothfit.derivative.sensitivity import at_start, sweep, tangents
-from clothfit.engine.system import build, mobile
-from clothfit.fit.estimate import estimate
-from clothfit.motion.motion import Motion
+from clothfit.engine.system import mobile
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.optimise.balances import balances, track
-from clothfit.objective.target import target
-from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import dumps, load, save
+from clothfit.scene.fit_vector import parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
 

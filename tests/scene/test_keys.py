@@ -7,6 +7,8 @@ import pytest
 from helpers.physics import xyz
 from helpers.scenes import MISSING, changed, document, load_text, problems, sphere
 
+from clothfit.objective.identifiability import identifiable
+from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import dumps, load
 
 PIN = {"vertices": [0, 3], "posKeys": {"times": [0, 1], "values": [xyz((0, 0, 0)), xyz((1, 0, 0))]}}
@@ -49,6 +51,11 @@ FAULTS = [
     (("objects", 0, "pins"), [PIN, PIN], "objects[0].pins[1].vertices[0]: vertex 0 is in pins[0] as well"),
     (("fit",), {"windVelKeys": "G"}, 'fit.windVelKeys: "G" is not one of "n", "L"'),
     (POSITION, MISSING, "objects[0].pins[0]: needs posKeys, rotKeys or both"),
+    (("objects", 0, "fit"), {"posKeys": "G"}, 'objects[0].fit.posKeys: "G" is not one of "n", "L"'),
+    (("objects", 0, "fit"), {"pinOffset": "L"}, 'objects[0].fit.pinOffset: "L" is not one of "n", "G"'),
+    (("objects", 0, "fit"), {"bounds": {"path": [1, 0]}}, "objects[0].fit.bounds.path: the lower bound 1 must be"),
+    (("objects", 0, "pinOffset"), {"x": 0, "y": 0}, "objects[0].pinOffset.z: is missing, and it has no default"),
+    (("objects", 0, "pinOffset"), {"x": 0, "y": 0, "z": 1e999}, "objects[0].pinOffset.z: "),
 ]
 
 
@@ -65,6 +72,45 @@ def test_only_keys_in_the_scene_can_be_fitted():
         "fit.windVelKeys: keys of a file cannot be fitted; write times and values into the scene"
     ]
     assert problems(changed(made, WIND, MISSING)) == ["fit.windVelKeys: there are no windVelKeys to fit"]
+
+
+@pytest.mark.parametrize("field", ["posKeys", "pinOffset"])
+def test_paths_and_offsets_are_those_of_pins(field):
+    made = scene()
+    made["objects"][0]["fit"] = {field: True if field == "pinOffset" else "L"}
+    assert load(made).blocks[-1].count == (3 if field == "pinOffset" else 6)
+    of_a_file = changed(made, POSITION, {"file": "path.csv"})
+    said = "no pin has posKeys with times and values in the scene; those of a file cannot be fitted"
+    if field == "posKeys":
+        assert problems(of_a_file) == [f"objects[0].fit.posKeys: {said}"]
+    else:
+        assert load(of_a_file).blocks[-1].count == 3
+    assert problems(changed(made, ("objects", 0, "pins"), [])) == [f"objects[0].fit.{field}: the object has no pins"]
+
+
+def test_only_the_values_of_fitted_paths_change_in_a_file():
+    made = scene()
+    made["objects"][0]["fit"] = {"posKeys": "L", "pinOffset": "G"}
+    made["objects"][0]["pins"].insert(0, {"vertices": [1], "posKeys": {"file": "path.csv"}})
+    made["objects"][0]["vertIsFixed"][1] = True
+    text = json.dumps(made)
+    loaded = load_text(text)
+    p = parameters(loaded)
+    assert p.tolist() == [0, 0, 0, 1, 0, 0, 0, 0, 0]
+    assert dumps(with_parameters(loaded, p)) == text.encode()
+    moved = json.loads(dumps(with_parameters(loaded, p + [0, 0, 0, 0.5, 2, 0, 0, -1, 0])))
+    expected = json.loads(text)
+    expected["objects"][0]["pins"][1]["posKeys"]["values"][1] = xyz((1.5, 2, 0))
+    expected["objects"][0]["pinOffset"] = xyz((0, -1, 0))
+    assert moved == expected
+
+
+def test_of_a_path_the_key_at_time_0_is_not_identifiable():
+    made = scene()
+    pin = made["objects"][0]["pins"][0]
+    pin["posKeys"] = {"times": [-1, 0, 1], "values": [xyz((0, 0, 0))] * 3}
+    made["objects"][0]["fit"] = {"posKeys": "L"}
+    assert identifiable(load(made)).tolist() == [True] * 3 + [False] * 3 + [True] * 3
 
 
 def test_keys_survive_saving_to_the_byte():

@@ -38,7 +38,7 @@ def test_the_table_names_the_elements_and_the_fields_of_the_schema():
     asked = [kind for kind in KINDS if kind.name not in LETTERED]
     own, whole = (part["properties"] for part in (SCHEMA["$defs"]["object"], SCHEMA))
     for kind in KINDS:
-        assert kind.of == "collider" or kind.field in (whole if kind in SCENE_KINDS else own)
+        assert kind.of in ("collider", "key") or kind.field in (whole if kind in SCENE_KINDS else own)
     for properties, kinds in ((own, CLOTH_KINDS), (whole, SCENE_KINDS)):
         fields = dict(properties["fit"]["properties"])
         bounded = CLOTH_KINDS if kinds is CLOTH_KINDS else KINDS
@@ -192,7 +192,8 @@ def test_elements_are_values_of_what_is_fitted_and_empty_for_the_rest():
     made = load_text(json.dumps(full({"springRestLength": "G"}, whole=["gravity"])))
     p = parameters(made)
     values, change = elements(made, 0, p), changes(made, 0, p, p)
-    assert [len(part) for part in values] == [len(part) for part in change] == [9, 16, 0, 0, 0, 16, 0, 3, *[0] * 4]
+    sizes = [9, 16, 0, 0, 0, 16, 0, 0, 0, 3, *[0] * 4]
+    assert [len(part) for part in values] == [len(part) for part in change] == sizes
     system = build(made, 0)
     for mine, its in zip(all_elements(with_elements(system, values))[2:], all_elements(system)[2:], strict=True):
         np.testing.assert_array_equal(mine, its)  # the factor is exactly 1
