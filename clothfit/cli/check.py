@@ -90,6 +90,8 @@ def show(found: SceneCheck, scene: Scene, chosen: bool, target_path: str | None,
     console.table([("test", "measured", "bar", "verdict"), *map(row, found.tests)])
     if found.left_out:
         console.result(found.left_out)
+    for each in found.unseen:
+        console.result(f"{each} did not act in these frames, so nothing is known of its derivatives; try more --steps")
 
 
 def row(test: Finding) -> tuple[str, ...]:
@@ -130,4 +132,5 @@ def summary(found: SceneCheck, target_path: str | None) -> dict[str, Any]:
         "tests": [test._asdict() for test in found.tests],
         "longest_step": found.reach,
         "left_out": found.left_out or None,
+        "unseen": found.unseen,
     }

@@ -70,14 +70,14 @@ SECTIONS = {  # of the help
               "auto: the simplest of F, R, M and L, unless a freer one is clearly better on frames that are kept out.  "
               "[default: the flags]")
 @click.option("--substeps", metavar="K",
-              help="Time steps to a frame of the target; auto: as many as pay.  [default: auto for scenes with BDF2, "
-              "else the scene's step]")
+              help="Time steps to a frame of the target, or auto, which takes more where the fit gains by them.  "
+              "[default: auto for scenes with BDF2, else the scene's step]")
 @click.option("--keep-step", is_flag=True, help="Keep the scene's time step and integrator.")
 @click.option("--start", metavar="VALUE|SCENE",
               help="Values to start from.  [default: the scene's values with --target, else a coarse search]")
 @click.option("--bounds", "bounds", metavar="KIND=LOW:HIGH", multiple=True,
               help="Bounds of a kind of value in its unit, such as stiffness=1:1e6; may be repeated.  "
-              "[default: those of the scene, else 1e-4 to 1e4 and wider around its own values]")
+              "[default: the scene's, else 1e-4 to 1e4, or more where its values lie outside]")
 @click.option("--method", default="auto", metavar="NAME",
               help="Optimiser: auto, momentum, gauss-newton, l-bfgs-b or another one of SciPy.  [default: auto]")
 @click.option("--budget", "time_budget", metavar="SECONDS",
@@ -91,8 +91,8 @@ SECTIONS = {  # of the help
 @click.option("--checkpoint", metavar="FILE", help="Save the state of the fit here.  [default: <output>.checkpoint]")
 @click.option("--resume", is_flag=True, help="Continue an interrupted fit from its checkpoint.")
 @click.option("--prior", default="auto", metavar="TAU",
-              help="Width of the prior around the start in log parameters; none; auto: estimated from the data.  "
-              "[default: auto]")
+              help="Prior width of the values around the start, in their logarithms; or none; or auto, which the data "
+              "determine.  [default: auto]")
 @click.option("--holdout", type=float, metavar="FRACTION",
               help="Exclude this share of the target, and report the error on it.")
 @click.option("--holdout-of", default="frames", metavar="WHAT",

@@ -80,14 +80,21 @@ def of_scene(scene_path: str, as_json: bool, console: Console) -> None:
     from clothfit.inspection.doubts import doubts
     from clothfit.inspection.forecast import forecast
     from clothfit.inspection.inputs import inputs_of
-    from clothfit.inspection.overview import beyond_bounds, beyond_editor, facts, flagged, unknown_fields
+    from clothfit.inspection.overview import (
+        beyond_bounds,
+        beyond_editor,
+        facts,
+        flagged,
+        misspelt_fields,
+        unknown_fields,
+    )
     from clothfit.scene.mesh_numbering import numberings
 
     objects, wanted = [facts(cloth) for cloth in scene.cloths], flagged(scene)
     parted = [divisions(cloth) for cloth in scene.cloths]
     ahead, strange = forecast(scene), unknown_fields(scene)
     meshes = [None if each is None else len(each) for each in numberings(scene)]
-    for sentence in beyond_bounds(scene):
+    for sentence in (*misspelt_fields(scene), *beyond_bounds(scene)):
         console.warn(f"{scene.name}: {sentence}")
     unlikely = [doubts([b - a for a, b in zip(own.low, own.high, strict=True)], own.mass.total) for own in objects]
     for index, sentences in enumerate(unlikely):

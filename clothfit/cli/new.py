@@ -66,8 +66,8 @@ SECTIONS = {
 @click.option("--no-bending", is_flag=True, help="Make springs along edges only.")
 @click.option("--damping", type=float, default=0.1, metavar="A",
               help="Damping of vertices and springs.  [default: 0.1]")
-@click.option("--drag", metavar="C|air", help="Drag coefficient of the faces; air: that of real air, which is fitted "
-              "as well where the wind is.  [default: 0.1; air where the wind is fitted]")
+@click.option("--drag", metavar="C|air", help="Drag coefficient of the faces, or air for that of real "
+              "air.  [default: 0.1; where the wind is fitted, air, which is then fitted too]")
 @click.option("--fix-box", multiple=True, metavar="X,Y,Z:X,Y,Z",
               help="Fix the vertices in the box between two corners.")
 @click.option("--fix-vertices", metavar="0,11,20-30", help="Fix vertices by their numbers in the mesh.")
@@ -81,7 +81,7 @@ SECTIONS = {
 @click.option("--wind", metavar="X,Y,Z", help="Wind in m/s.  [default: none]")
 @click.option("--fit", multiple=True, metavar="LETTERS|NAME[=L]",
               help="Parameters to fit. Two letters for masses and stiffnesses: n none, F one factor on what is there, "
-              "R one per family and region, M a smooth map, G one value for all, which flattens, L each its own; or "
+              "R one per family and region, M a smooth map, G the same for all, L each its own; or "
               "damping, drag, velocity, rest, wind, gravity.  [default: nF]")
 @click.option("--integrator", default="bdf2", metavar="NAME",
               help="Integrator: bdf2, of second order; or implicit, symplectic or explicit, of first order, which "

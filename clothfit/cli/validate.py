@@ -55,7 +55,7 @@ def command(scene_paths: tuple[str, ...], as_json: bool, console: Console) -> No
 def judge(path: str) -> Verdict:
     """Look at a file."""
     from clothfit.inspection.inputs import check
-    from clothfit.inspection.overview import beyond_editor
+    from clothfit.inspection.overview import beyond_editor, misspelt_fields
     from clothfit.scene.mesh_numbering import numberings
     from clothfit.scene.scene import load
 
@@ -66,7 +66,8 @@ def judge(path: str) -> Verdict:
             check(scene)
     except InvalidScene as error:
         return Verdict(path, better(error, path), ())
-    return Verdict(scene.name if path == STREAM else path, None, scene.warnings, beyond_editor(scene))
+    warnings = (*scene.warnings, *misspelt_fields(scene))
+    return Verdict(scene.name if path == STREAM else path, None, warnings, beyond_editor(scene))
 
 
 def show(verdict: Verdict, alone: bool, console: Console) -> None:

@@ -21,6 +21,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.derivative.verify import PRODUCT, direction_of
 from clothfit.engine.forces.spheres import STIFFNESS
+from clothfit.engine.rollout import Rollout
 from clothfit.engine.stability import drags
 from clothfit.inspection.ladder import (
     FAILED,
@@ -71,6 +72,7 @@ class SceneCheck:
     tests: tuple[Finding, ...]  # Taylor, difference, dot product
     reach: float  # the longest step, relative to the values, that was short enough; 0: none
     switch: str  # which contact longer steps switch; empty: none is known
+    unseen: tuple[str, ...] = ()  # of what the tests show nothing, in words
 
     @property
     def verdict(self) -> str:
@@ -139,7 +141,21 @@ def check_scene(
         product(objective, other, p, d, rng, rounding),
     )
     reach = short[-1].t if short else 0.0
-    return SceneCheck(scene.name, count, tuple(scene.blocks), flagged, tests, reach, beyond)
+    unseen = () if scene.self_contact is None or touches_itself(objective, p) else ("self-contact",)
+    return SceneCheck(scene.name, count, tuple(scene.blocks), flagged, tests, reach, beyond, unseen)
+
+
+def touches_itself(objective: Objective, p: Array) -> bool:
+    """Whether any cloth touches itself in a step of its motion at p (P,)."""
+    found = []
+
+    def look(chunk: Rollout) -> None:
+        if chunk.touches is not None:
+            found.extend(len(touch.numbers) > 0 or touch.zones is not None for touch in chunk.touches)
+
+    for run in objective.runs:
+        objective.simulate(run, p, look)
+    return any(found)
 
 
 def default_frames(scene: Scene) -> int:

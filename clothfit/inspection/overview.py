@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.base.messages import named, owned, place
+from clothfit.base.messages import meant, named, owned, place
 from clothfit.meshes.mesh import keys
 from clothfit.meshes.topology import across, components, edges
 from clothfit.scene import schema as structure
@@ -17,6 +19,12 @@ from clothfit.scene.cloth import Cloth
 from clothfit.scene.kinds import INTEGRATORS, OF_THE_EDITOR
 from clothfit.scene.mesh_numbering import FIELD
 from clothfit.scene.scene import Scene
+
+KEYED = ("windVelKeys", "gravityKeys", "posKeys", "rotKeys", "motion")
+"""Fields that hold keys."""
+
+ALIKE = 0.85
+"""Share of letters in order that two names have in common which may be meant for each other."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +80,8 @@ def beyond_editor(scene: Scene) -> str | None:
             return "the front end in Unity has no colliders but plain spheres, and nothing that changes over time"
         return "the front end in Unity does not know of inputs over time: there they stay" if scene.moves else None
     return (
-        f"the editor in Unity cannot play its step ({name}, integrationMethod {scene.method}), `clothfit simulate` "
-        "can; for a cloth that Unity is to play, `new --integrator implicit`, and fit with that"
+        f"the editor in Unity cannot play its step ({name}, integrationMethod {scene.method}); a scene for Unity is "
+        "made with `new --integrator implicit`"
     )
 
 
@@ -151,15 +159,42 @@ def beyond_bounds(scene: Scene) -> list[str]:
 
 def unknown_fields(scene: Scene) -> list[str]:
     """The places of fields that neither the format nor this program knows; each field once, where it occurs first."""
-    document = json.loads(scene.source.text)
-    known = {kind: structure.fields(kind) for kind in ("scene", "object", "collider", "selfCollision")}
-    known["object"] |= {FIELD}
-    owners: list[tuple[str, tuple[str | int, ...], Any]] = [("scene", (), document)]
-    owners += [("object", ("objects", i), item) for i, item in enumerate(document["objects"])]
-    owners += [("collider", ("colliders", i), item) for i, item in enumerate(document.get("colliders", []))]
-    owners += [("selfCollision", ("selfCollision",), document.get("selfCollision") or {})]
-    found: dict[tuple[str, str], str] = {}
-    for kind, path, item in owners:
-        for name in item.keys() - known[kind]:
-            found.setdefault((kind, name), place((*path, named(name))))
-    return sorted(found.values())
+    return sorted(found for found, _ in strange_fields(scene))
+
+
+def misspelt_fields(scene: Scene) -> list[str]:
+    """A sentence for each of these fields whose name is nearly that of one which the program knows and the scene lacks.
+    """
+    asked = [(where, question) for where, question in strange_fields(scene) if question]
+    return [f"{where}: the program knows no such field, and keeps it{question}" for where, question in sorted(asked)]
+
+
+def strange_fields(scene: Scene) -> list[tuple[str, str]]:
+    """The places of unknown fields, each once, and the question whether another name was meant, or nothing."""
+    found: dict[tuple[str, str], tuple[str, str]] = {}
+    for kind, path, item in owners(json.loads(scene.source.text)):
+        known = structure.fields(kind) | ({FIELD} if kind == "object" else set())
+        for name in sorted(item.keys() - known):
+            found.setdefault((kind, name), (place((*path, named(name))), near(name, known - item.keys())))
+    return list(found.values())
+
+
+def near(wrong: str, names: Collection[str]) -> str:
+    """Asks for the name that is the same but for case, or for a letter or two of many; nothing where none is."""
+    best = [name for name in names if name.lower() == wrong.lower()]
+    likely = get_close_matches(wrong.lower(), {name.lower() for name in names}, 1, ALIKE)
+    return meant(wrong, best or [name for name in names if name.lower() in likely])
+
+
+def owners(document: Any) -> Iterator[tuple[str, tuple[str | int, ...], Any]]:
+    """The objects of a document whose fields the format lists: their names in the schema, and their places."""
+    yield "scene", (), document
+    own: list[tuple[str, tuple[str | int, ...], Any]] = []
+    for i, item in enumerate(document["objects"]):
+        own += [("object", ("objects", i), item)]
+        own += [("pin", ("objects", i, "pins", j), pin) for j, pin in enumerate(item.get("pins", []))]
+    own += [("collider", ("colliders", i), item) for i, item in enumerate(document.get("colliders", []))]
+    own += [(name, (name,), document[name]) for name in ("selfCollision", "frame") if document.get(name)]
+    yield from own
+    for _, path, item in [("scene", (), document), *own]:
+        yield from (("keys", (*path, name), item[name]) for name in KEYED if isinstance(item.get(name), dict))

@@ -174,7 +174,7 @@ def packed(scene: Path | Scene) -> File:
         return read(scene)
     from clothfit.scene.scene import dumps
 
-    return File(dumps(scene), scene.name)
+    return File(dumps(scene), scene.name, scene.folder)
 
 
 def packed_targets(targets: Any, main: Path | Scene) -> tuple[JobTarget, ...]:

@@ -47,6 +47,7 @@ class File(NamedTuple):
 
     data: bytes
     name: str
+    folder: str | None = None  # that paths in it are relative to; None: the current one
 
 
 JobTarget: TypeAlias = "tuple[File | Recorded, File | None]"
@@ -103,7 +104,7 @@ def read(path: str | os.PathLike[str]) -> File:
 
     try:
         with unchanged(path) as file:
-            return File(content(file), name_of(path))
+            return File(content(file), name_of(path), os.path.dirname(os.path.abspath(os.fspath(path))))
     except (OSError, ValueError) as error:
         raise InvalidInput(f"{name_of(path)}: {unreadable(error)}") from None
 
@@ -172,4 +173,4 @@ def loaded(file: File) -> Scene:
 
     opened = Named(file.data)
     opened.name = file.name
-    return load(opened)
+    return load(opened, folder=file.folder)

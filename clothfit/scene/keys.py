@@ -8,7 +8,7 @@ is then.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,6 +20,12 @@ INTERPOLATIONS = ("linear", "smooth", "hold")
 """How values lie between two keys: on a line, on a cubic spline of two continuous derivatives, as at the key before."""
 
 MOST_KEYS = 1_000_000
+
+OF_FILES = ("windVelKeys", "gravityKeys", "posKeys", "rotKeys", "motion", "mesh")
+"""Fields that may name a file."""
+
+LISTS = ("objects", "pins", "colliders")
+"""Lists of what may have such fields."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,3 +172,42 @@ def pins(items: Sequence[Any], fixed: Flags, place: str, folder: str, problems: 
             centre = None if pivot is None else np.array([pivot["x"], pivot["y"], pivot["z"]], float)
             found.append(Pin(np.array(vertices, np.int32), position, rotation, centre))
     return tuple(found)
+
+
+def files_from(document: Mapping[str, Any], folder: str, to: str) -> dict[str, Any]:
+    """Where paths of files in a document change when it moves from a folder `to` another one, nested as they are in it;
+    items of lists by their places.
+    """
+    old, new = os.path.realpath(folder), os.path.realpath(to)
+
+    def moved(path: str) -> str:
+        """The path from the new folder."""
+        if os.path.isabs(path) or old == new:
+            return path
+        place, name = os.path.split(os.path.join(old, path))
+        try:
+            way = os.path.relpath(os.path.realpath(place), new)
+            return os.path.normpath(os.path.join(way, name)).replace(os.sep, "/")
+        except ValueError:  # on another drive
+            return os.path.join(place, name)
+
+    return _changed_files(document, moved)
+
+
+def _changed_files(item: Mapping[str, Any], moved: Callable[[str], str]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in item.items():
+        if name in LISTS and isinstance(value, list):
+            found[name] = {i: _changed_files(each, moved) for i, each in enumerate(value)}
+        elif name == "frame" and isinstance(value, dict):
+            found[name] = _changed_files(value, moved)
+        elif name in OF_FILES and isinstance(value, dict) and isinstance(value.get("file"), str):
+            found[name] = {"file": moved(value["file"])}
+        elif name == "mesh" and isinstance(value, str):
+            found[name] = moved(value)
+    return {name: kept for name, value in found.items() if (kept := _without_nothing(value))}
+
+
+def _without_nothing(value: Any) -> Any:
+    """A nest without places that have nothing in them."""
+    return {place: each for place, each in value.items() if each} if isinstance(value, dict) else value

@@ -7,6 +7,7 @@ the rest of the package knows these fields.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,7 +28,7 @@ from clothfit.scene.block import Block, flagged
 from clothfit.scene.bounds import Bounds, from_file
 from clothfit.scene.cloth import PLANE, Cloth, Collider, SelfContact, Sphere, obstacles, self_contact
 from clothfit.scene.cloth import vector as _vector
-from clothfit.scene.keys import Frame, Keys, Pin, frame, keys, pins
+from clothfit.scene.keys import Frame, Keys, Pin, files_from, frame, keys, pins
 from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
 from clothfit.scene.splice import Optional, splice
 from clothfit.scene.text import Readable, Source, constant_problem, name_of, parse, read
@@ -65,6 +66,7 @@ class Scene:
     colliders: tuple[Collider, ...] = ()  # the other obstacles
     offset: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, read-only: of all obstacles, from their `pos`
     self_contact: SelfContact | None = None  # of each cloth with itself; None: cloths pass through themselves
+    folder: str = ""  # that paths in its text are relative to; empty: the current one
     main: Scene | None = None  # whose values the factors of modes F, R and M multiply; None: this one's
 
     def __post_init__(self) -> None:
@@ -225,10 +227,11 @@ def check_is_scene(scene: object) -> None:
         raise InvalidInput(f"scene: a path is given, {path!r}; load it: clothfit.load({path!r})")
 
 
-def load(path_or_file: Readable) -> Scene:
+def load(path_or_file: Readable, *, folder: str | None = None) -> Scene:
     """Load a scene from a path, an open text or binary file, or a dict with the fields of the file.
 
-    Raises InvalidScene when it cannot be read or breaks the format, and no other error.
+    Paths in it are relative to `folder`, by default that of its file, or else the current one. Raises InvalidScene when
+    it cannot be read or breaks the format, and no other error.
     """
     name = name_of(path_or_file)
     source = read(path_or_file)
@@ -237,7 +240,8 @@ def load(path_or_file: Readable) -> Scene:
     if problems:
         raise InvalidScene(problems, name)
     document = {**structure.defaults("scene"), **parsed.document}
-    folder = os.path.dirname(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else ""
+    if folder is None:
+        folder = os.path.dirname(os.fspath(path_or_file)) if isinstance(path_or_file, (str, os.PathLike)) else ""
     cloths = tuple(_cloth(item, f"objects[{i}]", folder, problems) for i, item in enumerate(document["objects"]))
     inputs = _inputs(document, folder, problems)
     touched = obstacles(document, folder, problems)
@@ -247,19 +251,20 @@ def load(path_or_file: Readable) -> Scene:
     asked = from_file(document["fit"].get("bounds", {}), KINDS, "fit.bounds", problems)
     if problems:
         raise InvalidScene(problems, name)
-    return _scene(document, tuple(cloth for cloth in cloths if cloth), inputs, touched, asked, name, source)
+    made = _scene(document, tuple(cloth for cloth in cloths if cloth), inputs, touched, asked, name, source)
+    return replace(made, folder=os.path.abspath(folder))
 
 
 def save(scene: Scene, path_or_file: str | os.PathLike[str] | IO[str] | IO[bytes]) -> None:
     """Save a scene to a path, whole or not at all, or to an open text or binary file.
 
-    Only numbers that have changed differ from the text that was loaded. Raises InvalidInput when the path cannot be
-    written; errors of an open file pass through.
+    Only numbers that have changed differ from the text that was loaded; in another folder, paths of files lead to where
+    they led before. Raises InvalidInput when the path cannot be written; errors of an open file pass through.
     """
-    data = dumps(scene)
     if isinstance(path_or_file, (str, os.PathLike)):
-        write_atomically(path_or_file, data)
+        write_atomically(path_or_file, dumps(scene, folder_of(path_or_file)))
         return
+    data = dumps(scene)
     file: IO[Any] = path_or_file
     try:
         file.write(data)
@@ -267,8 +272,15 @@ def save(scene: Scene, path_or_file: str | os.PathLike[str] | IO[str] | IO[bytes
         file.write(data.removeprefix(scene.source.mark).decode(scene.source.encoding))
 
 
-def dumps(scene: Scene) -> bytes:
-    """Give the text of a scene: the one it came from, but for the values that differ."""
+def folder_of(path: str | os.PathLike[str]) -> str:
+    """The folder of a file."""
+    return os.path.dirname(os.path.abspath(os.fspath(path)))
+
+
+def dumps(scene: Scene, folder: str | None = None) -> bytes:
+    """Give the text of a scene: the one it came from, but for the values that differ, and for paths where it goes to
+    another `folder`.
+    """
     objects = [_object(cloth) for cloth in scene.cloths]
     whole: dict[str, Any] = {kind.field: _plain(scene, kind) for kind in SCENE_KINDS}
     gusts, *_ = [whole.pop(KIND[name].field) for name in ("gusts", "friction", "contact")]
@@ -281,7 +293,20 @@ def dumps(scene: Scene) -> bytes:
     kept = structure.defaults("scene")["optimizationIterations"]
     whole |= {"integrationMethod": scene.method, "delta": scene.delta}
     whole["optimizationIterations"] = Optional(scene.frames, scene.frames != kept)
+    if folder is not None and os.path.realpath(folder) != os.path.realpath(scene.folder):
+        files = files_from(json.loads(scene.source.text), scene.folder, folder)
+        for i, each in files.pop("objects", {}).items():
+            objects[i] = _together(objects[i], each)
+        whole = _together(whole, files)
     return scene.source.encode(splice(scene.source.text, objects, whole))
+
+
+def _together(values: Mapping[Any, Any], others: Mapping[Any, Any]) -> dict[Any, Any]:
+    """Two nests of values as one."""
+    made = dict(values)
+    for name, value in others.items():
+        made[name] = _together(made[name], value) if isinstance(made.get(name), dict) else value
+    return made
 
 
 def _object(cloth: Cloth) -> dict[str, Any]:

@@ -16,7 +16,7 @@ pytestmark = [
 
 KEYS = {
     "schema_version", "command", "scene", "verdict", "frames", "target", "flagged", "parameters", "tests",
-    "longest_step", "left_out", "seconds",
+    "longest_step", "left_out", "unseen", "seconds",
 }  # fmt: skip
 NAMES = ["Taylor", "difference", "dot product"]
 
@@ -102,6 +102,15 @@ def test_a_large_cloth_is_looked_at_over_fewer_steps_and_that_is_said(path, caps
     assert code == 0
     assert "the first 10 of 29 steps; --steps checks others\n" in err
     assert json.loads(said(capsys, path, "--json", "--steps", "20")[1])["frames"] == 21
+
+
+def test_self_contact_that_does_not_act_is_told(path, capsys, tmp_path):
+    apart = {"selfCollision": {"thickness": 0.01}}
+    for made, unseen in ((trial("nG", 4, 3, 3, **apart), ["self-contact"]), (trial("nG", 4, 3, 3), [])):
+        scene = write_scene(tmp_path, made, "apart.json")
+        assert json.loads(said(capsys, scene, "--json")[1])["unseen"] == unseen
+        told = "self-contact did not act in these frames" in said(capsys, scene)[1]
+        assert told == bool(unseen)
 
 
 def test_a_target_of_ones_own(path, capsys):

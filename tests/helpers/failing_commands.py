@@ -32,6 +32,10 @@ from helpers.scenes import MISSING, changed, even, trial
 EVALUATE, SPEED, TARGET = "evaluate scene.json ", "evaluate scene.json --speed ", "target scene.json "
 NOTHING = trial("nn", 5)
 OTHER = trial("nG", 5, nx=3)
+GUSTY = trial(
+    "nG", 5, fit={"windVelKeys": "L"},
+    windVelKeys={"times": [0, 1], "values": [{"x": 0, "y": 0, "z": 0}, {"x": 1, "y": 0, "z": 0}]},
+)  # fmt: skip
 HELD = trial("nG", 5, vertIsFixed=[True] * VERTICES)
 UNSEEN = {**GOOD, "observed": np.zeros((5, VERTICES), bool)}
 HARD = even("nG", 60, integrationMethod=0, delta=0.004, springStiffness=[1e3] * SPRINGS)  # explicit steps are too long
@@ -210,6 +214,9 @@ TOGETHER = {
     ),
     "objects[…] has … values of …, … are needed": fit("--start other.json", **{"other.json": OTHER}),
     "its objects have …, those of …": Case(EVALUATE + "other.json", {"other.json": OTHER}),
+    "…: … in this scene, … in …; a fit of both needs as many": fit(
+        "--target good.npz@other.json", GUSTY, **{"other.json": trial("nG", 5)}
+    ),
     "shows no observed vertex in the first … s": Case(
         EVALUATE + "scene.json --target bad.npz", {"bad.npz": UNSEEN}
     ),

@@ -8,7 +8,16 @@ from helpers.paths import EXAMPLES
 from helpers.scenes import cloth, document, sphere, trial
 
 from clothfit import load
-from clothfit.inspection.overview import Flagged, beyond_bounds, facts, flagged, spread, spring_kinds, unknown_fields
+from clothfit.inspection.overview import (
+    Flagged,
+    beyond_bounds,
+    facts,
+    flagged,
+    misspelt_fields,
+    spread,
+    spring_kinds,
+    unknown_fields,
+)
 from clothfit.meshes import mesh
 from clothfit.meshes.new_scene import new_scene
 
@@ -115,3 +124,17 @@ def test_fields_that_nobody_knows_are_named_once():
     scene = load(document(*objects, colliders=[sphere(name="ball")], **{"my field": 1}))
     assert unknown_fields(scene) == ['"my field"', "colliders[0].name", "objects[0].useBendingSprings"]
     assert unknown_fields(load(trial("nG", 5))) == []
+
+
+def test_a_field_that_is_nearly_a_known_one_is_asked_about():
+    made = trial("nG", 5, selfColision={}, windvelkeys={}, wind=3, colliders=[{**sphere(), "posKey": {}, "colour": 1}])
+    made["objects"][0] |= {"vertNormals": [], "pins": [], "warpp": 0}
+    made["windVelKeys"] = {"times": [0], "values": [{"x": 0, "y": 0, "z": 0}], "interpolatoin": "hold"}
+    assert misspelt_fields(load(made)) == [
+        f"{where}: the program knows no such field, and keeps it; did you mean {meant}?" for where, meant in (
+            ("colliders[0].posKey", "posKeys"), ("objects[0].warpp", "warp"), ("selfColision", "selfCollision"),
+            ("windVelKeys.interpolatoin", "interpolation"),
+        )
+    ]  # fmt: skip
+    del made["windVelKeys"]
+    assert any("windvelkeys: " in each for each in misspelt_fields(load(made)))

@@ -2,6 +2,7 @@
 
 import copy
 import json
+import os
 
 import pytest
 from helpers.physics import xyz
@@ -9,7 +10,7 @@ from helpers.scenes import MISSING, changed, document, load_text, problems, sphe
 
 from clothfit.objective.identifiability import identifiable
 from clothfit.scene.fit_vector import parameters, with_parameters
-from clothfit.scene.scene import dumps, load
+from clothfit.scene.scene import dumps, load, save
 
 PIN = {"vertices": [0, 3], "posKeys": {"times": [0, 1], "values": [xyz((0, 0, 0)), xyz((1, 0, 0))]}}
 
@@ -116,6 +117,37 @@ def test_of_a_path_the_key_at_time_0_is_not_identifiable():
 def test_keys_survive_saving_to_the_byte():
     text = json.dumps(scene())
     assert dumps(load_text(text)) == text.encode()
+
+
+def test_files_are_found_where_they_were_when_a_scene_goes_to_another_folder(tmp_path):
+    made = scene()
+    made["windVelKeys"] = {"file": "gusts.csv", "interpolation": "smooth"}
+    made["objects"][0]["pins"] = [{**PIN, "rotKeys": {"file": "../turn.npz"}}]
+    made["objects"][0]["fit"] = {"posKeys": "L"}
+    made["frame"] = {"posKeys": {"file": "/places/car.csv"}}
+    cube = {"type": 4, "pos": xyz((0, 0, 0)), "scale": xyz((1, 1, 1)), "friction": 0.3}
+    made["colliders"] += [{**cube, "mesh": "body.obj", "motion": {"file": "body.pc2"}}, {**cube, "mesh": {"file": "b"}}]
+    home, away = tmp_path / "home", tmp_path / "a" / "way"
+    home.mkdir()
+    away.mkdir(parents=True)
+    text = json.dumps(made, indent=1)
+    (home / "scene.json").write_text(text)
+    loaded = load(home / "scene.json")
+    save(loaded, home / "other.json")
+    assert (home / "other.json").read_text() == text
+    save(with_parameters(loaded, parameters(loaded) + [0, 0, 0, 1, 0, 0]), away / "scene.json")
+    expected = copy.deepcopy(made)
+    expected["windVelKeys"]["file"] = "../../home/gusts.csv"
+    expected["objects"][0]["pins"][0]["rotKeys"]["file"] = "../../turn.npz"
+    expected["objects"][0]["pins"][0]["posKeys"]["values"][1] = xyz((2, 0, 0))
+    expected["colliders"][1] |= {"mesh": "../../home/body.obj", "motion": {"file": "../../home/body.pc2"}}
+    expected["colliders"][2]["mesh"]["file"] = "../../home/b"
+    assert json.loads((away / "scene.json").read_text()) == expected
+    back = load(away / "scene.json")
+    assert os.path.realpath(back.wind_keys.file) == str(home.resolve() / "gusts.csv")
+    save(loaded, away / "second.json")
+    save(load(away / "second.json"), home / "back.json")
+    assert (home / "back.json").read_text() == text
 
 
 def test_paths_are_relative_to_the_scene(tmp_path):

@@ -137,9 +137,9 @@ def write_scene(scene: Scene, out: Output) -> None:
     If it should replace the file that it was read from, and that has changed meanwhile, the scene goes into a file
     beside it. Raises InvalidInput with the name of that file.
     """
-    from clothfit.scene.scene import dumps
+    from clothfit.scene.scene import dumps, folder_of
 
-    data = dumps(scene)
+    data = dumps(scene, None if out.is_stream else folder_of(out.path))
     if data == out.written:
         return
     if not out.in_place or unchanged(scene, out):
