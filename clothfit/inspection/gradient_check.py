@@ -147,7 +147,7 @@ def check_scene(
 
 def touches_itself(objective: Objective, p: Array) -> bool:
     """Whether any cloth touches itself in a step of its motion at p (P,)."""
-    found = []
+    found: list[bool] = []
 
     def look(chunk: Rollout) -> None:
         if chunk.touches is not None:
