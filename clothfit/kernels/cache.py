@@ -183,6 +183,10 @@ class KernelCache(FunctionCache):
         KernelCache.used = kept[0]
         KernelCache.names.add(name)
         rtsys.initialize(target_context)  # of all that the base class prepares, what code needs that only runs
+        if self._variant:
+            from clothfit.kernels.linking import rebuilt  # needed only to compile
+
+            return rebuilt(target_context, payload)
         return CompileResult._rebuild(target_context, *payload)
 
     def save_overload(self, sig: Any, data: Any) -> None:

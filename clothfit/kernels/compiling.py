@@ -14,20 +14,21 @@ from numba.core import event
 
 from clothfit.base.interrupts import postponed
 from clothfit.kernels.cache import KernelCache
+from clothfit.kernels.linking import ForKernels, ForPython
 
 FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # nothing calls by a C function pointer
 
 
 def for_python(function: Callable[..., object], nogil: bool) -> Any:
     """numba's function for calls from Python."""
-    made = _made(function, "", nogil=nogil)
+    made = _made(function, "", pipeline_class=ForPython, nogil=nogil)
     made._compile_for_args = interruptible(made._compile_for_args)
     return made
 
 
 def for_kernels(function: Callable[..., object]) -> Any:
     """numba's function for calls from kernels."""
-    return _made(function, "inner", no_cpython_wrapper=True)
+    return _made(function, "inner", pipeline_class=ForKernels, no_cpython_wrapper=True)
 
 
 def _made(function: Callable[..., object], variant: str, **flags: Any) -> Any:

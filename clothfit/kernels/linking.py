@@ -1,0 +1,114 @@
+"""What becomes of the code of a kernel: machine code where Python calls it, else only what other code is linked with.
+
+By default numba optimises each function as a whole, with all that it calls, and translates it to machine code. Most
+kernels are only called by kernels, into whose code they are linked and with which they are optimised again, at every
+level of calls anew. So of such a kernel only the code as numba writes it is kept, and all else is done once, for the
+function that Python calls. That is a third of the time of a compilation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import binding
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler, CompileResult, compile_result
+from numba.core.environment import lookup_environment
+
+
+class Linked(JITCodeLibrary):
+    """Code that other code is linked with."""
+
+    def _optimize_final_module(self) -> None:
+        """Do nothing: the code that is linked with this is optimised as a whole."""
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """0: there is no machine code."""
+        return 0
+
+    @property
+    def codegen(self) -> Any:
+        """What `set_env` is called of."""
+        return self
+
+    def set_env(self, name: str, env: Any) -> None:
+        """Do nothing: the code that is linked with this knows its environment, see `Called`."""
+
+    def serialize_using_object_code(self) -> Any:
+        """The name, the kind and the code."""
+        return self.serialize_using_bitcode()
+
+
+class Called(JITCodeLibrary):
+    """Code that Python calls, with that of all kernels that it calls."""
+
+    def _optimize_final_module(self) -> None:
+        """Simplify and inline a little in the first of numba's two rounds, which otherwise only inlines what it must.
+
+        So references that cancel are seen to before the second round judges what is small enough to inline. Without
+        that the large kernels keep some of them, to all arrays of a System: up to three times the duration.
+        """
+        before, self._codegen._opt_level = self._codegen._opt_level, 1
+        try:
+            super()._optimize_final_module()
+        finally:
+            self._codegen._opt_level = before
+
+    def _finalize_specific(self) -> None:
+        super()._finalize_specific()
+        for variable in self._final_module.global_variables:
+            env = lookup_environment(variable.name)
+            if env is not None:
+                self.codegen.set_env(variable.name, env)
+
+
+def rebuilt(context: Any, payload: tuple[Any, ...]) -> CompileResult:
+    """What `CompileResult._reduce` took apart, of a kernel that other kernels call."""
+    (name, _, code), described, env, signature, objectmode, lifted, annotation, reload_init, environments = payload
+    for function in reload_init:
+        function()
+    library = Linked(context.codegen(), name)
+    library._final_module = binding.parse_bitcode(code)
+    library._finalize_final_module()
+    made: CompileResult = compile_result(
+        target_context=context,
+        typing_context=context.typing_context,
+        library=library,
+        environment=env,
+        entry_point=context.get_executable(library, described, env),
+        fndesc=described,
+        type_annotation=annotation,
+        signature=signature,
+        objectmode=objectmode,
+        lifted=lifted,
+        reload_init=reload_init,
+        referenced_envs=environments,
+    )
+    return made
+
+
+class _Pipeline(Compiler):
+    kept: type[JITCodeLibrary]
+
+    def compile_extra(self, function: Callable[..., object]) -> Any:
+        """Compile a function."""
+        self.state.library = self.kept(self.state.targetctx.codegen(), function.__qualname__)
+        self.state.library.enable_object_caching()
+        return super().compile_extra(function)
+
+
+class ForKernels(_Pipeline):
+    """numba's pipeline for a function that kernels call."""
+
+    kept = Linked
+
+
+class ForPython(_Pipeline):
+    """numba's pipeline for a function that Python calls."""
+
+    kept = Called
