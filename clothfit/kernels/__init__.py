@@ -1,6 +1,7 @@
 """numba as this program uses it: compiled functions, kept on disk, and four numbers at a time.
 
-linking (what is kept of compiled code) → cache (on disk) → kernel (the decorator) → lanes/ (vectors of 4 numbers) → vectors (3-vectors).
-raster: pixels of pictures. clock: seconds of computing, without compilation.
+linking (what is kept of a kernel's code) → cache (on disk) → once (one process compiles, others wait) → kernel (the
+decorator) → lanes/ (vectors of 4 numbers) → vectors (3-vectors). raster: pixels of pictures. clock: seconds of
+computing, without compilation.
 To write a kernel: decorate it with `kernel.kernel`, use explicit loops and scalars, and allocate outside the loops.
 """

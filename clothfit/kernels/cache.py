@@ -26,8 +26,8 @@ import pickle
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
@@ -39,6 +39,7 @@ from numba.core.compiler import CompileResult
 from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
+from clothfit.kernels import once
 from clothfit.kernels.trusted import Untrusted, made, opened
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -204,6 +205,19 @@ class KernelCache(FunctionCache):
             KernelCache.failed = True
             reason = error.strerror or str(error)
             warn(f"compiled code cannot be kept, so every start compiles again: {folders()[0]}: {reason}")
+
+    @contextmanager
+    def alone(self, sig: Any, codegen: Any, look: Callable[[], None]) -> Iterator[None]:
+        """Keep other processes from compiling for a signature within the block, if it is not kept yet; `look` is called
+        while another one compiles (`once`).
+        """
+        name, path = self._file(self._index_key(sig, codegen)), folders()[0]
+        with ExitStack() as stack:
+            if self._enabled and not KernelCache.failed and not any((each / name).exists() for each in folders()):
+                with suppress(OSError):
+                    folder = stack.enter_context(made(path, True, PREFIX, None if config.CACHE_DIR else DAY))
+                    stack.enter_context(once.locked(folder, name, look))
+            yield
 
     def _file(self, key: object) -> str:
         """The file's name for a function's signature, bytecode and processor."""

@@ -7,10 +7,13 @@ any code. So Ctrl-C waits for the next of the passes that a compilation consists
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any
 
 import numba
 from numba.core import event
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.sigutils import normalize_signature
 
 from clothfit.base.interrupts import postponed
 from clothfit.kernels.cache import KernelCache
@@ -36,7 +39,29 @@ def _made(function: Callable[..., object], variant: str, **flags: Any) -> Any:
     made = compile_lazily(**FLAGS, **flags)(function)
     made._cache = KernelCache(function, variant)
     made._compilation_chain_init_hook = _no_extensions
+    made.compile = _once(made, made.compile)
     return made
+
+
+def _once(made: Any, compile_now: Callable[[Any], object]) -> Callable[[Any], object]:
+    """The method by which numba compiles a function for a signature, in one process at a time."""
+
+    def compile_once(signature: Any) -> object:
+        with global_compiler_lock, ExitStack() as stack:
+            waiting = event.trigger_event("numba:compile", data={"dispatcher": made, "args": (), "return_type": None})
+
+            def look() -> None:
+                if not announced:
+                    announced.append(stack.enter_context(waiting))
+                with event.trigger_event("numba:run_pass", data={"name": "waiting"}):  # where Ctrl-C is heard
+                    pass
+
+            announced: list[object] = []
+            if tuple(normalize_signature(signature)[0]) not in made.overloads:
+                stack.enter_context(made._cache.alone(signature, made.targetctx.codegen(), look))
+            return compile_now(signature)
+
+    return compile_once
 
 
 def _no_extensions() -> None:
