@@ -54,6 +54,9 @@ EXACT = 1e-8
 """Error, m, that no noise of a target is below."""
 
 
+LOOSE = 1e-5
+"""Tolerance of the linear systems of sensitivities, where what a wrong model leaves sets the intervals."""
+
 CHAOTIC = (
     "no intervals: the motion is chaotic, its sensitivity to the values grows by {:.1g} within {} frames; fit fewer "
     "frames"
@@ -91,7 +94,8 @@ def confidence(search: Search, differs: bool) -> Confidence | None:
     None where that would take too long (`trajectory.LARGEST`) or too much memory, or where nothing could be evaluated
     or a step of the motion is singular.
     """
-    problem = Trajectory(search.aside(budget=100), search.objective)
+    loose = max(LOOSE, search.objective.tolerance) if differs else None
+    problem = Trajectory(search.aside(budget=100), search.objective, loose)
     quick = balances(search) if is_exact(search, search.best.cost) else None
     expensive = quick is None and (problem.operations() > trajectory.LARGEST or not problem.fits())
     if not np.isfinite(search.best.cost) or expensive:

@@ -4,6 +4,7 @@ mistaken for each other would explain (`registration.explained`).
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -22,7 +23,7 @@ from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run
 from clothfit.objective.target import Frames, sample
-from clothfit.registration.explained import Explained, explained, promised, stage_of
+from clothfit.registration.explained import Explained, explained, promised
 from clothfit.registration.record import Registration
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.strategy import smooth_balances
@@ -57,40 +58,40 @@ def with_residual_hints(found: Fit, objective: Objective) -> Fit:
         return found
     said, more = {hint.code for hint in found.hints}, list[Hint]()
     framed = any(each.scene.frame for each in objective.experiments)  # the others know axes that stand still
+    looks: list[Callable[..., Iterable[Hint]]] = [from_exchange, *(() if framed else (from_air, from_registration))]
     try:
         with interrupts.limited(LONGEST):
-            for look in (from_exchange,) if framed else (from_exchange, from_air, from_clock, from_place):
-                more += look(found, objective, said)
+            for look in looks:
+                more.extend(look(found, objective, said))
     except (Diverged, interrupts.OutOfTime):
         pass
     return replace(found, hints=[*found.hints, *more])
 
 
-def from_clock(found: Fit, objective: Objective, said: set[str]) -> list[Hint]:
-    """Would another clock explain what is left? Offset and rate look alike: of both, the better one."""
-    if CODES["rate"] in said:
-        return []
-    stage = stage_of(found.scene, targets(found, objective), objective.loss, place=False)
-    best, shares = None, promised(stage)
-    for what in sorted(shares, key=lambda each: -shares[each]):
+def from_registration(found: Fit, objective: Objective, said: set[str]) -> Iterator[Hint]:
+    """Would another clock, or another place, explain what is left? Offset and rate look alike: of both, the better
+    one.
+    """
+    clock, place = CODES["rate"] not in said, CODES["placement"] not in said
+    if not (clock or place):
+        return
+    given, best = targets(found, objective), None
+    shares = promised(found.scene, given, objective.loss)
+    for what in sorted(("offset", "rate") if clock else (), key=lambda each: -shares[each]):
         alike = what == "rate" and objective.scene.mode("gravity") != "n"  # less gravity, a slower clock
         if shares[what] < PROMISED or alike or (best is not None and best.share >= CERTAIN):
             continue
         try:
-            each = explained(stage, what)
+            each = explained(found.scene, given, objective.loss, what)
         except interrupts.OutOfTime:
             break
         best = each if best is None or (each is not None and each.share > best.share) else best
-    return [hint_of(best)] if best is not None and best.share >= CLOCK else []
-
-
-def from_place(found: Fit, objective: Objective, said: set[str]) -> list[Hint]:
-    """Would another place explain what is left?"""
-    if CODES["placement"] in said:
-        return []
-    stage = stage_of(found.scene, targets(found, objective), objective.loss, place=True)
-    place = explained(stage, "placement") if promised(stage)["placement"] >= PLACE else None
-    return [hint_of(place)] if place is not None and place.share >= PLACE else []
+    if best is not None and best.share >= CLOCK:
+        yield hint_of(best)
+    if place and shares["placement"] >= PLACE:
+        moved = explained(found.scene, given, objective.loss, "placement")
+        if moved is not None and moved.share >= PLACE:
+            yield hint_of(moved)
 
 
 def targets(found: Fit, objective: Objective) -> list[Experiment]:

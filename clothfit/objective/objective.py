@@ -35,7 +35,8 @@ from clothfit.objective.identifiability import identifiable
 from clothfit.objective.loss import Loss, loss_named
 from clothfit.objective.memory_needs import Needs
 from clothfit.objective.own_cost import OwnComparison, OwnCost, Whole, moved, unseen
-from clothfit.objective.run import Run, at_rest, seen_in, simulate, still
+from clothfit.objective.recent import Recent
+from clothfit.objective.run import Run, at_rest, seen_in, still
 from clothfit.objective.running_cost import SquaredDistances, running_cost
 from clothfit.objective.target import first_step, target, without_start
 from clothfit.scene.fit_vector import changes, check_shape, extra_kinds, fitted_cloths, parameters
@@ -87,6 +88,7 @@ class Objective:
             for number, (experiment, end) in enumerate(zip(self.experiments, self._ends, strict=True))
             for cloth in self.cloths
         )
+        self._recent = Recent(self.runs, self.tolerance, self.memory)
 
     def _run(self, number: int, experiment: Experiment, cloth: int, frames: int | None) -> Run:
         motion, scene = experiment
@@ -320,12 +322,16 @@ class Objective:
         """Which states of a run are kept for the way back. Raises InvalidInput where no plan is small enough."""
         return self.needs.plans[run.system.x0.shape, run.steps]
 
+    def remembers(self, p: Array) -> bool:
+        """Whether the motions of p (P,) are known, so that its cost takes no time."""
+        return all(self._recent.has(run, p) for run in self.runs)
+
     def simulate(self, run: Run, p: Array, *observers: Observer, plan: Plan | None = None) -> tuple[System, Tape]:
         """Simulate a run with parameters p (P,), as far as it is compared, and show the motion to the observers.
 
         With a `plan` the motion can be swept back. Raises Diverged.
         """
-        return simulate(run, p, self.tolerance, observers, plan)
+        return self._recent.simulate(run, p, observers, plan)
 
 
 def keep(x: Array, chunk: Rollout) -> None:

@@ -13,7 +13,6 @@ from clothfit.derivative.adjoint import Observer
 from clothfit.engine.inputs.moving_axes import Axes
 from clothfit.engine.inputs.sampling import axes
 from clothfit.engine.rollout import empty
-from clothfit.engine.snapshots import Plan
 from clothfit.engine.system import System, mobile, with_elements
 from clothfit.engine.tape import Tape
 from clothfit.motion.divergence import Diverged
@@ -51,20 +50,12 @@ class Run(NamedTuple):
         return with_elements(self.system, elements(self.scene, self.cloth, p))
 
 
-def simulate(
-    run: Run, p: Array, tolerance: float, observers: Iterable[Observer], plan: Plan | None
-) -> tuple[System, Tape]:
-    """Simulate a run with parameters p (P,), as far as it is compared, and show the motion to the observers.
-
-    With a `plan` the motion can be swept back. Raises Diverged.
-    """
-    system = run.changed(p)
-    tape = Tape(system, run.steps, tolerance, plan)
+def shown(run: Run, tape: Tape, observers: Iterable[Observer]) -> None:
+    """Show the motion of a tape, as far as the run is compared, to the observers. Raises Diverged."""
     for chunk in tape.forward():
         for observe in observers:
             observe(chunk)
     check(run, tape.good)
-    return system, tape
 
 
 def check(run: Run, good: int) -> None:

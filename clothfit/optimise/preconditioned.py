@@ -119,8 +119,7 @@ def one_round(search: Search) -> None:
 
 def for_metric(search: Search) -> Trajectory:
     """The trajectory whose sensitivity gives the metric: its systems are solved loosely."""
-    whole = search.objective
-    return Trajectory(search, whole.until(whole.steps + 1, max(METRIC_TOLERANCE, whole.tolerance)))
+    return Trajectory(search, search.objective, max(METRIC_TOLERANCE, search.objective.tolerance))
 
 
 def metric(part: Trajectory, y: Array) -> Array | None:

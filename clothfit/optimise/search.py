@@ -254,9 +254,9 @@ class Search:
             return self.best.cost
         if objective is not None:
             return objective.cost_or_infinity(p)
-        began = self.progress.computing
+        began, new = self.progress.computing, not self.objective.remembers(p)
         cost = self.objective.cost_or_infinity(p)
-        self.each = self.progress.computing - began
+        self.each = self.progress.computing - began if new else self.each
         return cost
 
     def _is_known_start(self, p: Array) -> bool:

@@ -43,9 +43,12 @@ MOSTLY = 0.5
 class Trajectory:
     """An objective in the coordinates y (Q,) of the parameters that a search fits."""
 
-    def __init__(self, search: Search, objective: Objective) -> None:
-        """`objective` is that of the search, or the same over fewer frames."""
+    def __init__(self, search: Search, objective: Objective, tolerance: float | None = None) -> None:
+        """`objective` is that of the search, or the same over fewer frames; the linear systems of the sensitivity are
+        solved to its tolerance, or to another one.
+        """
         self.search, self.objective, self.fitted = search, objective, search.fitted
+        self.tolerance = tolerance or objective.tolerance
 
     @property
     def size(self) -> int:
@@ -141,7 +144,8 @@ class Trajectory:
                 continue
             local = np.full(len(p), -1, np.int32)
             local[acting >= 0] = place
-            part, derivative, value = run_model(run, self.objective, p, local, factor, keep and keep(own))
+            scores = keep and keep(own)
+            part, derivative, value = run_model(run, self.objective, p, local, factor, self.tolerance, scores)
             H[np.ix_(own, own)] += part
             g[own] += derivative
             cost += value
@@ -184,17 +188,18 @@ class Trajectory:
 
 
 def run_model(
-    run: Run, objective: Objective, p: Array, column: Indices, factor: Array, scores: normal.Scores | None = None
-) -> tuple[Array, Array, float]:
+    run: Run, objective: Objective, p: Array, column: Indices, factor: Array, tolerance: float,
+    scores: normal.Scores | None = None,
+) -> tuple[Array, Array, float]:  # fmt: skip
     """H, g and the cost of one run at p (P,), by the columns of `column` (P,), with derivatives multiplied by `factor`
-    (P,); `scores` takes what each step adds. Raises Diverged.
+    (P,), their linear systems solved to `tolerance`; `scores` takes what each step adds. Raises Diverged.
     """
     cost = running_cost(run.comparison)
     system, tape = objective.simulate(run, p, cost.update, plan=objective.plan(run))
     count = int(column.max(initial=-1)) + 1
     blocks = [block for block in objective.blocks if block.cloth in (run.cloth, None)]
     wanted = columns(system, blocks, p, column, factor, count)
-    few = partial(tangents, system, tape, wanted, objective.tolerance)
+    few = partial(tangents, system, tape, wanted, tolerance)
     steps = few if count <= FEW_COLUMNS or not is_dense(system) else partial(sweep, system, tape, wanted)
     residuals = cost.residuals(mobile(system))
     H, g = normal.accumulate(residuals, steps(residuals.update), at_start(system, wanted), scores)

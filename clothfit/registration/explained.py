@@ -14,13 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clothfit.base.arrays import Flags
+from clothfit.motion.divergence import Diverged
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.loss import Loss
 from clothfit.optimise import bounded
 from clothfit.optimise.gauss_newton import Model
 from clothfit.registration.record import Registration
-from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA
-from clothfit.registration.search import Stage, Wanted
+from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, summed
+from clothfit.registration.search import Stage, Wanted, trust_in
 from clothfit.registration.unknowns import Unknowns
 from clothfit.scene.scene import Scene
 
@@ -43,27 +44,28 @@ class Explained:
     registration: Registration  # of the first target
 
 
-def stage_of(scene: Scene, given: Sequence[Experiment], loss: Loss, place: bool) -> Stage:
-    """The targets and the values of a scene, where clocks, or where places are looked for. Raises Diverged."""
-    stage = Stage.of(scene, given, Wanted(not place, place, loss))
-    stage = replace(stage, registered=replace(stage.registered, tolerance=TOLERANCE))
-    return stage.weighted() if place else stage
+def stage_of(scene: Scene, given: Sequence[Experiment], loss: Loss, wanted: Wanted) -> Stage:
+    """The targets and the values of a scene, where registrations are looked for."""
+    stage = Stage.of(scene, given, wanted)
+    return replace(stage, registered=replace(stage.registered, tolerance=TOLERANCE))
 
 
-def promised(stage: Stage) -> dict[str, float]:
-    """The share of the squares that each kind that a stage seeks promises to explain. Raises Diverged."""
-    unmoved = [Registration()] * len(stage.registered.given)
+def promised(scene: Scene, given: Sequence[Experiment], loss: Loss) -> dict[str, float]:
+    """The share of the squares that each kind promises to explain, all from one motion. Raises Diverged."""
+    stage = stage_of(scene, given, loss, Wanted(True, True, loss))
+    unmoved = [Registration()] * len(given)
     every = Unknowns(stage.registered, stage.start, stage.near(unmoved), np.ones(THETA, bool))
-    model, values = every.model(every.begin), len(stage.start)
-    own = np.arange(len(model.g)) < values
-    base = model.cost - saving(model, own)
-    found = {}
+    plain = every.sums(every.begin)
+    weighted = summed(len(plain.g), plain.parts, trust_in(plain.parts))
+    values, found = len(stage.start), {}
     for what, part in KINDS.items():
-        if stage.free[part].all() and base > 0:
-            moved = np.zeros(THETA, bool)
-            moved[part] = True
-            free = np.concatenate([own[:values], np.tile(moved, len(unmoved))])
-            found[what] = 1.0 - (model.cost - saving(model, free)) / base
+        model = every.model_of(every.begin, weighted if what == "placement" else plain)
+        own = np.arange(len(model.g)) < values
+        base = model.cost - saving(model, own)
+        moved = np.zeros(THETA, bool)
+        moved[part] = True
+        free = np.concatenate([own[:values], np.tile(moved, len(unmoved))])
+        found[what] = 1.0 - (model.cost - saving(model, free)) / base if base > 0 else 0.0
     return found
 
 
@@ -75,8 +77,14 @@ def saving(model: Model, free: Flags) -> float:
     return -float(2.0 * g @ step + step @ H @ step)
 
 
-def explained(stage: Stage, what: str) -> Explained | None:
-    """What one kind of registration explains of the residuals at the start; None where the motion diverges."""
-    unmoved = [Registration()] * len(stage.registered.given)
+def explained(scene: Scene, given: Sequence[Experiment], loss: Loss, what: str) -> Explained | None:
+    """What one kind of registration explains of the residuals; None where the motion diverges."""
+    place = what == "placement"
+    stage = stage_of(scene, given, loss, Wanted(not place, place, loss))
+    unmoved = [Registration()] * len(given)
+    try:
+        stage = stage.weighted() if place else stage
+    except Diverged:
+        return None
     before, after = stage.cost(stage.start, unmoved), stage.only(KINDS[what]).descended(stage.start, unmoved, STEPS)
     return Explained(what, 1.0 - after.cost / before, after.registrations[0]) if after and before > 0 else None

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Flags
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.columns import columns
 from clothfit.derivative.sensitivity import Columns, at_start, tangents
 from clothfit.engine.rollout import Rollout
@@ -70,13 +70,34 @@ def around(base: Registration, motion: Motion) -> Around:
     return Around(base, points.mean(axis=0), scale)
 
 
+class Parts(NamedTuple):
+    """What each of the F frames of a cloth of a target adds, its free and its held vertices apart."""
+
+    own: Indices  # (q,), the coordinates that it depends on, of all Q
+    cost: Array  # (F, 2), m²
+    H: Array  # (F, 2, q, q)
+    g: Array  # (F, 2, q)
+    mean: Array  # (F, 2), mean squares, m²; NaN where nothing is seen
+
+
 class Sums(NamedTuple):
     """The cost, m², its normal equations H (Q, Q) and g (Q,), where asked for, and its parts."""
 
     cost: float
     H: Array
     g: Array
-    parts: list[Array]  # of each cloth of each target: mean squares (F, 2) of free and of held vertices, m²; NaN none
+    parts: list[Parts]  # of each cloth of each target
+
+
+def summed(size: int, parts: Sequence[Parts], trust: Sequence[Array] | None) -> Sums:
+    """The sums of parts by so many coordinates, each with its weight of `trust` (F, 2); None: all 1."""
+    cost, H, g = 0.0, np.zeros((size, size)), np.zeros(size)
+    for number, each in enumerate(parts):
+        weight = np.ones(each.cost.shape) if trust is None else trust[number]
+        cost += float((weight * each.cost).sum())
+        H[np.ix_(each.own, each.own)] += np.tensordot(weight, each.H, 2)
+        g[each.own] += np.tensordot(weight, each.g, 2)
+    return Sums(cost, H, g, list(parts))
 
 
 class State(NamedTuple):
@@ -122,22 +143,15 @@ class Registered:
         (P,), the change of each value for its coordinate, is given. Raises Diverged.
         """
         size = len(p) + THETA * len(self.given)
-        cost, H, g, parts = 0.0, np.zeros((size, size)), np.zeros(size), list[Array]()
+        parts = list[Parts]()
         for k, systems in enumerate(self.systems):
             own = np.r_[: len(p), len(p) + THETA * k : len(p) + THETA * (k + 1)]
-            for cloth in systems:
-                trust = None if self.trust is None else self.trust[len(parts)]
-                part = self._cloth(k, cloth, p, where[k], theta[k], factor, trust)
-                cost += part.cost
-                parts += part.parts
-                if factor is not None:
-                    H[np.ix_(own, own)] += part.H
-                    g[own] += part.g
-        return Sums(cost, H, g, parts)
+            parts += [self._cloth(k, cloth, own, p, where[k], theta[k], factor) for cloth in systems]
+        return summed(size, parts, self.trust)
 
     def _cloth(
-        self, k: int, cloth: int, p: Array, where: Around, theta: Array, factor: Array | None, trust: Array | None
-    ) -> Sums:
+        self, k: int, cloth: int, own: Indices, p: Array, where: Around, theta: Array, factor: Array | None
+    ) -> Parts:
         motion, scene = self.given[k]
         now, kept = where.at(theta), slice(self.frames)
         times, points, seen = motion.times[kept], motion.of(cloth)[kept], motion.seen(cloth)[kept]
@@ -146,33 +160,32 @@ class Registered:
         system = with_elements(self._system(k, cloth, at.max(initial=0.0)), elements(scene, cloth, p))
         wanted = self._columns(system, cloth, p, factor)
         free = mobile(system)
-        parts = np.full((len(times), 2), np.nan)
-        size = wanted.width + THETA
-        total = Sums(0.0, np.zeros((size, size)), np.zeros(size), [parts])
+        shape, size = (len(times), 2), 0 if factor is None else wanted.width + THETA
+        zero = [np.zeros((*shape, *each)) for each in ((), (size, size), (size,))]
+        found = Parts(own[:size], zero[0], zero[1], zero[2], np.full(shape, np.nan))
         for state in states(system, at / scene.delta, wanted, self.tolerance):
             i = state.frame
             placed = now.placed(np.where(seen[i][:, None], points[i], 0.0))
             weight = seen[i] * (1.0 if weights is None else weights[i])
             gaps = state.s - placed
             squares = (gaps**2).sum(axis=1)
-            for own, which in enumerate((free, ~free)):
-                if weight[which].any():
-                    parts[i, own] = np.average(squares[which], weights=weight[which])
-            if trust is not None:
-                weight = weight * np.where(free, *trust[i])
-            cost = total.cost + float(weight @ self.loss.value(squares))
             if factor is not None:
                 u = state.change / scene.delta if now.times(times[i]) > 0.0 else np.zeros_like(gaps)
                 J = np.concatenate([
                     spread(state.sensitivity, free),
                     by_registration(u, at[i], placed, where, theta, now.rate),
                 ], axis=2)  # fmt: skip
-                root = np.sqrt(weight * self.loss.derivative(squares))[:, None]
-                rows, r = (root[..., None] * J).reshape(-1, J.shape[2]), (root * gaps).reshape(-1)
-                total.H[:] += rows.T @ rows
-                total.g[:] += rows.T @ r
-            total = total._replace(cost=cost)
-        return total
+                root = np.sqrt(weight * self.loss.derivative(squares))
+            for part, which in enumerate((free, ~free)):
+                if not weight[which].any():
+                    continue
+                found.mean[i, part] = np.average(squares[which], weights=weight[which])
+                found.cost[i, part] = weight[which] @ self.loss.value(squares[which])
+                if factor is not None:
+                    rows = (root[which, None, None] * J[which]).reshape(-1, size)
+                    found.H[i, part] = rows.T @ rows
+                    found.g[i, part] = rows.T @ (root[which, None] * gaps[which]).reshape(-1)
+        return found
 
     def _columns(self, system: System, cloth: int, p: Array, factor: Array | None) -> Columns:
         """The columns of all values; of those of other cloths they are 0."""

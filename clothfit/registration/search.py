@@ -21,7 +21,7 @@ from clothfit.objective.experiment import Experiment, flagged_as
 from clothfit.objective.loss import Loss
 from clothfit.registration.free_fall import other_fall
 from clothfit.registration.record import Registration, rigid
-from clothfit.registration.residuals import PLACE, THETA, TIME, Around, Registered, Sums, around
+from clothfit.registration.residuals import PLACE, THETA, TIME, Around, Parts, Registered, Sums, around
 from clothfit.registration.unknowns import Found, Unknowns, with_few_values
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
@@ -165,13 +165,13 @@ class Stage:
         return found
 
     def weighted(self, found: Found | None = None) -> Stage:
-        """The same with weights (`trusted`) from what is left at a point, or at the start. Raises Diverged."""
+        """The same with weights (`trust_in`) from what is left at a point, or at the start. Raises Diverged."""
         unmoved = [Registration()] * len(self.registered.given)
         p, registrations = (self.start, unmoved) if found is None else (found.p, found.registrations)
-        return replace(self, registered=trusted(self.registered, self.sums(p, registrations).parts))
+        return replace(self, registered=replace(self.registered, trust=trust_in(self.sums(p, registrations).parts)))
 
     def placed(self, found: Found) -> Found:
-        """A better place, if places are sought, from residuals weighted by what can be known (`trusted`)."""
+        """A better place, if places are sought, from residuals weighted by what can be known (`trust_in`)."""
         if not self.free[PLACE].any():
             return found
         for stage in (self.early(), self):
@@ -183,14 +183,14 @@ class Stage:
         return found
 
 
-def trusted(registered: Registered, parts: Sequence[Array]) -> Registered:
-    """The same with each frame's free vertices, and all held ones, weighted by how near they are: a model that differs
-    is wrong in its late frames first, and never at what is held.
+def trust_in(parts: Sequence[Parts]) -> tuple[Array, ...]:
+    """The weights (F, 2) of each frame's free vertices, and of all held ones, by how near they are: a model that
+    differs is wrong in its late frames first, and never at what is held.
     """
     weights = []
     for each in parts:
-        known = np.where(np.isfinite(each), each, 0.0)
-        count = np.maximum(np.isfinite(each).sum(axis=0), 1)
+        known = np.where(np.isfinite(each.mean), each.mean, 0.0)
+        count = np.maximum(np.isfinite(each.mean).sum(axis=0), 1)
         held, floor = known[:, 1].sum() / count[1], FLOOR**2 * float(known[:, 0].sum() / count[0])
-        weights.append(1.0 / np.maximum(np.stack([known[:, 0], np.full(len(each), held)], axis=1), max(floor, TINY)))
-    return replace(registered, trust=tuple(weights))
+        weights.append(1.0 / np.maximum(np.stack([known[:, 0], np.full(len(known), held)], axis=1), max(floor, TINY)))
+    return tuple(weights)

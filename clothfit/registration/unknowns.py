@@ -19,7 +19,7 @@ from clothfit.optimise import gauss_newton
 from clothfit.optimise.coordinates import Coordinates
 from clothfit.optimise.prior import none
 from clothfit.registration.record import Registration
-from clothfit.registration.residuals import THETA, Around, Registered
+from clothfit.registration.residuals import THETA, Around, Registered, Sums
 from clothfit.scene.scene import Scene
 
 SLOWEST, LATEST = 5.0, 0.5
@@ -85,8 +85,16 @@ class Unknowns:
 
     def model(self, z: Array) -> gauss_newton.Model:
         """The cost near z. Raises Diverged."""
+        return self.model_of(z, self.sums(z))
+
+    def sums(self, z: Array) -> Sums:
+        """The cost near z with its parts. Raises Diverged."""
         p, theta = self.split(z)
-        found, own = self.registered.sums(p, self.where, theta, self.coordinates.change(p)), self.chosen
+        return self.registered.sums(p, self.where, theta, self.coordinates.change(p))
+
+    def model_of(self, z: Array, found: Sums) -> gauss_newton.Model:
+        """What was found near z as a model."""
+        own = self.chosen
         return gauss_newton.Model(z, found.cost, found.H[np.ix_(own, own)], found.g[own])
 
     def cost(self, z: Array) -> float:

@@ -128,9 +128,7 @@ class Trial:
 
     def _takes_long(self) -> bool:
         """Whether a trial of finer steps would take too long, by the seconds of a simulation."""
-        began = computing()
-        self.objective.cost_or_infinity(self.p)
-        self.each = computing() - began
+        self.each = seconds_of(self.objective, self.p)
         return EXPECTED * 2.0 * self.each >= LONGEST_TRIAL
 
     def _may_balance(self) -> bool:
@@ -259,10 +257,10 @@ def is_worth_more(search: Search, rmse: float) -> bool:
     jumps with the values, or where the error of its steps shows; unless that takes long. Not where the user or the time
     ends the look.
     """
-    objective, p, began = search.objective, search.best.p, computing()
+    objective, p = search.objective, search.best.p
     try:
         needed = objective.remedies(p) != NO_FALLBACKS
-        twice = 2.0 * (computing() - began) * max(search.budget.evaluations, EXPECTED)
+        twice = 2.0 * search.each * max(search.budget.evaluations, EXPECTED)
         return twice < LONGEST_TRIAL and (needed or step_error(objective.scene, p) > HIDDEN * rmse)
     except Diverged:
         return True
@@ -274,9 +272,8 @@ def finer(objective: Objective, p: Array) -> float | None:
     """The RMSE, m, of the coarsest model with finer steps from p (P,), where that is lower than at p by as much as
     pays; None where it is not, or where a moment's look does not find it.
     """
-    began = computing()
     now = objective.rmse(objective.cost(p))
-    if (computing() - began) * LOOK * EXPECTED > MOMENT:
+    if seconds_of(objective, p) * LOOK * EXPECTED > MOMENT:
         return None
     search = Search(with_substeps(objective, LOOK, BDF2), p, 0.0, SEARCH_EVALUATIONS)
     search.longest = MOMENT
@@ -284,6 +281,13 @@ def finer(objective: Objective, p: Array) -> float | None:
         ladder.stage(search, ladder.models(objective.scene)[0], [p], rough=True)
     found = search.objective.rmse(search.best.cost)
     return found if found < (1.0 - PAYS) * now else None
+
+
+def seconds_of(objective: Objective, p: Array) -> float:
+    """Seconds of computing that the cost at p (P,) takes where its motion is not known yet."""
+    anew, began = objective.flagging(objective.scene), computing()
+    anew.cost_or_infinity(p)
+    return computing() - began
 
 
 def is_enough(search: Search) -> bool:
