@@ -37,7 +37,7 @@ SECTIONS = {  # of the help
     "What to fit to": ("--target", "--objective", "--loss", "--loss-scale", "--fit-time", "--fit-placement"),
     "The file of the target": ("--fps", "--frames", "--scale", "--up", "--handedness", "--map"),
     "How to fit": (
-        "--model", "--substeps", "--keep-step", "--start", "--bounds", "--method", "--prior", "--budget",
+        "--model", "--substeps", "--keep-step", "--windows", "--start", "--bounds", "--method", "--prior", "--budget",
         "--max-evaluations", "--rmse", "--tolerance",
     ),
     "How far to trust it": ("--holdout", "--holdout-of", "--no-intervals"),
@@ -73,6 +73,9 @@ SECTIONS = {  # of the help
               help="Time steps to a frame of the target, or auto, which takes more where the fit gains by them.  "
               "[default: auto for scenes with BDF2, else the scene's step]")
 @click.option("--keep-step", is_flag=True, help="Keep the scene's time step and integrator.")
+@click.option("--windows", type=int, metavar="N",
+              help="Compare windows of N frames, each of which begins in the target's own state: for motions that are "
+              "chaotic, or of another model.  [default: the whole motion]")
 @click.option("--start", metavar="VALUE|SCENE",
               help="Values to start from.  [default: the scene's values with --target, else a coarse search]")
 @click.option("--bounds", "bounds", metavar="KIND=LOW:HIGH", multiple=True,

@@ -32,6 +32,7 @@ from clothfit.fit.preparation import Prepared, flagged, prepared
 from clothfit.fit.registered_fit import registered_fit
 from clothfit.fit.residual_hints import with_residual_hints
 from clothfit.fit.result import Fit, fitted_scene, result, with_fallbacks, with_verdict
+from clothfit.fit.target_windows import in_windows, with_whole
 from clothfit.fit.verdict import UNKNOWN, Judgement, judgement
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
@@ -88,6 +89,7 @@ def estimate(
     model: str | None = None,
     substeps: int | str | None = None,
     keep_step: bool = False,
+    windows: int | None = None,
     fit_time: bool = False,
     fit_placement: bool = False,
     on_memory: Callable[[Needs], None] | None = None,
@@ -145,6 +147,11 @@ def estimate(
     comes nearer, or "auto", as many as pay; scenes with BDF2 are fitted so unless `keep_step` is true. `Fit.scene` has
     the step with which it is to be played.
 
+    With `windows` the target is cut into windows of so many frames, each of which begins in the target's own state: its
+    positions, and the velocities of the frames around. What the model lacks, or chaos, does not add up then: forces,
+    such as those of wind, come out as single frames show them. The error is that over the windows; `Fit.whole` has that
+    of the whole motion.
+
     `fit_time` finds the rate and the offset of each target's clock with the values, `fit_placement` its place: the
     rotation and the translation that bring it into the scene. The fit then compares with the target at the scene's
     times and in its place; `Fit.registration` says what was found.
@@ -170,16 +177,21 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     if hidden and (options.substeps is not None or options.model == AUTO):
         what = "substeps" if options.substeps is not None else "model auto"
         raise InvalidInput(f"{what}: a target is needed; without one, the model and the step are the scene's")
+    if hidden and options.windows is not None:
+        raise InvalidInput("windows: a target is needed, in whose states they begin")
     scene = scene.with_bounds(from_user(options.bounds or {}))
     if options.registers and scene.blocks:
         return registered_fit(scene, target, options, lambda own, targets, rest: fit(own, targets, start, rest))
     scene = flagged(scene, options.model)
     objective, kept_out = objectives(scene, target, options)
     options = options.within(objective.rounding)
-    if options.foreseen:
-        options.foreseen(objective.needs)
     hints = [] if hidden or objective.own else early_hints(objective.experiments)
     given = None if hidden else objective.experiments
+    own = Prepared(objective, kept_out)
+    if options.windows is not None:
+        own = Prepared(in_windows(objective, options.windows), kept_out, objective)
+    if options.foreseen:
+        options.foreseen(own.objective.needs)
     same = identity(scene, given, start, **options.identity) if options.checkpoint else {}  # digests of all arrays
     checkpoint, state = opened(options.checkpoint, options.resume, same, len(parameters(scene)))
     if options.hinted:
@@ -188,7 +200,7 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     with interrupts.deferred():
         left = None if options.seconds is None else options.seconds - (interrupts.now() - began)
         with interrupts.limited(left):
-            plan = Prepared(objective, None) if hidden else prepared(objective, kept_out, start, options, state)
+            plan = replace(own, kept_out=None) if hidden else prepared(own, start, options, state)
             found = searched(plan, start, hidden, options, checkpoint, state)
             found = replace(found, hints=[*hints, *found.hints])
         return assessed(found, replace(plan, kept_out=plan.kept_out or kept_out), hidden, options)
@@ -203,7 +215,9 @@ def assessed(found: Fit, plan: Prepared, hidden: bool, options: FitOptions) -> F
     objective, kept_out = plan.objective, plan.kept_out
     found = looked_at(replace(found, travel=objective.travel), with_fallbacks, objective, options=options)
     found = looked_at(found, with_verdict, objective, options.enough, hidden, options=options)
-    found = looked_at(found, with_residual_hints, objective, options=options)
+    found = looked_at(replace(found, windows=options.windows), with_residual_hints, objective, options=options)
+    if plan.whole is not None:
+        found = looked_at(found, with_whole, plan.whole, options=options)
     if options.method == AUTO and not (hidden or plan.tried or options.resume):
         found = looked_at(found, with_step_hint, objective, options=options)
     if kept_out is None:

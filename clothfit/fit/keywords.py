@@ -72,6 +72,7 @@ class Keywords(OlderNames, total=False):
     model: str | None
     substeps: int | str | None
     keep_step: bool
+    windows: int | None
     fit_time: bool
     fit_placement: bool
     on_memory: Callable[[Needs], None] | None
@@ -141,7 +142,7 @@ def refuse(options: FitOptions) -> None:
     """Raise InvalidInput where an option needs to know what is compared."""
     given = {
         "holdout": options.holdout is not None, "fit_time": options.fit_time, "fit_placement": options.fit_placement,
-        "loss": options.loss != "linear", "model auto": options.model == AUTO,
+        "loss": options.loss != "linear", "model auto": options.model == AUTO, "windows": options.windows is not None,
         "substeps auto": options.substeps == AUTO,
     }  # fmt: skip
     for name in (name for name, is_given in given.items() if is_given):

@@ -39,6 +39,9 @@ RMSE_TOLERANCE = 1e-8  # m; the rounding of the target's numbers where that is m
 FIT_TOLERANCE = 1e-10  # linear systems, relative
 BUDGET = 1000  # evaluations
 
+SHORTEST_WINDOW = 2
+"""Frames of a window, of which each shows how the cloth goes on from its start."""
+
 LONGEST = 30.0
 """Seconds of a search for a target that no values reproduce, where the user gives no other limit: more of them gain
 little there.
@@ -72,6 +75,7 @@ class FitOptions:
     model: str | None = None  # one of `MODELS` in place of the scene's flags
     substeps: int | str | None = None  # steps to a frame of the target, or "auto"; None: auto for scenes with BDF2
     keep_step: bool = False  # whether the scene keeps its step
+    windows: int | None = None  # frames of each window that begins in the target's own states; None: the whole motion
     fit_time: bool = False  # whether the rate and the offset of each target's clock are found
     fit_placement: bool = False  # whether each target's place is found: a rotation and a translation
 
@@ -106,6 +110,10 @@ class FitOptions:
         count = self.substeps
         if not (count is None or count == AUTO or (isinstance(count, int) and count >= 1)):
             raise InvalidInput(f"substeps must be auto or a whole number from 1 on; {count} was given")
+        if self.windows is not None and self.windows < SHORTEST_WINDOW:
+            raise InvalidInput(f"windows must have {SHORTEST_WINDOW} frames or more; {self.windows} was given")
+        if self.windows is not None and self.registers:
+            raise InvalidInput("windows: they begin in the target's own states, whose clock and place must be known")
         if self.keep_step and count is not None:
             raise InvalidInput("substeps: the step is to be kept; use either substeps or keep_step")
 
@@ -146,6 +154,7 @@ class FitOptions:
             "method": self.method, "prior": self.prior, "tolerance": self.tolerance, "holdout": self.holdout,
             "of": self.holdout_of, "objective": self.objective, "loss": self.loss, "loss_scale": self.loss_scale,
             "model": self.model, "substeps": self.substeps, "keep_step": self.keep_step,
+            **({"windows": self.windows} if self.windows else {}),
             **({"bounds": dict(self.bounds)} if self.bounds else {}),
         }  # fmt: skip
 

@@ -37,6 +37,7 @@ class Prepared:
 
     objective: Objective
     kept_out: Objective | None
+    whole: Objective | None = None  # over whole motions, where the fit compares windows of them
     p: Array | None = None  # (P,), the best values that are known
     cost: float = np.inf  # there, as far as it is known
     settled: bool = False  # whether they are a minimum
@@ -56,12 +57,13 @@ def flagged(scene: Scene, model: str | None) -> Scene:
 
 
 def prepared(
-    objective: Objective, kept_out: Objective | None, start: float | Array | Scene | None, options: FitOptions,
-    state: State | None = None,
-) -> Prepared:  # fmt: skip
-    """What a fit to given targets begins with. A fit that goes on from a `state` keeps what it had chosen."""
+    own: Prepared, start: float | Array | Scene | None, options: FitOptions, state: State | None = None
+) -> Prepared:
+    """What a fit to given targets begins with, from its `own` objectives. A fit that goes on from a `state` keeps what
+    it had chosen.
+    """
     began, computing = clock.passing(), clock.computing()
-    plan = own = Prepared(objective, kept_out)
+    plan, objective = own, own.objective
     if isinstance(options.substeps, int):
         plan = with_steps(plan, options.substeps, None)
     if state is not None:
@@ -101,8 +103,9 @@ def counts_of(options: FitOptions, scene: Scene) -> Sequence[int]:
 
 def with_steps(plan: Prepared, count: int, method: int | None) -> Prepared:
     """The plan with so many steps to a frame."""
-    kept_out = plan.kept_out and time_step.with_substeps(plan.kept_out, count, method)
-    return replace(plan, objective=time_step.with_substeps(plan.objective, count, method), kept_out=kept_out)
+    kept_out, whole = (each and time_step.with_substeps(each, count, method) for each in (plan.kept_out, plan.whole))
+    objective = time_step.with_substeps(plan.objective, count, method)
+    return replace(plan, objective=objective, kept_out=kept_out, whole=whole)
 
 
 def chosen_before(plan: Prepared, state: State) -> Prepared:
@@ -119,8 +122,8 @@ def chosen_before(plan: Prepared, state: State) -> Prepared:
 def with_model(plan: Prepared, model: str) -> Prepared:
     """The plan with a model in place of its scene's."""
     scene = ladder.as_model(plan.objective.scene, model, exactly=True)
-    kept_out = plan.kept_out and plan.kept_out.flagging(scene)
-    return replace(plan, objective=plan.objective.flagging(scene), kept_out=kept_out, model=model)
+    kept_out, whole = (each and each.flagging(scene) for each in (plan.kept_out, plan.whole))
+    return replace(plan, objective=plan.objective.flagging(scene), kept_out=kept_out, whole=whole, model=model)
 
 
 def with_chosen_step(plan: Prepared, start: Array, options: FitOptions, own: Prepared) -> Prepared:

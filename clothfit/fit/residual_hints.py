@@ -37,6 +37,9 @@ WORSE = 9.0
 OTHER_WIND = 0.3
 """Difference of two winds, relative to one, that is worth a word."""
 
+SHORT_WINDOW = 3
+"""Frames of a window that show the air: in longer ones the lack of the model's springs takes its part."""
+
 CERTAIN = 0.9
 """Share of the squares from which on nothing else is tried."""
 
@@ -52,13 +55,15 @@ CODES = {"offset": "time_offset", "rate": "time_scale", "placement": "placement"
 
 def with_residual_hints(found: Fit, objective: Objective) -> Fit:
     """The fit with hints from its residuals, where its model differs and positions are compared; with those that were
-    found where the time for them ends.
+    found where the time for them ends. Windows show no clock and no place.
     """
     if found.verdict is None or not found.verdict.differs or list(objective.weights) != ["position"]:
         return found
     said, more = {hint.code for hint in found.hints}, list[Hint]()
     framed = any(each.scene.frame for each in objective.experiments)  # the others know axes that stand still
-    looks: list[Callable[..., Iterable[Hint]]] = [from_exchange, *(() if framed else (from_air, from_registration))]
+    looks: list[Callable[..., Iterable[Hint]]] = [from_exchange]
+    if not framed:
+        looks += [from_air, from_registration] if found.windows is None else [from_air]
     try:
         with interrupts.limited(LONGEST):
             for look in looks:
@@ -158,6 +163,8 @@ def from_air(found: Fit, objective: Objective, said: set[str]) -> list[Hint]:
     )
     if scene.cloths[cloth].mode("drag") == "n":
         text += "; fit the drag as well"
+    if found.windows is None or found.windows > SHORT_WINDOW:
+        text += f"; --windows {SHORT_WINDOW} fits to as few frames at a time, and finds the wind of the air"
     return [Hint("wind", text, early=False)]
 
 

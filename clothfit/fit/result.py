@@ -84,6 +84,8 @@ class Fit:
     ladder: list[Judged] = field(default_factory=list)  # the models that were fitted from coarse to fine
     steps: list[Step] = field(default_factory=list)  # time steps that were tried
     substeps: int | None = None  # steps to a frame of the target, chosen or asked for; None: the step is the scene's
+    windows: int | None = None  # frames of each window that the target was cut into; None: whole motions were compared
+    whole: float | None = None  # m, the error over whole motions, where windows were compared
     registration: list[Registration] | None = None  # of each target; None: none was looked for
     start: Scene | None = None  # where the fit began
     objective: dict[str, float] = field(default_factory=dict)  # what is compared, with the weights

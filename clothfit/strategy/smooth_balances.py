@@ -65,7 +65,7 @@ def values(objective: Objective, p: Array) -> Array | None:
     cloth = objective.cloths[0]
     given = [(each.scene, frames_of(each.motion, cloth, each.scene)) for each in objective.experiments]
     known = [(own, frames) for own, frames in given if frames is not None]
-    if not known:
+    if sum(len(frames.x) for _, frames in known) < FEWEST_FRAMES:
         return None
     for _ in range(ROUNDS):
         rows = [Terms(with_parameters(own, p), cloth, frames).rows() for own, frames in known]
@@ -78,7 +78,7 @@ def values(objective: Objective, p: Array) -> Array | None:
 
 
 def frames_of(motion: Motion, cloth: int, scene: Scene) -> Frames | None:
-    """Frames in which all of a cloth is seen, with the one before and after; None where they are too few."""
+    """Frames in which all of a cloth is seen, with the one before and after; None where there are none."""
     own = scene.cloths[cloth]
     x, times = motion.of(cloth), motion.times
     whole = np.asarray(motion.seen(cloth)[:, ~own.fixed].all(axis=1))
@@ -86,7 +86,7 @@ def frames_of(motion: Motion, cloth: int, scene: Scene) -> Frames | None:
     even = np.abs(gap[1:] - gap[:-1]) <= EQUAL * gap[1:]
     last = times[2:] <= (scene.frames - 1 + EQUAL) * scene.delta
     places = np.flatnonzero(whole[:-2] & whole[1:-1] & whole[2:] & even & last) + 1
-    if len(places) < FEWEST_FRAMES or own.pins:
+    if not len(places) or own.pins:
         return None
     size = 3 * (len(own.springs) + len(own.triangles))
     places = places[:: max(len(places) * size // MOST_NUMBERS, 1)]

@@ -137,7 +137,7 @@ def test_a_state_of_another_number_of_values_is_refused(model):
 def test_nothing_is_chosen_where_nobody_asks():
     scene, motion = finer("nL")
     goal = objective(scene, motion)
-    plan = prepared(goal, None, None, FitOptions().checked())
+    plan = prepared(Prepared(goal, None), None, FitOptions().checked())
     assert plan.objective is goal
     assert (plan.p, plan.wanted, plan.judged, plan.model, plan.substeps, plan.tried) == (None, None, None, "", 0, ())
 
@@ -148,7 +148,7 @@ def test_nothing_is_chosen_where_nobody_asks():
 def test_the_values_of_a_plan_cost_what_it_says(options):
     scene, motion = finer("LL" if "model" in options else "nL")
     goal = objective(scene, motion)
-    plan = prepared(goal, None, 30.0 if "model" not in options else None, FitOptions(**options).checked())
+    plan = prepared(Prepared(goal, None), 30.0 if "model" not in options else None, FitOptions(**options).checked())
     assert plan.objective.cost(plan.p) == pytest.approx(plan.cost, rel=1e-6)
     assert plan.objective.rmse(plan.cost) <= goal.rmse(goal.cost(parameters(scene)))
     assert bool(plan.tried) == bool(plan.substeps) == ("substeps" in options)

@@ -78,6 +78,9 @@ def describe(found: Fit, out: Output, console: Console) -> None:
         console.say(f"{ending(found)}: RMSE {error(found)} over {over}, {used} → {out.name}")
     else:
         console.say(f"{found.status}: nothing fitted, no evaluation ended in time; the start, as it was → {out.name}")
+    if found.windows is not None and found.whole is not None:
+        far = f"RMSE {metres(found.whole)}" if math.isfinite(found.whole) else "diverges"
+        console.say(f"that is over windows of {counted(found.windows, 'frame', 'frames')}; the whole motion: {far}")
     for i, each in enumerate(found.registration or []):
         console.say(f"target{f' {i + 1}' if i or len(found.registration or []) > 1 else ''}: {each}")
     describe_choices(found, console)
@@ -215,6 +218,7 @@ def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
             "delta": found.scene.delta, "integrator": INTEGRATORS[found.scene.method], "substeps": found.substeps,
             "tried": [asdict(each) for each in found.steps],
         },
+        "windows": found.windows and {"frames": found.windows, "whole_rmse": found.whole},
         "hints": [{"code": hint.code, "text": hint.text} for hint in found.hints],
         "registration": found.registration and [each.summary() for each in found.registration],
         "parameters": [asdict(block) for block in found.parameters],
