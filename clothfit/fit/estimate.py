@@ -26,7 +26,7 @@ from clothfit.fit.confidence import confidence
 from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import held_out, split
 from clothfit.fit.keywords import Keywords, OlderNames, options_of, settled
-from clothfit.fit.model_choice import judged
+from clothfit.fit.model_choice import judged, nearer
 from clothfit.fit.options import AUTO, FIT_TOLERANCE, LONGEST, FitOptions
 from clothfit.fit.preparation import Prepared, flagged, prepared
 from clothfit.fit.registered_fit import registered_fit
@@ -268,6 +268,8 @@ def searched(
     if flattened:
         found = unflattened(found, objective, as_it_is)
     models = judged(search.rungs, plan.kept_out) if plan.judged is None else plan.judged
+    if plan.judged is not None and (hint := nearer(plan.judged, plan.model)) is not None:
+        found = replace(found, hints=[*found.hints, hint])
     asked = options.substeps if isinstance(options.substeps, int) and not hidden else None
     return replace(found, ladder=models, steps=list(plan.tried), substeps=plan.substeps or asked)
 

@@ -16,6 +16,8 @@ import numpy as np
 from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import metres
+from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import split
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
@@ -123,6 +125,21 @@ def climb(search: Search, starts: Sequence[Array]) -> None:
         if is_explained(search):
             return
         starts = [search.best.p]
+
+
+def nearer(models: Sequence[Judged], chosen: str) -> Hint | None:
+    """A hint on the model that came nearest to what was fitted, where another one was `chosen` that is clearly farther
+    from that.
+    """
+    own = next((each for each in models if each.model == chosen), None)
+    best = min(models, key=lambda each: each.rmse, default=None)
+    if own is None or best is None or not best.rmse < (1.0 - BEATS) * own.rmse:
+        return None
+    text = f"model {best.model} comes to {metres(best.rmse)} on what was fitted, {chosen} to {metres(own.rmse)}"
+    if best.holdout_rmse is not None and own.holdout_rmse is not None:
+        kept = f"{metres(best.holdout_rmse)} against {metres(own.holdout_rmse)}"
+        text += f"; on what was kept out it is no better, {kept}, so {chosen} was chosen"
+    return Hint("model", f"{text}; --model {best.model} fits it", early=False)
 
 
 def smallest(models: Sequence[Judged]) -> str:

@@ -155,10 +155,10 @@ def from_air(found: Fit, objective: Objective, said: set[str]) -> list[Hint]:
     other = with_parameters(free, shown)
     if np.linalg.norm(other.wind - scene.wind) <= OTHER_WIND * np.linalg.norm(other.wind):
         return []
-    cloth = objective.cloths[0]
+    cloth, compared = objective.cloths[0], "the whole motion" if found.windows is None else "the windows"
     text = (
         f"each frame by itself shows a wind of {vector(other.wind)} m/s with drag {other.cloths[cloth].drag:.3g}; "
-        f"{vector(scene.wind)} m/s with drag {scene.cloths[cloth].drag:.3g} brings the whole motion nearest, as what "
+        f"{vector(scene.wind)} m/s with drag {scene.cloths[cloth].drag:.3g} brings {compared} nearest, as what "
         "the model lacks moves the fitted wind away from that of the air"
     )
     if scene.cloths[cloth].mode("drag") == "n":

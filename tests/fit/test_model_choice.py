@@ -8,7 +8,7 @@ from helpers.strangers import small
 
 from clothfit.base import interrupts
 from clothfit.fit import model_choice
-from clothfit.fit.model_choice import BEATS, KEPT_OUT, Judged, chosen, error, judged, parted, smallest
+from clothfit.fit.model_choice import BEATS, KEPT_OUT, Judged, chosen, error, judged, nearer, parted, smallest
 from clothfit.motion.degrade import degrade
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import at_frames
@@ -55,6 +55,15 @@ def test_the_smallest_model_that_no_finer_one_beats(errors, model):
 def test_what_is_kept_out_judges_where_anything_is():
     assert smallest(models(1.0, 1.0, fitted=(1.0, 0.1))) == "F"
     assert smallest(models(None, None, fitted=(1.0, 0.1))) == "R"
+
+
+def test_a_model_that_came_nearer_to_what_was_fitted_is_named():
+    hint = nearer(models(0.06, 0.27, fitted=(0.037, 0.025)), "F")
+    assert hint.code == "model"
+    assert "model R comes to 25 mm on what was fitted, F to 37 mm" in hint.text
+    assert "it is no better, 270 mm against 60 mm, so F was chosen; --model R fits it" in hint.text
+    assert nearer(models(0.06, 0.02, fitted=(0.037, 0.025)), "R") is None
+    assert nearer(models(0.06, 0.06, fitted=(0.037, 0.036)), "F") is None
 
 
 # --- of a cloth

@@ -80,15 +80,16 @@ def test_a_wind_that_single_frames_show_otherwise_is_said(drag, said):
     def hints(wind):
         scene = windy(wind)
         scene = replace(scene, cloths=(replace(scene.cloths[0], fits={"damping": "G", "drag": drag}),))
-        return from_air(SimpleNamespace(scene=scene), Objective(scene, motion, 1e-10), set())
+        return from_air(SimpleNamespace(scene=scene, windows=None), Objective(scene, motion, 1e-10), set())
 
     (hint,) = hints((-1.0, 3.0, 2.0))
     assert hint.code == "wind"
     assert "(-1, 3, 2) m/s with drag 2e+03 brings" in hint.text
     assert ("fit the drag as well" in hint.text) is said
+    assert "; --windows 3 fits" in hint.text
     assert not hints(WIND)
     calm = replace(windy(), fits={})
-    assert not from_air(SimpleNamespace(scene=calm), Objective(calm, motion, 1e-10), set())
+    assert not from_air(SimpleNamespace(scene=calm, windows=None), Objective(calm, motion, 1e-10), set())
 
 
 def test_exchanged_finds_the_pair_and_nothing_where_there_is_none():

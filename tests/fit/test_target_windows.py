@@ -10,7 +10,6 @@ from helpers.strangers import DRAG, WIND, sheet, small, windy, with_finer_steps
 import clothfit
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import main
-from clothfit.derivative.verify import central_difference_error
 from clothfit.fit.target_windows import in_windows, windows_of
 from clothfit.motion.motion import at_frames
 from clothfit.motion.simulate import simulate
@@ -100,40 +99,46 @@ def test_the_gradient_over_windows_is_exact(method, motion):
     scene = scene.with_step(scene.delta, 40, method)
     windows = in_windows(Objective(scene, motion, 1e-14, 40), 9)
     assert len(windows.runs) == 5
-    # as for motions from their start: the difference's own error of 1e-6
-    assert central_difference_error(windows, parameters(scene), seed=1) < 1e-6
+    p = parameters(scene)
+    cost, gradient = windows.cost_and_gradient(p)
+    step = 1e-5 * p * np.random.default_rng(1).normal(size=len(p))
+    # the difference's own error is 2e-9 here, of the third order of the step
+    assert windows.cost(p + step) - windows.cost(p - step) == pytest.approx(2.0 * gradient @ step, rel=1e-7)
+    assert cost > 1e-6  # m²: there is something to explain
 
 
 @pytest.mark.slow
-def test_the_wind_of_a_model_that_differs_is_that_of_the_frames(motion):
-    # the fitted cloth is as stiff as it is, twice too stiff: a whole motion makes up for that by another wind
-    start = windy(wind=(0, 0, 0), stiffness=10.0)
-    start = replace(start, cloths=(replace(start.cloths[0], settings="nn"),))
-    whole = clothfit.estimate(start, motion, intervals=False)
-    found = clothfit.estimate(start, motion, intervals=False, windows=8)
-    off = [np.linalg.norm(fit.scene.wind - WIND) for fit in (whole, found)]
-    assert off[1] < 0.1 * np.linalg.norm(WIND)
-    assert off[1] < 0.5 * off[0]
-    assert (found.windows, whole.windows, whole.whole) == (8, None, None)
+def test_windows_find_the_values_and_say_how_far_the_whole_motion_is(motion):
+    start = windy(wind=(0.3, 0.0, 0.5), drag=500.0)
+    found = clothfit.estimate(start, motion, intervals=False, windows=16)
+    # central differences, and the first step of each window, are off by the third order of 2.5 ms
+    np.testing.assert_allclose(found.scene.wind, WIND, atol=0.05 * np.linalg.norm(WIND))
+    assert found.scene.cloths[0].drag == pytest.approx(DRAG, rel=0.02)
+    assert found.windows == 16
+    assert found.rmse < found.whole
     own = at_frames(simulate(found.scene, tolerance=1e-10), slice(None, None, found.substeps or 1)).positions
     far = np.sqrt(((own - motion.positions[: len(own)]) ** 2).sum(axis=2).mean())
-    assert found.whole == pytest.approx(far, rel=1e-5)  # of systems solved to 1e-10 each
+    assert found.whole == pytest.approx(far, rel=1e-4)  # 0.2 mm, of systems solved to 1e-10 each
 
 
 @pytest.mark.slow
-def test_the_right_model_finds_its_values_in_windows_and_says_so(tmp_path, capsys):
-    scene = windy(frames=60)
-    clothfit.save(windy(wind=(0.3, 0.0, 0.5), drag=500.0, frames=60), tmp_path / "scene.json")
-    clothfit.save_motion(with_finer_steps(scene, 4), tmp_path / "target.npz")
+def test_the_command_says_what_was_compared(tmp_path, capsys, motion):
+    scene, target = tmp_path / "scene.json", tmp_path / "target.npz"
+    clothfit.save(windy(), scene)
+    clothfit.save_motion(motion, target)
     with pytest.raises(SystemExit) as end:
-        main(["estimate", str(tmp_path / "scene.json"), "--target", str(tmp_path / "target.npz"), "--windows", "6",
-              "--no-intervals", "--json"])  # fmt: skip
+        main(["estimate", str(scene), "--target", str(target), "--windows", "40", "--no-intervals", "--json"])
     out, err = capsys.readouterr()
     said = json.loads(out)
     assert end.value.code in (0, 5)
-    assert said["windows"]["frames"] == 6
-    assert "that is over windows of 6 frames; the whole motion: RMSE" in err
-    # central differences are of second order in the frames' distance: a percent here
-    found = clothfit.load(tmp_path / "scene.fitted.json")
-    np.testing.assert_allclose(found.wind, WIND, rtol=0.05)
-    assert found.cloths[0].drag == pytest.approx(DRAG, rel=0.05)
+    assert said["windows"]["frames"] == 40
+    assert said["windows"]["whole_rmse"] > 0
+    assert "that is over windows of 40 frames; the whole motion: RMSE" in err
+
+
+def test_the_last_frames_may_be_kept_out_of_the_windows():
+    scene = sheet(frames=20, letters="nF")
+    motion = simulate(sheet(40.0, frames=20), tolerance=1e-10)
+    found = clothfit.estimate(scene, motion, intervals=False, windows=4, holdout=0.25)
+    assert (found.frames, found.holdout.observations) == (15 + 3, 5 * 36)  # windows share three frames of the 15
+    assert 0 < found.holdout.rmse < np.inf
