@@ -16,11 +16,12 @@ from helpers.scenes import environment, trial, write_scene
 
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
+from clothfit.fit.estimate import estimate
 from clothfit.fit.options import FitOptions
 from clothfit.many.cluster import Cluster
 from clothfit.many.estimate_many import estimate_many, fit_all
 from clothfit.many.job import Job, read
-from clothfit.scene.scene import dumps
+from clothfit.scene.scene import dumps, load
 
 distributed = pytest.importorskip("distributed", reason="distributed is not installed; there is no cluster")
 pytestmark = [
@@ -35,6 +36,7 @@ EVALUATIONS = 40
 @pytest.fixture(scope="module")
 def cluster():
     """A scheduler in this process, two workers in processes of their own, which a nanny starts again."""
+    estimate(load(trial("LL", 5, 3, 3)), max_evaluations=2, **FEW)  # so that no worker is killed while it compiles
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
     ) as made:
