@@ -106,7 +106,7 @@ class Sweep:
     def __init__(self, system: System, direction: Elements, tolerance: float) -> None:
         self.system, self.direction, self.tolerance = system, with_constant(direction), tolerance
         self.work, self.taken = implicit.workspace(system), Taken(system)
-        self.state = states(system)
+        self.state, self.begins = states(system), first_step(system, direction)
         self.sweep: Callable[..., None] = sweep_bdf2_forward if system.method == BDF2 else sweep_forward
         if len(direction.velocity) > 0:
             copy(direction.velocity, self.state[1])
@@ -115,7 +115,10 @@ class Sweep:
 
     def through(self, chunk: Rollout) -> Array:
         """Change of the positions (T, n, 3) after each step of the next chunk of the motion."""
-        change = np.empty_like(chunk.x[1:])
+        change = np.zeros_like(chunk.x[1:])
+        skipped = self.begins - chunk.first
+        if skipped >= chunk.steps:
+            return change
         if chunk.touches is not None:
             from clothfit.derivative import touching  # which few scenes need
 
@@ -124,10 +127,21 @@ class Sweep:
             return change
         with linear.served(self.work.A, self.work.solver):
             for begin, end in alike(chunk):
-                given = self.direction, self.tolerance, self.work
-                self.sweep(*forms(self.taken.at(chunk, begin)), chunk, begin, end, *given, *self.state, change)
+                if end > skipped:
+                    steps, given = (max(begin, skipped), end), (self.direction, self.tolerance, self.work)
+                    self.sweep(*forms(self.taken.at(chunk, begin)), chunk, *steps, *given, *self.state, change)
         interrupts.check()
         return change
+
+
+def first_step(system: System, direction: Elements) -> int:
+    """The first step that a direction changes: a later one where it is of keys of the wind that are not reached before.
+    """
+    inputs, keys = system.inputs, direction.gusts
+    if inputs is None or not len(keys) or any(np.any(field) for field in direction._replace(gusts=NO_NUMBERS)):
+        return 0
+    acting = np.flatnonzero(inputs.share @ np.abs(keys).sum(axis=1))
+    return max(int(acting[0]) - inputs.lead, 0) if len(acting) else len(inputs.share)
 
 
 def alike(chunk: Rollout) -> list[tuple[int, int]]:

@@ -38,8 +38,10 @@ if TYPE_CHECKING:
 
     from clothfit.derivative import contact_columns
 
-FEW_COLUMNS = 16
-"""Columns up to which one sweep for each is faster than one for all together."""
+FEW_COLUMNS, FEW_OF_LARGE = 16, 32
+"""Columns up to which one sweep for each is faster than one for all together: of cloths of up to `DENSE_UNKNOWNS`, and
+of larger ones, whose factors cost more.
+"""
 
 DENSE_UNKNOWNS = 1500
 """Unknowns up to which A is inverted as a dense matrix."""
@@ -249,6 +251,15 @@ def tangents(
         changes = [each.through(chunk) for each in sweeps]
         for t in range(chunk.steps):
             yield np.stack([change[t][free].reshape(-1) for change in changes], axis=1)
+
+
+def one_by_one(system: System, columns: Columns, steps: int) -> bool:
+    """Whether one sweep per column is faster over so many steps, of which a column may need but the last ones; or the
+    only way.
+    """
+    few = FEW_COLUMNS if 3 * int(system.vertex.free.sum()) <= DENSE_UNKNOWNS else FEW_OF_LARGE
+    late = sum(min(adjoint.first_step(system, direction), steps) for _, direction in columns.everywhere)
+    return columns.width - late / max(steps, 1) <= few or not is_dense(system)
 
 
 def along(system: System, columns: Columns, q: int) -> Elements:

@@ -27,10 +27,10 @@ from clothfit.fit.hints import Hint, early_hints
 from clothfit.fit.holdout import held_out, split
 from clothfit.fit.keywords import Keywords, OlderNames, options_of, settled
 from clothfit.fit.model_choice import judged, nearer
-from clothfit.fit.options import AUTO, FIT_TOLERANCE, LONGEST, FitOptions
+from clothfit.fit.options import AUTO, FIT_TOLERANCE, LONGEST, LONGEST_OVER_TIME, FitOptions
 from clothfit.fit.preparation import Prepared, flagged, prepared
 from clothfit.fit.registered_fit import registered_fit
-from clothfit.fit.residual_hints import with_residual_hints
+from clothfit.fit.residual_hints import with_residual_hints, with_stall_hint
 from clothfit.fit.result import Fit, fitted_scene, result, with_fallbacks, with_verdict
 from clothfit.fit.target_windows import in_windows, with_whole
 from clothfit.fit.verdict import UNKNOWN, Judgement, judgement
@@ -218,6 +218,7 @@ def assessed(found: Fit, plan: Prepared, hidden: bool, options: FitOptions) -> F
     found = looked_at(replace(found, windows=options.windows), with_residual_hints, objective, options=options)
     if plan.whole is not None:
         found = looked_at(found, with_whole, plan.whole, options=options)
+    found = looked_at(found, with_stall_hint, objective, options=options)
     if options.method == AUTO and not (hidden or plan.tried or options.resume):
         found = looked_at(found, with_step_hint, objective, options=options)
     if kept_out is None:
@@ -252,7 +253,8 @@ def searched(
     search.take_over(plan.model, plan.substeps, plan.evaluations, plan.seconds, plan.computing)
     if not hidden:
         search.origin = choose_start(objective, start, hidden=False)
-    search.longest = LONGEST if options.seconds is None else np.inf
+    longest = LONGEST if objective.scene.mode("gusts") == "n" else LONGEST_OVER_TIME
+    search.longest = longest if options.seconds is None else np.inf
     search.warn(*warnings)
     others = partial(other_starts, objective, p, hidden) if start is None and plan.p is None else None
     as_it_is = np.inf if start is not None or hidden else cost_of_pattern(objective)

@@ -1,5 +1,7 @@
 """Hints after a fit whose model differs: what of the residuals another clock, another place, or two vertices that are
-mistaken for each other would explain (`registration.explained`).
+mistaken for each other would explain (`registration.explained`). And what to do where a search has stalled: contacts
+that switch, folds that buckle to another side and steps that the guard shortens let the error jump from one value to
+the next, and no search by gradients comes down there but from near.
 """
 
 from __future__ import annotations
@@ -23,9 +25,10 @@ from clothfit.objective.experiment import Experiment
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run
 from clothfit.objective.target import Frames, sample
+from clothfit.optimise.status import Status
 from clothfit.registration.explained import Explained, explained, promised
 from clothfit.registration.record import Registration
-from clothfit.scene.fit_vector import parameters, with_parameters
+from clothfit.scene.fit_vector import bounds, parameters, with_parameters
 from clothfit.strategy import smooth_balances
 
 CLOCK, PLACE = 0.5, 0.3
@@ -48,6 +51,9 @@ PROMISED = 0.35
 
 LONGEST = 5.0
 """Seconds for these hints."""
+
+SHIFT, JUMP = 1e-6, 1e-2
+"""A relative change of all values, and that of the error, above which this counts as a jump."""
 
 CODES = {"offset": "time_offset", "rate": "time_scale", "placement": "placement"}
 """Codes of the hints."""
@@ -216,3 +222,33 @@ class Distances:
     def mean(self) -> Array:
         """Their means (k, k), or (k, 1), m²; NaN where nothing was seen."""
         return np.asarray(np.where(self.count > 0, self.squares / np.maximum(self.count, 1), np.nan))
+
+
+def with_stall_hint(found: Fit, objective: Objective) -> Fit:
+    """The fit with what to do next where its search has stalled."""
+    if found.status != Status.STALLED or not found.rmse > 0.0:
+        return found
+    others = [objective.rmse(objective.cost_or_infinity(p)) for p in around(found, objective)]
+    away = max(others, key=lambda rmse: abs(rmse - found.rmse), default=found.rmse)
+    if not abs(away - found.rmse) <= JUMP * found.rmse:
+        share = f"change it by {100 * abs(away / found.rmse - 1):.3g} %" if np.isfinite(away) else "let it diverge"
+        text = (
+            f"the search has stalled where the error jumps: values that are a millionth larger or smaller {share}, as "
+            "contacts, folds or the guard of the step switch. Fit fewer frames, then all of them from that result "
+            "(--start), or with finer steps (--substeps)"
+        )
+    else:
+        text = (
+            "the search has stalled short of a minimum: fit again from its result (--start), by another --method, or "
+            "from other starts (--starts 8)"
+        )
+    return replace(found, hints=[*found.hints, Hint("stalled", text, early=False)])
+
+
+def around(found: Fit, objective: Objective) -> list[Array]:
+    """Values (P,) on two sides of those that were found, every other one changed the other way."""
+    p = parameters(found.scene, objective.scene)
+    scales = np.concatenate([np.zeros(0), *(np.full(block.count, block.kind.scale) for block in objective.blocks)])
+    sizes = np.where(objective.identifiable, np.maximum(np.abs(p), SHIFT * scales), 0.0)
+    change = SHIFT * sizes * np.where(np.arange(len(p)) % 2 == 0, 1.0, -1.0)
+    return [np.clip(p + sign * change, *bounds(objective.scene)) for sign in (1.0, -1.0)]

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +36,9 @@ ENOUGH, POOR, GOOD = 1e-4, 0.25, 0.75
 
 FIRST_RADIUS = 1.0
 """Of the trust region, in root mean square of the coordinates: a factor e."""
+
+CAUTIOUS_RADIUS = 0.1
+"""Of one with widths: a tenth of them, and of the residuals; where the model is right it is doubled at once."""
 
 
 LEARNING = 12
@@ -82,6 +85,7 @@ class Problem:
     believe: Callable[[Prior, float], None] | None = None  # takes the prior of the moment, and σ²
     is_noise: Callable[[Array], bool] | None = None  # whether most of the residuals may be noise; None: they are
     waiting: Callable[[], None] | None = None  # called now and then while a long step is computed
+    widths: Array | None = None  # (Q,) of a trust region that is as wide as residuals are flat, at most; None: a ball
 
 
 def minimise(
@@ -96,7 +100,8 @@ def minimise(
 
     `accepted` is called with the prior, the model and the radius after each iteration, and may raise Stop.
     """
-    radius = FIRST_RADIUS * np.sqrt(max(len(y), 1)) if radius is None else radius
+    if radius is None:
+        radius = FIRST_RADIUS * np.sqrt(max(len(y), 1)) if problem.widths is None else CAUTIOUS_RADIUS
     model = problem.model(y)
     mark = (0.0, np.inf)  # iteration and cost when it last became much lower
     last = (np.inf, np.inf)  # what the last model would have saved, and its cost
@@ -115,15 +120,14 @@ def minimise(
         A = prior.matrix(sigma2)
         H, g = model.H + A, model.g + A @ (model.y - prior.centre)
         lower, upper = problem.lower - model.y, problem.upper - model.y
-        whole = bounded.solve(H, g, lower, upper, waiting=problem.waiting)
-        saving = -float(2 * g @ whole + whole @ H @ whole)
+        near = Quadratic(model.y, H, g, lower, upper, scale_of(model, problem), problem.waiting)
+        saving = near.reduction(near.whole)
         twice = max(saving / model.cost, last[0] / last[1]) if model.cost > 0 and last[1] < np.inf else np.inf
         if saving <= max(LEFT * sigma2, problem.least * model.cost) or twice <= SMALL:
             return model, prior, Status.CONVERGED
         last = saving, model.cost
         value = model.cost + prior.value(model.y, sigma2)
         total = partial(penalised, problem, prior, sigma2)
-        near = Quadratic(model.y, H, g, lower, upper, whole, problem.waiting)
         step, radius, good = descend(total, value, near, radius)
         if not good:
             return model, prior, ended(saving <= patience.flat * model.cost)
@@ -143,23 +147,47 @@ def penalised(problem: Problem, prior: Prior, sigma2: float, y: Array) -> float:
     return problem.cost(y) + prior.value(y, sigma2)
 
 
+def scale_of(model: Model, problem: Problem) -> Array | None:
+    """The length (Q,) of a change of 1 of each coordinate where the trust region is no ball: that of the residuals'
+    change, relative to their size, and of the change relative to the width. None where it is 1.
+    """
+    if problem.widths is None or not model.cost > 0:
+        return None
+    with np.errstate(over="ignore"):
+        return np.asarray(np.sqrt(model.H.diagonal() / model.cost + 1.0 / problem.widths**2))
+
+
 @dataclass(frozen=True)
 class Quadratic:
-    """A model of cost and penalty at y, and its minimum within the bounds."""
+    """A model of cost and penalty at y, and its minimum within the bounds. The length of a step d is |S d|."""
 
     y: Array
     H: Array
     g: Array
     lower: Array  # of a step
     upper: Array
-    whole: Array  # the step to the minimum
+    scale: Array | None = None  # (Q,), the diagonal of S; None: all 1
     waiting: Callable[[], None] | None = None  # as of `Problem`
+
+    @cached_property
+    def whole(self) -> Array:
+        """The step to the minimum."""
+        return self._solved(np.inf)
 
     def within(self, radius: float) -> Array:
         """The best step of at most this length."""
-        if np.linalg.norm(self.whole) <= radius:
-            return self.whole
-        return bounded.solve(self.H, self.g, self.lower, self.upper, radius, self.waiting)
+        return self.whole if self.length(self.whole) <= radius else self._solved(radius)
+
+    def _solved(self, radius: float) -> Array:
+        S = self.scale
+        if S is None:
+            return bounded.solve(self.H, self.g, self.lower, self.upper, radius, self.waiting)
+        ends = self.lower * S, self.upper * S
+        return np.asarray(bounded.solve(self.H / np.outer(S, S), self.g / S, *ends, radius, self.waiting) / S)
+
+    def length(self, step: Array) -> float:
+        """How long a step is."""
+        return float(np.linalg.norm(step if self.scale is None else self.scale * step))
 
     def reduction(self, step: Array) -> float:
         """By how much a step lowers the model."""
@@ -179,12 +207,12 @@ def descend(
         new, predicted = total(model.at(step)), model.reduction(step)
         if new < value and value - new >= ENOUGH * predicted:
             break
-        radius = POOR * min(radius, float(np.linalg.norm(step)))
+        radius = POOR * min(radius, model.length(step))
     else:
         return np.zeros(len(model.y)), radius, False
     if value - new < POOR * predicted:
         return step, 0.5 * radius, True
-    while value - new > GOOD * model.reduction(step) and np.linalg.norm(step) < np.linalg.norm(model.whole):
+    while value - new > GOOD * model.reduction(step) and model.length(step) < model.length(model.whole):
         wider = model.within(2.0 * radius)
         beyond = total(model.at(wider))
         if not beyond < new:

@@ -14,7 +14,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.columns import columns
-from clothfit.derivative.sensitivity import DENSE_UNKNOWNS, FEW_COLUMNS, at_start, is_dense, sweep, tangents
+from clothfit.derivative.sensitivity import DENSE_UNKNOWNS, at_start, one_by_one, sweep, tangents
 from clothfit.engine.system import mobile
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
@@ -31,6 +31,9 @@ LARGEST = 3e12
 
 MATRICES, CHUNKS = 8, 3
 """Arrays (Q, Q), and parts of the sensitivity (`normal.chunk_steps`), that a step of Gauss–Newton works with."""
+
+AIR = ("wind", "gusts")
+"""Kinds of which only the product with the drag pushes a cloth."""
 
 FABRIC = ("mass", "stiffness", "rest")
 """Kinds whose values scatter around a fabric's."""
@@ -109,6 +112,14 @@ class Trajectory:
             self.model, self.cost, *self.bounds, self.residuals(), least, patience, self.believe, self.is_noise,
             self.search.report,
         )  # fmt: skip
+
+    @property
+    def widths(self) -> Array | None:
+        """Changes (Q,) of the coordinates by a factor e, or by σ where they are linear, where the wind is fitted: what
+        counts as one of it is not known before the drag is. Else None.
+        """
+        windy = any(block.name in AIR and self.fitted[block.part].any() for block in self.objective.blocks)
+        return np.asarray(self.search.coordinates.weight[self.fitted]) if windy else None
 
     def cost(self, y: Array) -> float:
         """The cost at y; infinite where the simulation diverges. Raises Stop as a visit of the search does."""
@@ -200,7 +211,7 @@ def run_model(
     blocks = [block for block in objective.blocks if block.cloth in (run.cloth, None)]
     wanted = columns(system, blocks, p, column, factor, count)
     few = partial(tangents, system, tape, wanted, tolerance)
-    steps = few if count <= FEW_COLUMNS or not is_dense(system) else partial(sweep, system, tape, wanted)
+    steps = few if one_by_one(system, wanted, tape.steps) else partial(sweep, system, tape, wanted)
     residuals = cost.residuals(mobile(system))
     H, g = normal.accumulate(residuals, steps(residuals.update), at_start(system, wanted), scores)
     return H, g, cost.value

@@ -29,8 +29,11 @@ from clothfit.optimise.trajectory import Trajectory
 FEW_VALUES = preconditioned.FEW
 """Values up to which a step of Gauss–Newton costs no more than a few gradients."""
 
-STEPS = 4
-"""Steps of Gauss–Newton over all frames."""
+FEW_OVER_TIME = 128
+"""The same where the others are values over time, of which most do not change the beginning."""
+
+STEPS, STEPS_OVER_TIME = 4, 12
+"""Steps of Gauss–Newton over all frames; by values over time each of them saves more than a round of L-BFGS."""
 
 PATIENCE = Patience(1, 1e-3, 1e-3)
 """A step of it that saves less than this fraction of the cost is the last."""
@@ -86,10 +89,10 @@ def settled(own: Search) -> bool:
     whole, part = Trajectory(own, own.objective), preconditioned.for_metric(own)
     if not (is_for_few(own) and part.fits()):
         return False
-    problem = replace(whole.problem(preconditioned.SETTLED, PATIENCE), model=part.model)
-    status = Status.STALLED
+    problem = replace(whole.problem(preconditioned.SETTLED, PATIENCE), model=part.model, widths=part.widths)
+    status, steps = Status.STALLED, STEPS_OVER_TIME if over_time(own) else STEPS
     with contextlib.suppress(Diverged), np.errstate(over="ignore", invalid="ignore"):
-        status = gauss_newton.minimise(problem, own.y, none(part.size), iterations=STEPS)[2]
+        status = gauss_newton.minimise(problem, own.y, none(part.size), iterations=steps)[2]
     if status == Status.CONVERGED:
         own.settled = own.best.p
     return own.is_settled
@@ -112,4 +115,11 @@ def polled(own: Search) -> bool:
 
 def is_for_few(own: Search) -> bool:
     """Whether a search is of few values, has a point, and has time."""
-    return bool(own.fitted.sum() <= FEW_VALUES and np.isfinite(own.best.cost) and not own.is_late)
+    others = int(own.fitted.sum()) - over_time(own)
+    few = others <= FEW_VALUES and over_time(own) <= FEW_OVER_TIME
+    return bool(few and np.isfinite(own.best.cost) and not own.is_late)
+
+
+def over_time(own: Search) -> int:
+    """How many values of a search are those of keys."""
+    return sum(int(own.fitted[block.part].sum()) for block in own.objective.blocks if block.name == "gusts")

@@ -17,7 +17,7 @@ from clothfit.optimise.gauss_newton import Patience
 from clothfit.optimise.prior import none
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
-from clothfit.strategy.trajectory_fit import FIRST_WINDOW, WINDOW_GROWTH, is_long, loosened, window_lengths
+from clothfit.strategy.trajectory_fit import FIRST_WINDOW, is_long, loosened, window_lengths
 
 FIRST_STEPS, LATER_STEPS = 8, 4
 """Steps of Gauss–Newton in the first window and in each later one, which goes on from near its minimum; half as many of
@@ -67,7 +67,7 @@ def some_steps(part: Trajectory, y: Array, most: int) -> Array:
         return part.model(y)
 
     ends = (TOUCHING_SAVING, TOUCHING) if touches(part.objective) else (WINDOW_SAVING, HASTY)
-    problem = replace(part.problem(*ends), model=model)
+    problem = replace(part.problem(*ends), model=model, widths=part.widths)
     with contextlib.suppress(Enough):
         return gauss_newton.minimise(problem, y, none(part.size), part.passed)[0].y
     return points[-1]
@@ -76,8 +76,10 @@ def some_steps(part: Trajectory, y: Array, most: int) -> Array:
 def windows_of(objective: Objective) -> list[Objective]:
     """The objective over the first frames, over more and more, all of them left out."""
     first = objective.first_step + FIRST_WINDOW * frame_steps(objective)
-    growth = TOUCHING_GROWTH if touches(objective) else WINDOW_GROWTH
-    return [loosened(objective, frames) for frames in window_lengths(first, objective.steps + 1, growth)[:-1]]
+    if touches(objective):
+        lengths = window_lengths(first, objective.steps + 1, TOUCHING_GROWTH)[:-1]
+        return [objective.until(frames, objective.tolerance) for frames in lengths]
+    return [loosened(objective, frames) for frames in window_lengths(first, objective.steps + 1)[:-1]]
 
 
 def touches(objective: Objective) -> bool:

@@ -41,7 +41,7 @@ def held(scene: Scene) -> Flags:
     is fitted as well.
     """
     flags = np.zeros(sum(block.count for block in scene.blocks), bool)
-    windy = any(block.name == "wind" for block in scene.blocks)
+    windy = any(block.name in ("wind", "gusts") for block in scene.blocks)
     for block in scene.blocks:
         if block.name == "gravity" and not windy:
             gravity = np.asarray(scene.gravity)

@@ -26,9 +26,9 @@ from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, MODEL_NAMES, MODELS
 from clothfit.scene.scene import Scene
-from clothfit.strategy import gravity_direction
-from clothfit.strategy.few_values import FEW_VALUES, beyond_steps, in_a_round, to_the_minimum
-from clothfit.strategy.first_windows import through_windows
+from clothfit.strategy import gravity_direction, signals
+from clothfit.strategy.few_values import FEW_VALUES, beyond_steps, in_a_round, settled, to_the_minimum
+from clothfit.strategy.first_windows import through_windows, touches
 
 STARTED = 2.0
 """Times what the windows from one start took, that must be left for those from the next one."""
@@ -122,6 +122,7 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
     """
     if not np.isfinite(search.best.cost):
         search.visit(search.start)
+    steady_wind(search, model)
     began = search.progress.computing
     for number, start in enumerate(starts):
         if number and not search.has_time(STARTED * (search.progress.computing - began) / number):
@@ -139,6 +140,16 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
         carried(search, part_of(search, model, search.best.p, turned=True), method)
 
 
+def steady_wind(search: Search, model: str) -> None:
+    """Fit one steady wind before its keys, where all of them have the same value (`signals`). Raises Stop."""
+    whole = search.objective
+    if any(each.scene is not whole.scene for each in whole.experiments):
+        return
+    if signals.is_steady(with_parameters(whole.scene, search.best.p)):
+        carried(search, part_of(search, model, search.best.p, steady=True), through_windows)
+        carried(search, part_of(search, model, search.best.p, steady=True), settled)
+
+
 def turning_pays(search: Search) -> bool:
     """Whether another direction of gravity saves enough at the best point, beside the values of the coarsest model."""
     scene = with_parameters(search.objective.scene, search.best.p)
@@ -150,13 +161,15 @@ def turning_pays(search: Search) -> bool:
         search.progress.p = search.best.p
 
 
-def part_of(search: Search, model: str, p: Array, turned: bool = False) -> Search:
+def part_of(search: Search, model: str, p: Array, turned: bool = False, steady: bool = False) -> Search:
     """A search by the parameters of a model, from the values p (P,) of the whole search; gravity keeps its direction
-    unless it may be `turned`.
+    unless it may be `turned`; the wind may be `steady` (`signals`).
     """
     whole = search.objective
     scene = as_model(with_parameters(whole.scene, p), model)
-    objective = whole.flagging(scene, max(STAGE_TOLERANCE, whole.tolerance))
+    tolerance = whole.tolerance if touches(whole) else max(STAGE_TOLERANCE, whole.tolerance)
+    objective = whole.flagging(signals.steadied(scene) if steady else scene, tolerance)
+    scene = objective.scene
     part = search.beside(objective, parameters(scene), search.best.cost if p is search.best.p else np.inf)
     if not turned:
         part.fitted = part.fitted & ~gravity_direction.held(scene)
@@ -201,4 +214,4 @@ def in_a_moment(objective: Objective, p: Array, known: float) -> float:
 
 def found(own: Search, scene: Scene) -> Array:
     """The best point of a search as parameters (P,) of another scene's flags."""
-    return parameters(with_parameters(own.objective.scene, own.best.p), flags=scene)
+    return signals.values(with_parameters(own.objective.scene, own.best.p), flags=scene)

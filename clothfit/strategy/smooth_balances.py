@@ -60,8 +60,10 @@ def values(objective: Objective, p: Array) -> Array | None:
     fitted, by the balances above; None where the targets do not show them, or something else pushes the cloth.
     """
     scene = objective.scene
-    if len(objective.cloths) != 1 or objective.own or scene.obstacles or scene.wind_keys or scene.gravity_keys:
+    if len(objective.cloths) != 1 or objective.own or scene.obstacles or scene.gravity_keys:
         return None
+    if scene.wind_keys and (scene.wind_keys.file or scene.gusts.any() or scene.mode("gusts") != "n"):
+        return None  # it changes over time
     cloth = objective.cloths[0]
     given = [(each.scene, frames_of(each.motion, cloth, each.scene)) for each in objective.experiments]
     known = [(own, frames) for own, frames in given if frames is not None]

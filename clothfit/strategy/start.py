@@ -24,10 +24,10 @@ from clothfit.objective.objective import Objective
 from clothfit.scene.block import Block
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.factors import geometric_mean
-from clothfit.scene.fit_vector import bounds, parameters
+from clothfit.scene.fit_vector import bounds, parameters, with_parameters
 from clothfit.scene.kinds import LETTERED
 from clothfit.scene.scene import Scene
-from clothfit.strategy import smooth_balances
+from clothfit.strategy import signals, smooth_balances
 from clothfit.strategy.coarse_search import COARSE_FRAMES, COARSE_TOLERANCE, best_scales, normalised
 
 SELF_STARTING = ("auto", "momentum")
@@ -83,6 +83,12 @@ def with_air(objective: Objective, p: Array) -> Array:
     """The start p (P,), or, where the wind or the drag is fitted, the values of smooth balances of momentum, if these
     cost less over the first part of the frames: from a wrong drag no wind pays, and from no wind no drag does.
     """
+    now = with_parameters(objective.scene, p)
+    if signals.is_steady(now) and all(each.scene is objective.scene for each in objective.experiments):
+        own = objective.flagging(signals.steadied(now))
+        before = parameters(own.scene)
+        after = with_air(own, before)
+        return p if after is before else signals.values(with_parameters(own.scene, after), flags=objective.scene)
     if not any(block.name in ("wind", "drag") for block in objective.blocks):
         return p
     found = smooth_balances.values(objective, p)

@@ -24,6 +24,9 @@ GUSTS = {
 }
 """A wind over time and a collider that rubs as it passes, so that a system has every kind of value."""
 
+LATE = {"times": [0.0, 0.02, 0.05], "values": 3 * [{"x": 1, "y": 2, "z": -1}], "interpolation": "hold"}
+"""Keys of a wind, of which the second holds from the time of step 4 on."""
+
 ONE = [("explicit", 1), ("symplectic", 1), ("implicit", 1), ("implicit", 2), ("bdf2", 1)]
 VARIANTS = [*ONE, ("implicit", 5), ("bdf2", 3)]
 
@@ -50,6 +53,23 @@ def test_the_tangent_is_the_derivative_of_the_motion(method, newton):
     measured = (positions(system, change, t) - positions(system, change, -t)) / (2 * t)
     # rounding of positions 1e-15 / 1e-5 against changes of 1e-3; truncation 1e-10
     assert relative(adjoint.tangent(system, memory, change, TIGHT), measured) < 1e-6
+
+
+@pytest.mark.parametrize(("method", "lead"), [("symplectic", 0), ("implicit", 1), ("bdf2", 1)])
+def test_a_later_key_of_the_wind_changes_nothing_before_it_acts(method, lead):
+    system = gentle(method, windVelKeys=LATE, fit={"windVelKeys": "L"})
+    memory, _ = swept(system)
+    change, t = physics.nothing(system), 1e-5
+    change.gusts[1] = (1.0, 2.0, -1.0)
+    begins = adjoint.first_step(system, change)
+    assert begins == 4 - lead
+    measured = (positions(system, change, t) - positions(system, change, -t)) / (2 * t)
+    found = adjoint.tangent(system, memory, change, TIGHT)
+    assert not found[: begins + 1].any()
+    assert found[begins + 1].any()
+    assert relative(found, measured) < 1e-6  # as above
+    change.damping[:] = 1.0
+    assert adjoint.first_step(system, change) == 0
 
 
 @pytest.mark.parametrize(("method", "newton"), VARIANTS)

@@ -15,6 +15,7 @@ from clothfit.optimise.gauss_newton import (
     Quadratic,
     descend,
     minimise,
+    scale_of,
 )
 from clothfit.optimise.prior import first, none
 
@@ -174,7 +175,7 @@ def test_nothing_to_fit_is_converged():
 
 def bowl(y=(0.0, 0.0), H=((2.0, 0.0), (0.0, 2.0)), g=(-2.0, 0.0), bound=10.0):
     H, g, y = np.array(H), np.array(g), np.array(y)
-    return Quadratic(y, H, g, np.full(2, -bound), np.full(2, bound), -np.linalg.solve(H, g))
+    return Quadratic(y, H, g, np.full(2, -bound), np.full(2, bound))
 
 
 def test_a_model_that_is_right_is_followed_beyond_the_radius():
@@ -200,6 +201,50 @@ def test_without_descent_the_radius_ends_and_nothing_moves():
     assert not good
     assert not step.any()
     assert radius <= SMALLEST * np.sqrt(2)
+
+
+# --- a trust region that is as wide along each coordinate as the residuals are flat
+
+
+def in_units(made, units):
+    """The same problem in coordinates y units."""
+    units = np.array(units)
+    return Synthetic(
+        lambda y: made.residual(y / units), lambda y: made.jacobian(y / units) / units,
+        lower=units * made.lower, upper=units * made.upper,
+    )  # fmt: skip
+
+
+def test_the_points_of_a_scaled_trust_region_are_the_same_in_other_units():
+    made, _ = decay(0.01)
+    found = []
+    for units in ((1.0, 1.0), (1e-2, 1e-4)):
+        part, units = in_units(made, units), np.array(units)
+        problem = replace(part.problem, widths=2.0 * units)
+        model, _, status = minimise(problem, units * (1.5, -1.0), none(2))
+        assert status == "converged"
+        found.append(np.array([*part.trials, model.y]) / units)
+    np.testing.assert_allclose(*found, rtol=1e-6)  # rounding, of steps that are divided by differences
+
+
+def test_a_scaled_step_changes_neither_residuals_nor_coordinates_by_more_than_the_radius_says():
+    made = rosenbrock()
+    y = np.array([-1.2, 1.0])
+    model, problem = made.model(y), replace(made.problem, widths=np.array([0.5, 2.0]))
+    near = Quadratic(y, model.H, model.g, made.lower, made.upper, scale_of(model, problem))
+    for radius in (1e-3, 0.1):
+        step = near.within(radius)
+        assert near.length(step) == pytest.approx(radius, rel=0.02)  # within a percent, by its own account
+        assert np.linalg.norm(made.jacobian(y) * step / np.sqrt(model.cost)) <= 1.02 * radius
+        assert np.linalg.norm(step / problem.widths) <= 1.02 * radius
+    assert scale_of(model, made.problem) is None
+    assert scale_of(made.model(np.ones(2)), problem) is None  # nothing is left that a change could be relative to
+
+
+def test_a_coordinate_that_no_residual_shows_is_not_moved_far():
+    made = Synthetic(lambda y: np.array([y[0] - 1.0, 1e-9 * y[1] - 1.0]), lambda y: np.diag([1.0, 1e-9]))
+    model, _, _ = minimise(replace(made.problem, widths=np.full(2, 0.3)), np.zeros(2), none(2), iterations=1)
+    assert abs(model.y[1]) <= 0.3 * 4.0  # the radius doubles to the length of the whole first coordinate, about 3
 
 
 # --- where the residuals stay large

@@ -27,7 +27,7 @@ class Steps:
         self.edge, self.depth = edge, depth
         self.fitted, self.bounds = np.ones(self.size, bool), [(-2.0, 2.0)] * self.size
         self.scales = np.array([1.0, 1e-2, 1e2])  # λ
-        self.objective, self.y, self.visited = None, np.zeros(self.size), []
+        self.objective, self.y, self.visited = SimpleNamespace(blocks=()), np.zeros(self.size), []
         self.best = SimpleNamespace(cost=self.value(self.y))
 
     def value(self, y):
