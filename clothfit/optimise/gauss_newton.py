@@ -35,11 +35,7 @@ ENOUGH, POOR, GOOD = 1e-4, 0.25, 0.75
 """Achieved over predicted reduction: what a step needs, and below or above which the trust region shrinks or grows."""
 
 FIRST_RADIUS = 1.0
-"""Of the trust region, in root mean square of the coordinates: a factor e."""
-
-CAUTIOUS_RADIUS = 0.1
-"""Of one with widths: a tenth of them, and of the residuals; where the model is right it is doubled at once."""
-
+"""Of the trust region, in root mean square of the coordinates: a factor e; with widths, one of these."""
 
 LEARNING = 12
 """Iterations in which the prior's width follows the data; it is kept after that, so that the rest converges. It is held
@@ -101,7 +97,7 @@ def minimise(
     `accepted` is called with the prior, the model and the radius after each iteration, and may raise Stop.
     """
     if radius is None:
-        radius = FIRST_RADIUS * np.sqrt(max(len(y), 1)) if problem.widths is None else CAUTIOUS_RADIUS
+        radius = FIRST_RADIUS * (np.sqrt(max(len(y), 1)) if problem.widths is None else 1.0)
     model = problem.model(y)
     mark = (0.0, np.inf)  # iteration and cost when it last became much lower
     last = (np.inf, np.inf)  # what the last model would have saved, and its cost

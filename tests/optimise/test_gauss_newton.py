@@ -244,7 +244,7 @@ def test_a_scaled_step_changes_neither_residuals_nor_coordinates_by_more_than_th
 def test_a_coordinate_that_no_residual_shows_is_not_moved_far():
     made = Synthetic(lambda y: np.array([y[0] - 1.0, 1e-9 * y[1] - 1.0]), lambda y: np.diag([1.0, 1e-9]))
     model, _, _ = minimise(replace(made.problem, widths=np.full(2, 0.3)), np.zeros(2), none(2), iterations=1)
-    assert abs(model.y[1]) <= 0.3 * 4.0  # the radius doubles to the length of the whole first coordinate, about 3
+    assert abs(model.y[1]) <= 2.0 * 0.3 * 1.01  # the radius is 1, and may have doubled
 
 
 # --- where the residuals stay large
