@@ -256,6 +256,7 @@ def early(system: System) -> System:
 def all_elements(system: System) -> Elements:
     """The values that a system has now, every kind of them, copied."""
     inputs = system.inputs
+    fitted = None if inputs is None or not len(inputs.fitted.pin) else inputs.fitted
     friction, contact = laws(system)
     return Elements(
         mass=system.vertex.mass.copy(),
@@ -264,8 +265,8 @@ def all_elements(system: System) -> Elements:
         drag=np.array([system.faces.drag]),
         velocity=system.v0.copy(),
         rest=system.springs.rest.copy(),
-        path=np.zeros((0, 3)) if inputs is None else inputs.fitted.keys.copy(),
-        shift=np.zeros(3) if inputs is None else inputs.fitted.offset.copy(),
+        path=np.zeros((0, 3)) if fitted is None else fitted.keys.copy(),
+        shift=np.zeros(0) if fitted is None else fitted.offset.copy(),
         wind=(system.faces.wind if inputs is None else inputs.wind_base).copy(),
         gravity=(system.vertex.gravity if inputs is None else inputs.gravity_base).copy(),
         gusts=np.zeros((0, 3)) if inputs is None else inputs.gusts.copy(),

@@ -14,6 +14,10 @@ pytestmark = pytest.mark.slow  # compiles a fit
 
 STEPS = 6
 PATH = [{"x": 0, "y": 0, "z": 0}, {"x": 1, "y": 0, "z": 0.5}]
+LED = {
+    "pins": [{"vertices": [0], "posKeys": {"times": [0.0, 0.02], "values": PATH}}],
+    "fit": {"posKeys": "L", "pinOffset": "G"},
+}
 GUSTS = {
     "windVelKeys": {"times": [0.0, 0.02], "values": [{"x": 1, "y": 2, "z": -1}, {"x": -2, "y": 1, "z": 3}]},
     "fit": {"windVelKeys": "L"},
@@ -85,7 +89,7 @@ def test_the_gradient_is_the_transpose_of_the_tangent(method, newton):
 
 @pytest.mark.parametrize(("method", "newton"), ONE)
 def test_each_entry_of_the_gradient_against_a_central_difference(method, newton):
-    system = gentle(method, newton, nx=2, ny=2, **GUSTS)
+    system = gentle(method, newton, nx=2, ny=2, own=LED, **GUSTS)
     memory, weight = swept(system)
     gradient = adjoint.gradient(system, memory, weight, TIGHT, KINDS)
     t, scales = 1e-5, all_elements(system)
@@ -137,7 +141,7 @@ def test_the_weight_of_the_initial_frame_does_not_count():
 
 
 def test_the_gradient_is_linear_in_the_weight():
-    system = gentle(**GUSTS)
+    system = gentle(own=LED, **GUSTS)
     memory, weight = swept(system)
     one, other = (adjoint.gradient(system, memory, w, TIGHT, KINDS) for w in (weight, np.flip(weight, axis=0)))
     both = adjoint.gradient(system, memory, 2 * weight - 3 * np.flip(weight, axis=0), TIGHT, KINDS)

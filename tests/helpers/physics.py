@@ -6,6 +6,7 @@ s, the weights lam and the changes dy, du; all (n, 3).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -111,10 +112,15 @@ def full(nx: int = 3, ny: int = 3, fixed: Any = (), **fields: Any) -> System:
     return system(cloth(nx, ny, vertIsFixed=held, dragCoefficient=0.4, damping=0.7), **made)
 
 
-def gentle(method: str = "implicit", newton: int = 1, nx: int = 3, ny: int = 3, **fields: Any) -> System:
-    """A cloth with every force on it, heavy enough for all three schemes, two corners fixed, resting on a sphere."""
+def gentle(
+    method: str = "implicit", newton: int = 1, nx: int = 3, ny: int = 3, own: Mapping[str, Any] | None = None,
+    **fields: Any,
+) -> System:  # fmt: skip
+    """A cloth with every force on it, heavy enough for all three schemes, two corners fixed, resting on a sphere; `own`
+    are fields of the object.
+    """
     mass = [0.1 + 0.01 * i for i in range(nx * ny)]
-    one = cloth(nx, ny, vertMass=mass, dragCoefficient=0.4, damping=0.7)
+    one = cloth(nx, ny, vertMass=mass, dragCoefficient=0.4, damping=0.7, **(own or {}))
     made = {"windVel": xyz((3, 1, -2)), "colliders": [ball((1.0, -0.75, 1.0), 0.8)], "delta": 0.005, **fields}
     return system(one, integrationMethod=METHODS[method], forwardSubSteps=newton, **made)
 
