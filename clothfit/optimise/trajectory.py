@@ -115,11 +115,16 @@ class Trajectory:
 
     @property
     def widths(self) -> Array | None:
-        """Changes (Q,) of the coordinates by a factor e, or by σ where they are linear, where the wind is fitted: what
-        counts as one of it is not known before the drag is. Else None.
+        """Those of the coordinates where the wind is fitted: what counts as one of it is not known before the drag is.
+        Else None.
         """
         windy = any(block.name in AIR and self.fitted[block.part].any() for block in self.objective.blocks)
-        return np.asarray(self.search.coordinates.weight[self.fitted]) if windy else None
+        return self.own_widths if windy else None
+
+    @property
+    def own_widths(self) -> Array:
+        """Changes (Q,) of the coordinates by a factor e, or by σ where they are linear."""
+        return np.asarray(self.search.coordinates.weight[self.fitted])
 
     def cost(self, y: Array) -> float:
         """The cost at y; infinite where the simulation diverges. Raises Stop as a visit of the search does."""

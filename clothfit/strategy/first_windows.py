@@ -33,6 +33,11 @@ contact that switches narrows the valley of the minimum. A window must end withi
 a target hides much of what it shows.
 """
 
+RADII, POLLS, PAYS, CLOSE = (3.0, 1.0, 0.3), 3, 0.01, 2e-4
+"""r of the points around the end of a window that are polled there, how often, the share of the cost that one must save
+for more steps from it, and the error relative to how far the target moves below which nothing bars the way.
+"""
+
 
 class Enough(Exception):
     """Ends Gauss–Newton after some steps."""
@@ -51,6 +56,8 @@ def through_windows(own: Search, windows: slice = slice(None)) -> Array:
             break
         most = LATER_STEPS if number and not touches(window) else FIRST_STEPS
         y = some_steps(part, y, most // (2 if is_long(own) else 1))
+        if touches(window) and not is_long(own):
+            y = beyond_switches(part, y, most)
         pace = (own.progress.computing - began) / window.steps
         own.visit(own.parameters(y))
     return own.parameters(y)
@@ -71,6 +78,26 @@ def some_steps(part: Trajectory, y: Array, most: int) -> Array:
     with contextlib.suppress(Enough):
         return gauss_newton.minimise(problem, y, none(part.size), part.passed)[0].y
     return points[-1]
+
+
+def beyond_switches(part: Trajectory, y: Array, most: int) -> Array:
+    """Where steps of Gauss–Newton lead from points around y (Q,) that cost clearly less, where contacts that switch bar
+    its way: along the axes of M = V diag(μ) Vᵀ = H / c + 1 / w², y ± r vᵢ / √μᵢ, with the cost c and the widths w.
+    """
+    lower, upper = part.bounds
+    for _ in range(POLLS):
+        if not part.cost(y) > CLOSE**2 * part.objective.still or part.search.is_late:
+            break
+        model = part.model(y)
+        values, axes = np.linalg.eigh(model.H / model.cost + np.diag(1.0 / part.own_widths**2))
+        steps = axes.T / np.sqrt(values)[:, None]
+        around = [np.clip(y + r * side * step, lower, upper) for r in RADII for step in steps for side in (1.0, -1.0)]
+        costs = [part.cost(each) for each in around]
+        best = int(np.argmin(costs))
+        if not costs[best] < (1.0 - PAYS) * model.cost:
+            break
+        y = some_steps(part, around[best], most)
+    return y
 
 
 def windows_of(objective: Objective) -> list[Objective]:
