@@ -85,7 +85,7 @@ def changes(scene: Scene) -> bool:
 
 def starts_of(motion: Motion, scene: Scene, frames: int, last: int) -> list[int]:
     """Frames at which windows begin after the first one: every so many, or the next that shows a state."""
-    free = np.concatenate([~cloth.fixed for cloth in scene.cloths])
+    free = np.concatenate([~held for held in still(scene)])
     whole = np.asarray(motion.seen()[:, free].all(axis=1))
     shows = np.flatnonzero(whole[:-2] & whole[1:-1] & whole[2:]) + 1
     found, at = list[int](), frames
@@ -95,6 +95,14 @@ def starts_of(motion: Motion, scene: Scene, frames: int, last: int) -> list[int]
             return found
         found.append(int(later[0]))
         at = found[-1] + frames
+
+
+def still(scene: Scene) -> list[Flags]:
+    """Which vertices (n,) of each cloth keep the state that the scene gives them: held ones, and all of a cloth that is
+    not fitted.
+    """
+    fitted = fitted_cloths(scene)
+    return [cloth.fixed | (i not in fitted) for i, cloth in enumerate(scene.cloths)]
 
 
 def first_window(given: Experiment, end: int) -> Experiment:
@@ -112,10 +120,12 @@ def window(given: Experiment, start: int, end: int) -> Experiment:
         motion.times[start + 1] - motion.times[start - 1]
     )
     ends = np.cumsum(scene.vertex_counts)[:-1]
-    states = zip(scene.cloths, np.split(motion.positions[start], ends), np.split(around, ends), strict=True)
+    states = zip(
+        scene.cloths, still(scene), np.split(motion.positions[start], ends), np.split(around, ends), strict=True
+    )
     cloths = tuple(
-        replace(cloth, positions=kept(cloth.fixed, cloth.positions, x), velocity=kept(cloth.fixed, cloth.velocity, v))
-        for cloth, x, v in states
+        replace(cloth, positions=kept(held, cloth.positions, x), velocity=kept(held, cloth.velocity, v))
+        for cloth, held, x, v in states
     )
     return Experiment(cut, replace(scene, cloths=cloths, frames=reached(cut, scene), main=main_of(scene)))
 

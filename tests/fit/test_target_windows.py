@@ -56,6 +56,21 @@ def test_a_window_begins_in_a_frame_that_is_seen_whole():
         windows_of(Experiment(replace(motion, observed=seen), scene), 8)
 
 
+def test_a_cloth_that_is_not_fitted_need_not_be_seen():
+    one = sheet(frames=20)
+    other = replace(one.cloths[0], settings="nn")
+    scene = replace(one, cloths=(*one.cloths, other))
+    alone, *_ = quadratic(one, 20)
+    positions = np.concatenate([alone.positions, np.full_like(alone.positions, np.nan)], axis=1)
+    seen = np.isfinite(positions[..., 0])
+    motion = clothfit.Motion(positions, alone.times, [36, 36], seen)
+    found = windows_of(Experiment(motion, scene), 8)
+    assert [len(each.motion.times) for each in found] == [9, 9, 4]
+    np.testing.assert_array_equal(found[1].scene.cloths[0].positions, alone.positions[8])
+    np.testing.assert_array_equal(found[1].scene.cloths[1].positions, other.positions)
+    np.testing.assert_array_equal(found[1].scene.cloths[1].velocity, other.velocity)
+
+
 @pytest.mark.parametrize(
     ("fields", "text"),
     [
