@@ -25,6 +25,7 @@ from clothfit.derivative.adjoint import Observer, TrajectoryMemory
 from clothfit.derivative.pins import Pins
 from clothfit.derivative.stencil import stencil
 from clothfit.derivative.step_jacobian import differentiate, differentiate_globally, jacobian
+from clothfit.engine.forces import meeting
 from clothfit.engine.inputs.tables import set_direction, set_inputs, with_constant
 from clothfit.engine.march import state_before, velocities, velocity
 from clothfit.engine.rollout import Rollout, Taken
@@ -147,6 +148,7 @@ class Carried:
     def through(self, chunk: Rollout, t: int) -> None:
         """Step t of a chunk of the motion."""
         set_inputs(self.system.inputs, self.system, chunk.first + t)
+        meeting.recall(self.system.colliders, chunk.met, t)
         for _, direction in self.everywhere:
             set_direction(self.system.inputs, self.system, chunk.first + t, direction)
         if self.touching is not None:
@@ -171,6 +173,7 @@ class Carried:
         dw = self.start(at)
         for k in range(chunk.used[t]):
             at = at if k == 0 else at._replace(u=iterates[k - 1], later=True)
+            meeting.turn_to(self.system.colliders, k)
             dw = self.solved(at, iterates[k], dw, chunk.first + t)
         self.dx += at.system.h * (self.dv if self.system.method == EXPLICIT else theta * dw)
         np.multiply(theta, dw, out=self.dv)

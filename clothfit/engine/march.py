@@ -6,6 +6,7 @@ The functions take a `rollout.Rollout` to fill or to read.
 from __future__ import annotations
 
 from clothfit.base.limits import FARTHEST
+from clothfit.engine.forces import meeting
 from clothfit.engine.inputs.tables import place_pins, set_inputs
 from clothfit.engine.solve import guess
 from clothfit.engine.step import bdf2, guard, implicit, transition
@@ -51,6 +52,7 @@ def run(system, tolerance, work, part, start, stop):
     while t < stop:
         v = velocity(part, t)
         set_inputs(system.inputs, system, before + t)
+        meeting.clear(system.colliders)
         now, power = transition.prepare(system, x[t], v, work)  # the energy that step t − 1 led to
         if t > checked and guard.rises(energy, now, system.h * power):
             checked = t
@@ -71,6 +73,7 @@ def run(system, tolerance, work, part, start, stop):
         used[t], iterations, direct = transition.step(system, x[t], v, first, tolerance, work, w[t], x[t + 1])
         solves[t, 0] += iterations
         solves[t, 1] += direct
+        meeting.note(system.colliders, part.met, t)
         theta[t], capped[t], part.early[t] = 1.0, safe, False
         if used[t] == 0:
             return t, REFUSED
@@ -153,6 +156,7 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
     for t in range(start, stop):
         v = velocity(part, t)
         set_inputs(euler.inputs, euler, part.first + t)
+        meeting.clear(euler.colliders)
         if not safe:
             copy(v, first)
             guess.advance(work.past, part.first + t, first)
@@ -161,13 +165,16 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
         part.euler[t] = part.theta[t - 1] < 1.0 or part.early[t - 1] if t > 0 else not part.ready
         if not part.euler[t]:
             energy, taken = second_order(euler, inner, tolerance, work, part, t, energy, guarded)
+            meeting.note(euler.colliders, part.met, t)
             if part.used[t] == 0:
                 return t, REFUSED
             if taken:
                 continue
             part.euler[t] = True
+        meeting.clear(euler.colliders)
         implicit.prepare(euler, x[t], v, work)
         used, iterations, direct = implicit.step(euler, x[t], v, first, tolerance, work, part.w[t])
+        meeting.note(euler.colliders, part.met, t)
         count(part, t, used, iterations, direct)
         if used == 0:
             return t, REFUSED

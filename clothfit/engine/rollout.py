@@ -42,6 +42,7 @@ class Rollout(NamedTuple):
     v_before: Array  # (n, 3), the velocity there, m/s
     ready: bool = False  # whether the first of the steps can be a BDF2 step
     first: int = 0  # steps of the motion before it
+    met: Flags | None = None  # (T, N, C, n), contacts that the steps only ended in (`forces.meeting`); None without any
     touches: Any = None  # (T,) of `touching.Touch`, of a cloth that touches itself; kernels get a `bare` part
 
     @property
@@ -67,6 +68,7 @@ class Rollout(NamedTuple):
             v_before,
             bool(self.theta[begin - 1] == 1.0 and not self.early[begin - 1]) if begin else self.ready,
             self.first + begin,
+            None if self.met is None else self.met[begin:end],
             None if self.touches is None else self.touches[begin:end],
         )
 
@@ -123,17 +125,22 @@ def empty(system: System, steps: int) -> Rollout:
     flags, budget = np.zeros((3, steps), bool), np.full(steps + 1, -np.inf)
     start = system.v0, system.x0, system.v0
     made = Rollout(x, w, used, solves, flags[0], np.ones(steps), flags[1], flags[2], budget, *start)
+    if system.colliders is not None:
+        made = made._replace(met=np.zeros((steps, *system.colliders.met.shape), bool))
     return made if system.surface is None else made._replace(touches=np.empty(steps, object))
 
 
 def iterations_of(system: System) -> int:
     """Most iterations N of a step."""
+    if system.colliders is not None:
+        return int(system.colliders.met.shape[0])
     return system.newton_iterations if system.method in (IMPLICIT, BDF2) else 1
 
 
 def state_bytes(system: System) -> int:
     """Bytes that a Rollout holds of each step."""
-    return 24 * len(system.x0) * (1 + iterations_of(system)) + 31
+    met = 0 if system.colliders is None else system.colliders.met.size
+    return 24 * len(system.x0) * (1 + iterations_of(system)) + 31 + met
 
 
 def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]:

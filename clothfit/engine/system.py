@@ -103,12 +103,15 @@ def at_rest(scene: Scene, count: int) -> touch.Colliders:
     mesh that cannot be read or is not closed.
     """
     own = scene.colliders
+    more = any(each.body and each.thickness > 0 for each in own)  # iterations; convex surfaces do not turn inward
     return touch.build(
         [shape_of(each) for each in own],
         [each.size for each in own],
         [(each.thickness, each.stiffness, each.friction) for each in own],
         sampling.states(own, np.zeros(1), scene.delta, 0)[0],
         meshes_of(scene, count),
+        count,
+        scene.newton_iterations + more if scene.method in (IMPLICIT, BDF2) else 1,
     )
 
 
@@ -235,7 +238,7 @@ def with_bases(system: System, inputs: tables.Inputs, values: Elements) -> Syste
         vertex=system.vertex._replace(gravity=gravity.copy()),
         faces=system.faces._replace(wind=wind.copy()),
         spheres=system.spheres._replace(centre=system.spheres.centre.copy()),
-        colliders=own and own._replace(rows=own.rows.copy(), bodies=own.bodies and bodies.copied(own.bodies)),
+        colliders=own and touch.copied(own),
         inputs=inputs._replace(
             wind_base=wind, gravity_base=gravity, place=inputs.place.copy(), later=inputs.later.copy(),
             fitted=fitted_paths.with_values(inputs.fitted, values.path, values.shift),

@@ -19,6 +19,7 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine import march
+from clothfit.engine.forces import meeting
 from clothfit.engine.forces.selfcontact import force, pairs, zones
 from clothfit.engine.inputs.tables import place_pins, set_inputs
 from clothfit.engine.solve import guess, joined
@@ -202,8 +203,10 @@ def begin(system, part, t, work):
 def attempt(system, work, part, t, v, first, tolerance):
     """Take step t from a first guess; whether its matrix is not seen to be indefinite."""
     set_inputs(system.inputs, system, part.first + t)
+    meeting.clear(system.colliders)
     implicit.prepare(system, part.x[t], v, work)
     used, iterations, direct = implicit.step(system, part.x[t], v, first, tolerance, work, part.w[t])
+    meeting.note(system.colliders, part.met, t)
     march.count(part, t, used, iterations, direct)
     if used == 0:
         return False

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.forces import touch
 from clothfit.engine.forces.selfcontact import force, pairs
 from clothfit.engine.forces.surfaces import BOX, CONE
@@ -69,7 +69,7 @@ def contacts(system: System, part: Rollout) -> Parts:
         set_inputs(system.inputs, system, part.first + t)
         for k in range(int(part.used[t])):
             y = linearised_at(system, part, t, k)
-            others = touched(system, y)
+            others = touched(system, y, None if part.met is None else part.met[t, k])
             found[t, k, : len(others)] = others
             if system.surface is not None:
                 found[t, k, -1] = touched_by_itself(system.surface, part.x[t], part.touches[t].numbers, y)
@@ -88,13 +88,15 @@ def linearised_at(system: System, part: Rollout, t: int, k: int) -> Array:
     return np.asarray(x if k == 0 else x + h * part.w[t, k - 1])
 
 
-def touched(system: System, y: Array) -> Parts:
-    """At which parts of C obstacles points y (n, 3) are, (C, n), where the obstacles are now."""
+def touched(system: System, y: Array, met: Flags | None) -> Parts:
+    """At which parts of C obstacles points y (n, 3) are, (C, n), where the obstacles are now, those that are `met`
+    outside of them included.
+    """
     gaps = np.linalg.norm(y - system.spheres.centre[:, None], axis=2) - system.spheres.radius[:, None]
     plain: Parts = (gaps < 0).astype(np.int32)
-    if system.colliders is None:
+    if system.colliders is None or met is None:
         return plain
-    inside = touch.depths(system.colliders, y)[0] > 0
+    inside = met | (touch.depths(system.colliders, y)[0] > 0)
     places = np.array([part_of(row, y) for row in system.colliders.rows], np.int32).reshape(-1, len(y))
     spots = touch.spots(system.colliders, y)
     places = np.where(spots < 0, places, 1 + spots)

@@ -19,7 +19,7 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.stencil import Stencil, stencil
 from clothfit.derivative.step_jacobian import differentiate, jacobian
-from clothfit.engine.forces import total
+from clothfit.engine.forces import meeting, total, touch
 from clothfit.engine.inputs.tables import couple_change, set_inputs
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import bdf2, implicit
@@ -106,9 +106,24 @@ def valid_rows(system: System, near: Stencil, track: Track, steps: int) -> Flags
         bad |= missing[2 : steps + 2]
     for back in {EXPLICIT: (), BDF2: (1, 2, 3)}.get(system.method, (1,)):
         bad[back:] |= missing[: max(steps - back, 0)]
+    if system.colliders is not None and system.method >= IMPLICIT and len(system.colliders.rows):
+        bad |= met_rows(system, system.colliders, track.x, steps)
     if system.surface is not None:
         bad |= touched_rows(system.surface, track.x, steps)
     return np.ascontiguousarray(~bad & system.vertex.free)  # in one order, however few steps: to compile once for
+
+
+def met_rows(system: System, colliders: touch.Colliders, x: Array, steps: int) -> Flags:
+    """Which rows (T, n) belong to vertices that may only end their step in a collider (`forces.meeting`): whether the
+    step knew them, the positions do not show.
+    """
+    met = np.zeros((steps, x.shape[1]), bool)
+    for t in range(steps):
+        set_inputs(system.inputs, system, t)
+        y, way = np.ascontiguousarray(x[t]), x[t + 1] - x[t]
+        depth, normal = touch.depths(colliders, y)
+        met[t] = ((depth <= 0) & (depth > np.einsum("cni,ni->cn", normal, way))).any(axis=0)
+    return met
 
 
 def touched_rows(surface: Surface, x: Array, steps: int) -> Flags:
@@ -127,6 +142,7 @@ def touched_rows(surface: Surface, x: Array, steps: int) -> Flags:
 def fill(system, inner, two, near, x, v, work, step, out):
     """Write the rows of all steps: with `two` those of the `bdf2.forms`, from the second step on of the inner one."""
     late = system.method == IMPLICIT and system.newton_iterations > 1
+    meeting.clear(system.colliders)
     for t in range(len(out.residual)):
         set_inputs(system.inputs, system, t)
         w, now = v[t + 1], (out.residual[t], out.mass[t], out.stiffness[t])

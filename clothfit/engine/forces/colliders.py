@@ -20,19 +20,19 @@ With dV = ω × dy, and from `surfaces` and `bodies` dδ = n·dy and dn = H dy, 
 and by the parameters ∂F/∂μ = −(κ d/q) P z, ∂F/∂κ = (d − n·s) n − (μ d/q) P z, ∂F/∂c = −∂F/∂y.
 
 The surface of a mesh may also go its own way, which is then a part of V and of dV. A linearised step also knows the
-contacts with meshes that the vertex's way leads to (`begins`), without friction and with d < 0: so that none is deep in
-a body before it is pushed.
+contacts with meshes that the vertex's way leads to (`touch.begins`), and those that it ends in (`meeting`), without
+friction and with d < 0: so that none is deep in a body before it is pushed.
 """
 
 from __future__ import annotations
 
+from clothfit.engine.forces.meeting import counts
 from clothfit.engine.forces.spheres import offset_of
 from clothfit.engine.forces.touch import (
     FRICTION,
     LAW,
     STIFFNESS,
     across,
-    begins,
     contact,
     gamma_slope,
     slide,
@@ -108,11 +108,11 @@ def add_step(colliders, y, u, h, ahead, A, b):
         return 0.0
     stored, reach = 0.0, 0.0 if ahead else h
     for c in range(len(colliders.rows)):
-        own, kappa = colliders.rows[c], colliders.rows[c, LAW, STIFFNESS]
+        kappa = colliders.rows[c, LAW, STIFFNESS]
         for i in range(len(y)):
             depth, _, _, n, _, spot = contact(colliders, y, i, c)
             way = mul(splat(reach), load3(u, i))
-            if depth > 0.0 or begins(colliders.bodies, own, depth, n, i, load3(y, i), way):
+            if counts(colliders, depth, n, c, i, load3(y, i), way):
                 V, _, _, gamma = slide(colliders, y, u, i, c, depth, n, spot)
                 rub = h * gamma
                 low, high = outer(mul(splat(h * h * kappa - rub), n), n)
@@ -136,7 +136,7 @@ def add_pullback(colliders, y, u, w, s, lam, h, grad, gy, gu):
         for i in range(len(y)):
             depth, k, j, n, t, spot = contact(colliders, y, i, c)
             way = fma(splat(h), sub(load3(u, i), load3(w, i)), load3(s, i))  # h u where the step begins at y, else 0
-            if depth > 0.0 or begins(colliders.bodies, own, depth, n, i, load3(y, i), way):
+            if counts(colliders, depth, n, c, i, load3(y, i), way):
                 V, v, q, gamma = slide(colliders, y, u, i, c, depth, n, spot)
                 lam_i, s_i, z = load3(lam, i), load3(s, i), sub(load3(w, i), V)
                 nu, push = dot(n, lam_i), kappa * (depth - dot(n, s_i))
@@ -186,7 +186,7 @@ def add_pushforward(colliders, y, u, w, s, dy, du, direction, h, out):
         for i in range(len(y)):
             depth, k, j, n, t, spot = contact(colliders, y, i, c)
             way = fma(splat(h), sub(load3(u, i), load3(w, i)), load3(s, i))  # h u where the step begins at y, else 0
-            if depth > 0.0 or begins(colliders.bodies, own, depth, n, i, load3(y, i), way):
+            if counts(colliders, depth, n, c, i, load3(y, i), way):
                 V, v, q, gamma = slide(colliders, y, u, i, c, depth, n, spot)
                 dy_i, s_i, z = sub(load3(dy, i), offset), load3(s, i), sub(load3(w, i), V)
                 dn = fma(splat(k), across(n, dy_i), mul(splat(j * dot(t, dy_i)), t))

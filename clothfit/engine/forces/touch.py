@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.engine.forces import bodies as meshes
 from clothfit.engine.forces.surfaces import MESH, distance
 from clothfit.engine.forces.triangle import AB, CA, A
@@ -42,6 +42,8 @@ class Colliders(NamedTuple):
     """
 
     rows: Array  # (C, 9, 3)
+    met: Flags  # (N, C, n), contacts that each iteration of a step only ends in (`meeting`)
+    turn: Indices  # (1,), the iteration that is computed
     bodies: meshes.Bodies | None = None  # the meshes; None where there are none
 
     @property
@@ -67,17 +69,23 @@ class Colliders(NamedTuple):
 
 def build(
     shape: Sequence[int], size: Sequence[Array], law: Sequence[Sequence[float]], state: Array,
-    bodies: meshes.Bodies | None = None,
+    bodies: meshes.Bodies | None = None, count: int = 0, iterations: int = 1,
 ) -> Colliders:  # fmt: skip
     """So many colliders, C of them, which may be 0: shapes, sizes (3,), laws (3,) and the states (C, 6, 3). Those that
-    are meshes have the bodies, in this order.
+    are meshes have the bodies, in this order. `count` and `iterations` are those of the cloth's vertices and its steps.
     """
     rows = np.zeros((len(shape), 9, 3))
     rows[:, :SIZE] = state
     for row, number, extent, numbers in zip(rows, shape, size, law, strict=True):
         row[SIZE], row[LAW], row[SHAPE] = extent, numbers, number
     rows[rows[:, SHAPE, 0] == MESH, SHAPE, 1] = np.arange(np.count_nonzero(rows[:, SHAPE, 0] == MESH))
-    return Colliders(rows, bodies)
+    return Colliders(rows, np.zeros((iterations, len(shape), count), bool), np.zeros(1, np.int32), bodies)
+
+
+def copied(colliders: Colliders) -> Colliders:
+    """The same colliders with memory of their own for what changes."""
+    own = {name: getattr(colliders, name).copy() for name in ("rows", "met", "turn")}
+    return Colliders(**own, bodies=colliders.bodies and meshes.copied(colliders.bodies))
 
 
 @kernel

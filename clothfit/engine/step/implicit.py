@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.engine.forces import total
+from clothfit.engine.forces import meeting, total
 from clothfit.engine.inputs.pin_derivatives import move_pins, pull_pins, pull_through, push_pins
 from clothfit.engine.inputs.tables import couple, set_pins
 from clothfit.engine.solve import guess, linear, sparse
@@ -95,10 +95,19 @@ def prepare(system, x, v, work):
     """The system of the first iteration, in the workspace; returns the kinetic and stored energy of the state, J, and
     the power of the weight, W (see `guard`): they come with it, almost free.
     """
+    keep_point(system.colliders, x, v, work.y, work.u)
     stored = assemble(system, x, v, False, work.A, work.b)
     kinetic, power = add_momentum(system.vertex, v, work.b)
     couple(system.inputs, system, x, x, work.s, work.A, work.b)
     return kinetic + stored, power
+
+
+@kernel
+def keep_point(colliders, x, v, y, u):
+    """y, u = x, v, which are asked for again where contacts may be met."""
+    if colliders is not None:
+        copy(x, y)
+        copy(v, u)
 
 
 @kernel
@@ -128,6 +137,7 @@ def step(system, x, v, first, tolerance, work, iterates):
     anyhow = system.springs.cap <= 1.0 or not system.guarded  # the first: positive definite but for rounding
     iterations, direct = 0, 0
     for k in range(len(iterates)):
+        meeting.turn_to(system.colliders, k)
         if k == 0:
             copy(first, iterates[0])
         else:
@@ -142,7 +152,36 @@ def step(system, x, v, first, tolerance, work, iterates):
             return 0, iterations, direct
         if k > 0 and more == 0 and more_direct == 0:
             return k, iterations, direct
+        at = x, work.y, work.u if k == 0 else iterates[k - 1], iterates[k]
+        more, more_direct, solved = solve_again(system, at, tolerance, work, anyhow)
+        iterations += more
+        direct += more_direct
+        if not solved:
+            return 0, iterations, direct
+        if k + 1 >= system.newton_iterations and not meeting.strays(system.colliders, free, at, system.h, work.gy):
+            return k + 1, iterations, direct
+        if k + 1 < len(iterates):
+            meeting.carry(system.colliders, free, at, system.h, work.gy)
     return len(iterates), iterations, direct
+
+
+@kernel
+def solve_again(system, at, tolerance, work, anyhow):
+    """Solve an iteration again until it meets no other contacts; `at` is as for `meeting.meet`, of which the velocity
+    changes. Returns what `linear.solve` does.
+    """
+    iterations, direct = 0, 0
+    for turn in range(meeting.ROUNDS):
+        drops = turn < meeting.DROPS
+        if meeting.meet(system.colliders, system.vertex.free, at, system.h, work.gy, drops, work.A, work.b) == 0:
+            break
+        more, more_direct, solved = linear.solve(work.A, work.b, tolerance, work.solver, at[3], anyhow)
+        iterations += more
+        direct += more_direct
+        set_pins(system.inputs, system, at[0], at[3])
+        if not solved:
+            return iterations, direct, False
+    return iterations, direct, True
 
 
 @kernel
@@ -157,6 +196,7 @@ def pullback(system, x, v, iterates, used, theta, tolerance, work, x_bar, v_bar,
     v_bar[:] = 0.0
     for k in range(used - 1, -1, -1):
         u = v if k == 0 else iterates[k - 1]
+        meeting.turn_to(system.colliders, k)
         pull_iteration(system, x, v, iterates[k], u, k > 0, tolerance, work, x_bar, v_bar, grad)
         if k == 0:
             add(1.0, work.gu, v_bar)
@@ -216,6 +256,7 @@ def pushforward(system, x, v, iterates, used, theta, tolerance, work, dx, dv, di
     for k in range(used):
         u = v if k == 0 else iterates[k - 1]
         copy(dv if k == 0 else work.solution, work.gu)
+        meeting.turn_to(system.colliders, k)
         push_iteration(system, x, v, iterates[k], u, k > 0, tolerance, work, dx, dv, direction)
     combine(theta, work.solution, 0.0, work.solution, dv)
     add(system.h, dv, dx)

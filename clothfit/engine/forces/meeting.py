@@ -1,0 +1,166 @@
+"""Contacts with colliders that a step begins with, and those that it only ends in.
+
+A step knows the vertices that are in a collider where it is linearised. One that is outside there and ends inside felt
+nothing: the faster the cloth or the body, the deeper. So such contacts are added to the step's matrix and its
+right-hand side as they are, with d < 0, and it is solved again, until it ends in no other: those that would then pull
+are taken out. Where a surface turns away from the plane that a vertex met, by more than half of its thickness, one more
+of Newton's iterations follows, linearised where that one ended; it begins with the contacts that pressed. The law is
+that of `colliders`, a spring that pushes where the way along the normal is longer than the distance,
+
+    F = κ (d − n·s) n > 0,
+
+and does not rub yet. The last solution is the step, and the derivatives take it with the contacts that it was solved
+with. They are noted for each iteration of it.
+"""
+
+from __future__ import annotations
+
+from clothfit.engine.forces.touch import CREEP, LAW, STIFFNESS, THICKNESS, begins, contact
+from clothfit.engine.solve.sparse import add_block, outer
+from clothfit.kernels.kernel import kernel
+from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub
+from clothfit.kernels.vectors import dot
+
+STRAY = 0.5
+"""How much deeper than it was for the step's model a vertex may end, relative to the thickness."""
+
+ROUNDS = 12
+"""Times, at most, that an iteration is solved again."""
+
+DROPS = 4
+"""In how many of these, contacts that pull are taken out; later they stay, so that the rounds end."""
+
+LATE = 0.1
+"""How deep a vertex may end unknown, relative to the thickness. What creeps may come in so far as it creeps in a step.
+"""
+
+
+@kernel
+def counts(colliders, depth, n, c, i, y_i, way):
+    """Whether the step knows vertex i at collider c: inside, about to enter, or met."""
+    if depth > 0.0 or colliders.met[colliders.turn[0], c, i]:
+        return True
+    return begins(colliders.bodies, colliders.rows[c], depth, n, i, y_i, way)
+
+
+@kernel
+def clear(colliders):
+    """Before a step: nothing is met yet."""
+    if colliders is None:
+        return
+    colliders.turn[0] = 0
+    colliders.met[:] = False
+
+
+@kernel
+def turn_to(colliders, k):
+    """From now on iteration k of the step is computed."""
+    if colliders is None:
+        return
+    colliders.turn[0] = k
+
+
+@kernel
+def note(colliders, met, t):
+    """Write what step t met to met (T, N, C, n)."""
+    if colliders is None:
+        return
+    met[t] = colliders.met
+
+
+@kernel
+def recall(colliders, met, t):
+    """Set what step t met, before its derivatives."""
+    if colliders is None:
+        return
+    colliders.turn[0] = 0
+    colliders.met[:] = met[t]
+
+
+@kernel
+def arrive(x, h, w, end):
+    """end = x + h w."""
+    for i in range(len(x)):
+        store3(fma(splat(h), load3(w, i), load3(x, i)), end, i)
+
+
+@kernel
+def meet(colliders, free, at, h, end, drops, A, b):
+    """Add to A and b the contacts that an iteration ends in and did not know, and where `drops` take out those that it
+    met before and that pull; returns how many there are of both.
+
+    `at` is x before the step, y and u where it is linearised and its velocity w; `end` is scratch (n, 3).
+    """
+    if colliders is None:
+        return 0
+    x, y, u, w = at
+    changed = 0
+    arrive(x, h, w, end)
+    for c in range(len(colliders.rows)):
+        own, met = colliders.rows[c], colliders.met[colliders.turn[0], c]
+        least = LATE * own[LAW, THICKNESS] + h * CREEP
+        for i in range(len(x)):
+            if not free[i] or not (met[i] or contact(colliders, end, i, c)[0] > least):
+                continue
+            depth, _, _, n, _, _ = contact(colliders, y, i, c)
+            if depth > 0.0:
+                continue
+            back = sub(load3(x, i), load3(y, i))  # −h u where the step is linearised ahead, else 0
+            if not met[i] and counts(colliders, depth, n, c, i, load3(y, i), fma(splat(h), load3(u, i), back)):
+                continue
+            presses = depth - dot(n, sub(load3(end, i), load3(y, i))) > 0.0
+            if presses == met[i] or not (presses or drops):
+                continue
+            met[i] = presses
+            changed += 1
+            kappa = own[LAW, STIFFNESS] if presses else -own[LAW, STIFFNESS]
+            low, high = outer(mul(splat(h * h * kappa), n), n)
+            add_block(A.diagonal, i, low, high)
+            store3(add(load3(b, i), mul(splat(h * kappa * (depth - dot(n, back))), n)), b, i)
+    return changed
+
+
+@kernel
+def strays(colliders, free, at, h, end):
+    """Whether an iteration ends with a vertex too deep in a collider that is thick, seen from what its model knew; the
+    arguments are those of `meet`. Writes `end`.
+    """
+    if colliders is None:
+        return False
+    x, y, _, w = at
+    arrive(x, h, w, end)
+    for c in range(len(colliders.rows)):
+        own = colliders.rows[c]
+        for i in range(len(y)):
+            if own[LAW, THICKNESS] > 0.0 and free[i]:
+                deep = contact(colliders, end, i, c)[0]
+                most = STRAY * own[LAW, THICKNESS] + h * CREEP
+                if deep > most and deep - max(model_depth(colliders, y, end, i, c), 0.0) > most:
+                    return True
+    return False
+
+
+@kernel
+def model_depth(colliders, y, end, i, c):
+    """d − n·s of vertex i at collider c for a step that is linearised at y, (n, 3), and ends at `end`."""
+    depth, _, _, n, _, _ = contact(colliders, y, i, c)
+    return depth - dot(n, sub(load3(end, i), load3(y, i)))
+
+
+@kernel
+def carry(colliders, free, at, h, end):
+    """Let the next iteration begin with the contacts that pressed in this one and are outside at its end; the arguments
+    are those of `strays`.
+    """
+    if colliders is None:
+        return
+    x, y, u, w = at
+    arrive(x, h, w, end)
+    k = colliders.turn[0]
+    for c in range(len(colliders.rows)):
+        for i in range(len(y)):
+            depth, _, _, n, _, _ = contact(colliders, y, i, c)
+            way = fma(splat(h), load3(u, i), sub(load3(x, i), load3(y, i)))
+            if free[i] and counts(colliders, depth, n, c, i, load3(y, i), way):
+                presses = depth - dot(n, sub(load3(end, i), load3(y, i))) > 0.0
+                colliders.met[k + 1, c, i] = presses and contact(colliders, end, i, c)[0] <= 0.0
