@@ -205,6 +205,8 @@ def show_scene(scene: Scene, console: Console) -> None:
         law = own["self_collision"]
         numbers = f"thickness {law['thickness']:.4g} m, {law['stiffness']:.4g} N/m, friction {law['friction']:.4g}"
         console.result(f"cloths do not pass through themselves: {numbers}")
+    if len(scene.cloths) > 1:
+        console.result("objects do not touch each other")
     for each in own["spheres"][:MOST_LISTED]:
         console.result(f"sphere of {each['radius']:.4g} m at {vector(each['centre'])} m")
     if len(own["spheres"]) > MOST_LISTED:
