@@ -1,11 +1,12 @@
-"""Contacts with colliders that a step begins with, and those that it only ends in.
+"""Contacts with meshes that a step begins with, and those that it only ends in.
 
-A step knows the vertices that are in a collider where it is linearised. One that is outside there and ends inside felt
-nothing: the faster the cloth or the body, the deeper. So such contacts are added to the step's matrix and its
-right-hand side as they are, with d < 0, and it is solved again, until it ends in no other: those that would then pull
-are taken out. Where a surface turns away from the plane that a vertex met, by more than half of its thickness, one more
-of Newton's iterations follows, linearised where that one ended; it begins with the contacts that pressed. The law is
-that of `colliders`, a spring that pushes where the way along the normal is longer than the distance,
+A step knows the vertices that are in a mesh where it is linearised, and those that their velocities lead into it. One
+that is outside there and ends inside all the same felt nothing: the faster the body, the deeper. So such contacts are
+added to the step's matrix and its right-hand side as they are, with d < 0, and it is solved again, until it ends in no
+other: those that would then pull are taken out. Where the surface turns away from the plane that a vertex met, by more
+than half of its thickness, one more of Newton's iterations follows, linearised where that one ended; it begins with the
+contacts that pressed. The law is that of `colliders`, a spring that pushes where the way along the normal is longer
+than the distance,
 
     F = κ (d − n·s) n > 0,
 
@@ -15,7 +16,8 @@ with. They are noted for each iteration of it.
 
 from __future__ import annotations
 
-from clothfit.engine.forces.touch import CREEP, LAW, STIFFNESS, THICKNESS, begins, contact
+from clothfit.engine.forces.surfaces import MESH
+from clothfit.engine.forces.touch import CREEP, LAW, SHAPE, STIFFNESS, THICKNESS, begins, contact
 from clothfit.engine.solve.sparse import add_block, outer
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub
@@ -98,6 +100,8 @@ def meet(colliders, free, at, h, end, drops, A, b):
     arrive(x, h, w, end)
     for c in range(len(colliders.rows)):
         own, met = colliders.rows[c], colliders.met[colliders.turn[0], c]
+        if own[SHAPE, 0] != MESH:
+            continue
         least = LATE * own[LAW, THICKNESS] + h * CREEP
         for i in range(len(x)):
             if not free[i] or not (met[i] or contact(colliders, end, i, c)[0] > least):
@@ -132,7 +136,7 @@ def strays(colliders, free, at, h, end):
     for c in range(len(colliders.rows)):
         own = colliders.rows[c]
         for i in range(len(y)):
-            if own[LAW, THICKNESS] > 0.0 and free[i]:
+            if own[SHAPE, 0] == MESH and own[LAW, THICKNESS] > 0.0 and free[i]:
                 deep = contact(colliders, end, i, c)[0]
                 most = STRAY * own[LAW, THICKNESS] + h * CREEP
                 if deep > most and deep - max(model_depth(colliders, y, end, i, c), 0.0) > most:
@@ -161,6 +165,7 @@ def carry(colliders, free, at, h, end):
         for i in range(len(y)):
             depth, _, _, n, _, _ = contact(colliders, y, i, c)
             way = fma(splat(h), load3(u, i), sub(load3(x, i), load3(y, i)))
-            if free[i] and counts(colliders, depth, n, c, i, load3(y, i), way):
+            mesh = colliders.rows[c, SHAPE, 0] == MESH
+            if mesh and free[i] and counts(colliders, depth, n, c, i, load3(y, i), way):
                 presses = depth - dot(n, sub(load3(end, i), load3(y, i))) > 0.0
                 colliders.met[k + 1, c, i] = presses and contact(colliders, end, i, c)[0] <= 0.0
