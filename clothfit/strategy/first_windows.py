@@ -33,7 +33,7 @@ contact that switches narrows the valley of the minimum. A window must end withi
 a target hides much of what it shows.
 """
 
-RADII, POLLS, PAYS, CLOSE = (3.0, 1.0, 0.3), 3, 0.01, 2e-4
+RADII, POLLS, PAYS, CLOSE = (1.0, 0.3, 0.1), 3, 0.01, 2e-4
 """r of the points around the end of a window that are polled there, how often, the share of the cost that one must save
 for more steps from it, and the error relative to how far the target moves below which nothing bars the way.
 """
@@ -86,7 +86,7 @@ def beyond_switches(part: Trajectory, y: Array, most: int) -> Array:
     """
     lower, upper = part.bounds
     for _ in range(POLLS):
-        if not part.cost(y) > CLOSE**2 * part.objective.still or part.search.is_late:
+        if part.cost(y) <= CLOSE**2 * part.objective.still or part.search.is_late:
             break
         model = part.model(y)
         values, axes = np.linalg.eigh(model.H / model.cost + np.diag(1.0 / part.own_widths**2))

@@ -54,7 +54,6 @@ def test_the_points_are_where_a_smooth_cost_is_higher_by_the_same(barred):
 
 
 def test_near_the_target_nothing_is_polled(barred):
-    part = barred(still=1e12)
-    y = np.array([0.4, 1.0])
+    part, y = barred(still=1e12), np.array([0.4, 1.0])
     assert first_windows.beyond_switches(part, y, 4) is y
     assert len(part.asked) == 1
