@@ -106,7 +106,6 @@ def at_rest(scene: Scene, count: int) -> touch.Colliders:
     more = any(each.body and each.thickness > 0 for each in own)  # iterations; convex surfaces do not turn inward
     return touch.build(
         [shape_of(each) for each in own],
-        [each.size for each in own],
         [(each.thickness, each.stiffness, each.friction) for each in own],
         sampling.states(own, np.zeros(1), scene.delta, 0)[0],
         meshes_of(scene, count),

@@ -20,7 +20,7 @@ from clothfit.scene.kinds import INTEGRATORS, OF_THE_EDITOR
 from clothfit.scene.mesh_numbering import FIELD
 from clothfit.scene.scene import Scene
 
-KEYED = ("windVelKeys", "gravityKeys", "posKeys", "rotKeys", "motion")
+KEYED = ("windVelKeys", "gravityKeys", "posKeys", "rotKeys", "scaleKeys", "motion")
 """Fields that hold keys."""
 
 ALIKE = 0.85

@@ -6,13 +6,15 @@ is round and only there. The vertices of a triangle are in the order of the scen
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Indices
-from clothfit.engine.inputs.sampling import poses
+from clothfit.engine.forces.touch import SIZE
+from clothfit.engine.inputs.sampling import poses, states
 from clothfit.scene.cloth import BOX, MESH, PLANE, Collider
 from clothfit.scene.scene import Scene
 
@@ -62,13 +64,22 @@ def solids(scene: Scene, times: Array, x: Array) -> tuple[Solid, ...]:
 
 
 def paths_of(collider: Collider, times: Array) -> Array | None:
-    """The places (F, P, 3) of the vertices of a mesh with a motion of its own in its axes at times (F,), s, m."""
-    if collider.body is None or collider.body.motion is None:
+    """The places (F, P, 3), m, of the vertices of a collider that changes in its axes at times (F,), s."""
+    if collider.body is None:
+        return None if collider.scaling is None else grown(collider, times)
+    keys = collider.body.motion or collider.scaling
+    if keys is None:
         return None
     from clothfit.engine.inputs.body_files import body_of
     from clothfit.engine.inputs.poses import places
 
-    return places(body_of(collider), collider.body.motion.interpolation, times)
+    return places(body_of(collider), keys.interpolation, times)
+
+
+def grown(collider: Collider, times: Array) -> Array:
+    """The same of a shape whose size changes."""
+    sizes = states([collider], times, 1.0, 0)[:, 0, SIZE]
+    return np.stack([shape(replace(collider, size=each), np.zeros(3), 0.0)[0] for each in sizes])
 
 
 def shape(collider: Collider, middle: Array, half: float) -> tuple[Array, Indices, Array]:

@@ -15,7 +15,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.scene import array_checks as checks
 from clothfit.scene import schema as structure
 from clothfit.scene.bounds import Bounds
-from clothfit.scene.keys import Keys, Pin, keys
+from clothfit.scene.keys import Keys, Pin, keys, scales
 from clothfit.scene.kinds import AIR_DENSITY, LETTERED, Kind
 from clothfit.scene.weave.layout import NOTHING, Layout
 
@@ -24,6 +24,9 @@ SMALLEST_SQUARE = 1e-100
 
 PLANE, SPHERE, CAPSULE, BOX, MESH = 0, 1, 2, 3, 4
 """The `type` of a collider."""
+
+AXIS_OF_SIZE = {PLANE: (0, 1, 2), SPHERE: (0, 0, 0), CAPSULE: (0, 0, 1), BOX: (0, 1, 2), MESH: (0, 1, 2)}
+"""Along which axis of its own the scale of a collider changes each number of its size."""
 
 NAMES = {PLANE: "plane", SPHERE: "sphere", CAPSULE: "capsule", BOX: "box", MESH: "mesh"}
 
@@ -171,6 +174,7 @@ class Collider:
     place: int = 0  # which of the colliders of the file it is
     offset: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, that of all colliders
     body: Body | None = None  # of a mesh
+    scaling: Keys | None = None  # by what its size changes over time
 
     def __post_init__(self) -> None:
         for array in (self.pos, self.angles, self.size):
@@ -189,7 +193,7 @@ class Collider:
     @property
     def moves(self) -> bool:
         """Whether it changes over time."""
-        return bool(self.position or self.rotation or (self.body and self.body.motion))
+        return bool(self.position or self.rotation or self.scaling or (self.body and self.body.motion))
 
 
 def moved(pos: Array, offset: Array) -> Array:
@@ -239,11 +243,15 @@ def _obstacle(
     item, place = {**structure.defaults("collider"), **own}, f"colliders[{number}]"
     position = keys(item.get("posKeys"), f"{place}.posKeys", folder, problems)
     rotation = keys(item.get("rotKeys"), f"{place}.rotKeys", folder, problems)
-    if item["type"] == SPHERE and not {"friction", "thickness", "stiffness"} & own.keys():
+    scaling = scales(item.get("scaleKeys"), f"{place}.scaleKeys", folder, problems)
+    if item["type"] == SPHERE and not {"friction", "thickness", "stiffness", "scaleKeys"} & own.keys():
         return Sphere(vector(item["pos"]), float(item["scale"]["x"]) / 2, position, offset)
     body = _body(item, place, folder, problems)
+    if scaling and body and body.motion:
+        problems.append(f"{place}.scaleKeys: a mesh with a motion has its size from that")
     made = _collider(item, size(item, place, problems), position, rotation)
-    return replace(made, place=number, offset=offset, body=body)
+    scaling = None if item["type"] == PLANE else scaling
+    return replace(made, place=number, offset=offset, body=body, scaling=scaling)
 
 
 def _collider(item: Mapping[str, Any], size: Array, position: Keys | None, rotation: Keys | None) -> Collider:

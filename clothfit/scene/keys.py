@@ -21,7 +21,7 @@ INTERPOLATIONS = ("linear", "smooth", "hold")
 
 MOST_KEYS = 1_000_000
 
-OF_FILES = ("windVelKeys", "gravityKeys", "posKeys", "rotKeys", "motion", "mesh")
+OF_FILES = ("windVelKeys", "gravityKeys", "posKeys", "rotKeys", "scaleKeys", "motion", "mesh")
 """Fields that may name a file."""
 
 LISTS = ("objects", "pins", "colliders")
@@ -124,6 +124,19 @@ def times_problem(times: Array, count: int) -> tuple[str, str] | None:
         i = int(late[0]) + 1
         return f"times[{i}]", f"{times[i]:g} s is not later than {times[i - 1]:g} s before it; times must increase"
     return None
+
+
+def scales(item: Any, place: str, folder: str, problems: list[str]) -> Keys | None:
+    """The same of a scale, which is above 0 and has no joint to come from."""
+    found = keys(item, place, folder, problems)
+    if found is None:
+        return None
+    if found.joint is not None:
+        return refuse(problems, place, "a joint has no scale; give times and values, or a table")
+    for i, axis in np.argwhere(found.values <= 0.0)[:1]:
+        value = found.values[i, axis]
+        return refuse(problems, f"{place}.values[{i}].{'xyz'[axis]}", f"{value:g} is too small; it must be above 0")
+    return found
 
 
 def refuse(problems: list[str], place: str, sentence: str) -> Keys | None:

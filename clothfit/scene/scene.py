@@ -387,6 +387,7 @@ def _scene(
     solid = document["planes"] == "solid"
     planes = [i for i, item in enumerate(document["colliders"]) if item["type"] == PLANE and not solid]
     more = f" (and {len(planes) - 1} more)" if len(planes) > 1 else ""
+    grown = [i for i, each in enumerate(document["colliders"]) if each["type"] == PLANE and "scaleKeys" in each]
     return Scene(
         title=document["title"].encode(errors="replace").decode(),  # "\ud800" in JSON is a text nobody can print
         method=document["integrationMethod"],
@@ -402,7 +403,8 @@ def _scene(
         spheres=touched[0],
         colliders=touched[1],
         offset=_vector(document["colliderOffset"]),
-        warnings=tuple(f"colliders[{i}]: planes are ignored, as in the editor{more}; {WAY_OUT}" for i in planes[:1]),
+        warnings=tuple(f"colliders[{i}]: planes are ignored, as in the editor{more}; {WAY_OUT}" for i in planes[:1])
+        + tuple(f"colliders[{i}].scaleKeys: a plane has no size, so they change nothing" for i in grown),
         name=name,
         source=source,
         **inputs,

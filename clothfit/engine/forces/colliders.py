@@ -1,8 +1,8 @@
 """Colliders that a cloth slides on, with friction: planes, round cones (capsules and spheres), boxes, closed meshes.
 
 A vertex at the signed distance δ < d₀ from the surface (`surfaces`), d₀ the thickness, is at the depth d = d₀ − δ.
-With the outward normal n, P = I − n nᵀ, the velocity V = ċ + ω × (y − c) of the collider at y, and that of the vertex
-past it, v = u − V, it feels
+With the outward normal n, P = I − n nᵀ, the velocity V = ċ + W (y − c) of the collider at y, W p = ω × p + S p with
+the rate S at which it stretches, and that of the vertex past it, v = u − V, it feels
 
     f = κ d n − γ P v,   γ = μ κ d / q,   q = sqrt(|P v|² + ε²),       K = −κ n nᵀ,   D = −γ P:
 
@@ -13,7 +13,7 @@ Coulomb's friction, of which the part |P v|/q acts at slow speeds. The step's mo
 so that D is negative semi-definite and the step stable, however long it is. That γ lags behind costs μ h |g| of speed
 where a vertex starts to slide, and nothing once its velocity stays, or with several Newton iterations.
 
-With dV = ω × dy, and from `surfaces` and `bodies` dδ = n·dy and dn = H dy, H = k P + j t tᵀ:
+With dV = W dy, and from `surfaces` and `bodies` dδ = n·dy and dn = H dy, H = k P + j t tᵀ:
 
     dq = v_t·(du − dV − (n·v) dn)/q, v_t = P v,    d(P z) = −P dV − (n·z) dn − (z·dn) n,
 

@@ -24,11 +24,14 @@ CREEP = 1e-3
 0.99.
 """
 
-PLACE, VELOCITY, SPIN, AXES, SIZE, LAW, SHAPE = 0, 1, 2, 3, 6, 7, 8
+PLACE, VELOCITY, SPIN, AXES, SIZE, RATE, LAW, SHAPE = 0, 1, 2, 3, 6, 7, 8, 9
 """Rows of a collider: c, m; ċ, m/s; ω, 1/s; three unit vectors, its axes; r, s, l of a cone or half of the lengths of a
-box, m; d₀, m, κ, N/m, and μ; the number of `surfaces`, and of a mesh which of `bodies`. Those before SIZE are its
-state.
+box, m; how fast it stretches along its axes, 1/s; d₀, m, κ, N/m, and μ; the number of `surfaces`, and of a mesh which
+of `bodies`.
 """
+
+STATE = 8
+"""Rows that change as a collider moves."""
 
 THICKNESS, STIFFNESS, FRICTION = 0, 1, 2
 """Places in the row LAW."""
@@ -41,15 +44,15 @@ class Colliders(NamedTuple):
     nothing is compiled.
     """
 
-    rows: Array  # (C, 9, 3)
+    rows: Array  # (C, 10, 3)
     met: Flags  # (N, C, n), contacts that each iteration of a step only ends in (`meeting`)
     turn: Indices  # (1,), the iteration that is computed
     bodies: meshes.Bodies | None = None  # the meshes; None where there are none
 
     @property
     def state(self) -> Array:
-        """What changes as they move, (C, 6, 3), not a copy."""
-        return self.rows[:, :SIZE]
+        """What changes as they move, (C, 8, 3), not a copy."""
+        return self.rows[:, :STATE]
 
     @property
     def thickness(self) -> Array:
@@ -68,16 +71,16 @@ class Colliders(NamedTuple):
 
 
 def build(
-    shape: Sequence[int], size: Sequence[Array], law: Sequence[Sequence[float]], state: Array,
-    bodies: meshes.Bodies | None = None, count: int = 0, iterations: int = 1,
+    shape: Sequence[int], law: Sequence[Sequence[float]], state: Array, bodies: meshes.Bodies | None = None,
+    count: int = 0, iterations: int = 1,
 ) -> Colliders:  # fmt: skip
-    """So many colliders, C of them, which may be 0: shapes, sizes (3,), laws (3,) and the states (C, 6, 3). Those that
-    are meshes have the bodies, in this order. `count` and `iterations` are those of the cloth's vertices and its steps.
+    """So many colliders, C of them, which may be 0: shapes, laws (3,) and the states (C, 8, 3). Those that are meshes
+    have the bodies, in this order. `count` and `iterations` are those of the cloth's vertices and its steps.
     """
-    rows = np.zeros((len(shape), 9, 3))
-    rows[:, :SIZE] = state
-    for row, number, extent, numbers in zip(rows, shape, size, law, strict=True):
-        row[SIZE], row[LAW], row[SHAPE] = extent, numbers, number
+    rows = np.zeros((len(shape), 10, 3))
+    rows[:, :STATE] = state
+    for row, number, numbers in zip(rows, shape, law, strict=True):
+        row[LAW], row[SHAPE] = numbers, number
     rows[rows[:, SHAPE, 0] == MESH, SHAPE, 1] = np.arange(np.count_nonzero(rows[:, SHAPE, 0] == MESH))
     return Colliders(rows, np.zeros((iterations, len(shape), count), bool), np.zeros(1, np.int32), bodies)
 
@@ -152,7 +155,18 @@ def surface(colliders, y, i, c, spot):
     """V at vertex i."""
     own = colliders.rows[c]
     away = sub(load3(y, i), load3(own, PLACE))
-    return with_drift(colliders.bodies, own, spot, add(load3(own, VELOCITY), cross(load3(own, SPIN), away)))
+    V = add(load3(own, VELOCITY), cross(load3(own, SPIN), away))
+    return with_drift(colliders.bodies, own, spot, stretched(own, away, V))
+
+
+@kernel
+def stretched(own, away, V):
+    """V, and the velocity with which a collider that grows moves what is `away` from its centre; it is its own
+    transpose.
+    """
+    if own[RATE, 0] == 0.0 and own[RATE, 1] == 0.0 and own[RATE, 2] == 0.0:
+        return V
+    return add(V, outward(own, mul(load3(own, RATE), inward(own, away))))
 
 
 @kernel
@@ -168,7 +182,7 @@ def with_drift(bodies, own, spot, V):
 @kernel
 def surface_change(bodies, own, spot, dy):
     """dV."""
-    dV = cross(load3(own, SPIN), dy)
+    dV = stretched(own, dy, cross(load3(own, SPIN), dy))
     if bodies is not None:
         f, part, _, _ = spot
         if f >= 0:
@@ -179,7 +193,7 @@ def surface_change(bodies, own, spot, dy):
 @kernel
 def surface_gradient(bodies, own, spot, by_v):
     """The gradient by y, for one by V."""
-    by_y = cross(by_v, load3(own, SPIN))
+    by_y = stretched(own, by_v, cross(by_v, load3(own, SPIN)))
     if bodies is not None:
         f, part, _, _ = spot
         if f >= 0:

@@ -18,11 +18,13 @@ from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.base.messages import counted
 from clothfit.engine.forces.bodies import Surface
 from clothfit.engine.inputs.files import loaded, stamp_of
+from clothfit.engine.inputs.interpolation import growth, resolved
 from clothfit.meshes.mesh import Mesh, areas
 from clothfit.meshes.mesh_file import read_mesh
 from clothfit.meshes.problems import THIN, tiny
 from clothfit.meshes.topology import edges, together
 from clothfit.scene.cloth import Body, Collider
+from clothfit.scene.keys import Keys
 
 
 class Moving(NamedTuple):
@@ -51,6 +53,8 @@ def body_of(collider: Collider) -> Moving:
         raise InvalidScene(f"{body.place}: {error}") from None
     surface = surface._replace(place=surface.place * collider.size)
     first = np.flatnonzero(kept)
+    if collider.scaling:
+        return growing(collider.scaling, surface, count)
     if body.motion is None:
         return Moving(surface, count, np.zeros(0), np.zeros((0, *surface.place.shape)))
     own = loaded(body.motion)
@@ -60,6 +64,13 @@ def body_of(collider: Collider) -> Moving:
     frames = own.values[:, first] * collider.size
     check_frames(frames, surface.triangles, body.motion.place)
     return Moving(surface._replace(place=frames[0]), count, own.times, frames, body.motion.place)
+
+
+def growing(scaling: Keys, surface: Surface, count: int) -> Moving:
+    """A mesh of so many vertices whose scale has keys: between two of them its vertices move as the scale changes."""
+    keys = resolved(scaling)
+    frames = growth(keys, keys.times)[:, None] * surface.place
+    return Moving(surface, count, keys.times, frames, keys.place)
 
 
 def inline(body: Body) -> Mesh:

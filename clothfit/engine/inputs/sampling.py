@@ -1,4 +1,4 @@
-"""Keys at the times of the steps: interpolation, rotations, and the tables of a cloth."""
+"""Keys at the times of the steps: rotations, places, and the tables of a cloth."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.base.errors import InvalidScene
-from clothfit.engine.forces.touch import AXES, PLACE, SPIN, VELOCITY
+from clothfit.engine.forces.touch import AXES, PLACE, RATE, SIZE, SPIN, STATE, VELOCITY
 from clothfit.engine.inputs import fitted_paths
+from clothfit.engine.inputs.interpolation import growth, interpolated, resolved
 from clothfit.engine.inputs.moving_axes import Axes
-from clothfit.engine.inputs.splines import splined
 from clothfit.engine.inputs.tables import Inputs, constant
-from clothfit.scene.cloth import Cloth, Collider
+from clothfit.scene.cloth import AXIS_OF_SIZE, CAPSULE, MESH, SPHERE, Cloth, Collider
 from clothfit.scene.keys import Frame, Keys, Pin
 from clothfit.scene.scene import Scene
 
@@ -75,31 +75,9 @@ def poses_of(scene: Scene, times: Array) -> Poses | None:
     from clothfit.engine.inputs.body_files import bodies_of  # what reads all formats, which few scenes need
     from clothfit.engine.inputs.poses import build as build_poses
 
-    ways = [each.motion.interpolation if each.motion else "" for each in own]
+    moving = [each.motion or collider.scaling for collider in scene.colliders if (each := collider.body)]
+    ways = [keys.interpolation if keys else "" for keys in moving]
     return build_poses(bodies_of(scene.colliders), ways, times)
-
-
-def resolved(keys: Keys) -> Keys:
-    """Keys with their numbers. Raises InvalidScene where their file does not have them."""
-    if keys.file is None:
-        return keys
-    from clothfit.engine.inputs.files import loaded  # what reads all formats, which few scenes need
-
-    return loaded(keys)
-
-
-def interpolated(keys: Keys, times: Array) -> Array:
-    """The values (T, …) of keys at times (T,), s."""
-    own, values = keys.times, keys.values
-    inside = np.clip(times, own[0], own[-1])
-    after = np.clip(np.searchsorted(own, inside, side="right"), 1, max(len(own) - 1, 1))
-    if keys.interpolation == "hold" or len(own) == 1:
-        return np.ascontiguousarray(values[np.searchsorted(own, inside, side="right") - 1])
-    if keys.interpolation == "smooth":
-        return np.ascontiguousarray(splined(own, values, keys.place)(inside))
-    share = (inside - own[after - 1]) / (own[after] - own[after - 1])
-    share = share.reshape(-1, *[1] * (values.ndim - 1))
-    return np.ascontiguousarray(values[after - 1] + share * (values[after] - values[after - 1]))
 
 
 def rotation(angles: Array) -> Any:
@@ -147,10 +125,10 @@ def pivot_of(keys: Keys | None, said: Array | None, otherwise: Array) -> Array:
 
 
 def places(scene: Scene, times: Array, lead: int) -> Array:
-    """Where spheres and colliders are, (T, C + 6 D, 3), as `tables.Inputs` has it; none where all stay."""
+    """Where spheres and colliders are, (T, C + 8 D, 3), as `tables.Inputs` has it; none where all stay."""
     moving = any(each.position for each in scene.spheres) or any(each.moves for each in scene.colliders)
     if not (moving or scene.frame):
-        return np.zeros((0, len(scene.spheres) + 6 * len(scene.colliders), 3))
+        return np.zeros((0, len(scene.spheres) + STATE * len(scene.colliders), 3))
     frame, centres = axes(scene.frame, times) if scene.frame else None, centres_at(scene, times)
     others = states(scene.colliders, times, scene.delta, lead, frame).reshape(len(times), -1, 3)
     return np.concatenate([frame.world(centres) if frame else centres, others], axis=1)
@@ -165,11 +143,11 @@ def shift(keys: Keys, times: Array) -> Array:
 
 
 def states(colliders: Sequence[Collider], times: Array, h: float, lead: int, frame: Axes | None = None) -> Array:
-    """The states (T, C, 6, 3) of colliders at times (T,), a step h apart, s: places, velocities, spins and axes (see
-    `forces.colliders`), in the world where the axes of the scene move. The velocity at a time is that of the step that
-    ends there, with `lead` 0 of that which begins.
+    """The states (T, C, 8, 3) of colliders at times (T,), a step h apart, s: places, velocities, spins, axes, sizes and
+    rates (see `forces.touch`), in the world where the axes of the scene move. The velocity at a time is that of the
+    step that ends there, with `lead` 0 of that which begins.
     """
-    out = np.zeros((len(times), len(colliders), 6, 3))
+    out = np.zeros((len(times), len(colliders), STATE, 3))
     step = np.clip(np.arange(len(times)) - lead, 0, max(len(times) - 2, 0))
     for c, each in enumerate(colliders):
         out[:, c, PLACE] = each.centre
@@ -190,8 +168,26 @@ def states(colliders: Sequence[Collider], times: Array, h: float, lead: int, fra
             turns = frame.turn @ turns
         if each.rotation or frame:
             out[:, c, SPIN] = spins(turns)[step] / h
-        out[:, c, AXES:] = turns.transpose(0, 2, 1)
+        out[:, c, AXES:SIZE] = turns.transpose(0, 2, 1)
+        out[:, c, SIZE] = each.size
+        if each.scaling:
+            size, rate = stretches(each, times, step, h)
+            if each.kind != MESH:  # whose vertices move
+                out[:, c, SIZE], out[:, c, RATE] = size, rate
     return out
+
+
+def stretches(collider: Collider, times: Array, step: Indices, h: float) -> tuple[Array, Array]:
+    """The sizes (T, 3), m, of a collider over time, and the rates (T, 3), 1/s, at which it stretches along its axes in
+    the step that counts at each time.
+    """
+    assert collider.scaling is not None
+    along = growth(collider.scaling, times)[:, list(AXIS_OF_SIZE[collider.kind])]
+    change = np.diff(along, axis=0, append=along[-1:])[step]
+    rates = change / (h * along)
+    if collider.kind in (SPHERE, CAPSULE):  # the radii by x, the distance between the ends, along y, by y
+        rates = rates[:, [0, 2, 0]]
+    return collider.size * along, rates
 
 
 def winds(scene: Scene, times: Array) -> Array:
@@ -204,7 +200,7 @@ def winds(scene: Scene, times: Array) -> Array:
 def poses(colliders: Sequence[Collider], times: Array) -> tuple[Array, Array]:
     """The centres (T, C, 3), m, and axes (T, C, 3, 3), one in each column, of colliders at times (T,), s."""
     found = states(colliders, times, 1.0, 0)
-    return found[:, :, PLACE], np.swapaxes(found[:, :, AXES:], 2, 3)
+    return found[:, :, PLACE], np.swapaxes(found[:, :, AXES:SIZE], 2, 3)
 
 
 def spins(turns: Array) -> Array:

@@ -18,7 +18,7 @@ def keyed(scene: Scene) -> Iterator[tuple[Keys, int | None]]:
                 yield keys, len(pin.vertices)
     moved = [each.position for each in scene.spheres]
     for each in scene.colliders:
-        moved += [each.position, each.rotation, each.body.motion if each.body else None]
+        moved += [each.position, each.rotation, each.scaling, each.body.motion if each.body else None]
     frame = (scene.frame.position, scene.frame.rotation) if scene.frame else ()
     for keys in filter(None, (scene.wind_keys, scene.gravity_keys, *frame, *moved)):
         yield keys, None

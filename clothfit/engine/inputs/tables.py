@@ -15,7 +15,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.engine.forces import springs
-from clothfit.engine.forces.touch import PLACE, SIZE
+from clothfit.engine.forces.touch import PLACE, STATE
 from clothfit.engine.inputs import fitted_paths
 from clothfit.engine.inputs.fitted_paths import FittedPaths, pull_places, push_places
 from clothfit.engine.inputs.poses import Poses, pose
@@ -32,7 +32,7 @@ class Inputs(NamedTuple):
 
     wind: Array  # (R, 3), m/s, what is added to the scene's
     gravity: Array  # (R, 3), m/s², the same
-    centre: Array  # (R, C + 6 D, 3), m, of C spheres; then the states (6, 3) of D other colliders, one after another
+    centre: Array  # (R, C + 8 D, 3), m, of C spheres; then the states (8, 3) of D other colliders, one after another
     path: Array  # (R, P, 3), m, of the pins
     pins: Indices  # (P,), their vertices
     coupled: Indices  # the springs of which one end is such a vertex and the other is free
@@ -53,7 +53,7 @@ class Inputs(NamedTuple):
 def constant(wind: Array, gravity: Array, spheres: int, colliders: int) -> Inputs:
     """Inputs that do not change: wind, m/s, and gravity, m/s², (3,) each, so many spheres and other colliders."""
     none = np.zeros((0, 3))
-    places = np.zeros((0, spheres + 6 * colliders, 3))
+    places = np.zeros((0, spheres + STATE * colliders, 3))
     nobody = np.zeros(0, np.int32)
     bases = np.array(wind, float), np.array(gravity, float)
     keyed = none, np.zeros((0, 0)), np.zeros(3)
@@ -84,7 +84,7 @@ def with_offset(inputs: Inputs | None, spheres: int, offset: Array) -> Inputs | 
         return inputs
     centre = inputs.centre.copy()
     centre[:, :spheres] += offset
-    centre[:, spheres + PLACE :: SIZE] += offset
+    centre[:, spheres + PLACE :: STATE] += offset
     return inputs._replace(centre=centre)
 
 
@@ -108,10 +108,10 @@ def set_inputs(inputs, system, t):
 
 @kernel
 def move_colliders(colliders, states):
-    """Write states (6 D, 3) to D colliders."""
+    """Write states (8 D, 3) to D colliders."""
     if colliders is not None:
         for c in range(len(colliders.rows)):
-            copy(states[c * SIZE :], colliders.rows[c, :SIZE])
+            copy(states[c * STATE :], colliders.rows[c, :STATE])
 
 
 @kernel
