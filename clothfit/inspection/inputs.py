@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.engine import system
-from clothfit.engine.inputs import sampling
+from clothfit.engine.inputs import interpolation, sampling
 from clothfit.engine.inputs.sources import keyed
 from clothfit.scene.keys import Keys
 from clothfit.scene.scene import Scene
@@ -53,7 +53,7 @@ def check(scene: Scene) -> None:
 
 def described(keys: Keys, vertices: int | None) -> Input:
     """What there is to say of keys."""
-    own = sampling.resolved(keys)
+    own = interpolation.resolved(keys)
     values = own.values.reshape(-1, 3)
     least, most = (tuple(np.asarray(end(values, axis=0)).tolist()) for end in (np.min, np.max))
     times = float(own.times[0]), float(own.times[-1])

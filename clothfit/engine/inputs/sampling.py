@@ -177,7 +177,7 @@ def states(colliders: Sequence[Collider], times: Array, h: float, lead: int, fra
     return out
 
 
-def stretches(collider: Collider, times: Array, step: Indices, h: float) -> tuple[Array, Array]:
+def stretches(collider: Collider, times: Array, step: Any, h: float) -> tuple[Array, Array]:
     """The sizes (T, 3), m, of a collider over time, and the rates (T, 3), 1/s, at which it stretches along its axes in
     the step that counts at each time.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from clothfit.base.arrays import Array
-from clothfit.engine.inputs.sampling import resolved
+from clothfit.engine.inputs.interpolation import resolved
 from clothfit.scene.keys import Keys
 from clothfit.scene.scene import Scene
 
