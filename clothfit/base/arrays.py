@@ -18,6 +18,7 @@ LINE, PAGE = 8, 512
 
 NO_NUMBERS: Array = np.zeros(0)
 NO_VECTORS: Array = np.zeros((0, 3))
+NO_TABLE: Array = np.zeros((0, 0, 3))
 
 
 class Elements(NamedTuple):
@@ -41,6 +42,7 @@ class Elements(NamedTuple):
     friction: Array = NO_NUMBERS  # (C,), coefficient of each collider that is no plain sphere, then of self-contact
     contact: Array = NO_NUMBERS  # (C,), their stiffnesses, N/m
     offset: Array = NO_NUMBERS  # (3,), how far all colliders are from where the system has them, m
+    force: Array = NO_TABLE  # (T, n, 3), applied in each step, N
 
 
 def aligned(*shape: int) -> Array:

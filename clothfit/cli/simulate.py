@@ -31,7 +31,7 @@ ENERGY_ROUNDING = 1e-12  # share of the largest energy in one place below which 
 
 
 SECTIONS = {
-    "What to simulate": ("--steps", "--tolerance"),
+    "What to simulate": ("--steps", "--tolerance", "--forces", "--feedback"),
     "What is written": ("--output", "--energy", "--dump", "--plot", "--gif"),
     "The file of the motion": ("--scale", "--up", "--handedness"),
 }
@@ -43,6 +43,10 @@ SECTIONS = {
               help="Simulate N time steps.  [default: the scene's optimizationIterations - 1]")
 @click.option("--tolerance", type=float, metavar="T",
               help="Relative tolerance of the linear solver.  [default: the scene's]")
+@click.option("--forces", "forces_path", metavar="FILE",
+              help="Apply the forces of this file, as clothfit control writes them.")
+@click.option("--feedback", is_flag=True,
+              help="With --forces: pull a disturbed cloth back to the motion that they were found for.")
 @click.option("--energy", "with_energy", is_flag=True,
               help="Print a table of the energies, and store them with the motion.")
 @click.option("--dump", "dump_path", metavar="FILE", help="If the motion diverges, write its last states here (.npz).")
@@ -54,6 +58,8 @@ def command(
     scene_path: str,
     steps: int | None,
     tolerance: float | None,
+    forces_path: str | None,
+    feedback: bool,
     with_energy: bool,
     dump_path: str | None,
     path: str | None,
@@ -69,13 +75,15 @@ def command(
     clothfit simulate scene.json --steps 500 -o long.npz
     clothfit simulate scene.json -o 'frames/cloth_*.obj'
     clothfit simulate scene.json --energy
+    clothfit simulate scene.json --forces scene.forces.npz --feedback
     clothfit simulate scene.json --dump last.npz
     clothfit simulate scene.json --plot motion.png --gif motion.gif
     """
     check_numbers(steps, tolerance)
     scene = read_scene(scene_path, console)
+    scene = pushed(scene, forces_path, feedback)
     frames = frames_of(steps, scene)
-    out = output_for(path, scene_path, ".motion.npz", ())
+    out = output_for(path, scene_path, ".motion.npz", (forces_path,))
     motions.check(out, convention, (scene_path,), frames)
     dump = dump_of(dump_path, scene_path, out)
     pictures.check(scene_path, out.path, dump_path)
@@ -104,6 +112,17 @@ def command(
     pictures.simulated(scene, motion, energy, console)
     if error is not None:
         raise error
+
+
+def pushed(scene: Scene, path: str | None, feedback: bool) -> Scene:
+    """The scene with the forces of a file. Raises InvalidInput."""
+    if path is None:
+        if feedback:
+            raise click.UsageError("--feedback goes with --forces only")
+        return scene
+    from clothfit.scene.forces import load_forces
+
+    return scene.with_forces(load_forces(path, sum(scene.vertex_counts), feedback))
 
 
 def moved(scene: Scene, frames: int, tolerance: float | None) -> tuple[Motion, Diverged | None]:

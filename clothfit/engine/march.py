@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from clothfit.base.limits import FARTHEST
 from clothfit.engine.forces import meeting
-from clothfit.engine.inputs.tables import place_pins, set_inputs
+from clothfit.engine.inputs.tables import place_pins, power, set_inputs
+from clothfit.engine.inputs.tables import work as work_done
 from clothfit.engine.solve import guess
 from clothfit.engine.step import bdf2, guard, implicit, transition
 from clothfit.kernels.kernel import kernel
@@ -53,8 +54,10 @@ def run(system, tolerance, work, part, start, stop):
         v = velocity(part, t)
         set_inputs(system.inputs, system, before + t)
         meeting.clear(system.colliders)
-        now, power = transition.prepare(system, x[t], v, work)  # the energy that step t − 1 led to
-        if t > checked and guard.rises(energy, now, system.h * power):
+        now, given = transition.prepare(system, x[t], v, work)  # the energy that step t − 1 led to
+        if t > start:
+            given += power(system.inputs, before + t - 1, v)
+        if t > checked and guard.rises(energy, now, system.h * given):
             checked = t
             fault = shortened(system, part, t - 1, energy)
             if fault == guard.CONTACTS:
@@ -62,7 +65,7 @@ def run(system, tolerance, work, part, start, stop):
             if fault == guard.SPRINGS:
                 continue
         if t > start:
-            grant(part, t - 1, system.h * power)
+            grant(part, t - 1, system.h * given)
         elif part.first + t == 0:
             part.budget[0] = now
         energy = now
@@ -83,8 +86,14 @@ def run(system, tolerance, work, part, start, stop):
         t += 1
     if checked < stop and shortened(system, part, stop - 1, energy) == guard.CONTACTS:
         return stop - 1, CONTACTS
-    grant(part, stop - 1, system.h * guard.moving(system.vertex, velocity(part, stop))[1])
+    grant(part, stop - 1, system.h * given_in(system, before + stop - 1, velocity(part, stop)))
     return stop, DONE
+
+
+@kernel
+def given_in(system, t, v):
+    """The power of the weight and of the applied forces in step t, at velocities v (n, 3), W."""
+    return guard.moving(system.vertex, v)[1] + power(system.inputs, t, v)
 
 
 @kernel
@@ -97,9 +106,9 @@ def grant(part, t, weight):
 def shortened(system, part, t, energy):
     """Shorten step t, which began with this energy, J, if springs added energy; returns what did (`guard.fault`)."""
     x, v, budget = part.x, velocity(part, t + 1), part.budget[t]
-    fault = guard.fault(system, energy, budget, x[t], v, x[t + 1])
+    fault = guard.fault(system, part.first + t, energy, budget, x[t], v, x[t + 1])
     if fault == guard.SPRINGS:
-        part.theta[t] = guard.shorten(system, energy, budget, x[t], v, x[t + 1])
+        part.theta[t] = guard.shorten(system, part.first + t, energy, budget, x[t], v, x[t + 1])
     return fault
 
 
@@ -138,9 +147,9 @@ def retake(early, tolerance, work, part, t):
     combine(1.0, x[t], early.h, w, x[t + 1])
     if not finite(x[t + 1]):
         return FAILED
-    if guard.fault(early, energy, budget, x[t], w, x[t + 1]) != guard.NONE:
-        part.theta[t] = guard.shorten(early, energy, budget, x[t], w, x[t + 1])
-    weight = early.h * guard.moving(early.vertex, w)[1]
+    if guard.fault(early, part.first + t, energy, budget, x[t], w, x[t + 1]) != guard.NONE:
+        part.theta[t] = guard.shorten(early, part.first + t, energy, budget, x[t], w, x[t + 1])
+    weight = early.h * given_in(early, part.first + t, w)
     part.budget[t + 1] = min(budget + weight, guard.energy(early, x[t + 1], w))
     return DONE
 
@@ -186,7 +195,7 @@ def run_bdf2(euler, inner, tolerance, work, part, start, stop):
         if guarded:
             if shortened(euler, part, t, energy) == guard.CONTACTS:
                 return t, CONTACTS
-            grant(part, t, euler.h * guard.moving(euler.vertex, w)[1])
+            grant(part, t, euler.h * given_in(euler, part.first + t, w))
             energy = guard.energy(euler, x[t + 1], w)
     return stop, DONE
 
@@ -202,6 +211,7 @@ def second_order(euler, inner, tolerance, work, part, t, energy, guarded):
     )
     count(part, t, used, iterations, direct)
     place_pins(euler.inputs, euler, x[t + 1])
+    weight += work_done(euler.inputs, part.first + t, x[t], x[t + 1])
     near = 3.0 * size < FARTHEST * FARTHEST or finite(x[t + 1])  # 3 |a|² ≥ (|a₀| + |a₁| + |a₂|)²
     if used == 0 or not near:
         return energy, False

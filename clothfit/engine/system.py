@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Elements, Flags
+from clothfit.base.arrays import NO_TABLE, Array, Elements, Flags
 from clothfit.base.errors import InvalidScene
-from clothfit.engine.forces import bodies, spheres, springs, surfaces, touch, vertex, wind
+from clothfit.engine.forces import applied, bodies, spheres, springs, surfaces, touch, vertex, wind
 from clothfit.engine.forces.selfcontact import force, pairs
 from clothfit.engine.inputs import fitted_paths, pin_derivatives, sampling, tables
 from clothfit.engine.solve import sparse
@@ -42,6 +42,7 @@ class System(NamedTuple):
     inputs: tables.Inputs | None  # what changes over time; None where nothing does and there are no colliders
     surface: pairs.Surface | None = None  # what of the cloth can touch itself; None where the scene does not ask
     contact: force.Contact | None = None  # the pairs that press in a step; None with `surface`
+    applied: applied.Applied | None = None  # forces that are given; None with `inputs`
 
 
 def build(scene: Scene, index: int, air: bool = False, steps: int | None = None) -> System:
@@ -68,6 +69,7 @@ def build(scene: Scene, index: int, air: bool = False, steps: int | None = None)
         inputs=inputs,
         surface=surface,
         contact=surface and pairs.none(surface),
+        applied=applied.build(*tables.pushed_and_pulled(inputs)) if inputs else None,
     )
 
 
@@ -93,7 +95,7 @@ def of_the_world(scene: Scene, cloth: Cloth, steps: int) -> tuple[tables.Inputs 
     """The inputs over time and the colliders. A scene with either, or with self-contact, gets both, and one that is
     empty does nothing: code is compiled for scenes with neither and for all others, not for each combination.
     """
-    if not (scene.changes or cloth.pins or scene.colliders or scene.self_contact):
+    if not (scene.changes or cloth.pins or scene.colliders or scene.self_contact or scene.forces):
         return None, None
     return sampling.build(scene, cloth, steps), at_rest(scene, len(cloth.mass))
 
@@ -228,7 +230,9 @@ def with_bases(system: System, inputs: tables.Inputs, values: Elements) -> Syste
     """A system with inputs over time whose constant parts are these values, where they are not empty, and with memory
     of its own for those of the step that is computed.
     """
-    own = system.colliders
+    own, given = system.colliders, system.applied
+    if len(values.force):
+        inputs = inputs._replace(force=np.array(values.force, float))
     if len(values.gusts):
         inputs = inputs._replace(gusts=np.array(values.gusts, float), wind=inputs.share @ values.gusts)
     wind = np.array(values.wind if len(values.wind) else inputs.wind_base, float)
@@ -238,6 +242,7 @@ def with_bases(system: System, inputs: tables.Inputs, values: Elements) -> Syste
         faces=system.faces._replace(wind=wind.copy()),
         spheres=system.spheres._replace(centre=system.spheres.centre.copy()),
         colliders=own and touch.copied(own),
+        applied=given and applied.copied(given),
         inputs=inputs._replace(
             wind_base=wind, gravity_base=gravity, place=inputs.place.copy(), later=inputs.later.copy(),
             fitted=fitted_paths.with_values(inputs.fitted, values.path, values.shift),
@@ -275,6 +280,7 @@ def all_elements(system: System) -> Elements:
         friction=friction,
         contact=contact,
         offset=np.zeros(3),
+        force=NO_TABLE if inputs is None else inputs.force.copy(),
     )
 
 
@@ -289,5 +295,5 @@ def laws(system: System) -> tuple[Array, Array]:
 
 def zeros(system: System, kinds: Collection[str] = ()) -> Elements:
     """Zeros for masses, stiffnesses and the other `kinds` that are named; what is not named is empty."""
-    full = {name: np.zeros_like(value) for name, value in all_elements(system)._asdict().items()}
-    return Elements(**{name: full[name] for name in ("mass", "stiffness", *kinds)})
+    own = all_elements(system)
+    return Elements(**{name: np.zeros_like(getattr(own, name)) for name in ("mass", "stiffness", *kinds)})

@@ -4,10 +4,10 @@ Stored, J: kinetic ½ Σ m |v|²; elastic ½ Σ k (L − L₀)² in the springs;
 ½ Σ κ (depth)² in the push of spheres, of other colliders and of the cloth on itself. A spring between fixed vertices
 counts too, with a constant.
 
-Given and taken over a step of displacement h w, each force f at the state where the step takes it: the wind gives
-h f·w with the push on a cloth that holds still; damping (of vertices and springs), friction, which
-counts as damping, and drag (what the cloth's own velocity changes in the push of the air) take −h f·w. What is still
-missing,
+Given and taken over a step of displacement h w, each force f at the state where the step takes it: the wind gives h f·w
+with the push on a cloth that holds still, and counted with it what applied forces give; damping (of vertices and
+springs), friction, which counts as damping, and drag (what the cloth's own velocity changes in the push of the air)
+take −h f·w. What is still missing,
 
     numerical = start + wind − damping − drag − what is stored,
 
@@ -57,7 +57,7 @@ class Energy:
     elastic: Array  # ½ k (L − L₀)², in the springs
     gravity: Array  # −m g·x, 0 at the start
     contact: Array  # in the push of colliders, and of a cloth on itself
-    wind: Array  # work of the wind until then
+    wind: Array  # work of the wind, and of forces that are applied, until then
     damping: Array  # lost to the damping of vertices and springs, and to friction, until then
     drag: Array  # lost to the air that the cloths move through until then
 
@@ -155,6 +155,22 @@ def balances(system: System, x: Array) -> Array:
         y = np.ascontiguousarray(x[first:end] if late else x[first - 1 : end - 1])
         works(system, y, u, w, first if system.inputs is None else first - 1 + system.inputs.lead, out[first:end])
         add_self_friction(system, y, u, w, out[first:end])
+    out[:, WIND] += pushed(system, x)
+    return out
+
+
+def pushed(system: System, x: Array) -> Array:
+    """The work of applied forces, and of springs that pull to given places, (F,) J, in the steps that end at each frame
+    of positions x (F, n, 3).
+    """
+    own, out = system.inputs, np.zeros(len(x))
+    if own is None or not len(own.force):
+        return out
+    steps = len(x) - 1
+    force = own.force[:steps].copy()
+    if len(own.gain):
+        force += own.gain[:steps, :, None] * (own.target[:steps] - x[1:])
+    out[1:] = np.einsum("tij,tij->t", force, np.diff(x, axis=0))
     return out
 
 

@@ -28,6 +28,8 @@ from clothfit.scene.block import Block, flagged
 from clothfit.scene.bounds import Bounds, from_file
 from clothfit.scene.cloth import PLANE, Cloth, Collider, SelfContact, Sphere, obstacles, self_contact
 from clothfit.scene.cloth import vector as _vector
+from clothfit.scene.forces import Forces
+from clothfit.scene.forces import check as check_forces
 from clothfit.scene.keys import Frame, Keys, Pin, files_from, frame, keys, pins
 from clothfit.scene.kinds import CLOTH_KINDS, INTEGRATORS, KIND, KINDS, LETTERED, SCENE_KINDS, Kind
 from clothfit.scene.splice import Optional, splice
@@ -67,6 +69,7 @@ class Scene:
     offset: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, read-only: of all obstacles, from their `pos`
     self_contact: SelfContact | None = None  # of each cloth with itself; None: cloths pass through themselves
     folder: str = ""  # that paths in its text are relative to; empty: the current one
+    forces: Forces | None = None  # that are applied to the vertices of all objects; not in the file
     main: Scene | None = None  # whose values the factors of modes F, R and M multiply; None: this one's
 
     def __post_init__(self) -> None:
@@ -142,6 +145,12 @@ class Scene:
         """The value of a kind where the file gives none."""
         defaults = structure.defaults("scene")
         return _vector(defaults[kind.field]) if kind.field in defaults else getattr(self, kind.name)
+
+    def with_forces(self, forces: Forces | None) -> Scene:
+        """The scene with these forces in place of those it has. Raises InvalidInput where they do not fit it."""
+        if forces is not None:
+            check_forces(forces, sum(self.vertex_counts))
+        return replace(self, forces=forces)
 
     def with_bounds(self, asked: Bounds) -> Scene:
         """The scene with these bounds of a fit in place of its own and of its objects'."""

@@ -98,7 +98,7 @@ def test_a_shortened_step_is_a_part_of_the_step_of_the_format():
     np.testing.assert_allclose(memory.w[t, 0], theta * once.w[0, 0], atol=1e-12)
     np.testing.assert_array_equal(memory.x[t + 1], memory.x[t] + system.h * memory.w[t, 0])
     v, before = 2 * theta * once.w[0, 0], energies(system, memory, t)[0][-1]
-    longer = guard.fault(system, before, np.inf, once.x[0], v, once.x[0] + system.h * v)
+    longer = guard.fault(system, t, before, np.inf, once.x[0], v, once.x[0] + system.h * v)
     assert longer == guard.SPRINGS  # the next longer part would have added energy
 
 

@@ -36,6 +36,10 @@ READING = {
 """Fields of `Reading` to their options."""
 
 
+READ_BY = ("target_path", "target_paths", "in_path", "keys_path")
+"""Parameters of commands that are motions to read."""
+
+
 def axes(function: F, prefix: str = "", what: str = "the motion file", whose: str = "the format's") -> F:
     """Add the options that say how a file's coordinates are meant, else as `whose` are."""
     up, hands = (click.Choice(CHOICES[name]) for name in ("up", "handedness"))
@@ -55,7 +59,7 @@ def reads(function: Action) -> Action:
     @wraps(function)
     def reading(**rest: Any) -> int | None:
         said = Reading(**{name: rest.pop(name) for name in READING})
-        if not said.plain and not any(rest.get(name) for name in ("target_path", "target_paths", "in_path")):
+        if not said.plain and not any(rest.get(name) for name in READ_BY):
             raise click.UsageError(
                 "--scale, --up, --handedness, --fps, --frames and --map describe the motion of --target; add that",
                 click.get_current_context(),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from clothfit.engine.forces import colliders, spheres, springs, vertex, wind
+from clothfit.engine.forces import applied, colliders, spheres, springs, vertex, wind
 from clothfit.engine.forces.selfcontact import force as contact
 from clothfit.kernels.kernel import kernel
 
@@ -15,6 +15,7 @@ def add_force(system, y, u, f):
     spheres.add_force(system.spheres, y, u, f)
     colliders.add_force(system.colliders, y, u, f)
     contact.add_force(system.contact, y, u, f)
+    applied.add_force(system.applied, y, u, f)
 
 
 @kernel
@@ -34,6 +35,7 @@ def add_step(system, y, u, h, ahead, A, b):
     stored += spheres.add_step(system.spheres, y, u, h, ahead, A, b)
     stored += colliders.add_step(system.colliders, y, u, h, ahead, A, b)
     stored += contact.add_step(system.contact, y, u, h, ahead, A, b)
+    stored += applied.add_step(system.applied, y, u, h, ahead, A, b)
     return stored
 
 
@@ -53,6 +55,7 @@ def add_pullback(system, y, u, w, s, lam, h, grad, gy, gu):
     spheres.add_pullback(system.spheres, y, u, w, s, lam, h, grad, gy, gu)
     colliders.add_pullback(system.colliders, y, u, w, s, lam, h, grad, gy, gu)
     contact.add_pullback(system.contact, y, u, w, s, lam, h, grad, gy, gu)
+    applied.add_pullback(system.applied, y, u, w, s, lam, h, grad, gy, gu)
 
 
 @kernel
@@ -63,3 +66,4 @@ def add_pushforward(system, y, u, w, s, dy, du, direction, h, out):
     spheres.add_pushforward(system.spheres, y, u, w, s, dy, du, direction, h, out)
     colliders.add_pushforward(system.colliders, y, u, w, s, dy, du, direction, h, out)
     contact.add_pushforward(system.contact, y, u, w, s, dy, du, direction, h, out)
+    applied.add_pushforward(system.applied, y, u, w, s, dy, du, direction, h, out)

@@ -47,24 +47,48 @@ def sampled(scene: Scene, cloth: Cloth, steps: int) -> Inputs:
     if scene.mode("gusts") != "n" and scene.wind_keys:
         share = interpolated(replace(scene.wind_keys, values=np.eye(len(scene.gusts))), times)
         found = found._replace(gusts=np.array(scene.gusts), share=share)
+    moving_axes = axes(scene.frame, times) if scene.frame else None
     pins, path = paths(cloth, times)
     centre = places(scene, times, lead)
-    if scene.frame:
+    if scene.frame and moving_axes:
         others = np.setdiff1d(np.flatnonzero(cloth.fixed), pins).astype(np.int32)
         still = np.broadcast_to(cloth.positions[others], (len(times), len(others), 3))
-        pins, frame = np.concatenate([pins, others]), axes(scene.frame, times)
+        pins, frame = np.concatenate([pins, others]), moving_axes
         path = frame.world(np.concatenate([path if len(path) else still[:, :0], still], axis=1))
         start, first, second = (frame.at(k).world(cloth.positions[None])[0] for k in range(3))
         found = found._replace(drift=(4.0 * first - second - 3.0 * start) / (2.0 * scene.delta))
         turns = np.ascontiguousarray(frame.turn) if scene.frame.rotation else turns
     held = np.isin(cloth.springs, pins)
     coupled = np.flatnonzero((held & ~cloth.fixed[cloth.springs][:, ::-1]).any(axis=1)).astype(np.int32)
+    moves = scene.changes or cloth.pins
     return found._replace(
+        energetic=bool(moves or scene.colliders or scene.self_contact or (scene.forces and scene.forces.pulls)),
+        **applied(scene, cloth, times, moving_axes),
         wind=wind, gravity=gravity, centre=centre, path=path, pins=pins, coupled=coupled,
         fitted=fitted_paths.build(cloth, path, turns, partial(moved, times=times)),
         place=np.zeros((len(pins), 3)), later=np.zeros((len(pins), 3)),
-        lead=lead, steps=steps if scene.changes or cloth.pins else ANY_NUMBER, poses=poses_of(scene, times),
+        lead=lead, steps=steps if moves or scene.forces else ANY_NUMBER, poses=poses_of(scene, times),
     )  # fmt: skip
+
+
+def applied(scene: Scene, cloth: Cloth, times: Array, frame: Axes | None) -> dict[str, Array]:
+    """The tables of what is applied to a cloth in the steps that begin at times (T,), s: forces, and gains and places
+    of what pulls it, in the world where the axes of the scene move; none where the scene has none.
+    """
+    if scene.forces is None:
+        return {}
+    first = sum(scene.vertex_counts[: scene.cloths.index(cloth)])
+    own = slice(first, first + len(cloth.mass))
+    force, gain, target = scene.forces.at(times)
+    mine = force[:, own]
+    made = {"force": np.ascontiguousarray(frame.world_directions(mine) if frame else mine)}
+    if gain is not None and target is not None:
+        gain, target = gain[:, own], target[:, own]
+        if frame:
+            later = np.minimum(np.arange(len(times)) + 1, len(times) - 1)
+            target = Axes(frame.turn[later], frame.pivot, frame.shift[later]).world(target)
+        made |= {"gain": np.ascontiguousarray(gain), "target": np.ascontiguousarray(target)}
+    return made
 
 
 def poses_of(scene: Scene, times: Array) -> Poses | None:

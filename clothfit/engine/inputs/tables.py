@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Elements, Indices
+from clothfit.base.arrays import NO_TABLE, Array, Elements, Indices
 from clothfit.engine.forces import springs
 from clothfit.engine.forces.touch import PLACE, STATE
 from clothfit.engine.inputs import fitted_paths
@@ -45,9 +45,13 @@ class Inputs(NamedTuple):
     place: Array  # (P, 3), m, where the pins are after the step that is computed
     later: Array  # (P, 3), m, where they are one step after that
     drift: Array  # (n, 3), m/s, velocity of the scene's axes where each vertex starts; none where they are still
+    force: Array  # (T, n, 3), N, applied in each step; none where there are none
+    gain: Array  # (T, n), N/m, of springs that pull the vertices; none where there are none
+    target: Array  # (T, n, 3), m, to where, after each step
     lead: int  # rows by which the forces of a step are ahead of it: 1 for the implicit methods, else 0
     steps: int  # that the tables have rows for
     poses: Poses | None = None  # of the meshes that change; None where there are no meshes
+    energetic: bool = True  # whether anything else than the applied forces may bring energy
 
 
 def constant(wind: Array, gravity: Array, spheres: int, colliders: int) -> Inputs:
@@ -58,7 +62,8 @@ def constant(wind: Array, gravity: Array, spheres: int, colliders: int) -> Input
     bases = np.array(wind, float), np.array(gravity, float)
     keyed = none, np.zeros((0, 0)), np.zeros(3)
     tables = none, none, places, np.zeros((0, 0, 3))
-    return Inputs(*tables, nobody, nobody, *bases, fitted_paths.none(), *keyed, none, none, none, 1, 0)
+    applied = NO_TABLE, np.zeros((0, 0)), NO_TABLE
+    return Inputs(*tables, nobody, nobody, *bases, fitted_paths.none(), *keyed, none, none, none, *applied, 1, 0)
 
 
 def check_steps(inputs: Inputs | None, steps: int) -> None:
@@ -67,11 +72,17 @@ def check_steps(inputs: Inputs | None, steps: int) -> None:
         raise IndexError(f"{steps} steps, with inputs for {inputs.steps}")
 
 
+def pushed_and_pulled(inputs: Inputs) -> tuple[int, int]:
+    """How many vertices forces are applied to, and how many are pulled to given places: all or none."""
+    return inputs.force.shape[1], inputs.gain.shape[1]
+
+
 def later(inputs: Inputs | None, steps: int) -> Inputs | None:
     """The inputs of a motion that begins so many steps later."""
     if inputs is None:
         return None
-    parts = {name: getattr(inputs, name)[steps:] for name in ("wind", "gravity", "centre", "path", "share")}
+    tables = ("wind", "gravity", "centre", "path", "share", "force", "gain", "target")
+    parts = {name: getattr(inputs, name)[steps:] for name in tables}
     own = inputs.poses
     poses = own and own._replace(first=own.first[steps:], weight=own.weight[steps:])
     fitted = fitted_paths.later(inputs.fitted, steps)
@@ -104,6 +115,11 @@ def set_inputs(inputs, system, t):
         if len(inputs.path) > 0:
             copy(inputs.path[t + 1], inputs.place)
             copy(inputs.path[t + 1 if inputs.lead else t + 2], inputs.later)
+        if len(inputs.force) > 0:
+            copy(inputs.force[t], system.applied.force)
+        if len(inputs.gain) > 0:
+            system.applied.gain[:] = inputs.gain[t]
+            copy(inputs.target[t], system.applied.place)
 
 
 @kernel
@@ -116,9 +132,12 @@ def move_colliders(colliders, states):
 
 @kernel
 def share_gradient(inputs, system, t, grad):
-    """Give what step t added to the gradient by the wind to the keys of the wind, and that by the pins' places to the
-    keys of their paths.
+    """Give what step t added to the gradient by the wind to the keys of the wind, that by the pins' places to the keys
+    of their paths, and that by the applied forces to its row of their table.
     """
+    if inputs is not None and len(grad.force) > 0:
+        copy(system.applied.bar, grad.force[t])
+        system.applied.bar[:] = 0.0
     if inputs is not None and len(grad.gusts) > 0:
         row = inputs.share[t + inputs.lead]
         for c in range(3):
@@ -135,8 +154,10 @@ def share_gradient(inputs, system, t, grad):
 @kernel
 def set_direction(inputs, system, t, direction):
     """Write the change of the wind in step t: that of its keys, the first K rows of `gusts`, and in the last row what
-    is the same all the time; and that of the places of the pins.
+    is the same all the time; and that of the places of the pins and of the applied forces.
     """
+    if inputs is not None and len(direction.force) > 0:
+        copy(direction.force[t], system.applied.change)
     if inputs is not None and len(direction.gusts) > 0:
         row = inputs.share[t + inputs.lead]
         for c in range(3):
@@ -155,6 +176,32 @@ def with_constant(direction: Elements) -> Elements:
         return direction
     constant = direction.wind if len(direction.wind) else np.zeros(3)
     return direction._replace(gusts=np.vstack([direction.gusts, constant]), wind=np.zeros(3))
+
+
+@kernel
+def energetic(inputs):
+    """Whether anything that changes may bring energy, applied forces apart."""
+    if inputs is None:
+        return False
+    return inputs.energetic
+
+
+@kernel
+def power(inputs, t, v):
+    """What the forces that are applied in step t do at velocities v (n, 3), W."""
+    if inputs is None or len(inputs.force) == 0:
+        return 0.0
+    total = 0.0
+    for i in range(len(v)):
+        for c in range(3):
+            total += inputs.force[t, i, c] * v[i, c]
+    return total
+
+
+@kernel
+def work(inputs, t, x, x_new):
+    """What they do on the way from x to x_new, (n, 3), J."""
+    return power(inputs, t, x_new) - power(inputs, t, x)
 
 
 @kernel

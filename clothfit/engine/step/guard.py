@@ -6,8 +6,9 @@ orders of magnitude in a crushed one, and what follows is garbage. Then only a p
 
     v⁺ = θ w,   x⁺ = x + h θ w,   θ = ½, ¼, … the first with  E⁺ ≤ E + h Σ m g·v⁺,
 
-V being the energy stored in springs and contacts, the last term the work of the weight. Some θ always serves: as θ → 0
-the kinetic energy goes, and where there is none, w = h A⁻¹ f points downhill as A is positive definite (`clamped`).
+V being the energy stored in springs and contacts, the last term the work of the weight and of applied forces. Some θ
+always serves: as θ → 0 the kinetic energy goes, and where there is none, w = h A⁻¹ f points downhill as A is positive
+definite (`clamped`).
 
 A contact that begins with a step is not felt in it: the vertex ends in the sphere with ½ κ d² that nothing gave. In
 ordinary motions steps lose more, so such a gain is left, as long as the energy stays below a budget: that of the start
@@ -24,6 +25,7 @@ from __future__ import annotations
 
 from clothfit.engine.forces import total
 from clothfit.engine.forces.spheres import contact
+from clothfit.engine.inputs.tables import energetic, power
 from clothfit.engine.system import IMPLICIT
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import add, fma, load3, mul, splat, store3, sub, sum3
@@ -57,7 +59,7 @@ def applies(system):
     """Whether steps may be shortened at all."""
     faces = system.faces
     still = faces.wind[0] == 0.0 and faces.wind[1] == 0.0 and faces.wind[2] == 0.0
-    if exist(system.inputs) or exist(system.colliders) or exist(system.contact):  # inputs bring energy
+    if exist(system.contact) or energetic(system.inputs):
         return False
     return system.guarded and system.method == IMPLICIT and (still or faces.drag == 0.0 or len(faces.corners) == 0)
 
@@ -81,10 +83,11 @@ def rises(before, after, work):
 
 
 @kernel
-def fault(system, before, budget, x, v, x_new):
-    """What added energy in a step from x to x_new with velocity v, (n, 3) each; see `judged`."""
-    kinetic, power = moving(system.vertex, v)
-    return judged(system, before, budget, x, x_new, kinetic, system.h * power)[1]
+def fault(system, t, before, budget, x, v, x_new):
+    """What added energy in step t, from x to x_new with velocity v, (n, 3) each; see `judged`."""
+    kinetic, given = moving(system.vertex, v)
+    given += power(system.inputs, t, v)
+    return judged(system, before, budget, x, x_new, kinetic, system.h * given)[1]
 
 
 @kernel
@@ -137,13 +140,15 @@ def starts_deep(spheres, x0):
 
 
 @kernel
-def shorten(system, before, budget, x, v, x_new):
-    """Halve v, which led from x to x_new, (n, 3) each, until no energy is added; returns the part θ that is left."""
+def shorten(system, t, before, budget, x, v, x_new):
+    """Halve the v of step t, which led from x to x_new, (n, 3) each, until no energy is added; returns the part θ that
+    is left.
+    """
     theta = 1.0
     for _ in range(SHORTEST):
         theta *= 0.5
         combine(0.5, v, 0.0, v, v)
         combine(1.0, x, system.h, v, x_new)
-        if fault(system, before, budget, x, v, x_new) == NONE:
+        if fault(system, t, before, budget, x, v, x_new) == NONE:
             break
     return theta

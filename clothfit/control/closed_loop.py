@@ -1,0 +1,191 @@
+"""Effort and its gradient along motions that springs hold near a path.
+
+With f the unknown forces, κ and R what the springs pull with and to, each step of the closed loop ends at the x⁺ of
+u = f + κ (R − x⁺), and u are the forces that take the cloth there without springs. Effort counts u, so the springs cost
+nothing of their own: they only change the coordinates in which the least effort is sought, from u, by which a cloth
+that buckles or flutters depends on its start by factors of 10²⁰, to f, by which it hardly depends at all. Springs that
+are stiff for one step hold the keys; where a key asks for vertices without forces, or for a mean, it is a penalty with
+a multiplier (the augmented Lagrangian; J. Nocedal, S. J. Wright, Numerical Optimization, section 17.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.control.keyframes import Key
+from clothfit.derivative import adjoint
+from clothfit.engine.rollout import rollout
+from clothfit.engine.system import IMPLICIT, System, build
+from clothfit.scene.forces import Forces
+from clothfit.scene.scene import Scene
+
+STIFF = 1e4
+"""Gain at a key relative to m/h²: the share of a miss that is left is its inverse."""
+
+SLOW = 0.5
+"""Largest rate of springs over explicit steps, relative to the inverse of a step, so that they are stable."""
+
+TOLERANCE = 1e-8
+"""Of the linear systems, relative: errors of effort and gradient far below those that a descent sees."""
+
+HUGE = 1e100
+"""The effort of motions that diverge."""
+
+EXCESS = 1e4
+"""Weight of the squared excess of a force over its bound, relative to that of the squared force."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wish:
+    """A key that is no spring: a penalty on what is left of it."""
+
+    key: Key
+    multiplier: Array  # (m, 3), N² s/m
+
+    def left(self, x: Array) -> Array:
+        """What is left of it at positions x (T + 1, n, 3): (m, 3), m."""
+        return left_of(self.key, x)
+
+
+def left_of(key: Key, x: Array) -> Array:
+    """How far positions x (T + 1, n, 3) are from a key, (m, 3), m."""
+    own = x[key.step, key.vertices]
+    return np.asarray((own if key.share is None else (key.share @ own)[None]) - key.positions)
+
+
+@dataclass(frozen=True)
+class Costs:
+    """What counts beside the effort."""
+
+    smooth: float = 0.0  # s: the effort of a change of the forces in this time counts as theirs
+    most: float = np.inf  # N, on a vertex
+
+
+class ClosedLoop:
+    """The effort of one cloth up to its last key, for forces f (T, n, 3), N, 0 where they are not `unknown`."""
+
+    def __init__(
+        self, scene: Scene, cloth: int, keys: Sequence[Key], path: Array, pushed: Flags, rate: float,
+        costs: Costs = Costs(),
+    ) -> None:  # fmt: skip
+        """`path` (T + 1, n, 3), m; `pushed` (n,), the vertices with forces; `rate`: of the springs, 1/s."""
+        self.scene, self.cloth, self.keys, self.pushed, self.costs = scene, cloth, keys, pushed, costs
+        self.steps, self.h, mass = len(path) - 1, scene.delta, scene.cloths[cloth].mass
+        self.late = scene.method >= IMPLICIT  # whether springs pull from where a step ends, or from where it begins
+        rate = rate if self.late else min(rate, SLOW / scene.delta)
+        self.gain = np.tile(np.where(pushed, rate * rate * mass, 0.0), (self.steps, 1))
+        self.places = path[1:].copy()
+        self.unknown = np.tile(pushed, (self.steps, 1))  # (T, n): where springs hold a key, they alone act
+        self.wishes = list(self.held(mass))
+        self.system = self.built()
+        self.penalty, self.evaluations = 0.0, 0
+        self.x, self.u = path, np.zeros_like(self.places)
+
+    def held(self, mass: Array) -> list[Wish]:
+        """Make springs of the keys that can be; returns the others."""
+        left = []
+        for key in self.keys:
+            own = np.zeros(0, bool) if key.share is not None else self.pushed[key.vertices] & self.late
+            if key.share is not None or not own.all():
+                rest = key
+                if key.share is None:
+                    rest = replace(key, vertices=key.vertices[~own], positions=key.positions[~own])
+                left.append(Wish(rest, np.zeros_like(rest.positions)))
+            if own.any():
+                self.hold(key.step, key.vertices[own], key.positions[own], mass)
+                if key.velocities is not None and key.step > 1:
+                    before = key.positions[own] - self.h * key.velocities[own]
+                    self.hold(key.step - 1, key.vertices[own], before, mass)
+        return left
+
+    def hold(self, step: int, vertices: Indices, positions: Array, mass: Array) -> None:
+        """Let stiff springs pull vertices to positions in one step."""
+        self.gain[step - 1, vertices] = STIFF * mass[vertices] / self.h**2
+        self.places[step - 1, vertices] = positions
+        self.unknown[step - 1, vertices] = False
+
+    def built(self) -> System:
+        """The system with these springs, and no forces yet."""
+        counts, times = self.scene.vertex_counts, self.h * np.arange(self.steps, dtype=float)
+        first, shape = sum(counts[: self.cloth]), (self.steps, sum(counts))
+        gain, places = np.zeros(shape), np.zeros((*shape, 3))
+        own = slice(first, first + counts[self.cloth])
+        gain[:, own], places[:, own] = self.gain, self.places
+        springs = Forces(times, np.zeros((*shape, 3)), gain, places, pulls=True)
+        return build(self.scene.with_forces(springs), self.cloth, steps=self.steps)
+
+    def total(self, f: Array, x: Array) -> Array:
+        """The forces u (T, n, 3), N, with which x (T + 1, n, 3) needs no springs."""
+        pulled = self.gain[:, :, None] * (self.places - (x[1:] if self.late else x[:-1]))
+        return np.asarray(np.where(self.pushed[:, None], f + pulled, 0.0))
+
+    def __call__(self, f: Array) -> tuple[float, Array]:
+        """Effort and penalties, N² s, and their gradient by f (T, n, 3)."""
+        assert self.system.inputs is not None
+        self.evaluations += 1
+        self.system.inputs.force[: self.steps] = f
+        motion, good = rollout(self.system, self.steps, TOLERANCE)
+        if good < self.steps:
+            return HUGE, np.zeros_like(f)
+        x = self.x = motion.x
+        u = self.u = self.total(f, x)
+        value, by_force = self.priced(u)
+        by_position = np.zeros_like(x)
+        pulled = by_position[1:] if self.late else by_position[:-1]
+        pulled -= self.gain[:, :, None] * by_force
+        value += self.add_penalties(x, by_position)
+        grad = adjoint.gradient(self.system, motion, by_position, TOLERANCE, ("force",)).force[: self.steps]
+        gradient = np.where(self.unknown[:, :, None], grad + by_force, 0.0)
+        if not (np.isfinite(value) and np.isfinite(gradient).all()):
+            return HUGE, np.zeros_like(f)
+        return value, gradient
+
+    def priced(self, u: Array) -> tuple[float, Array]:
+        """What forces u (T, n, 3) cost, N² s, and its gradient by them."""
+        h, own = self.h, self.costs
+        value, gradient = h * float((u * u).sum()), 2.0 * h * u
+        if own.smooth > 0.0:
+            weight = own.smooth**2 / h
+            change = np.diff(u, axis=0)
+            value += weight * float((change * change).sum())
+            gradient[1:] += 2.0 * weight * change
+            gradient[:-1] -= 2.0 * weight * change
+        if np.isfinite(own.most):
+            size = np.sqrt((u * u).sum(axis=2, keepdims=True))
+            over = np.maximum(size - own.most, 0.0)
+            value += EXCESS * h * float((over * over).sum())
+            gradient += 2.0 * EXCESS * h * over * u / np.maximum(size, own.most)
+        return value, gradient
+
+    def add_penalties(self, x: Array, by_position: Array) -> float:
+        """The penalties at x (T + 1, n, 3), N² s; their gradient is added to by_position."""
+        value = 0.0
+        for wish in self.wishes:
+            key, left = wish.key, wish.left(x)
+            weight = self.penalty * key.weight
+            value += weight * float((left * left).sum()) + float((wish.multiplier * left).sum())
+            bar = 2.0 * weight * left + wish.multiplier
+            by_position[key.step, key.vertices] += bar if key.share is None else key.share[:, None] * bar
+        return value
+
+    def insist(self) -> None:
+        """Raise the multipliers by what is left now."""
+        self.wishes = [
+            replace(wish, multiplier=wish.multiplier + 2.0 * self.penalty * wish.key.weight * wish.left(self.x))
+            for wish in self.wishes
+        ]
+
+    @property
+    def missed(self) -> float:
+        """Root mean square, m, of what is left of the keys that are penalties."""
+        left = [wish.left(self.x) for wish in self.wishes]
+        return float(np.sqrt(np.mean(np.concatenate(left) ** 2) * 3.0)) if left else 0.0
+
+    @property
+    def effort(self) -> float:
+        """Σ |u|² h, N² s."""
+        return self.h * float((self.u * self.u).sum())

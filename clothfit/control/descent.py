@@ -1,0 +1,142 @@
+"""From the forces that hold a cloth on the first path to those of the least effort: L-BFGS in the closed loop.
+
+R. H. Byrd, P. Lu, J. Nocedal, C. Zhu, A limited memory algorithm for bound constrained optimization, SIAM Journal on
+Scientific Computing 16, 1995; the program uses SciPy's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from clothfit.base import interrupts
+from clothfit.base.arrays import Array
+from clothfit.base.memory import free
+from clothfit.control.closed_loop import HUGE, ClosedLoop
+from clothfit.optimise.status import Status, Stop
+
+Report: TypeAlias = Callable[[float, float, int], object]
+"""Gets the effort, N² s, what is missed of the keys that are penalties, m, and the evaluations so far."""
+
+MOST_PAIRS, LEAST_PAIRS = 12, 5
+"""Steps that L-BFGS remembers, as memory allows."""
+
+ROUND = 100
+"""Evaluations between two looks at the multipliers."""
+
+STALL, GAIN = 60, 2e-3
+"""A descent ends where so many evaluations lower the effort by less than this share."""
+
+OPTIMAL = 1e-6
+"""Gradient, relative to that at the start, at which a descent has converged."""
+
+NEAR, NEAR_HARD = 2e-4, 5e-7
+"""m: what may be left of a key that is a penalty, an ordinary and a hard one."""
+
+
+NEARER, PATIENCE = 0.95, 4
+"""A descent with multipliers ends after so many rounds in a row that leave more than this share of the misses."""
+
+PENALTIES = 4.0**8
+"""How much penalties may grow."""
+
+
+@dataclass
+class Best:
+    """The best forces so far."""
+
+    f: Array  # (T, n, 3), N
+    value: float
+    gradient: float  # its norm
+    missed: float = 0.0  # m
+
+
+class Descent:
+    """A descent of a closed loop from forces f (T, n, 3), N."""
+
+    def __init__(self, loop: ClosedLoop, f: Array, report: Report) -> None:
+        self.loop, self.report = loop, report
+        self.values: list[float] = []
+        self.steepest = 0.0
+        self.best = Best(f, np.inf, np.inf)
+
+    def run(self) -> Status:
+        """Descend until it has converged or no longer gets better; a deadline or an interrupt leaves the best."""
+        try:
+            return self.rounds() if self.loop.wishes else self.round() or Status.STALLED
+        except interrupts.OutOfTime:
+            return Status.LIMIT
+        except KeyboardInterrupt:
+            if not np.isfinite(self.best.value):
+                raise
+            return Status.INTERRUPTED
+
+    def rounds(self) -> Status:
+        """Descend with multipliers until the keys that are penalties are met, or come no nearer."""
+        loop, before, idle, most = self.loop, np.inf, 0, PENALTIES * self.loop.penalty
+        near = NEAR_HARD if any(wish.key.hard for wish in loop.wishes) else NEAR
+        while True:
+            status = self.round()
+            loop(self.best.f)
+            missed = loop.missed
+            if missed <= near and status is not None:
+                return status
+            idle = 0 if missed < NEARER * before else idle + 1
+            if idle == PATIENCE:
+                return Status.STALLED
+            loop.insist()
+            if missed > 0.25 * before:
+                loop.penalty = min(4.0 * loop.penalty, most)
+            before = min(before, missed)
+            self.restart()
+
+    def restart(self) -> None:
+        """Values before and after a change of the multipliers cannot be compared."""
+        value, gradient = self.loop(self.best.f)
+        self.best = Best(self.best.f, value, float(np.linalg.norm(gradient)), self.loop.missed)
+        self.values = [value]
+
+    def round(self) -> Status | None:
+        """Some evaluations; how the descent ended, if it has."""
+        from scipy.optimize import minimize
+
+        unknown, shape = self.loop.unknown, self.best.f.shape
+        room = int(0.2 * free() / (16.0 * 3.0 * max(int(unknown.sum()), 1)))
+        pairs = int(np.clip(room, LEAST_PAIRS, MOST_PAIRS))
+        scale = np.sqrt(2.0 * self.loop.h)
+
+        def cost(z: Array) -> tuple[float, Array]:
+            f = np.zeros(shape)
+            f[unknown] = z.reshape(-1, 3) / scale
+            value, gradient = self.evaluate(f)
+            return value, gradient[unknown].reshape(-1) / scale
+
+        start: Array = self.best.f[unknown].reshape(-1) * scale
+        limit: int = 10**9 if not self.loop.wishes else 2 * ROUND
+        options: dict[str, Any] = {"maxcor": pairs, "maxiter": limit, "maxfun": limit, "ftol": 0.0, "gtol": 0.0}
+        try:
+            search: Any = minimize  # its stubs know options by literal names only
+            search(cost, start, jac=True, method="L-BFGS-B", options=options)
+        except Stop as stop:
+            return stop.status
+        return None if self.loop.wishes else Status.STALLED
+
+    def evaluate(self, f: Array) -> tuple[float, Array]:
+        """Value and gradient, noting the best. Raises Stop where the descent has ended."""
+        interrupts.check()
+        value, gradient = self.loop(f)
+        size = float(np.linalg.norm(gradient))
+        self.steepest = self.steepest or size
+        if value < self.best.value and value < HUGE:
+            self.best = Best(f, value, size, self.best.missed)
+            interrupts.hold()
+        self.values.append(self.best.value)
+        self.report(self.loop.effort, self.loop.missed, self.loop.evaluations)
+        if self.best.gradient <= OPTIMAL * self.steepest:
+            raise Stop(Status.CONVERGED)
+        if len(self.values) > STALL and self.values[-1 - STALL] - self.best.value <= GAIN * abs(self.best.value):
+            raise Stop(Status.CONVERGED)
+        return value, gradient

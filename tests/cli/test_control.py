@@ -1,0 +1,74 @@
+"""`clothfit control`, and `simulate --forces`: files, messages, exit codes."""
+
+import json
+
+import numpy as np
+import pytest
+from helpers.scenes import cloth, document, write_scene
+
+from clothfit.cli.program import run
+
+pytestmark = pytest.mark.slow  # compiles motions with inputs
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A folder with a scene of six vertices, and keys for it."""
+    monkeypatch.chdir(tmp_path)
+    own = document(cloth(3, 2, springStiffness=[20.0] * 9, damping=0.5), optimizationIterations=12)
+    write_scene(tmp_path, own)
+    free = [3, 4, 5]
+    wanted = [[0.0, 0.1, 1.0], [1.0, 0.2, 1.0], [2.0, 0.1, 1.0]]
+    key = {"time": 0.2, "vertices": free, "positions": wanted}
+    (tmp_path / "keys.json").write_text(json.dumps({"keys": [key]}))
+    return tmp_path
+
+
+def test_from_keys_to_forces_and_back(place, capsys):
+    arguments = ["control", "scene.json", "--keyframes", "keys.json", "--json", "-q"]
+    assert run(arguments) == 0
+    said = json.loads(capsys.readouterr().out)
+    (key,) = said["keys"]
+    assert key["time"] == pytest.approx(0.2)
+    assert key["rmse"] < 1e-3 < 0.05 < key["free"]
+    assert said["effort"] > 0
+    assert said["status"] in ("converged", "stalled")
+    assert {"optimality", "evaluations", "seconds"} <= said.keys()
+    assert (said["forces"], said["output"]) == ("scene.forces.npz", "scene.controlled.npz")
+    assert run(["simulate", "scene.json", "--forces", "scene.forces.npz", "-o", "again.npz", "-q"]) == 0
+    motions = [np.load(name)["positions"] for name in ("scene.controlled.npz", "again.npz")]
+    np.testing.assert_array_equal(*motions)
+    assert run(["simulate", "scene.json", "--forces", "scene.forces.npz", "--feedback", "-o", "back.npz", "-q"]) == 0
+    np.testing.assert_allclose(np.load("back.npz")["positions"], motions[0], atol=1e-4)  # of its tolerance, 1e-5
+
+
+def test_a_motion_is_keys_too(place, capsys):
+    assert run(["simulate", "scene.json", "--steps", "1", "-o", "one.npz", "-q"]) == 0
+    assert run(["control", "scene.json", "--keyframes", "one.npz", "--forces", "f.npz", "-o", "m.npz"]) == 0
+    assert "effort 0 N² s" in capsys.readouterr().err or np.abs(np.load("f.npz")["forces"]).max() < 1e-3
+
+
+def test_forces_that_are_too_weak_miss_the_key(place, capsys):
+    assert run(["control", "scene.json", "--keyframes", "keys.json", "--most", "0.001"]) == 5
+    assert "not all keys are reached" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["control", "scene.json"], 2, "missing option '--keyframes'"),
+        (["control", "scene.json", "--keyframes", "none.json"], 3, "none.json: there is no such file"),
+        (["control", "scene.json", "--keyframes", "keys.json", "--most", "0"], 3, "--most must be above 0"),
+        (["control", "scene.json", "--keyframes", "keys.json", "--smooth", "-1"], 3, "--smooth must be at least 0"),
+        (["control", "scene.json", "--keyframes", "keys.json", "--actuate", "9"], 3, "vertex 9 does not exist"),
+        (["control", "scene.json", "--keyframes", "keys.json", "--actuate", "0"], 3, "all of these vertices are fixed"),
+        (["control", "scene.json", "--keyframes", "keys.json", "--forces", "keys.json"], 3, "it is an input"),
+        (["control", "scene.json", "--keyframes", "keys.json", "--forces", "m.npz", "-o", "m.npz"], 3, "of its own"),
+        (["simulate", "scene.json", "--feedback"], 2, "--feedback goes with --forces only"),
+        (["simulate", "scene.json", "--forces", "keys.json"], 3, "keys.json: cannot be read as forces"),
+    ],
+)
+@pytest.mark.usefixtures("place")
+def test_what_cannot_be_is_refused(arguments, code, said, capsys):
+    assert run(arguments) == code
+    assert said in capsys.readouterr().err

@@ -1,0 +1,129 @@
+"""The least forces: closed forms, gradients, bits of the playback, and what cannot be reached."""
+
+import numpy as np
+import pytest
+from helpers.physics import METHODS, chain, scene, thing, xyz
+from helpers.scenes import cloth
+
+from clothfit.base.errors import InvalidInput
+from clothfit.control import closed_loop
+from clothfit.control.closed_loop import ClosedLoop, Costs
+from clothfit.control.control import find_forces
+from clothfit.control.keyframes import Key
+from clothfit.motion.simulate import simulate
+from clothfit.scene.forces import Forces
+
+pytestmark = pytest.mark.slow  # compiles motions with inputs
+
+NONE = xyz((0, 0, 0))
+
+
+def lonely(**fields):
+    """One free vertex of 0.5 kg, without weight."""
+    return scene(thing([(0, 0, 0)], mass=0.5), delta=0.02, gravity=NONE, tolerance=1e-13, **fields)
+
+
+def at(step, vertices, positions, **more):
+    """A key of the first object."""
+    return Key(step, 0, np.array(vertices, np.int32), np.array(positions, float), **more)
+
+
+def flag(method="implicit", **fields):
+    """A 4 by 3 cloth in wind, two corners held."""
+    made = {"windVel": xyz((3, 1, -2)), "optimizationIterations": 25, "delta": 0.02, **fields}
+    drag = 0.0 if method in ("explicit", "symplectic") else 0.1  # more, and light vertices are unstable
+    one = cloth(dragCoefficient=drag, damping=0.3, springStiffness=[20.0] * 23)
+    return scene(one, integrationMethod=METHODS[method], **made)
+
+
+def test_the_least_effort_of_a_free_vertex():
+    """x_N = h²/m Σ (N − j) u_j: the least Σ |u|² h that gives x_N = d has u_j in proportion to N − j."""
+    own, steps, d = lonely(), 30, np.array([0.3, -0.1, 0.2])
+    found = find_forces(own, [at(steps, [0], [d])])
+    weight = steps - np.arange(steps)
+    u = 0.5 / own.delta**2 * weight[:, None] * d / (weight**2).sum()
+    np.testing.assert_allclose(found.forces.values[:, 0], u, atol=2e-3 * np.abs(u).max())  # where the descent ends
+    assert found.effort == pytest.approx(own.delta * (u**2).sum(), rel=1e-3)
+    assert found.keys[0].rmse < 1e-5
+    assert found.free[0] == pytest.approx(np.linalg.norm(d), rel=1e-12)
+
+
+def test_at_rest_at_the_key():
+    own = lonely()
+    found = find_forces(own, [at(30, [0], [[0.3, 0, 0]], velocities=np.zeros((1, 3)))])
+    x = found.motion.positions[:, 0, 0]
+    assert abs(x[30] - 0.3) < 1e-5
+    assert abs(x[30] - x[29]) < 1e-5
+
+
+@pytest.mark.parametrize("method", ["implicit", "bdf2", "symplectic"])
+def test_playback_gives_the_same_bits(method):
+    own = flag(method, delta=0.02 if method != "symplectic" else 0.005)
+    x = own.cloths[0].positions
+    keys = [at(10, range(12), x + [0, 0.1, 0.05] * (~own.cloths[0].fixed)[:, None]), at(20, range(12), x, hard=True)]
+    found = find_forces(own, keys, budget=20.0)
+    assert all(key.rmse < 1e-3 for key in found.keys)
+    assert found.keys[1].rmse < 2e-5  # what stiff springs leave; where there are penalties, their multipliers
+    again = simulate(own.with_forces(Forces(found.forces.times, found.forces.values)))
+    np.testing.assert_array_equal(again.positions, found.motion.positions)
+    assert not found.forces.values[:, own.cloths[0].fixed].any()
+
+
+def test_a_disturbed_cloth_arrives_by_the_feedback():
+    own = flag()
+    x = own.cloths[0].positions
+    found = find_forces(own, [at(20, range(12), x)], budget=20.0)
+    other = own.with_values([own.cloths[0].mass], [1.05 * own.cloths[0].stiffness])
+    back = Forces(found.forces.times, found.forces.values, found.forces.gain, found.forces.places, pulls=True)
+    missed = [
+        np.linalg.norm(simulate(other.with_forces(each)).positions[20] - x) for each in (found.forces, back)
+    ]
+    assert missed[1] < 0.2 * missed[0]
+
+
+def test_the_mean_of_vertices_and_few_forces():
+    """Forces on two vertices of a chain bring the centre of mass to a place."""
+    own = scene(chain(4, "nn", damping=0.2), delta=0.02, gravity=NONE, tolerance=1e-12)
+    mass = own.cloths[0].mass
+    goal = np.array([[2.0, 0.3, -0.2]])
+    pushed = [np.isin(np.arange(4), [0, 3])]
+    found = find_forces(own, [at(25, range(4), goal, share=mass / mass.sum())], pushed, budget=20.0)
+    assert found.keys[0].rmse < 1e-3 * found.free[0]
+    assert not found.forces.values[:, 1:3].any()
+
+
+def test_no_force_is_above_its_bound():
+    found = find_forces(lonely(), [at(30, [0], [[0.3, 0, 0]])], costs=Costs(most=1.0), budget=20.0)
+    sizes = np.linalg.norm(found.forces.values[:, 0], axis=1)
+    assert sizes.max() <= 1.0 + 1e-12
+    assert found.at_bound > 3  # without a bound the first are 1.2 N
+    assert found.keys[0].rmse < 1e-3  # 1 N over 0.6 s can reach 0.36 m
+    weak = find_forces(lonely(), [at(30, [0], [[0.3, 0, 0]])], costs=Costs(most=0.1), budget=20.0)
+    assert weak.keys[0].rmse > 0.2  # 0.1 N cannot
+
+
+@pytest.mark.parametrize(("method", "newton"), [("implicit", 1), ("implicit", 3), ("bdf2", 1), ("explicit", 1)])
+@pytest.mark.parametrize("costs", [Costs(), Costs(smooth=0.1, most=0.2)])
+def test_the_gradient_of_all_costs(method, newton, costs, monkeypatch):
+    """Against central differences, with springs, penalties and multipliers."""
+    monkeypatch.setattr(closed_loop, "TOLERANCE", 1e-14)
+    own = flag(method, delta=0.005, forwardSubSteps=newton)
+    rng, held = np.random.default_rng(4), own.cloths[0].fixed
+    pushed = ~held & np.isin(np.arange(12), [1, 5, 6, 9])
+    x = own.cloths[0].positions
+    keys = [at(4, [5, 7], x[[5, 7]] + 0.1), at(8, [2, 6, 8], [x[[2, 6, 8]].mean(axis=0)], share=np.full(3, 1 / 3))]
+    loop = ClosedLoop(own, 0, keys, np.tile(x, (9, 1, 1)), pushed, 20.0, costs)
+    loop.penalty = 3.0
+    f, d = (rng.normal(size=(8, 12, 3)) * loop.unknown[:, :, None] for _ in range(2))
+    loop(f)
+    loop.insist()
+    _, gradient = loop(f)
+    step = 1e-3  # what the stiff springs of a key round is 1e-9 N: smaller steps show that
+    difference = (loop(f + step * d)[0] - loop(f - step * d)[0]) / (2.0 * step)
+    assert abs((gradient * d).sum() / difference - 1.0) < 1e-6
+
+
+def test_a_fixed_vertex_cannot_be_elsewhere():
+    own = flag()
+    with pytest.raises(InvalidInput, match=r"vertex 0 of objects\[0\] is fixed, and asked to be 1 m from where it is"):
+        find_forces(own, [at(5, [0], own.cloths[0].positions[[0]] + [1, 0, 0], hard=True)])

@@ -1,0 +1,71 @@
+"""Forces over time: when each row acts, and what of a file is refused."""
+
+import numpy as np
+import pytest
+
+from clothfit.base import npz
+from clothfit.base.errors import InvalidInput
+from clothfit.base.writing import write_atomically
+from clothfit.scene.forces import Forces, load_forces, save_forces
+
+
+def three():
+    """Rows that begin at 0, 0.1 and 0.2 s, on two vertices."""
+    return Forces(np.array([0.0, 0.1, 0.2]), np.arange(18.0).reshape(3, 2, 3))
+
+
+def test_a_row_acts_until_the_next_and_the_last_as_long_as_the_one_before():
+    times = np.array([-0.1, 0.0, 0.05, 0.1 - 1e-9, 0.15, 0.2, 0.29, 0.3, 5.0])
+    values, gain, places = three().at(times)
+    rows = [np.zeros((2, 3)), *three().values[[0, 0, 1, 1, 2, 2]], np.zeros((2, 3)), np.zeros((2, 3))]
+    assert values.tolist() == np.array(rows).tolist()  # a step that begins 1e-9 s early is meant to begin with the row
+    assert (gain, places) == (None, None)
+
+
+def test_what_is_saved_is_read_again(tmp_path):
+    path = tmp_path / "f.npz"
+    whole = Forces(three().times, three().values, np.ones((3, 2)), np.zeros((3, 2, 3)))
+    save_forces(whole, path)
+    again = load_forces(path, 2, pulls=True)
+    for name in ("times", "values", "gain", "places"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(whole, name))
+    assert again.pulls
+    save_forces(three(), path)
+    with pytest.raises(InvalidInput, match=r"^f\.npz: has no gains and places for a feedback"):
+        load_forces(path, 2, pulls=True)
+
+
+FAULTS = {
+    "another cloth": ({}, 3, "are for 2 vertices; the scene has 3"),
+    "no times": ({"times": None}, 2, "there is no array times"),
+    "other times": ({"times": np.zeros(2)}, 2, "times: have the shape (2,) for 3 rows"),
+    "times that stay": ({"times": np.zeros(3)}, 2, "times[1]: is not later than the one before it"),
+    "no numbers": ({"times": np.array([0, np.nan, 1])}, 2, "times[1]: is not later"),
+    "NaN": ({"forces": np.full((3, 2, 3), np.nan)}, 2, "forces[0][0]: is not finite"),
+    "too strong": ({"forces": np.full((3, 2, 3), 1e10)}, 2, "forces[0][0]: is not finite and at most 1e+09 N"),
+    "no vectors": ({"forces": np.zeros((3, 2))}, 2, "have the shape (3, 2); (steps, vertices, 3) is needed"),
+    "text": ({"times": np.array(["a", "b", "c"])}, 2, "times has the type <U1; numbers are needed"),
+    "half a feedback": ({"gain": np.zeros((3, 2))}, 2, "gain and places belong together"),
+    "another feedback": ({"gain": np.zeros((2, 2)), "places": np.zeros((3, 2, 3))}, 2, "do not fit forces (3, 2, 3)"),
+    "it pushes away": ({"gain": -np.ones((3, 2)), "places": np.zeros((3, 2, 3))}, 2, "gain must be within 0 "),
+    "no rows": ({"forces": np.zeros((0, 2, 3)), "times": np.zeros(0)}, 2, "times: is empty"),
+}
+
+
+@pytest.mark.parametrize(("change", "vertices", "said"), FAULTS.values(), ids=list(FAULTS))
+def test_files_that_do_not_fit_are_refused(tmp_path, change, vertices, said):
+    arrays = {"forces": three().values, "times": three().times} | change
+    path = tmp_path / "f.npz"
+    write_atomically(path, npz.archive({name: array for name, array in arrays.items() if array is not None}))
+    with pytest.raises(InvalidInput) as refused:
+        load_forces(path, vertices)
+    assert said in str(refused.value)
+    assert str(refused.value).startswith("f.npz: ")
+
+
+def test_files_that_cannot_be_read_are_refused(tmp_path):
+    with pytest.raises(InvalidInput, match="there is no such file"):
+        load_forces(tmp_path / "none.npz", 2)
+    (tmp_path / "f.npz").write_text("forces")
+    with pytest.raises(InvalidInput, match=r"^f\.npz: cannot be read as forces"):
+        load_forces(tmp_path / "f.npz", 2)
