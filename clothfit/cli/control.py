@@ -93,7 +93,7 @@ def command(
     warn_of_steps(scene, scene.frames, console)
     from clothfit.control.closed_loop import Costs
     from clothfit.control.control import find_forces
-    from clothfit.scene.forces import archive
+    from clothfit.scene.over_time.forces import archive
 
     console.announce_compilation()
     costs = Costs(smooth or 0.0, float("inf") if most is None else most)

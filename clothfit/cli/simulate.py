@@ -120,7 +120,7 @@ def pushed(scene: Scene, path: str | None, feedback: bool) -> Scene:
         if feedback:
             raise click.UsageError("--feedback goes with --forces only")
         return scene
-    from clothfit.scene.forces import load_forces
+    from clothfit.scene.over_time.forces import load_forces
 
     return scene.with_forces(load_forces(path, sum(scene.vertex_counts), feedback))
 

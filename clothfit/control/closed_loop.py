@@ -20,7 +20,7 @@ from clothfit.control.keyframes import Key
 from clothfit.derivative import adjoint
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import IMPLICIT, System, build
-from clothfit.scene.forces import Forces
+from clothfit.scene.over_time.forces import Forces
 from clothfit.scene.scene import Scene
 
 STIFF = 1e4

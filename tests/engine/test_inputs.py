@@ -16,7 +16,7 @@ from clothfit.formats.axes import RIGHT, from_scene
 from clothfit.motion.energy import energies
 from clothfit.motion.simulate import simulate
 from clothfit.optimise.balances import Track, balances
-from clothfit.scene.keys import Keys
+from clothfit.scene.over_time.keys import Keys
 from clothfit.scene.scene import load, save
 
 TIGHT = 1e-13

@@ -192,7 +192,7 @@ def test_elements_are_values_of_what_is_fitted_and_empty_for_the_rest():
     made = load_text(json.dumps(full({"springRestLength": "G"}, whole=["gravity"])))
     p = parameters(made)
     values, change = elements(made, 0, p), changes(made, 0, p, p)
-    sizes = [9, 16, 0, 0, 0, 16, 0, 0, 0, 3, *[0] * 4]
+    sizes = [9, 16, 0, 0, 0, 16, 0, 0, 0, 3, *[0] * 5]
     assert [len(part) for part in values] == [len(part) for part in change] == sizes
     system = build(made, 0)
     for mine, its in zip(all_elements(with_elements(system, values))[2:], all_elements(system)[2:], strict=True):

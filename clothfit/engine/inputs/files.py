@@ -23,7 +23,7 @@ from clothfit.formats.axes import to_scene
 from clothfit.formats.convention import Reading
 from clothfit.formats.files import content, name_of, refused
 from clothfit.formats.registry import foreign, read
-from clothfit.scene.keys import Keys, times_problem
+from clothfit.scene.over_time.keys import Keys, times_problem
 
 MOST_TEXT = 1 << 28
 """Bytes of a table, at most."""
