@@ -197,7 +197,7 @@ def test_elements_are_values_of_what_is_fitted_and_empty_for_the_rest():
     system = build(made, 0)
     for mine, its in zip(all_elements(with_elements(system, values))[2:], all_elements(system)[2:], strict=True):
         np.testing.assert_array_equal(mine, its)  # the factor is exactly 1
-    assert [len(part) for part in elements(made, 1, p)] == [4, 5, *[0] * 7, 3, *[0] * 4]
+    assert [len(part) for part in elements(made, 1, p)] == [4, 5, *[0] * 7, 3, *[0] * 5]
 
 
 def test_bounds_are_those_of_the_kinds():
