@@ -29,7 +29,7 @@ STIFF = 1e4
 SLOW = 0.5
 """Largest rate of springs over explicit steps, relative to the inverse of a step, so that they are stable."""
 
-TOLERANCE = 1e-8
+TOLERANCE = 1e-7
 """Of the linear systems, relative: errors of effort and gradient far below those that a descent sees."""
 
 HUGE = 1e100
@@ -178,6 +178,12 @@ class ClosedLoop:
             replace(wish, multiplier=wish.multiplier + 2.0 * self.penalty * wish.key.weight * wish.left(self.x))
             for wish in self.wishes
         ]
+
+    def resume(self, other: ClosedLoop) -> None:
+        """Take the penalty, the multipliers and the count of evaluations over from a loop with other steps."""
+        self.penalty, self.evaluations = other.penalty, self.evaluations + other.evaluations
+        pairs = zip(self.wishes, other.wishes, strict=True)
+        self.wishes = [replace(own, multiplier=before.multiplier) for own, before in pairs]
 
     @property
     def missed(self) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.base.memory import free
-from clothfit.control.closed_loop import HUGE, ClosedLoop
+from clothfit.control.closed_loop import ClosedLoop
 from clothfit.optimise.status import Status, Stop
 
 Report: TypeAlias = Callable[[float, float, int], object]
@@ -57,11 +57,14 @@ class Best:
 class Descent:
     """A descent of a closed loop from forces f (T, n, 3), N."""
 
-    def __init__(self, loop: ClosedLoop, f: Array, report: Report) -> None:
-        self.loop, self.report = loop, report
+    def __init__(self, loop: ClosedLoop, f: Array, report: Report, limit: float = np.inf) -> None:
+        """`limit`: evaluations, at most."""
+        self.loop, self.report, self.left = loop, report, limit
         self.values: list[float] = []
-        self.steepest = 0.0
-        self.best = Best(f, np.inf, np.inf)
+        with interrupts.grace(np.inf):  # there is always a result
+            value, gradient = loop(f)
+        self.steepest = float(np.linalg.norm(gradient))
+        self.best = Best(f, value, self.steepest)
 
     def run(self) -> Status:
         """Descend until it has converged or no longer gets better; a deadline or an interrupt leaves the best."""
@@ -70,8 +73,6 @@ class Descent:
         except interrupts.OutOfTime:
             return Status.LIMIT
         except KeyboardInterrupt:
-            if not np.isfinite(self.best.value):
-                raise
             return Status.INTERRUPTED
 
     def rounds(self) -> Status:
@@ -82,7 +83,7 @@ class Descent:
             status = self.round()
             loop(self.best.f)
             missed = loop.missed
-            if missed <= near and status is not None:
+            if status is Status.LIMIT or (missed <= near and status is not None):
                 return status
             idle = 0 if missed < NEARER * before else idle + 1
             if idle == PATIENCE:
@@ -129,12 +130,14 @@ class Descent:
         interrupts.check()
         value, gradient = self.loop(f)
         size = float(np.linalg.norm(gradient))
-        self.steepest = self.steepest or size
-        if value < self.best.value and value < HUGE:
+        if value < self.best.value:
             self.best = Best(f, value, size, self.best.missed)
             interrupts.hold()
         self.values.append(self.best.value)
         self.report(self.loop.effort, self.loop.missed, self.loop.evaluations)
+        self.left -= 1
+        if self.left <= 0:
+            raise Stop(Status.LIMIT)
         if self.best.gradient <= OPTIMAL * self.steepest:
             raise Stop(Status.CONVERGED)
         if len(self.values) > STALL and self.values[-1 - STALL] - self.best.value <= GAIN * abs(self.best.value):
