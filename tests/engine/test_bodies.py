@@ -174,7 +174,7 @@ def test_frames_are_interpolated_as_keys_are(interpolation):
     place, weight = poses.shares(own, interpolation, times)
 
     class Moving:
-        times, frames = own, values
+        times, frames, motion = own, values, "body.motion"
 
     rows = poses.frames_of(Moving, interpolation)
     found = np.einsum("tj,tjvc->tvc", weight, rows[place])

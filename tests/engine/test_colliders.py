@@ -93,7 +93,7 @@ def reference(name, p):
 def test_distances_are_those_of_the_shapes(name):
     made = touching(name).colliders
     points = np.random.default_rng(1).uniform(-1.2, 1.2, (300, 3))
-    turn, place = made.state[0, 3:], made.state[0, 0]
+    turn, place = made.state[0, touch.AXES : touch.SIZE], made.state[0, touch.PLACE]
     depth, normal = touch.depths(made, points @ turn + place)
     # samples of the axis 5 µm apart miss the minimum by their square
     np.testing.assert_allclose(made.thickness[0] - depth[0], reference(name, points), atol=1e-9)

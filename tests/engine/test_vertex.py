@@ -70,5 +70,5 @@ def test_all_forces_of_the_system_are_covered():
         for field, value in full(colliders=[box])._asdict().items()
         if type(value).__module__.startswith("clothfit.engine.forces")
     }
-    assert fields == {"vertex", "springs", "faces", "spheres", "colliders"}
-    assert len(parts(SYSTEM)) == len(fields)
+    assert fields == {"vertex", "springs", "faces", "spheres", "colliders", "applied"}
+    assert len(parts(SYSTEM)) == len(fields - {"applied"})  # which belongs to steps, not to states: test_applied

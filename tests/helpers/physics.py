@@ -31,7 +31,7 @@ from helpers.scenes import cloth, document
 
 TIGHT = 1e-14  # tolerance of linear systems: their error is then rounding
 GRAVITY = 9.81
-KINDS = Elements._fields[2:]  # besides masses and stiffnesses
+KINDS = tuple(name for name in Elements._fields[2:] if name != "force")  # fitted besides masses and stiffnesses
 STATES = ("rest", "random", "stretched", "compressed")
 METHODS = {"explicit": EXPLICIT, "symplectic": SYMPLECTIC, "implicit": IMPLICIT, "bdf2": BDF2}
 

@@ -171,8 +171,8 @@ def test_contacts_with_what_moves_are_those_where_forces_are_taken(method):
 
 @pytest.mark.parametrize(("kind", "size"), [(BOX, (0.5, 0.3, 0.4)), (CONE, (0.5, 0.2, 0.9)), (CONE, (0.3, 0.3, 0.8))])
 def test_a_normal_bends_smoothly_within_a_part_of_a_surface_and_nowhere_else(kind, size):
-    state = np.concatenate([np.zeros((3, 3)), np.eye(3)])[None]
-    one, rng = touch.build([kind], [np.array(size)], [(2.0, 1.0, 0.0)], state), np.random.default_rng(5)
+    state = np.concatenate([np.zeros((3, 3)), np.eye(3), [size], np.zeros((1, 3))])[None]
+    one, rng = touch.build([kind], [(2.0, 1.0, 0.0)], state), np.random.default_rng(5)
     share, kinks = np.linspace(0, 1, 4001)[:, None], 0
     for begin, end in rng.uniform(-1.2, 1.2, (30, 2, 3)):
         y = (1 - share) * begin + share * end

@@ -41,7 +41,7 @@ def test_every_point_lies_on_the_surface_that_pushes_wherever_it_has_moved(name)
     state = states(scene.colliders, times, 1.0, 0)
     number = {1: CAPSULE}.get(own.kind, own.kind)  # a ball is a cone without a length
     for frame in range(3):
-        pushing = build([number], [own.size], [(0.0, 1.0, 0.0)], state[frame])
+        pushing = build([number], [(0.0, 1.0, 0.0)], state[frame])
         assert_allclose(depths(pushing, found.at(frame))[0], 0.0, atol=1e-12)
     assert np.ptp(found.centre[:, 0]) == pytest.approx(0.3)
 
