@@ -33,7 +33,7 @@ INTERVAL = 2.0
 
 SECTIONS = {
     "What to do": ("--keyframes", "--actuate", "--most", "--smooth", "--budget"),
-    "The file of the keyframes": ("--fps", "--frames", "--map"),
+    "The file of the keyframes": motions.FILE_OPTIONS,
     "What is written": ("--output", "--forces", "--plot", "--gif"),
 }
 

@@ -82,11 +82,13 @@ def find_forces(
     times, counts = scene.delta * np.arange(steps, dtype=float), scene.vertex_counts
     u, gain, places = (np.zeros((steps, sum(counts), *rest)) for rest in ((3,), (), (3,)))
     alone, evaluations, found = moved(scene, steps), 0, []
-    for cloth in sorted({key.cloth for key in keys}):
+    cloths = sorted({key.cloth for key in keys})
+    for number, cloth in enumerate(cloths):
         own = [key for key in keys if key.cloth == cloth]
         part = slice(sum(counts[:cloth]), sum(counts[: cloth + 1]))
         acting = ~scene.cloths[cloth].fixed & (True if pushed is None else pushed[cloth])
-        with interrupts.limited(budget):
+        share = None if budget is None else (budget - (computing() - began)) / (len(cloths) - number)
+        with interrupts.limited(share):
             loop, descent, status = solved(scene, cloth, own, alone[:, part], acting, costs, report)
         if not descent.best.value < HUGE:
             raise Diverged(f"{scene.name}: no motion through the keys stays finite; try shorter steps", 0)
