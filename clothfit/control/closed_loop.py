@@ -23,8 +23,8 @@ from clothfit.engine.system import IMPLICIT, System, build
 from clothfit.scene.over_time.forces import Forces
 from clothfit.scene.scene import Scene
 
-STIFF = 1e4
-"""Gain at a key relative to m/h²: the share of a miss that is left is its inverse."""
+STIFF, STIFF_HARD = 1e4, 1e6
+"""Gain at a key relative to m/h², and at a hard one: the share of a miss that is left is its inverse."""
 
 SLOW = 0.5
 """Largest rate of springs over explicit steps, relative to the inverse of a step, so that they are stable."""
@@ -96,15 +96,16 @@ class ClosedLoop:
                     rest = replace(key, vertices=key.vertices[~own], positions=key.positions[~own])
                 left.append(Wish(rest, np.zeros_like(rest.positions)))
             if own.any():
-                self.hold(key.step, key.vertices[own], key.positions[own], mass)
+                stiff = (STIFF_HARD if key.hard else STIFF) * mass / self.h**2
+                self.hold(key.step, key.vertices[own], key.positions[own], stiff)
                 if key.velocities is not None and key.step > 1:
                     before = key.positions[own] - self.h * key.velocities[own]
-                    self.hold(key.step - 1, key.vertices[own], before, mass)
+                    self.hold(key.step - 1, key.vertices[own], before, stiff)
         return left
 
-    def hold(self, step: int, vertices: Indices, positions: Array, mass: Array) -> None:
-        """Let stiff springs pull vertices to positions in one step."""
-        self.gain[step - 1, vertices] = STIFF * mass[vertices] / self.h**2
+    def hold(self, step: int, vertices: Indices, positions: Array, stiff: Array) -> None:
+        """Let springs of that stiffness (n,), N/m, pull vertices to positions in one step."""
+        self.gain[step - 1, vertices] = stiff[vertices]
         self.places[step - 1, vertices] = positions
         self.unknown[step - 1, vertices] = False
 

@@ -63,7 +63,7 @@ def test_playback_gives_the_same_bits(method):
     keys = [at(10, range(12), x + [0, 0.1, 0.05] * (~own.cloths[0].fixed)[:, None]), at(20, range(12), x, hard=True)]
     found = find_forces(own, keys, budget=20.0)
     assert all(key.rmse < 1e-3 for key in found.keys)
-    assert found.keys[1].rmse < 2e-5  # what stiff springs leave; where there are penalties, their multipliers
+    assert found.keys[1].rmse < (1e-6 if method != "symplectic" else 2e-5)  # of penalties multipliers leave more
     again = simulate(own.with_forces(Forces(found.forces.times, found.forces.values)))
     np.testing.assert_array_equal(again.positions, found.motion.positions)
     assert not found.forces.values[:, own.cloths[0].fixed].any()
