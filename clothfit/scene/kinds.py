@@ -65,7 +65,8 @@ KINDS = (
         scale=10.0, neutral=(0.0, -9.81, 0.0),
     ),
     Kind(
-        "gusts", "wind over time", "windVelKeys", "scene", "L", 3, "m/s", "any number", -1e4, 1e4, False,
+        # the air's push grows with drag times wind: where drag is fitted to little, the wind is fast
+        "gusts", "wind over time", "windVelKeys", "scene", "L", 3, "m/s", "any number", -1e6, 1e6, False,
         scale=5.0, neutral=(0.1, 0.1, 0.1),
     ),
     Kind("friction", "friction", "friction", "collider", "GL", 1, "", "0 or more", 0.0, 10.0, False, 0.5, (0.3,)),
