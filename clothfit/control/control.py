@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clothfit.base import interrupts
+from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.control import recording
@@ -25,7 +25,7 @@ from clothfit.optimise.status import Status
 from clothfit.scene.over_time.forces import Forces
 from clothfit.scene.scene import Scene
 
-FEWEST, COARSE = 40, 150
+FEWEST, COARSE = 40, 250
 """Steps from which on steps twice as long are tried first, and evaluations of them."""
 
 RATES = (20.0, 40.0, 80.0, 160.0, 320.0)
@@ -78,7 +78,7 @@ def find_forces(
     s. Raises InvalidInput where a key asks for a fixed vertex to be elsewhere, Diverged where no motion stays finite.
     """
     check(scene, keys)
-    began, steps = computing(), last_step(keys)
+    began, clock, steps = computing(), interrupts.now(), last_step(keys)
     times, counts = scene.delta * np.arange(steps, dtype=float), scene.vertex_counts
     u, gain, places = (np.zeros((steps, sum(counts), *rest)) for rest in ((3,), (), (3,)))
     alone, evaluations, found = moved(scene, steps), 0, []
@@ -87,8 +87,8 @@ def find_forces(
         own = [key for key in keys if key.cloth == cloth]
         part = slice(sum(counts[:cloth]), sum(counts[: cloth + 1]))
         acting = ~scene.cloths[cloth].fixed & (True if pushed is None else pushed[cloth])
-        share = None if budget is None else (budget - (computing() - began)) / (len(cloths) - number)
-        with interrupts.limited(share):
+        share = None if budget is None else (budget - (interrupts.now() - clock)) / (len(cloths) - number)
+        with threads.single(), interrupts.limited(share):
             loop, descent, status = solved(scene, cloth, own, alone[:, part], acting, costs, report)
         if not descent.best.value < HUGE:
             raise Diverged(f"{scene.name}: no motion through the keys stays finite; try shorter steps", 0)
