@@ -111,10 +111,9 @@ class ClosedLoop:
 
     def built(self) -> System:
         """The system with these springs, and no forces yet."""
-        counts, times = self.scene.vertex_counts, self.h * np.arange(self.steps, dtype=float)
-        first, shape = sum(counts[: self.cloth]), (self.steps, sum(counts))
+        own, times = self.scene.vertices(self.cloth), self.h * np.arange(self.steps, dtype=float)
+        shape = self.steps, sum(self.scene.vertex_counts)
         gain, places = np.zeros(shape), np.zeros((*shape, 3))
-        own = slice(first, first + counts[self.cloth])
         gain[:, own], places[:, own] = self.gain, self.places
         springs = Forces(times, np.zeros((*shape, 3)), gain, places, pulls=True)
         return build(self.scene.with_forces(springs), self.cloth, steps=self.steps)

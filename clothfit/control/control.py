@@ -11,7 +11,7 @@ from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.control import recording
-from clothfit.control.closed_loop import HUGE, ClosedLoop, Costs
+from clothfit.control.closed_loop import HUGE, ClosedLoop, Costs, left_of
 from clothfit.control.descent import Descent, Report
 from clothfit.control.keyframes import Key, last_step
 from clothfit.control.reference import path
@@ -85,7 +85,7 @@ def find_forces(
     cloths = sorted({key.cloth for key in keys})
     for number, cloth in enumerate(cloths):
         own = [key for key in keys if key.cloth == cloth]
-        part = slice(sum(counts[:cloth]), sum(counts[: cloth + 1]))
+        part = scene.vertices(cloth)
         acting = ~scene.cloths[cloth].fixed & (True if pushed is None else pushed[cloth])
         share = None if budget is None else (budget - (interrupts.now() - clock)) / (len(cloths) - number)
         with threads.single(), interrupts.limited(share):
@@ -96,9 +96,9 @@ def find_forces(
         evaluations += loop.evaluations
         with interrupts.grace(np.inf):
             u[: loop.steps, part] = recording.recorded(scene, loop, descent.best.f, costs.most)
-            loop(descent.best.f)
         gain[: loop.steps, part] = loop.gain.min(axis=0)  # the keys' own are too stiff for a disturbed cloth
-        places[: loop.steps, part] = loop.x[1:] if loop.late else loop.x[:-1]
+        x = descent.best.x
+        places[: loop.steps, part] = x[1:] if loop.late else x[:-1]
     forces = Forces(times, u, gain, places)
     with interrupts.grace(np.inf):
         motion = simulate(scene.with_forces(forces), max(steps + 1, scene.frames))
@@ -170,12 +170,11 @@ def begun(
     descent = Descent(coarse, f, report, COARSE)
     descent.run()
     with interrupts.grace(np.inf):
-        coarse(descent.best.f)
-        places = splined(np.arange(0.0, steps + 1.0, 2.0), coarse.x, "keys")(np.arange(steps + 1))
+        places = splined(np.arange(0.0, steps + 1.0, 2.0), descent.best.x, "keys")(np.arange(steps + 1))
         places[:, own.fixed] = alone[:, own.fixed]
         loop = stable(scene, cloth, keys, [places], pushed, costs)
         loop.resume(coarse)
-    return loop, np.where(loop.unknown[:, :, None], np.repeat(coarse.u, 2, axis=0), 0.0)
+    return loop, np.where(loop.unknown[:, :, None], np.repeat(descent.best.u, 2, axis=0), 0.0)
 
 
 def without_fixed(key: Key, fixed: Flags) -> Key:
@@ -210,9 +209,7 @@ def stable(
 
 def miss(key: Key, x: Array, scene: Scene) -> float:
     """Root mean square distance, m, of the vertices of a key from it, at positions x (T + 1, n, 3) of all objects."""
-    first = sum(scene.vertex_counts[: key.cloth])
-    own = x[key.step, first + key.vertices]
-    away = own - key.positions if key.share is None else (key.share @ own)[None] - key.positions
+    away = left_of(key, x[:, scene.vertices(key.cloth)])
     return float(np.sqrt(np.mean((away**2).sum(axis=1))))
 
 

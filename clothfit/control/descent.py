@@ -49,9 +49,10 @@ class Best:
     """The best forces so far."""
 
     f: Array  # (T, n, 3), N
+    x: Array  # (T + 1, n, 3), m, where they lead
+    u: Array  # (T, n, 3), N, with which it needs no springs
     value: float
     gradient: float  # its norm
-    missed: float = 0.0  # m
 
 
 class Descent:
@@ -64,7 +65,7 @@ class Descent:
         with interrupts.grace(np.inf):  # there is always a result
             value, gradient = loop(f)
         self.steepest = float(np.linalg.norm(gradient))
-        self.best = Best(f, value, self.steepest)
+        self.best = Best(f, loop.x, loop.u, value, self.steepest)
 
     def run(self) -> Status:
         """Descend until it has converged or no longer gets better; a deadline or an interrupt leaves the best."""
@@ -81,7 +82,7 @@ class Descent:
         near = NEAR_HARD if any(wish.key.hard for wish in loop.wishes) else NEAR
         while True:
             status = self.round()
-            loop(self.best.f)
+            loop.x, loop.u = self.best.x, self.best.u
             missed = loop.missed
             if status is Status.LIMIT or (missed <= near and status is not None):
                 return status
@@ -97,7 +98,7 @@ class Descent:
     def restart(self) -> None:
         """Values before and after a change of the multipliers cannot be compared."""
         value, gradient = self.loop(self.best.f)
-        self.best = Best(self.best.f, value, float(np.linalg.norm(gradient)), self.loop.missed)
+        self.best = Best(self.best.f, self.loop.x, self.loop.u, value, float(np.linalg.norm(gradient)))
         self.values = [value]
 
     def round(self) -> Status | None:
@@ -131,7 +132,7 @@ class Descent:
         value, gradient = self.loop(f)
         size = float(np.linalg.norm(gradient))
         if value < self.best.value:
-            self.best = Best(f, value, size, self.best.missed)
+            self.best = Best(f, self.loop.x, self.loop.u, value, size)
             interrupts.hold()
         self.values.append(self.best.value)
         self.report(self.loop.effort, self.loop.missed, self.loop.evaluations)

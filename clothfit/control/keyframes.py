@@ -55,17 +55,15 @@ class Key:
 
 def from_motion(motion: Motion, scene: Scene) -> list[Key]:
     """The frames of a motion after the start as keys. Raises InvalidInput."""
-    found, seen = [], motion.seen()
+    found = []
     for frame, time in enumerate(motion.times):
         if time < 0.5 * scene.delta:
             continue
         step = step_of(float(time), scene, f"{motion.name}: frame {frame}")
-        first = 0
-        for cloth, count in enumerate(scene.vertex_counts):
-            vertices = np.flatnonzero(seen[frame, first : first + count]).astype(np.int32)
+        for cloth in range(len(scene.cloths)):
+            vertices = np.flatnonzero(motion.seen(cloth)[frame]).astype(np.int32)
             if len(vertices):
-                found.append(Key(step, cloth, vertices, motion.positions[frame, first + vertices]))
-            first += count
+                found.append(Key(step, cloth, vertices, motion.of(cloth)[frame, vertices]))
     if not found:
         raise InvalidInput(f"{motion.name}: has no frame after the start; at least one key is needed")
     return checked(found, motion.name)

@@ -128,6 +128,11 @@ class Scene:
         """Number of vertices of each cloth."""
         return tuple(len(cloth.mass) for cloth in self.cloths)
 
+    def vertices(self, cloth: int) -> slice:
+        """Where the vertices of a cloth are among those of all."""
+        start = sum(self.vertex_counts[:cloth])
+        return slice(start, start + self.vertex_counts[cloth])
+
     def mode(self, name: str) -> str:
         """How one of the scene's own kinds ("wind", "friction", …) is fitted: "n" not at all, "G" one value or vector,
         "L" that of each key or contact.

@@ -77,8 +77,7 @@ def applied(scene: Scene, cloth: Cloth, times: Array, frame: Axes | None) -> dic
     """
     if scene.forces is None:
         return {}
-    first = sum(scene.vertex_counts[: scene.cloths.index(cloth)])
-    own = slice(first, first + len(cloth.mass))
+    own = scene.vertices(scene.cloths.index(cloth))
     force, gain, target = scene.forces.at(times)
     mine = force[:, own]
     made = {"force": np.ascontiguousarray(frame.world_directions(mine) if frame else mine)}
