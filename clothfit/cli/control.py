@@ -32,7 +32,7 @@ INTERVAL = 2.0
 """Seconds between two lines of progress."""
 
 SECTIONS = {
-    "What to do": ("--keyframes", "--actuate", "--most", "--smooth", "--budget"),
+    "What to do": ("--keyframes", "--actuate", "--most", "--smooth", "--budget", "--adjoint"),
     "The file of the keyframes": motions.FILE_OPTIONS,
     "What is written": ("--output", "--forces", "--plot", "--gif"),
 }
@@ -51,6 +51,9 @@ SECTIONS = {
               "[default: 0]")
 @click.option("--budget", "time_budget", metavar="SECONDS",
               help="Stop after this time, such as 30, 30s or 2m, with the best so far.  [default: none]")
+@click.option("--adjoint", type=click.Choice(["exact", "approximate"]), default="exact", show_default=True,
+              help="exact: the gradient of the steps that are taken. approximate, to compare: that of textbooks, in "
+              "the closed loop of the search too; the effort then ends above the least.")
 @click.option("-o", "--output", "path", metavar="MOTION",
               help="File of the motion, in any format.  [default: <stem>.controlled.npz]")
 @click.option("--forces", "forces_path", metavar="FILE", help="File of the forces.  [default: <stem>.forces.npz]")
@@ -63,6 +66,7 @@ def command(
     most: float | None,
     smooth: float | None,
     time_budget: str | None,
+    adjoint: str,
     path: str | None,
     forces_path: str | None,
     pictures: pictures.Pictures,
@@ -96,7 +100,7 @@ def command(
     from clothfit.scene.over_time.forces import archive
 
     console.announce_compilation()
-    costs = Costs(smooth or 0.0, float("inf") if most is None else most)
+    costs = Costs(smooth or 0.0, float("inf") if most is None else most, adjoint == "approximate")
     with interrupts.deferred():
         found = find_forces(scene, keys, pushed, budget=seconds, costs=costs, report=Lines(console))
         kept.write(archive(found.forces))

@@ -18,7 +18,7 @@ import numpy as np
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.control.keyframes import Key
 from clothfit.derivative import adjoint
-from clothfit.engine.rollout import rollout
+from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import IMPLICIT, System, build
 from clothfit.scene.over_time.forces import Forces
 from clothfit.scene.scene import Scene
@@ -59,10 +59,11 @@ def left_of(key: Key, x: Array) -> Array:
 
 @dataclass(frozen=True)
 class Costs:
-    """What counts beside the effort."""
+    """What counts beside the effort, and how its gradient is found."""
 
     smooth: float = 0.0  # s: the effort of a change of the forces in this time counts as theirs
     most: float = np.inf  # N, on a vertex
+    approximate: bool = False  # whether the gradient is that of `derivative.approximate`
 
 
 class ClosedLoop:
@@ -138,11 +139,20 @@ class ClosedLoop:
         pulled = by_position[1:] if self.late else by_position[:-1]
         pulled -= self.gain[:, :, None] * by_force
         value += self.add_penalties(x, by_position)
-        grad = adjoint.gradient(self.system, motion, by_position, TOLERANCE, ("force",)).force[: self.steps]
+        grad = self.swept(motion, by_position)
         gradient = np.where(self.unknown[:, :, None], grad + by_force, 0.0)
         if not (np.isfinite(value) and np.isfinite(gradient).all()):
             return HUGE, np.zeros_like(f)
         return value, gradient
+
+    def swept(self, motion: Rollout, by_position: Array) -> Array:
+        """The gradient by f (T, n, 3) of what by_position (T + 1, n, 3) is that by the positions of a motion."""
+        given = self.system, motion, by_position, TOLERANCE, ("force",)
+        if self.costs.approximate:
+            from clothfit.derivative import approximate  # which few need
+
+            return approximate.gradient(*given).force[: self.steps]
+        return adjoint.gradient(*given).force[: self.steps]
 
     def priced(self, u: Array) -> tuple[float, Array]:
         """What forces u (T, n, 3) cost, N² s, and its gradient by them."""

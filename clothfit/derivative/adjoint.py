@@ -44,10 +44,12 @@ def gradient(
     by_position: Array | CostDerivative,
     tolerance: float,
     kinds: Collection[str] = (),
+    sweep: Callable[..., None] | None = None,
 ) -> Elements:
     """The gradient of G from by_position = ∂G/∂x (T + 1, n, 3), whole or chunk by chunk, along a finished motion.
 
-    By masses (n,), stiffnesses (S,) and the `kinds`, names of fields of Elements; the other fields stay empty.
+    By masses (n,), stiffnesses (S,) and the `kinds`, names of fields of Elements; the other fields stay empty. `sweep`
+    takes the place of the exact one back through some steps (`approximate`).
     """
     derivative_of = by_position if callable(by_position) else whole(by_position)
     wanted = {*kinds, "wind"} if "gusts" in kinds else kinds  # the one by the keys is that by the wind, step by step
@@ -56,7 +58,8 @@ def gradient(
         system.inputs.counted[:] = 0.0
     forget(system.inputs)
     state, at_start = states(system), np.zeros_like(system.x0)
-    sweep: Callable[..., None] = sweep_bdf2_back if system.method == BDF2 else sweep_back
+    exact: Callable[..., None] = sweep_bdf2_back if system.method == BDF2 else sweep_back
+    sweep = sweep or exact
     for segment in memory.backward():
         for chunk in reversed(segment.parts()):
             after, by_position = memory.steps - chunk.first, derivative_of(chunk)

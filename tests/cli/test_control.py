@@ -73,3 +73,12 @@ def test_forces_that_are_too_weak_miss_the_key(place, capsys):
 def test_what_cannot_be_is_refused(arguments, code, said, capsys):
     assert run(arguments) == code
     assert said in capsys.readouterr().err
+
+
+def test_the_approximate_adjoint_leads_to_the_keys_too(place, capsys):
+    """Springs hold the keys whatever the descent does; the effort that it ends with is above the least."""
+    effort = []
+    for kind in ("exact", "approximate"):
+        assert run(["control", "scene.json", "--keyframes", "keys.json", "--adjoint", kind, "--json", "-q"]) == 0
+        effort.append(json.loads(capsys.readouterr().out)["effort"])
+    assert effort[0] < effort[1]
