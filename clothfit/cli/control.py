@@ -16,6 +16,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import duration, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json, same_file
 from clothfit.cli.common.scenes import check_there, one_stream, read_scene, warn_of_steps
+from clothfit.cli.fitting import shown
 from clothfit.many.job import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ INTERVAL = 2.0
 SECTIONS = {
     "What to do": ("--keyframes", "--actuate", "--most", "--smooth", "--budget", "--adjoint"),
     "The file of the keyframes": motions.FILE_OPTIONS,
-    "What is written": ("--output", "--forces", "--plot", "--gif"),
+    "What is written": ("--output", "--forces", "--table", "--plot", "--gif"),
 }
 
 
@@ -57,6 +58,8 @@ SECTIONS = {
 @click.option("-o", "--output", "path", metavar="MOTION",
               help="File of the motion, in any format.  [default: <stem>.controlled.npz]")
 @click.option("--forces", "forces_path", metavar="FILE", help="File of the forces.  [default: <stem>.forces.npz]")
+@click.option("--table", "table_path", metavar="FILE",
+              help="Write the forces as a table too (.csv): a line for each step and vertex.")
 @pictures.options
 def command(
     scene_path: str,
@@ -69,6 +72,7 @@ def command(
     adjoint: str,
     path: str | None,
     forces_path: str | None,
+    table_path: str | None,
     pictures: pictures.Pictures,
     as_json: bool,
     console: Console,
@@ -90,7 +94,8 @@ def command(
     out = output_for(path, scene_path, ".controlled.npz", (keys_path,))
     kept = forces_output(forces_path, scene_path, keys_path, out)
     motions.check(out, own_axes(), (scene_path, keys_path))
-    pictures.check(scene_path, keys_path, out.path, kept.path)
+    shows = shown.asked(table_path, (scene_path, keys_path, out.path, kept.path))
+    pictures.check(scene_path, keys_path, out.path, kept.path, *shows.files)
     seconds = duration(time_budget, "--budget")
     keys = read_keys(keys_path, reading, scene, console)
     pushed = actuated(actuate, keys, scene)
@@ -108,7 +113,7 @@ def command(
     good = report(found, kept, out, console)
     if as_json:
         print_json("control", summary(found, kept, out), out)
-    pictures.simulated(scene, found.motion, None, console)
+    shows.write(scene, keys, found, pictures, console)
     return INTERRUPTED if found.status == "interrupted" else 0 if good else 5
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.messages import metres
+from clothfit.control.course import Course
 from clothfit.motion.energy import Energy
 from clothfit.pictures.palette import BLUE, GREEN, INK, ORANGE, PURPLE, QUIET, RED, SKY
 
@@ -20,6 +21,11 @@ if TYPE_CHECKING:
 
 TITLE_PAD = 20.0  # points between a chart and its title: room for a legend
 SMALLEST_LENGTH = 1e-15  # m: lengths below it are rounding, and a logarithmic axis omits them
+
+MOST_LINES = 4
+"""Keys of more times have one line together."""
+
+LINES = (BLUE, ORANGE, PURPLE, SKY)
 
 ENERGIES = (
     ("kinetic", ORANGE), ("elastic", BLUE), ("gravity", PURPLE), ("contact", SKY), ("total", INK),
@@ -66,6 +72,43 @@ def error(axes: Axes, times: Array, rmse: Array, largest: Array, fitted: float, 
         axes.axvline(horizon, color=RED, linestyle=(0, (5, 3)), linewidth=1.4, clip_on=False, label="horizon")
     above(axes)
     axes.set_xlim(float(times[0]), max(float(times[-1]), fitted) + 1e-9)
+
+
+def distances(axes: Axes, course: Course) -> None:
+    """How far a controlled motion is from each of its keys over time; of more than `MOST_LINES` from the next one."""
+    label(axes, "distance from the keys", "time, s", "m")
+    least = course.distance[course.distance > SMALLEST_LENGTH]
+    logarithmic(axes, np.maximum(course.distance, float(least.min()) if len(least) else 0.0))
+    steps = np.array([key.step for key in course.keys])
+    if len(steps) > MOST_LINES:
+        frames = np.arange(len(course.times))
+        coming = np.minimum(np.searchsorted(steps, frames), len(steps) - 1)
+        axes.plot(course.times, shown(course.distance[coming, frames]), color=BLUE, linewidth=1.4, label="the next key")
+    for key, values, colour in zip(course.keys, course.distance, LINES, strict=False):
+        if len(steps) <= MOST_LINES:
+            name = f"key at {course.times[key.step]:.4g} s"
+            axes.plot(course.times, shown(values), color=colour, linewidth=1.6, label=name)
+    at = [shown(values)[step] for values, step in zip(course.distance, steps, strict=True)]
+    axes.plot(course.times[steps], at, "o", color=GREEN, markersize=5, zorder=4)
+    due(axes, course)
+
+
+def effort(axes: Axes, course: Course) -> None:
+    """What each step of a controlled motion takes."""
+    label(axes, f"effort of each step, {course.effort.sum():.4g} N² s in all", "time, s", "N² s")
+    axes.stairs(course.effort[:-1], course.times, color=RED, fill=True, alpha=0.25)
+    axes.stairs(course.effort[:-1], course.times, color=RED, linewidth=1.4, baseline=None)
+    axes.set_ylim(0.0, 1.08 * float(course.effort.max()) or 1.0)
+    due(axes, course, above_it=False)
+
+
+def due(axes: Axes, course: Course, above_it: bool = True) -> None:
+    """Lines at the times of the keys."""
+    for i, time in enumerate(course.times[course.due]):
+        axes.axvline(float(time), color=GREEN, linestyle=(0, (5, 3)), linewidth=1.1, zorder=1,
+                     label="" if i or above_it else "keys")  # fmt: skip
+    axes.set_xlim(float(course.times[0]), 1.01 * float(course.times[-1]) + 1e-9)
+    above(axes)
 
 
 def shown(values: Array) -> Array:

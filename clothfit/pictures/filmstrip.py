@@ -9,7 +9,8 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.pictures.camera import Camera
-from clothfit.pictures.palette import FIXED_VERTEX, GROUND, QUIET, TARGET_COLOUR
+from clothfit.pictures.marks import ARROW, Marks, arrows, dots
+from clothfit.pictures.palette import FIXED_VERTEX, GROUND, INK, QUIET, TARGET_COLOUR
 from clothfit.pictures.polygons import Patches, Stage, bare, painted, pins, sightings, wind
 from clothfit.pictures.raster import drawn
 
@@ -31,23 +32,47 @@ STILL_WIDTH = 800
 DOT_SIZE = 1.8  # points, of a vertex
 
 
-def strip(figure: SubFigure, on: Stage, times: Array, x: Array, over: Array | None = None) -> list[Axes]:
-    """Draw some frames of a motion x (F, n, 3), at `times` (F,) s, with the target `over` (F, n, 3) over it."""
-    shown = chosen(len(x))
+def strip(
+    figure: SubFigure, on: Stage, times: Array, x: Array, over: Array | None = None, marks: Marks | None = None
+) -> list[Axes]:
+    """Draw some frames of a motion x (F, n, 3), at `times` (F,) s, with the target `over` (F, n, 3) over it, and the
+    marks of a controlled one.
+    """
+    due = [] if marks is None else marks.held.tolist()
+    shown = chosen(len(x), due)
     panels: Any = figure.subplots(1, len(shown), squeeze=False)
     figure.subplots_adjust(left=0.012, right=0.988, bottom=0.09, top=0.98, wspace=0.03)
     for axes, frame in zip(panels[0], shown, strict=True):
         still(axes, on, int(frame), x[frame], None if over is None else over[frame])
-        axes.set_xlabel(f"{times[frame]:.2f} s", fontsize=9, color=QUIET, labelpad=3)
+        if marks is not None:
+            mark(axes, on, int(frame), x[frame], marks)
+        label = f"{times[frame]:.2f} s" + (" – key" if frame in due else "")
+        axes.set_xlabel(label, fontsize=9, color=INK if frame in due else QUIET, labelpad=3)
     blown = len(shown) if np.ptp(on.wind, axis=0).any() else 1
     for axes, frame in list(zip(panels[0], shown, strict=True))[:blown]:
         draw_wind(axes, on, int(frame))
     return list(panels[0])
 
 
-def chosen(frames: int) -> Sequence[int]:
-    """The frames in a strip: the first, the last, and others evenly between them."""
-    return [int(i) for i in np.unique(np.linspace(0, frames - 1, STRIP_FRAMES).round())]
+def chosen(frames: int, due: Sequence[int] = ()) -> Sequence[int]:
+    """The frames in a strip: the first, the last, and others evenly between them; frames that are `due` in the place of
+    the nearest ones.
+    """
+    found = [int(i) for i in np.unique(np.linspace(0, frames - 1, STRIP_FRAMES).round())]
+    for frame in due if len(due) <= len(found) else []:
+        free = [i for i, each in enumerate(found) if each not in due]
+        if frame not in found and free:
+            found[min(free, key=lambda i: abs(found[i] - frame))] = frame
+    return sorted(found)
+
+
+def mark(axes: Axes, on: Stage, frame: int, x: Array, marks: Marks) -> None:
+    """Draw forces as arrows, and the places that means are to be at."""
+    tails, tips = arrows(on, frame, x, marks)
+    if len(tails):
+        way: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "headwidth": 4.0, "headlength": 4.5}
+        axes.quiver(*tails.T, *(tips - tails).T, **way, width=0.006, minlength=0.0, color=ARROW, zorder=3)
+    axes.plot(*dots(on, frame, marks).T, "o", color=TARGET_COLOUR, markersize=6.0, markeredgecolor=INK, zorder=4)
 
 
 def still(axes: Axes, on: Stage, frame: int, x: Array, over: Array | None) -> None:

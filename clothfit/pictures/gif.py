@@ -9,11 +9,13 @@ picture says so. All frames share one palette.
 from __future__ import annotations
 
 import io
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from clothfit.base.arrays import Array, Indices
+from clothfit.pictures.marks import ARROW, LEGEND, Marks, arrows, dots
 from clothfit.pictures.palette import CLOTHS, FIXED_VERTEX, GROUND, TARGET_COLOUR, Colour
 from clothfit.pictures.polygons import Stage, bare, good_part, pins, sightings, stage, wind
 from clothfit.pictures.raster import drawn
@@ -37,7 +39,7 @@ SLOWED_BELOW, SLOWED_TO = 0.5, 2.0
 """Seconds: a motion shorter than the first is slowed down to last the second."""
 
 LAST_FRAME_PAUSE = 0.6
-"""Seconds for which the last frame is shown."""
+"""Seconds for which the last frame is shown, and that of a key."""
 
 PALETTE_SIZE = 112
 GIF_ASPECT = (0.45, 1.0)  # height by width, at least and at most
@@ -54,23 +56,34 @@ class Film(NamedTuple):
     speed: float  # 1: real time
 
 
-def film(times: Array) -> Film:
-    """Choose frames to show from those at `times` (F,), s."""
+def film(times: Array, held: Iterable[int] = ()) -> Film:
+    """Choose frames to show from those at `times` (F,), s, among them those that are `held` for longer."""
+    wanted = {int(frame) for frame in held}
     length = float(times[-1] - times[0])
     speed = 1.0 if length >= SLOWED_BELOW or length == 0 else length / SLOWED_TO
     shown = (times - times[0]) / speed
     interval = max(SHORTEST_INTERVAL, float(shown[-1]) / MOST_GIF_FRAMES)
     frames = [0]
     for frame in range(1, len(times)):
-        if shown[frame] - shown[frames[-1]] >= 0.999 * interval:
+        if frame in wanted or shown[frame] - shown[frames[-1]] >= 0.999 * interval:
             frames.append(frame)
-    ends = [*shown[frames[1:]], shown[frames[-1]] + LAST_FRAME_PAUSE]
-    marks = np.diff(np.round(100 * np.array([0.0, *ends])).astype(int))
-    return Film(frames, [10 * max(2, int(mark)) for mark in marks], speed)
+    ends = [*shown[frames[1:]], shown[frames[-1]]]
+    waits = np.diff(np.round(100 * np.array([0.0, *ends])).astype(int))
+    longer = [LAST_FRAME_PAUSE if frame in wanted or frame == frames[-1] else 0.0 for frame in frames]
+    durations = [10 * max(2, int(wait) + round(100 * pause)) for wait, pause in zip(waits, longer, strict=True)]
+    return Film(frames, durations, speed)
 
 
-def animation(scene: Scene, times: Array, x: Array, over: Array | None = None, width: int = GIF_WIDTH) -> bytes:
-    """The GIF of a motion x (F, n, 3), m, at `times` (F,), s, with the target `over` (F, n, 3) over it.
+def animation(
+    scene: Scene,
+    times: Array,
+    x: Array,
+    over: Array | None = None,
+    width: int = GIF_WIDTH,
+    marks: Marks | None = None,
+) -> bytes:
+    """The GIF of a motion x (F, n, 3), m, at `times` (F,), s, with the target `over` (F, n, 3) over it, and the
+    marks of a controlled one.
 
     The target is NaN where it is unknown. A motion that diverges is shown up to there.
     """
@@ -78,8 +91,8 @@ def animation(scene: Scene, times: Array, x: Array, over: Array | None = None, w
 
     times, x, over = good_part(times, x, over)
     on = stage(scene, [x] if over is None else [x, over], GIF_FACES, GIF_ASPECT, times)
-    cut = film(times)
-    pictures = [picture(on, times, frame, x, over, width, cut.speed) for frame in cut.frames]
+    cut = film(times, () if marks is None else marks.held)
+    pictures = [picture(on, times, frame, x, over, width, cut.speed, marks) for frame in cut.frames]
     colours = palette(pictures)
     first, *rest = (one.quantize(palette=colours, dither=Image.Dither.NONE) for one in pictures)
     buffer = io.BytesIO()
@@ -98,8 +111,8 @@ def palette(pictures: list[Image]) -> Image:
     sheet = Image.new("RGB", (width, height * len(some)))
     for row, one in enumerate(some):
         sheet.paste(one, (0, row * height))
-    dots = [ImageColor.getrgb(colour) for colour in (FIXED_VERTEX, SEEN_TARGET, GROUND)]
-    marks = [part for colour in (*dots, *(ink(colour) for _, colour in LEGEND_NAMES)) for part in colour]
+    plain = [ImageColor.getrgb(colour) for colour in (FIXED_VERTEX, SEEN_TARGET, GROUND, ARROW)]
+    marks = [part for colour in (*plain, *(ink(colour) for _, colour in LEGEND)) for part in colour]
     found = sheet.quantize(PALETTE_SIZE, method=Image.Quantize.MEDIANCUT).getpalette() or []
     made = Image.new("P", (1, 1))
     made.putpalette(found[: 3 * PALETTE_SIZE] + marks)
@@ -107,9 +120,10 @@ def palette(pictures: list[Image]) -> Image:
 
 
 def picture(
-    on: Stage, times: Array, frame: int, x: Array, over: Array | None, width: int = GIF_WIDTH, speed: float = 1.0
-) -> Image:
-    """One frame of a motion x (F, n, 3), with the target `over` (F, n, 3) over it."""
+    on: Stage, times: Array, frame: int, x: Array, over: Array | None, width: int = GIF_WIDTH, speed: float = 1.0,
+    marks: Marks | None = None,
+) -> Image:  # fmt: skip
+    """One frame of a motion x (F, n, 3), with the target `over` (F, n, 3) over it, and marks."""
     from PIL import Image, ImageDraw
 
     fine = OVERSAMPLING * width
@@ -117,13 +131,20 @@ def picture(
     draw = ImageDraw.Draw(image)
     for (u, v), colour in zip(*(part.tolist() for part in bare_pixels(on, frame, x[frame], fine)), strict=True):
         draw.ellipse((u - 6, v - 6, u + 6, v + 6), fill=tuple(colour))
-    marks = [(pins(on, frame, x[frame]), FIXED_VERTEX, 5.0)]
+    spots = [(pins(on, frame, x[frame]), FIXED_VERTEX, 5.0)]
     if over is not None:
-        marks.insert(0, (sightings(on, frame, over[frame]), SEEN_TARGET, 3.5))
-    for places, mark, radius in marks:
+        spots.insert(0, (sightings(on, frame, over[frame]), SEEN_TARGET, 3.5))
+    if marks is not None:
+        spots.append((dots(on, frame, marks), SEEN_TARGET, 12.0))
+        for tail, tip in zip(*(pixels(on, ends, fine) for ends in arrows(on, frame, x[frame], marks)), strict=True):
+            arrow(draw, 0.5 * (tail + tip), 0.5 * (tip - tail), ARROW, 3)
+    for places, mark, radius in spots:
         for u, v in pixels(on, places, fine).tolist():
             draw.ellipse((u - radius, v - radius, u + radius, v + radius), fill=mark)
-    write(draw, image.size, on, times, frame, over is not None, speed)
+    legend = () if over is None else LEGEND_NAMES if marks is None else LEGEND
+    write(draw, image.size, on, times, frame, legend, speed)
+    if marks is not None:
+        write_keys(draw, image.size, times, frame, marks)
     return image.resize((width, round(width * on.camera.aspect)), Image.Resampling.BOX)
 
 
@@ -140,18 +161,20 @@ def pixels(on: Stage, flat: Array, width: int) -> Array:
 
 
 def write(
-    draw: ImageDraw, size: tuple[int, int], on: Stage, times: Array, frame: int, target: bool, speed: float
-) -> None:
-    """Write the time, a bar of progress, the wind, and with a target what the colours mean."""
+    draw: ImageDraw, size: tuple[int, int], on: Stage, times: Array, frame: int,
+    legend: Sequence[tuple[str, Colour]], speed: float,
+) -> None:  # fmt: skip
+    """Write the time, a bar of progress, the wind, and what the colours mean, from right to left."""
     from PIL import ImageFont
 
     width, height = size
     font = ImageFont.load_default(0.027 * width)
     slowed = "" if speed == 1.0 else f", {1 / speed:.3g} times slower"
     draw.text((0.025 * width, 0.022 * width), f"{times[frame]:.2f} s{slowed}", font=font, fill=GIF_INK)
-    if target:
-        for right, (name, colour) in zip((0.975, 0.865), LEGEND_NAMES, strict=True):
-            draw.text((right * width, 0.022 * width), name, font=font, fill=ink(colour), anchor="ra")
+    right = 0.975 * width
+    for name, colour in legend:
+        draw.text((right, 0.022 * width), name, font=font, fill=ink(colour), anchor="ra")
+        right -= draw.textlength(name, font=font) + 0.025 * width
     share = (times[frame] - times[0]) / max(times[-1] - times[0], 1e-300)
     draw.rectangle((0, height - 5, width, height), fill="#e2e5ea")
     draw.rectangle((0, height - 5, float(share) * width, height), fill=GIF_QUIET)
@@ -163,16 +186,29 @@ def write(
         draw.text(place, f"wind {wind_speed:.3g} m/s", font=font, fill=GIF_QUIET, anchor="lm")
 
 
+def write_keys(draw: ImageDraw, size: tuple[int, int], times: Array, frame: int, marks: Marks) -> None:
+    """Mark the times of the keys on the bar, and say so in the frame of one."""
+    from PIL import ImageFont
+
+    width, height = size
+    for time in times[marks.held]:
+        place = float((time - times[0]) / max(times[-1] - times[0], 1e-300)) * (width - 1)
+        draw.rectangle((place - 3, height - 14, place + 3, height), fill=SEEN_TARGET)
+    if frame in marks.held:
+        font = ImageFont.load_default(0.027 * width)
+        draw.text((0.025 * width, 0.06 * width), "key", font=font, fill=SEEN_TARGET)
+
+
 def ink(colour: Colour) -> tuple[int, ...]:
     """A colour dark enough for text."""
     return tuple(round(200 * part) for part in colour)
 
 
-def arrow(draw: ImageDraw, middle: Array, half: Array) -> None:
+def arrow(draw: ImageDraw, middle: Array, half: Array, colour: str = GIF_QUIET, wide: int = 4) -> None:
     """Draw an arrow from `middle` − `half` to `middle` + `half`, (2,) in pixels."""
     tip, tail = middle + half, middle - half
     length = max(float(np.linalg.norm(half)), 1e-9)
     along = half / length * min(12.0, 2.0 * length)
     across = 0.5 * along[::-1] * (1.0, -1.0)
-    draw.line([*tail, *(tip - along)], fill=GIF_QUIET, width=4)
-    draw.polygon([tuple(tip), tuple(tip - along + across), tuple(tip - along - across)], fill=GIF_QUIET)
+    draw.line([*tail, *(tip - along)], fill=colour, width=wide)
+    draw.polygon([tuple(tip), tuple(tip - along + across), tuple(tip - along - across)], fill=colour)

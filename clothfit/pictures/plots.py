@@ -1,4 +1,4 @@
-"""The pictures of the commands `simulate`, `estimate` and `evaluate`: a filmstrip, with charts and maps below it.
+"""The pictures of `simulate`, `estimate`, `control` and `evaluate`: a filmstrip, with charts and maps below it.
 
 Each is a matplotlib figure without a window, unknown to pyplot; `picture_file.save` writes it.
 """
@@ -10,10 +10,12 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from clothfit.base.arrays import Array
+from clothfit.control.course import Course
 from clothfit.motion.energy import Energy
 from clothfit.pictures import charts, maps
 from clothfit.pictures import filmstrip as film
 from clothfit.pictures.filmstrip import STRIP_FACES, STRIP_FRAMES
+from clothfit.pictures.marks import Marks, marks
 from clothfit.pictures.overlay import Overlay
 from clothfit.pictures.palette import INK, QUIET
 from clothfit.pictures.polygons import good_part, stage
@@ -27,6 +29,13 @@ if TYPE_CHECKING:
 
 PAGE_WIDTH, HEAD_HEIGHT, LEGEND_HEIGHT, ROW_HEIGHT = 12.0, 0.42, 0.2, 3.0  # inches
 CHART_SHARE, MAP_SHARE, TEXT_SHARE = 1.25, 1.1, 0.85  # of the width of a row
+
+COMPARED = ((0.012, "solid: fitted", "#4669a8"), (0.09, "translucent green: target", "#1a8f4a"))
+CONTROLLED = (
+    (0.012, "solid: cloth", "#4669a8"), (0.09, "translucent green: next key", "#1a8f4a"),
+    (0.26, "arrows: forces", "#b34f00"),
+)  # fmt: skip
+"""What the colours mean: where from the left, text, colour."""
 
 IN_A_ROW = 3
 """Most charts and maps in one row."""
@@ -69,6 +78,18 @@ def evaluation(over: Overlay, truth: Scene, summary: str, fitted: float, horizon
     return compared(over, f"{over.scene.name} against {truth.name}", summary, drawn, values(over.scene, truth))
 
 
+def controlled(course: Course, summary: str) -> Figure:
+    """The picture of a controlled motion: the keys and the forces, the distance from each key over time, and what each
+    step takes. `summary` says how the search ended.
+    """
+    drawn = [
+        Part(partial(charts.distances, course=course), 1.5 * CHART_SHARE),
+        Part(partial(charts.effort, course=course), 1.5 * CHART_SHARE),
+    ]
+    title, own = f"{course.scene.name}: controlled", marks(course)
+    return composed(course.scene, course.times, course.own, own.keys, title, summary, [drawn], own)
+
+
 def compared(over: Overlay, title: str, summary: str, drawn: list[Part], maps: list[Part]) -> Figure:
     """A fitted motion with its target, above charts and maps: in one row where there is room, else in two."""
     rows = [[*drawn, *maps]] if len(drawn) + len(maps) <= IN_A_ROW else [drawn, maps]
@@ -83,9 +104,10 @@ def values(scene: Scene, truth: Scene | None) -> list[Part]:
 
 
 def composed(
-    scene: Scene, times: Array, x: Array, over: Array | None, title: str, summary: str, rows: Sequence[Sequence[Part]]
-) -> Figure:
-    """A filmstrip of x (F, n, 3) with the target `over` (F, n, 3) over it, and rows of parts below."""
+    scene: Scene, times: Array, x: Array, over: Array | None, title: str, summary: str, rows: Sequence[Sequence[Part]],
+    own: Marks | None = None,
+) -> Figure:  # fmt: skip
+    """A filmstrip of x (F, n, 3) with the target `over` (F, n, 3) over it, and marks; and rows of parts below."""
     from matplotlib.figure import Figure
 
     times, x, over = good_part(times, x, over)
@@ -95,8 +117,9 @@ def composed(
     sizes = [top, strip, *[ROW_HEIGHT] * len(rows)]
     figure = Figure(figsize=(PAGE_WIDTH, sum(sizes)), facecolor="white")
     bands: Any = figure.subfigures(len(sizes), 1, height_ratios=sizes, squeeze=False)
-    head(bands[0, 0], top, title, summary, over is not None)
-    film.strip(bands[1, 0], on, times, x, over)
+    legend = () if over is None else COMPARED if own is None else CONTROLLED
+    head(bands[0, 0], top, title, summary, legend)
+    film.strip(bands[1, 0], on, times, x, over, own)
     for band, parts in zip(bands[2:, 0], rows, strict=True):
         place(band, parts)
     return figure
@@ -114,12 +137,12 @@ def place(band: SubFigure, parts: Sequence[Part]) -> None:
         part.draw(band.add_subplot(grid[0, column]))
 
 
-def head(band: SubFigure, height: float, title: str, summary: str, target: bool) -> None:
-    """Write the title, the summary, and with a target what the colours mean."""
+def head(
+    band: SubFigure, height: float, title: str, summary: str, legend: Sequence[tuple[float, str, str]]
+) -> None:
+    """Write the title, the summary, and what the colours mean."""
     line = 1.0 - 0.6 * HEAD_HEIGHT / height
     band.text(0.012, line, title, fontsize=13, fontweight="bold", color=INK, va="center")
     band.text(0.988, line, summary, fontsize=9, color=QUIET, va="center", ha="right")
-    if target:
-        below = 0.5 * LEGEND_HEIGHT / height
-        band.text(0.012, below, "solid: fitted", fontsize=9, color="#4669a8", va="center")
-        band.text(0.09, below, "translucent green: target", fontsize=9, color="#1a8f4a", va="center")
+    for left, text, colour in legend:
+        band.text(left, 0.5 * LEGEND_HEIGHT / height, text, fontsize=9, color=colour, va="center")

@@ -1,4 +1,4 @@
-"""`--plot FILE` and `--gif FILE`: the pictures that `simulate`, `estimate` and `evaluate` draw when they are done."""
+"""`--plot FILE` and `--gif FILE`: the pictures that commands draw when they are done."""
 
 from __future__ import annotations
 
@@ -17,11 +17,13 @@ from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array
+    from clothfit.control.course import Course
     from clothfit.evaluation.evaluate import Evaluation
     from clothfit.fit.result import Fit
     from clothfit.motion.energy import Energy
     from clothfit.motion.motion import Motion
     from clothfit.optimise.progress import Progress
+    from clothfit.pictures.marks import Marks
     from clothfit.pictures.overlay import Overlay
     from clothfit.scene.scene import Scene
 
@@ -67,6 +69,20 @@ class Pictures:
             picture.save(self.plot, partial(plots.simulation, scene, motion.times, motion.positions, energy))
             console.say(f"picture → {self.plot}")
         self.animated(scene, motion.times, motion.positions, None, console)
+
+    def controlled(self, course: Course, title: str, console: Console) -> None:
+        """Draw a motion that goes through keys; `title` says how it was found."""
+        if self.plot is not None:
+            from clothfit.pictures import picture_file as picture
+            from clothfit.pictures import plots
+
+            picture.save(self.plot, partial(plots.controlled, course, title))
+            console.say(f"picture → {self.plot}")
+        if self.gif is not None:
+            from clothfit.pictures.marks import marks
+
+            own = marks(course)
+            self.animated(course.scene, course.times, course.own, own.keys, console, own)
 
     def estimated(
         self, found: Fit, scene: Scene, targets: Sequence[Goal], history: Sequence[Progress], console: Console
@@ -115,14 +131,16 @@ class Pictures:
             console.say(f"picture → {self.plot}")
         self.animated(fitted, over.times, over.own, over.goal, console)
 
-    def animated(self, scene: Scene, times: Array, x: Array, over: Array | None, console: Console) -> None:
+    def animated(
+        self, scene: Scene, times: Array, x: Array, over: Array | None, console: Console, marks: Marks | None = None
+    ) -> None:
         """Draw the GIF where it is asked for."""
         if self.gif is None:
             return
         from clothfit.base.writing import write_atomically
         from clothfit.pictures import gif
 
-        write_atomically(self.gif, gif.animation(scene, times, x, over))
+        write_atomically(self.gif, gif.animation(scene, times, x, over, marks=marks))
         console.say(f"animation → {self.gif}")
 
 

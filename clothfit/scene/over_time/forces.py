@@ -23,6 +23,7 @@ from clothfit.base.memory import human, missing
 from clothfit.base.messages import unreadable
 from clothfit.base.reading import unchanged
 from clothfit.base.writing import Data, write_atomically
+from clothfit.scene.over_time import force_table
 
 ARRAYS, FEEDBACK = ("forces", "times"), ("gain", "places")
 
@@ -111,17 +112,21 @@ def check_feedback(forces: Forces) -> None:
 
 
 def load_forces(path: str | os.PathLike[str], vertices: int, pulls: bool = False) -> Forces:
-    """Read forces on a scene of so many vertices from a file, with a feedback where it `pulls`, and check them. Raises
-    InvalidInput.
+    """Read forces on a scene of so many vertices from a file, .npz or a table (.csv), with a feedback where it `pulls`,
+    and check them. Raises InvalidInput.
     """
     name = os.path.basename(os.fspath(path))
+    tabular = name.lower().endswith(".csv")
     try:
         with unchanged(path) as file:
-            arrays = read_arrays(file if file.seekable() else io.BytesIO(npz.content(file)))
+            if tabular:
+                arrays = force_table.arrays(file, vertices)
+            else:
+                arrays = read_arrays(file if file.seekable() else io.BytesIO(npz.content(file)))
     except (FileNotFoundError, IsADirectoryError) as error:
         raise InvalidInput(f"{name}: {unreadable(error)}") from None
     except npz.FAULTS as error:
-        raise InvalidInput(f"{name}: cannot be read as forces (.npz): {error}") from None
+        raise InvalidInput(f"{name}: cannot be read as forces ({'.csv' if tabular else '.npz'}): {error}") from None
     forces = Forces(arrays["times"], arrays["forces"], arrays.get("gain"), arrays.get("places"), pulls, name)
     check(forces, vertices)
     if pulls and forces.gain is None:
