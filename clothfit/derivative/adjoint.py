@@ -93,10 +93,16 @@ def whole(by_position: Array) -> CostDerivative:
     return lambda chunk: array[chunk.first : chunk.first + chunk.steps + 1]
 
 
-def tangent(system: System, memory: TrajectoryMemory, direction: Elements, tolerance: float) -> Array:
-    """Change of all positions (T + 1, n, 3) for the change `direction`; its empty fields do not change."""
+def tangent(
+    system: System, memory: TrajectoryMemory, direction: Elements, tolerance: float,
+    through: Callable[..., None] | None = None,
+) -> Array:  # fmt: skip
+    """Change of all positions (T + 1, n, 3) for the change `direction`; its empty fields do not change. `through` takes
+    the place of the exact sweep through some steps (`approximate`).
+    """
     change = np.zeros((memory.steps + 1, *system.x0.shape))
     sweep = Sweep(system, direction, tolerance)
+    sweep.sweep = through or sweep.sweep
     change[0] = sweep.state[0]
     for segment in memory.forward():
         for chunk in segment.parts():

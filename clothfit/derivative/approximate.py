@@ -1,4 +1,4 @@
-"""The reverse sweep of textbooks, to compare with the exact one: it drops how a step's matrix changes with the state.
+"""The sweeps of textbooks, to compare with the exact ones: they drop how a step's matrix changes with the state.
 
 The fully implicit step solves M (v⁺ − v) = h f(x⁺, v⁺) with x⁺ = x + h v⁺. Its transpose, with the gradients x̄⁺, v̄⁺ by
 the state after a step known, is
@@ -25,7 +25,7 @@ from clothfit.base.arrays import Array, Elements
 from clothfit.derivative import adjoint
 from clothfit.engine.forces import meeting, total
 from clothfit.engine.inputs.pin_derivatives import pull_pins
-from clothfit.engine.inputs.tables import set_inputs, share_gradient
+from clothfit.engine.inputs.tables import set_direction, set_inputs, share_gradient
 from clothfit.engine.march import velocities, velocity
 from clothfit.engine.solve import guess, linear, sparse
 from clothfit.engine.step import implicit
@@ -43,6 +43,11 @@ def gradient(
 ) -> Elements:
     """What `adjoint.gradient` returns, approximately."""
     return adjoint.gradient(system._replace(method=IMPLICIT), memory, by_position, tolerance, kinds, sweep_back)
+
+
+def tangent(system: System, memory: adjoint.TrajectoryMemory, direction: Elements, tolerance: float) -> Array:
+    """What `adjoint.tangent` returns, approximately: the transpose of `gradient`. Paths of pins do not change."""
+    return adjoint.tangent(system._replace(method=IMPLICIT), memory, direction, tolerance, sweep_forward)
 
 
 @kernel
@@ -94,3 +99,40 @@ def add_pins(inputs, coupled, out):
     for i in inputs.pins:
         for c in range(3):
             out[i, c] += coupled[i, c]
+
+
+@kernel
+def sweep_forward(system, chunk, begin, end, direction, tolerance, work, dx, dv, change):
+    """What `adjoint.sweep_forward` does, approximately."""
+    for t in range(begin, end):
+        v, w, k = velocity(chunk, t), velocities(chunk, t), chunk.used[t] - 1
+        guess.advance(work.past, chunk.first + t, work.solution)
+        set_inputs(system.inputs, system, chunk.first + t)
+        meeting.recall(system.colliders, chunk.met, t)
+        meeting.turn_to(system.colliders, k)
+        set_direction(system.inputs, system, chunk.first + t, direction)
+        pushforward(system, chunk.x[t], v, w[k], w[k - 1] if k > 0 else v, k > 0, tolerance, work, dx, dv, direction)
+        combine(chunk.theta[t], work.solution, 0.0, work.solution, dv)
+        add(system.h, dv, dx)
+        copy(dx, change[t])
+
+
+@kernel
+def pushforward(system, x, v, w, u, later, tolerance, work, dx, dv, direction):
+    """Write dw, the change of the velocity after a step whose last iteration begins at u, to work.solution, a first
+    guess of it before: A dw = M dv + h K dx + h ∂f/∂p dp.
+    """
+    h, mass = system.h, system.vertex.mass
+    A, b, y, s, zero = work.A, work.b, work.y, work.s, work.gy
+    implicit.linearise(system, x, w, u, later, A, work.nothing, y, s)
+    sparse.multiply(A, dx, b)
+    add_mass(mass, -1.0, dx, b)
+    total.add_damping(system, y, u, h, dx, b)
+    combine(-1.0 / h, b, 0.0, b, b)
+    add_mass(mass, 1.0, dv, b)
+    add_mass(direction.mass, 1.0, v, b)
+    add_mass(direction.mass, -1.0, w, b)
+    zero[:] = 0.0
+    total.add_pushforward(system, y, u, w, s, zero, zero, direction, h, b)
+    hold_fixed(system.vertex.free, b)
+    linear.solve(A, b, tolerance, work.solver, work.solution, True)

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from helpers.physics import METHODS, TIGHT, relative, scene, thing, xyz
+from helpers.physics import METHODS, TIGHT, ball, direction, product, relative, scene, thing, xyz
 from helpers.scenes import cloth
 
+from clothfit.base.arrays import Elements
 from clothfit.derivative import adjoint, approximate
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
@@ -12,6 +13,7 @@ from clothfit.scene.over_time.forces import Forces
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
+KIND = ("mass", "stiffness", "damping", "drag", "velocity", "rest", "gravity", "force")
 ALL = ("force", "velocity", "gravity")
 
 
@@ -68,6 +70,22 @@ def test_the_same_where_the_step_is_fully_implicit():
     ]
     assert error[0] > 1e-3
     assert error[1] < 1e-6
+
+
+@pytest.mark.parametrize("newton", [1, 3])
+def test_the_tangent_is_the_transpose_of_the_gradient(newton):
+    """With air, damping and a collider as well; both are rounded, and solved for to 1e-14."""
+    one = cloth(3, 3, vertMass=[0.1] * 9, dragCoefficient=0.4, damping=0.7)
+    more = {"windVel": xyz((3, 1, -2)), "colliders": [ball((1.0, -0.75, 1.0), 0.8)], "forwardSubSteps": newton}
+    system = pushed(one, 12, **more)
+    memory, good = rollout(system, 12, TIGHT)
+    assert good == 12
+    weight = np.random.default_rng(6).normal(size=memory.x.shape)
+    change = direction(system)
+    change = change._replace(**{name: getattr(change, name)[:0] for name in Elements._fields if name not in KIND})
+    forward = np.vdot(weight, approximate.tangent(system, memory, change, TIGHT))
+    back = product(approximate.gradient(system, memory, weight, TIGHT, KIND[2:]), change)
+    assert forward == pytest.approx(back, rel=1e-11)
 
 
 @pytest.mark.parametrize("method", ["implicit", "symplectic", "explicit"])
