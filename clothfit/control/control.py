@@ -13,6 +13,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.control import recording
 from clothfit.control.closed_loop import HUGE, ClosedLoop, Costs, left_of
 from clothfit.control.descent import Descent, Report
+from clothfit.control.feedback import with_gains
 from clothfit.control.keyframes import Key, last_step
 from clothfit.control.reference import path
 from clothfit.engine.inputs.splines import splined
@@ -101,6 +102,8 @@ def find_forces(
         places[: loop.steps, part] = x[1:] if loop.late else x[:-1]
     forces = Forces(times, u, gain, places)
     with interrupts.grace(np.inf):
+        if all(status is not Status.INTERRUPTED for status, _ in found):
+            forces = with_gains(scene, forces, keys, costs.most)
         motion = simulate(scene.with_forces(forces), max(steps + 1, scene.frames))
     return Control(
         max((status for status, _ in found), key=list(Status).index), forces, motion,

@@ -16,6 +16,7 @@ from clothfit.engine import rollout
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.step import implicit
 from clothfit.engine.system import System, build
+from clothfit.motion.feedback import limited
 from clothfit.scene.over_time.forces import Forces
 from clothfit.scene.scene import Scene
 
@@ -42,12 +43,6 @@ def recorded(scene: Scene, loop: ClosedLoop, f: Array, most: float = np.inf) -> 
             break
         interrupts.check()
     return u[:steps].copy()
-
-
-def limited(u: Array, most: float) -> Array:
-    """Forces (n, 3), none above `most`, N."""
-    size = np.sqrt((u * u).sum(axis=1, keepdims=True))
-    return np.asarray(np.where(size > most, u * (most / np.maximum(size, 1e-300)), u)) if np.isfinite(most) else u
 
 
 def open_system(scene: Scene, loop: ClosedLoop) -> System:

@@ -30,6 +30,15 @@ def simulate(scene: Scene, frames: int | None = None, tolerance: float | None = 
     return simulate_cloths(scene, range(len(scene.cloths)), frames, tolerance)
 
 
+def with_feedback(scene: Scene, steps: int, tolerance: float) -> Scene:
+    """The scene with the forces of its feedback in so many steps, where it has one that acts on the state of steps."""
+    if scene.forces is None or scene.forces.regulator is None:
+        return scene
+    from clothfit.motion.feedback import answered  # which few scenes need
+
+    return answered(scene, steps, tolerance)
+
+
 def simulate_cloths(
     scene: Scene, cloths: Collection[int], frames: int | None = None, tolerance: float | None = None
 ) -> Motion:
@@ -43,6 +52,7 @@ def simulate_cloths(
     if not scene.delta * (count - 1) < np.inf:
         raise InvalidInput(f"{scene.name}: delta: {count - 1} steps of {scene.delta:g} s do not end at a finite time")
     positions = np.full((count, sum(counts), 3), np.nan)
+    scene = with_feedback(scene, count - 1, accuracy)
     motion = Motion(positions, scene.delta * np.arange(count, dtype=np.float64), counts, None, scene.name)
     remedies, good, fault = NO_FALLBACKS, count - 1, None
     for index in cloths:

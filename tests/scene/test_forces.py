@@ -69,3 +69,40 @@ def test_files_that_cannot_be_read_are_refused(tmp_path):
     (tmp_path / "f.npz").write_text("forces")
     with pytest.raises(InvalidInput, match=r"^f\.npz: cannot be read as forces"):
         load_forces(tmp_path / "f.npz", 2)
+
+
+def gains(**change):
+    """The arrays of a feedback in two shapes and with one shape of forces, on two vertices and over three rows."""
+    made = {"measure": np.eye(2), "push": np.ones((2, 1)), "gains": np.ones((1, 3, 3, 12))}
+    return {**made, "reference": np.zeros((1, 3, 12)), "bound": np.array(2.0), **change}
+
+
+def test_gains_are_read_with_their_forces(tmp_path):
+    path = tmp_path / "f.npz"
+    write_atomically(path, npz.archive({"forces": three().values, "times": three().times, **gains()}))
+    found = load_forces(path, 2, pulls=True).regulator
+    x, v = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]), np.full((2, 3), 0.5)
+    answer = found.answer(0, slice(0, 2), 1, np.zeros(12), x, v)
+    np.testing.assert_allclose(answer, np.full((2, 3), -(x.sum() + v.sum())), rtol=1e-15)  # all gains are 1
+    assert found.bound == 2.0
+
+
+GAINS = {
+    "half of it": ({"push": None}, "belong together; missing: push"),
+    "other vertices": ({"measure": np.eye(3)}, "measure (3, 2) and push (2, 1) do not fit 2 vertices"),
+    "other rows": ({"gains": np.ones((1, 2, 3, 12))}, "(objects, 3, 3, 12) and (objects, 3, 12) are needed"),
+    "other shapes": ({"reference": np.zeros((1, 3, 6))}, "do not fit forces, measure and push"),
+    "NaN": ({"gains": np.full((1, 3, 3, 12), np.nan)}, "gains: is not finite everywhere"),
+    "no bound": ({"bound": np.array(-1.0)}, "bound: must be one number above 0"),
+}
+
+
+@pytest.mark.parametrize(("change", "said"), GAINS.values(), ids=list(GAINS))
+def test_gains_that_do_not_fit_are_refused(tmp_path, change, said):
+    arrays = {"forces": three().values, "times": three().times, **gains(**change)}
+    path = tmp_path / "f.npz"
+    write_atomically(path, npz.archive({name: array for name, array in arrays.items() if array is not None}))
+    with pytest.raises(InvalidInput) as refused:
+        load_forces(path, 2)
+    assert said in str(refused.value)
+    assert str(refused.value).startswith("f.npz: ")

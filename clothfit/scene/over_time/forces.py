@@ -3,20 +3,21 @@
 The file is an `.npz` archive: `forces` (steps, vertices, 3) N, in the axes of the scene, the vertices of all objects in
 file order; and `times` (steps,) s, when each row begins to act. A row acts until the next, the last one as long as the
 one before it; before the first and after the last there is no force. For a feedback it also has `gain` (steps,
-vertices) N/m and `places` (steps, vertices, 3) m: springs of that stiffness pull to where the vertices should be.
+vertices) N/m and `places` (steps, vertices, 3) m: springs of that stiffness pull to where the vertices should be; or
+the arrays of a `regulator`.
 """
 
 from __future__ import annotations
 
 import io
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import IO
 
 import numpy as np
 
 from clothfit.base import npz
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import FARTHEST
 from clothfit.base.memory import human, missing
@@ -24,6 +25,7 @@ from clothfit.base.messages import unreadable
 from clothfit.base.reading import unchanged
 from clothfit.base.writing import Data, write_atomically
 from clothfit.scene.over_time import force_table
+from clothfit.scene.over_time.regulator import NAMES, Regulator, regulator
 
 ARRAYS, FEEDBACK = ("forces", "times"), ("gain", "places")
 
@@ -44,6 +46,7 @@ class Forces:
     places: Array | None = None  # (R, n, 3), m, where the vertices are after each row
     pulls: bool = False  # whether those springs act
     name: str = "forces"  # of their file, for messages
+    regulator: Regulator | None = None  # gains in a reduced basis, which act where `pulls`
 
     def __post_init__(self) -> None:
         for each in (self.values, self.times, self.gain, self.places):
@@ -60,14 +63,18 @@ class Forces:
         """How long the last row acts, s."""
         return float(self.times[-1] - self.times[-2]) if len(self.times) > 1 else np.inf
 
+    def rows(self, times: Array) -> tuple[Indices, Flags]:
+        """Of steps that begin at times (T,), s, the row that acts in each, (T,), and whether one does."""
+        shortest = float(np.diff(self.times).min()) if len(self.times) > 1 else 1.0
+        late = times + ROUNDING * shortest
+        row = np.searchsorted(self.times, late, side="right") - 1
+        return np.maximum(row, 0).astype(np.int32), (row >= 0) & (late < self.end)
+
     def at(self, times: Array) -> tuple[Array, Array | None, Array | None]:
         """The forces (T, n, 3) in steps that begin at times (T,), s, and gains (T, n) and places (T, n, 3) where they
         pull.
         """
-        shortest = float(np.diff(self.times).min()) if len(self.times) > 1 else 1.0
-        late = times + ROUNDING * shortest
-        row = np.searchsorted(self.times, late, side="right") - 1
-        acts, row = (row >= 0) & (late < self.end), np.maximum(row, 0)
+        row, acts = self.rows(times)
         values = np.where(acts[:, None, None], self.values[row], 0.0)
         if not self.pulls or self.gain is None or self.places is None:
             return values, None, None
@@ -129,14 +136,15 @@ def load_forces(path: str | os.PathLike[str], vertices: int, pulls: bool = False
         raise InvalidInput(f"{name}: cannot be read as forces ({'.csv' if tabular else '.npz'}): {error}") from None
     forces = Forces(arrays["times"], arrays["forces"], arrays.get("gain"), arrays.get("places"), pulls, name)
     check(forces, vertices)
-    if pulls and forces.gain is None:
+    forces = replace(forces, regulator=regulator(arrays, len(forces.values), vertices, name))
+    if pulls and forces.gain is None and forces.regulator is None:
         raise InvalidInput(f"{name}: has no gains and places for a feedback; clothfit control writes some")
     return forces
 
 
 def read_arrays(file: IO[bytes]) -> dict[str, Array]:
     """The arrays of an open file. Raises one of `npz.FAULTS`."""
-    found = npz.stored(file, (*ARRAYS, *FEEDBACK), "forces")
+    found = npz.stored(file, (*ARRAYS, *FEEDBACK, *NAMES), "forces")
     for name in ARRAYS:
         if name not in found:
             raise ValueError(f"there is no array {name}")
@@ -159,4 +167,6 @@ def archive(forces: Forces) -> Data:
     arrays = {"forces": forces.values, "times": forces.times}
     if forces.gain is not None and forces.places is not None:
         arrays |= {"gain": forces.gain, "places": forces.places}
+    if forces.regulator is not None:
+        arrays |= forces.regulator.arrays()
     return npz.archive(arrays)

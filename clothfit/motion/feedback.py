@@ -1,0 +1,79 @@
+"""The forces of a feedback in a reduced basis (`scene.over_time.regulator`), as they act on the motion of a scene.
+
+Before each step the feedback looks at the state and adds its answer to the planned forces, explicitly. What it does is
+found by one simulation, and is then an ordinary table of forces: a second one with that table takes the same steps to
+the last bit, and what is computed from a motion under forces needs to know nothing of feedbacks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from clothfit.base import interrupts
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+from clothfit.engine import rollout
+from clothfit.engine.step import implicit
+from clothfit.engine.system import build
+from clothfit.scene.over_time.forces import Forces
+from clothfit.scene.over_time.regulator import Regulator
+from clothfit.scene.scene import Scene
+
+
+def answered(scene: Scene, steps: int, tolerance: float) -> Scene:
+    """The scene with the forces that its feedback makes of the planned ones in so many steps; the same scene where it
+    has no such feedback. Springs of a feedback stay. Raises InvalidInput where it does not fit the scene.
+    """
+    plan = scene.forces
+    if plan is None or not plan.pulls or plan.regulator is None:
+        return scene
+    if len(plan.regulator.gains) != len(scene.cloths):
+        have = len(plan.regulator.gains)
+        raise InvalidInput(f"{plan.name}: gains are for {have} objects; the scene has {len(scene.cloths)}")
+    if scene.frame:
+        raise InvalidInput(f"{scene.name}: frame: a feedback needs axes that do not move")
+    times = scene.delta * np.arange(steps, dtype=float)
+    values, gain, places = plan.at(times)
+    springs = replace(plan, times=times, values=values, gain=gain, places=places, regulator=None)
+    found = values.copy()
+    for index in range(len(scene.cloths)):
+        if np.any(plan.regulator.gains[index]):
+            found[:, scene.vertices(index)] = acting(scene, index, plan, plan.regulator, springs, tolerance)
+    return scene.with_forces(replace(springs, values=found))
+
+
+def acting(scene: Scene, index: int, plan: Forces, feedback: Regulator, springs: Forces, tolerance: float) -> Array:
+    """The forces (T, n, 3), N, on one cloth; planned ones from where its motion diverges."""
+    part, steps = scene.vertices(index), len(springs.times)
+    system = build(scene.with_forces(springs), index, steps=steps)
+    assert system.inputs is not None
+    table, (rows, acts) = system.inputs.force, plan.rows(springs.times)
+    where = places(plan, feedback.reference[index], springs.times)
+    whole, work = rollout.empty(system, steps), implicit.workspace(system)
+    for t in range(steps):
+        one = whole.part(t, t + 1)
+        if acts[t]:
+            more = feedback.answer(index, part, rows[t], where[t], one.x[0], one.v)
+            table[t] = limited(table[t] + more, feedback.bound)
+        if rollout.fill(system, tolerance, work, one) < 1:
+            break
+        interrupts.check()
+    return table[:steps].copy()
+
+
+def places(plan: Forces, reference: Array, times: Array) -> Array:
+    """Where the coordinates should be at times (T,), s, between those at the beginning of rows, (T, 6 k)."""
+    row, _ = plan.rows(times)
+    after = np.minimum(row + 1, len(reference) - 1)
+    length = np.maximum(plan.times[after] - plan.times[row], 1e-300)
+    share = np.clip((times - plan.times[row]) / length, 0.0, 1.0)
+    share[share < 1e-6] = 0.0  # a step that begins with a row, but for rounding
+    return np.asarray(reference[row] + share[:, None] * (reference[after] - reference[row]))
+
+
+def limited(u: Array, most: float) -> Array:
+    """Forces (n, 3), none above `most`, N."""
+    size = np.sqrt((u * u).sum(axis=1, keepdims=True))
+    return np.asarray(np.where(size > most, u * (most / np.maximum(size, 1e-300)), u)) if np.isfinite(most) else u
