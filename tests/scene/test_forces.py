@@ -89,7 +89,7 @@ def test_gains_are_read_with_their_forces(tmp_path):
 
 GAINS = {
     "half of it": ({"push": None}, "belong together; missing: push"),
-    "other vertices": ({"measure": np.eye(3)}, "measure (3, 2) and push (2, 1) do not fit 2 vertices"),
+    "other vertices": ({"measure": np.eye(3)}, "measure (3, 3) and push (2, 1) do not fit 2 vertices"),
     "other rows": ({"gains": np.ones((1, 2, 3, 12))}, "(objects, 3, 3, 12) and (objects, 3, 12) are needed"),
     "other shapes": ({"reference": np.zeros((1, 3, 6))}, "do not fit forces, measure and push"),
     "NaN": ({"gains": np.full((1, 3, 3, 12), np.nan)}, "gains: is not finite everywhere"),
