@@ -26,16 +26,13 @@ if TYPE_CHECKING:
     from clothfit.formats.convention import Convention, Reading
     from clothfit.scene.scene import Scene
 
-NEAR = 1e-3
-"""m: a key that the cloth passes no farther than this is reached; a hard one within a thousandth of it."""
-
 INTERVAL = 2.0
 """Seconds between two lines of progress."""
 
 SECTIONS = {
     "What to do": ("--keyframes", "--actuate", "--most", "--smooth", "--budget", "--adjoint"),
     "The file of the keyframes": motions.FILE_OPTIONS,
-    "What is written": ("--output", "--forces", "--table", "--plot", "--gif"),
+    "What is written": ("--output", "--forces", "--table", "--report", "--plot", "--gif"),
 }
 
 
@@ -60,6 +57,8 @@ SECTIONS = {
 @click.option("--forces", "forces_path", metavar="FILE", help="File of the forces.  [default: <stem>.forces.npz]")
 @click.option("--table", "table_path", metavar="FILE",
               help="Write the forces as a table too (.csv): a line for each step and vertex.")
+@click.option("--report", "report_path", metavar="FILE",
+              help="Write a page that plays the motion among its keys, with the forces, in 3-D.")
 @pictures.options
 def command(
     scene_path: str,
@@ -73,6 +72,7 @@ def command(
     path: str | None,
     forces_path: str | None,
     table_path: str | None,
+    report_path: str | None,
     pictures: pictures.Pictures,
     as_json: bool,
     console: Console,
@@ -94,7 +94,7 @@ def command(
     out = output_for(path, scene_path, ".controlled.npz", (keys_path,))
     kept = forces_output(forces_path, scene_path, keys_path, out)
     motions.check(out, own_axes(), (scene_path, keys_path))
-    shows = shown.asked(table_path, (scene_path, keys_path, out.path, kept.path))
+    shows = shown.asked(table_path, report_path, (scene_path, keys_path, out.path, kept.path))
     pictures.check(scene_path, keys_path, out.path, kept.path, *shows.files)
     seconds = duration(time_budget, "--budget")
     keys = read_keys(keys_path, reading, scene, console)
@@ -113,7 +113,7 @@ def command(
     good = report(found, kept, out, console)
     if as_json:
         print_json("control", summary(found, kept, out), out)
-    shows.write(scene, keys, found, pictures, console)
+    shows.write(scene, keys, found, pictures, kept, (keys_path,), console)
     return INTERRUPTED if found.status == "interrupted" else 0 if good else 5
 
 
@@ -189,9 +189,8 @@ def report(found: Control, kept: Output, out: Output, console: Console) -> bool:
     rows = [["key", "without forces", "with them"]]
     good = True
     for key, far in zip(found.keys, found.free, strict=True):
-        near = key.rmse <= (NEAR * 1e-3 if key.hard else NEAR)
-        good = good and near
-        rows.append([f"{key.time:.4g} s", metres(far), metres(key.rmse) + ("" if near else "  missed")])
+        good = good and key.near
+        rows.append([f"{key.time:.4g} s", metres(far), metres(key.rmse) + ("" if key.near else "  missed")])
     console.table(rows)
     console.say(
         f"{found.status}: effort {found.effort:.4g} N² s, {found.evaluations} evaluations in {found.seconds:.1f} s → "

@@ -32,6 +32,9 @@ FEWEST, COARSE = 40, 250
 RATES = (20.0, 40.0, 80.0, 160.0, 320.0)
 """Rates of the springs that hold a cloth near its path, 1/s, to try."""
 
+NEAR = 1e-3
+"""m: a key that the cloth passes no farther than this is reached; a hard one within a thousandth of it."""
+
 CALM = 1.0
 """Size of the gradient by the forces, relative to that of the effort's own term, up to which the closed loop counts as
 stable: more, and small forces early decide what comes late.
@@ -46,6 +49,11 @@ class Reached:
     cloth: int
     rmse: float  # m
     hard: bool
+
+    @property
+    def near(self) -> bool:
+        """Whether it is reached."""
+        return self.rmse <= (NEAR * 1e-3 if self.hard else NEAR)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,9 +18,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from clothfit.control.control import Control
+from clothfit.control.course import Course
 from clothfit.motion.motion import Motion
 from clothfit.objective.experiment import Recorded, motion_of
 from clothfit.report.contents import content
+from clothfit.report.control_contents import control_content
 from clothfit.report.log import Log
 from clothfit.report.showing import BEFORE, Shown, shown
 from clothfit.scene.scene import Scene
@@ -73,6 +76,16 @@ def made(
     """The page of motions that are already simulated."""
     name = None if target is None else target.name
     parts: dict[str, Any] = content(truth, fitted, show, log or Log(), name, others)
+    return page({**parts, "commands": list(commands), "inputs": [list(pair) for pair in inputs]})
+
+
+def control_page(
+    over: Course, found: Control, commands: Sequence[str] = (), inputs: Sequence[tuple[str, str]] = ()
+) -> bytes:
+    """The page, HTML in UTF-8, that plays a controlled motion among its keys, with its forces. `commands` repeat it,
+    `inputs` are name and SHA-256 of each file.
+    """
+    parts = control_content(over, found)
     return page({**parts, "commands": list(commands), "inputs": [list(pair) for pair in inputs]})
 
 

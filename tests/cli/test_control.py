@@ -50,12 +50,14 @@ def test_a_motion_is_keys_too(place, capsys):
 
 
 def test_a_table_plays_back_to_the_same_bits(place, capsys):
-    asked = ["--table", "f.csv", "--plot", "p.png", "--gif", "p.gif", "--budget", "2s"]
+    asked = ["--table", "f.csv", "--plot", "p.png", "--gif", "p.gif", "--report", "r.html", "--budget", "2s"]
     assert run(["control", "scene.json", "--keyframes", "keys.json", *asked, "-q"]) in (0, 5)
     assert run(["simulate", "scene.json", "--forces", "f.csv", "-o", "again.npz", "-q"]) == 0
     np.testing.assert_array_equal(*(np.load(each)["positions"] for each in ("scene.controlled.npz", "again.npz")))
     assert (place / "p.png").read_bytes()[:4] == b"\x89PNG"
     assert (place / "p.gif").read_bytes()[:3] == b"GIF"
+    page = (place / "r.html").read_text("utf-8")
+    assert "clothfit simulate scene.json --forces scene.forces.npz" in page
 
 
 def test_forces_that_are_too_weak_miss_the_key(place, capsys):
@@ -73,6 +75,8 @@ def test_forces_that_are_too_weak_miss_the_key(place, capsys):
         (["control", "scene.json", "--keyframes", "keys.json", "--actuate", "9"], 3, "vertex 9 does not exist"),
         (["control", "scene.json", "--keyframes", "keys.json", "--actuate", "0"], 3, "all of these vertices are fixed"),
         (["control", "scene.json", "--keyframes", "keys.json", "--forces", "keys.json"], 3, "it is an input"),
+        (["control", "scene.json", "--keyframes", "keys.json", "--report", "keys.json"], 3, "it is an input"),
+        (["control", "scene.json", "--keyframes", "keys.json", "--report", "-"], 3, "--report must be a file"),
         (["control", "scene.json", "--keyframes", "keys.json", "--table", "f.txt"], 3, "--table must be a file .csv"),
         (["control", "scene.json", "--keyframes", "keys.json", "--table", "-"], 3, "--table must be a file .csv"),
         (["control", "scene.json", "--keyframes", "keys.json", "--forces", "m.npz", "-o", "m.npz"], 3, "of its own"),

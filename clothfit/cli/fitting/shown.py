@@ -1,15 +1,19 @@
-"""What `clothfit control` writes beside forces and motion: a table of the forces, and pictures."""
+"""What `clothfit control` writes beside forces and motion: a table of the forces, a page, pictures."""
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import click
+
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import counted
+from clothfit.cli import report
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.output import STREAM, Output, is_among, output_for
+from clothfit.cli.common.output import STREAM, Output, is_among, output_for, same_file
 from clothfit.optimise.status import Status
 
 if TYPE_CHECKING:
@@ -24,22 +28,27 @@ class Shows:
     """What is asked for."""
 
     table: Output | None
+    page: Output | None
+    command: str  # that makes them
 
     @property
     def files(self) -> tuple[str | None, ...]:
-        """Where it goes."""
-        return (self.table.path if self.table else None,)
+        """Where they go."""
+        return tuple(None if each is None else each.path for each in (self.table, self.page))
 
     def write(
-        self, scene: Scene, keys: Sequence[Key], found: Control, pictures: Pictures, console: Console
-    ) -> None:
-        """Write what is asked for; nobody waits for pictures who has asked for the end."""
+        self, scene: Scene, keys: Sequence[Key], found: Control, pictures: Pictures, forces: Output,
+        files: Sequence[str], console: Console,
+    ) -> None:  # fmt: skip
+        """Write what is asked for; nobody waits for pictures who has asked for the end. `forces` is where these went,
+        `files` are what was read beside the scene.
+        """
         if self.table is not None:
             from clothfit.scene.over_time import force_table
 
             self.table.put(force_table.encoded(found.forces.times, found.forces.values))
             console.say(f"table → {self.table.name}")
-        if not any(pictures.files):
+        if self.page is None and not any(pictures.files):
             return
         if found.status == Status.INTERRUPTED:
             console.say("nothing is drawn, as the search was interrupted")
@@ -47,18 +56,34 @@ class Shows:
         from clothfit.control.course import course
 
         over = course(scene, scene.with_forces(found.forces), keys, found.motion)
+        if self.page is not None:
+            from clothfit.report.page import control_page
+
+            again = shlex.join(["clothfit", "simulate", scene.name, "--forces", forces.name])
+            page = control_page(over, found, [self.command, again], report.digests([scene], dict.fromkeys(files)))
+            self.page.write(page)
+            console.say(f"page, {len(page) / 1e6:.2g} MB → {self.page.name}")
         pictures.controlled(over, ended(found), console)
 
 
-def asked(table: str | None, used: Sequence[str | None]) -> Shows:
+def asked(table: str | None, page: str | None, used: Sequence[str | None]) -> Shows:
     """What is asked for, checked before the work begins; `used` are other files. Raises InvalidInput."""
-    if table is None:
-        return Shows(None)
-    if table == STREAM or not table.lower().endswith(".csv"):
+    if table is not None and not table.lower().endswith(".csv"):
         raise InvalidInput(f"--table must be a file .csv; {table} was given")
-    if is_among(table, used):
-        raise InvalidInput(f"cannot write {table}: it is an input or another output")
-    return Shows(output_for(table, "", "", (), text=True))
+    if page == STREAM:
+        raise InvalidInput("--report must be a file of its own, not -")
+    if table is not None and page is not None and same_file(table, page):
+        raise InvalidInput(f"cannot write {page}: it is an input or another output")
+    return Shows(free(table, used), free(page, used), report.command_line(click.get_current_context()))
+
+
+def free(path: str | None, used: Sequence[str | None]) -> Output | None:
+    """An output, where it is asked for, that is none of the `used` files. Raises InvalidInput."""
+    if path is None:
+        return None
+    if is_among(path, used):
+        raise InvalidInput(f"cannot write {path}: it is an input or another output")
+    return output_for(path, "", "", (), text=True)
 
 
 def ended(found: Control) -> str:

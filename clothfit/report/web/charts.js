@@ -9,7 +9,7 @@ const LOG = 30;  // the axis is logarithmic where the largest value exceeds the 
 const DEEPEST = 1e-8;  // the lowest value of such an axis, relative to the largest
 
 /** A frame with axes; returns its elements and the functions that place values. */
-function frame({ x, y, xTitle, yTitle, label }) {
+export function frame({ x, y, xTitle, yTitle, label }) {
   const [x0, x1] = [FRAME.left, WIDTH - FRAME.right], [y0, y1] = [HEIGHT - FRAME.bottom, FRAME.top];
   const turn = y.log ? Math.log10 : (value) => value;
   const [low, high] = [turn(y.low), turn(y.high)];
@@ -38,7 +38,7 @@ function frame({ x, y, xTitle, yTitle, label }) {
 
 /** An axis for values above 0 (without null), in m where `metres`, with room at its ends; logarithmic if `always`, or
  * if the values differ much. */
-function axisOf(values, metres, always = false) {
+export function axisOf(values, metres, always = false) {
   const known = values.filter((value) => value > 0);
   if (known.length === 0) return { low: 0, high: 1, log: false, name: short };
   const sorted = Float64Array.from(known).sort();
@@ -130,7 +130,7 @@ export function costChart(history, unit) {
 }
 
 /** Call `moved` with the place, in units of the picture, where a pointer is pressed or dragged. */
-function onDrag(picture, moved) {
+export function onDrag(picture, moved) {
   const report = (event) => {
     const box = picture.getBoundingClientRect();
     moved(((event.clientX - box.left) / box.width) * WIDTH);
@@ -143,7 +143,7 @@ function onDrag(picture, moved) {
   picture.addEventListener("pointermove", (event) => { if (event.buttons) report(event); });
 }
 
-function nearest(times, time) {
+export function nearest(times, time) {
   let low = 0, high = times.length - 1;
   while (high - low > 1) {
     const middle = (low + high) >> 1;

@@ -1,8 +1,11 @@
 // Start the page: unpack its content, build the picture and the charts, and let time pass.
 
+import { Arrows } from "clothfit/arrows";
 import { Cloth, edgesOf } from "clothfit/cloth";
 import { gradient, repaint } from "clothfit/colours";
+import { fillControlSide, markTrack } from "clothfit/control_side";
 import { make } from "clothfit/drawing";
+import { Ghosts } from "clothfit/ghosts";
 import { list, listen } from "clothfit/keys";
 import { listenToPanes, namePanes, panesOf } from "clothfit/panes";
 import { Player, SPEEDS } from "clothfit/player";
@@ -10,11 +13,14 @@ import { savePicture } from "clothfit/save";
 import { MODES, Shading } from "clothfit/shading";
 import { fillHeadline, fillSide } from "clothfit/side";
 import { LEVELS, Stage } from "clothfit/stage";
+import { Veil } from "clothfit/veils";
 import { unpacked, unpackedErrors, unpackedFlags, unpackedPositions } from "clothfit/unpack";
 import { viewOf } from "clothfit/view";
 import { length, percent, short } from "clothfit/words";
 
 const SLOW = 45, PATIENCE = 700;  // ms: frames slower than the first for longer than the second make a playing picture coarser
+
+const ASIDE = 0.7;  // rad: forces often stand upright on a cloth
 
 const at = (id) => document.getElementById(id);
 const trouble = (text) => { at("trouble").textContent = text; at("trouble").hidden = false; };
@@ -39,6 +45,15 @@ async function unpackedSolid({ points, triangles, tone, paths, ...rest }) {
   return { ...(await unpackedAll({ points, triangles, tone })), ...rest, ...own };
 }
 
+/** What is drawn of keys and forces; null where the page shows no controlled motion. */
+async function unpackedControl(record) {
+  if (!record) return null;
+  const [poses, forces, asked] = await Promise.all([
+    unpackedPositions(record.poses), unpackedPositions(record.forces), unpackedFlags(record.asked),
+  ]);
+  return { ...record, poses, forces, asked };
+}
+
 const sums = (counts) => counts.reduce((found, count) => [...found, found[found.length - 1] + count], [0]);
 
 function theme() {
@@ -56,25 +71,28 @@ function theme() {
 function build(content, mesh, parts, canvas) {
   const edges = edgesOf(mesh.triangles, mesh.springs, parts.fitted.vertices);
   const fitted = new Cloth(parts.fitted, mesh.triangles, edges);
-  const target = new Cloth(parts.target, mesh.triangles, edges, parts.observed);
+  const { control } = content;
+  const target = control ? null : new Cloth(parts.target, mesh.triangles, edges, parts.observed);
   const others = parts.beside.map((each) => new Cloth(each.fitted, mesh.triangles, edges));
-  const view = viewOf([parts.fitted, parts.target], fitted, content.surroundings, edges);
+  const view = viewOf([parts.fitted, control?.poses ?? parts.target], fitted, content.surroundings, edges, control ? ASIDE : 0);
   const held = [...mesh.fixed.keys()].filter((i) => mesh.fixed[i]);
   const fixed = held.flatMap((i) => [...mesh.start.slice(3 * i, 3 * i + 3)]);
   const { observed } = parts;
   const motions = [fitted, ...others].map((cloth, k) => {
     const own = k === 0 ? { errors: parts.errors } : { ...parts.beside[k - 1], errors: parts.beside[k - 1].error };
-    return { name: k === 0 ? "fitted" : parts.beside[k - 1].name, cloth,
-             shading: new Shading(cloth, { ...mesh, ...own, observed }, 2 * view.radius) };
+    return { name: k > 0 ? parts.beside[k - 1].name : control ? "controlled" : "fitted", cloth,
+             shading: new Shading(cloth, { ...mesh, ...own, observed, goal: control && "next key" }, 2 * view.radius) };
   });
   Shading.agree(motions.map(({ shading }) => shading));
   const panes = panesOf(motions, at("chips"), canvas.clientWidth);
   const shading = panes[0].shading;
+  const over = control ? new Ghosts(control, mesh.triangles, edges, 2.2 * view.pin) : new Veil(target);
+  const controls = control && new Arrows(control, fitted, view.radius);
   try {
-    return { fitted, target, panes, shading, stage: new Stage(canvas, panes, target, { ...content.surroundings, fixed, held }, view) };
+    return { fitted, target, over, controls, panes, shading, stage: new Stage(canvas, panes, { over, controls }, { ...content.surroundings, fixed, held }, view) };
   } catch (error) {
     trouble("This browser cannot draw in 3-D here (WebGL is off); charts and numbers are shown.");
-    return { fitted, target, panes, shading, stage: null };
+    return { fitted, target, over, controls, panes, shading, stage: null };
   }
 }
 
@@ -104,7 +122,8 @@ function buildModes(chosen) {
 }
 
 function toggles({ stage }) {
-  const parts = { fitted: [stage, "clothShown"], target: [stage?.targetParts, "visible"], mesh: [stage, "threadsShown"] };
+  const parts = { fitted: [stage, "clothShown"], target: [stage?.over.group, "visible"], mesh: [stage, "threadsShown"],
+                  controls: [stage, "controlsShown"] };
   const switches = {};
   for (const [name, [owner, flag]] of Object.entries(parts)) {
     const button = at(`show-${name}`);
@@ -135,7 +154,35 @@ function controls(player) {
   player.changed();
 }
 
-function actions(player, stage, switches, choose) {
+/** Go to the key after the present frame, or to the one before. */
+function toKey(player, due, on) {
+  const found = on ? due.find((frame) => frame > player.frame) : due.findLast((frame) => frame < player.frame);
+  player.pause();
+  if (found !== undefined) player.goToFrame(found);
+}
+
+/** The page of a controlled motion says so. */
+function nameControl(control, player) {
+  at("show-fitted").textContent = "cloth";
+  at("show-target").textContent = "keys";
+  at("show-target").title = "Keys (T)";
+  at("show-fitted").title = "Cloth (C)";
+  const pushes = control.largest > 0;
+  at("show-controls").hidden = !(pushes || control.handles.length);
+  if (!pushes) at("show-controls").textContent = "handles";
+  at("canvas").setAttribute("aria-label", "The controlled cloth, its keys and the forces in 3-D. Drag to turn, wheel to zoom; keys are listed below.");
+  markTrack(at("track"), control, player.times.length - 1, (k) => { player.pause(); player.goToFrame(control.due[k]); });
+}
+
+/** What is written in the corner of the picture of a controlled motion. */
+function controlReadout(control, frame, time, rmse, force) {
+  const k = Math.max(control.due.findIndex((due) => due >= frame), -1), next = k < 0 ? control.due.length - 1 : k;
+  const when = control.due[next] === frame ? "key" : k < 0 ? `${short(time - control.times[next])} s after the last key` :
+    `next key in ${short(control.times[next] - time)} s`;
+  return [`${when} · distance `, make("b", {}, length(rmse)), control.largest > 0 ? ` · forces up to ${short(force)} N` : ""];
+}
+
+function actions(player, stage, switches, choose, due) {
   const act = (keys, shown, does, act) => ({ keys, shown, does, act });
   return [
     act([" ", "k"], "space", "play or pause", () => player.toggle()),
@@ -152,10 +199,12 @@ function actions(player, stage, switches, choose) {
     act(["Shift ArrowUp"], null, null, () => stage?.orbit.turn(0, 0.1)),
     act(["Shift ArrowDown"], null, null, () => stage?.orbit.turn(0, -0.1)),
     act(["f"], "F", "fit the view", () => stage?.fit()),
-    act(["c"], "C T M", "fitted cloth, target, mesh", switches.fitted),
+    act(["c"], "C T M", due ? "cloth, keys, mesh" : "fitted cloth, target, mesh", switches.fitted),
     act(["t"], null, null, switches.target),
     act(["m"], null, null, switches.mesh),
     act(MODES.map((_, i) => String(i + 1)), `1 … ${MODES.length}`, "colours", (key) => choose(MODES[Number(key) - 1][0])),
+    ...(due ? [act(["a"], "A", "forces", switches.controls),
+               act(["n", "p"], "N P", "next key, previous key", (key) => toKey(player, due, key === "n"))] : []),
     act(["d"], "D", "dark or light", () => theme.toggle()),
   ];
 }
@@ -186,27 +235,30 @@ async function main() {
   }
   const { motion } = content;
   const [mesh, fittedMotion, targetMotion, observed, errors, blocks, beside, residuals] = await Promise.all([
-    unpackedAll(content.mesh), unpackedPositions(motion.fitted), unpackedPositions(motion.target),
+    unpackedAll(content.mesh), unpackedPositions(motion.fitted), motion.target ? unpackedPositions(motion.target) : null,
     unpackedFlags(motion.observed), unpackedErrors(motion.error), Promise.all(content.blocks.map(unpackedAll)),
-    Promise.all(content.beside.map(unpackedBeside)), unpackedAll(content.residuals),
+    Promise.all(content.beside.map(unpackedBeside)), unpackedAll(content.residuals ?? {}),
   ]);
   content.residuals = residuals;
+  const control = content.control = await unpackedControl(content.control);
   content.surroundings.solids = await Promise.all(content.surroundings.solids.map(unpackedSolid));
   Object.assign(mesh, { firsts: sums(mesh.vertex_counts), springFirsts: sums(mesh.spring_counts) });
   const picture = build(content, mesh, { fitted: fittedMotion, target: targetMotion, observed, errors, beside },
                         at("canvas"));
   const { target, panes, stage } = picture;
   fillHeadline(at("verdict"), content.headline);
-  at("subtitle").textContent = `${content.names.fitted} beside ${content.names.target ?? `the motion of ${content.names.scene}`}`;
+  at("subtitle").textContent = control ? `${content.names.scene}, led through ${control.due.length === 1 ? "a keyframe" : `${control.due.length} keyframes`}` :
+    `${content.names.fitted} beside ${content.names.target ?? `the motion of ${content.names.scene}`}`;
   at("headline").append(...content.figures.map(([name, value]) => make("div", {}, make("b", {}, value), make("span", {}, name))));
   let moveCursor = () => ({});
   const show = (frame, share) => {
-    target.move(frame, share);
+    (target ?? picture.over).move(frame, share);
     for (const { on, cloth, shading } of panes) {
       if (!on) continue;
       cloth.move(frame, share);
       shading.paint(frame);
     }
+    picture.controls?.move(frame);
     moveCursor(player.time);
     stage?.move(frame, share);
     if (stage) stage.stale = true;
@@ -215,21 +267,27 @@ async function main() {
     at("scrub").value = frame;
     at("scrub").setAttribute("aria-valuetext", `frame ${frame}, ${short(motion.times[frame])} seconds`);
     at("clock").replaceChildren(make("b", {}, `${motion.times[frame].toFixed(2)} s`), `  ${frame} / ${motion.times.length - 1}`);
-    const { rmse, largest, others } = moveCursor(player.time);
+    const { rmse, largest, others, force } = moveCursor(player.time);
+    if (stage) namePanes(at("panes"), panes, stage.cells, [rmse, ...others]);
+    if (control) {
+      at("readout").replaceChildren(...controlReadout(control, frame, motion.times[frame], rmse, force));
+      return;
+    }
     const phase = motion.times[frame] <= content.curve.fitted_until * (1 + 1e-9) ? "fitted frames" : "horizon";
     const seen = typeof rmse === "number";
     const { travel } = content.residuals;
     const part = seen && travel > 0 ? `, ${percent(rmse / travel)} of the travel` : "";
     const error = seen ? ["RMSE ", make("b", {}, length(rmse)), `${part} · largest ${length(largest)}`] : ["target not observed"];
     at("readout").replaceChildren(`${phase} · `, ...error);
-    if (stage) namePanes(at("panes"), panes, stage.cells, [rmse, ...others]);
   };
   const player = new Player(motion.times, show, describe);
-  moveCursor = fillSide(at("side"), content, mesh, blocks, (time) => { player.pause(); player.goTo(time); });
+  const jump = (time) => { player.pause(); player.goTo(time); };
+  moveCursor = control ? fillControlSide(at("side"), content, jump) : fillSide(at("side"), content, mesh, blocks, jump);
   const choose = (mode) => chooseMode(mode, picture, player);
   buildModes(choose);
   controls(player);
-  const keys = actions(player, stage, toggles(picture), choose);
+  if (control) nameControl(control, player);
+  const keys = actions(player, stage, toggles(picture), choose, control?.due);
   listen(keys);
   list(at("keys"), keys);
   at("fit").addEventListener("click", () => stage?.fit());

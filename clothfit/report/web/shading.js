@@ -127,7 +127,7 @@ export class Shading {
     switch (this.mode) {
       case "error": {
         const [size, unit] = lengthUnit(this.most);
-        return { title: `distance to the target, ${unit}${this.data.observed ? " (grey: not observed)" : ""}`, scale: "rising",
+        return { title: `distance to the ${this.data.goal ?? "target"}, ${unit}${this.data.observed ? ` (grey: ${this.data.goal ? "not asked for" : "not observed"})` : ""}`, scale: "rising",
                  labels: ["0", short(this.most / size / 2, 2), `${short(this.most / size, 2)} +`] };
       }
       case "strain":

@@ -9,8 +9,8 @@ import { tableCard } from "clothfit/tables";
 
 const FIRST = ["fits", "values"];  // tables that stand before the charts
 
-const card = (title, ...parts) => make("section", { class: "card" }, make("h2", {}, title), ...parts);
-const drawn = (name, title, rows, chart, ...parts) =>
+export const card = (title, ...parts) => make("section", { class: "card" }, make("h2", {}, title), ...parts);
+export const drawn = (name, title, rows, chart, ...parts) =>
   make("section", { class: "card" }, make("h2", {}, title, buttons(name, rows, chart)), chart, ...parts);
 
 /** Fill the column; `jump(time)` moves the player. Returns a function that moves the cursor to a time and returns the
@@ -33,7 +33,7 @@ export function fillSide(side, content, mesh, blocks, jump) {
   return error.move;
 }
 
-function summary(content) {
+export function summary(content) {
   const rows = content.facts.flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]);
   const parts = [make("dl", { class: "facts" }, ...rows)];
   parts.push(make("ul", { class: "notes" }, ...content.remarks.map((text) => make("li", {}, text))));
@@ -52,7 +52,7 @@ export function fillHeadline(place, { level, text, warnings }) {
   if (warnings.length) place.append(make("ul", {}, ...warnings.map((each) => make("li", {}, each))));
 }
 
-function commandLines(content) {
+export function commandLines(content) {
   const digests = content.inputs.map(([name, digest]) => make("div", {}, `${name} `, make("code", {}, digest)));
   const version = `clothfit ${content.version}${digests.length ? "; SHA-256 of what was read:" : ""}`;
   return card(

@@ -2,15 +2,16 @@
 
 import {
   Color, ConeGeometry, CylinderGeometry, DirectionalLight, DoubleSide, Group, HemisphereLight, InstancedMesh,
-  LineBasicMaterial, LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial, MeshStandardMaterial, PCFShadowMap,
-  PerspectiveCamera, PlaneGeometry, Points, PointsMaterial, Quaternion, Scene, ShaderMaterial, ShadowMaterial,
-  SphereGeometry, Vector3, WebGLRenderer,
+  LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial, MeshStandardMaterial, PCFShadowMap,
+  PerspectiveCamera, PlaneGeometry, Quaternion, Scene, ShaderMaterial, ShadowMaterial, SphereGeometry, Vector3,
+  WebGLRenderer,
 } from "three";
 import { Orbit } from "clothfit/orbit";
 import { cells } from "clothfit/panes";
 import { placeSolid, solidMesh } from "clothfit/solids";
+import { lines } from "clothfit/veils";
 
-const CLOTH = "#7089e0", TARGET = "#17c964", FIXED = "#f5a524", WIND = "#38bdf8";
+const CLOTH = "#7089e0", FIXED = "#f5a524", WIND = "#38bdf8";
 const SKINS = {
   light: { grid: "#64748b", gridShare: 0.5, shadow: 0.2, sky: "#ffffff", ground: "#b9bccb", ambient: 1.4, key: 1.75,
            sphere: "#c9ced8" },
@@ -22,10 +23,11 @@ const SKINS = {
 export const LEVELS = [[1, true, true], [0.75, true, true], [0.6, false, true], [0.5, false, false]];
 
 export class Stage {
-  /** `panes` are {cloth, shading, on}: the cloths that stand side by side, each with the target over it. */
-  constructor(canvas, panes, target, around, view) {
-    Object.assign(this, { canvas, panes, fitted: panes[0].cloth, target, view, stale: true, level: 0, ratio: 1 });
-    this.clothShown = true;
+  /** `panes` are {cloth, shading, on}: the cloths that stand side by side; `over` is drawn over each of them: a veil or
+   * ghosts; `controls`, or null, over the first one. */
+  constructor(canvas, panes, { over, controls }, around, view) {
+    Object.assign(this, { canvas, panes, fitted: panes[0].cloth, over, controls, view, stale: true, level: 0, ratio: 1 });
+    this.clothShown = this.controlsShown = true;
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "high-performance" });
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = PCFShadowMap;
@@ -64,23 +66,12 @@ export class Stage {
     this.scene.add(this.hemisphere, this.key, this.rim, this.lamp, this.key.target, this.rim.target, this.lamp.target);
   }
 
-  /** The cloths: those of the panes solid, the other side a little darker; the target over them, with its edges. */
+  /** The cloths: those of the panes solid, the other side a little darker; what is drawn over them. */
   dress() {
     this.threadsShown = this.fitted.triangles.length === 0;
     for (const pane of this.panes) this.dressPane(pane);
-    const veil = new MeshLambertMaterial({
-      color: TARGET, emissive: TARGET, emissiveIntensity: 0.12, side: DoubleSide, transparent: true,
-      opacity: 0.3, depthWrite: false, polygonOffset: true, polygonOffsetFactor: -1, polygonOffsetUnits: -1,
-    });
-    this.veil = new Mesh(this.target.faces, veil);
-    this.hem = new LineSegments(this.target.lines, lines(TARGET, 0.55));
-    const size = Math.max(4, 9 - Math.log2(this.fitted.motion.vertices) / 2);
-    this.seen = new Points(this.target.dots, new PointsMaterial({ color: TARGET, size, sizeAttenuation: false }));
-    this.seen.visible = this.target.observed !== null || this.fitted.triangles.length === 0;
-    this.targetParts = new Group().add(this.veil, this.hem, this.seen);
-    for (const each of this.targetParts.children) each.frustumCulled = false;  // its box would be out of date
-    this.scene.add(this.targetParts);
-    [this.veil, this.hem, this.seen].forEach((each, order) => { each.renderOrder = 1 + order; });
+    this.scene.add(this.over.group);
+    if (this.controls) this.scene.add(this.controls.group);
   }
 
   dressPane(pane) {
@@ -227,8 +218,7 @@ export class Stage {
       material.color.set(attribute ? "#ffffff" : CLOTH);
       material.needsUpdate = true;
     }
-    this.veil.visible = plain;
-    this.hem.material.opacity = plain ? 0.55 : 0.3;
+    this.over.paint(plain);
     this.stale = true;
   }
 
@@ -259,7 +249,7 @@ export class Stage {
     const [ratio, shadows, edges] = LEVELS[level];
     this.renderer.shadowMap.autoUpdate = shadows;
     this.shadow.visible = shadows;
-    this.hem.visible = edges || this.target.triangles.length === 0;
+    this.over.refine(edges);
     this.ratio = ratio;
     this.resize();
   }
@@ -274,6 +264,7 @@ export class Stage {
         pane.solid.visible = pane === shown[k] && this.clothShown;
         pane.threads.visible = pane === shown[k] && this.threadsShown;
       }
+      if (this.controls) this.controls.group.visible = shown[k] === this.panes[0] && this.controlsShown;
       const place = [cell.left, height - cell.top - cell.height, cell.width, cell.height];
       this.renderer.setViewport(...place);
       this.renderer.setScissor(...place);
@@ -281,8 +272,4 @@ export class Stage {
     });
     this.stale = false;
   }
-}
-
-function lines(color, opacity) {
-  return new LineBasicMaterial({ color, opacity, transparent: true, depthWrite: false });
 }

@@ -6,8 +6,9 @@ import { solidPoints } from "clothfit/solids";
 const SIDES = 24, HEIGHT = 0.32, LOOKS = 4;
 const GIVE = 0.35;  // of an edge: how far behind their place solids are drawn
 
-/** Points to look at, their middle and radius, the ground's height and cells, a pin's size, the angles of the best view. */
-export function viewOf(motions, cloth, { spheres, solids, wind, gusts }, edges) {
+/** Points to look at, their middle and radius, the ground's height and cells, a pin's size, the angles of the best view,
+ * turned `aside`: what stands upright on a cloth is hardly seen from before it. */
+export function viewOf(motions, cloth, { spheres, solids, wind, gusts }, edges, aside = 0) {
   const points = motions.flatMap(pointsOf);
   const size = radiusOf(points, middleOf(points));
   const arrow = arrowOf(strongest(gusts ?? [wind]), points, size);
@@ -22,7 +23,7 @@ export function viewOf(motions, cloth, { spheres, solids, wind, gusts }, edges) 
   return {
     points, arrow, centre, radius, low: lowest - 0.01 * radius, cell: round(radius / 5),
     pin: Math.min(0.22 * edgeLength(cloth, edges), 0.02 * radius) || 0.01 * radius,
-    give: GIVE * edgeLength(cloth, edges), ...bestSide(cloth),
+    give: GIVE * edgeLength(cloth, edges), ...bestSide(cloth, aside),
   };
 }
 
@@ -99,7 +100,7 @@ function edgeLength(cloth, edges) {
 }
 
 /** The angles from which the faces, at a few times, cover most of the picture; the front side rather than the back. */
-function bestSide(cloth) {
+function bestSide(cloth, aside) {
   const scores = new Float64Array(SIDES);
   for (let look = 0; look < LOOKS; look++) {
     cloth.move(Math.round((look / (LOOKS - 1)) * (cloth.motion.frames - 1)), 0);
@@ -113,5 +114,5 @@ function bestSide(cloth) {
   const liking = (side) => scores[side] * (1 + 0.06 * Math.cos((2 * Math.PI * side) / SIDES - 0.6));
   let best = 0;
   for (let side = 1; side < SIDES; side++) if (liking(side) > liking(best)) best = side;
-  return { azimuth: (2 * Math.PI * best) / SIDES, height: HEIGHT };
+  return { azimuth: (2 * Math.PI * best) / SIDES + aside, height: HEIGHT };
 }
