@@ -8,11 +8,11 @@ import click
 
 from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.base.messages import counted, owned
-from clothfit.cli.common import motions
+from clothfit.cli.common import motions, scenes
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, standard_command
 from clothfit.cli.common.output import print_json
-from clothfit.cli.common.scenes import one_stream, read_scene
+from clothfit.cli.common.scenes import one_stream, read_scene, under_forces
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Reading
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 SECTIONS = {
-    "What to check": ("--steps", "--target", "--seed", "--memory"),
+    "What to check": ("--steps", "--target", "--forces", "--seed", "--memory"),
     "The file of the target": motions.FILE_OPTIONS,
 }
 
@@ -34,6 +34,7 @@ SECTIONS = {
 @click.option("--target", "target_path", metavar="MOTION",
               help="Motion to compare with.  [default: that of perturbed values]")
 @motions.reads
+@scenes.forces
 @click.option("--seed", type=click.IntRange(0), default=0, metavar="S",
               help="Seed of the random directions.  [default: 0]")
 @click.option("--memory", metavar="SIZE",
@@ -43,6 +44,7 @@ def command(
     steps: int | None,
     target_path: str | None,
     reading: Reading,
+    forces_path: str | None,
     seed: int,
     memory: str | None,
     as_json: bool,
@@ -60,7 +62,7 @@ def command(
     """
     check_numbers(steps)
     one_stream(scene_path, target_path)
-    scene = read_scene(scene_path, console)
+    scene = under_forces(read_scene(scene_path, console), forces_path)
     readings: list[dict[str, Any]] = []
     target = None if target_path is None else motions.read(target_path, scene, reading, console, readings)
     from clothfit.inspection.gradient_check import check_scene

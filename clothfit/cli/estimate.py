@@ -12,12 +12,12 @@ from clothfit.base import interrupts
 from clothfit.base.deferred import LINEAR_ALGEBRA, defer
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import owned
-from clothfit.cli.common import motions, pictures
+from clothfit.cli.common import motions, pictures, scenes
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_least, check_numbers, duration, standard_command
 from clothfit.cli.common.output import keep_scene, uninterrupted
 from clothfit.cli.common.progress import progress
-from clothfit.cli.common.scenes import read_scene, warn_of_steps
+from clothfit.cli.common.scenes import read_scene, under_forces, warn_of_steps
 from clothfit.cli.fitting import outcomes
 from clothfit.cli.fitting.files import Files, bounds_of, read_start, read_target, weights
 from clothfit.cli.fitting.recording import Recording
@@ -34,7 +34,9 @@ MOST_STARTS = 10_000
 """Of one scene; each is kept until the end."""
 
 SECTIONS = {  # of the help
-    "What to fit to": ("--target", "--objective", "--loss", "--loss-scale", "--fit-time", "--fit-placement"),
+    "What to fit to": (
+        "--target", "--forces", "--objective", "--loss", "--loss-scale", "--fit-time", "--fit-placement",
+    ),
     "The file of the target": ("--fps", "--frames", "--scale", "--up", "--handedness", "--map"),
     "How to fit": (
         "--model", "--substeps", "--keep-step", "--windows", "--start", "--bounds", "--method", "--prior", "--budget",
@@ -53,6 +55,7 @@ SECTIONS = {  # of the help
               help="Motion to match, and the scene it was recorded in; may be repeated.  "
               "[default: the scene's own motion]")
 @motions.reads
+@scenes.forces
 @click.option("--objective", "objectives", metavar="NAME[=WEIGHT]", multiple=True,
               help="Quantity to compare: position, velocity, edge-length or spectrum; may be repeated.  "
               "[default: position]")
@@ -121,6 +124,7 @@ def command(
     scene_paths: tuple[str, ...],
     target_paths: tuple[str, ...],
     reading: Reading,
+    forces_path: str | None,
     objectives: tuple[str, ...],
     start: str | None,
     substeps: str | None,
@@ -173,11 +177,11 @@ def command(
         intervals=not no_intervals, bounds=bounds_of(bounds), substeps=substeps_of(substeps),
         seconds=duration(time_budget, "--budget"), **as_given,
     )  # fmt: skip
-    files = Files(target_paths, start, path, in_place, checkpoint, resume, reading)
+    files = Files(target_paths, start, path, in_place, checkpoint, resume, reading, forces_path)
     single = len(scene_paths) == 1 and starts == 1 and cluster is None
     page = outcomes.page_of(report_path, scene_paths, single, files)
     if not single:
-        refuse_recording({"--plot": pictures.plot, "--gif": pictures.gif, "--log": log})
+        refuse_recording({"--plot": pictures.plot, "--gif": pictures.gif, "--log": log, "--forces": forces_path})
         from clothfit.cli.fitting import many
 
         return many.fit(scene_paths, files, options, many.Effort(starts, seed, jobs, cluster), console, as_json)
@@ -196,7 +200,7 @@ def fit_one(
 ) -> int:
     """Fit one scene in this process; returns the exit code."""
     files.check(scene_path)
-    scene = read_scene(scene_path, console)
+    scene = under_forces(read_scene(scene_path, console), files.forces)
     out = files.output(scene_path)
     if page:
         page.output(scene_path, files, out)
@@ -239,7 +243,7 @@ def fit_one(
 
 
 def refuse_recording(given: dict[str, object]) -> None:
-    """Raise UsageError where a picture or a log is asked for of several fits."""
+    """Raise UsageError where a picture, a log or forces are asked for of several fits."""
     for name, value in given.items():
         if value is not None:
             raise click.UsageError(f"{name} is for one scene fitted from one start on this machine")

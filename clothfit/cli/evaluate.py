@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base.messages import metres, owned
-from clothfit.cli.common import motions, pictures
+from clothfit.cli.common import motions, pictures, scenes
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, standard_command
 from clothfit.cli.common.output import print_json
-from clothfit.cli.common.scenes import check_there, frames_of, one_stream, read_scene, warn_of_steps
+from clothfit.cli.common.scenes import check_there, frames_of, one_stream, read_scene, under_forces, warn_of_steps
 from clothfit.cli.evaluating import evaluate_speed
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ SPEED_OPTIONS = ("--speed", "--error", "--budget", "--fit", "--max-evaluations")
 
 
 SECTIONS = {
-    "What to compare": ("--target", "--steps"),
+    "What to compare": ("--target", "--steps", "--forces"),
     "The file of the target": motions.FILE_OPTIONS,
     "How fast and how exact (--speed)": SPEED_OPTIONS,
     "What is written": ("--plot", "--gif"),
@@ -38,6 +38,7 @@ SECTIONS = {
 @motions.reads
 @click.option("--steps", type=int, metavar="N",
               help="Simulate N steps for the longer comparison.  [default: 499; with --speed those of SCENE]")
+@scenes.forces
 @click.option("--speed", is_flag=True, help="Measure the speed and error of integrators, steps and tolerances instead.")
 @click.option("--error", type=float, metavar="METRES",
               help="With --speed: recommend the cheapest setting within this error.")
@@ -53,6 +54,7 @@ def command(
     target_path: str | None,
     reading: Reading,
     steps: int | None,
+    forces_path: str | None,
     speed: bool,
     error: float | None,
     budget: float | None,
@@ -74,7 +76,7 @@ def command(
     """
     if speed:
         alone: dict[str, object] = {"FITTED": fitted_path, "--target": target_path, "--gif": pictures.gif}
-        refuse(alone, "--speed takes one scene; {} does not go with it")
+        refuse(alone | {"--forces": forces_path}, "--speed takes one scene; {} does not go with it")
         refuse({"--max-evaluations": None if fit else max_evaluations}, "{} goes with --fit only")
         asked = evaluate_speed.SpeedOptions(steps, error, budget, fit, max_evaluations, pictures.plot)
         evaluate_speed.measure(scene_path, asked, as_json, console)
@@ -85,7 +87,7 @@ def command(
         context = click.get_current_context()
         missing = next(p for p in context.command.params if p.name == "fitted_path")
         raise click.MissingParameter(ctx=context, param=missing)
-    compare(scene_path, fitted_path, target_path, reading, steps, pictures, as_json, console)
+    compare(scene_path, fitted_path, target_path, reading, steps, forces_path, pictures, as_json, console)
 
 
 def refuse(given: dict[str, object], why: str) -> None:
@@ -101,6 +103,7 @@ def compare(
     target_path: str | None,
     reading: Reading,
     steps: int | None,
+    forces_path: str | None,
     pictures: pictures.Pictures,
     as_json: bool,
     console: Console,
@@ -109,9 +112,8 @@ def compare(
     one_stream(scene_path, fitted_path, target_path)
     check_numbers(steps)
     check_there(scene_path, fitted_path)
-    pictures.check(scene_path, fitted_path, target_path)
-    truth = read_scene(scene_path, console)
-    fitted = read_scene(fitted_path, console)
+    pictures.check(scene_path, fitted_path, target_path, forces_path)
+    truth, fitted = (under_forces(read_scene(each, console), forces_path) for each in (scene_path, fitted_path))
     from clothfit.evaluation.evaluate import HORIZON, evaluate
 
     horizon = HORIZON if steps is None else frames_of(steps, truth)

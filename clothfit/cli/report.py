@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import click
 
 from clothfit.base.messages import counted, metres
-from clothfit.cli.common import motions
+from clothfit.cli.common import motions, scenes
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json
-from clothfit.cli.common.scenes import check_there, frames_of, one_stream, read_scene, warn_of_steps
+from clothfit.cli.common.scenes import check_there, frames_of, one_stream, read_scene, under_forces, warn_of_steps
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Reading
@@ -34,7 +34,7 @@ SILENT = ("quiet", "verbose", "as_json")
 
 
 SECTIONS = {
-    "What to show": ("--target", "--steps", "--log"),
+    "What to show": ("--target", "--steps", "--forces", "--log"),
     "The file of the target": motions.FILE_OPTIONS,
     "What is written": ("--output",),
 }
@@ -47,6 +47,7 @@ SECTIONS = {
 @motions.reads
 @click.option("--steps", type=int, metavar="N",
               help="Show N steps.  [default: 499, fewer for large scenes, but at least the fitted ones]")
+@scenes.forces
 @click.option("--log", "log_paths", metavar="FILE", multiple=True,
               help="Show the course of the fit and its intervals, from a log of estimate --log; may be repeated, in "
               "the order of the fits.")
@@ -58,6 +59,7 @@ def command(
     target_path: str | None,
     reading: Reading,
     steps: int | None,
+    forces_path: str | None,
     log_paths: tuple[str, ...],
     path: str | None,
     as_json: bool,
@@ -81,9 +83,9 @@ def command(
     if len(log_paths) > len(fitted_paths):
         raise click.UsageError(f"{len(log_paths)} logs for {counted(len(fitted_paths), 'fit', 'fits')} are given")
     first, *rest = fitted_paths
-    out = output_for(path, first, ".report.html", (scene_path, *rest, target_path, *log_paths), text=True)
-    truth = read_scene(scene_path, console)
-    fitted, *others = [read_scene(each, console) for each in fitted_paths]
+    out = output_for(path, first, ".report.html", (scene_path, *rest, target_path, forces_path, *log_paths), text=True)
+    truth = under_forces(read_scene(scene_path, console), forces_path)
+    fitted, *others = [under_forces(read_scene(each, console), forces_path) for each in fitted_paths]
     readings: list[dict[str, Any]] = []
     target = motions.read(target_path, truth, reading, console, readings) if target_path is not None else None
     logs = read_logs(log_paths, truth, target is not None, len(fitted_paths))
@@ -91,8 +93,9 @@ def command(
         warn_of_steps(each, truth.frames, console)
     console.announce_compilation()
     frames = None if steps is None else frames_of(steps, truth)
-    commands = [evaluation(scene_path, first, target_path, reading), command_line(click.get_current_context())]
-    origin = commands, digests([truth, fitted, *others], {target_path: target, **dict.fromkeys(log_paths)})
+    same = evaluation(scene_path, first, target_path, reading, forces_path)
+    files = {target_path: target, **dict.fromkeys((forces_path, *log_paths))}
+    origin = [same, command_line(click.get_current_context())], digests([truth, fitted, *others], files)
     show, size = write(truth, [fitted, *others], target, frames, logs, origin, out)
     show_result(show, size, out, console, show.evaluation.diverged)
     if as_json:
@@ -179,10 +182,13 @@ def command_line(context: click.Context) -> str:
     return shlex.join(["clothfit", context.info_name or "", *parts])
 
 
-def evaluation(scene_path: str, fitted_path: str, target_path: str | None, reading: Reading) -> str:
+def evaluation(
+    scene_path: str, fitted_path: str, target_path: str | None, reading: Reading, forces_path: str | None = None
+) -> str:
     """The command that gives the same figures as a table."""
     target = [] if target_path is None else ["--target", target_path, *motions.arguments(reading)]
-    return shlex.join(["clothfit", "evaluate", scene_path, fitted_path, *target])
+    forces = [] if forces_path is None else ["--forces", forces_path]
+    return shlex.join(["clothfit", "evaluate", scene_path, fitted_path, *target, *forces])
 
 
 def digests(scenes: Sequence[Scene], files: Mapping[str | None, object]) -> list[tuple[str, str]]:

@@ -8,11 +8,18 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clothfit.base.errors import InvalidInput
-from clothfit.cli.common import motions, pictures
+from clothfit.cli.common import motions, pictures, scenes
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json, same_file
-from clothfit.cli.common.scenes import frames_of, read_scene, warn_of_contacts, warn_of_steps, warn_of_stretch
+from clothfit.cli.common.scenes import (
+    frames_of,
+    read_scene,
+    under_forces,
+    warn_of_contacts,
+    warn_of_steps,
+    warn_of_stretch,
+)
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Array
@@ -43,8 +50,7 @@ SECTIONS = {
               help="Simulate N time steps.  [default: the scene's optimizationIterations - 1]")
 @click.option("--tolerance", type=float, metavar="T",
               help="Relative tolerance of the linear solver.  [default: the scene's]")
-@click.option("--forces", "forces_path", metavar="FILE",
-              help="Apply the forces of this file, as clothfit control writes them.")
+@scenes.forces
 @click.option("--feedback", is_flag=True,
               help="With --forces: pull a disturbed cloth back to the motion that they were found for.")
 @click.option("--energy", "with_energy", is_flag=True,
@@ -80,8 +86,9 @@ def command(
     clothfit simulate scene.json --plot motion.png --gif motion.gif
     """
     check_numbers(steps, tolerance)
-    scene = read_scene(scene_path, console)
-    scene = pushed(scene, forces_path, feedback)
+    if feedback and forces_path is None:
+        raise click.UsageError("--feedback goes with --forces only")
+    scene = under_forces(read_scene(scene_path, console), forces_path, feedback)
     frames = frames_of(steps, scene)
     out = output_for(path, scene_path, ".motion.npz", (forces_path,))
     motions.check(out, convention, (scene_path,), frames)
@@ -112,17 +119,6 @@ def command(
     pictures.simulated(scene, motion, energy, console)
     if error is not None:
         raise error
-
-
-def pushed(scene: Scene, path: str | None, feedback: bool) -> Scene:
-    """The scene with the forces of a file. Raises InvalidInput."""
-    if path is None:
-        if feedback:
-            raise click.UsageError("--feedback goes with --forces only")
-        return scene
-    from clothfit.scene.over_time.forces import load_forces
-
-    return scene.with_forces(load_forces(path, sum(scene.vertex_counts), feedback))
 
 
 def moved(scene: Scene, frames: int, tolerance: float | None) -> tuple[Motion, Diverged | None]:

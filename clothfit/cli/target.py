@@ -8,18 +8,25 @@ import click
 
 from clothfit.base.limits import check_capture
 from clothfit.base.messages import metres
-from clothfit.cli.common import motions
+from clothfit.cli.common import motions, scenes
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_numbers, standard_command
 from clothfit.cli.common.output import output_for, print_json
-from clothfit.cli.common.scenes import frames_of, read_scene, warn_of_contacts, warn_of_steps, warn_of_stretch
+from clothfit.cli.common.scenes import (
+    frames_of,
+    read_scene,
+    under_forces,
+    warn_of_contacts,
+    warn_of_steps,
+    warn_of_stretch,
+)
 
 if TYPE_CHECKING:
     from clothfit.formats.convention import Convention
 
 
 SECTIONS = {
-    "What to simulate": ("--steps", "--tolerance"),
+    "What to simulate": ("--steps", "--tolerance", "--forces"),
     "What a capture sees of it": ("--noise", "--observed", "--every", "--fps", "--seed"),
     "What is written": ("--output",),
     "The file of the motion": ("--scale", "--up", "--handedness"),
@@ -41,6 +48,7 @@ SECTIONS = {
               help="Seed of the random numbers.  [default: 0]")
 @click.option("--tolerance", type=float, metavar="T",
               help="Relative tolerance of the linear solver.  [default: as tight as a fit's]")
+@scenes.forces
 @click.option("-o", "--output", "path", metavar="MOTION",
               help="File of the motion, in any format.  [default: <stem>.target.npz]")
 @motions.writes
@@ -53,6 +61,7 @@ def command(
     fps: float | None,
     seed: int,
     tolerance: float | None,
+    forces_path: str | None,
     path: str | None,
     convention: Convention,
     as_json: bool,
@@ -70,9 +79,9 @@ def command(
     """
     check_capture(noise, observed, every, fps)
     check_numbers(steps, tolerance)
-    scene = read_scene(scene_path, console)
+    scene = under_forces(read_scene(scene_path, console), forces_path)
     frames = frames_of(steps, scene)
-    out = output_for(path, scene_path, ".target.npz", ())
+    out = output_for(path, scene_path, ".target.npz", (forces_path,))
     motions.check(out, convention, (scene_path,), gaps=observed < 1)
     from clothfit.fit.estimate import record_target
     from clothfit.motion.degrade import degrade

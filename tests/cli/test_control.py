@@ -97,3 +97,31 @@ def test_the_approximate_adjoint_leads_to_the_keys_too(place, capsys):
         assert run(["control", "scene.json", "--keyframes", "keys.json", "--adjoint", kind, "--json", "-q"]) == 0
         effort.append(json.loads(capsys.readouterr().out)["effort"])
     assert effort[0] < effort[1]
+
+
+def test_forces_wherever_a_scene_is_simulated(place, capsys):
+    """A fit, its check, its figures and its page under known forces; and keys for a fitted scene."""
+    flagged = document(cloth(3, 2, springStiffness=[20.0] * 9, damping=0.5, optimizationSettings="nG"))
+    write_scene(place, {**flagged, "optimizationIterations": 12})
+    forces, times = np.zeros((11, 6, 3)), 0.02 * np.arange(11)
+    forces[:, 5] = [0.3, 0.5, -0.2]
+    np.savez("f.npz", forces=forces, times=times)
+    under = ["--forces", "f.npz", "-q"]
+    assert run(["target", "scene.json", *under, "-o", "t.npz"]) == 0
+    guess = json.loads((place / "scene.json").read_text())
+    guess["objects"][0]["springStiffness"] = [30.0] * 9
+    (place / "guess.json").write_text(json.dumps(guess))
+    assert run(["estimate", "guess.json", "--target", "t.npz", *under, "-o", "fitted.json"]) == 0
+    fitted = json.loads((place / "fitted.json").read_text())["objects"][0]["springStiffness"]
+    assert fitted == pytest.approx([20.0] * 9, rel=1e-5)
+    capsys.readouterr()
+    assert run(["evaluate", "scene.json", "guess.json", *under, "--json"]) == 0
+    wrong = json.loads(capsys.readouterr().out)["rmse"]
+    assert run(["evaluate", "scene.json", "fitted.json", "--target", "t.npz", *under, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rmse"] < 1e-5 * wrong
+    assert run(["check", "scene.json", *under]) == 0
+    assert run(["report", "scene.json", "fitted.json", "--target", "t.npz", *under, "-o", "p.html"]) == 0
+    assert "--forces f.npz" in (place / "p.html").read_text()
+    assert run(["control", "fitted.json", "--keyframes", "keys.json", "--budget", "5s", "-q"]) in (0, 5)
+    assert run(["estimate", "scene.json", "guess.json", "--forces", "f.npz"]) == 2
+    assert "--forces" in capsys.readouterr().err

@@ -7,6 +7,8 @@ import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+import click
+
 from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.base.messages import unreadable
 from clothfit.cli.common.console import Console
@@ -25,6 +27,13 @@ MOST_GAIN = 0.25
 STRETCH_ADVICE = "the motion is not to be believed unless they are that soft; try a smaller delta"
 
 
+forces = click.option(
+    "--forces", "forces_path", metavar="FILE",
+    help="Let the forces of this file act on the cloths, as clothfit control writes them.",
+)  # fmt: skip
+"""The option of commands that simulate."""
+
+
 def read_scene(path: str, console: Console) -> Scene:
     """Load a scene from a path or standard input, and pass its warnings on."""
     check_there(path)
@@ -40,6 +49,15 @@ def read_scene(path: str, console: Console) -> Scene:
         console.warn(f"{scene.name}: {warning}")
     console.detail(f"{scene.name}: {len(scene.cloths)} objects, {sum(scene.vertex_counts)} vertices")
     return scene
+
+
+def under_forces(scene: Scene, path: str | None, feedback: bool = False) -> Scene:
+    """The scene with the forces of a file, where there is one, and their feedback. Raises InvalidInput."""
+    if path is None:
+        return scene
+    from clothfit.scene.over_time.forces import load_forces
+
+    return scene.with_forces(load_forces(path, sum(scene.vertex_counts), feedback))
 
 
 def better(error: InvalidScene, path: str) -> InvalidScene:

@@ -36,6 +36,7 @@ class Files:
     checkpoint: str | None
     resume: bool
     reading: Reading = Reading()  # noqa: RUF009  what the targets' files do not say; it cannot be changed
+    forces: str | None = None  # on the cloths
 
     def of(self, scene_path: str) -> Files:
         """The same for one scene: without stems."""
@@ -62,7 +63,7 @@ class Files:
     def inputs(self) -> tuple[str | None, ...]:
         """What is read besides the scene."""
         start = None if self.start is None or is_number(self.start) else self.start
-        return (*(path for pair in self.pairs for path in pair), start, self.markers)
+        return (*(path for pair in self.pairs for path in pair), start, self.markers, self.forces)
 
     def check(self, scene_path: str) -> None:
         """Raise InvalidInput where the options do not go together."""

@@ -262,10 +262,10 @@ class Page:
         motion = files.pairs[0][0] if files.pairs else None
         commands = [self.command]
         if not fitted.is_stream:
-            commands.append(report.evaluation(scene_path, fitted.path, motion, files.reading))
+            commands.append(report.evaluation(scene_path, fitted.path, motion, files.reading, files.forces))
         target = targets[0] if targets else None
         result = replace(found.scene, name=os.path.basename(fitted.name))
-        origin = commands, report.digests([scene, result], {motion: target})
+        origin = commands, report.digests([scene, result], {motion: target, files.forces: None})
         show, size = report.write(scene, [result], target, None, [log], origin, out)
         report.show_result(show, size, out, console)
 

@@ -25,7 +25,7 @@ def keyed(scene: Scene) -> Iterator[tuple[Keys, int | None]]:
 
 
 def arrays_from_files(scene: Scene) -> list[Array]:
-    """The times and values of all keys, and the meshes, that files have and the text of the scene has not. Raises
+    """The times and values of all keys and forces, and the meshes, that the text of the scene has not. Raises
     InvalidScene where one cannot be read.
     """
     found = []
@@ -33,6 +33,8 @@ def arrays_from_files(scene: Scene) -> list[Array]:
         if keys.file is not None:
             own = resolved(keys)
             found += [own.times, own.values]
+    if scene.forces is not None:
+        found += [scene.forces.times, scene.forces.values]
     if any(each.body and each.body.file for each in scene.colliders):
         from clothfit.engine.inputs.body_files import bodies_of  # what reads all formats, which few scenes need
 
