@@ -15,7 +15,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import print_json
 from clothfit.cli.common.scenes import read_scene
-from clothfit.formats.beginnings import CHECKPOINT, EITHER, EXPORT, LOG, MAP, MESH, MOTION, PAGE
+from clothfit.formats.beginnings import CHECKPOINT, EITHER, EXPORT, FORCES, LOG, MAP, MESH, MOTION, PAGE
 from clothfit.formats.recognition import kind_of
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 BESIDE = 4
 """Objects in one table."""
 
-RECORDS = (MOTION, MESH, EITHER, CHECKPOINT, LOG)
+RECORDS = (MOTION, MESH, EITHER, CHECKPOINT, LOG, FORCES)
 """Kinds of files that are no scenes, and have something to print."""
 
 MOST_LISTED = 5
@@ -38,7 +38,8 @@ MOST_LISTED = 5
 @click.argument("path_given", metavar="FILE")
 def command(path_given: str, as_json: bool, console: Console) -> None:
     """Print what FILE holds. Of a scene: counts, masses, stiffnesses, the parameters to fit, the stable steps and the
-    memory it takes; of a motion: frames, points, rate, axes, size, gaps. Meshes, checkpoints and logs are known too.
+    memory it takes; of a motion: frames, points, rate, axes, size, gaps. Meshes, forces, checkpoints and logs are known
+    too.
 
     \b
     clothfit info scene.json
@@ -62,7 +63,8 @@ def show_record(path: str, kind: str, as_json: bool, console: Console) -> None:
     """Print what a file holds that is no scene."""
     from clothfit.cli.looking import lines, records
 
-    own = records.either(path) if kind == EITHER else getattr(records, kind)(path)
+    named = {EITHER: "either", FORCES: "forces"}.get(kind, kind)
+    own = getattr(records, named)(path)
     for sentence in own["warnings"]:
         console.warn(f"{os.path.basename(path)}: {sentence}")
     rows = getattr(lines, own["kind"])(own)

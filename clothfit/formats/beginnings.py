@@ -9,6 +9,7 @@ from clothfit.base.reading import unchanged
 
 SCENE, MOTION, MESH, EITHER = "scene", "motion", "mesh", "mesh or motion"
 CHECKPOINT, LOG, PAGE, MAP, EXPORT = "checkpoint", "log", "page", "map", "export"
+FORCES = "file of forces"
 
 FIRST = 1 << 16
 """Bytes that are looked at."""

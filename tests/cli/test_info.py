@@ -194,3 +194,37 @@ def test_a_value_that_is_missing_is_a_place_too(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["problems"] == [
         {"place": "delta", "message": "is missing, and it has no default"}
     ]
+
+
+def test_forces(tmp_path, capsys, monkeypatch):
+    """Two vertices of three, over two rows of 0.1 s: effort is Σ |u|² h."""
+    monkeypatch.chdir(tmp_path)
+    forces = np.zeros((2, 3, 3))
+    forces[0, 1], forces[1, 2] = [3.0, 0.0, 4.0], [0.0, -2.0, 0.0]
+    arrays = {"times": np.array([0.0, 0.1]), "forces": forces}
+    np.savez("plan.npz", **arrays)
+    assert run(["info", "plan.npz", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["kind"] == "forces"
+    assert (said["steps"], said["vertices"], said["actuated"]) == (2, 3, 2)
+    assert said["duration"] == pytest.approx(0.2)
+    assert said["largest"] == {"force": 5.0, "vertex": 1, "time": 0.0}
+    assert said["effort"] == pytest.approx(0.1 * (25.0 + 4.0))
+    assert said["springs"] is said["regulator"] is None
+    gain = np.zeros((2, 3))
+    gain[:, 1] = 7.0
+    feedback = {"measure": np.eye(3), "push": np.ones((3, 1)), "gains": np.ones((1, 2, 3, 18))}
+    feedback |= {"reference": np.zeros((1, 2, 18)), "bound": np.array(6.0)}
+    np.savez("both.npz", **arrays, gain=gain, places=forces, **feedback)
+    assert run(["info", "both.npz"]) == 0
+    text = capsys.readouterr().out
+    assert "springs of up to 7 N/m on 1 vertex" in text
+    assert "a regulator in 3 modes, 1 shape of forces, no force above 6 N" in text
+    np.savez("bad.npz", **{**arrays, "times": np.zeros(2)})
+    assert run(["info", "bad.npz"]) == 3
+    assert "times[1]: is not later than the one before it" in capsys.readouterr().err
+    (tmp_path / "t.csv").write_text("time,vertex,fx,fy,fz\n0,1,0,0,2\n")
+    assert run(["info", "t.csv", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["largest"]["force"] == 2.0
+    assert run(["validate", "plan.npz"]) == 3
+    assert "plan.npz is a file of forces; did you mean clothfit info, or simulate --forces?" in capsys.readouterr().err

@@ -86,3 +86,10 @@ def test_a_table_has_no_feedback(tmp_path):
     path.write_bytes(force_table.encoded(*some()))
     with pytest.raises(InvalidInput, match="has no gains and places"):
         load_forces(path, 7, pulls=True)
+
+
+def test_a_table_alone_says_how_many_vertices_it_is_for(tmp_path):
+    (tmp_path / "f.csv").write_text("time,vertex,fx,fy,fz\n0,4,1,2,3\n0.5,2,0,0,1\n")
+    found = load_forces(tmp_path / "f.csv", None)
+    assert found.values.shape == (2, 5, 3)
+    assert found.values[0, 4].tolist() == [1, 2, 3]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from clothfit.base.errors import InvalidInput
-from clothfit.formats.beginnings import CHECKPOINT, EITHER, EXPORT, LOG, MAP, MESH, MOTION, PAGE, SCENE
+from clothfit.formats.beginnings import CHECKPOINT, EITHER, EXPORT, FORCES, LOG, MAP, MESH, MOTION, PAGE, SCENE
 from clothfit.formats.recognition import kind_of
 
 PLACES = {
@@ -16,6 +16,7 @@ PLACES = {
 }  # fmt: skip
 """Parameters of commands that are files to read, and the kinds that they take."""
 
+WITH_FORCES = ("simulate", "target", "estimate", "evaluate", "report", "check")
 WITH_TARGET = ("estimate", "evaluate", "report", "check")
 ANY = ("info", "completion", "warmup")  # commands that take any file, or none
 
@@ -53,6 +54,7 @@ def advice(kind: str, command: str, taken: tuple[str, ...]) -> str:
         LOG: "did you mean --log?" if command == "report" else "did you mean clothfit report --log?",
         MAP: "did you mean --map?",
         PAGE: "open it in a browser",
+        FORCES: f"did you mean {'--forces' if command in WITH_FORCES else 'clothfit info, or simulate --forces'}?",
         EXPORT: "name the scene that it was made of",
     }
     return known[kind]

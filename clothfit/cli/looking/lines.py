@@ -1,4 +1,4 @@
-"""What `clothfit info` prints of motions, meshes, checkpoints and logs: names of rows to their cells."""
+"""What `clothfit info` prints of motions, meshes, forces, checkpoints and logs: names of rows to their cells."""
 
 from __future__ import annotations
 
@@ -48,6 +48,24 @@ def mesh(own: dict[str, Any]) -> dict[str, str]:
         **({"parts": parts} if parts else {}),
         "notes": "; ".join(own["notes"]),
         "problems": "; ".join(own["problems"]) or "none",
+    }
+
+
+def forces(own: dict[str, Any]) -> dict[str, str]:
+    """The rows of a file of forces."""
+    most, springs, gains = own["largest"], own["springs"], own["regulator"]
+    back = [f"springs of up to {springs['stiffest']:.4g} N/m on {counted(springs['vertices'], 'vertex', 'vertices')}"] if springs else []
+    if gains:
+        bound = "" if gains["bound"] is None else f", no force above {gains['bound']:.4g} N"
+        shapes = f"{gains['modes']} modes, {counted(gains['forces'], 'shape', 'shapes')} of forces"
+        back.append(f"a regulator in {shapes}{bound}")
+    return {
+        "steps": f"{own['steps']}, {own['duration']:.4g} s from {own['begins']:.4g} s on",
+        "vertices": f"{own['vertices']}, forces on {own['actuated']}",
+        "largest force": f"{most['force']:.4g} N on vertex {most['vertex']} at {most['time']:.4g} s",
+        "effort": f"{own['effort']:.4g} N² s",
+        "feedback": " and ".join(back) or "none",
+        "play it": "with simulate --forces" + (", and --feedback" if back else ""),
     }
 
 

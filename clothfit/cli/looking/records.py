@@ -1,4 +1,4 @@
-"""Motions, meshes, checkpoints and logs in numbers: what `clothfit info --json` prints of them."""
+"""Motions, meshes, forces, checkpoints and logs in numbers: what `clothfit info --json` prints of them."""
 
 from __future__ import annotations
 
@@ -89,6 +89,35 @@ def either(path: str) -> dict[str, Any]:
     """The facts of a file that may have one frame or many. Raises InvalidInput."""
     found = motion(path)
     return mesh(path) if found["frames"] == 1 and found["faces"] else found
+
+
+def forces(path: str) -> dict[str, Any]:
+    """The facts of a file of forces; N, s, N/m. Raises InvalidInput."""
+    from clothfit.scene.over_time.forces import load_forces
+
+    own = load_forces(path, None)
+    size = np.linalg.norm(own.values, axis=2)
+    row, vertex = np.unravel_index(int(size.argmax()), size.shape)
+    lasts = np.append(np.diff(own.times), own.lasts if len(own.times) > 1 else 0.0)
+    springs = None if own.gain is None else {"vertices": int(own.gain.any(axis=0).sum()), "stiffest": own.gain.max()}
+    gains = own.regulator
+    return {
+        "kind": "forces",
+        "file": os.path.basename(path),
+        "steps": len(own.times),
+        "vertices": own.values.shape[1],
+        "actuated": int(size.any(axis=0).sum()),
+        "begins": float(own.times[0]),
+        "duration": float(lasts.sum()),
+        "largest": {"force": float(size[row, vertex]), "vertex": int(vertex), "time": float(own.times[row])},
+        "effort": float(((size**2).sum(axis=1) * lasts).sum()),
+        "springs": springs and {**springs, "stiffest": float(springs["stiffest"])},
+        "regulator": gains and {
+            "objects": len(gains.gains), "modes": gains.measure.shape[1], "forces": gains.push.shape[1],
+            "bound": gains.bound if np.isfinite(gains.bound) else None,
+        },
+        "warnings": [],
+    }  # fmt: skip
 
 
 def checkpoint(path: str) -> dict[str, Any]:

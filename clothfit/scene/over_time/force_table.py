@@ -34,8 +34,10 @@ def encoded(times: Array, forces: Array) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def arrays(file: IO[bytes], vertices: int) -> dict[str, Array]:
-    """`times` (R,) and `forces` (R, n, 3) of a table for so many vertices. Raises OSError and ValueError."""
+def arrays(file: IO[bytes], vertices: int | None) -> dict[str, Array]:
+    """`times` (R,) and `forces` (R, n, 3) of a table for so many vertices, None: up to the last that it names. Raises
+    OSError and ValueError.
+    """
     text = whole(file, MOST_BYTES).decode("utf-8-sig")
     head, _, body = text.partition("\n")
     if tuple(part.strip() for part in head.split(",")) != COLUMNS:
@@ -47,6 +49,8 @@ def arrays(file: IO[bytes], vertices: int) -> dict[str, Array]:
         raise ValueError(f"its lines have {table.shape[1]} numbers; {len(COLUMNS)} are needed")
     times, row = np.unique(table[:, 0], return_inverse=True)
     vertex = table[:, 1]
+    if vertices is None:
+        vertices = int(np.clip(np.nan_to_num(vertex.max()), 0.0, 1e9)) + 1
     wrong = np.flatnonzero(~((vertex >= 0) & (vertex < vertices) & (vertex == np.floor(vertex))))
     if len(wrong):
         raise ValueError(f"line {wrong[0] + 2}: {vertex[wrong[0]]:g} is no vertex; there are {vertices}, from 0")

@@ -86,7 +86,7 @@ def check(forces: Forces, vertices: int) -> None:
     values, times, name = forces.values, forces.times, forces.name
     if values.ndim != 3 or values.shape[2] != 3:
         raise InvalidInput(f"{name}: forces: have the shape {values.shape}; (steps, vertices, 3) is needed")
-    if values.shape[1] != vertices:
+    if values.shape[1] != vertices or not vertices:
         raise InvalidInput(f"{name}: forces: are for {values.shape[1]} vertices; the scene has {vertices}")
     if times.shape != values.shape[:1]:
         raise InvalidInput(f"{name}: times: have the shape {times.shape} for {len(values)} rows of forces")
@@ -118,9 +118,9 @@ def check_feedback(forces: Forces) -> None:
         raise InvalidInput(f"{name}: gain must be within 0 … {STRONGEST:g} N/m, and places finite")
 
 
-def load_forces(path: str | os.PathLike[str], vertices: int, pulls: bool = False) -> Forces:
-    """Read forces on a scene of so many vertices from a file, .npz or a table (.csv), with a feedback where it `pulls`,
-    and check them. Raises InvalidInput.
+def load_forces(path: str | os.PathLike[str], vertices: int | None, pulls: bool = False) -> Forces:
+    """Read forces on a scene of so many vertices (None: as many as the file has) from a file, .npz or a table (.csv),
+    with a feedback where it `pulls`, and check them. Raises InvalidInput.
     """
     name = os.path.basename(os.fspath(path))
     tabular = name.lower().endswith(".csv")
@@ -135,8 +135,9 @@ def load_forces(path: str | os.PathLike[str], vertices: int, pulls: bool = False
     except npz.FAULTS as error:
         raise InvalidInput(f"{name}: cannot be read as forces ({'.csv' if tabular else '.npz'}): {error}") from None
     forces = Forces(arrays["times"], arrays["forces"], arrays.get("gain"), arrays.get("places"), pulls, name)
-    check(forces, vertices)
-    forces = replace(forces, regulator=regulator(arrays, len(forces.values), vertices, name))
+    count = forces.values.shape[1] if vertices is None and forces.values.ndim == 3 else vertices or 0
+    check(forces, count)
+    forces = replace(forces, regulator=regulator(arrays, len(forces.values), count, name))
     if pulls and forces.gain is None and forces.regulator is None:
         raise InvalidInput(f"{name}: has no gains and places for a feedback; clothfit control writes some")
     return forces
