@@ -54,7 +54,10 @@ def mesh(own: dict[str, Any]) -> dict[str, str]:
 def forces(own: dict[str, Any]) -> dict[str, str]:
     """The rows of a file of forces."""
     most, springs, gains = own["largest"], own["springs"], own["regulator"]
-    back = [f"springs of up to {springs['stiffest']:.4g} N/m on {counted(springs['vertices'], 'vertex', 'vertices')}"] if springs else []
+    back = []
+    if springs:
+        count = counted(springs["vertices"], "vertex", "vertices")
+        back.append(f"springs of up to {springs['stiffest']:.4g} N/m on {count}")
     if gains:
         bound = "" if gains["bound"] is None else f", no force above {gains['bound']:.4g} N"
         shapes = f"{gains['modes']} modes, {counted(gains['forces'], 'shape', 'shapes')} of forces"
