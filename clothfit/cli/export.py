@@ -27,20 +27,22 @@ MOST_NAMES = 5
 @standard_command("export", {"What is written": ("--to", "--output")})
 @click.argument("fitted_path", metavar="FITTED")
 @click.option("--to", "tool", type=click.Choice(list(TOOLS)), required=True, metavar="TOOL",
-              help="Tool: csv, obi, blender or vellum.")
+              help="Tool: csv, obi, blender, vellum, gltf or usd.")
 @click.option("-o", "--output", "path", metavar="FOLDER", help="Folder of the files.  [default: <stem>-<tool>]")
 def command(fitted_path: str, tool: str, path: str | None, as_json: bool, console: Console) -> None:
-    """Write the masses and stiffnesses of FITTED in the form that other cloth tools read.
+    """Write the masses and stiffnesses of FITTED, or the paths of its pins, in the form that other tools read.
 
     csv: tables of objects, vertices and springs. obi: masses and compliances, 1/k, of Obi Cloth for Unity, as JSON.
     blender: vertex groups and ranges for Blender's cloth modifier, as JSON and as a script that sets them. vellum:
-    geometry and constraints for Houdini, and mantissa and exponent of the mean stiffness.
+    geometry and constraints for Houdini, and mantissa and exponent of the mean stiffness. gltf, usd: the paths of pins
+    as animated nodes.
 
     docs/export.md explains what the numbers mean there and what is lost.
 
     \b
     clothfit export scene.fitted.json --to csv
     clothfit export scene.fitted.json --to blender -o for-blender
+    clothfit export scene.json --to gltf
     """
     scene = read_scene(fitted_path, console)
     folder = folder_of(path, fitted_path, tool)

@@ -13,12 +13,17 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
 
-TOOLS = {"csv": "tables", "obi": "obi", "blender": "blender", "vellum": "vellum"}
+TOOLS = {
+    "csv": "tables", "obi": "obi", "blender": "blender", "vellum": "vellum",
+    "gltf": "handles_gltf", "usd": "handles_usd",
+}  # fmt: skip
 """The module for each tool."""
 
+PATHS = ("gltf", "usd")
+"""Those that take the paths of pins and nothing else."""
 
-WITHOUT_STEPS = ("csv",)
-"""Those that move nothing."""
+WITHOUT_STEPS = ("csv", *PATHS)
+"""Those that simulate nothing."""
 
 
 def own_step(scene: Scene, tool: str) -> str | None:

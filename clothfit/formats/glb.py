@@ -12,7 +12,6 @@ from __future__ import annotations
 import base64
 import json
 import os
-import struct
 from typing import Any
 
 import numpy as np
@@ -20,12 +19,12 @@ from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidMotion
-from clothfit.base.memory import human
 from clothfit.base.writing import Data
 from clothfit.formats.animation import Animation, times_of
 from clothfit.formats.axes import RIGHT
-from clothfit.formats.files import check_room, name_of
-from clothfit.formats.gltf import BIN_CHUNK, GLB_MAGIC, JSON_CHUNK, Document
+from clothfit.formats.files import check_room
+from clothfit.formats.glb_parts import Parts, glb
+from clothfit.formats.gltf import Document
 from clothfit.formats.gltf_meshes import meshes_at
 from clothfit.formats.gltf_scene import animated, placed
 from clothfit.formats.morphs import Morphs, reduced
@@ -33,14 +32,10 @@ from clothfit.formats.morphs import Morphs, reduced
 TOLERANCE = 1e-5
 """The largest error of a position: in m, and as a share of the diagonal of the box around the motion."""
 
-MOST_GLB_BYTES = 2**32 - 1
-"""Bytes of a GLB file, whose length has 32 bits."""
-
 DATA_URI = "data:application/octet-stream;base64,"
 """Before the numbers in the document of a .gltf file."""
 
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963  # targets of buffer views: vertices, indices
-FLOAT, UINT = 5126, 5125  # types of components
 POINTS_MODE, TRIANGLES_MODE = 0, 4  # kinds of primitives
 
 
@@ -74,52 +69,17 @@ def encoded(path: str | os.PathLike[str], animation: Animation) -> dict[str, Dat
     check_room(4 * positions.nbytes, path)
     size = float(np.linalg.norm(np.ptp(positions.reshape(-1, 3), axis=0)))
     morphs = reduced(positions, TOLERANCE * min(size, 1 / animation.axes.scale))
-    parts = _Parts()
+    parts = Parts()
     document = _document(parts, morphs, animation)
-    numbers = b"".join(parts.pieces)
-    document["buffers"] = [{"byteLength": len(numbers)}]
     if os.fspath(path).lower().endswith(".gltf"):
-        document["buffers"][0]["uri"] = DATA_URI + base64.b64encode(numbers).decode()
+        numbers = b"".join(parts.pieces)
+        uri = DATA_URI + base64.b64encode(numbers).decode()
+        document["buffers"] = [{"byteLength": len(numbers), "uri": uri}]
         return {os.fspath(path): json.dumps(document, separators=(",", ":")).encode()}
-    text = json.dumps(document, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    length = 12 + 8 + len(text) + 8 + len(numbers)
-    if length > MOST_GLB_BYTES:
-        raise InvalidMotion(f"{name_of(path)}: {human(length)} are more than a GLB file can have; keep fewer frames")
-    header = struct.pack("<4sII", GLB_MAGIC, 2, length)
-    chunks = struct.pack("<I4s", len(text), JSON_CHUNK), text, struct.pack("<I4s", len(numbers), BIN_CHUNK), numbers
-    return {os.fspath(path): b"".join([header, *chunks])}
+    return {os.fspath(path): glb(document, parts, path)}
 
 
-class _Parts:
-    """The numbers for the second chunk, with the views and accessors that describe them."""
-
-    def __init__(self) -> None:
-        self.pieces: list[bytes] = []
-        self.views: list[dict[str, Any]] = []
-        self.accessors: list[dict[str, Any]] = []
-        self._length = 0  # a multiple of 4, as all numbers have 4 bytes
-
-    def add(self, values: NDArray[Any], kind: str, bounds: bool = False, **view: int) -> int:
-        """Append an array; returns the index of its accessor."""
-        data = values.tobytes()
-        self.views.append({"buffer": 0, "byteOffset": self._length, "byteLength": len(data), **view})
-        self.pieces.append(data)
-        self._length += len(data)
-        described: dict[str, Any] = {
-            "bufferView": len(self.views) - 1,
-            "componentType": FLOAT if values.dtype == np.float32 else UINT,
-            "count": values.size if kind == "SCALAR" else len(values),
-            "type": kind,
-        }
-        if bounds:
-            table = values.reshape(described["count"], -1)
-            described |= {"min": table.min(axis=0).tolist(), "max": table.max(axis=0).tolist()}
-        self.accessors.append(described)
-        return len(self.accessors) - 1
-
-
-def _document(parts: _Parts, morphs: Morphs, animation: Animation) -> dict[str, Any]:
+def _document(parts: Parts, morphs: Morphs, animation: Animation) -> dict[str, Any]:
     """The JSON document, without the length of the buffer."""
     primitive: dict[str, Any] = {
         "attributes": {"POSITION": parts.add(morphs.base, "VEC3", True, target=ARRAY_BUFFER)},
@@ -151,7 +111,7 @@ def _document(parts: _Parts, morphs: Morphs, animation: Animation) -> dict[str, 
     return document
 
 
-def _channel(parts: _Parts, weights: NDArray[Any], times: Array) -> dict[str, Any]:
+def _channel(parts: Parts, weights: NDArray[Any], times: Array) -> dict[str, Any]:
     """The animation: linear between the weights at the times, which must not be negative in glTF."""
     shifted = (times - min(times[0], 0.0)).astype(np.float32)
     sampler = {"input": parts.add(shifted, "SCALAR", True), "output": parts.add(weights, "SCALAR")}
