@@ -131,3 +131,27 @@ def test_the_table_of_grids(capsys):
     assert [row[0] for row in rows] == ["clothfit", "SciPy"]
     assert [row[3] for row in rows] != ["–", "–"]
     assert rows[1][4:] == ["–", "–"]
+
+
+def test_the_approximate_adjoint_is_that_of_stored_matrices():
+    """One is the sweep of the program, the other is written down from its equations with SciPy's matrices."""
+    made, task = import_module("stored_matrices"), import_module("open_loop").Task
+    own = task(made.sheet(4), 8)
+    motion = own.simulated(np.random.default_rng(1).normal(scale=0.1, size=(8, 16, 3)), TIGHT)
+    weight = np.random.default_rng(2).normal(size=motion.x.shape)
+    weight[np.setdiff1d(range(9), own.keys)] = 0.0
+    found = own.back(import_module("open_loop").SWEEPS["approximate"], motion, weight[own.keys], TIGHT)
+    # both solve to rounding; the sizes of the numbers cancel in h K λ to 1e-3 of themselves
+    other = made.swept(own, motion, made.stored(own, motion), weight)
+    np.testing.assert_allclose(other, found, rtol=0, atol=1e-10 * np.abs(found).max())
+
+
+def test_descents_of_the_open_loop_end_at_one_minimum():
+    """A short motion has but one; what is left is where they end."""
+    own = import_module("open_loop")
+    cost = []
+    for method in ("L-BFGS", "Gauss–Newton"):
+        descent = own.Descent(own.Task(import_module("stored_matrices").sheet(4), 6), own.SWEEPS["exact"], np.inf)
+        cost.append(own.METHODS[method](descent).cost)
+        assert cost[-1] < 0.9 * descent.values[0]
+    assert cost[0] == pytest.approx(cost[1], rel=1e-4)
