@@ -111,8 +111,10 @@ def command(
         kept.write(archive(found.forces))
         motions.write(found.motion, out, scene, own_axes(), console)
     good = report(found, kept, out, console)
+    if adjoint == "approximate":
+        console.say("the gradient was approximate: the effort may be above the least, whatever the status says")
     if as_json:
-        print_json("control", summary(found, kept, out), out)
+        print_json("control", {**summary(found, kept, out), "adjoint": adjoint}, out)
     shows.write(scene, keys, found, pictures, kept, (keys_path,), console)
     return INTERRUPTED if found.status == "interrupted" else 0 if good else 5
 

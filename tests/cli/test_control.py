@@ -94,8 +94,12 @@ def test_the_approximate_adjoint_leads_to_the_keys_too(place, capsys):
     """Springs hold the keys whatever the descent does; the effort that it ends with is above the least."""
     effort = []
     for kind in ("exact", "approximate"):
-        assert run(["control", "scene.json", "--keyframes", "keys.json", "--adjoint", kind, "--json", "-q"]) == 0
-        effort.append(json.loads(capsys.readouterr().out)["effort"])
+        assert run(["control", "scene.json", "--keyframes", "keys.json", "--adjoint", kind, "--json"]) == 0
+        said = capsys.readouterr()
+        summary = json.loads(said.out)
+        assert summary["adjoint"] == kind
+        assert ("the gradient was approximate" in said.err) == (kind == "approximate")
+        effort.append(summary["effort"])
     assert effort[0] < effort[1]
 
 
