@@ -90,7 +90,8 @@ def animation(
     from PIL import Image
 
     times, x, over = good_part(times, x, over)
-    on = stage(scene, [x] if over is None else [x, over], GIF_FACES, GIF_ASPECT, times)
+    beside = marks.seen(x) if marks is not None else [] if over is None else [over]
+    on = stage(scene, [x, *beside], GIF_FACES, GIF_ASPECT, times)
     cut = film(times, () if marks is None else marks.held)
     pictures = [picture(on, times, frame, x, over, width, cut.speed, marks) for frame in cut.frames]
     colours = palette(pictures)
@@ -141,7 +142,7 @@ def picture(
     for places, mark, radius in spots:
         for u, v in pixels(on, places, fine).tolist():
             draw.ellipse((u - radius, v - radius, u + radius, v + radius), fill=mark)
-    legend = () if over is None else LEGEND_NAMES if marks is None else LEGEND
+    legend = () if over is None else LEGEND_NAMES if marks is None else marks.legend
     write(draw, image.size, on, times, frame, legend, speed)
     if marks is not None:
         write_keys(draw, image.size, times, frame, marks)

@@ -38,7 +38,16 @@ class Marks(NamedTuple):
     arrows: Array  # (F, n, 3), m, from each vertex; 0 where there is none
     dots: tuple[Array, ...]  # of each frame the places (M, 3), m, that means are to be at
     held: Indices  # frames that a film shows for longer
-    largest: float  # N, of the longest arrow
+    largest: float  # N, of the longest arrow; 0: there are none
+
+    @property
+    def legend(self) -> tuple[tuple[str, Colour], ...]:
+        """Names and colours, from right to left."""
+        return LEGEND if self.largest > 0 else LEGEND[:-1]
+
+    def seen(self, x: Array) -> list[Array]:
+        """What a picture of a motion x (F, n, 3), m, shows beside it: keys and tips of arrows."""
+        return [self.keys, x + self.arrows[: len(x)]]
 
 
 def marks(course: Course) -> Marks:

@@ -82,10 +82,9 @@ def controlled(course: Course, summary: str) -> Figure:
     """The picture of a controlled motion: the keys and the forces, the distance from each key over time, and what each
     step takes. `summary` says how the search ended.
     """
-    drawn = [
-        Part(partial(charts.distances, course=course), 1.5 * CHART_SHARE),
-        Part(partial(charts.effort, course=course), 1.5 * CHART_SHARE),
-    ]
+    drawn = [Part(partial(charts.distances, course=course), 1.5 * CHART_SHARE)]
+    if course.effort.any():
+        drawn.append(Part(partial(charts.effort, course=course), 1.5 * CHART_SHARE))
     title, own = f"{course.scene.name}: controlled", marks(course)
     return composed(course.scene, course.times, course.own, own.keys, title, summary, [drawn], own)
 
@@ -111,13 +110,14 @@ def composed(
     from matplotlib.figure import Figure
 
     times, x, over = good_part(times, x, over)
-    on = stage(scene, [x] if over is None else [x, over], STRIP_FACES, times=times)
+    beside = own.seen(x) if own is not None else [] if over is None else [over]
+    on = stage(scene, [x, *beside], STRIP_FACES, times=times)
     top = HEAD_HEIGHT if over is None else HEAD_HEIGHT + LEGEND_HEIGHT
     strip = (PAGE_WIDTH / STRIP_FRAMES - 0.06) * on.camera.aspect + 0.33
     sizes = [top, strip, *[ROW_HEIGHT] * len(rows)]
     figure = Figure(figsize=(PAGE_WIDTH, sum(sizes)), facecolor="white")
     bands: Any = figure.subfigures(len(sizes), 1, height_ratios=sizes, squeeze=False)
-    legend = () if over is None else COMPARED if own is None else CONTROLLED
+    legend = () if over is None else COMPARED if own is None else CONTROLLED[: len(own.legend)]
     head(bands[0, 0], top, title, summary, legend)
     film.strip(bands[1, 0], on, times, x, over, own)
     for band, parts in zip(bands[2:, 0], rows, strict=True):

@@ -13,7 +13,8 @@ from clothfit.control.keyframes import Key
 from clothfit.motion.simulate import simulate
 from clothfit.pictures import gif
 from clothfit.pictures.filmstrip import chosen
-from clothfit.pictures.marks import LONGEST, MOST_ARROWS, marks
+from clothfit.pictures.marks import LONGEST, MOST_ARROWS, arrows, marks
+from clothfit.pictures.polygons import stage
 from clothfit.scene.over_time.forces import Forces
 
 Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed; no animation is drawn")
@@ -83,6 +84,16 @@ def test_a_scene_without_forces_has_no_arrows():
     motion = simulate(still)
     made = marks(course(still, still, [Key(2, 0, np.zeros(1, np.int32), np.ones((1, 3)))], motion))
     assert not made.arrows.any()
+    assert [name for name, _ in made.legend] == ["key", "cloth"]
+
+
+def test_arrows_are_within_the_picture(own):
+    found, x, _ = own
+    made = marks(found)
+    on = stage(found.scene, [x, *made.seen(x)], 100, times=found.times)
+    for frame in range(STEPS):
+        for ends in arrows(on, frame, x[frame], made):
+            assert ((ends > on.camera.low) & (ends < on.camera.high)).all()
 
 
 def test_a_film_holds_the_keys(own):
