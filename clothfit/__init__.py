@@ -18,6 +18,11 @@ if TYPE_CHECKING:
     from clothfit.base.errors import InvalidInput as InvalidInput
     from clothfit.base.errors import InvalidMotion as InvalidMotion
     from clothfit.base.errors import InvalidScene as InvalidScene
+    from clothfit.control.closed_loop import Costs as Costs
+    from clothfit.control.control import Control as Control
+    from clothfit.control.control import find_forces as find_forces
+    from clothfit.control.keyframes import Key as Key
+    from clothfit.control.keyframes import load_keys as load_keys
     from clothfit.derivative import verify as verify
     from clothfit.evaluation.evaluate import Evaluation as Evaluation
     from clothfit.evaluation.evaluate import evaluate as evaluate
@@ -51,6 +56,9 @@ if TYPE_CHECKING:
     from clothfit.scene.cloth import Cloth as Cloth
     from clothfit.scene.fit_vector import parameters as parameters
     from clothfit.scene.fit_vector import with_parameters as with_parameters
+    from clothfit.scene.over_time.forces import Forces as Forces
+    from clothfit.scene.over_time.forces import load_forces as load_forces
+    from clothfit.scene.over_time.forces import save_forces as save_forces
     from clothfit.scene.scene import Scene as Scene
     from clothfit.scene.scene import load as load
     from clothfit.scene.scene import save as save
@@ -61,6 +69,7 @@ _HOMES = {
     "base.errors": ("ClothfitError", "InvalidInput", "InvalidMotion", "InvalidScene"),
     "scene.cloth": ("Cloth",),
     "scene.fit_vector": ("parameters", "with_parameters"),
+    "scene.over_time.forces": ("Forces", "load_forces", "save_forces"),
     "scene.scene": ("Scene", "load", "save"),
     "formats.convention": ("Convention", "Reading"),
     "meshes.mesh_file": ("read_mesh",),
@@ -76,6 +85,9 @@ _HOMES = {
     "objective.own_cost": ("Residuals",),
     "fit.estimate": ("estimate",),
     "fit.result": ("Fit",),
+    "control.closed_loop": ("Costs",),
+    "control.control": ("Control", "find_forces"),
+    "control.keyframes": ("Key", "load_keys"),
     "evaluation.evaluate": ("Evaluation", "evaluate"),
     "evaluation.work_precision": ("WorkPrecision", "work_precision"),
     "inspection.gradient_check": ("SceneCheck", "check_scene"),

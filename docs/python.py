@@ -52,6 +52,9 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "energies", "Energy",
     ),
     "Fits": ("estimate", "Fit", "estimate_many", "evaluate", "Evaluation", "report_page"),
+    "Keyframes": (
+        "find_forces", "Control", "Costs", "Key", "load_keys", "Forces", "load_forces", "save_forces",
+    ),
     "Costs and gradients": ("cost_and_gradient", "Objective", "Residuals", "check_scene", "SceneCheck", "verify"),
     "Speed and accuracy": ("work_precision", "WorkPrecision"),
     "Errors": ("ClothfitError", "InvalidInput", "InvalidScene", "InvalidMotion", "Diverged"),
@@ -67,6 +70,8 @@ MODULES = {
 
 PARTS = {
     "Scene": ("scene.scene.Sphere",),
+    "Control": ("control.control.Reached",),
+    "Forces": ("scene.over_time.regulator.Regulator",),
     "Fit": ("fit.result.FittedBlock", "fit.result.Scatter", "fit.holdout.HeldOut"),
     "estimate_many": ("many.estimate_many.Result",),
     "Evaluation": ("evaluation.evaluate.Distance", "evaluation.evaluate.Deviation"),

@@ -152,7 +152,7 @@ def read_keys(path: str, reading: Reading, scene: Scene, console: Console) -> li
 
     check_there(path)
     if path.lower().endswith(".json"):
-        return keyframes.load(path, scene)
+        return keyframes.load_keys(path, scene)
     return keyframes.from_motion(motions.read(path, scene, reading, console), scene)
 
 

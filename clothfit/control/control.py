@@ -46,9 +46,9 @@ class Reached:
     """How near a key the cloth came."""
 
     time: float  # s
-    cloth: int
-    rmse: float  # m
-    hard: bool
+    cloth: int  # of the scene, counted from 0
+    rmse: float  # m, over its vertices
+    hard: bool  # whether it was to be met to 1 µm
 
     @property
     def near(self) -> bool:
@@ -60,15 +60,15 @@ class Reached:
 class Control:
     """Forces that take a scene through keys, and what they lead to."""
 
-    status: Status
+    status: Status  # how the search ended
     forces: Forces  # with the gains and places of a feedback
     motion: Motion  # what `simulate` makes of them
-    keys: tuple[Reached, ...]
+    keys: tuple[Reached, ...]  # how near each of them the motion comes
     free: tuple[float, ...]  # m, how far the cloth is from each key without forces
     effort: float  # Σ |u|² h, N² s
     optimality: float  # gradient of the effort, relative to that at the start
-    evaluations: int
-    seconds: float
+    evaluations: int  # of effort and gradient
+    seconds: float  # of computing
     at_bound: int  # forces of a vertex in a step that are within a thousandth of their bound
 
 

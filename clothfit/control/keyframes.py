@@ -44,13 +44,13 @@ class Key:
     """What is asked of one object after one step."""
 
     step: int  # from 1 on: the state after so many steps
-    cloth: int
+    cloth: int  # of the scene, counted from 0
     vertices: Indices  # (m,)
     positions: Array  # (m, 3), m; (1, 3) of a mean
     velocities: Array | None = None  # (m, 3), m/s
     share: Array | None = None  # (m,), of each vertex in the mean; None: each by itself
-    weight: float = 1.0
-    hard: bool = False
+    weight: float = 1.0  # how much it counts, where it cannot be met
+    hard: bool = False  # whether it is to be met to 1 µm
 
 
 def from_motion(motion: Motion, scene: Scene) -> list[Key]:
@@ -83,7 +83,7 @@ def from_json(text: str, name: str, scene: Scene) -> list[Key]:
     return checked([key(item, f"{name}: keys[{i}]", scene) for i, item in enumerate(items)], name)
 
 
-def load(path: str, scene: Scene) -> list[Key]:
+def load_keys(path: str, scene: Scene) -> list[Key]:
     """Keys from a file of JSON. Raises InvalidInput."""
     name = os.path.basename(path)
     try:
