@@ -1,0 +1,227 @@
+"""A cloth on a basis: its state is q and p (r,), positions x₀ + U q and velocities U p of the free vertices.
+
+Each step is that of the scene's method, projected (`step`): implicit Euler with all its Newton iterations, or BDF2
+whose inner step begins at the extrapolated state, as `engine.step.bdf2` has it. Where the projected matrix is not
+positive definite, an iteration is solved with that of the clamped springs. Steps are never shortened (`engine.step.guard`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+from clothfit.engine.step import bdf2
+from clothfit.engine.system import BDF2, IMPLICIT, System
+from clothfit.subspace import samples, step
+
+
+@dataclass
+class State:
+    """A state of the reduced cloth, and the one a step before it where BDF2 needs that."""
+
+    q: Array  # (r,)
+    p: Array  # (r,), 1/s
+    before: tuple[Array, Array] | None = None  # q, p one step before
+    t: int = 0  # steps since the start
+
+
+@dataclass
+class Iteration:
+    """Where an iteration is linearised, and what it starts from: q, p as in `State`; places (P, 3) of the pins."""
+
+    y: Array  # (r,), of the positions
+    u: Array  # (r,), of the velocities
+    base: Array  # (r,), velocities before the step: p, or p̃
+    h: float  # s
+    ahead: bool  # whether y is h u from where the step begins
+    pins: tuple[Array, Array, Array]  # y, u and w of the pins, (P, 3) each
+    cap: float = np.inf  # of the springs
+    bend: float = 0.0
+
+
+class Reduced:
+    """The projected steps of one cloth."""
+
+    def __init__(self, system: System, basis: Array, chosen: samples.Selection | None = None) -> None:
+        """`basis` U (n, 3, r), 0 at fixed vertices. Raises InvalidInput for what subspaces do not have."""
+        check(system)
+        self.system, self.basis = system, np.ascontiguousarray(basis)
+        self.chosen = samples.everything(system) if chosen is None else chosen
+        self.layout, self.own = samples.build(system, basis, self.chosen)
+        self.r, self.h = basis.shape[2], system.h
+        self.pins = np.zeros(0, np.int32) if system.inputs is None else system.inputs.pins
+        self._measure()
+        self._make_room()
+
+    def _measure(self) -> None:
+        """The projected masses, which no step changes."""
+        weighted = self.basis * self.system.vertex.mass[:, None, None]
+        flat = self.basis.reshape(-1, self.r)
+        self.mass = np.asfortranarray(weighted.reshape(-1, self.r).T @ flat)  # Uᵀ M U
+        self.weight = np.ascontiguousarray(weighted.sum(axis=0).T)  # Uᵀ M 1, (r, 3)
+        self.alpha = self.system.vertex.damping
+
+    def _make_room(self) -> None:
+        copies, points = len(self.layout.point), len(self.layout.constant)
+        self.A = samples.blocks(self.layout)
+        self.b, self.y, self.u, self.w = (np.zeros((copies, 3)) for _ in range(4))
+        self.at_points = np.zeros((points, 3))
+        self.up, self.down = np.zeros((3 * copies, self.r)), np.zeros((3 * copies, self.r))
+        from scipy.linalg import blas, lapack
+
+        self.blas, self.lapack = blas, lapack
+
+    def start(self) -> State:
+        """The state at the start; velocities are projected on the basis."""
+        momentum = (self.basis * self.system.vertex.mass[:, None, None]).reshape(-1, self.r).T
+        p = np.linalg.solve(self.mass, momentum @ self.system.v0.ravel())
+        return State(np.zeros(self.r), p)
+
+    def to_copies(self, coordinates: Array, pins: Array, out: Array, constant: bool) -> None:
+        """Write positions, with the `constant`, or velocities of the copies for coordinates (r,) and pins (P, 3)."""
+        points = self.at_points
+        np.dot(self.layout.rows, coordinates, out=points.reshape(-1))
+        if constant:
+            points += self.layout.constant
+            pins = pins - self.system.x0[self.pins]
+        if len(self.layout.pinned):
+            step.add_pins(self.layout, pins, points)
+        step.spread(self.layout, points, out)
+
+    def linearise(self, at: Iteration) -> Array:
+        """Write y, u and ċ of the copies, the blocks and b; returns the projected b − B ċ, (r,)."""
+        own = self.forces(at)
+        self.to_copies(at.y, at.pins[0], self.y, True)
+        self.to_copies(at.u, at.pins[1], self.u, False)
+        step.assemble(own, self.layout, self.y, self.u, at.h, at.ahead, self.A, self.b)
+        points = self.at_points
+        points[:] = 0.0
+        self.w[:] = 0.0
+        if len(self.layout.pinned):
+            step.add_pins(self.layout, at.pins[2], points)
+            step.spread(self.layout, points, self.w)
+            points[:] = 0.0
+        step.projected(self.layout, self.A, self.b, self.w, points)
+        return points.reshape(-1) @ self.layout.rows
+
+    def forces(self, at: Iteration) -> samples.Sampled:
+        """The forces with the springs that an iteration takes."""
+        return self.own._replace(springs=self.own.springs._replace(cap=at.cap, bend=at.bend))
+
+    def matrix(self, at: Iteration) -> Array:
+        """The projected matrix (r, r), its upper triangle, of what is linearised."""
+        more, less = step.factors(self.layout, self.A, self.up, self.down)
+        A = (1.0 + at.h * self.alpha) * self.mass
+        A = self.blas.dsyrk(1.0, self.up[:more].T, 1.0, A, overwrite_c=True)
+        if less:
+            A = self.blas.dsyrk(-1.0, self.down[:less].T, 1.0, A, overwrite_c=True)
+        return A
+
+    def solve(self, at: Iteration) -> tuple[Array, Iteration]:
+        """The new velocity (r,) of an iteration, and the iteration as it was taken."""
+        right = self.linearise(at) + self.mass @ at.base + at.h * (self.weight @ self.own.vertex.gravity)
+        factor, fault = self.lapack.dpotrf(self.matrix(at), overwrite_a=True, clean=False)
+        if fault and not at.cap <= 1.0:
+            at = Iteration(at.y, at.u, at.base, at.h, at.ahead, at.pins, 1.0)
+            return self.solve(at)
+        self.factor = factor
+        return self.lapack.dpotrs(factor, right)[0], at
+
+    def advance(self, now: State) -> tuple[State, list[tuple[Iteration, Array]]]:
+        """The state after a step, and the iterations that led there, each with its velocity."""
+        step.begin(self.own, now.t)
+        made: list[tuple[Iteration, Array]] = []
+        second = self.system.method == BDF2 and now.before is not None
+        for k in range(self.system.newton_iterations):
+            at = self.iteration(now, made[k - 1][1] if k else None, second)
+            w, at = self.solve(at)
+            made.append((at, w))
+        h, base = made[-1][0].h, self.base(now) if second else now.q
+        after = State(base + h * w, w, (now.q, now.p) if self.system.method == BDF2 else None, now.t + 1)
+        return after, made
+
+    def base(self, now: State) -> Array:
+        """q̃ of a BDF2 step."""
+        assert now.before is not None
+        return np.asarray(now.q + (now.q - now.before[0]) / 3.0)
+
+    def iteration(self, now: State, last: Array | None, second: bool) -> Iteration:
+        """The first iteration of a step, or one after that with the velocity `last`."""
+        x, v, place = self.places(now.t)
+        if not second:
+            h, q, p = self.h, now.q, now.p
+            w = (place - x) / h
+            if last is None:
+                return Iteration(q, p, p, h, False, (x, v, w))
+            return Iteration(q + h * last, last, p, h, True, (x + h * w, w, w))
+        h, q = 2.0 / 3.0 * self.h, self.base(now)
+        assert now.before is not None
+        p = now.p + (now.p - now.before[1]) / 3.0
+        x_before, v_before, _ = self.places(now.t - 1)
+        x_base = x + (x - x_before) / 3.0
+        w = (place - x_base) / h
+        u = 2.0 * now.p - now.before[1] if last is None else last
+        v_pin = 2.0 * v - v_before if last is None else w
+        safe = (np.inf, 0.0) if self.system.newton_iterations > 1 else (1.0, bdf2.BEND)
+        return Iteration(q + h * u, u, p, h, True, (x_base + h * v_pin, v_pin, w), *safe)
+
+    def places(self, t: int) -> tuple[Array, Array, Array]:
+        """Of the pins before step t their places and velocities, and their places after it, (P, 3) each."""
+        inputs = self.system.inputs
+        if inputs is None or not len(inputs.path):
+            none = np.zeros((0, 3))
+            return none, none, none
+        x, place = inputs.path[t], inputs.path[t + 1]
+        if t == 0:
+            return x, self.system.v0[self.pins], place
+        if self.system.method == BDF2 and t > 1:
+            return x, self.pin_velocity(t), place
+        return x, (x - inputs.path[t - 1]) / self.h, place
+
+    def pin_velocity(self, t: int) -> Array:
+        """w (P, 3) of the pins in step t − 1 of a BDF2 motion: from x̃, by h'."""
+        assert self.system.inputs is not None
+        path = self.system.inputs.path
+        return np.asarray((1.5 * path[t] - 2.0 * path[t - 1] + 0.5 * path[t - 2]) / self.h)
+
+    def with_inputs(self, inputs: Any) -> None:
+        """Take other inputs over time, with the same pins and colliders, from now on."""
+        self.system = self.system._replace(inputs=inputs)
+        self.own = self.own._replace(inputs=inputs)
+
+
+def check(system: System) -> None:
+    """Raise InvalidInput for what subspaces do not have."""
+    if system.method not in (IMPLICIT, BDF2):
+        raise InvalidInput("a subspace needs implicit steps: integrationMethod 2 or 3")
+    if system.surface is not None:
+        raise InvalidInput("selfCollision: a subspace does not know where a cloth touches itself")
+    if system.inputs is not None and (len(system.inputs.force) or len(system.inputs.gain)):
+        raise InvalidInput("a subspace has no applied forces")
+
+
+def roll(reduced: Reduced, steps: int) -> Array:
+    """The coordinates q (steps + 1, r) of a motion from the start; NaN from where they are no longer finite."""
+    out = np.full((steps + 1, reduced.r), np.nan)
+    state = reduced.start()
+    out[0] = state.q
+    for t in range(steps):
+        state, _ = reduced.advance(state)
+        if not np.isfinite(state.q).all():
+            break
+        out[t + 1] = state.q
+    return out
+
+
+def decode(reduced: Reduced, q: Array, first: int = 0) -> Array:
+    """Positions (T, n, 3), m, of coordinates (T, r) of the frames from `first` on."""
+    n = len(reduced.system.x0)
+    x = (q @ reduced.basis.reshape(-1, reduced.r).T).reshape(-1, n, 3) + reduced.system.x0
+    inputs = reduced.system.inputs
+    if inputs is not None and len(inputs.path):
+        x[:, reduced.pins] = inputs.path[first : first + len(q)]
+    return x

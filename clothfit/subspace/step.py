@@ -1,0 +1,191 @@
+"""One iteration of an implicit step on the copies of `samples`, compiled: its matrix, its transpose, its tangent.
+
+On all vertices an iteration solves A w = M v + h [f(y, u) + K (x − y) − D u] (`engine.step.implicit`). With w = U ω on
+the free vertices and the velocities of the pins elsewhere, projected on U, that is
+
+    (Uᵀ M U (1 + h α) + Σ Rᵀ B R) ω = Uᵀ M U p + h Uᵀ M 1 g + Σ Rᵀ (b − B ċ),
+
+the sums over copies, B = −h² K − h D and b the blocks and the right-hand sides that the engine's forces give, ċ the
+velocity of the pins' part of a copy. Each block is symmetric: B = Σ d l lᵀ, and the rows √|d| lᵀ R of all blocks make
+the matrix as one product, those with d < 0 subtracted. A block of rank one, as those of faces and of contacts, gives one
+row. Arrays are (copies, 3) or (points, 3).
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+
+from clothfit.engine.forces import colliders, meeting, spheres, springs, wind
+from clothfit.engine.inputs.tables import set_inputs
+from clothfit.engine.solve.sparse import XX, XY, XZ, YY, YZ, ZZ
+from clothfit.kernels.kernel import kernel
+from clothfit.subspace.samples import Blocks
+
+TINY = 1e-13
+"""What of a block's pivot is rounding, relative to its trace."""
+
+
+@kernel
+def begin(own, t):
+    """Set the inputs of step t."""
+    set_inputs(own.inputs, own, t)
+    meeting.clear(own.colliders)
+
+
+@kernel
+def spread(lay, points, out):
+    """Give every copy the values of its point; the origin keeps 0."""
+    for i in range(1, len(out)):
+        j = lay.point[i]
+        out[i, 0], out[i, 1], out[i, 2] = points[j, 0], points[j, 1], points[j, 2]
+
+
+@kernel
+def spread_weighted(lay, points, out):
+    """The same, times the weights of the copies."""
+    for i in range(1, len(out)):
+        j, w = lay.point[i], lay.weight[i]
+        out[i, 0], out[i, 1], out[i, 2] = w * points[j, 0], w * points[j, 1], w * points[j, 2]
+
+
+@kernel
+def gather(lay, copies, out):
+    """Add the values of all copies to their points."""
+    for i in range(1, len(copies)):
+        j = lay.point[i]
+        for c in range(3):
+            out[j, c] += copies[i, c]
+
+
+@kernel
+def add_pins(lay, pins, out):
+    """Add the part of the pins (P, 3) to points."""
+    for e in range(len(lay.pinned)):
+        j, p = lay.pinned[e, 0], lay.pinned[e, 1]
+        for c in range(3):
+            out[j, c] += lay.sign[e] * pins[p, c]
+
+
+@kernel
+def assemble(own, lay, y, u, h, ahead, A, b):
+    """The blocks of A (copies) and b (copies, 3) of the forces at (y, u), without weights."""
+    for i in range(len(A.diagonal)):
+        for c in range(8):
+            A.diagonal[i, c] = 0.0
+    b[:] = 0.0
+    s, f = lay.ends[0], lay.ends[1]
+    springs.add_step(own.springs, y[:s], u[:s], h, ahead, Blocks(A.diagonal, A.upper), b[:s])
+    wind.add_step(own.faces, y[s:f], u[s:f], h, ahead, Blocks(A.diagonal[s:], A.upper), b[s:f])
+    spheres.add_step(own.spheres, y[f:], u[f:], h, ahead, Blocks(A.diagonal[f:], A.upper), b[f:])
+    colliders.add_step(own.colliders, y[f:], u[f:], h, ahead, Blocks(A.diagonal[f:], A.upper), b[f:])
+
+
+
+@kernel
+def times_block(A, i, x0, x1, x2):
+    """B x of copy i."""
+    D = A.diagonal
+    return (
+        D[i, XX] * x0 + D[i, XY] * x1 + D[i, XZ] * x2,
+        D[i, XY] * x0 + D[i, YY] * x1 + D[i, YZ] * x2,
+        D[i, XZ] * x0 + D[i, YZ] * x1 + D[i, ZZ] * x2,
+    )
+
+
+@kernel
+def projected(lay, A, b, velocity, out):
+    """out (m, 3) += the weighted b − B ċ of all copies, for velocities (copies, 3)."""
+    for i in range(1, len(b)):
+        j, w = lay.point[i], lay.weight[i]
+        p0, p1, p2 = times_block(A, i, velocity[i, 0], velocity[i, 1], velocity[i, 2])
+        out[j, 0] += w * (b[i, 0] - p0)
+        out[j, 1] += w * (b[i, 1] - p1)
+        out[j, 2] += w * (b[i, 2] - p2)
+
+
+@kernel
+def factors(lay, A, up, down):
+    """Write the rows √|d| lᵀ R of all weighted blocks, those with d > 0 to `up` and the others to `down`, (…, r) each;
+    returns how many there are of both.
+    """
+    more, less = 0, 0
+    f = np.empty((3, 4))
+    for i in range(1, len(lay.point)):
+        weight = lay.weight[i]
+        for k in range(split(A.diagonal, i, f)):
+            scale = weight * f[k, 3]
+            if scale > 0.0:
+                write_row(lay.rows, 3 * lay.point[i], sqrt(scale), f[k], up[more])
+                more += 1
+            elif scale < 0.0:
+                write_row(lay.rows, 3 * lay.point[i], sqrt(-scale), f[k], down[less])
+                less += 1
+    return more, less
+
+
+@kernel
+def write_row(rows, j, scale, l, out):
+    """out (r,) = scale · lᵀ R, R the three rows from j on."""
+    l0, l1, l2 = scale * l[0], scale * l[1], scale * l[2]
+    for c in range(rows.shape[1]):
+        out[c] = l0 * rows[j, c] + l1 * rows[j + 1, c] + l2 * rows[j + 2, c]
+
+
+@kernel
+def split(D, i, f):
+    """Block i as Σ d l lᵀ, largest pivot first: rows l, d of f (3, 4); returns how many there are."""
+    a, b, c = D[i, XX], D[i, XY], D[i, XZ]
+    d, e, g = D[i, YY], D[i, YZ], D[i, ZZ]
+    least = TINY * (abs(a) + abs(d) + abs(g))
+    for k in range(3):
+        if max(abs(a), abs(d), abs(g)) <= least:
+            return k
+        if abs(a) >= abs(d) and abs(a) >= abs(g):
+            pivot, l0, l1, l2 = a, 1.0, b / a, c / a
+        elif abs(d) >= abs(g):
+            pivot, l0, l1, l2 = d, b / d, 1.0, e / d
+        else:
+            pivot, l0, l1, l2 = g, c / g, e / g, 1.0
+        f[k, 0], f[k, 1], f[k, 2], f[k, 3] = l0, l1, l2, pivot
+        a, b, c = a - pivot * l0 * l0, b - pivot * l0 * l1, c - pivot * l0 * l2
+        d, e, g = d - pivot * l1 * l1, e - pivot * l1 * l2, g - pivot * l2 * l2
+    return 3
+
+
+@kernel
+def pull(own, lay, h, y, u, w, s, lam, grad, gy, gu):
+    """Add the derivatives of φ = h λᵀ F(w) (`forces`), λ with weights, by y, u (copies, 3) and by what `grad` has."""
+    a, f = lay.ends[0], lay.ends[1]
+    springs.add_pullback(own.springs, y[:a], u[:a], w[:a], s[:a], lam[:a], h, grad, gy[:a], gu[:a])
+    wind.add_pullback(own.faces, y[a:f], u[a:f], w[a:f], s[a:f], lam[a:f], h, grad, gy[a:f], gu[a:f])
+    spheres.add_pullback(own.spheres, y[f:], u[f:], w[f:], s[f:], lam[f:], h, grad, gy[f:], gu[f:])
+    colliders.add_pullback(own.colliders, y[f:], u[f:], w[f:], s[f:], lam[f:], h, grad, gy[f:], gu[f:])
+
+
+@kernel
+def push(own, lay, h, y, u, w, s, dy, du, direction, out):
+    """out (copies, 3) = h dF(w) for changes dy, du and those of `direction`, times the weights."""
+    out[:] = 0.0
+    a, f = lay.ends[0], lay.ends[1]
+    springs.add_pushforward(own.springs, y[:a], u[:a], w[:a], s[:a], dy[:a], du[:a], direction, h, out[:a])
+    wind.add_pushforward(own.faces, y[a:f], u[a:f], w[a:f], s[a:f], dy[a:f], du[a:f], direction, h, out[a:f])
+    spheres.add_pushforward(own.spheres, y[f:], u[f:], w[f:], s[f:], dy[f:], du[f:], direction, h, out[f:])
+    colliders.add_pushforward(own.colliders, y[f:], u[f:], w[f:], s[f:], dy[f:], du[f:], direction, h, out[f:])
+    for i in range(len(out)):
+        for c in range(3):
+            out[i, c] *= lay.weight[i]
+
+
+@kernel
+def add_damping(own, lay, y, u, h, q, out):
+    """out (copies, 3) += h D q, times the weights, for q (copies, 3)."""
+    a, f = lay.ends[0], lay.ends[1]
+    more = np.zeros_like(out)
+    springs.add_damping(own.springs, y[:a], u[:a], h, q[:a], more[:a])
+    wind.add_damping(own.faces, y[a:f], u[a:f], h, q[a:f], more[a:f])
+    colliders.add_damping(own.colliders, y[f:], u[f:], h, q[f:], more[f:])
+    for i in range(len(out)):
+        for c in range(3):
+            out[i, c] += lay.weight[i] * more[i, c]
