@@ -169,6 +169,11 @@ class Reduced:
         safe = (np.inf, 0.0) if self.system.newton_iterations > 1 else (1.0, bdf2.BEND)
         return Iteration(q + h * u, u, p, h, True, (x_base + h * v_pin, v_pin, w), *safe)
 
+    def iteration_at(self, sample: Any) -> Iteration:
+        """The first iteration of an implicit Euler step from q, p at step t of a sample (`cubature`)."""
+        x, v, place = self.places(sample.t)
+        return Iteration(sample.q, sample.p, sample.p, self.h, False, (x, v, (place - x) / self.h))
+
     def places(self, t: int) -> tuple[Array, Array, Array]:
         """Of the pins before step t their places and velocities, and their places after it, (P, 3) each."""
         inputs = self.system.inputs

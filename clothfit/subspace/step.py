@@ -106,6 +106,14 @@ def projected(lay, A, b, velocity, out):
 
 
 @kernel
+def of_copies(A, b, velocity, out):
+    """out (copies, 3) = b − B w for velocities w."""
+    for i in range(len(b)):
+        p0, p1, p2 = times_block(A, i, velocity[i, 0], velocity[i, 1], velocity[i, 2])
+        out[i, 0], out[i, 1], out[i, 2] = b[i, 0] - p0, b[i, 1] - p1, b[i, 2] - p2
+
+
+@kernel
 def factors(lay, A, up, down):
     """Write the rows √|d| lᵀ R of all weighted blocks, those with d > 0 to `up` and the others to `down`, (…, r) each;
     returns how many there are of both.

@@ -1,0 +1,199 @@
+"""From recorded motions to a model: the basis, the cubature, and how well both follow a motion that neither saw."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+from clothfit.engine.system import System
+from clothfit.engine.system import build as build_system
+from clothfit.scene.scene import dumps
+from clothfit.subspace import basis as bases
+from clothfit.subspace import cubature
+from clothfit.subspace.model import Model, Part
+from clothfit.subspace.reduced import Reduced, check, decode, roll
+from clothfit.subspace.recording import Data
+
+DEFAULT_SIZE, LARGEST_SIZE = 64, 512
+
+DEFAULT_ERROR = 0.01
+"""Of the cubature, relative to the sum over all elements."""
+
+STATES = 160
+"""Of the recorded motions, for the cubature."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to build."""
+
+    size: int | None = None  # vectors; None: as the error asks, else DEFAULT_SIZE
+    error: float | None = None  # m, that the basis may leave out
+    cubature: float | None = DEFAULT_ERROR  # None: all elements
+    modes: int | None = None  # vibration modes among the vectors; None: one in sixteen
+    seed: int = 0
+
+    def check(self) -> None:
+        """Raise InvalidInput where a number is impossible."""
+        if self.size is not None and not 1 <= self.size <= LARGEST_SIZE:
+            raise InvalidInput(f"--basis must be between 1 and {LARGEST_SIZE}; {self.size} was given")
+        if self.error is not None and not (np.isfinite(self.error) and self.error > 0):
+            raise InvalidInput(f"--error must be above 0; {self.error:g} m was given")
+        if self.cubature is not None and not 0 < self.cubature < 1:
+            raise InvalidInput(f"--cubature must be above 0 and below 1; {self.cubature:g} was given")
+
+
+@dataclass(frozen=True)
+class Fitness:
+    """How a reduced motion compares with the full one, over all frames of one episode."""
+
+    rmse: float  # m
+    relative: float  # to the RMS of the motion's displacements
+
+
+@dataclass
+class Report:
+    """What was found of one object."""
+
+    vectors: int
+    left_out: dict[int, float]  # m, by number of vectors
+    elements: dict[str, tuple[int, int]]  # of each kind, evaluated and there
+    errors: dict[str, float]  # of the cubature, of each kind
+    whole: Fitness | None = None  # with all elements, of the episode that was held out
+    sampled: Fitness | None = None  # with the cubature
+    notes: list[str] = field(default_factory=list)
+
+
+def build(
+    data: Data, options: Options, report: Callable[[str], None] = lambda text: None, held_out: int = 1
+) -> tuple[Model, list[Report]]:
+    """The model of all objects. The last episodes, `held_out` of them, only judge it."""
+    options.check()
+    count = len(data.episodes)
+    kept = list(range(count - held_out if count > held_out else count))
+    beside = [e for e in range(count) if e not in kept]
+    scene = data.scene
+    parts, reports, limits = [], [], Limits()
+    for c in range(len(scene.cloths)):
+        check(build_system(scene, c, steps=1))
+        part, found = of_object(data, c, kept, options, limits, report)
+        for e in beside:
+            found.whole, found.sampled = judged(data, c, e, part)
+        parts.append(part)
+        reports.append(found)
+    folder = os.path.abspath(scene.folder)
+    built = {"objects": [summary(each) for each in reports], "seed": options.seed}
+    return Model(dumps(scene), folder, tuple(parts), limits.found, built), reports
+
+
+def of_object(
+    data: Data, c: int, kept: Sequence[int], options: Options, limits: Limits, report: Callable[[str], None]
+) -> tuple[Part, Report]:
+    """The subspace of one object."""
+    systems = [build_system(data.scene_of(e), c, steps=data.steps) for e in kept]
+    for system in systems:
+        limits.add(system)
+    report("decomposing the motions")
+    own = systems[0]
+    found = bases.decompose(data, c, own, options.size or LARGEST_SIZE, kept)
+    size = size_of(found.left_out, options)
+    last = bases.frames_of(data, c, kept[0], 1 << 30)[-1] + own.x0
+    U = bases.enriched(found, own, size, last, options.modes).astype(np.float32).astype(float)
+    runs = [Reduced(system, U) for system in systems]
+    low, high, samples = seen(data, c, kept, runs[0], options.seed)
+    table = {k: float(found.left_out[k]) for k in bases.SIZES if k < len(found.left_out)}
+    everything = runs[0].chosen
+    there = {"springs": len(everything.springs), "faces": len(everything.faces), "vertices": len(everything.vertices)}
+    chosen, errors = everything, dict.fromkeys(there, 0.0)
+    if options.cubature is not None and samples:
+        report("choosing the elements of the cubature")
+        chosen, errors = cubature.find(runs, samples, options.cubature, options.seed)
+    used = {"springs": len(chosen.springs), "faces": len(chosen.faces), "vertices": len(chosen.vertices)}
+    elements = {name: (used[name], there[name]) for name in there}
+    return Part(U, chosen, np.stack([low, high])), Report(U.shape[2], table, elements, errors)
+
+
+def size_of(left_out: Array, options: Options) -> int:
+    """The number of vectors that options ask for."""
+    if options.size is not None:
+        return options.size
+    if options.error is None:
+        return DEFAULT_SIZE
+    good = np.flatnonzero(left_out <= options.error)
+    return max(1, int(good[0]) if len(good) else len(left_out) - 1)
+
+
+def seen(
+    data: Data, c: int, kept: Sequence[int], own: Reduced, seed: int
+) -> tuple[Array, Array, list[cubature.Sample]]:
+    """The least and largest coordinates (r,) of the recorded motions, and some of their steps."""
+    mass = own.system.vertex.mass
+    onto = np.linalg.solve(own.mass, (own.basis * mass[:, None, None]).reshape(-1, own.r).T).T
+    low, high, found = np.full(own.r, np.inf), np.full(own.r, -np.inf), []
+    rng = np.random.default_rng([seed, c])
+    for number, episode in enumerate(kept):
+        x, good = data.motion(episode, c)
+        if own.system.inputs is not None and len(own.pins):
+            x[:, own.pins] = 0.0
+        q = x.reshape(len(x), -1) @ onto
+        low, high = np.minimum(low, q[good].min(axis=0)), np.maximum(high, q[good].max(axis=0))
+        v = np.diff(q, axis=0) / own.h
+        steps = [t for t in range(1, len(x) - 1) if good[t - 1 : t + 2].all()]
+        some = rng.permutation(steps)[: -(-STATES // len(kept))]
+        found += [cubature.Sample(number, int(t), q[t], v[t - 1], v[t]) for t in sorted(some)]
+    return low, high, found
+
+
+def judged(data: Data, c: int, episode: int, part: Part) -> tuple[Fitness, Fitness]:
+    """How a motion on the subspace compares with a recorded one, with all elements and with those of the cubature."""
+    x, _ = data.motion(episode, c)
+    system = build_system(data.scene_of(episode), c, steps=data.steps)
+    whole = fitness(Reduced(system, part.basis), x)
+    return whole, fitness(Reduced(system, part.basis, part.chosen), x)
+
+
+def fitness(own: Reduced, x: Array) -> Fitness:
+    """The same for a recorded motion's displacements (frames, n, 3)."""
+    made = decode(own, roll(own, len(x) - 1)) - own.system.x0
+    rmse = float(np.sqrt(((made - x) ** 2).sum(axis=2).mean()))
+    size = float(np.sqrt((x**2).sum(axis=2).mean()))
+    return Fitness(rmse, rmse / size if size > 0 else 0.0)
+
+
+class Limits:
+    """The range of the recorded inputs."""
+
+    def __init__(self) -> None:
+        self.found: dict[str, list[list[float]]] = {}
+
+    def add(self, system: System) -> None:
+        """Take in those of one motion."""
+        inputs = system.inputs
+        if inputs is None:
+            return
+        for name, table in (("wind", inputs.wind), ("gravity", inputs.gravity)):
+            if len(table):
+                self._widen(name, table.min(axis=0), table.max(axis=0))
+        if inputs.path.size:
+            moved = inputs.path - inputs.path[0]
+            self._widen("pins", moved.min(axis=(0, 1)), moved.max(axis=(0, 1)))
+
+    def _widen(self, name: str, low: Array, high: Array) -> None:
+        before = self.found.get(name, [low.tolist(), high.tolist()])
+        self.found[name] = [np.minimum(before[0], low).tolist(), np.maximum(before[1], high).tolist()]
+
+
+def summary(found: Report) -> dict[str, Any]:
+    """A report as JSON holds it."""
+    made: dict[str, Any] = {"vectors": found.vectors, "elements": found.elements, "errors": found.errors}
+    made["left_out"] = {str(k): value for k, value in found.left_out.items()}
+    for name in ("whole", "sampled"):
+        own = getattr(found, name)
+        made[name] = None if own is None else {"rmse": own.rmse, "relative_rmse": own.relative}
+    return made

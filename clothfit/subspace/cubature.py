@@ -1,0 +1,103 @@
+"""Which springs, faces and contacts of a cloth are evaluated in its subspace, and how often each counts.
+
+In a step each element adds h Uᵀ F_e(w) to the momentum, F its model in the step (`engine.forces`). The sums over all
+elements of a kind, at states and velocities of recorded motions, are to come out from few elements with weights of 0 or
+more (`nnls`). Errors count as they change the velocity of the step: by L⁻¹, with A = L Lᵀ the mean matrix of the steps.
+Of each state's r equations some random combinations are kept: enough to tell the weights, few enough to hold in memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.subspace import nnls, step
+from clothfit.subspace.reduced import Iteration, Reduced
+from clothfit.subspace.samples import Selection
+
+EQUATIONS = 1600
+"""Of each kind of element."""
+
+
+class Sample(NamedTuple):
+    """One step of a recorded motion, on the basis."""
+
+    motion: int  # whose inputs it has
+    t: int
+    q: Array  # (r,), before the step
+    p: Array  # (r,), the velocity before
+    w: Array  # (r,), that after
+
+
+class Found(NamedTuple):
+    """A selection, and the relative error of each kind's sum."""
+
+    selection: Selection
+    errors: dict[str, float]
+
+
+def impulses(whole: Reduced, at: Iteration, w: Array) -> Array:
+    """The momentum (elements, r) that each element adds in a step, springs, faces, then vertices."""
+    whole.linearise(at)
+    lay = whole.layout
+    velocity = np.zeros_like(whole.b)
+    whole.to_copies(w, at.pins[2], velocity, False)
+    given = np.empty_like(whole.b)
+    step.of_copies(whole.A, whole.b, velocity, given)
+    rows = lay.rows.reshape(-1, 3, whole.r)
+    s, f = int(lay.ends[0]), int(lay.ends[1])
+    by_copy = [np.einsum("ic,icr->ir", given[a:b], rows[lay.point[a:b]]) for a, b in ((1, s), (s, f), (f, len(given)))]
+    by_copy[1] = by_copy[1].reshape(-1, 3, whole.r).sum(axis=1)
+    return np.concatenate(by_copy)
+
+
+def find(runs: Sequence[Reduced], chosen: Sequence[Sample], error: float, seed: int) -> Found:
+    """The cubature for samples of motions, each with all its elements as a Reduced with its inputs, within an error."""
+    whole = runs[0]
+    kinds = {"springs": len(whole.chosen.springs), "faces": len(whole.chosen.faces)}
+    kinds["vertices"] = len(whole.chosen.vertices)
+    each = max(1, min(whole.r, EQUATIONS // len(chosen)))
+    rng = np.random.default_rng(seed)
+    lower = np.linalg.cholesky(mean_matrix(runs, chosen))
+    table = np.empty((each * len(chosen), sum(kinds.values())))
+    for k, sample in enumerate(chosen):
+        run = runs[sample.motion]
+        step.begin(run.own, sample.t)
+        given = impulses(run, run.iteration_at(sample), sample.w)
+        mix = rng.standard_normal((each, whole.r)) / np.sqrt(each) if each < whole.r else np.eye(whole.r)
+        table[k * each : (k + 1) * each] = (given @ np.linalg.solve(lower.T, mix.T)).T
+    weights, errors, first = [], {}, 0
+    for name, count in kinds.items():
+        part = table[:, first : first + count]
+        found, rest = nnls.sparse_weights(part, part.sum(axis=1), error, len(table))
+        weights.append(found)
+        errors[name] = rest if part.any() else 0.0
+        first += count
+    return Found(selection(whole.chosen, weights), errors)
+
+
+def mean_matrix(runs: Sequence[Reduced], chosen: Sequence[Sample]) -> Array:
+    """The mean of the matrices (r, r) of some of the steps, clamped so that it is positive definite."""
+    some = chosen[:: max(1, len(chosen) // 8)]
+    total = np.zeros((runs[0].r, runs[0].r))
+    for sample in some:
+        run = runs[sample.motion]
+        step.begin(run.own, sample.t)
+        at = run.iteration_at(sample)
+        at.cap = 1.0
+        run.linearise(at)
+        upper = run.matrix(at)
+        total += np.triu(upper) + np.triu(upper, 1).T
+    return total / len(some)
+
+
+def selection(everything: Selection, weights: Sequence[Array]) -> Selection:
+    """The elements whose weights are above 0."""
+    springs, faces, vertices = (np.flatnonzero(each > 0) for each in weights)
+    return Selection(
+        everything.springs[springs], weights[0][springs], everything.faces[faces], weights[1][faces],
+        everything.vertices[vertices], weights[2][vertices],
+    )  # fmt: skip

@@ -1,0 +1,150 @@
+"""MODEL: a file with all that playing a subspace needs, an `.npz` archive.
+
+`scene`, the text of the scene; `about`, JSON: version, method, folder of the scene's paths, range of the recorded
+inputs, and what was measured when it was built; and for each object c its `basis{c}` (n, 3, r), single precision, and
+the elements that its steps evaluate with their weights: `springs{c}`, `spring_weight{c}`, `faces{c}`, `face_weight{c}`,
+`vertices{c}`, `vertex_weight{c}`; `envelope{c}` (2, r), the least and largest coordinates of the recorded motions.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from clothfit.base import npz
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+from clothfit.base.writing import Data, write_atomically
+from clothfit.engine.system import System, build
+from clothfit.scene.scene import Scene, load
+from clothfit.subspace.reduced import Reduced
+from clothfit.subspace.samples import Selection
+
+VERSION = 1
+PHYSICS = "physics"
+METHODS = (PHYSICS,)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The subspace of one object."""
+
+    basis: Array  # (n, 3, r)
+    chosen: Selection
+    envelope: Array  # (2, r)
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """The subspaces of all objects of a scene."""
+
+    text: bytes  # of the scene
+    folder: str  # that paths in it are relative to
+    parts: tuple[Part, ...]
+    limits: dict[str, list[list[float]]]  # by "wind", "gravity": least and largest (3,) added in the recorded motions
+    built: dict[str, Any] = field(default_factory=dict)  # what was measured then
+    method: str = PHYSICS
+
+    def scene(self) -> Scene:
+        """The scene that it was built of."""
+        return load(io.BytesIO(self.text), folder=self.folder)
+
+    def reduced(self, scene: Scene, steps: int) -> list[Reduced]:
+        """Of each object the reduced cloth, for motions of a scene with other inputs or values."""
+        return [reduced(part, build(scene, c, steps=steps)) for c, part in enumerate(self.parts)]
+
+
+def reduced(part: Part, system: System) -> Reduced:
+    """The reduced cloth of a system."""
+    return Reduced(system, part.basis, part.chosen)
+
+
+def arrays(model: Model) -> dict[str, Any]:
+    """What the file holds."""
+    about = {"version": VERSION, "method": model.method, "folder": model.folder, "limits": model.limits,
+             "built": model.built, "objects": len(model.parts)}  # fmt: skip
+    found: dict[str, Any] = {"scene": np.frombuffer(model.text, np.uint8)}
+    found["about"] = np.frombuffer(json.dumps(about).encode(), np.uint8)
+    for c, part in enumerate(model.parts):
+        found[f"basis{c}"] = part.basis.astype(np.float32)
+        found[f"envelope{c}"] = part.envelope
+        for name, value in names_of(part.chosen).items():
+            found[f"{name}{c}"] = value
+    return found
+
+
+def names_of(chosen: Selection) -> dict[str, Any]:
+    """The arrays of a selection by their names in the file."""
+    return chosen._asdict()
+
+
+def encoded(model: Model) -> Data:
+    """What writes the file."""
+    return npz.archive(arrays(model))
+
+
+def save(model: Model, path: str | os.PathLike[str]) -> None:
+    """Write a model. Raises InvalidInput where the file cannot be written."""
+    write_atomically(path, encoded(model))
+
+
+def is_model(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is an archive with a subspace in it."""
+    try:
+        with open(path, "rb") as file:
+            if not file.read(2) == npz.ZIP_MAGIC:
+                return False
+            file.seek(0)
+            return {"about", "basis0"} <= set(npz.stored(file, ("about", "basis0"), ""))
+    except npz.FAULTS:
+        return False
+
+
+def load_model(path: str | os.PathLike[str]) -> Model:
+    """Read a model. Raises InvalidInput where it is none, or damaged."""
+    name = os.fspath(path)
+    try:
+        with open(path, "rb") as file:
+            head = npz.stored(file, ("scene", "about"), "")
+            text, about = head["scene"].read().tobytes(), json.loads(head["about"].read().tobytes())
+            if about["version"] != VERSION or about["method"] not in METHODS:
+                raise InvalidInput(f"{name}: it was made by another version of clothfit; build it again")
+            parts = tuple(_part(file, c) for c in range(int(about["objects"])))
+        model = Model(text, str(about["folder"]), parts, dict(about["limits"]), dict(about["built"]), about["method"])
+    except InvalidInput:
+        raise
+    except (*npz.FAULTS, KeyError, TypeError, AttributeError, IndexError) as error:
+        why = getattr(error, "strerror", None)
+        raise InvalidInput(f"{name}: {why}" if why else f"{name}: it is no model of clothfit subspace build") from None
+    check(model, name)
+    return model
+
+
+def _part(file: Any, c: int) -> Part:
+    names = ("basis", "envelope", *Selection._fields)
+    found = npz.stored(file, [f"{each}{c}" for each in names], "")
+    held = {each: found[f"{each}{c}"].read() for each in names}
+    kinds = {name: np.int32 if name in ("springs", "faces", "vertices") else float for name in Selection._fields}
+    chosen = Selection(**{name: np.ascontiguousarray(held[name], kinds[name]) for name in Selection._fields})
+    return Part(np.ascontiguousarray(held["basis"], float), chosen, np.asarray(held["envelope"], float))
+
+
+def check(model: Model, name: str) -> None:
+    """Raise InvalidInput where the arrays do not fit the scene."""
+    scene = model.scene()
+    fits = len(scene.cloths) == len(model.parts)
+    for cloth, part in zip(scene.cloths, model.parts, strict=False):
+        counts = {"springs": len(cloth.springs), "faces": len(cloth.triangles), "vertices": len(cloth.mass)}
+        fits = fits and part.basis.ndim == 3 and part.basis.shape[:2] == (len(cloth.mass), 3)
+        fits = fits and part.envelope.shape == (2, part.basis.shape[-1]) and bool(np.isfinite(part.basis).all())
+        pairs = zip(part.chosen[::2], part.chosen[1::2], counts.values(), strict=True)
+        for index, weight, count in pairs:
+            fits = fits and index.ndim == 1 and index.shape == weight.shape and bool(np.isfinite(weight).all())
+            fits = fits and bool(((index >= 0) & (index < count)).all())
+    if not fits:
+        raise InvalidInput(f"{name}: its arrays do not fit its scene; build it again")

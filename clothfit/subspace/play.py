@@ -1,0 +1,126 @@
+"""Playing a model: its motion under other inputs, and how long a frame takes.
+
+Inputs beyond those of the recorded motions are clamped to their range: what a subspace has not seen it can not show.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from clothfit.base import interrupts
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+from clothfit.base.limits import FARTHEST
+from clothfit.base.memory import check_memory
+from clothfit.engine.inputs.tables import Inputs
+from clothfit.engine.system import build
+from clothfit.motion.motion import Motion
+from clothfit.motion.world import in_scene
+from clothfit.scene.scene import Scene
+from clothfit.subspace.model import Model, Part, reduced
+from clothfit.subspace.reduced import Reduced
+
+SLACK = 1e-9
+"""m/s, m/s² or m beyond a range that is rounding."""
+
+
+@dataclass(frozen=True)
+class Played:
+    """A motion, and what there is to say of it."""
+
+    motion: Motion
+    coordinates: list[Array]  # of each object (frames, r)
+    clamped: list[str]  # one sentence for each kind of input that left its range
+    seconds: dict[str, float]  # in all: state, decode
+
+
+def play(model: Model, scene: Scene, frames: int) -> Played:
+    """The motion of so many frames of a scene with the model's objects. Raises InvalidInput where the scene's objects
+    are others.
+    """
+    if scene.vertex_counts != tuple(len(part.basis) for part in model.parts):
+        raise InvalidInput(f"{scene.name}: its objects are not those of the model")
+    if frames < 1:
+        raise InvalidInput(f"frames must be at least 1 (the initial state); {frames} was given")
+    check_memory(frames, sum(scene.vertex_counts), 0)
+    said: dict[str, None] = {}
+    spent = {"state": 0.0, "decode": 0.0}
+    x, coordinates = [], []
+    for c, part in enumerate(model.parts):
+        own = ready(model, part, scene, c, frames - 1, said)
+        begin = perf_counter()
+        q = rolled(own, frames - 1, scene.name)
+        middle = perf_counter()
+        x.append(positions(own, q))
+        spent["state"] += middle - begin
+        spent["decode"] += perf_counter() - middle
+        coordinates.append(q)
+    times = scene.delta * np.arange(frames, dtype=np.float64)
+    motion = Motion(np.concatenate(x, axis=1), times, scene.vertex_counts, None, scene.name)
+    return Played(in_scene(motion, scene), coordinates, list(said), spent)
+
+
+def ready(model: Model, part: Part, scene: Scene, c: int, steps: int, said: dict[str, None]) -> Reduced:
+    """The reduced cloth of an object, with its inputs clamped; what was clamped goes to `said`."""
+    system = build(scene, c, steps=steps)
+    if system.inputs is not None:
+        system = system._replace(inputs=clamped(system.inputs, model.limits, said))
+    return reduced(part, system)
+
+
+def clamped(inputs: Inputs, limits: dict[str, Any], said: dict[str, None]) -> Inputs:
+    """The inputs within the range of those that were recorded."""
+    changed: dict[str, Array] = {}
+    for name, unit in (("wind", "m/s"), ("gravity", "m/s²")):
+        table = getattr(inputs, name)
+        low, high = (np.array(each) for each in limits.get(name, ([0.0] * 3, [0.0] * 3)))
+        if len(table) and ((table < low - SLACK) | (table > high + SLACK)).any():
+            far = float(np.abs(table - np.clip(table, low, high)).max())
+            said[f"{name} leaves the range that was recorded, by {far:.3g} {unit} at most; it is clamped"] = None
+            changed[name] = np.clip(table, low, high)
+    if inputs.path.size:
+        start = inputs.path[0]
+        moved = inputs.path - start
+        low, high = (np.array(each) for each in limits.get("pins", ([0.0] * 3, [0.0] * 3)))
+        if ((moved < low - SLACK) | (moved > high + SLACK)).any():
+            far = float(np.abs(moved - np.clip(moved, low, high)).max())
+            said[f"pins leave the range that was recorded, by {far:.3g} m at most; they are clamped"] = None
+            changed["path"] = np.ascontiguousarray(start + np.clip(moved, low, high))
+    return inputs._replace(**changed) if changed else inputs
+
+
+def rolled(own: Reduced, steps: int, name: str) -> Array:
+    """The coordinates (steps + 1, r) of a motion. Raises Diverged, as a simulation does."""
+    q = np.empty((steps + 1, own.r))
+    state = own.start()
+    q[0] = state.q
+    for t in range(steps):
+        state, _ = own.advance(state)
+        if not np.abs(state.q).max(initial=0.0) < FARTHEST:
+            from clothfit.motion.divergence import Diverged
+
+            raise Diverged(f"{name}: the motion on the subspace diverged at frame {t + 1}", t + 1)
+        q[t + 1] = state.q
+        if t % 100 == 0:
+            interrupts.check()
+    return q
+
+
+def positions(own: Reduced, q: Array) -> Array:
+    """Positions (frames, n, 3), m, in chunks that stay small."""
+    from clothfit.subspace.reduced import decode
+
+    out = np.empty((len(q), *own.system.x0.shape))
+    for first in range(0, len(q), 64):
+        out[first : first + 64] = decode(own, q[first : first + 64], first)
+    return out
+
+
+def at_rest(scene: Scene) -> Scene:
+    """The scene without what changes over time."""
+    cloths = tuple(replace(cloth, pins=()) for cloth in scene.cloths)
+    return replace(scene, wind_keys=None, gravity_keys=None, cloths=cloths)

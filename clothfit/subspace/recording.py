@@ -1,0 +1,155 @@
+"""Recording motions of a scene under many inputs, in parallel, each of them straight to disk.
+
+DATA is an `.npz` archive: `scene`, the text of the scene; `record`, JSON with the folder, the ranges and the inputs of
+each episode; and for each episode e and object c the displacements `x{e}.{c}` (frames, n, 3), m, in single precision,
+with `good{e}.{c}` (frames,): which frames a plain step led to. A motion that diverges ends there; frames after steps
+that were shortened or clamped (`engine.step.guard`) do not count.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from clothfit.base import interrupts, npz
+from clothfit.base.arrays import Array, Flags
+from clothfit.base.errors import InvalidInput
+from clothfit.base.writing import write_atomically
+from clothfit.engine.system import build
+from clothfit.engine.tape import Tape
+from clothfit.scene.scene import Scene, dumps, load
+from clothfit.subspace.variation import Episode, Ranges, varied
+
+TOLERANCE = 1e-8
+"""Of the linear systems, relative: what they miss a subspace would learn."""
+
+ALONE = 3_000_000
+"""Vertices × steps below which the motions are computed in this process: others take longer to start."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What became of the episodes."""
+
+    frames: int  # that are kept
+    left_out: int  # that are not: guarded, or after a motion diverged
+    diverged: int  # episodes
+
+
+def record(
+    scene: Scene, own: Sequence[Episode], ranges: Ranges, steps: int, path: str | os.PathLike[str],
+    report: Callable[[int, int], None] = lambda done, count: None,
+) -> Recorded:  # fmt: skip
+    """Simulate the episodes, `steps` steps each, and write them to a file."""
+    text = dumps(scene)
+    folder = os.path.abspath(scene.folder)
+    with tempfile.TemporaryDirectory(prefix="clothfit-", dir=os.path.dirname(os.path.abspath(path))) as place:
+        jobs = [(text, folder, each, steps, os.path.join(place, str(e))) for e, each in enumerate(own)]
+        lengths = simulated(jobs, sum(scene.vertex_counts) * steps * len(own), report)
+        about = {"folder": folder, "steps": steps, "ranges": asdict(ranges), "episodes": [asdict(e) for e in own]}
+        write_atomically(path, lambda file: pack(file, text, about, place))
+    frames = sum(steps + 1 for each in lengths for _ in each)
+    kept = sum(good for each in lengths for good, _ in each)
+    ended = sum(any(length < steps + 1 for _, length in each) for each in lengths)
+    return Recorded(kept, frames - kept, ended)
+
+
+def simulated(jobs: Sequence[Any], size: int, report: Callable[[int, int], None]) -> list[list[tuple[int, int]]]:
+    """Do all jobs; of each and of each of its objects the good frames, and all."""
+    from clothfit.many.processes import usable_cores
+
+    cores = min(usable_cores(), len(jobs))
+    found = []
+    if cores == 1 or size < ALONE:
+        each = (motions(*job) for job in jobs)
+    else:
+        import joblib
+
+        each = joblib.Parallel(n_jobs=cores, return_as="generator")(joblib.delayed(motions)(*job) for job in jobs)
+    for done in each:
+        found.append(done)
+        report(len(found), len(jobs))
+        interrupts.check()
+    return found
+
+
+def motions(text: bytes, folder: str, own: Episode, steps: int, stem: str) -> list[tuple[int, int]]:
+    """Simulate one episode, and write the arrays of its objects to files."""
+    scene = varied(load(io.BytesIO(text), folder=folder), own)
+    found = []
+    for c in range(len(scene.cloths)):
+        x, good = motion(scene, c, steps)
+        np.save(f"{stem}.{c}.x.npy", x)
+        np.save(f"{stem}.{c}.good.npy", good)
+        found.append((int(good.sum()), len(x)))
+    return found
+
+
+def motion(scene: Scene, cloth: int, steps: int) -> tuple[Array, Flags]:
+    """The displacements (frames, n, 3) of a cloth, single precision, and which frames are good."""
+    system = build(scene, cloth, steps=steps)
+    tape = Tape(system, steps, TOLERANCE)
+    x, good = np.zeros((steps + 1, len(system.x0), 3), np.float32), np.ones(steps + 1, bool)
+    end = 1
+    for part in tape.forward():
+        x[part.first : part.first + part.steps + 1] = part.x - system.x0
+        good[part.first + 1 : part.first + 1 + part.steps] = (part.theta == 1.0) & ~part.clamped & ~part.early
+        end = part.first + part.steps + 1
+    end = end if tape.fault is None else tape.good + 1
+    return x[:end], good[:end]
+
+
+def pack(file: IO[bytes], text: bytes, about: dict[str, Any], place: str) -> None:
+    """Write the archive from the files in a folder."""
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
+        for name, content in (("scene", text), ("record", json.dumps(about).encode())):
+            stream = io.BytesIO()
+            np.save(stream, np.frombuffer(content, np.uint8))
+            archive.writestr(f"{name}.npy", stream.getvalue())
+        for one in sorted(Path(place).iterdir()):
+            e, c, kind, _ = one.name.split(".")
+            archive.write(one, f"{kind}{e}.{c}.npy")
+
+
+class Data:
+    """A file of recorded motions."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        """Raises InvalidInput where it is none."""
+        self.path = path
+        try:
+            text, about = (self.array(name).tobytes() for name in ("scene", "record"))
+            self.record: dict[str, Any] = json.loads(about)
+            items = self.record["episodes"]
+            self.episodes = [Episode(tuple(each["items"]), float(each["pace"])) for each in items]
+            self.ranges, self.steps = Ranges(**self.record["ranges"]), int(self.record["steps"])
+        except (ValueError, KeyError, TypeError, AttributeError):
+            raise InvalidInput(f"{os.fspath(path)}: it is no data of clothfit subspace record") from None
+        self.scene = load(io.BytesIO(text), folder=self.record["folder"])
+
+    def array(self, name: str) -> Any:
+        """One of its arrays. Raises InvalidInput."""
+        try:
+            with open(self.path, "rb") as file:
+                found = npz.stored(file, (name,), "")
+                return found[name].read()
+        except (*npz.FAULTS, KeyError) as error:
+            why = getattr(error, "strerror", None) or str(error)
+            raise InvalidInput(f"{os.fspath(self.path)}: it is no data of clothfit subspace record: {why}") from None
+
+    def motion(self, episode: int, cloth: int) -> tuple[Array, Flags]:
+        """The displacements (frames, n, 3), m, and which frames are good."""
+        return self.array(f"x{episode}.{cloth}").astype(float), self.array(f"good{episode}.{cloth}").astype(bool)
+
+    def scene_of(self, episode: int) -> Scene:
+        """The scene with the inputs of an episode."""
+        return varied(self.scene, self.episodes[episode])
