@@ -20,6 +20,7 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import System
+from clothfit.subspace.carrier import relative
 from clothfit.subspace.recording import Data
 
 MOST_FRAMES = 1500
@@ -42,21 +43,23 @@ class Decomposition(NamedTuple):
     left_out: Array  # (k + 1,), m: RMS over frames and vertices, weighted by mass, without all but the first vectors
 
 
-def frames_of(data: Data, cloth: int, episode: int, most: int) -> Array:
-    """Some of the good frames of a motion, (F, n, 3), m."""
+def frames_of(data: Data, cloth: int, episode: int, system: System, most: int) -> Array:
+    """Some of the good frames of a motion, (F, n, 3), m, without what carries it."""
     x, good = data.motion(episode, cloth)
+    x = relative(x, system)
     kept = np.flatnonzero(good)
     return np.asarray(x[kept[:: max(1, -(-len(kept) // most))]])
 
 
-def decompose(data: Data, cloth: int, system: System, most: int, episodes: Sequence[int]) -> Decomposition:
-    """At most `most` vectors from some episodes. Raises InvalidInput where nothing moves."""
+def decompose(data: Data, cloth: int, systems: Sequence[System], most: int, episodes: Sequence[int]) -> Decomposition:
+    """At most `most` vectors from some episodes, with the system of each. Raises InvalidInput where nothing moves."""
+    system, inputs = systems[0], dict(zip(episodes, systems, strict=True))
     free, each = system.vertex.free, max(2, MOST_FRAMES // len(episodes))
     root = np.sqrt(system.vertex.mass[free])[:, None]
 
     def weighted(episode: int) -> Array:
         interrupts.check()
-        return np.asarray((frames_of(data, cloth, episode, each)[:, free] * root).reshape(-1, 3 * len(root)))
+        return np.asarray((frames_of(data, cloth, episode, inputs[episode], each)[:, free] * root).reshape(-1, 3 * len(root)))
 
     rows = [len(weighted(episode)) for episode in episodes]
     tall = 3 * len(root) <= sum(rows)

@@ -15,7 +15,7 @@ from clothfit.engine.system import System
 from clothfit.engine.system import build as build_system
 from clothfit.scene.scene import dumps
 from clothfit.subspace import basis as bases
-from clothfit.subspace import cubature
+from clothfit.subspace import carrier, cubature
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.reduced import Reduced, check, decode, roll
 from clothfit.subspace.recording import Data
@@ -101,12 +101,12 @@ def of_object(
         limits.add(system)
     report("decomposing the motions")
     own = systems[0]
-    found = bases.decompose(data, c, own, options.size or LARGEST_SIZE, kept)
+    found = bases.decompose(data, c, systems, options.size or LARGEST_SIZE, kept)
     size = size_of(found.left_out, options)
-    last = bases.frames_of(data, c, kept[0], 1 << 30)[-1] + own.x0
+    last = bases.frames_of(data, c, kept[0], own, 1 << 30)[-1] + own.x0
     U = bases.enriched(found, own, size, last, options.modes).astype(np.float32).astype(float)
     runs = [Reduced(system, U) for system in systems]
-    low, high, samples = seen(data, c, kept, runs[0], options.seed)
+    low, high, samples = seen(data, c, kept, runs, options.seed)
     table = {k: float(found.left_out[k]) for k in bases.SIZES if k < len(found.left_out)}
     everything = runs[0].chosen
     there = {"springs": len(everything.springs), "faces": len(everything.faces), "vertices": len(everything.vertices)}
@@ -130,18 +130,16 @@ def size_of(left_out: Array, options: Options) -> int:
 
 
 def seen(
-    data: Data, c: int, kept: Sequence[int], own: Reduced, seed: int
+    data: Data, c: int, kept: Sequence[int], runs: Sequence[Reduced], seed: int
 ) -> tuple[Array, Array, list[cubature.Sample]]:
     """The least and largest coordinates (r,) of the recorded motions, and some of their steps."""
-    mass = own.system.vertex.mass
+    own, mass = runs[0], runs[0].system.vertex.mass
     onto = np.linalg.solve(own.mass, (own.basis * mass[:, None, None]).reshape(-1, own.r).T).T
     low, high, found = np.full(own.r, np.inf), np.full(own.r, -np.inf), []
     rng = np.random.default_rng([seed, c])
     for number, episode in enumerate(kept):
         x, good = data.motion(episode, c)
-        if own.system.inputs is not None and len(own.pins):
-            x[:, own.pins] = 0.0
-        q = x.reshape(len(x), -1) @ onto
+        q = carrier.relative(x, runs[number].system).reshape(len(x), -1) @ onto
         low, high = np.minimum(low, q[good].min(axis=0)), np.maximum(high, q[good].max(axis=0))
         v = np.diff(q, axis=0) / own.h
         steps = [t for t in range(1, len(x) - 1) if good[t - 1 : t + 2].all()]

@@ -1,4 +1,5 @@
-"""A cloth on a basis: its state is q and p (r,), positions x₀ + U q and velocities U p of the free vertices.
+"""A cloth on a basis: its state is q and p (r,), positions x₀ + T + U q and velocities Ṫ + U p of the free vertices,
+with T what carries them (`carrier`).
 
 Each step is that of the scene's method, projected (`step`): implicit Euler with all its Newton iterations, or BDF2
 whose inner step begins at the extrapolated state, as `engine.step.bdf2` has it. Where the projected matrix is not
@@ -7,7 +8,7 @@ positive definite, an iteration is solved with that of the clamped springs. Step
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.step import bdf2
 from clothfit.engine.system import BDF2, IMPLICIT, System
-from clothfit.subspace import samples, step
+from clothfit.subspace import carrier, samples, step
 
 
 @dataclass
@@ -38,7 +39,8 @@ class Iteration:
     base: Array  # (r,), velocities before the step: p, or p̃
     h: float  # s
     ahead: bool  # whether y is h u from where the step begins
-    pins: tuple[Array, Array, Array]  # y, u and w of the pins, (P, 3) each
+    pins: tuple[Array, Array, Array]  # y, u and w of the pins, (P + 1, 3) each, the last row that of their mean
+    carried: Array  # (3,), the mean's velocity before the step
     cap: float = np.inf  # of the springs
     bend: float = 0.0
 
@@ -53,7 +55,7 @@ class Reduced:
         self.chosen = samples.everything(system) if chosen is None else chosen
         self.layout, self.own = samples.build(system, basis, self.chosen)
         self.r, self.h = basis.shape[2], system.h
-        self.pins = np.zeros(0, np.int32) if system.inputs is None else system.inputs.pins
+        self.path, self.held, self.v_held = carrier.paths(system)
         self._measure()
         self._make_room()
 
@@ -78,7 +80,7 @@ class Reduced:
     def start(self) -> State:
         """The state at the start; velocities are projected on the basis."""
         momentum = (self.basis * self.system.vertex.mass[:, None, None]).reshape(-1, self.r).T
-        p = np.linalg.solve(self.mass, momentum @ self.system.v0.ravel())
+        p = np.linalg.solve(self.mass, momentum @ (self.system.v0 - mean_of(self.v_held)).ravel())
         return State(np.zeros(self.r), p)
 
     def to_copies(self, coordinates: Array, pins: Array, out: Array, constant: bool) -> None:
@@ -87,7 +89,7 @@ class Reduced:
         np.dot(self.layout.rows, coordinates, out=points.reshape(-1))
         if constant:
             points += self.layout.constant
-            pins = pins - self.system.x0[self.pins]
+            pins = pins - self.held
         if len(self.layout.pinned):
             step.add_pins(self.layout, pins, points)
         step.spread(self.layout, points, out)
@@ -124,9 +126,11 @@ class Reduced:
     def solve(self, at: Iteration) -> tuple[Array, Iteration]:
         """The new velocity (r,) of an iteration, and the iteration as it was taken."""
         right = self.linearise(at) + self.mass @ at.base + at.h * (self.weight @ self.own.vertex.gravity)
+        if len(self.path):
+            right -= self.weight @ ((1.0 + at.h * self.alpha) * at.pins[2][-1] - at.carried)
         factor, fault = self.lapack.dpotrf(self.matrix(at), overwrite_a=True, clean=False)
         if fault and not at.cap <= 1.0:
-            at = Iteration(at.y, at.u, at.base, at.h, at.ahead, at.pins, 1.0)
+            at = replace(at, cap=1.0, bend=0.0)
             return self.solve(at)
         self.factor = factor
         return self.lapack.dpotrs(factor, right)[0], at
@@ -156,47 +160,40 @@ class Reduced:
             h, q, p = self.h, now.q, now.p
             w = (place - x) / h
             if last is None:
-                return Iteration(q, p, p, h, False, (x, v, w))
-            return Iteration(q + h * last, last, p, h, True, (x + h * w, w, w))
+                return Iteration(q, p, p, h, False, (x, v, w), mean_of(v))
+            return Iteration(q + h * last, last, p, h, True, (x + h * w, w, w), mean_of(v))
         h, q = 2.0 / 3.0 * self.h, self.base(now)
         assert now.before is not None
         p = now.p + (now.p - now.before[1]) / 3.0
         x_before, v_before, _ = self.places(now.t - 1)
-        x_base = x + (x - x_before) / 3.0
+        x_base, v_base = x + (x - x_before) / 3.0, v + (v - v_before) / 3.0
         w = (place - x_base) / h
         u = 2.0 * now.p - now.before[1] if last is None else last
         v_pin = 2.0 * v - v_before if last is None else w
         safe = (np.inf, 0.0) if self.system.newton_iterations > 1 else (1.0, bdf2.BEND)
-        return Iteration(q + h * u, u, p, h, True, (x_base + h * v_pin, v_pin, w), *safe)
+        pins = x_base + h * v_pin, v_pin, w
+        return Iteration(q + h * u, u, p, h, True, pins, mean_of(v_base), *safe)
 
     def iteration_at(self, sample: Any) -> Iteration:
         """The first iteration of an implicit Euler step from q, p at step t of a sample (`cubature`)."""
         x, v, place = self.places(sample.t)
-        return Iteration(sample.q, sample.p, sample.p, self.h, False, (x, v, (place - x) / self.h))
+        return Iteration(sample.q, sample.p, sample.p, self.h, False, (x, v, (place - x) / self.h), mean_of(v))
 
     def places(self, t: int) -> tuple[Array, Array, Array]:
-        """Of the pins before step t their places and velocities, and their places after it, (P, 3) each."""
-        inputs = self.system.inputs
-        if inputs is None or not len(inputs.path):
-            none = np.zeros((0, 3))
-            return none, none, none
-        x, place = inputs.path[t], inputs.path[t + 1]
+        """Of the pins and their mean before step t their places and velocities, and their places after it."""
+        path = self.path
+        if not len(path):
+            return self.held, self.held, self.held
         if t == 0:
-            return x, self.system.v0[self.pins], place
-        if self.system.method == BDF2 and t > 1:
-            return x, self.pin_velocity(t), place
-        return x, (x - inputs.path[t - 1]) / self.h, place
+            return path[0], self.v_held, path[1]
+        if self.system.method == BDF2 and t > 1:  # w of the step before: from x̃, by h'
+            return path[t], (1.5 * path[t] - 2.0 * path[t - 1] + 0.5 * path[t - 2]) / self.h, path[t + 1]
+        return path[t], (path[t] - path[t - 1]) / self.h, path[t + 1]
 
-    def pin_velocity(self, t: int) -> Array:
-        """w (P, 3) of the pins in step t − 1 of a BDF2 motion: from x̃, by h'."""
-        assert self.system.inputs is not None
-        path = self.system.inputs.path
-        return np.asarray((1.5 * path[t] - 2.0 * path[t - 1] + 0.5 * path[t - 2]) / self.h)
 
-    def with_inputs(self, inputs: Any) -> None:
-        """Take other inputs over time, with the same pins and colliders, from now on."""
-        self.system = self.system._replace(inputs=inputs)
-        self.own = self.own._replace(inputs=inputs)
+def mean_of(pins: Array) -> Array:
+    """The last row, or 0 without pins."""
+    return pins[-1] if len(pins) else np.zeros(3)
 
 
 def check(system: System) -> None:
@@ -227,6 +224,7 @@ def decode(reduced: Reduced, q: Array, first: int = 0) -> Array:
     n = len(reduced.system.x0)
     x = (q @ reduced.basis.reshape(-1, reduced.r).T).reshape(-1, n, 3) + reduced.system.x0
     inputs = reduced.system.inputs
-    if inputs is not None and len(inputs.path):
-        x[:, reduced.pins] = inputs.path[first : first + len(q)]
+    if inputs is not None and inputs.path.size:
+        x += carrier.shift(inputs, len(q), first)
+        x[:, inputs.pins] = inputs.path[first : first + len(q)]
     return x

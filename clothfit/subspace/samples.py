@@ -3,7 +3,7 @@
 With x = x₀ + U q on the free vertices, a force element depends on q through few rows: a spring through the difference
 of its ends, a face through its corners, a contact through its vertex. These are the *points*, (m, 3),
 
-    y = c + R q,      c the part of the fixed vertices and of x₀,   R (3 m, r) rows of U or their differences.
+    y = c + R q,      c the part of the fixed vertices, of x₀ and of the carrier (`carrier`),   R (3 m, r) rows of U or their differences.
 
 Every element owns *copies* of its points, so that the engine's own kernels (`forces`) act on small arrays: copy 0 is
 the origin, to which each spring ties its point; then one copy for each spring, three for each face, one for each vertex
@@ -100,10 +100,15 @@ def build(system: System, basis: Array, chosen: Selection) -> tuple[Layout, Samp
 
 
 def pinned_points(system: System, ends: Indices, corner: Indices, n: int) -> tuple[Indices, Array]:
-    """Which points a pin is part of, with the pin, (e, 2), and its sign (e,)."""
+    """Which points a pin is part of, with the pin, (e, 2), and its sign (e,). Free vertices follow a pin of their own, the
+    mean of all, of which springs between two of them feel nothing.
+    """
     pin = np.full(n, -1)
     if system.inputs is not None:
         pin[system.inputs.pins] = np.arange(len(system.inputs.pins))
+    if pin.max() < 0:
+        return np.zeros((0, 2), np.int32), np.zeros(0)
+    pin[system.vertex.free] = pin.max() + 1  # what carries them
     owners = [(np.arange(len(ends)), ends[:, 0], 1.0), (np.arange(len(ends)), ends[:, 1], -1.0)]
     owners.append((len(ends) + np.arange(len(corner)), corner, 1.0))
     found, signs = [], []
@@ -111,7 +116,9 @@ def pinned_points(system: System, ends: Indices, corner: Indices, n: int) -> tup
         held = pin[vertices] >= 0
         found.append(np.stack([points[held], pin[vertices][held]], axis=1))
         signs.append(np.full(np.count_nonzero(held), sign))
-    return np.concatenate(found).astype(np.int32), np.concatenate(signs)
+    entries, places = np.unique(np.concatenate(found), axis=0, return_inverse=True)
+    total = np.bincount(places.ravel(), np.concatenate(signs), len(entries))
+    return np.ascontiguousarray(entries[total != 0], np.int32), total[total != 0]
 
 
 def sampled(system: System, chosen: Selection, count: int) -> Sampled:
