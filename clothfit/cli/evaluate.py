@@ -27,6 +27,7 @@ SECTIONS = {
     "What to compare": ("--target", "--steps", "--forces"),
     "The file of the target": motions.FILE_OPTIONS,
     "How fast and how exact (--speed)": SPEED_OPTIONS,
+    "A subspace (MODEL in place of FITTED)": ("--inputs",),
     "What is written": ("--plot", "--gif"),
 }
 
@@ -47,6 +48,8 @@ SECTIONS = {
 @click.option("--fit", is_flag=True, help="With --speed: compare the optimisers too.")
 @click.option("--max-evaluations", type=int, metavar="N",
               help="With --fit: evaluate the cost at most N times with each.  [default: 100]")
+@click.option("--inputs", "inputs_path", metavar="FILE",
+              help="Of a subspace: compare under these inputs over time (JSON).  [default: those of SCENE]")
 @pictures.options
 def command(
     scene_path: str,
@@ -60,19 +63,22 @@ def command(
     budget: float | None,
     fit: bool,
     max_evaluations: int | None,
+    inputs_path: str | None,
     pictures: pictures.Pictures,
     as_json: bool,
     console: Console,
 ) -> None:
     """Measure how far the motion and the parameters of FITTED are from those of SCENE.
 
-    With --speed and without FITTED, compare ways to simulate SCENE: the error and the time of each.
+    With --speed and without FITTED, compare ways to simulate SCENE: the error and the time of each. With a MODEL of
+    clothfit subspace in place of FITTED, compare its motion and its time with those of the full simulation.
 
     \b
     clothfit evaluate scene.json scene.fitted.json
     clothfit evaluate scene.json scene.fitted.json --target capture.npz --json
     clothfit evaluate scene.json scene.fitted.json --plot error.png --gif error.gif
     clothfit evaluate scene.json --speed --error 0.02 --plot speed.svg
+    clothfit evaluate scene.json scene.model.npz --json
     """
     if speed:
         alone: dict[str, object] = {"FITTED": fitted_path, "--target": target_path, "--gif": pictures.gif}
@@ -87,7 +93,24 @@ def command(
         context = click.get_current_context()
         missing = next(p for p in context.command.params if p.name == "fitted_path")
         raise click.MissingParameter(ctx=context, param=missing)
+    if of_subspace(fitted_path):
+        others: dict[str, object] = {"--target": target_path, "--forces": forces_path, "--gif": pictures.gif}
+        others["--plot"] = pictures.plot
+        refuse(others, "{} does not go with a subspace")
+        from clothfit.cli.evaluating import evaluate_subspace
+
+        evaluate_subspace.measure(scene_path, fitted_path, inputs_path, steps, as_json, console)
+        return
+    refuse({"--inputs": inputs_path}, "{} goes with a subspace only")
     compare(scene_path, fitted_path, target_path, reading, steps, forces_path, pictures, as_json, console)
+
+
+def of_subspace(path: str) -> bool:
+    """Whether a file is a subspace."""
+    from clothfit.formats.beginnings import SUBSPACE
+    from clothfit.formats.recognition import kind_of
+
+    return kind_of(path) == SUBSPACE
 
 
 def refuse(given: dict[str, object], why: str) -> None:

@@ -10,6 +10,7 @@ from clothfit.base.reading import unchanged
 SCENE, MOTION, MESH, EITHER = "scene", "motion", "mesh", "mesh or motion"
 CHECKPOINT, LOG, PAGE, MAP, EXPORT = "checkpoint", "log", "page", "map", "export"
 FORCES = "file of forces"
+SUBSPACE, RECORDED = "subspace", "file of recorded motions"
 
 FIRST = 1 << 16
 """Bytes that are looked at."""
@@ -34,6 +35,10 @@ WEB_PAGE = Content("a web page", remedy="download the file itself", kind=PAGE)
 FOR_A_TOOL = Content("an export for another tool", remedy="name the scene that it was made of", kind=EXPORT)
 NUMPY = Content("NumPy", ".npy", kind=MOTION)
 ZIP = b"PK\x03\x04"
+SUBSPACES = {
+    b"subspace.npy": Content("a subspace", remedy="it goes with clothfit subspace play", kind=SUBSPACE),
+    b"recorded.npy": Content("recorded motions", remedy="they go with clothfit subspace build", kind=RECORDED),
+}
 
 CONTENTS = {
     b"glTF": Content("glTF", ".glb"),
@@ -87,6 +92,8 @@ def content_of(first: bytes) -> Content | None:
 def packed(first: bytes) -> Content:
     """What a zip archive is by the name of its first file."""
     name = first[NAME : NAME + int.from_bytes(first[NAME_LENGTH], "little")].lower()
+    if name in SUBSPACES:
+        return SUBSPACES[name]
     if name.endswith(b".npy"):
         return NUMPY._replace(suffix=".npz")
     if name.endswith((b".usd", b".usda", b".usdc")):

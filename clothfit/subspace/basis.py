@@ -32,7 +32,7 @@ SIZES = (4, 8, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 MODES = 16
 """One of so many vectors is a vibration mode."""
 
-ROUNDING = 1e-9
+ROUNDING = 1e-7
 """Relative size of a vector that is nothing but rounding, or nothing new."""
 
 
@@ -59,7 +59,8 @@ def decompose(data: Data, cloth: int, systems: Sequence[System], most: int, epis
 
     def weighted(episode: int) -> Array:
         interrupts.check()
-        return np.asarray((frames_of(data, cloth, episode, inputs[episode], each)[:, free] * root).reshape(-1, 3 * len(root)))
+        frames = frames_of(data, cloth, episode, inputs[episode], each)
+        return np.asarray((frames[:, free] * root).reshape(-1, 3 * len(root)))
 
     rows = [len(weighted(episode)) for episode in episodes]
     tall = 3 * len(root) <= sum(rows)
@@ -147,7 +148,7 @@ def orthonormal(vectors: Array, mass: Array, first: int) -> Array:
         for _ in range(2):
             done = np.stack(kept, axis=1) if kept else np.zeros((len(v), 0))
             v = v - done @ (done.T @ v)
-        if np.linalg.norm(v) > 1e3 * ROUNDING * size:
+        if np.linalg.norm(v) > 10 * ROUNDING * size:
             kept.append(v / np.linalg.norm(v))
     own = np.stack(kept, axis=1).reshape(len(mass), 3, -1)
     return np.ascontiguousarray(own / np.sqrt(mass)[:, None, None])

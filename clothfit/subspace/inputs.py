@@ -2,10 +2,11 @@
 
     [{"acts": "wind", "times": [0, 1], "values": [[0, 0, 0], [5, 0, 0]], "interpolation": "smooth"}, …]
 
-`acts` is wind, gravity, pins, collider or frame. Wind and gravity have `values`, which are added to those of the scene;
-pins `offsets`, or `pos` and `rot`, for `vertices` (default: all that are fixed) of an `object` (default: 0); a collider
-`pos` and `rot` and its number `collider`; the frame `pos` and `rot`. Instead of times and numbers there may be a `file`.
-They mean what the keys of a scene mean (docs/scene.md), and take the place of those for what they act on.
+`acts` is wind, gravity, pins, collider or frame. Wind and gravity have `values`, which are added to those of the
+scene; pins `offsets`, or `pos` and `rot`, for `vertices` (default: all that are fixed) of an `object` (default: 0); a
+collider `pos` and `rot` and its number `collider`; the frame `pos` and `rot`. Instead of times and numbers there may
+be a `file`. They mean what the keys of a scene mean (docs/scene.md), and take the place of those for what they act
+on.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """MODEL: a file with all that playing a subspace needs, an `.npz` archive.
 
-`scene`, the text of the scene; `about`, JSON: version, method, folder of the scene's paths, range of the recorded
-inputs, and what was measured when it was built; and for each object c its `basis{c}` (n, 3, r), single precision, and
-the elements that its steps evaluate with their weights: `springs{c}`, `spring_weight{c}`, `faces{c}`, `face_weight{c}`,
-`vertices{c}`, `vertex_weight{c}`; `envelope{c}` (2, r), the least and largest coordinates of the recorded motions.
+`subspace`, JSON: version, method, folder of the scene's paths, range of the recorded inputs, and what was measured
+when it was built; `scene`, the text of the scene; and for each object c its `basis{c}` (n, 3, r), single precision,
+and the elements that its steps evaluate with their weights: `springs{c}`, `spring_weight{c}`, `faces{c}`,
+`face_weight{c}`, `vertices{c}`, `vertex_weight{c}`; `envelope{c}` (2, r), the least and largest coordinates of the
+recorded motions.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ from clothfit.subspace.reduced import Reduced
 from clothfit.subspace.samples import Selection
 
 VERSION = 1
+HEAD = "subspace"
+"""Name of the archive's first array."""
+
 PHYSICS = "physics"
 METHODS = (PHYSICS,)
 
@@ -68,8 +72,8 @@ def arrays(model: Model) -> dict[str, Any]:
     """What the file holds."""
     about = {"version": VERSION, "method": model.method, "folder": model.folder, "limits": model.limits,
              "built": model.built, "objects": len(model.parts)}  # fmt: skip
-    found: dict[str, Any] = {"scene": np.frombuffer(model.text, np.uint8)}
-    found["about"] = np.frombuffer(json.dumps(about).encode(), np.uint8)
+    found: dict[str, Any] = {HEAD: np.frombuffer(json.dumps(about).encode(), np.uint8)}  # first: it tells the file
+    found["scene"] = np.frombuffer(model.text, np.uint8)
     for c, part in enumerate(model.parts):
         found[f"basis{c}"] = part.basis.astype(np.float32)
         found[f"envelope{c}"] = part.envelope
@@ -97,10 +101,10 @@ def is_model(path: str | os.PathLike[str]) -> bool:
     """Whether a file is an archive with a subspace in it."""
     try:
         with open(path, "rb") as file:
-            if not file.read(2) == npz.ZIP_MAGIC:
+            if file.read(2) != npz.ZIP_MAGIC:
                 return False
             file.seek(0)
-            return {"about", "basis0"} <= set(npz.stored(file, ("about", "basis0"), ""))
+            return {HEAD, "basis0"} <= set(npz.stored(file, (HEAD, "basis0"), ""))
     except npz.FAULTS:
         return False
 
@@ -110,8 +114,8 @@ def load_model(path: str | os.PathLike[str]) -> Model:
     name = os.fspath(path)
     try:
         with open(path, "rb") as file:
-            head = npz.stored(file, ("scene", "about"), "")
-            text, about = head["scene"].read().tobytes(), json.loads(head["about"].read().tobytes())
+            head = npz.stored(file, ("scene", HEAD), "")
+            text, about = head["scene"].read().tobytes(), json.loads(head[HEAD].read().tobytes())
             if about["version"] != VERSION or about["method"] not in METHODS:
                 raise InvalidInput(f"{name}: it was made by another version of clothfit; build it again")
             parts = tuple(_part(file, c) for c in range(int(about["objects"])))

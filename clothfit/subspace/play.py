@@ -74,7 +74,7 @@ def ready(model: Model, part: Part, scene: Scene, c: int, steps: int, said: dict
 
 def clamped(inputs: Inputs, limits: dict[str, Any], said: dict[str, None]) -> Inputs:
     """The inputs within the range of those that were recorded."""
-    changed: dict[str, Array] = {}
+    changed: dict[str, Any] = {}
     for name, unit in (("wind", "m/s"), ("gravity", "m/s²")):
         table = getattr(inputs, name)
         low, high = (np.array(each) for each in limits.get(name, ([0.0] * 3, [0.0] * 3)))

@@ -1,9 +1,9 @@
 """Recording motions of a scene under many inputs, in parallel, each of them straight to disk.
 
-DATA is an `.npz` archive: `scene`, the text of the scene; `record`, JSON with the folder, the ranges and the inputs of
-each episode; and for each episode e and object c the displacements `x{e}.{c}` (frames, n, 3), m, in single precision,
-with `good{e}.{c}` (frames,): which frames a plain step led to. A motion that diverges ends there; frames after steps
-that were shortened or clamped (`engine.step.guard`) do not count.
+DATA is an `.npz` archive: `recorded`, JSON with the folder, the ranges and the inputs of each episode; `scene`, the
+text of the scene; and for each episode e and object c the displacements `x{e}.{c}` (frames, n, 3), m, in single
+precision, with `good{e}.{c}` (frames,): which frames a plain step led to. A motion that diverges ends there; frames
+after steps that were shortened or clamped (`engine.step.guard`) do not count.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clothfit.base import interrupts, npz
 from clothfit.base.arrays import Array, Flags
@@ -94,7 +95,7 @@ def motions(text: bytes, folder: str, own: Episode, steps: int, stem: str) -> li
     return found
 
 
-def motion(scene: Scene, cloth: int, steps: int) -> tuple[Array, Flags]:
+def motion(scene: Scene, cloth: int, steps: int) -> tuple[NDArray[np.float32], Flags]:
     """The displacements (frames, n, 3) of a cloth, single precision, and which frames are good."""
     system = build(scene, cloth, steps=steps)
     tape = Tape(system, steps, TOLERANCE)
@@ -111,7 +112,7 @@ def motion(scene: Scene, cloth: int, steps: int) -> tuple[Array, Flags]:
 def pack(file: IO[bytes], text: bytes, about: dict[str, Any], place: str) -> None:
     """Write the archive from the files in a folder."""
     with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
-        for name, content in (("scene", text), ("record", json.dumps(about).encode())):
+        for name, content in (("recorded", json.dumps(about).encode()), ("scene", text)):
             stream = io.BytesIO()
             np.save(stream, np.frombuffer(content, np.uint8))
             archive.writestr(f"{name}.npy", stream.getvalue())
@@ -127,7 +128,7 @@ class Data:
         """Raises InvalidInput where it is none."""
         self.path = path
         try:
-            text, about = (self.array(name).tobytes() for name in ("scene", "record"))
+            text, about = (self.array(name).tobytes() for name in ("scene", "recorded"))
             self.record: dict[str, Any] = json.loads(about)
             items = self.record["episodes"]
             self.episodes = [Episode(tuple(each["items"]), float(each["pace"])) for each in items]

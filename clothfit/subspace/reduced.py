@@ -3,7 +3,8 @@ with T what carries them (`carrier`).
 
 Each step is that of the scene's method, projected (`step`): implicit Euler with all its Newton iterations, or BDF2
 whose inner step begins at the extrapolated state, as `engine.step.bdf2` has it. Where the projected matrix is not
-positive definite, an iteration is solved with that of the clamped springs. Steps are never shortened (`engine.step.guard`).
+positive definite, an iteration is solved with that of the clamped springs. Steps are never shortened
+(`engine.step.guard`).
 """
 
 from __future__ import annotations
@@ -81,7 +82,7 @@ class Reduced:
         """The state at the start; velocities are projected on the basis."""
         momentum = (self.basis * self.system.vertex.mass[:, None, None]).reshape(-1, self.r).T
         p = np.linalg.solve(self.mass, momentum @ (self.system.v0 - mean_of(self.v_held)).ravel())
-        return State(np.zeros(self.r), p)
+        return State(np.zeros(self.r), np.asarray(p, float))
 
     def to_copies(self, coordinates: Array, pins: Array, out: Array, constant: bool) -> None:
         """Write positions, with the `constant`, or velocities of the copies for coordinates (r,) and pins (P, 3)."""
@@ -225,6 +226,7 @@ def decode(reduced: Reduced, q: Array, first: int = 0) -> Array:
     x = (q @ reduced.basis.reshape(-1, reduced.r).T).reshape(-1, n, 3) + reduced.system.x0
     inputs = reduced.system.inputs
     if inputs is not None and inputs.path.size:
-        x += carrier.shift(inputs, len(q), first)
+        free = reduced.system.vertex.free
+        x[:, free] += carrier.shift(inputs, len(q), first)
         x[:, inputs.pins] = inputs.path[first : first + len(q)]
     return x

@@ -3,7 +3,8 @@
 With x = x₀ + U q on the free vertices, a force element depends on q through few rows: a spring through the difference
 of its ends, a face through its corners, a contact through its vertex. These are the *points*, (m, 3),
 
-    y = c + R q,      c the part of the fixed vertices, of x₀ and of the carrier (`carrier`),   R (3 m, r) rows of U or their differences.
+    y = c + R q,   c the part of the fixed vertices, of x₀ and of what carries them (`carrier`),
+                   R (3 m, r) rows of U or their differences.
 
 Every element owns *copies* of its points, so that the engine's own kernels (`forces`) act on small arrays: copy 0 is
 the origin, to which each spring ties its point; then one copy for each spring, three for each face, one for each vertex
@@ -33,11 +34,6 @@ class Selection(NamedTuple):
     face_weight: Array  # (f,)
     vertices: Indices  # (c,), those that may touch something
     vertex_weight: Array  # (c,)
-
-    @property
-    def count(self) -> int:
-        """Number of elements."""
-        return len(self.springs) + len(self.faces) + len(self.vertices)
 
 
 class Blocks(NamedTuple):
@@ -100,8 +96,8 @@ def build(system: System, basis: Array, chosen: Selection) -> tuple[Layout, Samp
 
 
 def pinned_points(system: System, ends: Indices, corner: Indices, n: int) -> tuple[Indices, Array]:
-    """Which points a pin is part of, with the pin, (e, 2), and its sign (e,). Free vertices follow a pin of their own, the
-    mean of all, of which springs between two of them feel nothing.
+    """Which points a pin is part of, with the pin, (e, 2), and its sign (e,). Free vertices follow a pin of their own,
+    the mean of all, of which springs between two of them feel nothing.
     """
     pin = np.full(n, -1)
     if system.inputs is not None:

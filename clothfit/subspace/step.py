@@ -7,8 +7,8 @@ the free vertices and the velocities of the pins elsewhere, projected on U, that
 
 the sums over copies, B = −h² K − h D and b the blocks and the right-hand sides that the engine's forces give, ċ the
 velocity of the pins' part of a copy. Each block is symmetric: B = Σ d l lᵀ, and the rows √|d| lᵀ R of all blocks make
-the matrix as one product, those with d < 0 subtracted. A block of rank one, as those of faces and of contacts, gives one
-row. Arrays are (copies, 3) or (points, 3).
+the matrix as one product, those with d < 0 subtracted. A block of rank one, as those of faces and of contacts, gives
+one row. Arrays are (copies, 3) or (points, 3).
 """
 
 from __future__ import annotations
@@ -134,9 +134,9 @@ def factors(lay, A, up, down):
 
 
 @kernel
-def write_row(rows, j, scale, l, out):
-    """out (r,) = scale · lᵀ R, R the three rows from j on."""
-    l0, l1, l2 = scale * l[0], scale * l[1], scale * l[2]
+def write_row(rows, j, scale, along, out):
+    """out (r,) = scale · lᵀ R for `along` l (3,), R the three rows from j on."""
+    l0, l1, l2 = scale * along[0], scale * along[1], scale * along[2]
     for c in range(rows.shape[1]):
         out[c] = l0 * rows[j, c] + l1 * rows[j + 1, c] + l2 * rows[j + 2, c]
 

@@ -50,7 +50,7 @@ class Episode:
 
 
 def gentle_wind(scene: Scene) -> float:
-    """The wind, m/s, that pushes the cloths of a scene with a part of their weight; 0 where they do not feel the air."""
+    """The wind, m/s, that pushes the cloths of a scene with a part of their weight; 0 where they feel no air."""
     push = weight = 0.0
     for cloth in scene.cloths:
         push += air_push(cloth)

@@ -26,7 +26,10 @@ def test_the_group_lists_the_commands_in_the_order_of_a_working_day(capsys):
     code, out, err = said(capsys, "--help")
     assert (code, err) == (0, "")
     shown = [line.split()[0] for line in out.split("Commands:")[1].splitlines() if line.strip()]
-    day = "new info validate simulate target estimate control evaluate report check convert export completion warmup"
+    day = (
+        "new info validate simulate target estimate control subspace evaluate report check convert export completion "
+        "warmup"
+    )
     assert shown == list(COMMANDS) == day.split()
 
 

@@ -13,8 +13,8 @@ PACKAGE = ROOT / "clothfit"
 
 FOLDERS = [
     "base", "kernels", "scene", "formats", "meshes", "engine", "motion", "derivative", "objective", "optimise",
-    "registration", "strategy", "fit", "control", "evaluation", "inspection", "many", "pictures", "report", "export",
-    "cli",
+    "registration", "strategy", "fit", "control", "evaluation", "inspection", "many", "subspace", "pictures", "report",
+    "export", "cli",
 ]  # fmt: skip
 """From the bottom to the top: the path of the data."""
 

@@ -6,13 +6,26 @@ from collections.abc import Mapping
 from typing import Any
 
 from clothfit.base.errors import InvalidInput
-from clothfit.formats.beginnings import CHECKPOINT, EITHER, EXPORT, FORCES, LOG, MAP, MESH, MOTION, PAGE, SCENE
+from clothfit.formats.beginnings import (
+    CHECKPOINT,
+    EITHER,
+    EXPORT,
+    FORCES,
+    LOG,
+    MAP,
+    MESH,
+    MOTION,
+    PAGE,
+    RECORDED,
+    SCENE,
+    SUBSPACE,
+)
 from clothfit.formats.recognition import kind_of
 
 PLACES = {
-    "scene_path": (SCENE,), "scene_paths": (SCENE,), "fitted_path": (SCENE,), "start": (SCENE,),
+    "scene_path": (SCENE,), "scene_paths": (SCENE,), "fitted_path": (SCENE, SUBSPACE), "start": (SCENE,),
     "target_path": (MOTION, MESH, EITHER), "target_paths": (MOTION, MESH, EITHER), "in_path": (MOTION, MESH, EITHER),
-    "given": (MESH, EITHER), "log_paths": (LOG,),
+    "given": (MESH, EITHER), "log_paths": (LOG,), "subspace_path": (SCENE, SUBSPACE, RECORDED), "inputs_path": (SCENE,),
 }  # fmt: skip
 """Parameters of commands that are files to read, and the kinds that they take."""
 
@@ -56,5 +69,7 @@ def advice(kind: str, command: str, taken: tuple[str, ...]) -> str:
         PAGE: "open it in a browser",
         FORCES: f"did you mean {'--forces' if command in WITH_FORCES else 'clothfit info, or simulate --forces'}?",
         EXPORT: "name the scene that it was made of",
+        SUBSPACE: "did you mean clothfit subspace play, or clothfit evaluate SCENE MODEL?",
+        RECORDED: "did you mean clothfit subspace build?",
     }
     return known[kind]

@@ -1,0 +1,259 @@
+"""`clothfit subspace`: record motions, build a subspace of them, play it."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from clothfit.base import interrupts
+from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import metres
+from clothfit.cli.common import motions
+from clothfit.cli.common.console import Console
+from clothfit.cli.common.options import check_least, standard_command
+from clothfit.cli.common.output import STREAM, output_for, print_json
+from clothfit.cli.common.scenes import check_there, one_stream, read_scene
+
+if TYPE_CHECKING:
+    from clothfit.formats.convention import Convention
+    from clothfit.scene.scene import Scene
+    from clothfit.subspace.build import Report
+    from clothfit.subspace.recording import Data
+    from clothfit.subspace.variation import Ranges
+
+RECORDING = ("--episodes", "--frames", "--wind", "--pins", "--pace", "--seed")
+BUILDING = ("--basis", "--error", "--cubature", "--modes", "--method")
+SECTIONS = {
+    "What to record (record, and build from a SCENE)": RECORDING,
+    "What to build (build)": BUILDING,
+    "What to play (play)": ("--inputs",),
+    "What is written": ("--output",),
+}
+EPISODES, FRAMES = 9, 300
+ONLY = {
+    "record": {"episodes", "frames", "wind", "pins", "pace", "seed"},
+    "build": {"episodes", "frames", "wind", "pins", "pace", "seed", "basis", "error", "cubature", "modes", "method"},
+    "play": {"frames", "inputs_path"},
+}
+
+
+@standard_command("subspace", SECTIONS)
+@click.argument("action", metavar="record|build|play", type=click.Choice(tuple(ONLY)))
+@click.argument("subspace_path", metavar="SCENE|DATA|MODEL")
+@click.option("--episodes", type=int, metavar="N",
+              help=f"Record N motions; the last one judges.  [default: {EPISODES}]")
+@click.option("--frames", type=int, metavar="N",
+              help=f"Frames of each motion.  [default: {FRAMES}; to play those of the scene]")
+@click.option("--wind", type=float, metavar="SPEED",
+              help="Gusts up to this speed along each axis, m/s.  [default: a push of a quarter of the weight]")
+@click.option("--pins", type=float, metavar="METRES", help="Move all fixed vertices at random so far.  [default: 0]")
+@click.option("--pace", type=float, metavar="FACTOR",
+              help="What moves in the scene does so up to this much faster or slower.  [default: 1.25]")
+@click.option("--seed", type=int, metavar="S", help="Seed of all that is random.  [default: 0]")
+@click.option("--basis", type=int, metavar="R", help="Number of vectors.  [default: 64, or as --error needs]")
+@click.option("--error", metavar="LENGTH", help="Take as many vectors as leave out no more, such as 5mm.")
+@click.option("--cubature", type=float, metavar="ERROR",
+              help="Relative error of the forces' sums; 0 evaluates all elements.  [default: 0.01]")
+@click.option("--modes", type=int, metavar="N",
+              help="So many of the vectors are vibration modes.  [default: one in sixteen]")
+@click.option("--method", type=click.Choice(("physics",)), help="How the coordinates step.  [default: physics]")
+@click.option("--inputs", "inputs_path", metavar="FILE", help="Play with these inputs over time (JSON).")
+@click.option("-o", "--output", "path", metavar="OUT",
+              help="File of the data, the model or the motion.  [default: <stem>.data.npz, .model.npz, .played.npz]")
+def command(
+    action: str, subspace_path: str, path: str | None, as_json: bool, console: Console, **given: Any
+) -> int | None:
+    """Play a scene's cloths in a subspace of their motions, hundreds of times faster.
+
+    record simulates SCENE under random inputs and writes DATA; build makes a MODEL of it, or of a SCENE at once; play
+    moves MODEL. How far a model is from the full simulation says clothfit evaluate SCENE MODEL.
+
+    \b
+    clothfit subspace build scene.json -o scene.model.npz
+    clothfit subspace play scene.model.npz --inputs gusts.json --frames 1000 -o motion.npz
+    clothfit evaluate scene.json scene.model.npz
+    clothfit subspace record scene.json --episodes 20 --wind 8 -o data.npz
+    clothfit subspace build data.npz --error 5mm
+    """
+    for name, value in given.items():
+        if value is not None and name not in ONLY[action]:
+            option = "--" + name.removesuffix("_path")
+            raise click.UsageError(f"{option} does not go with {action}", click.get_current_context())
+    check_least(1, frames=given["frames"])
+    check_least(2, episodes=given["episodes"])
+    check_least(0, modes=given["modes"], seed=given["seed"])
+    one_stream(subspace_path, given["inputs_path"])
+    check_there(subspace_path)
+    {"record": record, "build": build, "play": play}[action](subspace_path, path, given, as_json, console)
+    return None
+
+
+def length(text: str | None) -> float | None:
+    """A length in m from a text such as 5mm, 0.5cm, 0.005 or 0.005m. Raises InvalidInput."""
+    if text is None:
+        return None
+    for unit, size in (("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("", 1.0)):
+        if text.strip().endswith(unit):
+            try:
+                return float(text.strip().removesuffix(unit)) * size
+            except ValueError:
+                break
+    raise InvalidInput(f"--error: {text!r} is no length; write it as 5mm, 0.5cm or 0.005")
+
+
+def ranges_of(scene: Scene, given: dict[str, Any]) -> Ranges:
+    """The ranges that are asked for. Raises InvalidInput."""
+    from clothfit.subspace.variation import Ranges, gentle_wind
+
+    wind = gentle_wind(scene) if given["wind"] is None else given["wind"]
+    pace = 1.25 if given["pace"] is None else given["pace"]
+    found = Ranges(wind, given["pins"] or 0.0, pace)
+    found.check()
+    return found
+
+
+def recorded(scene: Scene, path: str, given: dict[str, Any], console: Console) -> dict[str, Any]:
+    """Record motions of a scene to a file, and say what they are; the summary."""
+    from clothfit.engine.system import build as build_system
+    from clothfit.subspace.recording import record as record_to
+    from clothfit.subspace.reduced import check
+    from clothfit.subspace.variation import episodes
+
+    ranges, count = ranges_of(scene, given), given["episodes"] or EPISODES
+    steps, seed = (given["frames"] or FRAMES) - 1, given["seed"] or 0
+    for c in range(len(scene.cloths)):
+        check(build_system(scene, c, steps=1))
+    console.announce_compilation()
+    own = episodes(scene, ranges, count, max(steps, 1) * scene.delta, seed)
+    with interrupts.heard():
+        found = record_to(scene, own, ranges, steps, path, lambda done, _: console.detail(f"{done} motions"))
+    gusts = f"wind up to {ranges.wind:g} m/s"
+    console.say(f"{count} motions of {steps + 1} frames, {gusts}: {found.frames} frames are kept")
+    if found.left_out:
+        console.warn(f"{found.left_out} frames are left out, of steps that were shortened or clamped, or that never "
+                     f"came; {found.diverged} motions diverged")
+    return asdict(found) | {"episodes": count, "ranges": asdict(ranges), "seed": seed}
+
+
+def record(scene_path: str, path: str | None, given: dict[str, Any], as_json: bool, console: Console) -> None:
+    """Record motions of a scene."""
+    scene = read_scene(scene_path, console)
+    out = output_for(path, scene_path, ".data.npz", ())
+    if out.is_stream:
+        raise InvalidInput("-o must be a file; - was given")
+    found = recorded(scene, out.path, given, console)
+    console.say(f"→ {out.path}")
+    if as_json:
+        print_json("subspace", found | {"output": out.path})
+
+
+def build(given_path: str, path: str | None, given: dict[str, Any], as_json: bool, console: Console) -> None:
+    """Build a model of recorded motions, or of a scene."""
+    from clothfit.formats.beginnings import RECORDED, SUBSPACE
+    from clothfit.formats.recognition import kind_of
+
+    kind = None if given_path == STREAM else kind_of(given_path)
+    if kind == SUBSPACE:
+        raise InvalidInput(f"{given_path} is a subspace already; name a scene, or recorded motions")
+    options = options_of(given)
+    options.check()
+    out = output_for(path, given_path, ".model.npz", ())
+    from clothfit.subspace.recording import Data
+
+    if kind == RECORDED:
+        asked = [f"--{name}" for name in ONLY["record"] if name != "seed" and given[name] is not None]
+        if asked:
+            raise click.UsageError(f"{min(asked)} goes with a SCENE", click.get_current_context())
+        built(Data(given_path), options, out, {}, as_json, console)
+        return
+    scene = read_scene(given_path, console)
+    with tempfile.TemporaryDirectory(prefix="clothfit-", dir=None if out.is_stream else Path(out.path).parent) as place:
+        data = f"{place}/data.npz"
+        about = recorded(scene, data, given, console)
+        built(Data(data), options, out, about, as_json, console)
+
+
+def options_of(given: dict[str, Any]) -> Any:
+    """The options of a build."""
+    from clothfit.subspace.build import DEFAULT_ERROR, Options
+
+    asked = given["cubature"]
+    cubature = DEFAULT_ERROR if asked is None else asked or None
+    return Options(given["basis"], length(given["error"]), cubature, given["modes"], given["seed"] or 0)
+
+
+def built(data: Data, options: Any, out: Any, about: dict[str, Any], as_json: bool, console: Console) -> None:
+    """Build a model, write it, and say how good it is."""
+    from clothfit.base import threads
+    from clothfit.subspace.build import build as build_model
+    from clothfit.subspace.build import summary
+    from clothfit.subspace.model import encoded
+
+    console.announce_compilation()
+    with threads.single():
+        model, found = build_model(data, options, console.detail)
+    out.write(encoded(model))
+    for c, each in enumerate(found):
+        show(f"objects[{c}]", each, console)
+    console.say(f"→ {out.name}")
+    if as_json:
+        objects = [summary(each) for each in found]
+        print_json("subspace", {"recorded": about, "objects": objects, "output": out.path}, out)
+
+
+def show(name: str, found: Report, console: Console) -> None:
+    """Say what a model of one object leaves out, evaluates and misses."""
+    console.result(f"{name}: {found.vectors} vectors")
+    console.table([("vectors", "leave out"), *((str(k), metres(v)) for k, v in found.left_out.items())])
+    used = ", ".join(f"{a} of {b} {kind}" for kind, (a, b) in found.elements.items() if b)
+    console.result(f"evaluated: {used}")
+    for what, own in (("with all elements", found.whole), ("as evaluated", found.sampled)):
+        if own is not None:
+            console.result(f"a motion beside those, {what}: {metres(own.rmse)}, {100 * own.relative:.2g} % of its RMS")
+
+
+def play(model_path: str, path: str | None, given: dict[str, Any], as_json: bool, console: Console) -> None:
+    """Play a model."""
+    from clothfit.base import threads
+    from clothfit.subspace.model import load_model
+    from clothfit.subspace.play import play as play_model
+
+    if model_path == STREAM:
+        raise InvalidInput("MODEL must be a file; - was given")
+    model = load_model(model_path)
+    scene = with_inputs(model.scene(), given["inputs_path"])
+    frames = given["frames"] or scene.frames
+    out = output_for(path, model_path, ".played.npz", (given["inputs_path"],))
+    motions.check(out, own_axes(), (model_path,), frames)
+    console.announce_compilation()
+    with threads.single():
+        played = play_model(model, scene, frames)
+    for sentence in played.clamped:
+        console.warn(sentence)
+    motions.write(played.motion, out, scene, own_axes(), console)
+    each = {name: 1e6 * seconds / max(frames - 1, 1) for name, seconds in played.seconds.items()}
+    console.say(f"{frames} frames, {each['state']:.0f} µs a step → {out.name}")
+    if as_json:
+        print_json("subspace", {"frames": frames, "us_per_frame": each, "clamped": played.clamped, "output": out.path},
+                   out)
+
+
+def with_inputs(scene: Scene, path: str | None) -> Scene:
+    """The scene with the inputs of a file. Raises InvalidInput."""
+    if path is None:
+        return scene
+    from clothfit.subspace.inputs import applied, load
+
+    check_there(path)
+    return applied(scene, load(path), str(Path(path).parent), path)
+
+
+def own_axes() -> Convention:
+    """The axes of each format."""
+    from clothfit.formats.convention import Convention
+
+    return Convention()
