@@ -50,7 +50,7 @@ def test_the_common_options_are_everywhere(capsys, command):
     for option in ("--json", "-q, --quiet", "-v, --verbose", "--version", "-h, --help"):
         assert option in out
     bare = command in ("completion", "export", "warmup")
-    first = "" if bare else {"new": " plane", "convert": " scene.motion.npz"}.get(command, " scene.json")
+    first = "" if bare else {"new": " plane", "convert": " scene.motion.npz", "subspace": " build"}.get(command, " scene.json")
     assert f"\n  clothfit {command}{first}" in out  # an example to copy
 
 
