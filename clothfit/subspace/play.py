@@ -5,7 +5,7 @@ Inputs beyond those of the recorded motions are clamped to their range: what a s
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
@@ -118,9 +118,3 @@ def positions(own: Reduced, q: Array) -> Array:
     for first in range(0, len(q), 64):
         out[first : first + 64] = decode(own, q[first : first + 64], first)
     return out
-
-
-def at_rest(scene: Scene) -> Scene:
-    """The scene without what changes over time."""
-    cloths = tuple(replace(cloth, pins=()) for cloth in scene.cloths)
-    return replace(scene, wind_keys=None, gravity_keys=None, cloths=cloths)

@@ -50,7 +50,8 @@ def test_the_common_options_are_everywhere(capsys, command):
     for option in ("--json", "-q, --quiet", "-v, --verbose", "--version", "-h, --help"):
         assert option in out
     bare = command in ("completion", "export", "warmup")
-    first = "" if bare else {"new": " plane", "convert": " scene.motion.npz", "subspace": " build"}.get(command, " scene.json")
+    others = {"new": " plane", "convert": " scene.motion.npz", "subspace": " build"}
+    first = "" if bare else others.get(command, " scene.json")
     assert f"\n  clothfit {command}{first}" in out  # an example to copy
 
 
