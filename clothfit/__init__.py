@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from clothfit.formats.convention import Reading as Reading
     from clothfit.inspection.gradient_check import SceneCheck as SceneCheck
     from clothfit.inspection.gradient_check import check_scene as check_scene
+    from clothfit.live.client import connect as connect
+    from clothfit.live.engine import Engine as Engine
     from clothfit.many.estimate_many import estimate_many as estimate_many
     from clothfit.meshes import mesh as mesh
     from clothfit.meshes import problems
@@ -93,6 +95,8 @@ _HOMES = {
     "inspection.gradient_check": ("SceneCheck", "check_scene"),
     "many.estimate_many": ("estimate_many",),
     "report.page": ("report_page",),
+    "live.client": ("connect",),
+    "live.engine": ("Engine",),
 }
 """Modules to the public names that they have."""
 

@@ -56,6 +56,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "find_forces", "Control", "Costs", "Key", "load_keys", "Forces", "load_forces", "save_forces",
     ),
     "Costs and gradients": ("cost_and_gradient", "Objective", "Residuals", "check_scene", "SceneCheck", "verify"),
+    "Live": ("Engine", "connect"),
     "Speed and accuracy": ("work_precision", "WorkPrecision"),
     "Errors": ("ClothfitError", "InvalidInput", "InvalidScene", "InvalidMotion", "Diverged"),
 }  # fmt: skip

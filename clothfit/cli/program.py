@@ -59,6 +59,7 @@ SUMMARIES = {
     "subspace": "play a scene's cloths hundreds of times faster",
     "evaluate": "measure how far a fit is from the truth or a target",
     "report": "make a page that plays a fit over its target in 3-D",
+    "serve": "play, tune and fit a scene on a page in the browser",
     "check": "check the gradient that a fit would follow",
     "convert": "convert a motion from one format to another",
     "export": "write masses and stiffnesses for other cloth tools",

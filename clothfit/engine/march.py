@@ -40,7 +40,7 @@ def velocities(part, t):
     return w
 
 
-@kernel
+@kernel(nogil=True)
 def run(system, tolerance, work, part, start, stop):
     """Fill a Rollout from its step `start` to below `stop`.
 
@@ -130,7 +130,7 @@ def state_before(part, t):
     return part.x[t - 1], velocity(part, t - 1)
 
 
-@kernel
+@kernel(nogil=True)
 def retake(early, tolerance, work, part, t):
     """Take step t anew with a system that knows contacts early, and shorten it if it still adds energy. Returns
     DONE, FAILED or REFUSED, where the clamped system is to be tried.
@@ -154,7 +154,7 @@ def retake(early, tolerance, work, part, t):
     return DONE
 
 
-@kernel
+@kernel(nogil=True)
 def run_bdf2(euler, inner, tolerance, work, part, start, stop):
     """What `run` does, for the two `bdf2.forms`."""
     x, first, safe = part.x, work.solution, euler.springs.cap <= 1.0

@@ -7,7 +7,7 @@ little time. A `tape` goes through a whole motion part by part.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -154,13 +154,18 @@ def rollout(system: System, steps: int, tolerance: float) -> tuple[Rollout, int]
     return whole, fill(system, tolerance, implicit.workspace(system), whole)
 
 
-def fill(system: System, tolerance: float, work: implicit.Workspace, part: Rollout) -> int:
-    """Compute the steps of a part whose x[0], v and first are set; returns how many are good."""
+def fill(
+    system: System, tolerance: float, work: implicit.Workspace, part: Rollout,
+    look: Callable[[], None] = interrupts.check,
+) -> int:  # fmt: skip
+    """Compute the steps of a part whose x[0], v and first are set; returns how many are good. `look` is called now and
+    then, and may raise.
+    """
     taken = Taken(system)
     if system.surface is not None:
         from clothfit.engine import touching  # which few scenes need
 
-        return touching.fill(taken, tolerance, work, part)
+        return touching.fill(taken, tolerance, work, part, look)
     with linear.served(work.A, work.solver):
         for begin, end in stretches(part.steps, len(system.x0)):
             done, ended = begin, march.DONE
@@ -171,7 +176,7 @@ def fill(system: System, tolerance: float, work: implicit.Workspace, part: Rollo
                     done, ended = advance(system, tolerance, work, part, done, end)
                 if ended == march.CONTACTS:
                     done, ended = retake(taken, tolerance, work, part, done)
-                interrupts.check()
+                look()
                 if ended == march.FAILED:
                     return int(done)
     return part.steps

@@ -12,6 +12,7 @@ Each step notes its pairs and zones; the derivatives take them from there.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -69,8 +70,12 @@ def with_contact(
     return system._replace(contact=contact), work._replace(A=A)
 
 
-def fill(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout) -> int:
-    """Compute the steps of a part whose x[0], v and first are set; returns how many are good."""
+def fill(
+    forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout, look: Callable[[], None] = interrupts.check
+) -> int:
+    """Compute the steps of a part whose x[0], v and first are set; returns how many are good. `look` is called after
+    each.
+    """
     bare = part.bare()
     for t in range(part.steps):
         touch, ended = step(forms.form(False, False), tolerance, work, bare, t)
@@ -79,7 +84,7 @@ def fill(forms: Any, tolerance: float, work: implicit.Workspace, part: Rollout) 
         if ended != march.DONE:
             return t
         part.touches[t] = touch
-        interrupts.check()
+        look()
     return int(part.steps)
 
 
@@ -189,7 +194,7 @@ def taken(system: System, work: implicit.Workspace, part: Rollout, t: int) -> Ta
     return Taken(own, room, one, touch.zones)
 
 
-@kernel
+@kernel(nogil=True)
 def begin(system, part, t, work):
     """Write a first guess of the velocity to the workspace, and note an ordinary step."""
     part.theta[t], part.clamped[t], part.early[t] = 1.0, system.springs.cap <= 1.0, False
@@ -199,7 +204,7 @@ def begin(system, part, t, work):
     guess.advance(work.past, part.first + t, work.solution)
 
 
-@kernel
+@kernel(nogil=True)
 def attempt(system, work, part, t, v, first, tolerance):
     """Take step t from a first guess; whether its matrix is not seen to be indefinite."""
     set_inputs(system.inputs, system, part.first + t)

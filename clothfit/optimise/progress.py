@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.kernels.clock import computing, passing
+
+if TYPE_CHECKING:
+    from clothfit.scene.scene import Scene
 
 FEWEST_MARKS, SHORTEST_TREND = 6, 3.0
 """Reports, and seconds, from which on a trend is looked at."""
@@ -38,6 +42,7 @@ class Progress:
     frames: int = 0  # … of so many
     window_rmse: float = np.nan  # of the last accepted point, m, where that is of fewer than all frames
     unit: str = "m"  # of the errors: "m", "m/s", or none
+    best: Callable[[], Scene] | None = None  # makes the scene with the best values so far
 
 
 class Trend:
@@ -102,8 +107,10 @@ class Reporter:
         if not np.array_equal(p, self.p):
             self.p, self.step, self.iterations = p, step, self.iterations + 1
 
-    def report(self, evaluations: int, budget: int, cost: float, rmse: float) -> None:
-        """Report the best point of that cost."""
+    def report(
+        self, evaluations: int, budget: int, cost: float, rmse: float, best: Callable[[], Scene] | None = None
+    ) -> None:
+        """Report the best point of that cost; `best` makes its scene."""
         if self.receiver:
             at = (self.iterations, self.step, self.stage, self.window, self.frames, self.window_rmse, self.unit)
-            self.receiver(Progress(evaluations, budget, cost, rmse, self.seconds, *at))
+            self.receiver(Progress(evaluations, budget, cost, rmse, self.seconds, *at, best))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from clothfit.optimise.checkpoint import Checkpoint, State
 from clothfit.optimise.coordinates import Coordinates
 from clothfit.optimise.progress import Progress, Reporter
 from clothfit.optimise.status import Budget, Rung, Status, Stop
-from clothfit.scene.fit_vector import at_lower, at_upper, bounds
+from clothfit.scene.fit_vector import at_lower, at_upper, bounds, with_parameters
 
 if TYPE_CHECKING:
     from clothfit.optimise.prior import Prior
@@ -293,7 +294,8 @@ class Search:
             if self.checkpoint is not None:
                 self.checkpoint.save(self.state)
             cost, budget = self.best.cost, self.budget
-            self.progress.report(budget.evaluations, budget.limit, cost, self.objective.rmse(cost))
+            best = partial(with_parameters, self.objective.scene, self.best.p)
+            self.progress.report(budget.evaluations, budget.limit, cost, self.objective.rmse(cost), best)
 
     def climbed(self, rung: Rung) -> None:
         """Note what a model of the ladder has come to, and keep it."""

@@ -5,8 +5,8 @@ module finds the values in the text and replaces the tokens whose value differs;
 behind the last field of its object, spaced as that one. The text has been parsed as a valid scene without repeated
 keys, so strings and brackets alone show the end of a value, without recursion.
 
-A value is a number, a text, a list of numbers, a vector {x, y, z}, a list of vectors, or some fields of an object, or
-of those at some places of a list, by these places.
+A value is a number, a text, a list of numbers or of flags, a vector {x, y, z}, a list of vectors, or some fields of an
+object, or of those at some places of a list, by these places.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def _changes(text: str, span: Span, value: Any) -> Iterator[Edit]:
     elif isinstance(value, Sequence) and value and isinstance(value[0], Mapping):
         for item, part in zip(_items(text, span[0]), value, strict=True):
             yield from _changes(text, item, part)
-    elif isinstance(value, str):
+    elif isinstance(value, str) or (isinstance(value, Sequence) and value and isinstance(value[0], bool)):
         if json.loads(text[slice(*span)]) != value:
             yield *span, json.dumps(value)
     else:

@@ -5,7 +5,7 @@ import { make } from "clothfit/drawing";
 /** Listen to keys; `actions` are {keys: [names], shown, does, act}. Fields of the page keep their own keys. */
 export function listen(actions) {
   document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest?.("[data-own]")) return;
     const own = event.target.closest?.("select, summary, button, input[type=radio]");
     if (own && (event.key === " " || event.key === "Enter")) return;
     if (own?.matches("select, input") && event.key.startsWith("Arrow")) return;

@@ -1,0 +1,169 @@
+"""One cloth that goes on step by step, with values that may change between two steps.
+
+All cloths move by the form of a system that has inputs over time, colliders and applied forces, empty where the scene
+has none: then nothing is compiled again when a vertex is pulled or a wind begins to blow. Their steps are those of
+`clothfit.simulate` to the last bit, as long as nothing is changed.
+
+A vertex that is pulled by hand feels κ (R − x): R goes where the hand is, and κ grows with the mass around, so that the
+pull is as brisk for a handkerchief as for a sail (`grip`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Elements
+from clothfit.engine.forces import applied
+from clothfit.engine.inputs import sampling
+from clothfit.engine.inputs.tables import Inputs
+from clothfit.engine.rollout import Rollout, empty, fill
+from clothfit.engine.step import guard, implicit
+from clothfit.engine.system import BDF2, System, at_rest, build, with_elements
+from clothfit.scene.scene import Scene
+
+ROWS = 4096
+"""Steps that the tables of moving inputs have at first; they grow as the motion goes on."""
+
+BRISK = 30.0
+"""1/s, ω: a pulled vertex swings with the mass of the cloth as a spring of κ = m ω² would."""
+
+
+class Grip(NamedTuple):
+    """A vertex that is pulled."""
+
+    vertex: int
+    place: Array  # (3,), m, in the world
+
+
+def nothing() -> None:
+    """Look for no request to end: that is the engine's business."""
+
+
+class Moving:
+    """A cloth of a scene at a moment."""
+
+    def __init__(self, scene: Scene, index: int) -> None:
+        """The cloth at the start. Raises InvalidScene, for inputs in files."""
+        self.index, self.step = index, 0
+        self.grip: Grip | None = None
+        self._rows = max(ROWS, scene.frames)
+        self._prepare(scene)
+        self.x, self.v = self.system.x0.copy(), self.system.v0.copy()
+        self._before, self._ready, self._budget = (self.x, self.v), False, -np.inf
+
+    def _prepare(self, scene: Scene) -> None:
+        """Make the system and its memory for a scene."""
+        self.scene = scene
+        self.system = live_system(scene, self.index, self._rows)
+        self.tolerance = scene.tolerance
+        work = implicit.workspace(self.system)
+        if self.step:  # first guesses of the solver, of as many vertices
+            work = work._replace(past=self._work.past)
+        self._work: implicit.Workspace = work
+        self._room = empty(self.system, 1)
+
+    def advance(self) -> bool:
+        """Take one step; returns whether it is good. A bad one leaves the state as it was, and `bad` has where it led.
+        """
+        inputs = self.system.inputs
+        assert inputs is not None
+        if self.step + 2 >= inputs.steps:
+            self._rows *= 2
+            self._prepare(self.scene)
+            self._hold(self.grip)
+        part = self._part()
+        if fill(self.system, self.tolerance, self._work, part, nothing) < 1:
+            self.bad = part.x[1].copy(), part.velocity(1).copy()
+            return False
+        last = part.part(1, 1)
+        two = self.system.method == BDF2
+        self._before = (last.x_before.copy(), last.v_before.copy()) if two else (self.x, self.v)
+        self.x, self.v = last.x[0].copy(), last.v.copy()
+        self._ready, self._budget = last.ready, float(last.budget[0])
+        self.step += 1
+        return True
+
+    def _part(self) -> Rollout:
+        """Memory for the next step, with the state before it."""
+        x_before, v_before = self._before
+        part = self._room._replace(
+            v=self.v, x_before=x_before, v_before=v_before, ready=self._ready, first=self.step
+        )  # fmt: skip
+        part.x[0], part.budget[0] = self.x, self._budget
+        return part
+
+    def rebuild(self, scene: Scene) -> None:
+        """Go on in a scene whose pins or obstacles differ, or whose tables are to be longer."""
+        self._prepare(scene)
+        still = ~self.system.vertex.free
+        self.v = np.where(still[:, None], 0.0, self.v)
+        self._hold(self.grip)
+        self._changed()
+
+    def retune(self, scene: Scene) -> None:
+        """Go on with other values of a scene that is otherwise the same."""
+        self.scene = scene
+        self.system = with_elements(self.system, values_of(scene, self.index))
+        self._hold(self.grip)
+        self._changed()
+
+    def pull(self, grip: Grip | None) -> None:
+        """Pull a vertex to a place from now on, or let go."""
+        self.grip = grip
+        self._hold(grip)
+        self._changed()
+
+    def _hold(self, grip: Grip | None) -> None:
+        """Write the pull to where the forces read it; meanwhile energy may rise."""
+        own, inputs = self.system.applied, self.system.inputs
+        assert own is not None
+        assert inputs is not None
+        if len(inputs.gain):  # the scene's own forces pull, by their tables
+            return
+        own.gain[:] = 0.0
+        if grip is not None:
+            own.gain[grip.vertex] = stiffness_of_hand(self.scene, self.index)
+            own.place[grip.vertex] = grip.place
+        energetic = grip is not None or self._energetic
+        self.system = self.system._replace(inputs=inputs._replace(energetic=energetic))
+
+    def _changed(self) -> None:
+        """What contacts may bring the state to is its own energy, whatever a change or a hand has brought."""
+        if self.step:
+            self._budget = float(guard.energy(self.system, self.x, self.v))
+
+    @property
+    def _energetic(self) -> bool:
+        """Whether the scene itself may bring energy."""
+        scene = self.scene
+        own = bool(scene.changes or scene.colliders or scene.self_contact or scene.cloths[self.index].pins)
+        return own or bool(scene.forces and scene.forces.pulls)
+
+
+def live_system(scene: Scene, index: int, rows: int) -> System:
+    """The system of a cloth with every part that may be wanted while it moves, and tables of so many steps."""
+    system, cloth = build(scene, index, air=True, steps=rows), scene.cloths[index]
+    inputs: Inputs | None = system.inputs
+    if inputs is None:
+        inputs = sampling.build(scene, cloth, rows)
+        system = system._replace(inputs=inputs, colliders=at_rest(scene, len(cloth.mass)))
+    count = len(cloth.mass)
+    pushed = inputs.force.shape[1]
+    return system._replace(applied=applied.build(pushed, count))
+
+
+def values_of(scene: Scene, index: int) -> Elements:
+    """The values of a cloth that may change while it moves."""
+    cloth = scene.cloths[index]
+    friction, contact = scene.friction, scene.contact
+    return Elements(
+        mass=cloth.mass, stiffness=cloth.stiffness, damping=np.array([cloth.damping]), drag=np.array([cloth.drag]),
+        rest=cloth.rest, wind=np.array(scene.wind), gravity=np.array(scene.gravity), friction=friction, contact=contact,
+    )  # fmt: skip
+
+
+def stiffness_of_hand(scene: Scene, index: int) -> float:
+    """κ, N/m, of the spring by which a hand pulls a vertex."""
+    return float(scene.cloths[index].mass.sum()) * BRISK**2

@@ -1,0 +1,92 @@
+"""What goes over the WebSocket: the layout of frames, and messages that are read with suspicion.
+
+A binary message has a header of 24 bytes and float32 numbers, all little-endian:
+
+    0   4 bytes   "CFF1": a frame; "CFT1": the target
+    4   uint32    generation: grows with each scene that is loaded; the number of vertices is that of this scene
+    8   uint64    number of the frame, steps since the start; of a target the number of its frames
+    16  float64   time of the frame, s; of a target the time between two of its frames
+    24  float32   x, y, z of each vertex, m, frame after frame; NaN where the target was not observed
+
+Text messages are JSON objects with a `type`.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+
+HEADER = struct.Struct("<4sIQd")
+FRAME, TARGET = b"CFF1", b"CFT1"
+
+LARGEST = 32 << 20
+"""Bytes of a message: one that loads a scene."""
+
+ORDINARY = 256 << 10
+"""Bytes of any other message."""
+
+
+class Packet(NamedTuple):
+    """A binary message."""
+
+    kind: bytes
+    generation: int
+    number: int
+    time: float
+    positions: Array  # (frames, n, 3), m
+
+
+def packed(kind: bytes, generation: int, number: int, time: float, positions: Array) -> bytes:
+    """A binary message of positions (…, 3), m."""
+    with np.errstate(over="ignore"):
+        numbers = np.ascontiguousarray(positions, "<f4")
+    return HEADER.pack(kind, generation & 0xFFFFFFFF, number, time) + numbers.tobytes()
+
+
+def unpacked(data: bytes) -> Packet:
+    """The positions of a binary message, one frame or those of a target. Raises InvalidInput for another."""
+    if len(data) < HEADER.size or data[:4] not in (FRAME, TARGET) or (len(data) - HEADER.size) % 12:
+        raise InvalidInput("that is no message of positions")
+    kind, generation, number, time = HEADER.unpack_from(data)
+    frames = number if kind == TARGET else 1
+    numbers = np.frombuffer(data, "<f4", offset=HEADER.size).astype(float)
+    if frames < 1 or len(numbers) % (3 * frames):
+        raise InvalidInput("that is no message of positions")
+    return Packet(kind, generation, number, time, numbers.reshape(frames, -1, 3))
+
+
+def parsed(text: str | bytes) -> dict[str, Any]:
+    """A message. Raises InvalidInput, with the reason, for what is none."""
+    if isinstance(text, bytes):
+        raise InvalidInput("messages to the server are text; this one is binary")
+    if len(text) > ORDINARY and '"load"' not in text[:200]:
+        raise InvalidInput(f"the message is too large: {len(text)} characters, {ORDINARY} at most")
+    try:
+        message = json.loads(text, parse_constant=no_constant)
+    except RecursionError:
+        raise InvalidInput("the message is nested too deeply") from None
+    except ValueError as error:  # also of a number with too many digits
+        raise InvalidInput(f"the message is no JSON: {str(error)[:120]}") from None
+    if not isinstance(message, dict):
+        raise InvalidInput("a message is a JSON object")
+    if not isinstance(message.get("type"), str):
+        raise InvalidInput('the message has no "type"')
+    if not isinstance(message.get("id"), (int, str, type(None))) or len(str(message.get("id"))) > 100:
+        raise InvalidInput('"id" is a whole number or a short text')
+    return message
+
+
+def no_constant(name: str) -> None:
+    """Refuse NaN and infinities, which are no JSON."""
+    raise ValueError(f"{name} is not a number of JSON")
+
+
+def text_of(message: dict[str, Any]) -> str:
+    """A message as text."""
+    return json.dumps(message, separators=(",", ":"), allow_nan=False)

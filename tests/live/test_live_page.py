@@ -1,0 +1,188 @@
+"""The live page in a real browser, from end to end: play, tune, pull, fit, save."""
+
+import json
+
+import numba
+import numpy as np
+import pytest
+from helpers.browsers import PATIENCE, browser, differing, pixels
+from helpers.scenes import document, even
+
+from clothfit.scene.scene import dumps, load
+
+pytest.importorskip("tornado")
+
+from clothfit.live.server import Serving
+
+pytestmark = [
+    pytest.mark.slow,  # starts processes
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="the motions need compilation"),
+]
+
+SIZE = {"width": 1000, "height": 700}
+
+
+def scene():
+    return load(json.loads(json.dumps(even("nF", 30, title="<b>a cloth</b>"))))
+
+
+@pytest.fixture(scope="module")
+def serving():
+    with Serving(scene()) as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def started():
+    with browser() as made:
+        yield made
+
+
+@pytest.fixture
+def page(started, serving):
+    """The page of the scene as it was loaded, standing at its start, with its target."""
+    context = started.new_context(viewport=SIZE, reduced_motion="reduce", has_touch=True)
+    page, said = context.new_page(), []
+    page.set_default_timeout(PATIENCE)
+    page.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
+    page.on("pageerror", lambda error: said.append(f"error: {error}"))
+    page.goto(serving.address)
+    page.wait_for_selector("html[data-ready=yes]", state="attached")
+    page.evaluate("text => clothfit.link.ask('load', { scene: text })", dumps(scene()).decode())
+    page.evaluate("clothfit.link.ask('pause').then(() => clothfit.link.ask('reset'))")
+    until(page, "clothfit.page.picture?.aimed && clothfit.page.packet.number === 0")
+    yield page
+    assert said == []  # no error, no warning, whatever the test did
+    context.close()
+
+
+def until(page, condition):
+    """Wait until a condition holds; Playwright's own way asks for `eval`, which the page forbids."""
+    for _ in range(PATIENCE // 50):
+        if page.evaluate(condition):
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError(f"{condition}: never")
+
+
+def height(page):
+    """The mean height of the vertices that the page shows, m."""
+    return page.evaluate("""() => {
+      const x = clothfit.page.picture.live.positions;
+      return x.reduce((sum, value, i) => sum + (i % 3 === 1 ? value : 0), 0) / (x.length / 3);
+    }""")
+
+
+def at_frame(page, number):
+    until(page, f"clothfit.page.drawn.number === {number}")
+
+
+def steps(page, n):
+    """The height n steps after the start."""
+    page.evaluate("clothfit.link.ask('reset')")
+    at_frame(page, 0)
+    page.evaluate(f"clothfit.link.ask('step', {{ n: {n} }})")
+    at_frame(page, n)
+    return height(page)
+
+
+def saved(page, serving):
+    with page.expect_download() as download:
+        page.locator("#save").click()
+    return load(str(download.value.path()))
+
+
+def test_names_are_text_and_the_cloth_is_drawn(page):
+    assert page.locator("h1").inner_text() == "<b>a cloth</b>"
+    there = pixels(page)
+    page.keyboard.press("c")
+    page.keyboard.press("t")
+    assert differing(there, pixels(page)) > there.shape[0] * there.shape[1] / 100
+
+
+def test_the_keyboard_plays_steps_and_goes_back(page):
+    page.keyboard.press("ArrowRight")
+    at_frame(page, 1)
+    page.keyboard.press("Space")
+    until(page, "clothfit.page.drawn.number > 20")
+    page.keyboard.press("Space")
+    until(page, "!clothfit.page.status.running")
+    assert height(page) < -0.01
+    page.keyboard.press("Home")
+    at_frame(page, 0)
+
+
+def test_a_slider_changes_the_motion_and_undo_brings_it_back(page, serving):
+    before = steps(page, 20)
+    slider = page.locator("#air input").first
+    slider.focus()
+    for _ in range(3):
+        page.keyboard.press("PageUp")
+    until(page, "clothfit.page.status.undo > 0 && !clothfit.page.dials[0].sender.busy")
+    assert steps(page, 20) > before + 0.01  # it falls more slowly
+    assert saved(page, serving).cloths[0].damping > scene().cloths[0].damping
+    while page.evaluate("clothfit.page.status.undo"):
+        page.locator("#undo").click()
+        page.wait_for_timeout(50)
+    assert steps(page, 20) == before
+    assert dumps(saved(page, serving)) == dumps(scene())
+
+
+def test_a_vertex_is_pulled_by_the_mouse(page):
+    box = page.locator("#canvas").bounding_box()
+    place = page.evaluate("""() => {
+      const { stage, live } = clothfit.page.picture, i = live.positions.length - 3;
+      const at = stage.orbit.centre.clone().set(...live.positions.slice(i, i + 3)).project(stage.camera);
+      return [(at.x + 1) / 2, (1 - at.y) / 2];
+    }""")
+    x, y = box["x"] + place[0] * box["width"], box["y"] + place[1] * box["height"]
+    azimuth = page.evaluate("clothfit.page.picture.stage.orbit.azimuth")
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x, y - 150, steps=5)
+    until(page, "clothfit.page.drawn.number > 30")
+    last = page.evaluate("clothfit.page.picture.live.positions[clothfit.page.picture.live.positions.length - 2]")
+    page.mouse.up()
+    assert last > 0.2  # it was pulled upwards
+    assert page.evaluate("clothfit.page.picture.stage.orbit.azimuth") == azimuth  # and the view was not turned
+
+
+def test_a_fit_from_tuned_values_finds_those_of_the_file(page, serving):
+    page.evaluate("clothfit.link.ask('set', { factors: { stiffness: 3 } })")
+    page.evaluate("clothfit.link.ask('play')")
+    until(page, "clothfit.page.dials.some((dial) => dial.output.textContent === '3 ×')")
+    assert page.locator("#fit-stiffness").input_value() == "F"
+    page.locator("#fit").click()
+    until(page, "document.querySelector('#fit-text').textContent.startsWith('converged')")
+    assert page.locator("#cost svg").count() == 1
+    found = saved(page, serving)
+    assert np.allclose(found.cloths[0].stiffness, scene().cloths[0].stiffness, rtol=1e-6)
+    assert np.array_equal(found.cloths[0].mass, scene().cloths[0].mass)
+
+
+def test_another_scene_is_opened(page):
+    other = json.dumps(document(title="another"))
+    page.locator("#file").set_input_files({"name": "b.json", "mimeType": "application/json", "buffer": other.encode()})
+    until(page, "document.querySelector('h1').textContent === 'another'")
+    page.locator("#file").set_input_files({"name": "c.json", "mimeType": "application/json", "buffer": b"{"})
+    until(page, "document.querySelector('#readout').textContent.includes('line 1')")
+
+
+def test_it_is_dark_or_light_and_fits_a_telephone(page):
+    light = page.evaluate("document.documentElement.dataset.theme")
+    page.keyboard.press("d")
+    assert page.evaluate("document.documentElement.dataset.theme") != light
+    page.set_viewport_size({"width": 360, "height": 720})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 360
+    assert page.locator("#fit").bounding_box()["x"] >= 0
+
+
+def test_keys_are_posed_and_forces_reach_them(page):
+    page.evaluate("clothfit.link.ask('step', { n: 10 })")
+    at_frame(page, 10)
+    page.locator("#key-of").select_option("all")
+    page.locator("#key-time").fill("0.3")
+    page.locator("#key-add").click()
+    assert page.locator("#key-list li").count() == 1
+    page.locator("#control").click()
+    until(page, "document.querySelector('#control-text').textContent.includes('missed by')")
