@@ -7,16 +7,15 @@ import hmac
 import secrets
 import time
 from collections import deque
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any, Protocol
 
 from tornado import web, websocket
 
 from clothfit.base.errors import InvalidInput
 from clothfit.live import wire
 from clothfit.live.page import live_page
-
-if TYPE_CHECKING:
-    from clothfit.live.server import Server
+from clothfit.live.session import Session
 
 MOST_CLIENTS = 16
 MOST_WAITING = 1000
@@ -34,10 +33,23 @@ POLICY = (
 )
 
 
+class Host(Protocol):
+    """What answers need of the server."""
+
+    token: str
+    hosts: set[str]
+    clients: set[Socket]
+    session: Session
+    refused: int
+
+    async def do(self, act: Callable[[], Any]) -> Any:
+        """Do something in the thread of the messages."""
+
+
 class Guarded(web.RequestHandler):
     """What every request must satisfy."""
 
-    def initialize(self, server: Server) -> None:
+    def initialize(self, server: Host) -> None:
         self.server = server
 
     def set_default_headers(self) -> None:
@@ -103,7 +115,7 @@ class Missing(Guarded):
 class Socket(Guarded, websocket.WebSocketHandler):
     """A client."""
 
-    def initialize(self, server: Server) -> None:
+    def initialize(self, server: Host) -> None:
         super().initialize(server)
         self.waiting: deque[str | bytes] = deque()
         self.newest: bytes | None = None
