@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
-from clothfit.control.keyframes import Key
+from clothfit.control.keyframes import Key, left_of
 from clothfit.derivative import adjoint
 from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import IMPLICIT, System, build
@@ -49,12 +49,6 @@ class Wish:
     def left(self, x: Array) -> Array:
         """What is left of it at positions x (T + 1, n, 3): (m, 3), m."""
         return left_of(self.key, x)
-
-
-def left_of(key: Key, x: Array) -> Array:
-    """How far positions x (T + 1, n, 3) are from a key, (m, 3), m."""
-    own = x[key.step, key.vertices]
-    return np.asarray((own if key.share is None else (key.share @ own)[None]) - key.positions)
 
 
 @dataclass(frozen=True)

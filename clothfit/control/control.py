@@ -11,10 +11,10 @@ from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.control import recording
-from clothfit.control.closed_loop import HUGE, ClosedLoop, Costs, left_of
+from clothfit.control.closed_loop import HUGE, ClosedLoop, Costs
 from clothfit.control.descent import Descent, Report
 from clothfit.control.feedback import with_gains
-from clothfit.control.keyframes import Key, last_step
+from clothfit.control.keyframes import Key, last_step, left_of
 from clothfit.control.reference import path
 from clothfit.engine.inputs.splines import splined
 from clothfit.engine.system import IMPLICIT

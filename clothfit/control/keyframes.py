@@ -197,3 +197,9 @@ def points(value: Any, place: str, count: int) -> Array:
 def last_step(keys: Sequence[Key]) -> int:
     """The step after which the last key is."""
     return max(each.step for each in keys)
+
+
+def left_of(key: Key, x: Array) -> Array:
+    """How far positions x (T + 1, n, 3) are from a key, (m, 3), m."""
+    own = x[key.step, key.vertices]
+    return np.asarray((own if key.share is None else (key.share @ own)[None]) - key.positions)

@@ -1,0 +1,143 @@
+"""What the program may move to take a cloth through keys: forces, handles, the wind, the velocity at the start.
+
+Handles are fixed vertices on a path, the wind has keys: both are inputs of the scene that a fit knows as the kinds
+`path` and `gusts`. So a scene to steer is the given one with such keys, and what was found is a scene again, which any
+program that plays the scene can play.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.errors import InvalidInput
+from clothfit.engine.inputs.interpolation import interpolated, resolved
+from clothfit.engine.inputs.sampling import moved
+from clothfit.meshes.new_scene import text
+from clothfit.scene.over_time.keys import Keys, Pin
+from clothfit.scene.scene import Scene, dumps, load
+
+SPACING, MOST_KNOTS = 0.1, 60
+"""s between two knots of a path or of the wind where nothing is said, and how many there are at most."""
+
+FEWEST_KNOTS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Handle:
+    """Vertices that move together, each from where it is at the start."""
+
+    cloth: int
+    vertices: Indices  # (m,)
+
+
+@dataclass(frozen=True, eq=False)
+class Controls:
+    """What may move. Without forces, handles, wind and velocity: forces on all vertices that are not fixed."""
+
+    forces: Sequence[Flags] | None = None  # of each object, the vertices (n,) that forces may act on
+    handles: tuple[Handle, ...] = ()
+    wind: bool = False
+    velocity: bool = False  # at the start
+    every: float | None = None  # s between two knots in time; None: forces of each step, and SPACING for the others
+    modes: int | None = None  # forces in the first so many modes of vibration; None: by vertices
+
+    @property
+    def follows(self) -> bool:
+        """Whether forces of every vertex and step alone are asked for, which a closed loop finds."""
+        return not (self.handles or self.wind or self.velocity or self.every or self.modes)
+
+    @property
+    def pushes(self) -> bool:
+        """Whether forces are asked for."""
+        return self.forces is not None or not (self.handles or self.wind or self.velocity)
+
+    def knots(self, end: float) -> Array:
+        """The times (K,), s, of the keys of paths and of the wind, from 0 to `end`."""
+        spacing = max(SPACING, end / MOST_KNOTS) if self.every is None else self.every
+        least = FEWEST_KNOTS if self.every is None else 2
+        return np.linspace(0.0, end, max(int(np.ceil(end / spacing - 1e-9)) + 1, least))
+
+
+def steered(scene: Scene, controls: Controls, end: float) -> Scene:
+    """The scene with keys for its handles and its wind up to a time, s, that move as they did without control. Raises
+    InvalidInput where a handle cannot be one.
+    """
+    if not controls.handles and not controls.wind:
+        return scene
+    document = json.loads(dumps(scene).decode(scene.source.encoding).lstrip("\ufeff"))
+    knots = controls.knots(end)
+    if controls.wind:
+        given = scene.wind_keys
+        values = interpolated(resolved(given), knots) if given else np.zeros((len(knots), 3))
+        document["windVelKeys"] = keyed(knots, values)
+    for cloth in sorted({handle.cloth for handle in controls.handles}):
+        own = [handle.vertices for handle in controls.handles if handle.cloth == cloth]
+        lead(document["objects"][cloth], scene, cloth, own, knots)
+    made = load(io.StringIO(text(document)), folder=scene.folder)
+    return replace(made, name=scene.name, title=scene.title, forces=scene.forces)
+
+
+def keyed(times: Array, values: Array) -> dict[str, Any]:
+    """Keys as the file of a scene has them."""
+    rows = [dict(zip("xyz", row, strict=True)) for row in values.tolist()]
+    return {"times": times.tolist(), "values": rows, "interpolation": "smooth"}
+
+
+def lead(item: dict[str, Any], scene: Scene, cloth: int, handles: Sequence[Indices], knots: Array) -> None:
+    """Make handles pins of an object of a document, with a key at each knot."""
+    own, pins = scene.cloths[cloth], list(item.get("pins", []))
+    fixed = list(item["vertIsFixed"])
+    for vertices in handles:
+        before = [i for i, pin in enumerate(own.pins) if np.isin(pin.vertices, vertices).any()]
+        base = along(own.pins[before[0]], vertices, cloth, knots) if before else np.zeros((len(knots), 3))
+        pin = {"vertices": vertices.tolist(), "posKeys": keyed(knots, base)}
+        if before:
+            pins[before[0]] = pin
+        else:
+            pins.append(pin)
+        for vertex in vertices.tolist():
+            fixed[vertex] = True
+    item["pins"], item["vertIsFixed"] = pins, fixed
+
+
+def along(pin: Pin, vertices: Indices, cloth: int, knots: Array) -> Array:
+    """The path (K, 3), m, of a pin that becomes a handle, at the knots. Raises InvalidInput where it cannot."""
+    if not np.array_equal(np.sort(pin.vertices), np.sort(vertices)):
+        raise InvalidInput(f"handles: a pin of objects[{cloth}] has some of these vertices, and others; take all of it")
+    if pin.rotation is not None or pin.position is None or pin.position.points:
+        raise InvalidInput(f"handles: a pin of objects[{cloth}] turns, or follows points of a motion; it keeps its path")
+    return moved(pin.position, knots)
+
+
+def flagged(scene: Scene, controls: Controls) -> Scene:
+    """The steered scene with what is to be found as its only fitted kinds."""
+    own = {"path": any(controls.handles), "velocity": controls.velocity}
+    cloths = tuple(
+        replace(
+            cloth, settings="nn",
+            fits={name: "L" for name, on in own.items() if on and (name != "path" or any(pin.own for pin in cloth.pins))},
+        )
+        for cloth in scene.cloths
+    )  # fmt: skip
+    return replace(scene, cloths=cloths, fits={"gusts": "L"} if controls.wind else {})
+
+
+def handle_keys(scene: Scene, controls: Controls, cloth: int) -> Flags:
+    """Which of the keys (K,) of `Cloth.path` are those of handles, but for those at time 0."""
+    own = scene.cloths[cloth]
+    handles = [set(handle.vertices.tolist()) for handle in controls.handles if handle.cloth == cloth]
+    mine = np.array([set(pin.vertices.tolist()) in handles for pin in own.pins], bool)
+    owner = own.key_pins
+    return np.asarray(mine[owner] & (np.arange(len(owner)) != own.datums)) if len(owner) else np.zeros(0, bool)
+
+
+def key_times(keys: Keys | None) -> Array:
+    """The times of keys in the scene, (K,), s."""
+    return np.zeros(0) if keys is None else keys.times

@@ -1,0 +1,250 @@
+"""From the numbers of the controls to how far the cloths are from the keys, along the simulation, and its derivative.
+
+The residuals are √w (x − x* + μ) of each key, in root mean square over its vertices, with μ the multipliers of hard
+keys, and √γ R z of each block. Their derivative is never formed: J dz is a tangent sweep of each cloth, Jᵀ r an adjoint
+sweep, each about as long as a simulation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Elements, Indices
+from clothfit.control import columns
+from clothfit.control.controls import Controls, flagged
+from clothfit.control.keyframes import Key, left_of
+from clothfit.control.unknowns import Block, blocks
+from clothfit.derivative import adjoint, sensitivity
+from clothfit.engine.rollout import Rollout, rollout
+from clothfit.engine.system import System, build, mobile, with_elements, zeros
+from clothfit.scene.over_time.forces import Forces
+from clothfit.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+MOST_COLUMNS = 600
+"""Numbers up to which J is formed."""
+
+TOLERANCE = 1e-9
+"""Of the linear systems, relative."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """The motions that controls lead to, of the cloths that have keys; None where one diverges."""
+
+    z: Array
+    systems: dict[int, System]
+    motions: dict[int, Rollout]
+
+
+class Shooting:
+    """The residuals of a steered scene by the numbers z (Q,) of its controls."""
+
+    def __init__(self, scene: Scene, keys: Sequence[Key], controls: Controls, steps: int, most: float = np.inf) -> None:
+        """`scene` is steered (`controls.steered`); `most`: N on a vertex."""
+        self.scene, self.keys, self.controls, self.steps, self.most = scene, list(keys), controls, steps, most
+        table = Forces(scene.delta * np.arange(steps, dtype=float), np.zeros((steps, sum(scene.vertex_counts), 3)))
+        given = flagged(scene, controls)
+        if controls.pushes and given.forces is None:
+            given = given.with_forces(table)
+        self.systems = {c: build(given, c, steps=steps) for c in sorted({key.cloth for key in keys})}
+        self.blocks = blocks(given, controls, self.systems, steps * scene.delta)
+        self.parts = np.cumsum([0, *(block.size for block in self.blocks)])
+        self.multipliers = [np.zeros_like(key.positions) for key in self.keys]
+        self.gamma, self.evaluations = 0.0, 0
+        self.horizon = steps  # only keys up to this step count
+
+    @property
+    def size(self) -> int:
+        """Q."""
+        return int(self.parts[-1])
+
+    def own(self, z: Array) -> list[tuple[Block, Array]]:
+        """The blocks with their numbers."""
+        return [(block, z[self.parts[i] : self.parts[i + 1]]) for i, block in enumerate(self.blocks)]
+
+    def values(self, z: Array, cloth: int) -> dict[str, Array]:
+        """The values of the kinds that are moved of a cloth."""
+        return {block.kind: block.values(own) for block, own in self.own(z) if block.cloth in (cloth, -1)}
+
+    def shoot(self, z: Array) -> Shot | None:
+        """Simulate up to the horizon."""
+        self.evaluations += 1
+        systems, motions = {}, {}
+        for cloth, system in self.systems.items():
+            given = Elements(system.vertex.mass, system.springs.stiffness, **self.values(z, cloth))
+            systems[cloth] = with_elements(system, given)
+            motions[cloth], good = rollout(systems[cloth], self.horizon, TOLERANCE)
+            if good < self.horizon:
+                return None
+        return Shot(z.copy(), systems, motions)
+
+    def counted(self) -> list[tuple[int, Key, float]]:
+        """The keys up to the horizon: number, key and √w of a vertex."""
+        return [
+            (i, key, float(np.sqrt(key.weight / len(key.positions))))
+            for i, key in enumerate(self.keys)
+            if key.step <= self.horizon
+        ]
+
+    def residuals(self, shot: Shot) -> Array:
+        """r (N,), m."""
+        parts = []
+        for i, key, weight in self.counted():
+            x = shot.motions[key.cloth].x
+            parts.append(weight * (left_of(key, x) + self.multipliers[i]).reshape(-1))
+            if key.velocities is not None:
+                parts.append(weight * self.too_fast(key, x).reshape(-1))
+        return np.concatenate([*parts, *self.efforts(shot.z), *self.excess(shot.z)])
+
+    def too_fast(self, key: Key, x: Array) -> Array:
+        """By how far the velocities of a key are missed over the time since the key before, (m, 3), m."""
+        assert key.velocities is not None
+        own = x[key.step, key.vertices] - x[key.step - 1, key.vertices]
+        return np.asarray((own / self.scene.delta - key.velocities) * self.since(key))
+
+    def since(self, key: Key) -> float:
+        """The time from the key before, or the start, to a key, s."""
+        before = max((each.step for each in self.keys if each.step < key.step), default=0)
+        return (key.step - before) * self.scene.delta
+
+    def efforts(self, z: Array) -> list[Array]:
+        """√γ R z of each block."""
+        return [np.sqrt(self.gamma) * (block.gentle @ own) for block, own in self.own(z)]
+
+    def excess(self, z: Array) -> list[Array]:
+        """The excess of forces over their bound, as a penalty of the size of the keys'."""
+        if not np.isfinite(self.most):
+            return []
+        return [
+            10.0 * (np.maximum(np.linalg.norm(u, axis=2) / self.most - 1.0, 0.0)).reshape(-1)
+            for u in (block.values(own) for block, own in self.own(z) if block.kind == "force")
+        ]
+
+    def excess_slope(self, z: Array) -> list[tuple[int, Array]]:
+        """The derivative (rows, n, 3) of the excess by each force, with the number of its block."""
+        found = []
+        for i, (block, own) in enumerate(self.own(z)):
+            if block.kind == "force" and np.isfinite(self.most):
+                u = block.values(own)
+                size = np.linalg.norm(u, axis=2, keepdims=True)
+                found.append((i, np.where(size > self.most, 10.0 * u / np.maximum(size * self.most, 1e-300), 0.0)))
+        return found
+
+    def push(self, shot: Shot, dz: Array) -> Array:
+        """J dz (N,)."""
+        moves = {}
+        for cloth, system in shot.systems.items():
+            direction = zeros(system)
+            own = {b.kind: b.change(part) for b, part in self.own(dz) if b.cloth in (cloth, -1)}
+            moves[cloth] = adjoint.tangent(system, shot.motions[cloth], direction._replace(**own), TOLERANCE)
+        parts = []
+        for _, key, weight in self.counted():
+            dx = moves[key.cloth]
+            now = dx[key.step, key.vertices]
+            parts.append(weight * (now if key.share is None else (key.share @ now)[None]).reshape(-1))
+            if key.velocities is not None:
+                rate = weight * self.since(key) / self.scene.delta
+                parts.append(rate * (now - dx[key.step - 1, key.vertices]).reshape(-1))
+        beyond = [
+            (slope * self.blocks[i].change(self.own(dz)[i][1])).sum(axis=2).reshape(-1)
+            for i, slope in self.excess_slope(shot.z)
+        ]
+        return np.concatenate([*parts, *self.efforts(dz), *beyond])
+
+    def matrix(self, shot: Shot) -> Array:
+        """J (N, Q) whole, by sweeps with all columns at once."""
+        moves = {cloth: self.moved(shot, cloth) for cloth in shot.systems}
+        rows = []
+        for _, key, weight in self.counted():
+            now = moves[key.cloth](key.step, key.vertices)
+            share = key.share
+            rows.append(weight * (now if share is None else np.tensordot(share, now, 1)[None]).reshape(-1, self.size))
+            if key.velocities is not None:
+                rate = weight * self.since(key) / self.scene.delta
+                rows.append(rate * (now - moves[key.cloth](key.step - 1, key.vertices)).reshape(-1, self.size))
+        return np.concatenate([*rows, self.gentle.toarray() * np.sqrt(self.gamma)])
+
+    def moved(self, shot: Shot, cloth: int) -> Callable[[int, Indices], Array]:
+        """What gives the derivative (m, 3, Q) of the places of vertices after a step."""
+        system, motion = shot.systems[cloth], shot.motions[cloth]
+        needed = {key.step - back for _, key, _ in self.counted() if key.cloth == cloth for back in (0, 1)}
+        known = columns.derivatives(system, motion, self.directions(cloth), needed)
+        place = np.cumsum(mobile(system)) - 1
+        moves = mobile(system)
+
+        def at(step: int, vertices: Indices) -> Array:
+            own = known[step].reshape(-1, 3, self.size)
+            return np.asarray(np.where(moves[vertices, None, None], own[place[vertices]], 0.0))
+
+        return at
+
+    def directions(self, cloth: int) -> list[tuple[str, int, Array]]:
+        """The kind, number and change of each of the Q numbers that moves a cloth."""
+        found = []
+        for i, block in enumerate(self.blocks):
+            if block.cloth in (cloth, -1):
+                units = np.eye(block.size)
+                found += [(block.kind, int(self.parts[i]) + q, block.change(units[q])) for q in range(block.size)]
+        return found
+
+    @cached_property
+    def gentle(self) -> csr_array:
+        """R of all blocks, (rows, Q)."""
+        from scipy.sparse import block_diag, csr_array
+
+        return csr_array(block_diag([block.gentle for block in self.blocks]))
+
+    @property
+    def is_small(self) -> bool:
+        """Whether J is better formed as a whole: a few hundred columns, each of them at most as long as a sweep."""
+        dense = all(sensitivity.is_dense(system) for system in self.systems.values())
+        return self.size <= MOST_COLUMNS and dense and not np.isfinite(self.most)
+
+    def pull(self, shot: Shot, r: Array) -> Array:
+        """Jᵀ r (Q,)."""
+        bars = {cloth: np.zeros_like(motion.x) for cloth, motion in shot.motions.items()}
+        at = 0
+        for _, key, weight in self.counted():
+            bar, m = bars[key.cloth], len(key.positions)
+            mine = weight * r[at : at + 3 * m].reshape(m, 3)
+            bar[key.step, key.vertices] += mine if key.share is None else key.share[:, None] * mine
+            at += 3 * m
+            if key.velocities is not None:
+                fast = weight * self.since(key) / self.scene.delta * r[at : at + 3 * m].reshape(m, 3)
+                bar[key.step, key.vertices] += fast
+                bar[key.step - 1, key.vertices] -= fast
+                at += 3 * m
+        found = np.zeros(self.size)
+        for cloth, bar in bars.items():
+            kinds = [block.kind for block in self.blocks if block.cloth in (cloth, -1)]
+            grad = adjoint.gradient(shot.systems[cloth], shot.motions[cloth], bar, TOLERANCE, kinds)
+            for i, block in enumerate(self.blocks):
+                if block.cloth in (cloth, -1):
+                    found[self.parts[i] : self.parts[i + 1]] += block.gradient(getattr(grad, block.kind))
+        for i, block in enumerate(self.blocks):
+            rows = block.gentle.shape[0]
+            found[self.parts[i] : self.parts[i + 1]] += np.sqrt(self.gamma) * (block.gentle.T @ r[at : at + rows])
+            at += rows
+        for i, slope in self.excess_slope(shot.z):
+            size = slope.shape[0] * slope.shape[1]
+            beyond = slope * r[at : at + size].reshape(slope.shape[:2])[:, :, None]
+            found[self.parts[i] : self.parts[i + 1]] += self.blocks[i].gradient(beyond)
+            at += size
+        return found
+
+    def left(self, shot: Shot, i: int) -> Array:
+        """What is left of key i, (m, 3), m."""
+        return left_of(self.keys[i], shot.motions[self.keys[i].cloth].x)
+
+    def missed(self, shot: Shot) -> Array:
+        """Root mean square distance from each key up to the horizon, m."""
+        left = [left_of(key, shot.motions[key.cloth].x) for _, key, _ in self.counted()]
+        return np.array([np.sqrt(np.mean((each**2).sum(axis=1))) for each in left])

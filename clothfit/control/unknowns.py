@@ -1,0 +1,206 @@
+"""The numbers z that a search moves, of order one each, and what they are of the scene.
+
+Block by block: paths of handles, velocities at the start and forces of each cloth, the wind of all. A block is linear:
+values = start + scale z, and its effort is |R z|², R (rows, Q) a sparse matrix that makes what counts as gentle of z,
+without a unit: changes that are slow in time and smooth over the cloth are small in it. T is the time of the last key,
+L the size of the cloth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.control.controls import Controls, handle_keys
+from clothfit.control.vibration import modes_of
+from clothfit.engine.system import System
+from clothfit.scene.cloth import Cloth
+from clothfit.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+BREEZE = 5.0
+"""m/s, the size of a change of the wind, unless the wind itself is stronger."""
+
+SLOW = 0.1
+"""Share of the whole time in which the wind may change by its size, and distance in springs over which velocities may.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Q numbers, and values (V,) of one kind of one cloth, or of all where that is −1."""
+
+    kind: str  # of `Elements`
+    cloth: int
+    start: Array  # (V,), in the kind's unit
+    basis: csr_array  # (V, Q), values per z
+    gentle: csr_array  # R, (rows, Q)
+    shape: tuple[int, ...]  # of the values in `Elements`
+
+    @property
+    def size(self) -> int:
+        """Q."""
+        return int(self.basis.shape[1])
+
+    def values(self, z: Array) -> Array:
+        """The values at z (Q,)."""
+        return np.asarray(self.start + self.basis @ z).reshape(self.shape)
+
+    def change(self, dz: Array) -> Array:
+        """Their change for dz (Q,)."""
+        return np.asarray(self.basis @ dz).reshape(self.shape)
+
+    def gradient(self, by_values: Array) -> Array:
+        """The gradient by z (Q,) from that by the values."""
+        return np.asarray(self.basis.T @ by_values.reshape(-1))
+
+
+def blocks(scene: Scene, controls: Controls, systems: dict[int, System], end: float) -> list[Block]:
+    """The blocks of a steered and flagged scene, up to a time, s; `systems` are those of its cloths with keys."""
+    found = []
+    for cloth, system in systems.items():
+        own = scene.cloths[cloth]
+        mine = handle_keys(scene, controls, cloth)
+        if mine.any():
+            found.append(paths(own, cloth, mine, end))
+        if controls.velocity:
+            found.append(velocities(own, cloth, end))
+        if controls.pushes:
+            found.append(forces(scene, cloth, controls, system, end))
+    if controls.wind:
+        found.append(gusts(scene, end))
+    return found
+
+
+def extent(cloth: Cloth) -> float:
+    """L, m."""
+    return float(np.ptp(cloth.positions, axis=0).max())
+
+
+def per_component(matrix: csr_array) -> csr_array:
+    """The same matrix for x, y and z of vectors."""
+    from scipy.sparse import csr_array, eye_array, kron
+
+    return csr_array(kron(matrix, eye_array(3)))
+
+
+def chosen(flags: Array) -> csr_array:
+    """The matrix (V, Q) that puts Q numbers where Q of V flags are set."""
+    from scipy.sparse import csr_array, eye_array
+
+    return csr_array(eye_array(len(flags)).tocsc()[:, np.flatnonzero(flags)])
+
+
+def paths(own: Cloth, cloth: int, mine: Array, end: float) -> Block:
+    """Keys of handles: gentle is ∫ |acceleration|² dt T³/L², the start at rest."""
+    from scipy.sparse import csr_array, diags_array
+
+    scale, owner = extent(own), own.key_pins
+    rows = []
+    for i, pin in enumerate(own.pins):
+        if pin.own is None or not mine[owner == i].any():
+            continue
+        times, count = pin.own.times, len(pin.own.times)
+        tau = float(times[1] - times[0])
+        second = diags_array([1.0, -2.0, 1.0], offsets=[-1, 0, 1], shape=(count, count)).tolil()
+        second[0, :2] = [-2.0, 2.0]
+        second[-1, -2:] = [2.0, -2.0]
+        whole = csr_array((count, len(owner))).tolil()
+        whole[:, np.flatnonzero(owner == i)] = second * (tau**-1.5 * end**1.5)
+        rows.append(csr_array(whole))
+    basis = chosen(mine)
+    return Block(
+        "path", cloth, own.path.reshape(-1).copy(), scale * per_component(basis),
+        per_component(csr_array(stacked(rows) @ basis)), own.path.shape,
+    )  # fmt: skip
+
+
+def stacked(rows: list[csr_array]) -> csr_array:
+    """Matrices one below the other."""
+    from scipy.sparse import csr_array, vstack
+
+    return csr_array(vstack(rows))
+
+
+def gusts(scene: Scene, end: float) -> Block:
+    """Keys of the wind: gentle is ∫ (|change|² + (SLOW T)² |its rate|²) dt/T, relative to the breeze."""
+    from scipy.sparse import diags_array, eye_array
+
+    count = len(scene.gusts)
+    times = scene.wind_keys.times if scene.wind_keys else np.zeros(0)
+    tau = float(times[1] - times[0])
+    rate = diags_array([-1.0, 1.0], offsets=[0, 1], shape=(count - 1, count)) * (SLOW * end / tau)
+    gentle = stacked([eye_array(count), rate]) * np.sqrt(tau / end)
+    scale = max(BREEZE, float(np.linalg.norm(scene.wind)))
+    basis = scale * per_component(eye_array(count))
+    return Block("gusts", -1, scene.gusts.reshape(-1).copy(), basis, per_component(gentle), scene.gusts.shape)
+
+
+def velocities(own: Cloth, cloth: int, end: float) -> Block:
+    """Velocities at the start: gentle is their mean square, and that of differences along springs, relative to L/T."""
+    from scipy.sparse import csr_array, eye_array
+
+    basis = chosen(~own.fixed)
+    count, springs = len(own.mass), own.springs[(~own.fixed[own.springs]).all(axis=1)]
+    ends = np.arange(len(springs)).repeat(2), springs.reshape(-1)
+    along = csr_array((np.tile([-1.0, 1.0], len(springs)), ends), shape=(len(springs), count)) * (1.0 / SLOW)
+    free = int((~own.fixed).sum())
+    differences = csr_array(along @ basis) * np.sqrt(free / max(len(springs), 1))
+    gentle = stacked([eye_array(free), differences]) / np.sqrt(free)
+    scale = extent(own) / end
+    return Block(
+        "velocity", cloth, np.where(own.fixed[:, None], 0.0, own.velocity).reshape(-1), scale * per_component(basis),
+        per_component(gentle), own.velocity.shape,
+    )  # fmt: skip
+
+
+def forces(scene: Scene, cloth: int, controls: Controls, system: System, end: float) -> Block:
+    """Forces at knots, linear in between, or in each step, of vertices or of modes: gentle is their mean square over
+    time and vertices, relative to a vertex' mean weight or, without gravity, to what moves it by L in T.
+    """
+    from scipy.sparse import csr_array, eye_array, kron
+
+    own, h = scene.cloths[cloth], scene.delta
+    steps = round(end / h)
+    assert system.inputs is not None
+    rows, n = len(system.inputs.force), len(own.mass)
+    acts = ~own.fixed & (True if controls.forces is None else controls.forces[cloth])
+    scale = float(own.mass.mean()) * max(float(np.linalg.norm(scene.gravity)), extent(own) / end**2)
+    share = hats(rows, steps, h, controls.every)
+    if controls.modes:
+        over = csr_array(modes_of(own, acts, controls.modes))
+        across = csr_array(triangle(over.T @ over))
+    else:
+        over = per_component(chosen(acts))
+        across = csr_array(eye_array(over.shape[1]))
+    in_time = triangle(share.T @ share) if controls.every else eye_array(steps)
+    gentle = csr_array(kron(in_time, across)) / np.sqrt(steps * max(int(acts.sum()), 1))
+    basis = scale * csr_array(kron(share, over))
+    return Block("force", cloth, system.inputs.force.reshape(-1).copy(), basis, gentle, (rows, n, 3))
+
+
+def triangle(gram: csr_array) -> csr_array:
+    """The upper triangular factor of a Gram matrix (Q, Q)."""
+    from scipy.sparse import csr_array
+
+    full = gram.toarray()
+    return csr_array(np.linalg.cholesky(full + 1e-12 * np.eye(len(full)) * full.diagonal().max()).T)
+
+
+def hats(rows: int, steps: int, h: float, every: float | None) -> csr_array:
+    """The share (rows, K) of each knot in the rows of a table of which `steps` act: linear between knots."""
+    from scipy.sparse import csr_array, eye_array
+
+    if every is None:
+        return csr_array(eye_array(rows, steps))
+    count = max(round(steps * h / every), 1) + 1
+    places = np.linspace(0, max(steps - 1, 1), min(count, steps))
+    found = np.zeros((rows, len(places)))
+    for k, unit in enumerate(np.eye(len(places))):
+        found[:steps, k] = np.interp(np.arange(steps), places, unit)
+    return csr_array(found)
