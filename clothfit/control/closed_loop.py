@@ -29,8 +29,10 @@ STIFF, STIFF_HARD = 1e4, 1e6
 SLOW = 0.5
 """Largest rate of springs over explicit steps, relative to the inverse of a step, so that they are stable."""
 
-TOLERANCE = 1e-7
-"""Of the linear systems, relative: errors of effort and gradient far below those that a descent sees."""
+TOLERANCE, FINEST = 1e-6, 1e-11
+"""Of the linear systems, relative: errors of effort and gradient below those that a descent sees, until it comes to its
+last digits.
+"""
 
 HUGE = 1e100
 """The effort of motions that diverge."""
@@ -77,7 +79,7 @@ class ClosedLoop:
         self.unknown = np.tile(pushed, (self.steps, 1))  # (T, n): where springs hold a key, they alone act
         self.wishes = list(self.held(mass))
         self.system = self.built()
-        self.penalty, self.evaluations = 0.0, 0
+        self.penalty, self.evaluations, self.tolerance = 0.0, 0, TOLERANCE
         self.x, self.u = path, np.zeros_like(self.places)
 
     def held(self, mass: Array) -> list[Wish]:
@@ -123,7 +125,7 @@ class ClosedLoop:
         assert self.system.inputs is not None
         self.evaluations += 1
         self.system.inputs.force[: self.steps] = f
-        motion, good = rollout(self.system, self.steps, TOLERANCE)
+        motion, good = rollout(self.system, self.steps, self.tolerance)
         if good < self.steps:
             return HUGE, np.zeros_like(f)
         x = self.x = motion.x
@@ -141,7 +143,7 @@ class ClosedLoop:
 
     def swept(self, motion: Rollout, by_position: Array) -> Array:
         """The gradient by f (T, n, 3) of what by_position (T + 1, n, 3) is that by the positions of a motion."""
-        given = self.system, motion, by_position, TOLERANCE, ("force",)
+        given = self.system, motion, by_position, self.tolerance, ("force",)
         if self.costs.approximate:
             from clothfit.derivative import approximate  # which few need
 

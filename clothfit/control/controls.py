@@ -20,7 +20,8 @@ from clothfit.base.errors import InvalidInput
 from clothfit.engine.inputs.interpolation import interpolated, resolved
 from clothfit.engine.inputs.sampling import moved
 from clothfit.meshes.new_scene import text
-from clothfit.scene.over_time.keys import Keys, Pin
+from clothfit.control.keyframes import Key
+from clothfit.scene.over_time.keys import Pin
 from clothfit.scene.scene import Scene, dumps, load
 
 SPACING, MOST_KNOTS = 0.1, 60
@@ -57,6 +58,14 @@ class Controls:
     def pushes(self) -> bool:
         """Whether forces are asked for."""
         return self.forces is not None or not (self.handles or self.wind or self.velocity)
+
+    def led(self, scene: Scene, cloth: int) -> Flags:
+        """Which vertices (n,) of a cloth handles move."""
+        found = np.zeros(scene.vertex_counts[cloth], bool)
+        for handle in self.handles:
+            if handle.cloth == cloth:
+                found[handle.vertices] = True
+        return found
 
     def knots(self, end: float) -> Array:
         """The times (K,), s, of the keys of paths and of the wind, from 0 to `end`."""
@@ -138,6 +147,26 @@ def handle_keys(scene: Scene, controls: Controls, cloth: int) -> Flags:
     return np.asarray(mine[owner] & (np.arange(len(owner)) != own.datums)) if len(owner) else np.zeros(0, bool)
 
 
-def key_times(keys: Keys | None) -> Array:
-    """The times of keys in the scene, (K,), s."""
-    return np.zeros(0) if keys is None else keys.times
+def immovable(scene: Scene, keys: Sequence[Key], controls: Controls) -> list[int]:
+    """Of each key, how many of its vertices no control can move: fixed ones that are no handles, and those that no
+    springs join to a vertex that a control acts on.
+    """
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    reach = []
+    for cloth, own in enumerate(scene.cloths):
+        led, n = controls.led(scene, cloth), len(own.mass)
+        acts = led.copy()
+        if controls.pushes:
+            acts |= ~own.fixed & (True if controls.forces is None else controls.forces[cloth])
+        if controls.velocity:
+            acts |= ~own.fixed
+        if controls.wind and own.drag > 0:
+            acts[own.triangles] = True
+        moves = ~own.fixed | led
+        joined = own.springs[moves[own.springs].all(axis=1)]
+        graph = csr_array((np.ones(len(joined)), joined.T), shape=(n, n))
+        lot = connected_components(graph, directed=False)[1]
+        reach.append(moves & np.isin(lot, lot[acts & moves]))
+    return [int((~reach[key.cloth][key.vertices]).sum()) for key in keys]

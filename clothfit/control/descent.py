@@ -15,20 +15,22 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.base.memory import free
-from clothfit.control.closed_loop import ClosedLoop
+from clothfit.control.closed_loop import FINEST, ClosedLoop
 from clothfit.optimise.status import Status, Stop
 
 Report: TypeAlias = Callable[[float, float, int], object]
 """Gets the effort, N² s, what is missed of the keys that are penalties, m, and the evaluations so far."""
 
-MOST_PAIRS, LEAST_PAIRS = 12, 5
+MOST_PAIRS, LEAST_PAIRS = 10, 5
 """Steps that L-BFGS remembers, as memory allows."""
 
 ROUND = 100
 """Evaluations between two looks at the multipliers."""
 
-STALL, GAIN = 60, 2e-3
-"""A descent ends where so many evaluations lower the effort by less than this share."""
+STALL, GAIN, PATIENT_GAIN = 100, 2e-4, 1e-7
+"""A descent ends where so many evaluations lower the effort by less than this share; one with a budget of time by less
+than the second.
+"""
 
 OPTIMAL = 1e-6
 """Gradient, relative to that at the start, at which a descent has converged."""
@@ -58,9 +60,10 @@ class Best:
 class Descent:
     """A descent of a closed loop from forces f (T, n, 3), N."""
 
-    def __init__(self, loop: ClosedLoop, f: Array, report: Report, limit: float = np.inf) -> None:
-        """`limit`: evaluations, at most."""
+    def __init__(self, loop: ClosedLoop, f: Array, report: Report, limit: float = np.inf, patient: bool = False) -> None:
+        """`limit`: evaluations, at most; `patient`: whether it may take all the time there is."""
         self.loop, self.report, self.left = loop, report, limit
+        self.gain = PATIENT_GAIN if patient and not loop.wishes else GAIN
         self.values: list[float] = []
         with interrupts.grace(np.inf):  # there is always a result
             value, gradient = loop(f)
@@ -70,11 +73,20 @@ class Descent:
     def run(self) -> Status:
         """Descend until it has converged or no longer gets better; a deadline or an interrupt leaves the best."""
         try:
-            return self.rounds() if self.loop.wishes else self.round() or Status.STALLED
+            return self.rounds() if self.loop.wishes else self.alone()
         except interrupts.OutOfTime:
             return Status.LIMIT
         except KeyboardInterrupt:
             return Status.INTERRUPTED
+
+    def alone(self) -> Status:
+        """Descend where no key is a penalty: where the search finds nothing better, once more with finer motions."""
+        status = self.round()
+        if status is None and self.loop.tolerance > FINEST:
+            self.loop.tolerance = FINEST
+            self.restart()
+            status = self.round()
+        return status or Status.STALLED
 
     def rounds(self) -> Status:
         """Descend with multipliers until the keys that are penalties are met, or come no nearer."""
@@ -124,7 +136,7 @@ class Descent:
             search(cost, start, jac=True, method="L-BFGS-B", options=options)
         except Stop as stop:
             return stop.status
-        return None if self.loop.wishes else Status.STALLED
+        return None
 
     def evaluate(self, f: Array) -> tuple[float, Array]:
         """Value and gradient, noting the best. Raises Stop where the descent has ended."""
@@ -141,6 +153,6 @@ class Descent:
             raise Stop(Status.LIMIT)
         if self.best.gradient <= OPTIMAL * self.steepest:
             raise Stop(Status.CONVERGED)
-        if len(self.values) > STALL and self.values[-1 - STALL] - self.best.value <= GAIN * abs(self.best.value):
-            raise Stop(Status.CONVERGED)
+        if len(self.values) > STALL and self.values[-1 - STALL] - self.best.value <= self.gain * abs(self.best.value):
+            raise Stop(Status.STALLED)
         return value, gradient

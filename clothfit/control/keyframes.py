@@ -17,12 +17,12 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import FARTHEST
 from clothfit.base.messages import unreadable
@@ -203,3 +203,12 @@ def left_of(key: Key, x: Array) -> Array:
     """How far positions x (T + 1, n, 3) are from a key, (m, 3), m."""
     own = x[key.step, key.vertices]
     return np.asarray((own if key.share is None else (key.share @ own)[None]) - key.positions)
+
+
+def without_fixed(key: Key, fixed: Flags) -> Key:
+    """A key without the fixed vertices, whose place is given; a mean keeps them."""
+    if key.share is not None:
+        return key
+    kept = ~fixed[key.vertices]
+    velocities = None if key.velocities is None else key.velocities[kept]
+    return replace(key, vertices=key.vertices[kept], positions=key.positions[kept], velocities=velocities)

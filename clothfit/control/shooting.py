@@ -32,7 +32,7 @@ MOST_COLUMNS = 600
 """Numbers up to which J is formed."""
 
 TOLERANCE = 1e-9
-"""Of the linear systems, relative."""
+"""Of the linear systems of the derivatives, relative; the motion is the one that plays back."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +74,21 @@ class Shooting:
         """The values of the kinds that are moved of a cloth."""
         return {block.kind: block.values(own) for block, own in self.own(z) if block.cloth in (cloth, -1)}
 
+    def of_all(self, z: Array, kind: str) -> Array | list[Array]:
+        """The values of a kind, of each cloth where it is one of theirs."""
+        found = {block.cloth: block.values(own) for block, own in self.own(z) if block.kind == kind}
+        if -1 in found:
+            return found[-1]
+        return [found.get(c, getattr(own, kind)) for c, own in enumerate(self.scene.cloths)]
+
+    def forces(self, z: Array) -> Forces:
+        """The forces on all vertices."""
+        u = np.zeros((self.steps, sum(self.scene.vertex_counts), 3))
+        for block, own in self.own(z):
+            if block.kind == "force":
+                u[:, self.scene.vertices(block.cloth)] = bounded(block.values(own)[: self.steps], self.most)
+        return Forces(self.scene.delta * np.arange(self.steps, dtype=float), u)
+
     def shoot(self, z: Array) -> Shot | None:
         """Simulate up to the horizon."""
         self.evaluations += 1
@@ -81,7 +96,7 @@ class Shooting:
         for cloth, system in self.systems.items():
             given = Elements(system.vertex.mass, system.springs.stiffness, **self.values(z, cloth))
             systems[cloth] = with_elements(system, given)
-            motions[cloth], good = rollout(systems[cloth], self.horizon, TOLERANCE)
+            motions[cloth], good = rollout(systems[cloth], self.horizon, self.scene.tolerance)
             if good < self.horizon:
                 return None
         return Shot(z.copy(), systems, motions)
@@ -248,3 +263,9 @@ class Shooting:
         """Root mean square distance from each key up to the horizon, m."""
         left = [left_of(key, shot.motions[key.cloth].x) for _, key, _ in self.counted()]
         return np.array([np.sqrt(np.mean((each**2).sum(axis=1))) for each in left])
+
+
+def bounded(u: Array, most: float) -> Array:
+    """Forces (T, n, 3), none above `most`, N."""
+    size = np.linalg.norm(u, axis=2, keepdims=True)
+    return np.asarray(np.where(size > most, u * (min(most, 1e300) / np.maximum(size, 1e-300)), u))

@@ -9,16 +9,23 @@ with no control, and with handles on the way that the keys suggest (`reference`)
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from clothfit.base import interrupts
+from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
+from clothfit.control.closed_loop import Costs
+from clothfit.control.controls import Controls, steered
 from clothfit.control.descent import NEAR, NEAR_HARD, Report
+from clothfit.control.keyframes import Key, last_step, without_fixed
+from clothfit.control.reference import path
 from clothfit.control.shooting import Shooting, Shot
 from clothfit.motion.divergence import Diverged
 from clothfit.optimise.status import Status
+from clothfit.scene.over_time.forces import Forces
+from clothfit.scene.scene import Scene
 
 SHARES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 """γ over the misses without control, from round to round."""
@@ -34,6 +41,68 @@ SLOW, SLOWEST = 3e-3, 1e-6
 
 INSISTS = 12
 """Rounds with multipliers, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steered:
+    """What a search came to."""
+
+    status: Status
+    scene: Scene  # with the paths, the wind and the velocities that were found
+    forces: Forces | None
+    optimality: float
+    evaluations: int
+
+
+def steer(
+    scene: Scene, keys: Sequence[Key], controls: Controls, alone: Array, budget: float | None, costs: Costs,
+    report: Report,
+) -> Steered:  # fmt: skip
+    """Search for the controls of a scene; `alone` (T + 1, n, 3), m, is the motion without them."""
+    steps = last_step(keys)
+    given = steered(scene, controls, steps * scene.delta)
+    free = [
+        kept
+        for key in keys
+        if len((kept := without_fixed(key, given.cloths[key.cloth].fixed & ~controls.led(scene, key.cloth))).vertices)
+    ]
+    problem = Shooting(given, free, controls, steps, costs.most)
+    search = Steering(problem, report)
+    with threads.single(), interrupts.limited(budget):
+        status = search.run([np.zeros(problem.size), suggested(problem, alone)])
+    with interrupts.grace(np.inf):
+        optimality = search.optimality()
+    z, values = search.found.z, given
+    kinds = {block.kind for block in problem.blocks} - {"force"}
+    if kinds:
+        values = given.with_values(
+            [own.mass for own in given.cloths], [own.stiffness for own in given.cloths],
+            **{kind: problem.of_all(z, kind) for kind in kinds},
+        )  # fmt: skip
+    forces = problem.forces(z) if controls.pushes else None
+    return Steered(status, values, forces, optimality, problem.evaluations)
+
+
+def suggested(problem: Shooting, alone: Array) -> Array:
+    """The numbers (Q,) with which handles go the way that a path through the keys has there."""
+    scene, z = problem.scene, np.zeros(problem.size)
+    for i, block in enumerate(problem.blocks):
+        if block.kind != "path":
+            continue
+        own = scene.cloths[block.cloth]
+        led = problem.controls.led(scene, block.cloth)
+        keys = [key for key in problem.keys if key.cloth == block.cloth]
+        x = alone[:, scene.vertices(block.cloth)]
+        away = path(x, keys, own.springs, own.fixed & ~led) - x
+        wanted = np.zeros_like(own.path)
+        for number, pin in enumerate(own.pins):
+            mine = own.key_pins == number
+            if mine.any() and pin.own:
+                steps = np.minimum(np.round(pin.own.times / scene.delta).astype(int), len(x) - 1)
+                wanted[mine] = away[steps][:, pin.vertices].mean(axis=1)
+        scale = block.basis.data.max()
+        z[problem.parts[i] : problem.parts[i + 1]] = block.gradient(wanted) / scale**2
+    return z
 
 
 class Steering:
@@ -115,6 +184,14 @@ class Steering:
         """The best point."""
         assert self.best is not None
         return self.best
+
+    def optimality(self) -> float:
+        """The gradient of the cost at the best point, relative to that without control."""
+        problem = self.problem
+        sizes = []
+        for shot in (self.found, problem.shoot(np.zeros(problem.size))):
+            sizes.append(np.inf if shot is None else np.linalg.norm(problem.pull(shot, problem.residuals(shot))))
+        return float(sizes[0] / sizes[1]) if sizes[1] > 0 else 0.0
 
     def near(self) -> bool:
         """Whether all keys are met."""

@@ -1,0 +1,134 @@
+"""The least forces of every vertex and step that take the cloths of a scene through keys, in a closed loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clothfit.base import interrupts, threads
+from clothfit.base.arrays import Array, Flags
+from clothfit.control import recording
+from clothfit.control.closed_loop import HUGE, ClosedLoop, Costs
+from clothfit.control.controls import Controls
+from clothfit.control.descent import Descent, Report
+from clothfit.control.keyframes import Key, last_step, without_fixed
+from clothfit.control.reference import path
+from clothfit.engine.inputs.splines import splined
+from clothfit.engine.system import IMPLICIT
+from clothfit.motion.divergence import Diverged
+from clothfit.optimise.status import Status
+from clothfit.scene.over_time.forces import Forces
+from clothfit.scene.scene import Scene
+
+FEWEST, COARSE = 40, 120
+"""Steps from which on steps twice as long are tried first, and evaluations of them."""
+
+RATES = (20.0, 40.0, 80.0, 160.0, 320.0)
+"""Rates of the springs that hold a cloth near its path, 1/s, to try."""
+
+CALM = 1.0
+"""Size of the gradient by the forces, relative to that of the effort's own term, up to which the closed loop counts as
+stable: more, and small forces early decide what comes late.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """What a search in the closed loop came to."""
+
+    status: Status
+    forces: Forces  # with the gains and places of the loop's springs
+    optimality: float
+    evaluations: int
+
+
+def follow(
+    scene: Scene, keys: Sequence[Key], controls: Controls, alone: Array, budget: float | None, costs: Costs,
+    report: Report,
+) -> Followed:  # fmt: skip
+    """Search for the forces on each cloth with keys; `alone` (T + 1, n, 3), m, is the motion without them."""
+    clock, steps = interrupts.now(), last_step(keys)
+    times, counts = scene.delta * np.arange(steps, dtype=float), scene.vertex_counts
+    u, gain, places = (np.zeros((steps, sum(counts), *rest)) for rest in ((3,), (), (3,)))
+    evaluations, found = 0, []
+    cloths = sorted({key.cloth for key in keys})
+    for number, cloth in enumerate(cloths):
+        own = [key for key in keys if key.cloth == cloth]
+        part = scene.vertices(cloth)
+        acting = ~scene.cloths[cloth].fixed & (True if controls.forces is None else controls.forces[cloth])
+        share = None if budget is None else (budget - (interrupts.now() - clock)) / (len(cloths) - number)
+        with threads.single(), interrupts.limited(share):
+            loop, descent, status = solved(scene, cloth, own, alone[:, part], acting, costs, report, share)
+        if not descent.best.value < HUGE:
+            raise Diverged(f"{scene.name}: no motion through the keys stays finite; try shorter steps", 0)
+        found.append((status, descent.best.gradient / (descent.steepest or 1.0)))
+        evaluations += loop.evaluations
+        with interrupts.grace(np.inf):
+            u[: loop.steps, part] = recording.recorded(scene, loop, descent.best.f, costs.most)
+        gain[: loop.steps, part] = loop.gain.min(axis=0)  # the keys' own are too stiff for a disturbed cloth
+        x = descent.best.x
+        places[: loop.steps, part] = x[1:] if loop.late else x[:-1]
+    status = max((status for status, _ in found), key=list(Status).index)
+    return Followed(status, Forces(times, u, gain, places), max(value for _, value in found), evaluations)
+
+
+def solved(
+    scene: Scene, cloth: int, keys: Sequence[Key], alone: Array, pushed: Flags, costs: Costs, report: Report,
+    budget: float | None = None,
+) -> tuple[ClosedLoop, Descent, Status]:  # fmt: skip
+    """The closed loop of a cloth, what its descent came to, and how that ended."""
+    fixed = scene.cloths[cloth].fixed
+    keys = [kept for key in keys if len((kept := without_fixed(key, fixed)).vertices)]
+    steps = max((key.step for key in keys), default=1)
+    loop, f = begun(scene, cloth, keys, alone[: steps + 1], pushed, costs, report)
+    descent = Descent(loop, f, report, patient=budget is not None)
+    return loop, descent, descent.run()
+
+
+def begun(
+    scene: Scene, cloth: int, keys: Sequence[Key], alone: Array, pushed: Flags, costs: Costs, report: Report
+) -> tuple[ClosedLoop, Array]:
+    """The closed loop of a cloth and the forces f to begin with: those of a loop with steps twice as long, if there can
+    be one, as it takes half the time; else along the first path through the keys.
+    """
+    own, steps = scene.cloths[cloth], len(alone) - 1
+    if scene.method < IMPLICIT or steps < FEWEST or any(key.step % 2 for key in keys):
+        still = np.where(own.fixed[None, :, None], alone, alone[:1])
+        paths = [path(each, keys, own.springs, own.fixed) for each in (alone, still)]
+        with interrupts.grace(np.inf):
+            loop = stable(scene, cloth, keys, paths, pushed, costs)
+        return loop, np.zeros_like(loop.places)
+    longer = scene.with_step(2.0 * scene.delta, steps // 2 + 1)
+    halved = [replace(key, step=key.step // 2) for key in keys]
+    coarse, f = begun(longer, cloth, halved, alone[::2], pushed, costs, report)
+    descent = Descent(coarse, f, report, COARSE)
+    descent.run()
+    with interrupts.grace(np.inf):
+        places = splined(np.arange(0.0, steps + 1.0, 2.0), descent.best.x, "keys")(np.arange(steps + 1))
+        places[:, own.fixed] = alone[:, own.fixed]
+        loop = stable(scene, cloth, keys, [places], pushed, costs)
+        loop.resume(coarse)
+    return loop, np.where(loop.unknown[:, :, None], np.repeat(descent.best.u, 2, axis=0), 0.0)
+
+
+def stable(
+    scene: Scene, cloth: int, keys: Sequence[Key], paths: Sequence[Array], pushed: Flags, costs: Costs
+) -> ClosedLoop:
+    """The closed loop along the path that takes less effort, with springs just stiff enough to be stable."""
+    tried: list[tuple[float, ClosedLoop]] = []
+    for rate in RATES:
+        tried = []
+        for each in paths:
+            loop = ClosedLoop(scene, cloth, keys, each, pushed, rate, costs)
+            value, gradient = loop(np.zeros_like(loop.places))
+            size = float(np.linalg.norm(gradient))
+            calm = size / np.sqrt(2.0 * loop.h) <= CALM * np.sqrt(4.0 * max(value, 1e-300))
+            tried.append((value if calm else np.inf, loop))
+        if min(value for value, _ in tried) < np.inf:
+            break
+    loop = min(tried, key=lambda pair: pair[0])[1]
+    misfit = sum(key.key.weight * float((key.left(loop.x) ** 2).sum()) for key in loop.wishes)
+    loop.penalty = max(loop.effort, 1e-12) / max(misfit, 1e-12)
+    return loop
