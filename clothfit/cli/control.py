@@ -1,4 +1,4 @@
-"""`clothfit control`: the least forces that take a cloth through keyframes."""
+"""`clothfit control`: the gentlest controls that take a cloth through keyframes."""
 
 from __future__ import annotations
 
@@ -10,17 +10,16 @@ import click
 
 from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
-from clothfit.base.messages import metres
+from clothfit.base.messages import counted, metres
 from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import duration, standard_command
 from clothfit.cli.common.output import STREAM, Output, output_for, print_json, same_file
 from clothfit.cli.common.scenes import check_there, one_stream, read_scene, warn_of_steps
-from clothfit.cli.fitting import shown
+from clothfit.cli.fitting import controlled, shown
 from clothfit.many.job import INTERRUPTED
 
 if TYPE_CHECKING:
-    from clothfit.base.arrays import Flags
     from clothfit.control.control import Control
     from clothfit.control.keyframes import Key
     from clothfit.formats.convention import Convention, Reading
@@ -30,9 +29,10 @@ INTERVAL = 2.0
 """Seconds between two lines of progress."""
 
 SECTIONS = {
-    "What to do": ("--keyframes", "--actuate", "--most", "--smooth", "--budget", "--adjoint"),
+    "What to do": ("--keyframes", "--most", "--smooth", "--budget", "--adjoint"),
+    "What may move": ("--actuate", "--handles", "--wind", "--velocity", "--every", "--modes"),
     "The file of the keyframes": motions.FILE_OPTIONS,
-    "What is written": ("--output", "--forces", "--table", "--report", "--plot", "--gif"),
+    "What is written": ("--output", "--forces", "--save", "--table", "--report", "--plot", "--gif"),
 }
 
 
@@ -41,8 +41,7 @@ SECTIONS = {
 @click.option("--keyframes", "keys_path", metavar="KEYS", required=True,
               help="Where the cloth is to be, and when: JSON, or a motion with few frames.")
 @motions.reads
-@click.option("--actuate", default="all", metavar="all|VERTICES",
-              help="Vertices of the first object with keys on which forces act, such as 0,11,20-30.  [default: all]")
+@controlled.options
 @click.option("--most", type=float, metavar="N", help="Largest force on a vertex, N.  [default: none]")
 @click.option("--smooth", type=float, metavar="SECONDS",
               help="Prefer forces that change slowly: a change within this time costs as much as the force itself.  "
@@ -55,6 +54,9 @@ SECTIONS = {
 @click.option("-o", "--output", "path", metavar="MOTION",
               help="File of the motion, in any format.  [default: <stem>.controlled.npz]")
 @click.option("--forces", "forces_path", metavar="FILE", help="File of the forces.  [default: <stem>.forces.npz]")
+@click.option("--save", "save_path", metavar="SCENE",
+              help="Scene with the paths, the wind and the velocities that were found.  "
+              "[default: <stem>.controlled.json, where there are any]")
 @click.option("--table", "table_path", metavar="FILE",
               help="Write the forces as a table too (.csv): a line for each step and vertex.")
 @click.option("--report", "report_path", metavar="FILE",
@@ -64,58 +66,71 @@ def command(
     scene_path: str,
     keys_path: str,
     reading: Reading,
-    actuate: str,
+    moves: controlled.Moves,
     most: float | None,
     smooth: float | None,
     time_budget: str | None,
     adjoint: str,
     path: str | None,
     forces_path: str | None,
+    save_path: str | None,
     table_path: str | None,
     report_path: str | None,
     pictures: pictures.Pictures,
     as_json: bool,
     console: Console,
 ) -> int:
-    """Find the forces of least effort under which the cloths of SCENE pass through keyframes.
+    """Find the gentlest controls under which the cloths of SCENE pass through keyframes.
 
-    Effort is the sum of the squared forces on all vertices over time. Played by clothfit simulate --forces, the forces
-    give the same motion to the last bit; with --feedback a disturbed cloth arrives too.
+    By default these are forces on all vertices, of the least sum of squares over time. Played by clothfit simulate
+    --forces, they give the same motion to the last bit; with --feedback a disturbed cloth arrives too. Handles, wind
+    and velocities go into a scene, which plays as any other.
 
     \b
     clothfit control scene.json --keyframes keys.json
     clothfit control scene.json --keyframes pose.npz -o motion.npz --forces forces.npz
+    clothfit control scene.json --keyframes keys.json --handles 0,11 --wind --save steered.json
     clothfit control scene.json --keyframes keys.json --actuate 0-11,132-143 --budget 30s
     clothfit control scene.json --keyframes keys.json --most 0.5 --smooth 0.1 --gif motion.gif
     """
     one_stream(scene_path, keys_path)
     checked(most, smooth)
+    moves.check()
+    if adjoint == "approximate" and not moves.follows:
+        raise InvalidInput("--adjoint approximate is for forces of every vertex and step, and for nothing else")
     scene = read_scene(scene_path, console)
     out = output_for(path, scene_path, ".controlled.npz", (keys_path,))
-    kept = forces_output(forces_path, scene_path, keys_path, out)
+    kept = forces_output(forces_path, scene_path, keys_path, out) if moves.pushes else None
+    saved = scene_output(save_path, scene_path, keys_path) if moves.others else None
     motions.check(out, own_axes(), (scene_path, keys_path))
-    shows = shown.asked(table_path, report_path, (scene_path, keys_path, out.path, kept.path))
-    pictures.check(scene_path, keys_path, out.path, kept.path, *shows.files)
+    used = scene_path, keys_path, out.path, *(each.path for each in (kept, saved) if each)
+    shows = shown.asked(table_path, report_path, used)
+    pictures.check(*used, *shows.files)
+    refuse_unused(moves, forces_path, save_path, table_path)
     seconds = duration(time_budget, "--budget")
     keys = read_keys(keys_path, reading, scene, console)
-    pushed = actuated(actuate, keys, scene)
+    controls = moves.of(keys, scene)
     warn_of_steps(scene, scene.frames, console)
     from clothfit.control.closed_loop import Costs
-    from clothfit.control.control import find_forces
+    from clothfit.control.control import find_controls
     from clothfit.scene.over_time.forces import archive
+    from clothfit.scene.scene import dumps, folder_of
 
     console.announce_compilation()
     costs = Costs(smooth or 0.0, float("inf") if most is None else most, adjoint == "approximate")
     with interrupts.deferred():
-        found = find_forces(scene, keys, pushed, budget=seconds, costs=costs, report=Lines(console))
-        kept.write(archive(found.forces))
+        found = find_controls(scene, keys, controls, budget=seconds, costs=costs, report=Lines(console))
+        if kept and found.forces:
+            kept.write(archive(found.forces))
+        if saved:
+            saved.write(dumps(found.scene, folder_of(saved.path)))
         motions.write(found.motion, out, scene, own_axes(), console)
-    good = report(found, kept, out, console)
+    good = report(found, kept, saved, out, console)
     if adjoint == "approximate":
         console.say("the gradient was approximate: the effort may be above the least, whatever the status says")
     if as_json:
-        print_json("control", {**summary(found, kept, out), "adjoint": adjoint}, out)
-    shows.write(scene, keys, found, pictures, kept, (keys_path,), console)
+        print_json("control", {**summary(found, kept, saved, out), "adjoint": adjoint}, out)
+    shows.write(scene, keys, found, pictures, (kept, saved), (keys_path,), console)
     return INTERRUPTED if found.status == "interrupted" else 0 if good else 5
 
 
@@ -146,6 +161,24 @@ def forces_output(path: str | None, scene_path: str, keys_path: str, out: Output
     return kept
 
 
+def scene_output(path: str | None, scene_path: str, keys_path: str) -> Output:
+    """Where the scene goes, checked as any output. Raises InvalidInput."""
+    if path == STREAM:
+        raise InvalidInput("--save must be a file; - was given")
+    if path is None and scene_path == STREAM:
+        path = "scene.controlled.json"
+    return output_for(path, scene_path, ".controlled.json", (keys_path,), text=True)
+
+
+def refuse_unused(moves: controlled.Moves, forces: str | None, saved: str | None, table: str | None) -> None:
+    """Raise InvalidInput where a file is asked for that nothing goes into."""
+    for option, path in (("--forces", forces), ("--table", table)):
+        if path is not None and not moves.pushes:
+            raise InvalidInput(f"{option}: no forces are to be found; ask for some with --actuate, or leave it out")
+    if saved is not None and not moves.others:
+        raise InvalidInput("--save: only handles, wind and velocities go into a scene; the forces go into --forces")
+
+
 def read_keys(path: str, reading: Reading, scene: Scene, console: Console) -> list[Key]:
     """The keys of a file, JSON or a motion. Raises InvalidInput."""
     from clothfit.control import keyframes
@@ -154,23 +187,6 @@ def read_keys(path: str, reading: Reading, scene: Scene, console: Console) -> li
     if path.lower().endswith(".json"):
         return keyframes.load_keys(path, scene)
     return keyframes.from_motion(motions.read(path, scene, reading, console), scene)
-
-
-def actuated(text: str, keys: list[Key], scene: Scene) -> list[Flags] | None:
-    """Of each object the vertices on which forces act; None for all. Raises InvalidInput."""
-    if text == "all":
-        return None
-    import numpy as np
-
-    from clothfit.cli.making.asked import ranges
-    from clothfit.meshes.fixing import listed
-
-    flags = [np.ones(count, bool) for count in scene.vertex_counts]
-    cloth = min(key.cloth for key in keys)
-    flags[cloth] = listed(len(flags[cloth]), ranges("--actuate", text), "--actuate")
-    if not (flags[cloth] & ~scene.cloths[cloth].fixed).any():
-        raise InvalidInput(f"--actuate {text}: all of these vertices are fixed")
-    return flags
 
 
 class Lines:
@@ -182,32 +198,36 @@ class Lines:
     def __call__(self, effort: float, missed: float, evaluations: int) -> None:
         if interrupts.now() >= self.next:
             self.next = interrupts.now() + INTERVAL
-            beside = f", {metres(missed)} beside the keys" if missed > 0 else ""
-            self.console.say(f"effort {effort:.4g} N² s{beside}, evaluation {evaluations}")
+            parts = [f"effort {effort:.4g} N² s"] if effort > 0 else []
+            parts += [f"{metres(missed)} beside the keys"] if missed > 0 else []
+            self.console.say(", ".join([*parts, f"evaluation {evaluations}"]))
 
 
-def report(found: Control, kept: Output, out: Output, console: Console) -> bool:
+def report(found: Control, kept: Output | None, saved: Output | None, out: Output, console: Console) -> bool:
     """Say what was found; whether all keys are reached."""
-    rows = [["key", "without forces", "with them"]]
-    good = True
+    rows = [["key", "without control", "with it"]]
     for key, far in zip(found.keys, found.free, strict=True):
-        good = good and key.near
-        rows.append([f"{key.time:.4g} s", metres(far), metres(key.rmse) + ("" if key.near else "  missed")])
+        speed = "" if key.speed is None else f", {key.speed:.2g} m/s beside its velocities"
+        rows.append([f"{key.time:.4g} s", metres(far), metres(key.rmse) + speed + ("" if key.near else "  missed")])
     console.table(rows)
-    console.say(
-        f"{found.status}: effort {found.effort:.4g} N² s, {found.evaluations} evaluations in {found.seconds:.1f} s → "
-        f"{kept.name}, {out.name}"
-    )
+    files = ", ".join(each.name for each in (kept, saved, out) if each)
+    console.say(f"{shown.ended(found)} → {files}")
     if found.at_bound:
         console.warn(f"{found.at_bound} forces are at their bound (--most)")
+    for key in found.keys:
+        if key.immovable and not key.near:
+            vertices = counted(key.immovable, "vertex", "vertices")
+            console.warn(f"no control moves {vertices} of the key at {key.time:.4g} s")
+    good = all(key.near for key in found.keys)
     if not good:
         console.warn(
-            "not all keys are reached; give it more time (--budget), more vertices (--actuate), larger forces (--most)"
+            "not all keys are reached; give it more time (--budget), more controls (--actuate, --handles, --wind), "
+            "larger forces (--most)"
         )
     return good
 
 
-def summary(found: Control, kept: Output, out: Output) -> dict[str, Any]:
+def summary(found: Control, kept: Output | None, saved: Output | None, out: Output) -> dict[str, Any]:
     """What --json prints."""
     return {
         "status": str(found.status),
@@ -217,6 +237,7 @@ def summary(found: Control, kept: Output, out: Output) -> dict[str, Any]:
         "evaluations": found.evaluations,
         "seconds": found.seconds,
         "at_bound": found.at_bound,
-        "forces": kept.path,
+        "forces": kept.path if kept else None,
+        "scene": saved.path if saved else None,
         "output": out.path,
     }

@@ -1,4 +1,4 @@
-"""The derivative of a motion by a few hundred numbers of its controls at once: a sensitivity, with forces as columns."""
+"""The derivative of a motion by a few hundred numbers of its controls at once: a sensitivity with forces as columns."""
 
 from __future__ import annotations
 

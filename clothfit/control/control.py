@@ -38,7 +38,7 @@ class Reached:
     rmse: float  # m, over its vertices
     hard: bool  # whether it was to be met to 1 µm
     speed: float | None  # m/s, root mean square miss of the velocities; None where none are asked for
-    immovable: int  # vertices of the key that no control can move
+    immovable: int  # vertices that are not there and that no control can move
 
     @property
     def near(self) -> bool:
@@ -96,7 +96,7 @@ def find_controls(
     stuck = immovable(scene, keys, controls)
     return Control(
         found.status, given, forces, motion,
-        tuple(reached(key, motion, scene, count) for key, count in zip(keys, stuck, strict=True)),
+        tuple(reached(key, motion, scene, own) for key, own in zip(keys, stuck, strict=True)),
         tuple(miss(key, alone, scene) for key in keys),
         scene.delta * float((u * u).sum()), found.optimality, found.evaluations, computing() - began,
         int((np.sqrt((u * u).sum(axis=2)) >= costs.most * (1.0 - 1e-3)).sum()),
@@ -153,10 +153,12 @@ def miss(key: Key, x: Array, scene: Scene) -> float:
     return float(np.sqrt(np.mean((away**2).sum(axis=1))))
 
 
-def reached(key: Key, motion: Motion, scene: Scene, stuck: int) -> Reached:
-    """How near a key a motion comes; `stuck`: its vertices that no control can move."""
+def reached(key: Key, motion: Motion, scene: Scene, stuck: Flags) -> Reached:
+    """How near a key a motion comes; `stuck` (m,): which of its vertices no control can move."""
     x, speed = motion.positions[:, scene.vertices(key.cloth)], None
     if key.velocities is not None:
         v = (x[key.step, key.vertices] - x[key.step - 1, key.vertices]) / scene.delta
         speed = float(np.sqrt(np.mean(((v - key.velocities) ** 2).sum(axis=1))))
-    return Reached(key.step * scene.delta, key.cloth, miss(key, motion.positions, scene), key.hard, speed, stuck)
+    away = np.linalg.norm(left_of(key, x), axis=1) > NEAR
+    count = int((away & stuck).sum()) if key.share is None else len(stuck) * bool(away.any() and stuck.all())
+    return Reached(key.step * scene.delta, key.cloth, miss(key, motion.positions, scene), key.hard, speed, count)

@@ -17,10 +17,10 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
+from clothfit.control.keyframes import Key
 from clothfit.engine.inputs.interpolation import interpolated, resolved
 from clothfit.engine.inputs.sampling import moved
 from clothfit.meshes.new_scene import text
-from clothfit.control.keyframes import Key
 from clothfit.scene.over_time.keys import Pin
 from clothfit.scene.scene import Scene, dumps, load
 
@@ -119,23 +119,19 @@ def lead(item: dict[str, Any], scene: Scene, cloth: int, handles: Sequence[Indic
 def along(pin: Pin, vertices: Indices, cloth: int, knots: Array) -> Array:
     """The path (K, 3), m, of a pin that becomes a handle, at the knots. Raises InvalidInput where it cannot."""
     if not np.array_equal(np.sort(pin.vertices), np.sort(vertices)):
-        raise InvalidInput(f"handles: a pin of objects[{cloth}] has some of these vertices, and others; take all of it")
+        raise InvalidInput(f"handles: a pin of objects[{cloth}] has some of these vertices and others; take it whole")
     if pin.rotation is not None or pin.position is None or pin.position.points:
-        raise InvalidInput(f"handles: a pin of objects[{cloth}] turns, or follows points of a motion; it keeps its path")
+        raise InvalidInput(f"handles: a pin of objects[{cloth}] turns, or follows a motion; it keeps its path")
     return moved(pin.position, knots)
 
 
 def flagged(scene: Scene, controls: Controls) -> Scene:
     """The steered scene with what is to be found as its only fitted kinds."""
-    own = {"path": any(controls.handles), "velocity": controls.velocity}
-    cloths = tuple(
-        replace(
-            cloth, settings="nn",
-            fits={name: "L" for name, on in own.items() if on and (name != "path" or any(pin.own for pin in cloth.pins))},
-        )
-        for cloth in scene.cloths
-    )  # fmt: skip
-    return replace(scene, cloths=cloths, fits={"gusts": "L"} if controls.wind else {})
+    cloths = []
+    for cloth in scene.cloths:
+        own = {"path": bool(controls.handles) and any(pin.own for pin in cloth.pins), "velocity": controls.velocity}
+        cloths.append(replace(cloth, settings="nn", fits={name: "L" for name, asked in own.items() if asked}))
+    return replace(scene, cloths=tuple(cloths), fits={"gusts": "L"} if controls.wind else {})
 
 
 def handle_keys(scene: Scene, controls: Controls, cloth: int) -> Flags:
@@ -147,8 +143,8 @@ def handle_keys(scene: Scene, controls: Controls, cloth: int) -> Flags:
     return np.asarray(mine[owner] & (np.arange(len(owner)) != own.datums)) if len(owner) else np.zeros(0, bool)
 
 
-def immovable(scene: Scene, keys: Sequence[Key], controls: Controls) -> list[int]:
-    """Of each key, how many of its vertices no control can move: fixed ones that are no handles, and those that no
+def immovable(scene: Scene, keys: Sequence[Key], controls: Controls) -> list[Flags]:
+    """Of each key, which of its vertices (m,) no control can move: fixed ones that are no handles, and those that no
     springs join to a vertex that a control acts on.
     """
     from scipy.sparse import csr_array
@@ -169,4 +165,4 @@ def immovable(scene: Scene, keys: Sequence[Key], controls: Controls) -> list[int
         graph = csr_array((np.ones(len(joined)), joined.T), shape=(n, n))
         lot = connected_components(graph, directed=False)[1]
         reach.append(moves & np.isin(lot, lot[acts & moves]))
-    return [int((~reach[key.cloth][key.vertices]).sum()) for key in keys]
+    return [~reach[key.cloth][key.vertices] for key in keys]

@@ -60,7 +60,9 @@ class Best:
 class Descent:
     """A descent of a closed loop from forces f (T, n, 3), N."""
 
-    def __init__(self, loop: ClosedLoop, f: Array, report: Report, limit: float = np.inf, patient: bool = False) -> None:
+    def __init__(
+        self, loop: ClosedLoop, f: Array, report: Report, limit: float = np.inf, patient: bool = False
+    ) -> None:
         """`limit`: evaluations, at most; `patient`: whether it may take all the time there is."""
         self.loop, self.report, self.left = loop, report, limit
         self.gain = PATIENT_GAIN if patient and not loop.wishes else GAIN

@@ -8,7 +8,7 @@ sweep, each about as long as a simulation.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Elements, Indices
 from clothfit.control import columns
+from clothfit.control.closed_loop import Costs
 from clothfit.control.controls import Controls, flagged
 from clothfit.control.keyframes import Key, left_of
 from clothfit.control.unknowns import Block, blocks
@@ -47,15 +48,15 @@ class Shot:
 class Shooting:
     """The residuals of a steered scene by the numbers z (Q,) of its controls."""
 
-    def __init__(self, scene: Scene, keys: Sequence[Key], controls: Controls, steps: int, most: float = np.inf) -> None:
-        """`scene` is steered (`controls.steered`); `most`: N on a vertex."""
-        self.scene, self.keys, self.controls, self.steps, self.most = scene, list(keys), controls, steps, most
+    def __init__(self, scene: Scene, keys: Sequence[Key], controls: Controls, steps: int, costs: Costs) -> None:
+        """`scene` is steered (`controls.steered`)."""
+        self.scene, self.keys, self.controls, self.steps, self.most = scene, list(keys), controls, steps, costs.most
         table = Forces(scene.delta * np.arange(steps, dtype=float), np.zeros((steps, sum(scene.vertex_counts), 3)))
         given = flagged(scene, controls)
         if controls.pushes and given.forces is None:
             given = given.with_forces(table)
         self.systems = {c: build(given, c, steps=steps) for c in sorted({key.cloth for key in keys})}
-        self.blocks = blocks(given, controls, self.systems, steps * scene.delta)
+        self.blocks = blocks(given, controls, self.systems, steps * scene.delta, costs.smooth)
         self.parts = np.cumsum([0, *(block.size for block in self.blocks)])
         self.multipliers = [np.zeros_like(key.positions) for key in self.keys]
         self.gamma, self.evaluations = 0.0, 0
@@ -73,6 +74,19 @@ class Shooting:
     def values(self, z: Array, cloth: int) -> dict[str, Array]:
         """The values of the kinds that are moved of a cloth."""
         return {block.kind: block.values(own) for block, own in self.own(z) if block.cloth in (cloth, -1)}
+
+    def compile(self) -> None:
+        """Have all kernels compiled, which is no part of a search."""
+        self.horizon = 1
+        keys, self.keys = self.keys, [replace(key, step=1, velocities=None) for key in self.keys]
+        shot = self.shoot(np.zeros(self.size))
+        if shot is not None:
+            self.pull(shot, self.residuals(shot))
+            if self.is_small:
+                self.matrix(shot)
+            else:
+                self.push(shot, np.zeros(self.size))
+        self.keys, self.horizon, self.evaluations = keys, self.steps, 0
 
     def of_all(self, z: Array, kind: str) -> Array | list[Array]:
         """The values of a kind, of each cloth where it is one of theirs."""

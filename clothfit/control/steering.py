@@ -66,8 +66,9 @@ def steer(
         for key in keys
         if len((kept := without_fixed(key, given.cloths[key.cloth].fixed & ~controls.led(scene, key.cloth))).vertices)
     ]
-    problem = Shooting(given, free, controls, steps, costs.most)
+    problem = Shooting(given, free, controls, steps, costs)
     search = Steering(problem, report)
+    problem.compile()
     with threads.single(), interrupts.limited(budget):
         status = search.run([np.zeros(problem.size), suggested(problem, alone)])
     with interrupts.grace(np.inf):
@@ -112,6 +113,7 @@ class Steering:
         self.problem, self.report = problem, report
         self.best: Shot | None = None
         self.value, self.converged = np.inf, False
+        self.latest = np.zeros(problem.size)  # the last point of any search
 
     def run(self, starts: Sequence[Array]) -> Status:
         """Search from the better of some starts (Q,). A deadline or an interrupt leaves the best."""
@@ -125,11 +127,16 @@ class Steering:
         try:
             return self.rounds(max(whole, 1e-300))
         except interrupts.OutOfTime:
-            return Status.LIMIT
+            return self.cut(Status.LIMIT)
         except KeyboardInterrupt:
-            return Status.INTERRUPTED
-        finally:
-            problem.horizon = problem.steps
+            return self.cut(Status.INTERRUPTED)
+
+    def cut(self, status: Status) -> Status:
+        """End early, with the best of all keys, or of those that were searched for so far."""
+        self.problem.horizon = self.problem.steps
+        with interrupts.grace(np.inf):
+            self.again([self.found.z, self.latest])
+        return status
 
     def rounds(self, whole: float) -> Status:
         """Searches over more and more keys, then with less and less weight of the effort; `whole`: m², misses at first.
@@ -188,10 +195,9 @@ class Steering:
     def optimality(self) -> float:
         """The gradient of the cost at the best point, relative to that without control."""
         problem = self.problem
-        sizes = []
-        for shot in (self.found, problem.shoot(np.zeros(problem.size))):
-            sizes.append(np.inf if shot is None else np.linalg.norm(problem.pull(shot, problem.residuals(shot))))
-        return float(sizes[0] / sizes[1]) if sizes[1] > 0 else 0.0
+        shots = self.found, problem.shoot(np.zeros(problem.size))
+        last, first = (np.inf if s is None else np.linalg.norm(problem.pull(s, problem.residuals(s))) for s in shots)
+        return float(last / first) if first > 0 else 0.0
 
     def near(self) -> bool:
         """Whether all keys are met."""
@@ -217,13 +223,14 @@ class Steering:
         return value
 
     def search(self, z: Array, evaluations: int, slow: float) -> Array:
-        """Gauss–Newton from z (Q,) until a step lowers the cost by less than a share `slow`; returns the last point. Over
-        all keys it notes the best.
+        """Gauss–Newton from z (Q,) until a step lowers the cost by less than the share `slow`; returns the last point.
+        Over all keys it notes the best.
         """
         from scipy.optimize import least_squares
         from scipy.sparse.linalg import LinearOperator
 
-        problem, last = self.problem, {}
+        problem = self.problem
+        last: dict[str, Any] = {}
         whole = problem.horizon == problem.steps
 
         def residuals(z: Array) -> Array:
@@ -233,6 +240,7 @@ class Steering:
                 return np.full(last["count"], np.inf)
             r = problem.residuals(shot)
             last.update(shot=shot, count=len(r))
+            self.latest = shot.z
             if whole and r @ r < self.value:
                 interrupts.hold()
                 self.best, self.value = shot, float(r @ r)
@@ -241,7 +249,9 @@ class Steering:
             return r
 
         def jacobian(z: Array, *_: Any) -> LinearOperator | Array:
-            shot = last["shot"] if np.array_equal(last["shot"].z, z) else problem.shoot(z)
+            shot: Shot = last["shot"]  # SciPy asks at the last point where the residuals were finite
+            if not np.array_equal(shot.z, z):
+                shot = problem.shoot(z) or shot
             if problem.is_small:
                 return problem.matrix(shot)
 
@@ -257,7 +267,8 @@ class Steering:
 
         solve: Any = least_squares
         found = solve(
-            residuals, z, jacobian, method="trf", tr_solver="exact" if problem.is_small else "lsmr", max_nfev=evaluations, ftol=slow, xtol=1e-9, gtol=None,
+            residuals, z, jacobian, method="trf", tr_solver="exact" if problem.is_small else "lsmr",
+            max_nfev=evaluations, ftol=slow, xtol=1e-9, gtol=None,
         )  # fmt: skip
         self.converged = found.status > 0
         return np.asarray(found.x)

@@ -8,12 +8,13 @@ L the size of the cloth.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Flags
 from clothfit.control.controls import Controls, handle_keys
 from clothfit.control.vibration import modes_of
 from clothfit.engine.system import System
@@ -60,8 +61,10 @@ class Block:
         return np.asarray(self.basis.T @ by_values.reshape(-1))
 
 
-def blocks(scene: Scene, controls: Controls, systems: dict[int, System], end: float) -> list[Block]:
-    """The blocks of a steered and flagged scene, up to a time, s; `systems` are those of its cloths with keys."""
+def blocks(scene: Scene, controls: Controls, systems: dict[int, System], end: float, smooth: float) -> list[Block]:
+    """The blocks of a steered and flagged scene, up to a time, s; `systems` are those of its cloths with keys, `smooth`
+    the time, s, in which a change of the forces counts as they do.
+    """
     found = []
     for cloth, system in systems.items():
         own = scene.cloths[cloth]
@@ -71,7 +74,7 @@ def blocks(scene: Scene, controls: Controls, systems: dict[int, System], end: fl
         if controls.velocity:
             found.append(velocities(own, cloth, end))
         if controls.pushes:
-            found.append(forces(scene, cloth, controls, system, end))
+            found.append(forces(scene, cloth, controls, system, (end, smooth)))
     if controls.wind:
         found.append(gusts(scene, end))
     return found
@@ -82,21 +85,21 @@ def extent(cloth: Cloth) -> float:
     return float(np.ptp(cloth.positions, axis=0).max())
 
 
-def per_component(matrix: csr_array) -> csr_array:
+def per_component(matrix: Any) -> csr_array:
     """The same matrix for x, y and z of vectors."""
     from scipy.sparse import csr_array, eye_array, kron
 
     return csr_array(kron(matrix, eye_array(3)))
 
 
-def chosen(flags: Array) -> csr_array:
+def chosen(flags: Flags) -> csr_array:
     """The matrix (V, Q) that puts Q numbers where Q of V flags are set."""
     from scipy.sparse import csr_array, eye_array
 
     return csr_array(eye_array(len(flags)).tocsc()[:, np.flatnonzero(flags)])
 
 
-def paths(own: Cloth, cloth: int, mine: Array, end: float) -> Block:
+def paths(own: Cloth, cloth: int, mine: Flags, end: float) -> Block:
     """Keys of handles: gentle is ∫ |acceleration|² dt T³/L², the start at rest."""
     from scipy.sparse import csr_array, diags_array
 
@@ -107,7 +110,7 @@ def paths(own: Cloth, cloth: int, mine: Array, end: float) -> Block:
             continue
         times, count = pin.own.times, len(pin.own.times)
         tau = float(times[1] - times[0])
-        second = diags_array([1.0, -2.0, 1.0], offsets=[-1, 0, 1], shape=(count, count)).tolil()
+        second: Any = diags_array([1.0, -2.0, 1.0], offsets=[-1, 0, 1], shape=(count, count)).tolil()
         second[0, :2] = [-2.0, 2.0]
         second[-1, -2:] = [2.0, -2.0]
         whole = csr_array((count, len(owner))).tolil()
@@ -120,7 +123,7 @@ def paths(own: Cloth, cloth: int, mine: Array, end: float) -> Block:
     )  # fmt: skip
 
 
-def stacked(rows: list[csr_array]) -> csr_array:
+def stacked(rows: Sequence[Any]) -> csr_array:
     """Matrices one below the other."""
     from scipy.sparse import csr_array, vstack
 
@@ -159,13 +162,13 @@ def velocities(own: Cloth, cloth: int, end: float) -> Block:
     )  # fmt: skip
 
 
-def forces(scene: Scene, cloth: int, controls: Controls, system: System, end: float) -> Block:
+def forces(scene: Scene, cloth: int, controls: Controls, system: System, times: tuple[float, float]) -> Block:
     """Forces at knots, linear in between, or in each step, of vertices or of modes: gentle is their mean square over
     time and vertices, relative to a vertex' mean weight or, without gravity, to what moves it by L in T.
     """
     from scipy.sparse import csr_array, eye_array, kron
 
-    own, h = scene.cloths[cloth], scene.delta
+    own, h, (end, smooth) = scene.cloths[cloth], scene.delta, times
     steps = round(end / h)
     assert system.inputs is not None
     rows, n = len(system.inputs.force), len(own.mass)
@@ -178,13 +181,16 @@ def forces(scene: Scene, cloth: int, controls: Controls, system: System, end: fl
     else:
         over = per_component(chosen(acts))
         across = csr_array(eye_array(over.shape[1]))
-    in_time = triangle(share.T @ share) if controls.every else eye_array(steps)
+    in_time: Any = triangle(share.T @ share) if controls.every else eye_array(steps)
+    if smooth > 0.0:
+        change = csr_array(share[1:steps] - share[: steps - 1]) * (smooth / h)
+        in_time = stacked([in_time, change])
     gentle = csr_array(kron(in_time, across)) / np.sqrt(steps * max(int(acts.sum()), 1))
     basis = scale * csr_array(kron(share, over))
     return Block("force", cloth, system.inputs.force.reshape(-1).copy(), basis, gentle, (rows, n, 3))
 
 
-def triangle(gram: csr_array) -> csr_array:
+def triangle(gram: Any) -> csr_array:
     """The upper triangular factor of a Gram matrix (Q, Q)."""
     from scipy.sparse import csr_array
 

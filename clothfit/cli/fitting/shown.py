@@ -37,13 +37,13 @@ class Shows:
         return tuple(None if each is None else each.path for each in (self.table, self.page))
 
     def write(
-        self, scene: Scene, keys: Sequence[Key], found: Control, pictures: Pictures, forces: Output,
-        files: Sequence[str], console: Console,
+        self, scene: Scene, keys: Sequence[Key], found: Control, pictures: Pictures,
+        written: tuple[Output | None, Output | None], files: Sequence[str], console: Console,
     ) -> None:  # fmt: skip
-        """Write what is asked for; nobody waits for pictures who has asked for the end. `forces` is where these went,
-        `files` are what was read beside the scene.
+        """Write what is asked for; nobody waits for pictures who has asked for the end. `written` is where forces and
+        scene went, `files` are what was read beside the scene.
         """
-        if self.table is not None:
+        if self.table is not None and found.forces is not None:
             from clothfit.scene.over_time import force_table
 
             self.table.put(force_table.encoded(found.forces.times, found.forces.values))
@@ -55,11 +55,13 @@ class Shows:
             return
         from clothfit.control.course import course
 
-        over = course(scene, scene.with_forces(found.forces), keys, found.motion)
+        over = course(scene, found.scene.with_forces(found.forces), keys, found.motion)
         if self.page is not None:
             from clothfit.report.page import control_page
 
-            again = shlex.join(["clothfit", "simulate", scene.name, "--forces", forces.name])
+            kept, saved = written
+            played = ["clothfit", "simulate", saved.name if saved else scene.name]
+            again = shlex.join([*played, *(["--forces", kept.name] if kept else [])])
             page = control_page(over, found, [self.command, again], report.digests([scene], dict.fromkeys(files)))
             self.page.write(page)
             console.say(f"page, {len(page) / 1e6:.2g} MB → {self.page.name}")
@@ -89,4 +91,5 @@ def free(path: str | None, used: Sequence[str | None]) -> Output | None:
 def ended(found: Control) -> str:
     """How a search ended, in a line."""
     evaluations = counted(found.evaluations, "evaluation", "evaluations")
-    return f"{found.status}: effort {found.effort:.4g} N² s, {evaluations} in {found.seconds:.1f} s"
+    effort = f"effort {found.effort:.4g} N² s, " if found.forces is not None else ""
+    return f"{found.status}: {effort}{evaluations} in {found.seconds:.1f} s"

@@ -1,0 +1,156 @@
+"""Handles, wind, velocities and forces in a basis: derivatives, closed forms, playback, what cannot be moved."""
+
+import io
+
+import numpy as np
+import pytest
+from helpers.physics import METHODS, chain, scene, thing, xyz
+from helpers.scenes import cloth
+
+from clothfit.base.errors import InvalidInput
+from clothfit.control import vibration
+from clothfit.control.closed_loop import Costs
+from clothfit.control.control import find_controls
+from clothfit.control.controls import Controls, Handle, immovable, steered
+from clothfit.control.keyframes import Key
+from clothfit.control.shooting import Shooting
+from clothfit.motion.simulate import simulate
+from clothfit.scene.scene import dumps, load
+
+pytestmark = pytest.mark.slow  # compiles motions with inputs
+
+NONE = xyz((0, 0, 0))
+ALL = range(12)
+
+
+def key(step, vertices, positions, **more):
+    """A key of the first object."""
+    return Key(step, 0, np.array(vertices, np.int32), np.array(positions, float), **more)
+
+
+def flag(method="implicit", **fields):
+    """A 4 by 3 cloth in wind above a ball, two corners held."""
+    ball = {"type": 2, "pos": xyz((1.5, -0.35, 1.0)), "scale": xyz((0.6, 0.6, 0.6)), "rot": NONE}
+    made = {"windVel": xyz((3, 1, -2)), "optimizationIterations": 9, "delta": 0.005, "colliders": [ball], **fields}
+    drag, damping = (0.0, 0.0) if method in ("explicit", "symplectic") else (0.1, 0.3)  # with which they are unstable
+    one = cloth(dragCoefficient=drag, damping=damping, springStiffness=[20.0] * 23)
+    return scene(one, integrationMethod=METHODS[method], tolerance=1e-14, **made)
+
+
+def handle(*vertices):
+    """Vertices of the first object that move together."""
+    return Handle(0, np.array(vertices, np.int32))
+
+
+CASES = {
+    "handles": Controls(handles=(handle(0), handle(8, 9)), every=0.01),
+    "wind": Controls(wind=True, every=0.01),
+    "velocity": Controls(velocity=True),
+    "knots": Controls(forces=[np.isin(np.arange(12), [4, 5, 10])], every=0.01),
+    "all": Controls(forces=[np.ones(12, bool)], handles=(handle(11),), wind=True, velocity=True, modes=5),
+}
+
+
+@pytest.mark.parametrize(("method", "newton"), [("implicit", 1), ("implicit", 3), ("bdf2", 2), ("symplectic", 1)])
+@pytest.mark.parametrize("name", CASES)
+def test_derivatives_along_all_controls(method, newton, name):
+    """J dz against central differences, and its transpose and its whole matrix against it, bounds and velocities too."""
+    own, controls, rng = flag(method, forwardSubSteps=newton), CASES[name], np.random.default_rng(3)
+    if method == "symplectic" and name in ("wind", "all"):
+        controls = Controls(velocity=True, handles=(handle(11),))
+    x, mean = own.cloths[0].positions, np.full(3, 1 / 3)
+    keys = [key(4, [5, 7], x[[5, 7]] + 0.1, velocities=np.ones((2, 3))), key(8, [2, 6, 10], [[1, 0, 1]], share=mean)]
+    problem = Shooting(steered(own, controls, 0.04), keys, controls, 8, Costs(smooth=0.02, most=1e-3))
+    problem.gamma = 1e-3
+    z, d = (0.1 * rng.normal(size=problem.size) for _ in range(2))
+    shot = problem.shoot(z)
+    along = problem.push(shot, d)
+    step = 1e-5
+    ahead, behind = (problem.residuals(problem.shoot(z + sign * step * d)) for sign in (1, -1))
+    np.testing.assert_allclose((ahead - behind) / (2 * step), along, atol=1e-6 * np.abs(along).max())
+    r = rng.normal(size=len(along))
+    assert problem.pull(shot, r) @ d == pytest.approx(along @ r, rel=1e-9)
+    problem.most = np.inf
+    np.testing.assert_allclose(problem.matrix(shot) @ d, problem.push(shot, d), atol=1e-9 * np.abs(along).max())
+
+
+def test_the_velocity_that_takes_a_free_vertex_somewhere():
+    """Without forces x_N = N h v."""
+    own = scene(thing([(0, 0, 0)], mass=0.5), delta=0.02, gravity=NONE, tolerance=1e-13)
+    goal = np.array([[0.3, -0.1, 0.2]])
+    found = find_controls(own, [key(30, [0], goal)], Controls(velocity=True))
+    assert found.keys[0].rmse < 1e-3
+    np.testing.assert_allclose(found.scene.cloths[0].velocity, goal / 0.6, rtol=3e-3)  # less what gentleness costs
+    assert found.forces is None
+
+
+def test_a_hard_key_by_forces_at_knots():
+    """Linear in time, on one vertex: the bound of 1 µm is met by multipliers."""
+    own = scene(thing([(0, 0, 0)], mass=0.5), delta=0.02, gravity=NONE, tolerance=1e-13)
+    found = find_controls(own, [key(30, [0], [[0.3, -0.1, 0.2]], hard=True)], Controls(every=0.1))
+    assert found.keys[0].rmse < 1e-6
+    u = found.forces.values[:, 0]
+    assert np.abs(np.diff(u, n=2, axis=0)[1:4]).max() < 1e-9 * np.abs(u).max()  # within the first interval
+
+
+def test_a_handle_leads_a_chain_and_the_scene_plays_back():
+    """A chain that is pulled by its end comes nearer than a tenth; the scene that is written moves alike, bit by bit."""
+    own = scene(chain(4, "nn", damping=0.5), delta=0.02, gravity=NONE)
+    x = own.cloths[0].positions
+    keys = [key(40, range(1, 4), x[1:] + [0.0, 0.4, 0.0])]
+    found = find_controls(own, keys, Controls(handles=(handle(0),)))
+    assert found.keys[0].rmse < 0.1 * found.free[0]
+    assert found.optimality < 1e-2
+    again = load(io.BytesIO(dumps(found.scene)))
+    np.testing.assert_array_equal(simulate(again, 41).positions, found.motion.positions[:41])
+    assert again.cloths[0].fixed[0]
+    np.testing.assert_array_equal(again.cloths[0].pins[0].position.values[0], 0.0)  # it begins where it was
+
+
+def test_wind_brings_a_cloth_nearer():
+    own = flag(colliders=[], delta=0.02)
+    other = simulate(steered(own, Controls(wind=True), 0.5).with_values(
+        [own.cloths[0].mass], [own.cloths[0].stiffness], gusts=np.linspace(0, 4, 18).reshape(6, 3)), 26)
+    keys = [key(step, ALL, other.positions[step]) for step in (12, 25)]
+    found = find_controls(own, keys, Controls(wind=True))
+    assert max(each.rmse for each in found.keys) < 0.05 * max(found.free)
+
+
+def test_what_no_control_can_move():
+    """Of two separate chains only one has forces; a fixed vertex is where it is."""
+    both = thing([(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)], [0, 1, 2, 3], mass=0.5)
+    own = scene(both, delta=0.02, gravity=NONE)
+    pushed = [np.isin(np.arange(4), [0])]
+    keys = [key(5, range(4), own.cloths[0].positions + [0, 0, 0.1])]
+    (stuck,) = immovable(own, keys, Controls(forces=pushed))
+    np.testing.assert_array_equal(stuck, [False, False, True, True])
+    found = find_controls(own, keys, Controls(forces=pushed, every=0.02))
+    assert found.keys[0].immovable == 2
+
+
+def test_modes_are_those_of_a_chain_in_tension():
+    """Of n free equal masses on a chain held at one end: sin((2 j − 1) π i / (2 n + 1)) at mass i, across it."""
+    n = 9
+    line = thing([(i, 0, 0) for i in range(n + 1)], [(i, i + 1) for i in range(n)], mass=0.1, fixed=[0])
+    own = scene(line).cloths[0]
+    shapes = vibration.modes_of(own, ~own.fixed, 6).reshape(n + 1, 3, 6)
+    assert np.abs(shapes).max(axis=(0, 1)) == pytest.approx(np.ones(6))
+    assert not shapes[0].any()
+    for j in (1, 2, 3):  # each twice, along y and z
+        shape = np.sin((2 * j - 1) * np.pi * np.arange(n + 1) / (2 * n + 1))
+        pair = shapes[:, :, 2 * j - 2 : 2 * j]
+        assert not pair[:, 0].any() or np.abs(pair[:, 0]).max() < 1e-9
+        left = shape - pair[:, 1] @ np.linalg.lstsq(pair[:, 1], shape, rcond=None)[0]
+        np.testing.assert_allclose(left, 0.0, atol=1e-9)
+    with pytest.raises(InvalidInput, match="1000 are asked for"):
+        vibration.modes_of(own, ~own.fixed, 1000)
+
+
+def test_handles_that_cannot_be():
+    pins = [{"vertices": [0, 3], "rotKeys": {"times": [0, 1], "values": [NONE, xyz((0, 90, 0))]}}]
+    held = cloth(pins=pins, vertIsFixed=[i in (0, 3) for i in ALL])
+    own = scene(held)
+    with pytest.raises(InvalidInput, match="has some of these vertices and others"):
+        steered(own, Controls(handles=(handle(0),)), 1.0)
+    with pytest.raises(InvalidInput, match="turns, or follows a motion"):
+        steered(own, Controls(handles=(handle(0, 3),)), 1.0)
