@@ -81,8 +81,8 @@ def blocks(scene: Scene, controls: Controls, systems: dict[int, System], end: fl
 
 
 def extent(cloth: Cloth) -> float:
-    """L, m."""
-    return float(np.ptp(cloth.positions, axis=0).max())
+    """L, m; 1 for a single vertex."""
+    return float(np.ptp(cloth.positions, axis=0).max()) or 1.0
 
 
 def per_component(matrix: Any) -> csr_array:
