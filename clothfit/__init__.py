@@ -20,7 +20,10 @@ if TYPE_CHECKING:
     from clothfit.base.errors import InvalidScene as InvalidScene
     from clothfit.control.closed_loop import Costs as Costs
     from clothfit.control.control import Control as Control
+    from clothfit.control.control import find_controls as find_controls
     from clothfit.control.control import find_forces as find_forces
+    from clothfit.control.controls import Controls as Controls
+    from clothfit.control.controls import Handle as Handle
     from clothfit.control.keyframes import Key as Key
     from clothfit.control.keyframes import load_keys as load_keys
     from clothfit.derivative import verify as verify
@@ -88,7 +91,8 @@ _HOMES = {
     "fit.estimate": ("estimate",),
     "fit.result": ("Fit",),
     "control.closed_loop": ("Costs",),
-    "control.control": ("Control", "find_forces"),
+    "control.control": ("Control", "find_controls", "find_forces"),
+    "control.controls": ("Controls", "Handle"),
     "control.keyframes": ("Key", "load_keys"),
     "evaluation.evaluate": ("Evaluation", "evaluate"),
     "evaluation.work_precision": ("WorkPrecision", "work_precision"),

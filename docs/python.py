@@ -53,7 +53,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
     ),
     "Fits": ("estimate", "Fit", "estimate_many", "evaluate", "Evaluation", "report_page"),
     "Keyframes": (
-        "find_forces", "Control", "Costs", "Key", "load_keys", "Forces", "load_forces", "save_forces",
+        "find_forces", "find_controls", "Controls", "Handle", "Control", "Costs", "Key", "load_keys", "Forces",
+        "load_forces", "save_forces",
     ),
     "Costs and gradients": ("cost_and_gradient", "Objective", "Residuals", "check_scene", "SceneCheck", "verify"),
     "Live": ("Engine", "connect"),

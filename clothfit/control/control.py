@@ -73,10 +73,11 @@ def find_controls(
     report: Report | None = None,
 ) -> Control:
     """Find the gentlest controls under which the cloths go through keys: by default the forces of least effort
-    Σ |u|² h on all vertices.
+    Σ |u|² h on all vertices that are not fixed.
 
-    `budget` in s. Raises InvalidInput where a key asks for a fixed vertex to be elsewhere, Diverged where no motion
-    stays finite.
+    `budget` in s. `report` gets the effort, what is missed of keys, m, and the evaluations so far. Raises InvalidInput
+    where a control cannot be one, or a hard key asks for a fixed vertex to be elsewhere; Diverged where no motion stays
+    finite.
     """
     check(scene, keys, controls)
     began, steps, said = computing(), last_step(keys), report or (lambda *_: None)
@@ -112,8 +113,10 @@ def find_forces(
     costs: Costs = Costs(),  # noqa: B008  it cannot be changed
     report: Report | None = None,
 ) -> Control:
-    """The same for forces on vertices alone: `pushed` are, of each object, the vertices (n,) that they may act on
-    (default: all that are not fixed).
+    """Find the forces of least effort Σ |u|² h under which the cloths go through keys.
+
+    `pushed` are, of each object, the vertices (n,) that they may act on (default: all that are not fixed). The others
+    are those of `find_controls`, and so are the errors.
     """
     return find_controls(scene, keys, Controls(forces=pushed), budget=budget, costs=costs, report=report)
 

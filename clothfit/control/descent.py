@@ -27,7 +27,7 @@ MOST_PAIRS, LEAST_PAIRS = 10, 5
 ROUND = 100
 """Evaluations between two looks at the multipliers."""
 
-STALL, GAIN, PATIENT_GAIN = 100, 2e-4, 1e-7
+STALL, GAIN, PATIENT_GAIN = 100, 5e-4, 1e-7
 """A descent ends where so many evaluations lower the effort by less than this share; one with a budget of time by less
 than the second.
 """

@@ -24,10 +24,10 @@ import numpy as np
 from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.control.keyframes import Key
+from clothfit.control.vibration import modes_of
 from clothfit.derivative.sensitivity import Carried, Columns, Point, Share
 from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import System, build
-from clothfit.scene.cloth import Cloth
 from clothfit.scene.over_time.forces import Forces
 from clothfit.scene.over_time.regulator import Regulator, state
 from clothfit.scene.scene import Scene
@@ -40,9 +40,6 @@ MOST_NUMBERS = 8_000_000
 
 NEAR = 0.03
 """The deviation δ, relative to the size of the cloth: its bounding box's diagonal."""
-
-DENSE = 1500
-"""Vertices up to which all modes are found at once."""
 
 NO_SHARE = Share(np.zeros(1, np.int32), np.zeros(0, np.int32), np.zeros(0))
 
@@ -125,7 +122,7 @@ def gains(scene: Scene, cloth: int, plan: Forces, keys: Sequence[Key], acting: F
     own, steps, h = scene.cloths[cloth], len(plan.times), scene.delta
     free = np.flatnonzero(~own.fixed).astype(np.int32)
     count, forces = count_of(len(free), int(acting.sum()), steps)
-    shapes = modes(own, free, count)
+    shapes = modes_of(own, free, count)
     weights = own.mass[free, None] * shapes
     push = spanning(weights, acting[free], forces)
     system = build(scene.with_forces(plan), cloth, steps=steps)
@@ -147,27 +144,6 @@ def count_of(free: int, acting: int, steps: int) -> tuple[int, int]:
     while 18 * k * m * steps > MOST_NUMBERS and k > 1:
         k, m = max(k // 2, 1), min(m, max(k // 2, 1))
     return k, m
-
-
-def modes(cloth: Cloth, free: Indices, count: int) -> Array:
-    """The modes (f, count) with the lowest frequencies of the free vertices, with ΦᵀMΦ = I."""
-    from scipy.linalg import eigh
-    from scipy.sparse import csr_array, diags_array
-
-    ends, n = np.concatenate([cloth.springs, cloth.springs[:, ::-1]]), len(cloth.mass)
-    graph = csr_array((np.concatenate([cloth.stiffness, cloth.stiffness]), (ends[:, 0], ends[:, 1])), shape=(n, n))
-    scale = 1.0 / np.sqrt(cloth.mass[free])
-    inner = csr_array(diags_array(graph.sum(axis=1)) - graph)[free][:, free]
-    balanced = diags_array(scale) @ inner @ diags_array(scale)
-    if len(free) <= DENSE:
-        _, found = eigh(balanced.toarray(), subset_by_index=[0, count - 1])
-    else:
-        from scipy.sparse.linalg import eigsh
-
-        below = -1e-6 * float(balanced.diagonal().max())
-        start = np.random.default_rng(0).normal(size=len(free))
-        _, found = eigsh(balanced.tocsc(), count, sigma=below, v0=start)
-    return np.asarray(scale[:, None] * found)
 
 
 def spanning(weights: Array, acting: Flags, count: int) -> Array:

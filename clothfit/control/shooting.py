@@ -23,6 +23,7 @@ from clothfit.control.unknowns import Block, blocks
 from clothfit.derivative import adjoint, sensitivity
 from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import System, build, mobile, with_elements, zeros
+from clothfit.motion.feedback import limited
 from clothfit.scene.over_time.forces import Forces
 from clothfit.scene.scene import Scene
 
@@ -100,7 +101,8 @@ class Shooting:
         u = np.zeros((self.steps, sum(self.scene.vertex_counts), 3))
         for block, own in self.own(z):
             if block.kind == "force":
-                u[:, self.scene.vertices(block.cloth)] = bounded(block.values(own)[: self.steps], self.most)
+                for t, row in enumerate(block.values(own)[: self.steps]):
+                    u[t, self.scene.vertices(block.cloth)] = limited(row, self.most)
         return Forces(self.scene.delta * np.arange(self.steps, dtype=float), u)
 
     def shoot(self, z: Array) -> Shot | None:
@@ -277,9 +279,3 @@ class Shooting:
         """Root mean square distance from each key up to the horizon, m."""
         left = [left_of(key, shot.motions[key.cloth].x) for _, key, _ in self.counted()]
         return np.array([np.sqrt(np.mean((each**2).sum(axis=1))) for each in left])
-
-
-def bounded(u: Array, most: float) -> Array:
-    """Forces (T, n, 3), none above `most`, N."""
-    size = np.linalg.norm(u, axis=2, keepdims=True)
-    return np.asarray(np.where(size > most, u * (min(most, 1e300) / np.maximum(size, 1e-300)), u))

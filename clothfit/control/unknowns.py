@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
+from clothfit.base.errors import InvalidInput
 from clothfit.control.controls import Controls, handle_keys
 from clothfit.control.vibration import modes_of
 from clothfit.engine.system import System
@@ -176,7 +177,7 @@ def forces(scene: Scene, cloth: int, controls: Controls, system: System, times: 
     scale = float(own.mass.mean()) * max(float(np.linalg.norm(scene.gravity)), extent(own) / end**2)
     share = hats(rows, steps, h, controls.every)
     if controls.modes:
-        over = csr_array(modes_of(own, acts, controls.modes))
+        over = per_component(csr_array(shapes_of(own, acts, controls.modes)))
         across = csr_array(triangle(over.T @ over))
     else:
         over = per_component(chosen(acts))
@@ -188,6 +189,19 @@ def forces(scene: Scene, cloth: int, controls: Controls, system: System, times: 
     gentle = csr_array(kron(in_time, across)) / np.sqrt(steps * max(int(acts.sum()), 1))
     basis = scale * csr_array(kron(share, over))
     return Block("force", cloth, system.inputs.force.reshape(-1).copy(), basis, gentle, (rows, n, 3))
+
+
+def shapes_of(own: Cloth, acts: Flags, count: int) -> Array:
+    """The first modes of vibration (n, count), their largest value 1, and 0 where no force `acts` (n,). Raises
+    InvalidInput where there are not so many.
+    """
+    free = np.flatnonzero(~own.fixed).astype(np.int32)
+    if count > len(free):
+        raise InvalidInput(f"modes: {count} are asked for; the cloth has {len(free)}")
+    found = np.zeros((len(own.mass), count))
+    found[free] = modes_of(own, free, count)
+    found[~acts] = 0.0
+    return np.asarray(found / np.maximum(np.abs(found).max(axis=0), 1e-300))
 
 
 def triangle(gram: Any) -> csr_array:

@@ -9,8 +9,9 @@ from helpers.scenes import cloth
 from scipy.linalg import solve_discrete_are
 
 from clothfit.control import feedback
-from clothfit.control.feedback import Tangent, backwards, modes, riccati, with_gains
+from clothfit.control.feedback import Tangent, backwards, riccati, with_gains
 from clothfit.control.keyframes import Key
+from clothfit.control.vibration import modes_of
 from clothfit.engine.rollout import fill, rollout
 from clothfit.engine.step import implicit
 from clothfit.engine.system import build
@@ -66,7 +67,7 @@ def test_gains_of_a_cloth_at_rest_are_those_of_its_oscillator():
     steps, h, m, price = 500, 0.02, 0.3, 0.04
     system = build(own.with_forces(Forces(h * np.arange(steps), np.zeros((steps, 2, 3)))), 0, steps=steps)
     motion, _ = rollout(system, steps, 1e-14)
-    shapes = modes(own.cloths[0], np.array([1], np.int32), 1)
+    shapes = modes_of(own.cloths[0], np.array([1], np.int32), 1)
     assert abs(shapes[0, 0]) == pytest.approx(m**-0.5, rel=1e-12)
     tangent = Tangent(system, np.array([[m**-0.5]]), np.ones((1, 1)))
     found = riccati(tangent, motion, [np.array([[2.0]])] * steps, price * np.eye(3))
@@ -92,7 +93,7 @@ def test_the_model_is_the_tangent_of_a_step(method, newton):
     plan, t, free = planned(own, [5, 6], steps=12), 7, np.flatnonzero(~own.cloths[0].fixed)
     system = build(own.with_forces(plan), 0, steps=12)
     motion, _ = rollout(system, 12, 1e-14)
-    shapes = modes(own.cloths[0], free.astype(np.int32), len(free))
+    shapes = modes_of(own.cloths[0], free.astype(np.int32), len(free))
     mass = own.cloths[0].mass[free]
     np.testing.assert_allclose(shapes.T @ (mass[:, None] * shapes), np.eye(len(free)), atol=1e-12)
     push = np.zeros((len(free), 1))
