@@ -34,7 +34,7 @@ FEWEST_KNOTS = 5
 class Handle:
     """Vertices that move together, each from where it is at the start."""
 
-    cloth: int
+    cloth: int  # of the scene, counted from 0
     vertices: Indices  # (m,)
 
 
@@ -43,8 +43,8 @@ class Controls:
     """What may move. Without forces, handles, wind and velocity: forces on all vertices that are not fixed."""
 
     forces: Sequence[Flags] | None = None  # of each object, the vertices (n,) that forces may act on
-    handles: tuple[Handle, ...] = ()
-    wind: bool = False
+    handles: tuple[Handle, ...] = ()  # whose paths are found
+    wind: bool = False  # over time
     velocity: bool = False  # at the start
     every: float | None = None  # s between two knots in time; None: forces of each step, and SPACING for the others
     modes: int | None = None  # forces in the first so many modes of vibration; None: by vertices
