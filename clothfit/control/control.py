@@ -116,7 +116,8 @@ def find_forces(
     """Find the forces of least effort Σ |u|² h under which the cloths go through keys.
 
     `pushed` are, of each object, the vertices (n,) that they may act on (default: all that are not fixed). The others
-    are those of `find_controls`, and so are the errors.
+    are those of `find_controls`. Raises InvalidInput where a hard key asks for a fixed vertex to be elsewhere, Diverged
+    where no motion stays finite.
     """
     return find_controls(scene, keys, Controls(forces=pushed), budget=budget, costs=costs, report=report)
 
