@@ -81,8 +81,12 @@ class Reduced:
     def start(self) -> State:
         """The state at the start; velocities are projected on the basis."""
         momentum = (self.basis * self.system.vertex.mass[:, None, None]).reshape(-1, self.r).T
-        p = np.linalg.solve(self.mass, momentum @ (self.system.v0 - mean_of(self.v_held)).ravel())
+        p = np.linalg.solve(self.mass, momentum @ self.begins().ravel())
         return State(np.zeros(self.r), np.asarray(p, float))
+
+    def begins(self) -> Array:
+        """The velocities (n, 3) at the start, past what carries the cloth, m/s."""
+        return np.asarray(self.system.v0 - mean_of(self.v_held))
 
     def to_copies(self, coordinates: Array, pins: Array, out: Array, constant: bool) -> None:
         """Write positions, with the `constant`, or velocities of the copies for coordinates (r,) and pins (P, 3)."""

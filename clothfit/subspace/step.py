@@ -114,6 +114,15 @@ def of_copies(A, b, velocity, out):
 
 
 @kernel
+def weighted_blocks(lay, A, velocity, out):
+    """out (copies, 3) += the weights times B v for velocities v."""
+    for i in range(1, len(out)):
+        w = lay.weight[i]
+        p0, p1, p2 = times_block(A, i, velocity[i, 0], velocity[i, 1], velocity[i, 2])
+        out[i, 0], out[i, 1], out[i, 2] = out[i, 0] + w * p0, out[i, 1] + w * p1, out[i, 2] + w * p2
+
+
+@kernel
 def factors(lay, A, up, down):
     """Write the rows √|d| lᵀ R of all weighted blocks, those with d > 0 to `up` and the others to `down`, (…, r) each;
     returns how many there are of both.
