@@ -11,7 +11,7 @@ import click
 from clothfit.base import interrupts
 from clothfit.base.deferred import LINEAR_ALGEBRA, defer
 from clothfit.base.errors import InvalidInput
-from clothfit.base.messages import owned
+from clothfit.base.messages import metres, owned
 from clothfit.cli.common import motions, pictures, scenes
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_least, check_numbers, duration, standard_command
@@ -28,6 +28,7 @@ from clothfit.optimise.status import Status
 if TYPE_CHECKING:
     from clothfit.formats.convention import Reading
     from clothfit.objective.memory_needs import Needs
+    from clothfit.scene.scene import Scene
 
 
 MOST_STARTS = 10_000
@@ -39,8 +40,8 @@ SECTIONS = {  # of the help
     ),
     "The file of the target": ("--fps", "--frames", "--scale", "--up", "--handedness", "--map"),
     "How to fit": (
-        "--model", "--substeps", "--keep-step", "--windows", "--start", "--bounds", "--method", "--prior", "--budget",
-        "--max-evaluations", "--rmse", "--tolerance",
+        "--model", "--substeps", "--keep-step", "--windows", "--start", "--subspace", "--bounds", "--method", "--prior",
+        "--budget", "--max-evaluations", "--rmse", "--tolerance",
     ),
     "How far to trust it": ("--holdout", "--holdout-of", "--no-intervals"),
     "What is written": ("--output", "--in-place", "--report", "--plot", "--gif", "--log"),
@@ -86,6 +87,8 @@ SECTIONS = {  # of the help
               "[default: the scene's, else 1e-4 to 1e4, or more where its values lie outside]")
 @click.option("--method", default="auto", metavar="NAME",
               help="Optimiser: auto, momentum, gauss-newton, l-bfgs-b or another one of SciPy.  [default: auto]")
+@click.option("--subspace", "in_subspace", is_flag=True,
+              help="Find the start of the fit in a subspace of the motion, with --target: for few values of large cloths.")
 @click.option("--budget", "time_budget", metavar="SECONDS",
               help="Stop after this time, such as 30, 30s, 2m or 1h, with the best so far.  "
               "[default: none; 30s where the model falls short of the target]")
@@ -127,6 +130,7 @@ def command(
     forces_path: str | None,
     objectives: tuple[str, ...],
     start: str | None,
+    in_subspace: bool,
     substeps: str | None,
     time_budget: str | None,
     bounds: tuple[str, ...],
@@ -172,6 +176,8 @@ def command(
     check_numbers(tolerance=tolerance)
     if (as_given["fit_time"] or as_given["fit_placement"]) and not target_paths:
         raise click.UsageError("--fit-time and --fit-placement are for the motion of --target; add that")
+    if in_subspace and not target_paths:
+        raise click.UsageError("--subspace is for the motion of --target; add that")
     options = FitOptions(
         budget=max_evaluations, rmse_tolerance=rmse, tolerance=tolerance, objective=weights(objectives),
         intervals=not no_intervals, bounds=bounds_of(bounds), substeps=substeps_of(substeps),
@@ -181,12 +187,14 @@ def command(
     single = len(scene_paths) == 1 and starts == 1 and cluster is None
     page = outcomes.page_of(report_path, scene_paths, single, files)
     if not single:
-        refuse_recording({"--plot": pictures.plot, "--gif": pictures.gif, "--log": log, "--forces": forces_path})
+        alone = {"--plot": pictures.plot, "--gif": pictures.gif, "--log": log, "--forces": forces_path}
+        refuse_recording({"--subspace": in_subspace or None, **alone})
         from clothfit.cli.fitting import many
 
         return many.fit(scene_paths, files, options, many.Effort(starts, seed, jobs, cluster), console, as_json)
     recording = Recording(pictures, log)
-    return fit_one(scene_paths[0], files.of(scene_paths[0]), options, recording, page, console, as_json)
+    own = files.of(scene_paths[0])
+    return fit_one(scene_paths[0], own, options, recording, page, console, as_json, in_subspace)
 
 
 def fit_one(
@@ -197,6 +205,7 @@ def fit_one(
     page: outcomes.Page | None,
     console: Console,
     as_json: bool,
+    in_subspace: bool = False,
 ) -> int:
     """Fit one scene in this process; returns the exit code."""
     files.check(scene_path)
@@ -220,6 +229,8 @@ def fit_one(
     console.detail(f"fitting {flagged or 'nothing'} over {scene.frames} frames")
     warn_of_steps(scene, scene.frames, console)
     console.announce_compilation()
+    if in_subspace:
+        first = from_subspace(scene, targets, first, console)
     with interrupts.deferred():
         with progress(console) as show:
             report = page.listening(recording.report(show)) if page else recording.report(show)
@@ -240,6 +251,24 @@ def fit_one(
     if page:
         page.write(scene_path, scene, found, files, out, targets, console)
     return code
+
+
+def from_subspace(scene: Scene, targets: list[Any], start: Any, console: Console) -> Scene:
+    """The values to start from that a fit in the subspace finds. Raises InvalidInput, UsageError."""
+    from clothfit.motion.motion import Motion
+    from clothfit.scene.fit_vector import parameters, with_parameters
+    from clothfit.strategy.start import given_start
+    from clothfit.subspace.fit import fit
+
+    if len(targets) != 1 or not isinstance(targets[0], Motion):
+        raise click.UsageError("--subspace takes one target, of SCENE itself")
+    number = isinstance(start, float)
+    begin = with_parameters(scene, given_start(scene, start, parameters(scene))) if number else start
+    found = fit(scene, targets[0], begin, report=console.detail)
+    times = "basis" if found.rounds == 1 else "bases"
+    console.say(f"in the subspace: {metres(found.rmse)} from the target, after {found.rounds} {times} and "
+                f"{found.evaluations} reduced simulations; the fit goes on in full")
+    return found.scene
 
 
 def refuse_recording(given: dict[str, object]) -> None:

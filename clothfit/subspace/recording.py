@@ -30,7 +30,7 @@ from clothfit.engine.tape import Tape
 from clothfit.scene.scene import Scene, dumps, load
 from clothfit.subspace.variation import Episode, Ranges, varied
 
-TOLERANCE = 1e-8
+TOLERANCE = 1e-6
 """Of the linear systems, relative: what they miss a subspace would learn."""
 
 ALONE = 3_000_000

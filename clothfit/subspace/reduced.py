@@ -9,6 +9,7 @@ positive definite, an iteration is solved with that of the clamped springs. Step
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -73,10 +74,18 @@ class Reduced:
         self.A = samples.blocks(self.layout)
         self.b, self.y, self.u, self.w = (np.zeros((copies, 3)) for _ in range(4))
         self.at_points = np.zeros((points, 3))
-        self.up, self.down = np.zeros((3 * copies, self.r)), np.zeros((3 * copies, self.r))
+        self.up, self.down = np.empty((3 * copies, self.r)), np.empty((3 * copies, self.r))  # filled as far as needed
         from scipy.linalg import blas, lapack
 
         self.blas, self.lapack = blas, lapack
+
+    def under(self, system: System) -> Reduced:
+        """The same cloth under other inputs over time, with the same pins; it shares memory with this one."""
+        other = copy(self)
+        other.system = system
+        other.path, other.held, other.v_held = carrier.paths(system)
+        other.own = self.own._replace(inputs=system.inputs)
+        return other
 
     def start(self) -> State:
         """The state at the start; velocities are projected on the basis."""
