@@ -88,7 +88,7 @@ SECTIONS = {  # of the help
 @click.option("--method", default="auto", metavar="NAME",
               help="Optimiser: auto, momentum, gauss-newton, l-bfgs-b or another one of SciPy.  [default: auto]")
 @click.option("--subspace", "in_subspace", is_flag=True,
-              help="Find the start of the fit in a subspace of the motion, with --target: for few values of large cloths.")
+              help="Find the start in a subspace of the motion, with --target: for few values of large cloths.")
 @click.option("--budget", "time_budget", metavar="SECONDS",
               help="Stop after this time, such as 30, 30s, 2m or 1h, with the best so far.  "
               "[default: none; 30s where the model falls short of the target]")

@@ -90,8 +90,8 @@ class Problem:
         flat = (self.basis * system.vertex.mass[:, None, None]).reshape(-1, own.r)
         q = carrier.relative(full - system.x0, system).reshape(len(full), -1) @ np.linalg.solve(own.mass, flat.T).T
         v = np.diff(q, axis=0) / own.h
-        times = np.unique(np.linspace(1, max(1, len(full) - 2), SAMPLES).astype(int)) if len(full) > 3 else np.zeros(0)
-        steps = [cubature.Sample(0, int(t), q[t], v[t - 1], v[t]) for t in times]
+        times = sorted({int(t) for t in np.linspace(1, len(full) - 2, SAMPLES)}) if len(full) > 3 else []
+        steps = [cubature.Sample(0, t, q[t], v[t - 1], v[t]) for t in times]
         self.chosen = cubature.find([own], steps, 0.003, 0).selection if steps else own.chosen
 
     def residuals(self, p: Array, columns: Sequence[Array]) -> tuple[Array, Array]:
