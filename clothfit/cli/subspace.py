@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from clothfit.formats.convention import Convention
     from clothfit.scene.scene import Scene
     from clothfit.subspace.build import Report
-    from clothfit.subspace.recording import Data
-    from clothfit.subspace.variation import Ranges
+    from clothfit.subspace.recorded.recording import Data
+    from clothfit.subspace.recorded.variation import Ranges
 
 RECORDING = ("--episodes", "--frames", "--wind", "--pins", "--pace", "--seed")
 BUILDING = ("--basis", "--error", "--cubature", "--modes", "--method")
@@ -107,7 +107,7 @@ def length(text: str | None) -> float | None:
 
 def ranges_of(scene: Scene, given: dict[str, Any]) -> Ranges:
     """The ranges that are asked for. Raises InvalidInput."""
-    from clothfit.subspace.variation import Ranges, gentle_wind
+    from clothfit.subspace.recorded.variation import Ranges, gentle_wind
 
     wind = gentle_wind(scene) if given["wind"] is None else given["wind"]
     pace = 1.25 if given["pace"] is None else given["pace"]
@@ -119,9 +119,9 @@ def ranges_of(scene: Scene, given: dict[str, Any]) -> Ranges:
 def recorded(scene: Scene, path: str, given: dict[str, Any], console: Console) -> dict[str, Any]:
     """Record motions of a scene to a file, and say what they are; the summary."""
     from clothfit.engine.system import build as build_system
-    from clothfit.subspace.recording import record as record_to
+    from clothfit.subspace.recorded.recording import record as record_to
+    from clothfit.subspace.recorded.variation import episodes
     from clothfit.subspace.reduced import check
-    from clothfit.subspace.variation import episodes
 
     ranges, count = ranges_of(scene, given), given["episodes"] or EPISODES
     steps, seed = (given["frames"] or FRAMES) - 1, given["seed"] or 0
@@ -162,7 +162,7 @@ def build(given_path: str, path: str | None, given: dict[str, Any], as_json: boo
     options = options_of(given)
     options.check()
     out = output_for(path, given_path, ".model.npz", ())
-    from clothfit.subspace.recording import Data
+    from clothfit.subspace.recorded.recording import Data
 
     if kind == RECORDED:
         asked = [f"--{name}" for name in ONLY["record"] if name != "seed" and given[name] is not None]
@@ -246,7 +246,7 @@ def with_inputs(scene: Scene, path: str | None) -> Scene:
     """The scene with the inputs of a file. Raises InvalidInput."""
     if path is None:
         return scene
-    from clothfit.subspace.inputs import applied, load
+    from clothfit.subspace.recorded.inputs import applied, load
 
     check_there(path)
     return applied(scene, load(path), str(Path(path).parent), path)

@@ -21,7 +21,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import System
 from clothfit.subspace.carrier import relative
-from clothfit.subspace.recording import Data
+from clothfit.subspace.recorded.recording import Data
 
 MOST_FRAMES = 1500
 """That the decomposition sees, spread over all motions."""

@@ -17,7 +17,7 @@ from clothfit.scene.scene import dumps
 from clothfit.subspace import basis as bases
 from clothfit.subspace import carrier, cubature
 from clothfit.subspace.model import Model, Part
-from clothfit.subspace.recording import Data
+from clothfit.subspace.recorded.recording import Data
 from clothfit.subspace.reduced import Reduced, check, decode, roll
 
 DEFAULT_SIZE, LARGEST_SIZE = 64, 512

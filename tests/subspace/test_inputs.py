@@ -9,8 +9,8 @@ from helpers.subspaces import keys, scene_of
 
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import build
-from clothfit.subspace.inputs import applied, load
-from clothfit.subspace.variation import Ranges, episodes, gentle_wind, varied
+from clothfit.subspace.recorded.inputs import applied, load
+from clothfit.subspace.recorded.variation import Ranges, episodes, gentle_wind, varied
 
 BALLS = [sphere(0.1), {**sphere(0.2), "friction": 0.1}]
 SCENE = scene_of(document(cloth(), colliders=BALLS))

@@ -12,8 +12,8 @@ from clothfit.cli.program import run
 from clothfit.subspace.build import Options, build
 from clothfit.subspace.model import load_model, save
 from clothfit.subspace.play import play
-from clothfit.subspace.recording import Data, record
-from clothfit.subspace.variation import Ranges, episodes
+from clothfit.subspace.recorded.recording import Data, record
+from clothfit.subspace.recorded.variation import Ranges, episodes
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 
@@ -61,7 +61,7 @@ def test_data_and_models_are_the_same_for_the_same_seed(made):
 
 def test_inputs_beyond_the_range_are_clamped_and_said_once(made):
     _, data, model, _ = made
-    from clothfit.subspace.inputs import applied
+    from clothfit.subspace.recorded.inputs import applied
 
     storm = [{"acts": "wind", "times": [0, 0.5, 3], "values": [[0, 0, 0], [0, 9e5, 0], [4e5, 0, 0]]}]
     played = play(model, applied(data.scene, storm), 120)
@@ -75,7 +75,7 @@ def test_inputs_beyond_the_range_are_clamped_and_said_once(made):
 
 def test_it_comes_to_rest_when_its_inputs_do(made):
     _, data, model, _ = made
-    from clothfit.subspace.inputs import applied
+    from clothfit.subspace.recorded.inputs import applied
 
     gust = [{"acts": "wind", "times": [0, 0.3, 0.6], "values": [[0, 0, 0], [4, 0, -4], [0, 0, 0]]}]
     x = play(model, applied(data.scene, gust), 1200).motion.positions

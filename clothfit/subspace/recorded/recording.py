@@ -28,7 +28,7 @@ from clothfit.base.writing import write_atomically
 from clothfit.engine.system import build
 from clothfit.engine.tape import Tape
 from clothfit.scene.scene import Scene, dumps, load
-from clothfit.subspace.variation import Episode, Ranges, varied
+from clothfit.subspace.recorded.variation import Episode, Ranges, varied
 
 TOLERANCE = 1e-6
 """Of the linear systems, relative: what they miss a subspace would learn."""

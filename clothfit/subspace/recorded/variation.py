@@ -19,7 +19,7 @@ from clothfit.engine.inputs.interpolation import resolved
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.over_time.keys import Frame, Keys
 from clothfit.scene.scene import Scene
-from clothfit.subspace.inputs import applied
+from clothfit.subspace.recorded.inputs import applied
 
 GENTLE = 0.25
 """The push of the gusts on a cloth that faces them, relative to its weight, where nobody says how strong they are."""
