@@ -1,0 +1,115 @@
+"""`--watch`: a command that runs again whenever its scene, or its target, is saved.
+
+Each run is a process of its own with the same options, so that a version that is overtaken can be ended at once, and
+one that is broken costs a message.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import click
+
+from clothfit.base import interrupts
+from clothfit.base.errors import InvalidInput
+from clothfit.cli.common.output import STREAM
+
+OPTION = "--watch"
+PATIENCE = 5.0
+"""Seconds that a run has to end when it is overtaken."""
+
+INVALID = 3
+"""The exit code of invalid input."""
+
+
+def option(again: str, start: bool = False) -> Callable[[Callable[..., int | None]], Callable[..., int | None]]:
+    """Add --watch, which runs the command `again` when its files change; with `start` from the last result."""
+
+    def decorate(function: Callable[..., int | None]) -> Callable[..., int | None]:
+        @wraps(function)
+        def run(watch: bool, **arguments: Any) -> int | None:
+            if not watch:
+                return function(**arguments)
+            return watched(arguments, start)
+
+        text = f"{again} whenever SCENE, or a target, is saved; Ctrl-C ends."
+        return click.option(OPTION, is_flag=True, help=text)(run)
+
+    return decorate
+
+
+def watched(arguments: dict[str, Any], start: bool) -> int:
+    """Run the command of this process again and again, until Ctrl-C."""
+    scenes = arguments.get("scene_paths") or (arguments["scene_path"],)
+    targets = [path.partition("@")[0] for path in arguments.get("target_paths", ())]
+    check(scenes, targets, arguments)
+    from clothfit.live.watch import OFTEN, Watch
+
+    console, files = arguments["console"], Watch([*scenes, *targets])
+    result = result_of(scenes[0], arguments.get("path")) if start and not arguments.get("start") else None
+    own, begun = [word for word in sys.argv[1:] if word != OPTION], False
+    while True:
+        files.given()
+        more = ["--start", result] if result and begun and os.path.exists(result) else []
+        process = started([*own, *more])
+        try:
+            while process.poll() is None and not files.changed():
+                interrupts.check()
+                with_patience(process, OFTEN)
+        except KeyboardInterrupt:
+            ended(process)
+            raise
+        code = ended(process)
+        if code == INVALID and more and not files.changed():  # the values of another mesh
+            code = started(own).wait()
+        begun = begun or code != INVALID
+        if not files.changed():
+            console.say(f"waiting for {os.path.basename(scenes[0])} to be saved; Ctrl-C ends")
+            files.next(interrupts.check)
+
+
+def check(scenes: Sequence[str], targets: Sequence[str], arguments: dict[str, Any]) -> None:
+    """Raise a UsageError, or InvalidInput, for what cannot be watched."""
+    if len(scenes) != 1 or STREAM in (*scenes, *targets) or any("*" in path or "{" in path for path in targets):
+        raise click.UsageError("--watch is for one scene and targets in files")
+    if arguments.get("in_place") or arguments.get("path") == STREAM:
+        raise click.UsageError("--watch goes neither with --in-place nor with -o -")
+    for path in (*scenes, *targets):
+        if not os.path.exists(path):
+            raise InvalidInput(f"{path}: there is no such file")
+
+
+def result_of(scene: str, path: str | None) -> str | None:
+    """Where a fit of a scene goes."""
+    if path is not None:
+        return path if "{" not in path and not os.path.isdir(path) else None
+    return str(Path(scene).with_suffix(f".fitted{Path(scene).suffix}"))
+
+
+def started(words: Sequence[str]) -> subprocess.Popen[bytes]:
+    """A run of this program."""
+    return subprocess.Popen([sys.executable, "-m", "clothfit", *words], stdin=subprocess.DEVNULL)
+
+
+def with_patience(process: subprocess.Popen[bytes], seconds: float) -> None:
+    """Wait so long for a process."""
+    try:
+        process.wait(seconds)
+    except subprocess.TimeoutExpired:
+        return
+
+
+def ended(process: subprocess.Popen[bytes]) -> int:
+    """End a run that is under way, with its best so far; returns its exit code."""
+    if process.poll() is None:
+        process.terminate()
+        with_patience(process, PATIENCE)
+        if process.poll() is None:
+            process.kill()
+    return process.wait()
