@@ -31,6 +31,7 @@ INTERVAL = 2.0
 SECTIONS = {
     "What to do": ("--keyframes", "--most", "--smooth", "--budget", "--adjoint"),
     "What may move": ("--actuate", "--handles", "--wind", "--velocity", "--every", "--modes"),
+    "Long searches": ("--checkpoint", "--resume"),
     "The file of the keyframes": motions.FILE_OPTIONS,
     "What is written": ("--output", "--forces", "--save", "--table", "--report", "--plot", "--gif"),
 }
@@ -51,6 +52,9 @@ SECTIONS = {
 @click.option("--adjoint", type=click.Choice(["exact", "approximate"]), default="exact", show_default=True,
               help="exact: the gradient of the steps that are taken. approximate, to compare: that of textbooks, in "
               "the closed loop of the search too; the effort then ends above the least.")
+@click.option("--checkpoint", "checkpoint_path", metavar="FILE",
+              help="Save the state of the search here.  [default: <output>.checkpoint, after a minute]")
+@click.option("--resume", is_flag=True, help="Go on with a search that was ended early, from its checkpoint.")
 @click.option("-o", "--output", "path", metavar="MOTION",
               help="File of the motion, in any format.  [default: <stem>.controlled.npz]")
 @click.option("--forces", "forces_path", metavar="FILE", help="File of the forces.  [default: <stem>.forces.npz]")
@@ -71,6 +75,8 @@ def command(
     smooth: float | None,
     time_budget: str | None,
     adjoint: str,
+    checkpoint_path: str | None,
+    resume: bool,
     path: str | None,
     forces_path: str | None,
     save_path: str | None,
@@ -106,6 +112,7 @@ def command(
     used = scene_path, keys_path, out.path, *(each.path for each in (kept, saved) if each)
     shows = shown.asked(table_path, report_path, used)
     pictures.check(*used, *shows.files)
+    file = controlled.checkpoint(checkpoint_path, resume, out, used, console)
     refuse_unused(moves, forces_path, save_path, table_path)
     seconds = duration(time_budget, "--budget")
     keys = read_keys(keys_path, reading, scene, console)
@@ -119,12 +126,15 @@ def command(
     console.announce_compilation()
     costs = Costs(smooth or 0.0, float("inf") if most is None else most, adjoint == "approximate")
     with interrupts.deferred():
-        found = find_controls(scene, keys, controls, budget=seconds, costs=costs, report=Lines(console))
+        found = find_controls(
+            scene, keys, controls, budget=seconds, costs=costs, report=Lines(console), checkpoint=file
+        )
         if kept and found.forces:
             kept.write(archive(found.forces))
         if saved:
             saved.write(dumps(found.scene, folder_of(saved.path)))
         motions.write(found.motion, out, scene, own_axes(), console)
+        controlled.closed(file, checkpoint_path is not None, str(found.status), console)
     good = report(found, kept, saved, out, console)
     if adjoint == "approximate":
         console.say("the gradient was approximate: the effort may be above the least, whatever the status says")

@@ -73,8 +73,8 @@ class ClosedLoop:
         self.scene, self.cloth, self.keys, self.pushed, self.costs = scene, cloth, keys, pushed, costs
         self.steps, self.h, mass = len(path) - 1, scene.delta, scene.cloths[cloth].mass
         self.late = scene.method >= IMPLICIT  # whether springs pull from where a step ends, or from where it begins
-        rate = rate if self.late else min(rate, SLOW / scene.delta)
-        self.gain = np.tile(np.where(pushed, rate * rate * mass, 0.0), (self.steps, 1))
+        self.rate, self.path = rate if self.late else min(rate, SLOW / scene.delta), path
+        self.gain = np.tile(np.where(pushed, self.rate**2 * mass, 0.0), (self.steps, 1))
         self.places = path[1:].copy()
         self.unknown = np.tile(pushed, (self.steps, 1))  # (T, n): where springs hold a key, they alone act
         self.wishes = list(self.held(mass))

@@ -10,11 +10,12 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
+from clothfit.control.checkpoint import Checkpoint, identity
 from clothfit.control.closed_loop import Costs
 from clothfit.control.controls import Controls, immovable
 from clothfit.control.descent import Report
 from clothfit.control.feedback import with_gains
-from clothfit.control.following import Followed, follow
+from clothfit.control.following import Followed, Kept, follow
 from clothfit.control.keyframes import Key, last_step, left_of
 from clothfit.control.steering import Steered, steer
 from clothfit.kernels.clock import computing
@@ -71,22 +72,26 @@ def find_controls(
     budget: float | None = None,
     costs: Costs = Costs(),  # noqa: B008
     report: Report | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> Control:
     """Find the gentlest controls under which the cloths go through keys: by default the forces of least effort
     Σ |u|² h on all vertices that are not fixed.
 
-    `budget` in s. `report` gets the effort, what is missed of keys, m, and the evaluations so far. Raises InvalidInput
+    `budget` in s. `report` gets the effort, what is missed of keys, m, and the evaluations so far; a `checkpoint`
+    keeps what a killed search needs to go on. Raises InvalidInput
     where a control cannot be one, or a hard key asks for a fixed vertex to be elsewhere; Diverged where no motion stays
     finite.
     """
     check(scene, keys, controls)
+    state = checkpoint.begin(identity(scene, keys, controls, costs)) if checkpoint else {}
     began, steps, said = computing(), last_step(keys), report or (lambda *_: None)
     alone = moved(scene, steps)
     if controls.follows:
         given = scene
-        found: Followed | Steered = follow(scene, keys, controls, alone, budget, costs, said)
+        kept = Kept(checkpoint, state)
+        found: Followed | Steered = follow(scene, keys, controls, alone, budget, costs, said, kept)
     else:
-        found = steer(scene, keys, controls, alone, budget, costs, said)
+        found = steer(scene, keys, controls, alone, budget, costs, said, checkpoint, state)
         given = found.scene
     forces = found.forces
     with interrupts.grace(np.inf):

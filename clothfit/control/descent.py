@@ -61,10 +61,13 @@ class Descent:
     """A descent of a closed loop from forces f (T, n, 3), N."""
 
     def __init__(
-        self, loop: ClosedLoop, f: Array, report: Report, limit: float = np.inf, patient: bool = False
-    ) -> None:
-        """`limit`: evaluations, at most; `patient`: whether it may take all the time there is."""
-        self.loop, self.report, self.left = loop, report, limit
+        self, loop: ClosedLoop, f: Array, report: Report, limit: float = np.inf, patient: bool = False,
+        keep: Callable[[Descent], object] | None = None,
+    ) -> None:  # fmt: skip
+        """`limit`: evaluations, at most; `patient`: whether it may take all the time there is; `keep` gets the descent
+        after each evaluation.
+        """
+        self.loop, self.report, self.left, self.keep = loop, report, limit, keep
         self.gain = PATIENT_GAIN if patient and not loop.wishes else GAIN
         self.values: list[float] = []
         with interrupts.grace(np.inf):  # there is always a result
@@ -150,6 +153,8 @@ class Descent:
             interrupts.hold()
         self.values.append(self.best.value)
         self.report(self.loop.effort, self.loop.missed, self.loop.evaluations)
+        if self.keep:
+            self.keep(self)
         self.left -= 1
         if self.left <= 0:
             raise Stop(Status.LIMIT)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array, Flags
 from clothfit.control import recording
+from clothfit.control.checkpoint import Checkpoint, Search, packed, unpacked
 from clothfit.control.closed_loop import HUGE, ClosedLoop, Costs
 from clothfit.control.controls import Controls
 from clothfit.control.descent import Descent, Report
@@ -46,7 +48,7 @@ class Followed:
 
 def follow(
     scene: Scene, keys: Sequence[Key], controls: Controls, alone: Array, budget: float | None, costs: Costs,
-    report: Report,
+    report: Report, kept: Kept,
 ) -> Followed:  # fmt: skip
     """Search for the forces on each cloth with keys; `alone` (T + 1, n, 3), m, is the motion without them."""
     clock, steps = interrupts.now(), last_step(keys)
@@ -60,7 +62,7 @@ def follow(
         acting = ~scene.cloths[cloth].fixed & (True if controls.forces is None else controls.forces[cloth])
         share = None if budget is None else (budget - (interrupts.now() - clock)) / (len(cloths) - number)
         with threads.single(), interrupts.limited(share):
-            loop, descent, status = solved(scene, cloth, own, alone[:, part], acting, costs, report, share)
+            loop, descent, status = solved(scene, cloth, own, alone[:, part], acting, costs, report, kept, share)
         if not descent.best.value < HUGE:
             raise Diverged(f"{scene.name}: no motion through the keys stays finite; try shorter steps", 0)
         found.append((status, descent.best.gradient / (descent.steepest or 1.0)))
@@ -76,22 +78,60 @@ def follow(
 
 def solved(
     scene: Scene, cloth: int, keys: Sequence[Key], alone: Array, pushed: Flags, costs: Costs, report: Report,
-    budget: float | None = None,
+    kept: Kept, budget: float | None = None,
 ) -> tuple[ClosedLoop, Descent, Status]:  # fmt: skip
     """The closed loop of a cloth, what its descent came to, and how that ended."""
     fixed = scene.cloths[cloth].fixed
-    keys = [kept for key in keys if len((kept := without_fixed(key, fixed)).vertices)]
+    keys = [own for key in keys if len((own := without_fixed(key, fixed)).vertices)]
     steps = max((key.step for key in keys), default=1)
-    loop, f = begun(scene, cloth, keys, alone[: steps + 1], pushed, costs, report)
-    descent = Descent(loop, f, report, patient=budget is not None)
-    return loop, descent, descent.run()
+    if cloth in kept.searches:
+        loop, f, ended = kept.restored(scene, cloth, keys, pushed, costs)
+    else:
+        loop, f, ended = begun(scene, cloth, keys, alone[: steps + 1], pushed, costs, report)
+    descent = Descent(loop, f, report, patient=budget is not None, keep=partial(kept.note, cloth))
+    status = descent.run() if ended is None else ended
+    kept.note(cloth, descent, status)
+    return loop, descent, status
+
+
+class Kept:
+    """What a checkpoint has of the searches of all cloths."""
+
+    def __init__(self, file: Checkpoint | None, state: Mapping[str, Array]) -> None:
+        self.file, self.searches = file, unpacked(state)
+
+    def restored(
+        self, scene: Scene, cloth: int, keys: Sequence[Key], pushed: Flags, costs: Costs
+    ) -> tuple[ClosedLoop, Array, Status | None]:
+        """The loop of a cloth, the forces to go on with, and how its search ended, if it has."""
+        own, at = self.searches[cloth], 0
+        with interrupts.grace(np.inf):
+            loop = ClosedLoop(scene, cloth, keys, own.path, pushed, own.rate, costs)
+        loop.penalty = own.penalty
+        for i, wish in enumerate(loop.wishes):
+            size = wish.multiplier.size
+            loop.wishes[i] = replace(wish, multiplier=own.multipliers[at : at + size].reshape(-1, 3))
+            at += size
+        return loop, own.f, list(Status)[int(own.ended)] if own.ended >= 0 else None
+
+    def note(self, cloth: int, descent: Descent, ended: Status | None = None) -> None:
+        """Keep where the search of a cloth is."""
+        if self.file is None:
+            return
+        loop = descent.loop
+        left = np.concatenate([np.zeros(0), *(wish.multiplier.reshape(-1) for wish in loop.wishes)])
+        over = ended in (Status.CONVERGED, Status.STALLED)
+        number = float(list(Status).index(ended)) if ended and over else -1.0
+        self.searches[cloth] = Search(loop.path, descent.best.f, loop.rate, loop.penalty, left, number)
+        self.file.save(lambda: packed(self.searches), now=ended is not None)
 
 
 def begun(
     scene: Scene, cloth: int, keys: Sequence[Key], alone: Array, pushed: Flags, costs: Costs, report: Report
-) -> tuple[ClosedLoop, Array]:
+) -> tuple[ClosedLoop, Array, Status | None]:
     """The closed loop of a cloth and the forces f to begin with: those of a loop with steps twice as long, if there can
-    be one, as it takes half the time; else along the first path through the keys.
+    be one, as it takes half the time; else along the first path through the keys. And the status where the user has
+    asked for the end meanwhile.
     """
     own, steps = scene.cloths[cloth], len(alone) - 1
     if scene.method < IMPLICIT or steps < FEWEST or any(key.step % 2 for key in keys):
@@ -99,18 +139,19 @@ def begun(
         paths = [path(each, keys, own.springs, own.fixed) for each in (alone, still)]
         with interrupts.grace(np.inf):
             loop = stable(scene, cloth, keys, paths, pushed, costs)
-        return loop, np.zeros_like(loop.places)
+        return loop, np.zeros_like(loop.places), None
     longer = scene.with_step(2.0 * scene.delta, steps // 2 + 1)
     halved = [replace(key, step=key.step // 2) for key in keys]
-    coarse, f = begun(longer, cloth, halved, alone[::2], pushed, costs, report)
+    coarse, f, ended = begun(longer, cloth, halved, alone[::2], pushed, costs, report)
     descent = Descent(coarse, f, report, COARSE)
-    descent.run()
+    ended = descent.run() if ended is None else ended
     with interrupts.grace(np.inf):
         places = splined(np.arange(0.0, steps + 1.0, 2.0), descent.best.x, "keys")(np.arange(steps + 1))
         places[:, own.fixed] = alone[:, own.fixed]
         loop = stable(scene, cloth, keys, [places], pushed, costs)
         loop.resume(coarse)
-    return loop, np.where(loop.unknown[:, :, None], np.repeat(descent.best.u, 2, axis=0), 0.0)
+    forces = np.where(loop.unknown[:, :, None], np.repeat(descent.best.u, 2, axis=0), 0.0)
+    return loop, forces, ended if ended is Status.INTERRUPTED else None
 
 
 def stable(

@@ -8,7 +8,7 @@ with no control, and with handles on the way that the keys suggest (`reference`)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
+from clothfit.control.checkpoint import Checkpoint
 from clothfit.control.closed_loop import Costs
 from clothfit.control.controls import Controls, steered
 from clothfit.control.descent import NEAR, NEAR_HARD, Report
@@ -56,9 +57,11 @@ class Steered:
 
 def steer(
     scene: Scene, keys: Sequence[Key], controls: Controls, alone: Array, budget: float | None, costs: Costs,
-    report: Report,
+    report: Report, file: Checkpoint | None, state: Mapping[str, Array],
 ) -> Steered:  # fmt: skip
-    """Search for the controls of a scene; `alone` (T + 1, n, 3), m, is the motion without them."""
+    """Search for the controls of a scene; `alone` (T + 1, n, 3), m, is the motion without them, `state` what a
+    checkpoint had.
+    """
     steps = last_step(keys)
     given = steered(scene, controls, steps * scene.delta)
     free = [
@@ -67,10 +70,13 @@ def steer(
         if len((kept := without_fixed(key, given.cloths[key.cloth].fixed & ~controls.led(scene, key.cloth))).vertices)
     ]
     problem = Shooting(given, free, controls, steps, costs)
-    search = Steering(problem, report)
+    search = Steering(problem, report, file)
+    starts = [np.zeros(problem.size), suggested(problem, alone)]
+    if "z" in state and state["z"].shape == (problem.size,):
+        starts.append(state["z"])
     problem.compile()
     with threads.single(), interrupts.limited(budget):
-        status = search.run([np.zeros(problem.size), suggested(problem, alone)])
+        status = search.run(starts)
     with interrupts.grace(np.inf):
         optimality = search.optimality()
     z, values = search.found.z, given
@@ -109,8 +115,8 @@ def suggested(problem: Shooting, alone: Array) -> Array:
 class Steering:
     """A search over the controls of a steered scene."""
 
-    def __init__(self, problem: Shooting, report: Report) -> None:
-        self.problem, self.report = problem, report
+    def __init__(self, problem: Shooting, report: Report, file: Checkpoint | None) -> None:
+        self.problem, self.report, self.file = problem, report, file
         self.best: Shot | None = None
         self.value, self.converged = np.inf, False
         self.latest = np.zeros(problem.size)  # the last point of any search
@@ -136,6 +142,8 @@ class Steering:
         self.problem.horizon = self.problem.steps
         with interrupts.grace(np.inf):
             self.again([self.found.z, self.latest])
+        if self.file:
+            self.file.save(lambda: {"z": self.found.z}, now=True)
         return status
 
     def rounds(self, whole: float) -> Status:
@@ -246,6 +254,8 @@ class Steering:
                 self.best, self.value = shot, float(r @ r)
             missed = problem.missed(shot)
             self.report(0.0, float(missed.max()), problem.evaluations)
+            if self.file:
+                self.file.save(lambda: {"z": self.latest})
             return r
 
         def jacobian(z: Array, *_: Any) -> LinearOperator | Array:

@@ -1,0 +1,86 @@
+"""Searches that go on after they were ended: they come to the same, and take no other search's file."""
+
+import numpy as np
+import pytest
+from helpers.physics import scene, xyz
+from helpers.scenes import cloth
+
+from clothfit.base.errors import InvalidInput
+from clothfit.control.checkpoint import Checkpoint, Search, packed, unpacked
+from clothfit.control.control import find_controls
+from clothfit.control.controls import Controls, Handle
+from clothfit.control.keyframes import Key
+
+pytestmark = pytest.mark.slow  # compiles motions with inputs
+
+
+def flag():
+    """A 4 by 3 cloth in wind, two corners held, and keys for it."""
+    own = scene(cloth(springStiffness=[20.0] * 23), delta=0.02, windVel=xyz((3, 1, -2)), tolerance=1e-12)
+    x, every = own.cloths[0].positions, np.arange(12, dtype=np.int32)
+    free = every[~own.cloths[0].fixed]
+    keys = [Key(10, 0, free, x[free] + [0, 0.1, 0.05]), Key(20, 0, free[2:4], x[free[2:4]].mean(axis=0)[None],
+                                                            share=np.full(2, 0.5))]
+    return own, keys
+
+
+class Cut:
+    """Ends a search, as Ctrl-C does, at an evaluation."""
+
+    def __init__(self, at):
+        self.at, self.seen = at, 0
+
+    def __call__(self, effort, missed, evaluations):
+        self.seen += 1
+        if self.seen == self.at:
+            raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("name", ["forces", "handles"])
+def test_a_search_goes_on(tmp_path, name):
+    own, keys = flag()
+    controls = Controls() if name == "forces" else Controls(handles=(Handle(0, np.array([11], np.int32)),), wind=True)
+    whole = find_controls(own, keys, controls)
+    file = Checkpoint(tmp_path / "state")
+    cut = find_controls(own, keys, controls, report=Cut(30 if name == "forces" else 4), checkpoint=file)
+    assert cut.status == "interrupted"
+    assert file.written
+    again = find_controls(own, keys, controls, checkpoint=Checkpoint(tmp_path / "state", resume=True))
+    assert again.status in ("converged", "stalled")
+    miss, other = (np.array([key.rmse for key in each.keys]) for each in (again, whole))
+    np.testing.assert_allclose(miss, other, atol=2e-3)  # there may be other minima near
+    if name == "forces":
+        assert again.effort < 1.02 * whole.effort  # both end where little more is gained
+
+
+def test_another_search_does_not_go_on(tmp_path):
+    own, keys = flag()
+    file = Checkpoint(tmp_path / "state")
+    find_controls(own, keys, Controls(velocity=True), report=Cut(2), checkpoint=file)
+    resumed = Checkpoint(tmp_path / "state", resume=True)
+    with pytest.raises(InvalidInput, match="belongs to another search"):
+        find_controls(own, keys, Controls(wind=True), checkpoint=resumed)
+    with pytest.raises(InvalidInput, match="belongs to another search"):
+        find_controls(own.with_step(0.01), keys, Controls(velocity=True), checkpoint=resumed)
+    (tmp_path / "state").write_bytes((tmp_path / "state").read_bytes()[:-40])
+    with pytest.raises(InvalidInput, match="is not a checkpoint"):
+        find_controls(own, keys, Controls(velocity=True), checkpoint=resumed)
+    with pytest.raises(InvalidInput, match="no such checkpoint"):
+        find_controls(own, keys, checkpoint=Checkpoint(tmp_path / "none", resume=True))
+    np.savez(tmp_path / "other.npz", z=np.zeros(3))
+    with pytest.raises(InvalidInput, match="is not a checkpoint of clothfit control"):
+        Checkpoint(tmp_path / "other.npz").check()
+
+
+def test_several_cloths_are_kept():
+    rng = np.random.default_rng(0)
+    given = {
+        cloth: Search(rng.normal(size=(t + 1, n, 3)), rng.normal(size=(t, n, 3)), 20.0, 0.5, rng.normal(size=m), -1.0)
+        for cloth, t, n, m in ((2, 4, 5, 0), (0, 3, 2, 6))
+    }
+    found = unpacked(packed(given))
+    assert list(found) == [0, 2]
+    for cloth, own in given.items():
+        for field in ("path", "f", "multipliers"):
+            np.testing.assert_array_equal(getattr(found[cloth], field), getattr(own, field))
+    assert unpacked({}) == {}
