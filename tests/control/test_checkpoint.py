@@ -75,12 +75,12 @@ def test_another_search_does_not_go_on(tmp_path):
 def test_several_cloths_are_kept():
     rng = np.random.default_rng(0)
     given = {
-        cloth: Search(rng.normal(size=(t + 1, n, 3)), rng.normal(size=(t, n, 3)), 20.0, 0.5, rng.normal(size=m), -1.0)
-        for cloth, t, n, m in ((2, 4, 5, 0), (0, 3, 2, 6))
+        number: Search(rng.normal(size=(t + 1, n, 3)), rng.normal(size=(t, n, 3)), 20.0, 0.5, rng.normal(size=m), -1.0)
+        for number, t, n, m in ((2, 4, 5, 0), (0, 3, 2, 6))
     }
     found = unpacked(packed(given))
     assert list(found) == [0, 2]
-    for cloth, own in given.items():
+    for number, own in given.items():
         for field in ("path", "f", "multipliers"):
-            np.testing.assert_array_equal(getattr(found[cloth], field), getattr(own, field))
+            np.testing.assert_array_equal(getattr(found[number], field), getattr(own, field))
     assert unpacked({}) == {}
