@@ -34,6 +34,9 @@ SECTIONS = {
     "What is written": ("--output",),
 }
 EPISODES, FRAMES = 9, 300
+POOR = 0.1
+"""Error of a motion, relative to its RMS, from which on there is a warning."""
+
 ONLY = {
     "record": {"episodes", "frames", "wind", "pins", "pace", "seed"},
     "build": {"episodes", "frames", "wind", "pins", "pace", "seed", "basis", "error", "cubature", "modes", "method"},
@@ -211,9 +214,16 @@ def show(name: str, found: Report, console: Console) -> None:
     console.table([("vectors", "leave out"), *((str(k), metres(v)) for k, v in found.left_out.items())])
     used = ", ".join(f"{a} of {b} {kind}" for kind, (a, b) in found.elements.items() if b)
     console.result(f"evaluated: {used}")
+    frame, step = sum(found.us_per_frame.values()), found.full_us_per_step
+    console.result(f"a frame takes {frame:.0f} µs, with positions and normals; a full step takes {step:.0f} µs")
+    if not found.pays:
+        console.warn(f"{name}: a subspace does not pay for so few vertices; full steps are faster")
     for what, own in (("with all elements", found.whole), ("as evaluated", found.sampled)):
         if own is not None:
             console.result(f"a motion beside those, {what}: {metres(own.rmse)}, {100 * own.relative:.2g} % of its RMS")
+    if found.sampled is not None and found.sampled.relative > POOR:
+        console.warn(f"{name}: the subspace does not follow that motion; try more vectors (--basis), more motions "
+                     "(--episodes), or weaker inputs (--wind, --pace)")  # fmt: skip
 
 
 def play(model_path: str, path: str | None, given: dict[str, Any], as_json: bool, console: Console) -> None:

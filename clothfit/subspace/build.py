@@ -16,6 +16,7 @@ from clothfit.engine.system import build as build_system
 from clothfit.scene.scene import dumps
 from clothfit.subspace import basis as bases
 from clothfit.subspace import carrier, cubature
+from clothfit.subspace.cost import cost
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.recorded.recording import Data
 from clothfit.subspace.reduced import Reduced, check, decode, roll
@@ -27,6 +28,9 @@ DEFAULT_ERROR = 0.01
 
 MANY = 8000
 """Springs above which the motion with all elements is not computed: it would take longer than the cubature."""
+
+TIMED = 60
+"""Frames whose time is taken."""
 
 STATES = 160
 """Of the recorded motions, for the cubature."""
@@ -68,9 +72,15 @@ class Report:
     left_out: dict[int, float]  # m, by number of vectors
     elements: dict[str, tuple[int, int]]  # of each kind, evaluated and there
     errors: dict[str, float]  # of the cubature, of each kind
+    us_per_frame: dict[str, float] = field(default_factory=dict)  # state, decode, normals; µs
+    full_us_per_step: float = 0.0
     whole: Fitness | None = None  # with all elements, of the episode that was held out
     sampled: Fitness | None = None  # with the cubature
-    notes: list[str] = field(default_factory=list)
+
+    @property
+    def pays(self) -> bool:
+        """Whether a frame takes less time than a full step."""
+        return sum(self.us_per_frame.values()) < self.full_us_per_step
 
 
 def build(
@@ -88,6 +98,7 @@ def build(
         part, found = of_object(data, c, kept, options, limits, report)
         for e in beside:
             found.whole, found.sampled = judged(data, c, e, part)
+        found.us_per_frame, found.full_us_per_step = cost(part, data.scene_of(kept[0]), c, min(data.steps, TIMED))
         parts.append(part)
         reports.append(found)
     folder = os.path.abspath(scene.folder)
@@ -197,6 +208,7 @@ class Limits:
 def summary(found: Report) -> dict[str, Any]:
     """A report as JSON holds it."""
     made: dict[str, Any] = {"vectors": found.vectors, "elements": found.elements, "errors": found.errors}
+    made |= {"us_per_frame": found.us_per_frame, "full_us_per_step": found.full_us_per_step}
     made["left_out"] = {str(k): value for k, value in found.left_out.items()}
     for name in ("whole", "sampled"):
         own = getattr(found, name)

@@ -89,8 +89,7 @@ def mean_matrix(runs: Sequence[Reduced], chosen: Sequence[Sample]) -> Array:
         at = run.iteration_at(sample)
         at.cap = 1.0
         run.linearise(at)
-        upper = run.matrix(at)
-        total += np.triu(upper) + np.triu(upper, 1).T
+        total += run.matrix(at)
     return total / len(some)
 
 

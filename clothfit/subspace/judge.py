@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
-from time import process_time
 
 import numpy as np
 
 from clothfit.base import threads
 from clothfit.base.arrays import Array
-from clothfit.engine.rollout import rollout
-from clothfit.engine.system import build
 from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import Scene
-from clothfit.subspace.frames import Decoder
-from clothfit.subspace.model import Model, Part
-from clothfit.subspace.play import play, ready
+from clothfit.subspace.cost import cost
+from clothfit.subspace.model import Model
+from clothfit.subspace.play import play
 
 FORGOTTEN = 0.1
 """Relative error from which on points are no longer compared, but spectra and envelopes."""
@@ -58,7 +55,7 @@ def judge(model: Model, scene: Scene, frames: int) -> Judgement:
     rmse = float(np.sqrt(square.mean()))
     ends = sorted({max(1, frames * k // 5) for k in range(1, 6)})
     with threads.single():
-        times, whole = cost(model, scene, frames)
+        times, whole = cost_of(model, scene, frames)
     bytes_of = sum(4 * part.basis.size + sum(each.nbytes for each in part.chosen) for part in model.parts)
     return Judgement(
         frames=frames,
@@ -96,36 +93,8 @@ def amplitudes(x: Array) -> Array:
     return np.sqrt(np.array([each.mean() for each in bands])) if bands else np.zeros(0)
 
 
-def cost(model: Model, scene: Scene, frames: int) -> tuple[dict[str, float], float]:
+def cost_of(model: Model, scene: Scene, frames: int) -> tuple[dict[str, float], float]:
     """The µs of a frame, by what they are spent on, and those of a full step, summed over the objects."""
     steps = max(1, min(frames - 1, TIMED))
-    spent, whole = {"state": 0.0, "decode": 0.0, "normals": 0.0}, 0.0
-    for c, part in enumerate(model.parts):
-        for name, seconds in of_object(model, part, scene, c, steps).items():
-            spent[name] += 1e6 * seconds / steps
-        system = build(scene, c, steps=steps)
-        rollout(system, min(steps, 2), scene.tolerance)
-        begin = process_time()
-        rollout(system, steps, scene.tolerance)
-        whole += 1e6 * (process_time() - begin) / steps
-    return spent, whole
-
-
-def of_object(model: Model, part: Part, scene: Scene, c: int, steps: int) -> dict[str, float]:
-    """The seconds of so many frames of an object."""
-    own = ready(model, part, scene, c, steps, {})
-    decoder = Decoder(own.system.x0, part.basis, scene.cloths[c].triangles)
-    decoder.normals(decoder.positions(np.zeros(own.r)))
-    state, spent = own.start(), {"state": 0.0, "decode": 0.0, "normals": 0.0}
-    own.advance(state)
-    for _ in range(steps):
-        begin = process_time()
-        state, _ = own.advance(state)
-        stepped = process_time()
-        x = decoder.positions(state.q)
-        decoded = process_time()
-        decoder.normals(x)
-        spent["state"] += stepped - begin
-        spent["decode"] += decoded - stepped
-        spent["normals"] += process_time() - decoded
-    return spent
+    each = [cost(part, scene, c, steps) for c, part in enumerate(model.parts)]
+    return {name: sum(own[name] for own, _ in each) for name in each[0][0]}, sum(full for _, full in each)

@@ -64,8 +64,8 @@ class Model:
 
 
 def reduced(part: Part, system: System) -> Reduced:
-    """The reduced cloth of a system."""
-    return Reduced(system, part.basis, part.chosen)
+    """The reduced cloth of a system, to play it."""
+    return Reduced(system, part.basis, part.chosen, single=True)
 
 
 def arrays(model: Model) -> dict[str, Any]:

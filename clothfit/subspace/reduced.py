@@ -50,8 +50,13 @@ class Iteration:
 class Reduced:
     """The projected steps of one cloth."""
 
-    def __init__(self, system: System, basis: Array, chosen: samples.Selection | None = None) -> None:
-        """`basis` U (n, 3, r), 0 at fixed vertices. Raises InvalidInput for what subspaces do not have."""
+    def __init__(
+        self, system: System, basis: Array, chosen: samples.Selection | None = None, single: bool = False
+    ) -> None:
+        """`basis` U (n, 3, r), 0 at fixed vertices. `single`: sum up matrices in single precision, which takes two
+        thirds of the time, and not for derivatives. Raises InvalidInput for what subspaces do not have.
+        """
+        self.single = single
         check(system)
         self.system, self.basis = system, np.ascontiguousarray(basis)
         self.chosen = samples.everything(system) if chosen is None else chosen
@@ -73,11 +78,12 @@ class Reduced:
         copies, points = len(self.layout.point), len(self.layout.constant)
         self.A = samples.blocks(self.layout)
         self.b, self.y, self.u, self.w = (np.zeros((copies, 3)) for _ in range(4))
-        self.at_points = np.zeros((points, 3))
-        self.up, self.down = np.empty((3 * copies, self.r)), np.empty((3 * copies, self.r))  # filled as far as needed
-        from scipy.linalg import blas, lapack
+        self.at_points, self.both = np.zeros((points, 3)), np.zeros((2, 3 * points))
+        kind = np.float32 if self.single else np.float64
+        self.up, self.down = (np.empty((3 * copies, self.r), kind) for _ in range(2))  # filled as far as needed
+        from scipy.linalg import lapack
 
-        self.blas, self.lapack = blas, lapack
+        self.lapack = lapack
 
     def under(self, system: System) -> Reduced:
         """The same cloth under other inputs over time, with the same pins; it shares memory with this one."""
@@ -110,32 +116,32 @@ class Reduced:
 
     def linearise(self, at: Iteration) -> Array:
         """Write y, u and ċ of the copies, the blocks and b; returns the projected b − B ċ, (r,)."""
-        own = self.forces(at)
-        self.to_copies(at.y, at.pins[0], self.y, True)
-        self.to_copies(at.u, at.pins[1], self.u, False)
-        step.assemble(own, self.layout, self.y, self.u, at.h, at.ahead, self.A, self.b)
-        points = self.at_points
-        points[:] = 0.0
-        self.w[:] = 0.0
-        if len(self.layout.pinned):
-            step.add_pins(self.layout, at.pins[2], points)
-            step.spread(self.layout, points, self.w)
-            points[:] = 0.0
-        step.projected(self.layout, self.A, self.b, self.w, points)
-        return points.reshape(-1) @ self.layout.rows
+        points, lay = self.at_points, self.layout
+        of_pins = at.pins[0] - self.held, at.pins[1], at.pins[2]
+        for out, pins in zip((self.y, self.u, self.w), of_pins, strict=True):
+            if len(lay.pinned):
+                points[:] = 0.0
+                step.add_pins(lay, pins, points)
+                step.spread(lay, points, out)
+            else:
+                out[:] = 0.0
+        np.dot(lay.rows, at.y, out=self.both[0])
+        np.dot(lay.rows, at.u, out=self.both[1])
+        step.linearise(self.forces(at), lay, self.both, at.h, at.ahead, self.y, self.u, self.w, self.A, self.b, points)
+        return np.asarray(points.reshape(-1) @ lay.rows)
 
     def forces(self, at: Iteration) -> samples.Sampled:
         """The forces with the springs that an iteration takes."""
         return self.own._replace(springs=self.own.springs._replace(cap=at.cap, bend=at.bend))
 
     def matrix(self, at: Iteration) -> Array:
-        """The projected matrix (r, r), its upper triangle, of what is linearised."""
+        """The projected matrix (r, r) of what is linearised."""
         more, less = step.factors(self.layout, self.A, self.up, self.down)
-        A = (1.0 + at.h * self.alpha) * self.mass
-        A = self.blas.dsyrk(1.0, self.up[:more].T, 1.0, A, overwrite_c=True)
+        up, down = self.up[:more], self.down[:less]
+        A = (1.0 + at.h * self.alpha) * self.mass + up.T @ up  # NumPy computes one half of a square
         if less:
-            A = self.blas.dsyrk(-1.0, self.down[:less].T, 1.0, A, overwrite_c=True)
-        return A
+            A -= down.T @ down
+        return np.asarray(A)
 
     def solve(self, at: Iteration) -> tuple[Array, Iteration]:
         """The new velocity (r,) of an iteration, and the iteration as it was taken."""

@@ -69,6 +69,21 @@ def add_pins(lay, pins, out):
 
 
 @kernel
+def linearise(own, lay, points, h, ahead, y, u, w, A, b, out):
+    """Write y and u of the copies for R q and R p in the rows of `points` (2, 3 m), the blocks and b; and out (m, 3),
+    the weighted b − B ċ, for the velocities w (copies, 3) of the pins' part. What of y and u is the pins' is there.
+    """
+    for i in range(1, len(y)):
+        j = lay.point[i]
+        for c in range(3):
+            y[i, c] += points[0, 3 * j + c] + lay.constant[j, c]
+            u[i, c] += points[1, 3 * j + c]
+    assemble(own, lay, y, u, h, ahead, A, b)
+    out[:] = 0.0
+    projected(lay, A, b, w, out)
+
+
+@kernel
 def assemble(own, lay, y, u, h, ahead, A, b):
     """The blocks of A (copies) and b (copies, 3) of the forces at (y, u), without weights."""
     for i in range(len(A.diagonal)):

@@ -39,7 +39,6 @@ def test_a_galerkin_step_leaves_no_force_within_the_basis():
     begin = full.start()
     full.linearise(full.iteration(begin, None, False))
     A = full.matrix(full.iteration(begin, None, False))
-    A = np.triu(A) + np.triu(A, 1).T
     right = full.linearise(full.iteration(begin, None, False)) + full.h * full.weight @ system.vertex.gravity
     U = own.basis[system.vertex.free].reshape(-1, own.r)
     np.testing.assert_allclose(U.T @ (A @ (U @ state.p) - right), 0.0, atol=1e-13)
