@@ -8,6 +8,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.messages import counted, metres, owned
+from clothfit.base.notebook import shown
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
 from clothfit.fit.confidence import Confidence
 from clothfit.fit.hints import Hint
@@ -98,6 +99,9 @@ class Fit:
         sizes = f"{counted(self.frames, 'frame', 'frames')}, {counted(values, 'value', 'values')}"
         used = f"{counted(self.evaluations, 'evaluation', 'evaluations')} in {self.seconds:.3g} s"
         return f"<Fit of {self.scene.name}: {self.status}, {error} over {sizes}, {used}>"
+
+    def _repr_html_(self) -> str:
+        return shown(self)
 
     @property
     def relative_rmse(self) -> float | None:

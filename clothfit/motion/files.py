@@ -16,6 +16,7 @@ import numpy as np
 
 from clothfit.base.arrays import Indices
 from clothfit.base.errors import InvalidInput
+from clothfit.base.notebook import belongs
 from clothfit.base.writing import Data, write_atomically
 from clothfit.formats import obj
 from clothfit.formats.animation import Animation
@@ -44,8 +45,11 @@ def load_motion(
     that reads it is missing.
     """
     if isinstance(path_or_file, (str, os.PathLike)) and (foreign(path_or_file) or not reading.plain):
-        return load(path_or_file, scene, reading, name).motion
-    return own.load_motion(path_or_file, scene, name)
+        loaded = load(path_or_file, scene, reading, name).motion
+    else:
+        loaded = own.load_motion(path_or_file, scene, name)
+    belongs(loaded, scene)
+    return loaded
 
 
 def save_motion(

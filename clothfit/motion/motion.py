@@ -24,6 +24,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.base.limits import FARTHEST
 from clothfit.base.messages import counted, unreadable
+from clothfit.base.notebook import shown
 from clothfit.base.reading import unchanged
 from clothfit.base.writing import Data, put, write_atomically
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
@@ -57,6 +58,9 @@ class Motion:
         duration = f"{self.times[0]:.4g} … {self.times[-1]:.4g} s" if frames else "no time"
         sizes = f"{counted(frames, 'frame', 'frames')} of {counted(vertices, 'vertex', 'vertices')} in m"
         return f"<Motion {self.name}: {sizes}{seen}, {duration}>"
+
+    def _repr_html_(self) -> str:
+        return shown(self)
 
     def of(self, cloth: int) -> Array:
         """Positions (frames, n, 3) of one object."""

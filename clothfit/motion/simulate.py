@@ -10,6 +10,7 @@ import numpy as np
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import checked_tolerance
 from clothfit.base.memory import check_memory
+from clothfit.base.notebook import belongs
 from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.system import build
 from clothfit.engine.tape import Tape
@@ -68,6 +69,7 @@ def simulate_cloths(
     positions, times = positions[: good + 1], motion.times[: good + 1]
     motion = replace(motion, positions=positions, times=times, observed=observed, remedies=remedies)
     motion = in_scene(motion, scene)
+    belongs(motion, scene)
     if fault is not None:
         raise outcome(scene, motion, fault)
     return motion

@@ -21,6 +21,7 @@ import numpy.typing as npt
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput, InvalidScene
 from clothfit.base.messages import counted
+from clothfit.base.notebook import shown
 from clothfit.base.writing import write_atomically
 from clothfit.scene import array_checks as checks
 from clothfit.scene import schema as structure
@@ -85,6 +86,9 @@ class Scene:
             f"{INTEGRATORS[self.method]}", f"{counted(values, 'value', 'values')} to fit",
         ]  # fmt: skip
         return f"<Scene {self.name}: {', '.join(sizes)}>"
+
+    def _repr_html_(self) -> str:
+        return shown(self)
 
     @property
     def gusts(self) -> Array:

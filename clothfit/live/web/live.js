@@ -12,6 +12,7 @@ import { MODES, Shading } from "clothfit/shading";
 import { Latest, Link } from "clothfit/socket";
 import { Stage } from "clothfit/stage";
 import { unpacked, unpackedPositions } from "clothfit/unpack";
+import { Veil } from "clothfit/veils";
 import { viewOf } from "clothfit/view";
 import { length, short } from "clothfit/words";
 
@@ -60,7 +61,7 @@ function theme() {
 function build(keepView) {
   const before = page.picture?.stage, old = at("canvas"), canvas = old.cloneNode(false);
   const view = keepView && before ? [before.orbit.azimuth, before.orbit.height, before.orbit.distance, before.orbit.centre] : null;
-  const shown = before ? [before.clothShown, before.targetParts.visible, before.threadsShown] : null;
+  const shown = before ? [before.clothShown, before.over.group.visible, before.threadsShown] : null;
   before?.renderer.dispose();
   before?.renderer.forceContextLoss();
   old.replaceWith(canvas);
@@ -80,11 +81,11 @@ function build(keepView) {
   const panes = [{ name: "live", cloth: live, shading, on: true }];
   let stage = null;
   try {
-    stage = new Stage(canvas, panes, target, { ...surroundings, pinned: true, fixed, held }, looked);
+    stage = new Stage(canvas, panes, { over: new Veil(target), controls: null }, { ...surroundings, pinned: true, fixed, held }, looked);
     stage.skin(document.documentElement.dataset.theme);
-    stage.targetParts.visible = aim !== null;
+    stage.over.group.visible = aim !== null;
     if (shown) [stage.clothShown, stage.threadsShown] = [shown[0], shown[2]];
-    if (shown && aim && page.picture.aimed) stage.targetParts.visible = shown[1];
+    if (shown && aim && page.picture.aimed) stage.over.group.visible = shown[1];
     if (view) {
       const [azimuth, height, distance, centre] = view;
       Object.assign(stage.orbit, { azimuth, height, distance });
@@ -96,7 +97,7 @@ function build(keepView) {
     trouble("This browser cannot draw in 3-D here (WebGL is off); numbers are shown.");
   }
   page.picture = { live, target, aim, shading, stage, errors, aimed: aim !== null };
-  for (const [name, on] of [["fitted", stage?.clothShown], ["target", stage?.targetParts.visible], ["mesh", stage?.threadsShown]]) {
+  for (const [name, on] of [["fitted", stage?.clothShown], ["target", stage?.over.group.visible], ["mesh", stage?.threadsShown]]) {
     at(`show-${name}`).setAttribute("aria-pressed", Boolean(on));
   }
   at("show-target").hidden = aim === null;
@@ -295,7 +296,7 @@ function main() {
     const act = () => {
       const stage = page.picture?.stage;
       if (!stage) return;
-      const owner = flag ? stage : stage.targetParts, key = flag ?? "visible";
+      const owner = flag ? stage : stage.over.group, key = flag ?? "visible";
       owner[key] = !owner[key];
       at(`show-${name}`).setAttribute("aria-pressed", owner[key]);
       stage.stale = true;

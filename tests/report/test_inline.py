@@ -1,0 +1,84 @@
+"""What notebooks show: frames that play without a network, of scenes, motions and fits."""
+
+import html
+import json
+import re
+import subprocess
+import sys
+
+import numba
+import numpy as np
+import pytest
+from helpers.browsers import browser, differing, opened, pixels
+from helpers.scenes import environment, even, write_scene
+
+from clothfit.fit.estimate import estimate
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
+from clothfit.scene.scene import load
+
+pytestmark = [
+    pytest.mark.slow,  # compiles a fit, and starts processes
+    pytest.mark.skipif(numba.config.DISABLE_JIT, reason="the motions need compilation"),
+]
+
+
+def scene():
+    return load(json.loads(json.dumps(even("nF", 12, title="</script><script>alert(1)</script>"))))
+
+
+def page_of(shown):
+    """The page in the frame."""
+    return html.unescape(re.search(r'srcdoc="([^"]*)"', shown)[1])
+
+
+def test_frames_may_run_scripts_and_nothing_else():
+    own = scene()
+    motion = simulate(own)
+    fit = estimate(own, motion, budget=5.0)
+    for thing in (own, motion, fit):
+        shown = thing._repr_html_()
+        assert 'sandbox="allow-scripts"' in shown
+        assert html.escape(repr(thing).strip("<>")) in shown
+        page = page_of(shown)
+        assert "default-src 'none'" in page
+        assert "alert(1)" not in page
+        assert not re.search(r"(src|href)=", page)
+    bare = Motion(motion.positions, motion.times, motion.vertex_counts)
+    assert "srcdoc" in bare._repr_html_()
+    lost = Motion(np.full((3, 16, 3), np.nan), np.arange(3.0), (16,))
+    assert "srcdoc" not in lost._repr_html_()
+
+
+def test_a_frame_plays_in_a_browser(tmp_path):
+    own = scene()
+    motion = simulate(own)
+    with browser() as started:
+        for thing in (own, motion, Motion(motion.positions, motion.times, motion.vertex_counts)):
+            path = tmp_path / "frame.html"
+            path.write_text(page_of(thing._repr_html_()), "utf-8")
+            with opened(started, path) as (page, said):
+                there = pixels(page)
+                assert len(np.unique(there.reshape(-1, 3), axis=0)) > 50  # a picture
+                assert said == []
+                if thing is not own:
+                    page.locator("#scrub").fill("11")
+                    assert differing(there, pixels(page)) > 50
+
+
+def test_a_notebook_shows_all_three(tmp_path):
+    pytest.importorskip("nbclient", reason="nbclient and ipykernel are not installed")
+    pytest.importorskip("ipykernel", reason="nbclient and ipykernel are not installed")
+    path = write_scene(tmp_path, even("nF", 12))
+    code = ["import clothfit", f"scene = clothfit.load({path!r}); scene", "motion = clothfit.simulate(scene); motion",
+            "clothfit.estimate(scene, motion, budget=5.0)"]  # fmt: skip
+    script = f"""
+import nbformat, nbclient
+cells = [nbformat.v4.new_code_cell(each) for each in {code!r}]
+book = nbclient.NotebookClient(nbformat.v4.new_notebook(cells=cells), timeout=600).execute()
+shown = [each.get("data", {{}}).get("text/html", "") for cell in book.cells for each in cell.outputs]
+print(sum("srcdoc" in each for each in shown))
+"""
+    done = subprocess.run([sys.executable, "-c", script], env=environment(), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["3"]
