@@ -79,6 +79,7 @@ book = nbclient.NotebookClient(nbformat.v4.new_notebook(cells=cells), timeout=60
 shown = [each.get("data", {{}}).get("text/html", "") for cell in book.cells for each in cell.outputs]
 print(sum("srcdoc" in each for each in shown))
 """
-    done = subprocess.run([sys.executable, "-c", script], env=environment(), capture_output=True, text=True, check=False)
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, env=environment(), capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["3"]
