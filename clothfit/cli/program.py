@@ -56,7 +56,7 @@ SUMMARIES = {
     "target": "record a scene's motion, perfect or as a capture sees it",
     "estimate": "fit the parameters of a scene to a motion",
     "control": "find the forces that take a cloth through keyframes",
-    "subspace": "play a scene's cloths hundreds of times faster",
+    "subspace": "play large cloths many times faster, in a subspace",
     "evaluate": "measure how far a fit is from the truth or a target",
     "report": "make a page that plays a fit over its target in 3-D",
     "serve": "play, tune and fit a scene on a page in the browser",

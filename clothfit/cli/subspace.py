@@ -70,7 +70,7 @@ ONLY = {
 def command(
     action: str, subspace_path: str, path: str | None, as_json: bool, console: Console, **given: Any
 ) -> int | None:
-    """Play a scene's cloths in a subspace of their motions, hundreds of times faster.
+    """Play the cloths of a scene in a subspace of their motions: large ones many times faster.
 
     record simulates SCENE under random inputs and writes DATA; build makes a MODEL of it, or of a SCENE at once; play
     moves MODEL. How far a model is from the full simulation says clothfit evaluate SCENE MODEL.

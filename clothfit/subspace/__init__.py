@@ -1,4 +1,4 @@
-"""A cloth in a subspace of its motions: x = x₀ + U q with a few dozen coordinates q, hundreds of times cheaper to play.
+"""A cloth in a subspace of its motions: x = x₀ + U q with a few dozen coordinates q, much cheaper to play.
 
 recorded (motions under random inputs, on disk) → carrier, basis (U from these motions, and vibration) → samples (the
 forces' elements in the subspace) → nnls, cubature (few of them, weighted) → step (an iteration of the scene's

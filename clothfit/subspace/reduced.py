@@ -53,14 +53,15 @@ class Reduced:
     def __init__(
         self, system: System, basis: Array, chosen: samples.Selection | None = None, single: bool = False
     ) -> None:
-        """`basis` U (n, 3, r), 0 at fixed vertices. `single`: sum up matrices in single precision, which takes two
-        thirds of the time, and not for derivatives. Raises InvalidInput for what subspaces do not have.
+        """`basis` U (n, 3, r), 0 at fixed vertices. `single`: sum up over points in single precision, which takes two
+        thirds of the time; not for derivatives. Raises InvalidInput for what subspaces do not have.
         """
-        self.single = single
         check(system)
         self.system, self.basis = system, np.ascontiguousarray(basis)
         self.chosen = samples.everything(system) if chosen is None else chosen
-        self.layout, self.own = samples.build(system, basis, self.chosen)
+        layout, self.own = samples.build(system, basis, self.chosen)
+        self.kind: Any = np.float32 if single else np.float64
+        self.layout = layout._replace(rows=layout.rows.astype(self.kind))
         self.r, self.h = basis.shape[2], system.h
         self.path, self.held, self.v_held = carrier.paths(system)
         self._measure()
@@ -78,9 +79,8 @@ class Reduced:
         copies, points = len(self.layout.point), len(self.layout.constant)
         self.A = samples.blocks(self.layout)
         self.b, self.y, self.u, self.w = (np.zeros((copies, 3)) for _ in range(4))
-        self.at_points, self.both = np.zeros((points, 3)), np.zeros((2, 3 * points))
-        kind = np.float32 if self.single else np.float64
-        self.up, self.down = (np.empty((3 * copies, self.r), kind) for _ in range(2))  # filled as far as needed
+        self.at_points, self.both = np.zeros((points, 3)), np.zeros((2, 3 * points), self.kind)
+        self.up, self.down = (np.empty((3 * copies, self.r), self.kind) for _ in range(2))  # filled as far as needed
         from scipy.linalg import lapack
 
         self.lapack = lapack
@@ -125,10 +125,11 @@ class Reduced:
                 step.spread(lay, points, out)
             else:
                 out[:] = 0.0
-        np.dot(lay.rows, at.y, out=self.both[0])
-        np.dot(lay.rows, at.u, out=self.both[1])
+        np.dot(lay.rows, at.y.astype(self.kind), out=self.both[0])
+        np.dot(lay.rows, at.u.astype(self.kind), out=self.both[1])
         step.linearise(self.forces(at), lay, self.both, at.h, at.ahead, self.y, self.u, self.w, self.A, self.b, points)
-        return np.asarray(points.reshape(-1) @ lay.rows)
+        summed: Array = (points.reshape(-1).astype(self.kind) @ lay.rows).astype(np.float64)
+        return summed
 
     def forces(self, at: Iteration) -> samples.Sampled:
         """The forces with the springs that an iteration takes."""
