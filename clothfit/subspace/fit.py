@@ -34,7 +34,7 @@ NEAR = 0.01
 """How far, relative, the full error may be from that in the subspace, or from the RMS of the motion times this."""
 
 GAIN = 0.9
-"""What a round must bring the full error to, relative to the best before it, for another one to follow."""
+"""What a round from the third on brings the full error to, relative to the best before it, where another follows."""
 
 SAMPLES = 100
 SMALLEST_STEP = 1e-5
@@ -152,7 +152,7 @@ def rounds(scene: Scene, target: Motion, p: Array, size: int, report: Callable[[
         report(f"round {number} in the subspace: {1e3 * reduced:.4g} mm there, {1e3 * full[0]:.4g} mm in full")
         if full[0] < error[0]:
             best, error = current, full
-        if not gained or abs(full[0] - reduced) <= NEAR * max(full[0], NEAR * full[2]):
+        if (number > 2 and not gained) or abs(full[0] - reduced) <= NEAR * max(full[0], NEAR * full[2]):
             break
     made = with_parameters(scene, best)
     return Found(made, error[0], sum(each.evaluations for each in problems), number)
