@@ -12,6 +12,7 @@ from clothfit.scene.scene import dumps, load
 
 pytest.importorskip("tornado")
 
+from clothfit.live.engine import Engine
 from clothfit.live.server import Serving
 
 pytestmark = [
@@ -20,6 +21,7 @@ pytestmark = [
 ]
 
 SIZE = {"width": 1000, "height": 700}
+LONG = 600_000  # ms: the process of a fit may have to compile
 
 
 def scene():
@@ -28,6 +30,8 @@ def scene():
 
 @pytest.fixture(scope="module")
 def serving():
+    with Engine(scene()) as engine:  # what has to be compiled is compiled here
+        engine.step()
     with Serving(scene()) as server:
         yield server
 
@@ -58,7 +62,7 @@ def page(started, serving):
 
 def until(page, condition):
     """Wait until a condition holds; Playwright's own way asks for `eval`, which the page forbids."""
-    for _ in range(PATIENCE // 50):
+    for _ in range(LONG // 50):
         if page.evaluate(condition):
             return
         page.wait_for_timeout(50)

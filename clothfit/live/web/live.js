@@ -18,6 +18,7 @@ import { length, short } from "clothfit/words";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, null];
 const ERROR_SHARE = 0.05, STRAIN = 0.1;  // the largest error, by the size of the picture, and strain that colours resolve
+const LONG = 2000;  // ms without a frame after which the page says why
 const RATE = 1000;  // ms over which frames are counted
 
 const at = (id) => document.getElementById(id);
@@ -186,8 +187,14 @@ function draw() {
 
 function run() {
   const times = [];
+  let last = performance.now();
   const tick = (now) => {
-    if (draw()) times.push(now);
+    if (draw()) {
+      times.push(now);
+      last = now;
+    }
+    if (!page.status?.running) last = now;
+    at("wait").hidden = now - last < LONG;
     if (page.picture?.stage?.stale) page.picture.stage.render();
     while (times.length && times[0] < now - RATE) times.shift();
     at("figure-rate").textContent = times.length || "–";
