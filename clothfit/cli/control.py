@@ -29,7 +29,7 @@ INTERVAL = 2.0
 """Seconds between two lines of progress."""
 
 SECTIONS = {
-    "What to do": ("--keyframes", "--most", "--smooth", "--budget", "--adjoint"),
+    "What to do": ("--keyframes", "--most", "--smooth", "--even", "--budget", "--adjoint"),
     "What may move": ("--actuate", "--handles", "--wind", "--velocity", "--every", "--modes"),
     "Long searches": ("--checkpoint", "--resume"),
     "The file of the keyframes": motions.FILE_OPTIONS,
@@ -47,6 +47,9 @@ SECTIONS = {
 @click.option("--smooth", type=float, metavar="SECONDS",
               help="Prefer forces that change slowly: a change within this time costs as much as the force itself.  "
               "[default: 0]")
+@click.option("--even", type=float, metavar="METRES",
+              help="Prefer forces that neighbours share: a difference over this distance costs as much as the force "
+              "itself.  [default: 0]")
 @click.option("--budget", "time_budget", metavar="SECONDS",
               help="Stop after this time, such as 30, 30s or 2m, with the best so far.  [default: none]")
 @click.option("--adjoint", type=click.Choice(["exact", "approximate"]), default="exact", show_default=True,
@@ -73,6 +76,7 @@ def command(
     moves: controlled.Moves,
     most: float | None,
     smooth: float | None,
+    even: float | None,
     time_budget: str | None,
     adjoint: str,
     checkpoint_path: str | None,
@@ -100,7 +104,7 @@ def command(
     clothfit control scene.json --keyframes keys.json --most 0.5 --smooth 0.1 --gif motion.gif
     """
     one_stream(scene_path, keys_path)
-    checked(most, smooth)
+    checked(most, smooth, even)
     moves.check()
     if adjoint == "approximate" and not moves.follows:
         raise InvalidInput("--adjoint approximate is for forces of every vertex and step, and for nothing else")
@@ -124,7 +128,7 @@ def command(
     from clothfit.scene.scene import dumps, folder_of
 
     console.announce_compilation()
-    costs = Costs(smooth or 0.0, float("inf") if most is None else most, adjoint == "approximate")
+    costs = Costs(smooth or 0.0, float("inf") if most is None else most, even or 0.0, adjoint == "approximate")
     with interrupts.deferred():
         found = find_controls(
             scene, keys, controls, budget=seconds, costs=costs, report=Lines(console), checkpoint=file
@@ -151,12 +155,14 @@ def own_axes() -> Convention:
     return Convention()
 
 
-def checked(most: float | None, smooth: float | None) -> None:
+def checked(most: float | None, smooth: float | None, even: float | None) -> None:
     """Raise InvalidInput on values that cannot be."""
     if most is not None and not (math.isfinite(most) and most > 0):
         raise InvalidInput(f"--most must be above 0; {most:g} N was given")
     if smooth is not None and not (math.isfinite(smooth) and smooth >= 0):
         raise InvalidInput(f"--smooth must be at least 0; {smooth:g} s was given")
+    if even is not None and not (math.isfinite(even) and even >= 0):
+        raise InvalidInput(f"--even must be at least 0; {even:g} m was given")
 
 
 def forces_output(path: str | None, scene_path: str, keys_path: str, out: Output) -> Output:

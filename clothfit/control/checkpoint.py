@@ -122,13 +122,14 @@ class Search:
     penalty: float
     multipliers: Array  # (M,), of the keys that are penalties, one after another
     ended: float  # which status it ended with; −1 where it has not
+    steepest: float  # slope where it began
 
 
 def packed(searches: Mapping[int, Search]) -> dict[str, Array]:
     """The searches of some cloths as arrays."""
     order = sorted(searches)
     rows = [
-        [cloth, len(own.f), own.f.shape[1], own.rate, own.penalty, len(own.multipliers), own.ended]
+        [cloth, len(own.f), own.f.shape[1], own.rate, own.penalty, len(own.multipliers), own.ended, own.steepest]
         for cloth in order
         for own in [searches[cloth]]
     ]
@@ -143,13 +144,13 @@ def packed(searches: Mapping[int, Search]) -> dict[str, Array]:
 def unpacked(arrays: Mapping[str, Array]) -> dict[int, Search]:
     """The searches in such arrays; none where there are none."""
     found, at = {}, [0, 0, 0]
-    for cloth, steps, n, rate, penalty, count, ended in arrays.get("numbers", np.zeros((0, 7))):
+    for cloth, steps, n, rate, penalty, count, *last in arrays.get("numbers", np.zeros((0, 8))):
         size = 3 * int(n) * int(steps)
         ends = [at[0] + size + 3 * int(n), at[1] + size, at[2] + int(count)]
         names = "paths", "forces", "multipliers"
         path, f, left = (arrays[name][begin:end] for name, begin, end in zip(names, at, ends, strict=True))
         shape = (-1, int(n), 3)
-        found[int(cloth)] = Search(path.reshape(shape), f.reshape(shape), rate, penalty, left, ended)
+        found[int(cloth)] = Search(path.reshape(shape), f.reshape(shape), rate, penalty, left, *last)
         at = ends
     return found
 

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,8 +22,12 @@ from clothfit.control.keyframes import Key, left_of
 from clothfit.derivative import adjoint
 from clothfit.engine.rollout import Rollout, rollout
 from clothfit.engine.system import IMPLICIT, System, build
+from clothfit.scene.cloth import Cloth
 from clothfit.scene.over_time.forces import Forces
 from clothfit.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 STIFF, STIFF_HARD = 1e4, 1e6
 """Gain at a key relative to m/h², and at a hard one: the share of a miss that is left is its inverse."""
@@ -53,12 +59,24 @@ class Wish:
         return left_of(self.key, x)
 
 
+def neighbours(cloth: Cloth, pushed: Flags) -> csr_array:
+    """The matrix (L, n), 1/m, of differences along the L springs between vertices with forces, over their lengths."""
+    from scipy.sparse import csr_array
+
+    kept = pushed[cloth.springs].all(axis=1)
+    springs, length = cloth.springs[kept], cloth.lengths[kept]
+    rows = np.arange(len(springs)).repeat(2)
+    values = np.stack([-1.0 / length, 1.0 / length], axis=1).reshape(-1)
+    return csr_array((values, (rows, springs.reshape(-1))), shape=(len(springs), len(pushed)))
+
+
 @dataclass(frozen=True)
 class Costs:
     """What counts beside the effort, and how its gradient is found."""
 
     smooth: float = 0.0  # s: the effort of a change of the forces in this time counts as theirs
     most: float = np.inf  # N, on a vertex
+    even: float = 0.0  # m: that of a difference between neighbours that far apart counts as theirs
     approximate: bool = False  # whether the gradient is that of `derivative.approximate`
 
 
@@ -81,6 +99,7 @@ class ClosedLoop:
         self.system = self.built()
         self.penalty, self.evaluations, self.tolerance = 0.0, 0, TOLERANCE
         self.x, self.u = path, np.zeros_like(self.places)
+        self.steepest = 0.0  # `slope` where the search began; 0: not yet
 
     def held(self, mass: Array) -> list[Wish]:
         """Make springs of the keys that can be; returns the others."""
@@ -160,12 +179,24 @@ class ClosedLoop:
             value += weight * float((change * change).sum())
             gradient[1:] += 2.0 * weight * change
             gradient[:-1] -= 2.0 * weight * change
+        if own.even > 0.0:
+            uneven = (self.net @ u.transpose(1, 0, 2).reshape(u.shape[1], -1)).reshape(-1, len(u), 3)
+            value += h * own.even**2 * float((uneven * u.transpose(1, 0, 2)).sum())
+            gradient += 2.0 * h * own.even**2 * uneven.transpose(1, 0, 2)
         if np.isfinite(own.most):
             size = np.sqrt((u * u).sum(axis=2, keepdims=True))
             over = np.maximum(size - own.most, 0.0)
             value += EXCESS * h * float((over * over).sum())
             gradient += 2.0 * EXCESS * h * over * u / np.maximum(size, own.most)
         return value, gradient
+
+    @cached_property
+    def net(self) -> csr_array:
+        """The Laplacian (n, n), 1/m², of the springs between vertices with forces."""
+        from scipy.sparse import csr_array
+
+        own = neighbours(self.scene.cloths[self.cloth], self.pushed)
+        return csr_array(own.T @ own)
 
     def add_penalties(self, x: Array, by_position: Array) -> float:
         """The penalties at x (T + 1, n, 3), N² s; their gradient is added to by_position."""
@@ -186,10 +217,17 @@ class ClosedLoop:
         ]
 
     def resume(self, other: ClosedLoop) -> None:
-        """Take the penalty, the multipliers and the count of evaluations over from a loop with other steps."""
+        """Take the penalty, the multipliers, the count of evaluations and the first slope over from a loop with other
+        steps.
+        """
+        self.steepest = other.steepest
         self.penalty, self.evaluations = other.penalty, self.evaluations + other.evaluations
         pairs = zip(self.wishes, other.wishes, strict=True)
         self.wishes = [replace(own, multiplier=before.multiplier) for own, before in pairs]
+
+    def slope(self, gradient: Array) -> float:
+        """The norm of a gradient by √(2 h) f, which does not depend on the length of steps."""
+        return float(np.linalg.norm(gradient) / np.sqrt(2.0 * self.h))
 
     @property
     def missed(self) -> float:

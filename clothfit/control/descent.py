@@ -27,13 +27,13 @@ MOST_PAIRS, LEAST_PAIRS = 10, 5
 ROUND = 100
 """Evaluations between two looks at the multipliers."""
 
-STALL, GAIN, PATIENT_GAIN = 100, 5e-4, 1e-7
+STALL, GAIN, PATIENT_GAIN = 100, 5e-4, 1e-12
 """A descent ends where so many evaluations lower the effort by less than this share; one with a budget of time by less
 than the second.
 """
 
 OPTIMAL = 1e-6
-"""Gradient, relative to that at the start, at which a descent has converged."""
+"""Slope, relative to that where the search began, at which a descent has converged."""
 
 NEAR, NEAR_HARD = 2e-4, 5e-7
 """m: what may be left of a key that is a penalty, an ordinary and a hard one."""
@@ -54,7 +54,7 @@ class Best:
     x: Array  # (T + 1, n, 3), m, where they lead
     u: Array  # (T, n, 3), N, with which it needs no springs
     value: float
-    gradient: float  # its norm
+    gradient: float  # its `ClosedLoop.slope`
 
 
 class Descent:
@@ -72,8 +72,9 @@ class Descent:
         self.values: list[float] = []
         with interrupts.grace(np.inf):  # there is always a result
             value, gradient = loop(f)
-        self.steepest = float(np.linalg.norm(gradient))
-        self.best = Best(f, loop.x, loop.u, value, self.steepest)
+        size = loop.slope(gradient)
+        loop.steepest = loop.steepest or size
+        self.best = Best(f, loop.x, loop.u, value, size)
 
     def run(self) -> Status:
         """Descend until it has converged or no longer gets better; a deadline or an interrupt leaves the best."""
@@ -85,13 +86,18 @@ class Descent:
             return Status.INTERRUPTED
 
     def alone(self) -> Status:
-        """Descend where no key is a penalty: where the search finds nothing better, once more with finer motions."""
-        status = self.round()
-        if status is None and self.loop.tolerance > FINEST:
+        """Descend where no key is a penalty: where the search finds nothing better, again with finer motions and a new
+        memory, as long as that lowers the gradient.
+        """
+        while True:
+            before = self.best.gradient
+            status = self.round()
+            if status is not None:
+                return status
+            if self.loop.tolerance <= FINEST and self.best.gradient > 0.5 * before:
+                return Status.STALLED
             self.loop.tolerance = FINEST
             self.restart()
-            status = self.round()
-        return status or Status.STALLED
 
     def rounds(self) -> Status:
         """Descend with multipliers until the keys that are penalties are met, or come no nearer."""
@@ -115,7 +121,7 @@ class Descent:
     def restart(self) -> None:
         """Values before and after a change of the multipliers cannot be compared."""
         value, gradient = self.loop(self.best.f)
-        self.best = Best(self.best.f, self.loop.x, self.loop.u, value, float(np.linalg.norm(gradient)))
+        self.best = Best(self.best.f, self.loop.x, self.loop.u, value, self.loop.slope(gradient))
         self.values = [value]
 
     def round(self) -> Status | None:
@@ -147,7 +153,7 @@ class Descent:
         """Value and gradient, noting the best. Raises Stop where the descent has ended."""
         interrupts.check()
         value, gradient = self.loop(f)
-        size = float(np.linalg.norm(gradient))
+        size = self.loop.slope(gradient)
         if value < self.best.value:
             self.best = Best(f, self.loop.x, self.loop.u, value, size)
             interrupts.hold()
@@ -158,7 +164,7 @@ class Descent:
         self.left -= 1
         if self.left <= 0:
             raise Stop(Status.LIMIT)
-        if self.best.gradient <= OPTIMAL * self.steepest:
+        if self.best.gradient <= OPTIMAL * self.loop.steepest:
             raise Stop(Status.CONVERGED)
         if len(self.values) > STALL and self.values[-1 - STALL] - self.best.value <= self.gain * abs(self.best.value):
             raise Stop(Status.STALLED)

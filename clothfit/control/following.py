@@ -65,7 +65,7 @@ def follow(
             loop, descent, status = solved(scene, cloth, own, alone[:, part], acting, costs, report, kept, share)
         if not descent.best.value < HUGE:
             raise Diverged(f"{scene.name}: no motion through the keys stays finite; try shorter steps", 0)
-        found.append((status, descent.best.gradient / (descent.steepest or 1.0)))
+        found.append((status, descent.best.gradient / (loop.steepest or 1.0)))
         evaluations += loop.evaluations
         with interrupts.grace(np.inf):
             u[: loop.steps, part] = recording.recorded(scene, loop, descent.best.f, costs.most)
@@ -107,7 +107,7 @@ class Kept:
         own, at = self.searches[cloth], 0
         with interrupts.grace(np.inf):
             loop = ClosedLoop(scene, cloth, keys, own.path, pushed, own.rate, costs)
-        loop.penalty = own.penalty
+        loop.penalty, loop.steepest = own.penalty, own.steepest
         for i, wish in enumerate(loop.wishes):
             size = wish.multiplier.size
             loop.wishes[i] = replace(wish, multiplier=own.multipliers[at : at + size].reshape(-1, 3))
@@ -122,7 +122,9 @@ class Kept:
         left = np.concatenate([np.zeros(0), *(wish.multiplier.reshape(-1) for wish in loop.wishes)])
         over = ended in (Status.CONVERGED, Status.STALLED)
         number = float(list(Status).index(ended)) if ended and over else -1.0
-        self.searches[cloth] = Search(loop.path, descent.best.f, loop.rate, loop.penalty, left, number)
+        self.searches[cloth] = Search(
+            loop.path, descent.best.f, loop.rate, loop.penalty, left, number, loop.steepest
+        )
         self.file.save(lambda: packed(self.searches), now=ended is not None)
 
 

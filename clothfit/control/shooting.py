@@ -57,7 +57,7 @@ class Shooting:
         if controls.pushes and given.forces is None:
             given = given.with_forces(table)
         self.systems = {c: build(given, c, steps=steps) for c in sorted({key.cloth for key in keys})}
-        self.blocks = blocks(given, controls, self.systems, steps * scene.delta, costs.smooth)
+        self.blocks = blocks(given, controls, self.systems, steps * scene.delta, costs)
         self.parts = np.cumsum([0, *(block.size for block in self.blocks)])
         self.multipliers = [np.zeros_like(key.positions) for key in self.keys]
         self.gamma, self.evaluations = 0.0, 0

@@ -16,6 +16,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
+from clothfit.control.closed_loop import Costs, neighbours
 from clothfit.control.controls import Controls, handle_keys
 from clothfit.control.vibration import modes_of
 from clothfit.engine.system import System
@@ -62,10 +63,8 @@ class Block:
         return np.asarray(self.basis.T @ by_values.reshape(-1))
 
 
-def blocks(scene: Scene, controls: Controls, systems: dict[int, System], end: float, smooth: float) -> list[Block]:
-    """The blocks of a steered and flagged scene, up to a time, s; `systems` are those of its cloths with keys, `smooth`
-    the time, s, in which a change of the forces counts as they do.
-    """
+def blocks(scene: Scene, controls: Controls, systems: dict[int, System], end: float, costs: Costs) -> list[Block]:
+    """The blocks of a steered and flagged scene, up to a time, s; `systems` are those of its cloths with keys."""
     found = []
     for cloth, system in systems.items():
         own = scene.cloths[cloth]
@@ -75,7 +74,7 @@ def blocks(scene: Scene, controls: Controls, systems: dict[int, System], end: fl
         if controls.velocity:
             found.append(velocities(own, cloth, end))
         if controls.pushes:
-            found.append(forces(scene, cloth, controls, system, (end, smooth)))
+            found.append(forces(scene, cloth, controls, system, end, costs))
     if controls.wind:
         found.append(gusts(scene, end))
     return found
@@ -163,13 +162,13 @@ def velocities(own: Cloth, cloth: int, end: float) -> Block:
     )  # fmt: skip
 
 
-def forces(scene: Scene, cloth: int, controls: Controls, system: System, times: tuple[float, float]) -> Block:
+def forces(scene: Scene, cloth: int, controls: Controls, system: System, end: float, costs: Costs) -> Block:
     """Forces at knots, linear in between, or in each step, of vertices or of modes: gentle is their mean square over
-    time and vertices, relative to a vertex' mean weight or, without gravity, to what moves it by L in T.
+    time and vertices, relative to a vertex' mean weight or to what moves it by L in T, if that is more.
     """
     from scipy.sparse import csr_array, eye_array, kron
 
-    own, h, (end, smooth) = scene.cloths[cloth], scene.delta, times
+    own, h = scene.cloths[cloth], scene.delta
     steps = round(end / h)
     assert system.inputs is not None
     rows, n = len(system.inputs.force), len(own.mass)
@@ -183,10 +182,13 @@ def forces(scene: Scene, cloth: int, controls: Controls, system: System, times: 
         over = per_component(chosen(acts))
         across = csr_array(eye_array(over.shape[1]))
     in_time: Any = triangle(share.T @ share) if controls.every else eye_array(steps)
-    if smooth > 0.0:
-        change = csr_array(share[1:steps] - share[: steps - 1]) * (smooth / h)
-        in_time = stacked([in_time, change])
-    gentle = csr_array(kron(in_time, across)) / np.sqrt(steps * max(int(acts.sum()), 1))
+    rows_of = [kron(in_time, across)]
+    if costs.smooth > 0.0:
+        change = csr_array(share[1:steps] - share[: steps - 1]) * (costs.smooth / h)
+        rows_of.append(kron(change, across))
+    if costs.even > 0.0:
+        rows_of.append(kron(in_time, costs.even * (per_component(neighbours(own, acts)) @ over)))
+    gentle = stacked(rows_of) / np.sqrt(steps * max(int(acts.sum()), 1))
     basis = scale * csr_array(kron(share, over))
     return Block("force", cloth, system.inputs.force.reshape(-1).copy(), basis, gentle, (rows, n, 3))
 

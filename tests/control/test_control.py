@@ -103,7 +103,7 @@ def test_no_force_is_above_its_bound():
 
 
 @pytest.mark.parametrize(("method", "newton"), [("implicit", 1), ("implicit", 3), ("bdf2", 1), ("explicit", 1)])
-@pytest.mark.parametrize("costs", [Costs(), Costs(smooth=0.1, most=0.2)])
+@pytest.mark.parametrize("costs", [Costs(), Costs(smooth=0.1, most=0.2, even=0.5)])
 def test_the_gradient_of_all_costs(method, newton, costs, monkeypatch):
     """Against central differences, with springs, penalties and multipliers."""
     monkeypatch.setattr(closed_loop, "TOLERANCE", 1e-14)

@@ -60,7 +60,7 @@ def test_derivatives_along_all_controls(method, newton, name):
         controls = Controls(velocity=True, handles=(handle(11),))
     x, mean = own.cloths[0].positions, np.full(3, 1 / 3)
     keys = [key(4, [5, 7], x[[5, 7]] + 0.1, velocities=np.ones((2, 3))), key(8, [2, 6, 10], [[1, 0, 1]], share=mean)]
-    problem = Shooting(steered(own, controls, 0.04), keys, controls, 8, Costs(smooth=0.02, most=1e-3))
+    problem = Shooting(steered(own, controls, 0.04), keys, controls, 8, Costs(smooth=0.02, most=1e-3, even=0.5))
     problem.gamma = 1e-3
     z, d = (0.1 * rng.normal(size=problem.size) for _ in range(2))
     shot = problem.shoot(z)
@@ -115,6 +115,22 @@ def test_wind_brings_a_cloth_nearer():
     keys = [key(step, ALL, other.positions[step]) for step in (12, 25)]
     found = find_controls(own, keys, Controls(wind=True))
     assert max(each.rmse for each in found.keys) < 0.05 * max(found.free)
+
+
+def test_what_forces_cost():
+    """|R z|² is the mean of |u|², of changes within 0.02 s and differences over 0.5 m, relative to 3 m in 0.04 s."""
+    own, rng = flag(), np.random.default_rng(5)
+    cloth, acts = own.cloths[0], ~own.cloths[0].fixed
+    costs = Costs(smooth=0.02, even=0.5)
+    problem = Shooting(own, [key(8, [5], [[1, 0, 1]])], Controls(every=0.01), 8, costs)
+    z = rng.normal(size=problem.size)
+    u = problem.forces(z).values
+    pairs = cloth.springs[acts[cloth.springs].all(axis=1)]
+    length = np.linalg.norm(cloth.positions[pairs[:, 0]] - cloth.positions[pairs[:, 1]], axis=1)
+    differences = (u[:, pairs[:, 0]] - u[:, pairs[:, 1]]) / length[:, None]
+    total = (u**2).sum() + (np.diff(u, axis=0) ** 2).sum() * (0.02 / own.delta) ** 2 + 0.25 * (differences**2).sum()
+    unit = cloth.mass.mean() * 3.0 / 0.04**2
+    assert ((problem.gentle @ z) ** 2).sum() == pytest.approx(total / unit**2 / 8 / acts.sum(), rel=1e-6)
 
 
 def test_what_no_control_can_move():
