@@ -74,10 +74,10 @@ def test_another_search_does_not_go_on(tmp_path):
 
 def test_several_cloths_are_kept():
     rng = np.random.default_rng(0)
-    given = {
-        number: Search(*(rng.normal(size=(each, n, 3)) for each in (t + 1, t)), 20.0, 0.5, rng.normal(size=m), -1.0, 1.0)
-        for number, t, n, m in ((2, 4, 5, 0), (0, 3, 2, 6))
-    }
+    given = {}
+    for number, t, n, m in ((2, 4, 5, 0), (0, 3, 2, 6)):
+        path, f, left = (rng.normal(size=size) for size in ((t + 1, n, 3), (t, n, 3), m))
+        given[number] = Search(path, f, 20.0, 0.5, left, -1.0, 2.0)
     found = unpacked(packed(given))
     assert list(found) == [0, 2]
     for number, own in given.items():
