@@ -27,8 +27,8 @@ def test_the_group_lists_the_commands_in_the_order_of_a_working_day(capsys):
     assert (code, err) == (0, "")
     shown = [line.split()[0] for line in out.split("Commands:")[1].splitlines() if line.strip()]
     day = (
-        "new info validate simulate target estimate control subspace evaluate report check convert export completion "
-        "warmup"
+        "new info validate simulate target estimate control subspace evaluate report serve check convert export "
+        "completion warmup"
     )
     assert shown == list(COMMANDS) == day.split()
 
