@@ -32,8 +32,8 @@ FASTEST = 1 / 60
 """Seconds between two frames that are sent."""
 
 MAXIMUM_HEADER, MAXIMUM_BODY = 16 << 10, 16 << 10
-PING = 20.0
-"""Seconds between two looks whether a client is there."""
+PING = 120.0
+"""Seconds between two looks whether a client is there: more than its longest message takes, which may have to compile."""
 
 
 class Server:
