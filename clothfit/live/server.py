@@ -33,7 +33,7 @@ FASTEST = 1 / 60
 
 MAXIMUM_HEADER, MAXIMUM_BODY = 16 << 10, 16 << 10
 PING = 120.0
-"""Seconds between two looks whether a client is there: more than its longest message takes, which may have to compile."""
+"""Seconds between two looks whether a client is there: more than its longest message, which may compile, takes."""
 
 
 class Server:
