@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ from clothfit.base.messages import counted, metres
 from clothfit.cli.common import motions, pictures
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import duration, standard_command
-from clothfit.cli.common.output import STREAM, Output, output_for, print_json, same_file
+from clothfit.cli.common.output import STREAM, Output, is_among, output_for, print_json, same_file
 from clothfit.cli.common.scenes import check_there, one_stream, read_scene, warn_of_steps
 from clothfit.cli.fitting import controlled, shown
 from clothfit.many.job import INTERRUPTED
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 
 INTERVAL = 2.0
 """Seconds between two lines of progress."""
+
+WIDEST = 1e6
+"""The longest time of --smooth, s, and distance of --even, m."""
 
 SECTIONS = {
     "What to do": ("--keyframes", "--most", "--smooth", "--even", "--budget", "--adjoint"),
@@ -111,7 +115,7 @@ def command(
     scene = read_scene(scene_path, console)
     out = output_for(path, scene_path, ".controlled.npz", (keys_path,))
     kept = forces_output(forces_path, scene_path, keys_path, out) if moves.pushes else None
-    saved = scene_output(save_path, scene_path, keys_path) if moves.others else None
+    saved = scene_output(save_path, scene_path, keys_path, (out, kept)) if moves.others else None
     motions.check(out, own_axes(), (scene_path, keys_path))
     used = scene_path, keys_path, out.path, *(each.path for each in (kept, saved) if each)
     shows = shown.asked(table_path, report_path, used)
@@ -133,11 +137,12 @@ def command(
         found = find_controls(
             scene, keys, controls, budget=seconds, costs=costs, report=Lines(console), checkpoint=file
         )
-        if kept and found.forces:
-            kept.write(archive(found.forces))
-        if saved:
-            saved.write(dumps(found.scene, folder_of(saved.path)))
-        motions.write(found.motion, out, scene, own_axes(), console)
+        with controlled.all_tried() as writing:
+            if kept and found.forces:
+                writing(kept.write, archive(found.forces))
+            if saved:
+                writing(saved.write, dumps(found.scene, folder_of(saved.path)))
+            writing(motions.write, found.motion, out, scene, own_axes(), console)
         controlled.closed(file, checkpoint_path is not None, str(found.status), console)
     good = report(found, kept, saved, out, console)
     if adjoint == "approximate":
@@ -159,10 +164,9 @@ def checked(most: float | None, smooth: float | None, even: float | None) -> Non
     """Raise InvalidInput on values that cannot be."""
     if most is not None and not (math.isfinite(most) and most > 0):
         raise InvalidInput(f"--most must be above 0; {most:g} N was given")
-    if smooth is not None and not (math.isfinite(smooth) and smooth >= 0):
-        raise InvalidInput(f"--smooth must be at least 0; {smooth:g} s was given")
-    if even is not None and not (math.isfinite(even) and even >= 0):
-        raise InvalidInput(f"--even must be at least 0; {even:g} m was given")
+    for option, value, unit in (("--smooth", smooth, "s"), ("--even", even, "m")):
+        if value is not None and not 0 <= value <= WIDEST:
+            raise InvalidInput(f"{option} must be at least 0 and at most {WIDEST:g}; {value:g} {unit} was given")
 
 
 def forces_output(path: str | None, scene_path: str, keys_path: str, out: Output) -> Output:
@@ -177,13 +181,16 @@ def forces_output(path: str | None, scene_path: str, keys_path: str, out: Output
     return kept
 
 
-def scene_output(path: str | None, scene_path: str, keys_path: str) -> Output:
-    """Where the scene goes, checked as any output. Raises InvalidInput."""
+def scene_output(path: str | None, scene_path: str, keys_path: str, others: Sequence[Output | None]) -> Output:
+    """Where the scene goes, which is none of the `others`, checked as any output. Raises InvalidInput."""
     if path == STREAM:
         raise InvalidInput("--save must be a file; - was given")
     if path is None and scene_path == STREAM:
         path = "scene.controlled.json"
-    return output_for(path, scene_path, ".controlled.json", (keys_path,), text=True)
+    saved = output_for(path, scene_path, ".controlled.json", (keys_path,), text=True)
+    if is_among(saved.path, [each.path for each in others if each]):
+        raise InvalidInput(f"--save must be a file of its own; {saved.path} is another output")
+    return saved
 
 
 def refuse_unused(moves: controlled.Moves, forces: str | None, saved: str | None, table: str | None) -> None:

@@ -17,17 +17,12 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
+from clothfit.control import knots
 from clothfit.control.keyframes import Key
-from clothfit.engine.inputs.interpolation import interpolated, resolved
-from clothfit.engine.inputs.sampling import moved
+from clothfit.engine.inputs.interpolation import resolved
 from clothfit.meshes.new_scene import text
-from clothfit.scene.over_time.keys import Pin
+from clothfit.scene.over_time.keys import Keys, Pin
 from clothfit.scene.scene import Scene, dumps, load
-
-SPACING, MOST_KNOTS = 0.1, 60
-"""s between two knots of a path or of the wind where nothing is said, and how many there are at most."""
-
-FEWEST_KNOTS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,12 +62,6 @@ class Controls:
                 found[handle.vertices] = True
         return found
 
-    def knots(self, end: float) -> Array:
-        """The times (K,), s, of the keys of paths and of the wind, from 0 to `end`."""
-        spacing = max(SPACING, end / MOST_KNOTS) if self.every is None else self.every
-        least = FEWEST_KNOTS if self.every is None else 2
-        return np.linspace(0.0, end, max(int(np.ceil(end / spacing - 1e-9)) + 1, least))
-
 
 def steered(scene: Scene, controls: Controls, end: float) -> Scene:
     """The scene with keys for its handles and its wind up to a time, s, that move as they did without control. Raises
@@ -81,32 +70,24 @@ def steered(scene: Scene, controls: Controls, end: float) -> Scene:
     if not controls.handles and not controls.wind:
         return scene
     document = json.loads(dumps(scene).decode(scene.source.encoding).lstrip("\ufeff"))
-    knots = controls.knots(end)
+    at = knots.times(end, scene.delta, controls.every)
     if controls.wind:
-        given = scene.wind_keys
-        values = interpolated(resolved(given), knots) if given else np.zeros((len(knots), 3))
-        document["windVelKeys"] = keyed(knots, values)
+        document["windVelKeys"] = knots.keyed(at, resolved(scene.wind_keys) if scene.wind_keys else None)
     for cloth in sorted({handle.cloth for handle in controls.handles}):
         own = [handle.vertices for handle in controls.handles if handle.cloth == cloth]
-        lead(document["objects"][cloth], scene, cloth, own, knots)
+        lead(document["objects"][cloth], scene, cloth, own, at)
     made = load(io.StringIO(text(document)), folder=scene.folder)
     return replace(made, name=scene.name, title=scene.title, forces=scene.forces)
 
 
-def keyed(times: Array, values: Array) -> dict[str, Any]:
-    """Keys as the file of a scene has them."""
-    rows = [dict(zip("xyz", row, strict=True)) for row in values.tolist()]
-    return {"times": times.tolist(), "values": rows, "interpolation": "smooth"}
-
-
-def lead(item: dict[str, Any], scene: Scene, cloth: int, handles: Sequence[Indices], knots: Array) -> None:
-    """Make handles pins of an object of a document, with a key at each knot."""
+def lead(item: dict[str, Any], scene: Scene, cloth: int, handles: Sequence[Indices], at: Array) -> None:
+    """Make handles pins of an object of a document, with a key at each knot (K,), s."""
     own, pins = scene.cloths[cloth], list(item.get("pins", []))
     fixed = list(item["vertIsFixed"])
     for vertices in handles:
         before = [i for i, pin in enumerate(own.pins) if np.isin(pin.vertices, vertices).any()]
-        base = along(own.pins[before[0]], vertices, cloth, knots) if before else np.zeros((len(knots), 3))
-        pin = {"vertices": vertices.tolist(), "posKeys": keyed(knots, base)}
+        base = along(own.pins[before[0]], vertices, cloth) if before else None
+        pin = {"vertices": vertices.tolist(), "posKeys": knots.keyed(at, base, 0.0)}
         if before:
             pins[before[0]] = pin
         else:
@@ -116,13 +97,16 @@ def lead(item: dict[str, Any], scene: Scene, cloth: int, handles: Sequence[Indic
     item["pins"], item["vertIsFixed"] = pins, fixed
 
 
-def along(pin: Pin, vertices: Indices, cloth: int, knots: Array) -> Array:
-    """The path (K, 3), m, of a pin that becomes a handle, at the knots. Raises InvalidInput where it cannot."""
+def along(pin: Pin, vertices: Indices, cloth: int) -> Keys:
+    """The path of a pin that becomes a handle. Raises InvalidInput where it cannot."""
     if not np.array_equal(np.sort(pin.vertices), np.sort(vertices)):
         raise InvalidInput(f"handles: a pin of objects[{cloth}] has some of these vertices and others; take it whole")
     if pin.rotation is not None or pin.position is None or pin.position.points:
         raise InvalidInput(f"handles: a pin of objects[{cloth}] turns, or follows a motion; it keeps its path")
-    return moved(pin.position, knots)
+    found = resolved(pin.position)
+    if found.values.ndim != 2:
+        raise InvalidInput(f"handles: a pin of objects[{cloth}] follows a motion; it keeps its path")
+    return found
 
 
 def flagged(scene: Scene, controls: Controls) -> Scene:

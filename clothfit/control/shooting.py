@@ -207,23 +207,29 @@ class Shooting:
         """What gives the derivative (m, 3, Q) of the places of vertices after a step."""
         system, motion = shot.systems[cloth], shot.motions[cloth]
         needed = {key.step - back for _, key, _ in self.counted() if key.cloth == cloth for back in (0, 1)}
-        known = columns.derivatives(system, motion, self.directions(cloth), needed)
+        mine = np.flatnonzero(np.repeat([block.cloth in (cloth, -1) for block in self.blocks], np.diff(self.parts)))
+        known = columns.derivatives(system, motion, self.directions(cloth), needed) if len(mine) else {}
         place = np.cumsum(mobile(system)) - 1
         moves = mobile(system)
 
         def at(step: int, vertices: Indices) -> Array:
-            own = known[step].reshape(-1, 3, self.size)
-            return np.asarray(np.where(moves[vertices, None, None], own[place[vertices]], 0.0))
+            found = np.zeros((len(vertices), 3, self.size))
+            if len(mine):
+                own = known[step].reshape(-1, 3, len(mine))
+                led = moves[vertices]
+                found[np.ix_(led, range(3), mine)] = own[place[vertices[led]]]
+            return found
 
         return at
 
     def directions(self, cloth: int) -> list[tuple[str, int, Array]]:
-        """The kind, number and change of each of the Q numbers that moves a cloth."""
-        found = []
-        for i, block in enumerate(self.blocks):
+        """The kind, number and change of each of the numbers that move a cloth, counted among these."""
+        found, at = [], 0
+        for block in self.blocks:
             if block.cloth in (cloth, -1):
                 units = np.eye(block.size)
-                found += [(block.kind, int(self.parts[i]) + q, block.change(units[q])) for q in range(block.size)]
+                found += [(block.kind, at + q, block.change(units[q])) for q in range(block.size)]
+                at += block.size
         return found
 
     @cached_property

@@ -107,8 +107,7 @@ def suggested(problem: Shooting, alone: Array) -> Array:
             if mine.any() and pin.own:
                 steps = np.minimum(np.round(pin.own.times / scene.delta).astype(int), len(x) - 1)
                 wanted[mine] = away[steps][:, pin.vertices].mean(axis=1)
-        scale = block.basis.data.max()
-        z[problem.parts[i] : problem.parts[i + 1]] = block.gradient(wanted) / scale**2
+        z[problem.parts[i] : problem.parts[i + 1]] = block.nearest(wanted)
     return z
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
+from clothfit.control import knots
 from clothfit.control.closed_loop import Costs, neighbours
 from clothfit.control.controls import Controls, handle_keys
 from clothfit.control.vibration import modes_of
@@ -62,21 +63,28 @@ class Block:
         """The gradient by z (Q,) from that by the values."""
         return np.asarray(self.basis.T @ by_values.reshape(-1))
 
+    def nearest(self, change: Array) -> Array:
+        """The z (Q,) whose change of the values is nearest to a given one."""
+        from scipy.sparse import csc_array
+        from scipy.sparse.linalg import spsolve
+
+        return np.asarray(spsolve(csc_array(self.basis.T @ self.basis), self.gradient(change)))
+
 
 def blocks(scene: Scene, controls: Controls, systems: dict[int, System], end: float, costs: Costs) -> list[Block]:
     """The blocks of a steered and flagged scene, up to a time, s; `systems` are those of its cloths with keys."""
-    found = []
+    found, at = [], knots.times(end, scene.delta, controls.every)
     for cloth, system in systems.items():
         own = scene.cloths[cloth]
         mine = handle_keys(scene, controls, cloth)
         if mine.any():
-            found.append(paths(own, cloth, mine, end))
+            found.append(paths(own, cloth, mine, at))
         if controls.velocity:
             found.append(velocities(own, cloth, end))
         if controls.pushes:
             found.append(forces(scene, cloth, controls, system, end, costs))
     if controls.wind:
-        found.append(gusts(scene, end))
+        found.append(gusts(scene, at))
     return found
 
 
@@ -99,27 +107,26 @@ def chosen(flags: Flags) -> csr_array:
     return csr_array(eye_array(len(flags)).tocsc()[:, np.flatnonzero(flags)])
 
 
-def paths(own: Cloth, cloth: int, mine: Flags, end: float) -> Block:
-    """Keys of handles: gentle is ∫ |acceleration|² dt T³/L², the start at rest."""
-    from scipy.sparse import csr_array, diags_array
+def paths(own: Cloth, cloth: int, mine: Flags, at: Array) -> Block:
+    """Keys of handles, at knots (K,), s: gentle is ∫ |acceleration|² dt T³/L², the start at rest."""
+    from scipy.sparse import block_diag, csr_array, diags_array, hstack
 
-    scale, owner = extent(own), own.key_pins
-    rows = []
+    scale, owner, count = extent(own), own.key_pins, len(at)
+    second: Any = diags_array([1.0, -2.0, 1.0], offsets=[-1, 0, 1], shape=(count, count)).tolil()
+    second[0, :2] = [-2.0, 2.0]
+    second[-1, -2:] = [2.0, -2.0]
+    gentle = csr_array(second * (at[1] ** -1.5 * at[-1] ** 1.5))[:, 1:]  # the first key keeps its value
+    shares, costs = [], []
     for i, pin in enumerate(own.pins):
         if pin.own is None or not mine[owner == i].any():
             continue
-        times, count = pin.own.times, len(pin.own.times)
-        tau = float(times[1] - times[0])
-        second: Any = diags_array([1.0, -2.0, 1.0], offsets=[-1, 0, 1], shape=(count, count)).tolil()
-        second[0, :2] = [-2.0, 2.0]
-        second[-1, -2:] = [2.0, -2.0]
-        whole = csr_array((count, len(owner))).tolil()
-        whole[:, np.flatnonzero(owner == i)] = second * (tau**-1.5 * end**1.5)
-        rows.append(csr_array(whole))
-    basis = chosen(mine)
+        share = csr_array((len(owner), count - 1)).tolil()
+        share[np.flatnonzero(owner == i)] = knots.shares(at, pin.own)[:, 1:]
+        shares.append(csr_array(share))
+        costs.append(gentle)
     return Block(
-        "path", cloth, own.path.reshape(-1).copy(), scale * per_component(basis),
-        per_component(csr_array(stacked(rows) @ basis)), own.path.shape,
+        "path", cloth, own.path.reshape(-1).copy(), scale * per_component(csr_array(hstack(shares))),
+        per_component(csr_array(block_diag(costs))), own.path.shape,
     )  # fmt: skip
 
 
@@ -130,17 +137,17 @@ def stacked(rows: Sequence[Any]) -> csr_array:
     return csr_array(vstack(rows))
 
 
-def gusts(scene: Scene, end: float) -> Block:
-    """Keys of the wind: gentle is ∫ (|change|² + (SLOW T)² |its rate|²) dt/T, relative to the breeze."""
-    from scipy.sparse import diags_array, eye_array
+def gusts(scene: Scene, at: Array) -> Block:
+    """Keys of the wind, at knots (K,), s: gentle is ∫ (|change|² + (SLOW T)² |its rate|²) dt/T, relative to the breeze.
+    """
+    from scipy.sparse import csr_array, diags_array, eye_array
 
-    count = len(scene.gusts)
-    times = scene.wind_keys.times if scene.wind_keys else np.zeros(0)
-    tau = float(times[1] - times[0])
+    assert scene.wind_keys is not None
+    count, tau, end = len(at), float(at[1]), float(at[-1])
     rate = diags_array([-1.0, 1.0], offsets=[0, 1], shape=(count - 1, count)) * (SLOW * end / tau)
     gentle = stacked([eye_array(count), rate]) * np.sqrt(tau / end)
     scale = max(BREEZE, float(np.linalg.norm(scene.wind)))
-    basis = scale * per_component(eye_array(count))
+    basis = scale * per_component(csr_array(knots.shares(at, scene.wind_keys)))
     return Block("gusts", -1, scene.gusts.reshape(-1).copy(), basis, per_component(gentle), scene.gusts.shape)
 
 
@@ -220,7 +227,7 @@ def hats(rows: int, steps: int, h: float, every: float | None) -> csr_array:
 
     if every is None:
         return csr_array(eye_array(rows, steps))
-    count = max(round(steps * h / every), 1) + 1
+    count = max(round(steps * h / max(every, h)), 1) + 1
     places = np.linspace(0, max(steps - 1, 1), min(count, steps))
     found = np.zeros((rows, len(places)))
     for k, unit in enumerate(np.eye(len(places))):

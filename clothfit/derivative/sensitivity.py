@@ -287,6 +287,8 @@ class Solver:
 
     def __call__(self, A: sparse.BlockMatrix, right: Array) -> Array:
         """dW for B = `right` (3 f, Q), which stays as it is."""
+        if not len(right):  # nothing is free
+            return right.copy()
         matrix = sparse.to_scipy(*A)
         if self.blocks is None or A.joined is not None:  # whose pattern is another one at each step
             self.blocks = block_cholesky.blocks_of(matrix)

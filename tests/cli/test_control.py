@@ -60,6 +60,18 @@ def test_a_table_plays_back_to_the_same_bits(place, capsys):
     assert "clothfit simulate scene.json --forces scene.forces.npz" in page
 
 
+def test_where_one_file_cannot_be_written_the_others_are(place, capsys, monkeypatch):
+    """As on a disk that is full by then."""
+
+    def full(*_):
+        raise InvalidInput("cannot write scene.forces.npz: No space left on device")
+
+    monkeypatch.setattr("clothfit.scene.over_time.forces.archive", lambda _: full)
+    assert run(["control", "scene.json", "--keyframes", "keys.json"]) == 3
+    assert "No space left" in capsys.readouterr().err
+    assert (place / "scene.controlled.npz").exists()
+
+
 def test_forces_that_are_too_weak_miss_the_key(place, capsys):
     assert run(["control", "scene.json", "--keyframes", "keys.json", "--most", "0.001"]) == 5
     assert "not all keys are reached" in capsys.readouterr().err
@@ -80,6 +92,8 @@ def test_forces_that_are_too_weak_miss_the_key(place, capsys):
         (["control", "scene.json", "--keyframes", "keys.json", "--table", "f.txt"], 3, "--table must be a file .csv"),
         (["control", "scene.json", "--keyframes", "keys.json", "--table", "-"], 3, "--table must be a file .csv"),
         (["control", "scene.json", "--keyframes", "keys.json", "--forces", "m.npz", "-o", "m.npz"], 3, "of its own"),
+        (["control", "scene.json", "--keyframes", "keys.json", "--wind", "--save", "m.npz", "-o", "m.npz"], 3, "of its own"),
+        (["control", "scene.json", "--keyframes", "keys.json", "--smooth", "1e200"], 3, "at most 1e+06"),
         (["simulate", "scene.json", "--feedback"], 2, "--feedback goes with --forces only"),
         (["simulate", "scene.json", "--forces", "keys.json"], 3, "keys.json: cannot be read as forces"),
     ],

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
 from typing import TYPE_CHECKING, Any
@@ -181,6 +182,24 @@ def checkpoint(path: str | None, resume: bool, out: Output, used: Sequence[str],
         console.warn(f"no checkpoint is kept: {error}")
         return None
     return beside
+
+
+@contextmanager
+def all_tried() -> Iterator[Callable[..., None]]:
+    """What is yielded calls a function that writes a file; where one cannot, the others are written all the same, and
+    the first error is raised at the end.
+    """
+    faults: list[InvalidInput] = []
+
+    def writing(write: Callable[..., object], *arguments: Any) -> None:
+        try:
+            write(*arguments)
+        except InvalidInput as error:
+            faults.append(error)
+
+    yield writing
+    if faults:
+        raise faults[0]
 
 
 def closed(file: Checkpoint | None, asked: bool, status: str, console: Console) -> None:
