@@ -16,6 +16,7 @@ import numpy as np
 
 from clothfit.base import interrupts, threads
 from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
 from clothfit.control.checkpoint import Checkpoint
 from clothfit.control.closed_loop import Costs
 from clothfit.control.controls import Controls, steered
@@ -70,6 +71,8 @@ def steer(
         if len((kept := without_fixed(key, given.cloths[key.cloth].fixed & ~controls.led(scene, key.cloth))).vertices)
     ]
     problem = Shooting(given, free, controls, steps, costs)
+    if not problem.size:
+        raise InvalidInput(f"{scene.name}: no control can move anything that the keys ask for; all of it is fixed")
     search = Steering(problem, report, file)
     starts = [np.zeros(problem.size), suggested(problem, alone)]
     if "z" in state and state["z"].shape == (problem.size,):

@@ -79,9 +79,10 @@ def blocks(scene: Scene, controls: Controls, systems: dict[int, System], end: fl
         mine = handle_keys(scene, controls, cloth)
         if mine.any():
             found.append(paths(own, cloth, mine, at))
-        if controls.velocity:
+        free = ~own.fixed
+        if controls.velocity and free.any():
             found.append(velocities(own, cloth, end))
-        if controls.pushes:
+        if controls.pushes and (free & (True if controls.forces is None else controls.forces[cloth])).any():
             found.append(forces(scene, cloth, controls, system, end, costs))
     if controls.wind:
         found.append(gusts(scene, at))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.scenes import cloth, document, write_scene
 
+from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
@@ -64,6 +65,7 @@ def test_where_one_file_cannot_be_written_the_others_are(place, capsys, monkeypa
     """As on a disk that is full by then."""
 
     def full(*_):
+        """A writer of data."""
         raise InvalidInput("cannot write scene.forces.npz: No space left on device")
 
     monkeypatch.setattr("clothfit.scene.over_time.forces.archive", lambda _: full)
@@ -92,7 +94,8 @@ def test_forces_that_are_too_weak_miss_the_key(place, capsys):
         (["control", "scene.json", "--keyframes", "keys.json", "--table", "f.txt"], 3, "--table must be a file .csv"),
         (["control", "scene.json", "--keyframes", "keys.json", "--table", "-"], 3, "--table must be a file .csv"),
         (["control", "scene.json", "--keyframes", "keys.json", "--forces", "m.npz", "-o", "m.npz"], 3, "of its own"),
-        (["control", "scene.json", "--keyframes", "keys.json", "--wind", "--save", "m.npz", "-o", "m.npz"], 3, "of its own"),
+        (["control", "scene.json", "--keyframes", "keys.json", "--velocity", "--save", "m.npz", "-o", "m.npz"], 3,
+         "of its own"),
         (["control", "scene.json", "--keyframes", "keys.json", "--smooth", "1e200"], 3, "at most 1e+06"),
         (["simulate", "scene.json", "--feedback"], 2, "--feedback goes with --forces only"),
         (["simulate", "scene.json", "--forces", "keys.json"], 3, "keys.json: cannot be read as forces"),

@@ -190,3 +190,10 @@ def test_a_cloth_of_handles_alone():
     own = scene(thing([(0, 0, 0)], mass=0.5), delta=0.02)
     found = find_controls(own, [key(20, [0], [[0.3, 0.1, 0.0]])], Controls(handles=(handle(0),)))
     assert found.keys[0].rmse < 1e-3
+
+
+@pytest.mark.parametrize("controls", [Controls(velocity=True), Controls(every=0.02)])
+def test_a_cloth_that_cannot_move_at_all(controls):
+    held = thing([(0, 0, 0), (1, 0, 0)], [(0, 1)], mass=0.5, fixed=(0, 1))
+    with pytest.raises(InvalidInput, match="all of it is fixed"):
+        find_controls(scene(held, delta=0.02), [key(5, [0, 1], np.zeros((2, 3)))], controls)
