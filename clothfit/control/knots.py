@@ -62,7 +62,7 @@ def written(at: Array, values: Array, interpolation: str) -> dict[str, Any]:
 
 
 def shares(knots: Array, own: Keys) -> Array:
-    """The share (T, K) of each knot (K,), s, in the values of a scene's keys, which are at the knots and between them."""
+    """The share (T, K) of each knot (K,), s, in the values of a scene's keys, at the knots and between them."""
     knots = among(knots, own.times)
     if np.array_equal(knots, own.times):
         return np.eye(len(knots))

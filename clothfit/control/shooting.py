@@ -217,7 +217,7 @@ class Shooting:
             if len(mine):
                 own = known[step].reshape(-1, 3, len(mine))
                 led = moves[vertices]
-                found[np.ix_(led, range(3), mine)] = own[place[vertices[led]]]
+                found[np.ix_(np.flatnonzero(led), np.arange(3), mine)] = own[place[vertices[led]]]
             return found
 
         return at
