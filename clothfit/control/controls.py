@@ -17,8 +17,8 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.base.errors import InvalidInput
-from clothfit.control import knots
 from clothfit.control.keyframes import Key
+from clothfit.engine.inputs import knots
 from clothfit.engine.inputs.interpolation import resolved
 from clothfit.meshes.new_scene import text
 from clothfit.scene.over_time.keys import Keys, Pin

@@ -16,10 +16,10 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
-from clothfit.control import knots
 from clothfit.control.closed_loop import Costs, neighbours
 from clothfit.control.controls import Controls, handle_keys
 from clothfit.control.vibration import modes_of
+from clothfit.engine.inputs import knots
 from clothfit.engine.system import System
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene

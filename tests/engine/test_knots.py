@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clothfit.control import knots
+from clothfit.engine.inputs import knots
 from clothfit.engine.inputs.interpolation import interpolated
 from clothfit.scene.over_time.keys import Keys
 

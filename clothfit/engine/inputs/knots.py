@@ -1,7 +1,7 @@
-"""The knots in time of handles and of the wind, and how they go together with keys that a scene has already.
+"""The knots in time of paths and of a wind that a search moves, beside keys that a scene has already.
 
-A scene's own keys stay, to the end: between them are those of the control, where its values go on as they did, and what
-is found is a change that its knots have, of the same interpolation.
+The scene's own keys stay, to the end, with knots between them where the values go on as they did. What is found is a
+change that the knots have, of the same interpolation.
 """
 
 from __future__ import annotations
