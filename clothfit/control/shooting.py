@@ -208,7 +208,7 @@ class Shooting:
         system, motion = shot.systems[cloth], shot.motions[cloth]
         needed = {key.step - back for _, key, _ in self.counted() if key.cloth == cloth for back in (0, 1)}
         mine = np.flatnonzero(np.repeat([block.cloth in (cloth, -1) for block in self.blocks], np.diff(self.parts)))
-        known = columns.derivatives(system, motion, self.directions(cloth), needed) if len(mine) else {}
+        known = columns.derivatives(system, motion, self.directions(cloth), needed) if needed and len(mine) else {}
         place = np.cumsum(mobile(system)) - 1
         moves = mobile(system)
 

@@ -173,14 +173,16 @@ def test_two_objects_with_keys_and_one_without_controls_of_its_own():
     """The whole matrix against products, where the numbers of one object are not those of the other."""
     row = [(i, 0, 0) for i in range(3)]
     own = scene(*(thing(row, [(0, 1), (1, 2)], mass=0.01, damping=0.5) for _ in range(2)), delta=0.02, gravity=NONE)
-    keys = [Key(6, cloth, np.arange(3, dtype=np.int32), np.array(row) + [0.1, 0.2, 0.0]) for cloth in (0, 1)]
+    wanted = np.array(row) + [0.1, 0.2, 0.0]
+    keys = [Key(step, cloth, np.arange(3, dtype=np.int32), wanted) for cloth, step in ((0, 4), (1, 6))]
     pushed = [np.array([False, False, True]), np.ones(3, bool)]
     for controls in (Controls(handles=(handle(0),), every=0.02), Controls(forces=pushed, every=0.04)):
         problem = Shooting(steered(own, controls, 0.12), keys, controls, 6, Costs())
         d = np.random.default_rng(1).normal(size=problem.size)
-        shot = problem.shoot(0.1 * d)
-        along = problem.push(shot, d)
-        np.testing.assert_allclose(problem.matrix(shot) @ d, along, atol=1e-9 * np.abs(along).max())
+        for problem.horizon in (4, 6):  # up to the first key, and to the last
+            shot = problem.shoot(0.1 * d)
+            along = problem.push(shot, d)
+            np.testing.assert_allclose(problem.matrix(shot) @ d, along, atol=1e-9 * np.abs(along).max())
     found = find_controls(own, keys, Controls(handles=(handle(0),)))
     assert found.keys[0].rmse < found.free[0]
     assert found.keys[1].rmse == found.free[1]
