@@ -55,7 +55,7 @@ SUMMARIES = {
     "simulate": "simulate the cloths of a scene and write their motion",
     "target": "record a scene's motion, perfect or as a capture sees it",
     "estimate": "fit the parameters of a scene to a motion",
-    "control": "find the forces that take a cloth through keyframes",
+    "control": "find what takes a cloth through keyframes: forces, handles, wind",
     "subspace": "play large cloths many times faster, in a subspace",
     "evaluate": "measure how far a fit is from the truth or a target",
     "report": "make a page that plays a fit over its target in 3-D",
@@ -72,6 +72,9 @@ load all of their modules.
 
 COMMANDS = tuple(SUMMARIES)
 
+OF_THE_MACHINE = ("completion", "warmup")
+"""The commands in a folder of their own."""
+
 
 class LazyGroup(click.Group, ExamplesFirst):
     """A group whose commands are modules of this package, in the order of a working day."""
@@ -82,7 +85,8 @@ class LazyGroup(click.Group, ExamplesFirst):
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name not in COMMANDS:
             return None
-        command: click.Command = import_module(f"clothfit.cli.{name}").command
+        place = f"machine.{name}" if name in OF_THE_MACHINE else name
+        command: click.Command = import_module(f"clothfit.cli.{place}").command
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -22,7 +22,7 @@ ENGINE = ["solve", "forces", "inputs", "system", "step", "march", "rollout", "ta
 """The floors of the engine, from the bottom to the top; what is not here imports as it likes within the engine."""
 
 LARGEST = 16
-"""Modules of a folder that is read as one idea; there are as many formats, and commands, as there are."""
+"""Modules of a folder that is read as one idea; there are as many formats as there are."""
 
 
 def name_of(path):
@@ -96,7 +96,7 @@ def test_the_engine_has_floors(name):
 
 def test_a_folder_is_small_enough_to_be_read_as_one_idea():
     counts = Counter(path.parent for path in MODULES.values() if path.name != "__init__.py")
-    assert {folder.name for folder, count in counts.items() if count > LARGEST} <= {"formats", "cli"}
+    assert {folder.name for folder, count in counts.items() if count > LARGEST} <= {"formats"}
 
 
 @pytest.mark.parametrize("path", [path for path in MODULES.values() if path.name == "__init__.py"][1:], ids=name_of)
