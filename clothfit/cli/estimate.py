@@ -226,6 +226,7 @@ def fit_one(
     readings: list[dict[str, Any]] = []
     targets = [read_target(pair, scene, files.reading, console, readings) for pair in files.pairs]
     first = read_start(files.start, console)
+    check_start(scene, first)
     flagged = ", ".join(f"{owned(b.cloth, b.name)} ({b.mode})" for b in scene.blocks)
     console.detail(f"fitting {flagged or 'nothing'} over {scene.frames} frames")
     warn_of_steps(scene, scene.frames, console)
@@ -252,6 +253,16 @@ def fit_one(
     if page:
         page.write(scene_path, scene, found, files, out, targets, console)
     return code
+
+
+def check_start(scene: Scene, start: Any) -> None:
+    """Raise InvalidInput where numbers to start from cannot be, before anything is compiled."""
+    from clothfit.scene.fit_vector import parameters
+    from clothfit.scene.scene import Scene as Values
+    from clothfit.strategy.start import given_start
+
+    if start is not None and not isinstance(start, Values):
+        given_start(scene, start, parameters(scene))
 
 
 def from_subspace(scene: Scene, targets: list[Any], start: Any, console: Console) -> Scene:

@@ -93,15 +93,18 @@ def find_controls(
     else:
         found = steer(scene, keys, controls, alone, budget, costs, said, checkpoint, state)
         given = found.scene
-    forces = found.forces
+    forces, status, frames = found.forces, found.status, max(steps + 1, scene.frames)
     with interrupts.grace(np.inf):
-        if forces is not None and found.status is not Status.INTERRUPTED and controls.follows:
+        if forces is not None and status is not Status.INTERRUPTED and controls.follows:
             forces = with_gains(scene, forces, keys, costs.most)
-        motion = simulate(given.with_forces(forces), max(steps + 1, scene.frames))
+        motion = simulate(given.with_forces(forces), frames)
+        if misses(keys, motion.positions, scene) > misses(keys, alone, scene) and goes(scene, steps):
+            given, forces = scene, None if forces is None else without(forces)
+            motion, status = simulate(given.with_forces(forces), frames), max(status, Status.STALLED, key=order)
     u = np.zeros((0, 0, 3)) if forces is None else forces.values
     stuck = immovable(scene, keys, controls)
     return Control(
-        found.status, given, forces, motion,
+        status, given, forces, motion,
         tuple(reached(key, motion, scene, own) for key, own in zip(keys, stuck, strict=True)),
         tuple(miss(key, alone, scene) for key in keys),
         scene.delta * float((u * u).sum()), found.optimality, found.evaluations, computing() - began,
@@ -125,6 +128,30 @@ def find_forces(
     where no motion stays finite.
     """
     return find_controls(scene, keys, Controls(forces=pushed), budget=budget, costs=costs, report=report)
+
+
+def misses(keys: Sequence[Key], x: Array, scene: Scene) -> float:
+    """The sum of squared misses by the weights of their keys, m², at positions x (T + 1, n, 3): what a search lowers."""
+    return sum(key.weight * miss(key, x, scene) ** 2 for key in keys)
+
+
+def goes(scene: Scene, steps: int) -> bool:
+    """Whether the motion without control stays finite."""
+    try:
+        simulate(scene, steps + 1)
+    except Diverged:
+        return False
+    return True
+
+
+def without(forces: Forces) -> Forces:
+    """A table of the same times without forces and feedback."""
+    return Forces(forces.times, np.zeros_like(forces.values))
+
+
+def order(status: Status) -> int:
+    """The place of a status, from good to bad."""
+    return list(Status).index(status)
 
 
 def check(scene: Scene, keys: Sequence[Key], controls: Controls) -> None:

@@ -127,3 +127,14 @@ def test_a_fixed_vertex_cannot_be_elsewhere():
     own = flag()
     with pytest.raises(InvalidInput, match=r"vertex 0 of objects\[0\] is fixed, and asked to be 1 m from where it is"):
         find_forces(own, [at(5, [0], own.cloths[0].positions[[0]] + [1, 0, 0], hard=True)])
+
+
+def test_nothing_is_done_where_control_would_only_harm():
+    """A force that must hardly change cannot follow keys to and fro: none leaves the chain nearer to them."""
+    own = scene(chain(3, "nn"), delta=0.02, gravity=NONE)
+    x = own.cloths[0].positions
+    keys = [at(step, [2], x[[2]] + [0, 0, 0.01 * (-1) ** step]) for step in range(2, 12, 2)]
+    keys += [at(step, [2], x[[2]] - [0, 0, 0.01]) for step in range(3, 13, 2)]
+    found = find_forces(own, keys, [np.isin(np.arange(3), [0])], costs=Costs(smooth=1e3))
+    total = [sum(miss**2 for miss in each) for each in ([key.rmse for key in found.keys], found.free)]
+    assert total[0] <= total[1]
