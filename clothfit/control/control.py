@@ -131,7 +131,7 @@ def find_forces(
 
 
 def misses(keys: Sequence[Key], x: Array, scene: Scene) -> float:
-    """The sum of squared misses by the weights of their keys, m², at positions x (T + 1, n, 3): what a search lowers."""
+    """The sum of squared misses by the weights of the keys, m², at positions x (T + 1, n, 3): what a search lowers."""
     return sum(key.weight * miss(key, x, scene) ** 2 for key in keys)
 
 
