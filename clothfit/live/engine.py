@@ -48,7 +48,8 @@ class Engine:
         self._speed = checked_speed(speed)
         self._scene, self._on_frame = scene, on_frame
         self._cloths = [Moving(scene, i) for i in range(len(scene.cloths))]
-        self._latest = Frame(0, self._positions())
+        self._mark = self._asked_mark = 0  # of the frames, and of those after the last `reset`
+        self._publish()
         self._wishes, self._running, self._due, self._stopping = Wishes(), False, 0, False
         self._error: ClothfitError | None = None
         self._clock = 0.0  # when the next step is due, s of the monotonic clock
@@ -140,13 +141,17 @@ class Engine:
             self._check()
         return self.frame
 
-    def reset(self, scene: Scene | None = None) -> None:
-        """Go back to the start, of another scene where one is given; the values that were set stay."""
-        made = self._scene if scene is None else scene
-        check_is_scene(made)
+    def reset(self, scene: Scene | None = None, mark: int | None = None) -> None:
+        """Go back to the start, of another scene where one is given; the values that were set stay. Frames from then on
+        bear the `mark` where one is given, so that nobody takes one of before for one of them.
+        """
+        if scene is not None:
+            check_is_scene(scene)
         with self._change:
+            made = self._scene if scene is None else scene
+            self._asked_mark = self._asked_mark if mark is None else mark
             self._scene, self._due, self._error = made, 0, None
-            self._wishes = Wishes(made, restart=True)
+            self._wishes = Wishes(made, self._asked_mark, restart=True)
             self._change.notify_all()
 
     def set(self, *, of: int | None = None, **values: Any) -> None:
@@ -263,13 +268,17 @@ class Engine:
         return max(self._clock - time.monotonic(), 0.0) if self.running and self._speed is not None else None
 
     def _fail(self, error: ClothfitError) -> None:
+        """Stand still with an error, unless a return to the start has been asked for since."""
         with self._change:
+            if self._wishes.restart:
+                return
             self._error, self._running, self._due = error, False, 0
 
     def _fulfil(self, wishes: Wishes) -> None:
         """Do what was asked for."""
         if wishes.restart and wishes.scene is not None:
             self._cloths = [Moving(wishes.scene, i) for i in range(len(wishes.scene.cloths))]
+            self._mark = wishes.mark
             self._publish()
         elif wishes.scene is not None:
             for cloth in self._cloths:
@@ -295,7 +304,8 @@ class Engine:
         self._publish()
 
     def _publish(self) -> None:
-        self._latest = Frame(self._cloths[0].step, self._positions())
+        first = self._cloths[0]
+        self._latest = Frame(first.step, first.step * first.scene.delta, self._mark, self._positions())
 
     def _positions(self) -> Array:
         """Where all vertices are (n, 3), in a new array."""

@@ -78,6 +78,11 @@ class Guarded(web.RequestHandler):
             return "The token is missing or wrong"
         return None
 
+    def log_exception(self, *error: Any) -> None:
+        """Write nothing on the terminal of what strangers ask for."""
+        if not isinstance(error[1], web.HTTPError):
+            super().log_exception(*error)
+
     def write_error(self, status_code: int, **kwargs: Any) -> None:
         self.set_header("Content-Type", "text/plain; charset=utf-8")
         more = "; open the whole address that clothfit serve printed" if status_code == 403 else ""
@@ -153,8 +158,8 @@ class Socket(Guarded, websocket.WebSocketHandler):
         self.waiting.append(data)
         self.filled.set()
 
-    def show(self, frame: bytes) -> None:
-        """Send a frame, unless a newer one comes before it could be sent."""
+    def show(self, frame: bytes | None) -> None:
+        """Send a frame, unless a newer one comes before it could be sent; None takes back one of another scene."""
         self.newest = frame
         self.filled.set()
 
@@ -188,7 +193,9 @@ class Socket(Guarded, websocket.WebSocketHandler):
         try:
             answer: dict[str, Any] = await self.server.do(lambda: self.server.session.answer(parsed))
         except Exception as error:  # noqa: BLE001  # a fault of the program must cost its sender alone
-            return {"type": "refused", "of": parsed["type"][:40], "reason": f"a fault of the program: {error!r:.200}"}
+            head = {name: parsed[key] for name, key in (("of", "type"), ("id", "id")) if parsed.get(key) is not None}
+            head["of"] = head["of"][:40]
+            return {"type": "refused", **head, "reason": f"a fault of the program: {error!r:.200}"}
         return answer
 
     def _may(self) -> bool:

@@ -18,6 +18,8 @@ class Frame(NamedTuple):
     """What the thread has finished."""
 
     number: int  # steps since the start
+    time: float  # s
+    mark: int  # what `reset` gave with the scene; 0 at first
     positions: Array  # (n, 3), m, of all objects, in the scene's axes; never written to again
 
 
@@ -26,6 +28,7 @@ class Wishes:
     """What is asked of the thread, to be done before its next step."""
 
     scene: Scene | None = None  # to go on in
+    mark: int = 0  # of its frames
     rebuild: bool = False  # whether its pins or obstacles differ
     restart: bool = False
     grips: dict[int, tuple[int, Array] | None] = field(default_factory=dict)  # by object: vertex and place, or let go

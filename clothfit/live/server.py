@@ -130,7 +130,7 @@ class Server:
             await self._new.wait()
             self._new.clear()
             self._pending = False
-            data = self.session.frame_packet() if self.clients else b""
+            data = self.session.frame_packet() if self.clients else None
             for client in list(self.clients):
                 client.show(data)
             if self.session.engine.error is not error:

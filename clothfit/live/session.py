@@ -30,6 +30,9 @@ LARGEST_TARGET = 64 << 20
 PAUSE = 0.5
 """Seconds that a motion goes on after its target has ended, before it begins again."""
 
+SOON = 0.05
+"""Seconds that an answer waits for the first frame after a return to the start, which may have to be compiled for."""
+
 Tell = Callable[[Any], None]
 """Sends a message to all who watch: a dict as text, bytes as they are."""
 
@@ -50,8 +53,8 @@ class Session:
         later: Callable[[Callable[[], None]], None] | None = None,
     ) -> None:  # fmt: skip
         """`later` takes what a task's thread wants to be done in the thread of the messages."""
-        self.tell, self._later = tell, later or (lambda act: act())
-        self.generation, self.loop = 1, True
+        self.tell, self._later, self._noted = tell, later or (lambda act: act()), on_frame
+        self.generation, self.loop = 0, True
         self.task: Task | None = None
         self._given = target
         self.engine = Engine(scene, on_frame=on_frame)
@@ -89,15 +92,16 @@ class Session:
         """How things stand."""
         engine = self.engine
         return {"status": {
-            "running": engine.running, "frame": engine.frame, "time": engine.frame * engine.scene.delta,
+            "running": engine.running, "frame": engine.frame, "time": engine.shared().time,
             "speed": engine.speed, "loop": self.loop, "error": None if engine.error is None else str(engine.error),
             "busy": None if self.task is None else self.task.name, "undo": len(self.history),
             "generation": self.generation, "target": self.target is not None, "outcome": self.outcome,
         }}  # fmt: skip
 
-    def scenery(self) -> dict[str, Any]:
+    def scenery(self, generation: int | None = None) -> dict[str, Any]:
         """The scene as a page draws it."""
-        return {"type": "scene", **described(self.engine.scene, self.generation), **self.values()}
+        named = self.generation if generation is None else generation
+        return {"type": "scene", **described(self.engine.scene, named), **self.values()}
 
     def values(self) -> dict[str, Any]:
         """The values that sliders show."""
@@ -117,10 +121,12 @@ class Session:
         step = float(times[1] - times[0]) * every if len(times) > 1 else self.engine.scene.delta
         return wire.packed(wire.TARGET, self.generation, len(x[::every]), step, x[::every])
 
-    def frame_packet(self) -> bytes:
-        """The last frame as a binary message."""
-        frame, delta = self.engine.shared(), self.engine.scene.delta
-        return wire.packed(wire.FRAME, self.generation, frame.number, frame.number * delta, frame.positions)
+    def frame_packet(self) -> bytes | None:
+        """The last frame as a binary message; None while a scene that was loaded has none yet."""
+        frame = self.engine.shared()
+        if frame.mark != self.generation:
+            return None
+        return wire.packed(wire.FRAME, frame.mark, frame.number, frame.time, frame.positions)
 
     def text(self) -> bytes:
         """The scene as a file: the one that was loaded, but for the values that differ."""
@@ -156,7 +162,7 @@ class Session:
     def reset(self, message: Mapping[str, Any]) -> dict[str, Any]:
         """Go back to the start."""
         self.engine.reset()
-        self.engine.wait(1.0)
+        self.engine.wait(SOON)
         return self._told()
 
     def load(self, message: Mapping[str, Any]) -> dict[str, Any]:
@@ -168,14 +174,13 @@ class Session:
         made = load(given if isinstance(given, dict) else io.StringIO(given), folder=self.engine.scene.folder)
         name = message.get("name")
         made = replace(made, name=str(name)[:200]) if isinstance(name, str) and name else made
-        running = self.engine.running
-        self.engine.reset(made)
-        self.engine.wait(60.0)
-        self.generation += 1
-        if running and self.engine.error is None:
-            self.engine.start()
+        mark = self.generation + 1
+        self.engine.reset(made, mark)
         self._begin(made, None)
-        self.tell(self.scenery())
+        self.tell(self.scenery(mark))
+        self.generation = mark  # from now on its frames are sent
+        self.engine.wait(SOON)
+        self._noted()
         return self._told()
 
     def set(self, message: Mapping[str, Any]) -> dict[str, Any]:
@@ -301,17 +306,16 @@ class Session:
         """Start a task."""
         if self.task is not None:
             self.task.kill()
-        generation = self.generation
 
         def heard(kind: str, content: dict[str, Any]) -> None:
-            self._later(lambda: self._heard(task, generation, kind, content))
+            self._later(lambda: self._heard(task, kind, content))
 
         task = Task(name, heard, **arguments)
         self.task = task
 
-    def _heard(self, task: Task, generation: int, kind: str, content: dict[str, Any]) -> None:
-        """Take what a task says."""
-        if task is not self.task or generation != self.generation:
+    def _heard(self, task: Task, kind: str, content: dict[str, Any]) -> None:
+        """Take what a task says; one that another has taken the place of is not heard."""
+        if task is not self.task:
             return
         if content.get("values") is not None:
             self._take(content["values"])
@@ -324,7 +328,6 @@ class Session:
             self.tell(self.target_packet())
         if "forces" in content:
             self.engine.reset(self.engine.scene.with_forces(content["forces"]))
-            self.engine.wait(60.0)
             self.engine.start()
         if task.name != "record" or kind == "failed":
             own = content.get("summary") or {"status": "failed" if kind == "failed" else "cancelled"}
@@ -340,8 +343,10 @@ class Session:
 
     def again(self) -> None:
         """Go back to the start where the target has ended, if that is wanted."""
-        now = self.engine.frame * self.engine.scene.delta
-        if self.loop and self.target is not None and self.engine.running and now > self.target.times[-1] + PAUSE:
+        frame, target = self.engine.shared(), self.target
+        if frame.mark != self.generation or target is None or not (self.loop and self.engine.running):
+            return
+        if frame.time > target.times[-1] + PAUSE:
             self.engine.reset()
 
 

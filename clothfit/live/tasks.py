@@ -39,7 +39,8 @@ class Task:
         self._heard = ignored
         with suppress(OSError):
             self._process.kill()
-        self._process.wait(PATIENCE)
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(PATIENCE)
 
     def _say(self, word: Any) -> None:
         with self._lock, suppress(OSError, ValueError):  # it may have ended

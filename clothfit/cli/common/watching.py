@@ -7,8 +7,10 @@ one that is broken costs a message.
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
@@ -54,24 +56,39 @@ def watched(arguments: dict[str, Any], start: bool) -> int:
     console, files = arguments["console"], Watch([*scenes, *targets])
     result = result_of(scenes[0], arguments.get("path")) if start and not arguments.get("start") else None
     own, begun = [word for word in sys.argv[1:] if word != OPTION], False
-    while True:
-        files.given()
-        more = ["--start", result] if result and begun and os.path.exists(result) else []
+
+    def run(more: Sequence[str]) -> int:
+        """Run until it ends, or is overtaken; returns its exit code."""
         process = started([*own, *more])
         try:
             while process.poll() is None and not files.changed():
                 interrupts.check()
                 with_patience(process, OFTEN)
-        except KeyboardInterrupt:
-            ended(process)
-            raise
-        code = ended(process)
-        if code == INVALID and more and not files.changed():  # the values of another mesh
-            code = started(own).wait()
-        begun = begun or code != INVALID
-        if not files.changed():
-            console.say(f"waiting for {os.path.basename(scenes[0])} to be saved; Ctrl-C ends")
-            files.next(interrupts.check)
+        finally:
+            code = ended(process)
+        return code
+
+    with tempfile.TemporaryDirectory(prefix="clothfit-") as folder:
+        while True:
+            files.given()
+            more = start_from(result, folder) if result and begun else []
+            code = run(more)
+            if code == INVALID and more and not files.changed():  # the values of another mesh
+                code = run([])
+            begun = begun or code != INVALID
+            if not files.changed():
+                console.say(f"waiting for {os.path.basename(scenes[0])} to be saved; Ctrl-C ends")
+                files.next(interrupts.check)
+
+
+def start_from(result: str, folder: str) -> list[str]:
+    """The option to start from a copy of the last result, since no run writes over what it reads; none without one."""
+    copy = os.path.join(folder, os.path.basename(result))
+    try:
+        shutil.copyfile(result, copy)
+    except OSError:
+        return []
+    return ["--start", copy]
 
 
 def check(scenes: Sequence[str], targets: Sequence[str], arguments: dict[str, Any]) -> None:
