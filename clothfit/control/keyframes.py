@@ -144,6 +144,8 @@ def key(item: Any, place: str, scene: Scene) -> Key:
 
 def step_of(time: float, scene: Scene, place: str) -> int:
     """The step that ends at a time, s."""
+    if not time / scene.delta < np.iinfo(np.int32).max:
+        raise InvalidInput(f"{place}: {time:g} s is too many steps of {scene.delta:g} s after the start")
     step = round(time / scene.delta)
     if step < 1:
         raise InvalidInput(f"{place}: {time:g} s is not after the start; the first step ends at {scene.delta:g} s")

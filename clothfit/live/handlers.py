@@ -126,6 +126,7 @@ class Socket(Guarded, websocket.WebSocketHandler):
         self.newest: bytes | None = None
         self.allowed, self.looked, self.beyond = AT_ONCE, time.monotonic(), 0
         self.sent = 0  # frames
+        self.gone = False
 
     def prepare(self) -> None:
         super().prepare()
@@ -143,6 +144,8 @@ class Socket(Guarded, websocket.WebSocketHandler):
         scene, status, target = await self.server.do(
             lambda: (wire.text_of(session.scenery()), session.status(), session.target_packet())
         )
+        if self.gone:  # meanwhile
+            return
         for each in (scene, target, wire.text_of({"type": "status", **status})):
             if each is not None:
                 self.offer(each)
@@ -152,6 +155,8 @@ class Socket(Guarded, websocket.WebSocketHandler):
 
     def offer(self, data: str | bytes) -> None:
         """Send a message that must not be lost."""
+        if self.gone:
+            return
         if len(self.waiting) >= MOST_WAITING:
             self.abort()
             return
@@ -187,7 +192,7 @@ class Socket(Guarded, websocket.WebSocketHandler):
         if not self._may():
             return {"type": "refused", "reason": f"too many messages: {PER_SECOND:g} a second at most"}
         try:
-            parsed = wire.parsed(message)
+            parsed = await self._parsed(message)
         except InvalidInput as error:
             return {"type": "refused", "reason": str(error)}
         try:
@@ -197,6 +202,12 @@ class Socket(Guarded, websocket.WebSocketHandler):
             head["of"] = head["of"][:40]
             return {"type": "refused", **head, "reason": f"a fault of the program: {error!r:.200}"}
         return answer
+
+    async def _parsed(self, message: str | bytes) -> dict[str, Any]:
+        """The message; a long one is read in a thread of its own, so that frames go on. Raises InvalidInput."""
+        if len(message) <= wire.ORDINARY:
+            return wire.parsed(message)
+        return await asyncio.to_thread(wire.parsed, message)
 
     def _may(self) -> bool:
         """Whether a client may ask for something now."""
@@ -214,10 +225,13 @@ class Socket(Guarded, websocket.WebSocketHandler):
     def abort(self) -> None:
         """Cut the connection off."""
         self.server.clients.discard(self)
+        self.gone = True
+        self.waiting.clear()
         if self.ws_connection is not None and self.ws_connection.stream is not None:
             self.ws_connection.stream.close()
 
     def on_close(self) -> None:
+        self.gone = True
         self.server.clients.discard(self)
         if hasattr(self, "pump"):
             self.pump.cancel()

@@ -189,6 +189,8 @@ class Session:
         index = whole(message, "object", 0, len(self.base.cloths) - 1, None)
         if not isinstance(values, dict) or not isinstance(asked, dict) or not (values or asked):
             raise InvalidInput("set: `values` or `factors` is needed, an object")
+        if "of" in values:
+            raise InvalidInput("set: `of` is no value; `object` says whose they are")
         if {"mass", "stiffness"} & values.keys() and asked:
             raise InvalidInput("set: either masses and stiffnesses, or factors on them")
         before, own = self._moment(), dict(values)

@@ -153,6 +153,7 @@ def test_a_fit_is_run_beside_and_its_values_are_taken(client):
         ("step", {"n": 0}, "from 1 to 1000"),
         ("step", {"n": True}, "from 1 to 1000"),
         ("set", {}, "values"),
+        ("set", {"values": {"of": 0}}, "`of` is no value"),
         ("set", {"values": {"mass": -1}}, "above 0"),
         ("set", {"values": {"mass": {"a": 1}}}, "numbers are needed"),
         ("set", {"factors": {"mass": {"all": -1}}}, "a number from"),
@@ -170,6 +171,7 @@ def test_a_fit_is_run_beside_and_its_values_are_taken(client):
         ("estimate", {"fit": {"colour": "L"}}, "fit"),
         ("estimate", {"fit": {"mass": "n"}}, "nothing is chosen"),
         ("control", {"keys": [{"time": 1.0, "vertices": [99], "positions": [[0, 0, 0]]}]}, "no such vertex"),
+        ("control", {"keys": [{"time": 1e11, "vertices": [1], "positions": [[0, 0, 0]]}]}, "too many steps"),
         ("cancel", {}, "nothing is being computed"),
     ],
 )

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -10,10 +11,11 @@ import time
 
 import numpy as np
 import pytest
-from helpers.scenes import document, environment, write_scene
+from helpers.scenes import cloth, document, environment, write_scene
 
 from clothfit.live import watch
 from clothfit.live.watch import Watch
+from clothfit.motion.files import save_motion
 from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import load
 
@@ -107,6 +109,31 @@ def test_of_many_saves_the_last_one_wins(tmp_path):
         running.send_signal(signal.SIGINT)
         said = running.communicate(timeout=120)[1].decode()
     assert "Traceback" not in said
+    assert running.returncode == 130
+
+
+@pytest.mark.slow
+def test_a_fit_starts_from_its_last_result(tmp_path):
+    """With the values that the last fit found, another fit to the same motion has nothing left to find."""
+    path = write_scene(tmp_path, document(cloth(optimizationSettings="nL"), optimizationIterations=8))
+    target, truth = tmp_path / "target.npz", document(cloth(springStiffness=[40.0] * 23), optimizationIterations=8)
+    save_motion(simulate(load(io.StringIO(json.dumps(truth))), 8), str(target))
+    words = ["estimate", path, "--target", str(target), "-o", "out.json", "--watch"]
+    command, said = [sys.executable, "-m", "clothfit", *words], tmp_path / "said.txt"
+    with open(said, "w") as stream:
+        running = subprocess.Popen(command, env=environment(), cwd=tmp_path, stderr=stream)
+    try:
+        until(lambda: "waiting for" in said.read_text())
+        again = document(cloth(optimizationSettings="nL"), optimizationIterations=8, title="again")
+        write_scene(tmp_path, again)
+        until(lambda: said.read_text().count("waiting for") == 2)
+    finally:
+        running.send_signal(signal.SIGINT)
+        running.wait(120)
+    assert json.loads((tmp_path / "out.json").read_text())["title"] == "again"
+    assert "error: cannot write" not in said.read_text()
+    first, second = (int(n) for n in re.findall(r"(\d+) evaluations? in", said.read_text()))
+    assert second < first
     assert running.returncode == 130
 
 
