@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import clothfit
 from clothfit.meshes import new_scene
 from clothfit.meshes.mesh import Mesh, air_drag, object_document, plane
 
@@ -23,6 +24,7 @@ DIGITS, PLACES = 7, 4  # significant digits of scenes, digits after the point of
 STEP = 0.02
 WAVE, HEIGHT = 4.5, 0.45  # m: length of the flag's wave along the cloth, and its height
 LAID, STAYS = 1.2, 1.6  # s: when the sheet lies, and until when it stays
+WIDTH, PLEATS, DRAWN, HELD = 1.6, 2, 0.6, 2.0  # m: of the curtain; pleats; share of the width when drawn; s until then
 FLOOR = 0.005  # m: thickness of the floor's contact, where a cloth comes to rest
 
 
@@ -56,6 +58,31 @@ def sheet_keys() -> dict[str, Any]:
     """The sheet flat on a square of the floor."""
     flat = plane(10, 1.2).positions + (0.0, FLOOR, 0.0)
     return {"keys": [at_rest(LAID, flat), at_rest(STAYS, flat)]}
+
+
+def curtain() -> dict[str, Any]:
+    """A curtain that hangs from its two upper corners."""
+    mesh = plane(10, WIDTH, upright=True)
+    x = mesh.positions.copy()
+    x[:, 2] = 0.04 * np.sin(2.0 * np.pi * PLEATS * (x[:, 0] / WIDTH + 0.5))  # it remembers its pleats
+    mesh = Mesh(x, mesh.triangles)
+    held = (x[:, 1] > x[:, 1].max() - 1e-6) & (np.abs(x[:, 0]) > 0.5 * WIDTH - 1e-6)
+    return scene("curtain", fabric(mesh, held), HELD)
+
+
+def curtain_keys() -> dict[str, Any]:
+    """The folds of the curtain after its corners were drawn together at an even pace, and held: reachable, though the
+    way there is not told.
+    """
+    document = curtain()
+    corners = [i for i, fixed in enumerate(document["objects"][0]["vertIsFixed"]) if fixed]
+    inward = 0.5 * (1.0 - DRAWN) * WIDTH
+    document["objects"][0]["pins"] = [
+        {"vertices": [corner], "posKeys": {"times": [0.0, 1.2], "values": [vector((0, 0, 0)), vector((move, 0, 0))]}}
+        for corner, move in zip(corners, (inward, -inward), strict=True)
+    ]
+    motion = clothfit.simulate(clothfit.load(document))
+    return {"keys": [posed(HELD, motion.positions[-1])]}
 
 
 def fabric(mesh: Mesh, fixed: NDArray[np.bool_]) -> dict[str, Any]:
@@ -115,8 +142,8 @@ def keys_text(document: dict[str, Any]) -> str:
 
 
 def files() -> dict[str, str]:
-    """The names and texts of all files."""
-    scenes = {f"{make.__name__}.json": new_scene.text(rounded(make())) for make in (sheet,)}
+    """The names and texts of all files that need no simulation, whose last digits depend on the machine."""
+    scenes = {f"{make.__name__}.json": new_scene.text(rounded(make())) for make in (sheet, curtain)}
     keys = {"flag.keys.json": flag_keys(), "sheet.keys.json": sheet_keys()}
     return scenes | {name: keys_text(document) for name, document in keys.items()}
 
@@ -125,7 +152,8 @@ def main() -> None:
     """Write them."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).resolve().parent
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in files().items():
+    curtains = {"curtain.keys.json": keys_text(curtain_keys())}
+    for name, text in (files() | curtains).items():
         (folder / name).write_text(text, encoding="ascii")
 
 
