@@ -135,8 +135,8 @@ GALLERY = (
     Film(
         "drawn",
         "A curtain drawn by two handles into given folds",
-        "The key, in translucent green, is how the curtain is to hang at 2 s. `clothfit control` finds paths of its two "
-        "corners that bring it there to 5 mm; without them it is 163 mm away.",
+        "The key, in translucent green, is how the curtain is to hang at 2 s. `clothfit control` finds paths of its "
+        "two corners that bring it there to 5 mm; without them it is 163 mm away.",
         (
             f"control {KEYFRAMES}/curtain.json --keyframes {KEYFRAMES}/curtain.keys.json --handles 132,143 "
             "--budget 30s --save drawn.json --gif drawn.gif",
