@@ -189,12 +189,13 @@ def miss(key: Key, x: Array, scene: Scene) -> float:
     return float(np.sqrt(np.mean((away**2).sum(axis=1))))
 
 
-def reached(key: Key, motion: Motion, scene: Scene, stuck: Flags) -> Reached:
-    """How near a key a motion comes; `stuck` (m,): which of its vertices no control can move."""
+def reached(key: Key, motion: Motion, scene: Scene, stuck: Flags | None = None) -> Reached:
+    """How near a key a motion comes; `stuck` (m,): which of its vertices no control can move, None: none."""
     x, speed = motion.positions[:, scene.vertices(key.cloth)], None
     if key.velocities is not None:
         v = (x[key.step, key.vertices] - x[key.step - 1, key.vertices]) / scene.delta
         speed = float(np.sqrt(np.mean(((v - key.velocities) ** 2).sum(axis=1))))
     away = np.linalg.norm(left_of(key, x), axis=1) > NEAR
+    stuck = np.zeros(len(key.vertices), bool) if stuck is None else stuck
     count = int((away & stuck).sum()) if key.share is None else len(stuck) * bool(away.any() and stuck.all())
     return Reached(key.step * scene.delta, key.cloth, miss(key, motion.positions, scene), key.hard, speed, count)

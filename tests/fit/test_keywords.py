@@ -19,7 +19,8 @@ ARGUMENTS = inspect.signature(clothfit.estimate).parameters
 FILES = {"output", "report", "in-place", "log", "plot", "gif"}
 """Options that say what is written, which a caller does with the result."""
 
-OF_THE_COMMAND = {"json", "version", "quiet", "verbose", "help"}
+OF_THE_COMMAND = {"json", "version", "quiet", "verbose", "help", "watch", "forces", "subspace"}
+"""What a caller asks for otherwise: forces belong to the scene (`Scene.with_forces`), a subspace gives a start."""
 READING = {"fps", "frames", "scale", "up", "handedness", "map"}
 MANY = {"starts", "seed", "jobs", "cluster"}
 

@@ -49,7 +49,8 @@ def found():
     over = course(made, pushed, keys, motion)
     near = tuple(reached(key, motion, made) for key in keys)
     free = tuple(miss(key, over.free, made) for key in keys)
-    return over, Control(Status.LIMIT, pushed.forces, motion, near, free, over.effort.sum(), 0.5, 7, 1.5, 2)
+    effort = over.effort.sum()
+    return over, Control(Status.LIMIT, made, pushed.forces, motion, near, free, effort, 0.5, 7, 1.5, 2)
 
 
 def content_of(html):
