@@ -121,7 +121,9 @@ class Descent:
     def restart(self) -> None:
         """Values before and after a change of the multipliers cannot be compared."""
         value, gradient = self.loop(self.best.f)
-        self.best = Best(self.best.f, self.loop.x, self.loop.u, value, self.loop.slope(gradient))
+        size = self.loop.slope(gradient)
+        self.loop.steepest = max(self.loop.steepest, size)  # larger penalties are steeper
+        self.best = Best(self.best.f, self.loop.x, self.loop.u, value, size)
         self.values = [value]
 
     def round(self) -> Status | None:
