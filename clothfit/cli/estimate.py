@@ -217,12 +217,14 @@ def fit_one(
     defer(LINEAR_ALGEBRA)
     from clothfit.cli.fitting import checkpoints
     from clothfit.fit import estimate as fitting
+    from clothfit.optimise.checkpoint import Checkpoint
 
     options.check()
     recording = recording.of(scene_path)
     others = (scene_path, *files.inputs, out.path, files.checkpoint, page.path if page else None)
     recording.check(others, files.resume, console)
-    kept = checkpoints.chosen(files.checkpoint, files.resume, out, (scene_path, *files.inputs), console)
+    inputs = scene_path, *files.inputs
+    kept = checkpoints.chosen(files.checkpoint, files.resume, out, inputs, console, Checkpoint)
     readings: list[dict[str, Any]] = []
     targets = [read_target(pair, scene, files.reading, console, readings) for pair in files.pairs]
     first = read_start(files.start, console)

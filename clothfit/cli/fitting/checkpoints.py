@@ -1,10 +1,11 @@
-"""Where `estimate` keeps its checkpoint: in the file that is asked for, else beside the output of a long fit."""
+"""Where searches keep their checkpoints: in the file that is asked for, else beside the output of a long one."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Protocol, TypeVar
 
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common.console import Console
@@ -20,23 +21,35 @@ ENDED = (Status.CONVERGED, Status.STALLED)
 """Statuses after which there is nothing to go on with."""
 
 
+class Kept(Protocol):
+    """A checkpoint of any search."""
+
+    def check(self) -> None:
+        """Raise InvalidInput where it cannot be one."""
+
+
+Some = TypeVar("Some", bound=Kept)
+
+
 def chosen(
-    path: str | None, resume: bool, out: Output, inputs: tuple[str | None, ...], console: Console
-) -> Checkpoint | None:
-    """The checkpoint of a fit with that --checkpoint and output; none where there is no place for one.
+    path: str | None, resume: bool, out: Output, inputs: Sequence[str | None], console: Console,
+    make: Callable[[str, float], Some],
+) -> Some | None:  # fmt: skip
+    """The checkpoint of a search with that --checkpoint and output; none where there is no place for one. `make` makes
+    one from its path and the seconds before which nothing is written.
 
     Raises InvalidInput when what is asked for cannot be.
     """
     if path is not None:
         if path == STREAM or is_among(path, (*inputs, out.path)):
             raise InvalidInput(f"--checkpoint: {path}: must be a file of its own, not an input or the output")
-        return Checkpoint(path)
+        return make(path, 0.0)
     regular = not out.is_stream and (os.path.isfile(out.path) or not os.path.exists(out.path))
     if not regular:
         if resume:
             raise InvalidInput("--resume: the output is no file, so none is kept beside it; name one with --checkpoint")
         return None
-    beside = Checkpoint(out.path + CHECKPOINT_SUFFIX, UNASKED_AFTER)
+    beside = make(out.path + CHECKPOINT_SUFFIX, UNASKED_AFTER)
     try:
         beside.check()
     except InvalidInput as error:

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import wraps
+from functools import partial, wraps
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.output import STREAM, Output, is_among
-from clothfit.cli.fitting.checkpoints import CHECKPOINT_SUFFIX, ENDED, UNASKED_AFTER
+from clothfit.cli.common.output import Output
+from clothfit.cli.fitting import checkpoints
 
 if TYPE_CHECKING:
     from clothfit.base.arrays import Flags
@@ -158,30 +157,12 @@ def handles_of(text: str, cloth: int, scene: Scene) -> tuple[Handle, ...]:
 
 
 def checkpoint(path: str | None, resume: bool, out: Output, used: Sequence[str], console: Console) -> Checkpoint | None:
-    """Where a search keeps its state: in the file that is asked for, else beside its output; None where there is no
-    place. Raises InvalidInput when what is asked for cannot be.
+    """Where a search keeps its state; None where there is no place. Raises InvalidInput when what is asked for cannot
+    be.
     """
     from clothfit.control.checkpoint import Checkpoint
 
-    if path is not None:
-        if path == STREAM or is_among(path, used):
-            raise InvalidInput(f"--checkpoint: {path}: must be a file of its own, not an input or an output")
-        asked = Checkpoint(path, resume=resume)
-        asked.check()
-        return asked
-    if out.is_stream or (os.path.exists(out.path) and not os.path.isfile(out.path)):
-        if resume:
-            raise InvalidInput("--resume: the output is no file, so none is kept beside it; name one with --checkpoint")
-        return None
-    beside = Checkpoint(out.path + CHECKPOINT_SUFFIX, UNASKED_AFTER, resume)
-    try:
-        beside.check()
-    except InvalidInput as error:
-        if resume:
-            raise
-        console.warn(f"no checkpoint is kept: {error}")
-        return None
-    return beside
+    return checkpoints.chosen(path, resume, out, used, console, partial(Checkpoint, resume=resume))
 
 
 @contextmanager
@@ -210,7 +191,7 @@ def closed(file: Checkpoint | None, asked: bool, status: str, console: Console) 
         console.warn(file.fault)
     if not file.written:
         return
-    if status in ENDED:
+    if status in checkpoints.ENDED:
         if not asked:
             file.remove()
         return

@@ -108,7 +108,8 @@ def item(path: str, files: Files, starts: int, local: bool, console: Console, on
         out = files.output(path)
         kept: list[Checkpoint | None] = [None] * starts
         if local:
-            first = checkpoints.chosen(files.checkpoint, files.resume, out, (path, *files.inputs), console)
+            inputs = path, *files.inputs
+            first = checkpoints.chosen(files.checkpoint, files.resume, out, inputs, console, Checkpoint)
             kept = [first and beside(first, number) for number in range(starts)]
         return Item(path, files, out, kept, console=console)
     except ClothfitError as error:
