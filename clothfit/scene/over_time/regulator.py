@@ -11,6 +11,7 @@ with E (n, m) the m shapes of forces on the vertices that forces act on. Numbers
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +34,7 @@ class Regulator:
 
     def arrays(self) -> dict[str, Array]:
         """What a file has of it: the gains with 7 digits, which are more than a feedback needs."""
-        gains = self.gains.astype(np.float32)
+        gains: Any = self.gains.astype(np.float32)
         return dict(zip(NAMES, (self.measure, self.push, gains, self.reference, np.array(self.bound)), strict=True))
 
     def answer(self, cloth: int, part: slice, row: int, place: Array, x: Array, v: Array) -> Array:
