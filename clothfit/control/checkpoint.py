@@ -27,10 +27,8 @@ from clothfit.control.closed_loop import Costs
 from clothfit.control.controls import Controls
 from clothfit.control.keyframes import Key
 from clothfit.engine.inputs.sources import arrays_from_files
-from clothfit.optimise.checkpoint import digest
+from clothfit.optimise.checkpoint import EVERY, WRITING_SHARE, digest
 from clothfit.scene.scene import Scene, dumps
-
-EVERY, WRITING_SHARE = 1.0, 20.0
 
 NAMES = ("identity", "z", "numbers", "paths", "forces", "multipliers")
 """Of all arrays that a file may have."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,9 +99,11 @@ def find_controls(
         if forces is not None and status is not Status.INTERRUPTED and controls.follows:
             forces = with_gains(scene, forces, keys, costs.most)
         motion = simulate(given.with_forces(forces), frames)
-        if misses(keys, motion.positions, scene) > misses(keys, alone, scene) and goes(scene, steps):
-            given, forces = scene, None if forces is None else without(forces)
-            motion, status = simulate(given.with_forces(forces), frames), max(status, Status.STALLED, key=order)
+        if misses(keys, motion.positions, scene) > misses(keys, alone, scene):
+            none = None if forces is None else Forces(forces.times, np.zeros_like(forces.values))
+            with suppress(Diverged):
+                motion = simulate(scene.with_forces(none), frames)
+                given, forces, status = scene, none, max(status, Status.STALLED, key=list(Status).index)
     u = np.zeros((0, 0, 3)) if forces is None else forces.values
     stuck = immovable(scene, keys, controls)
     return Control(
@@ -133,25 +136,6 @@ def find_forces(
 def misses(keys: Sequence[Key], x: Array, scene: Scene) -> float:
     """The sum of squared misses by the weights of the keys, m², at positions x (T + 1, n, 3): what a search lowers."""
     return sum(key.weight * miss(key, x, scene) ** 2 for key in keys)
-
-
-def goes(scene: Scene, steps: int) -> bool:
-    """Whether the motion without control stays finite."""
-    try:
-        simulate(scene, steps + 1)
-    except Diverged:
-        return False
-    return True
-
-
-def without(forces: Forces) -> Forces:
-    """A table of the same times without forces and feedback."""
-    return Forces(forces.times, np.zeros_like(forces.values))
-
-
-def order(status: Status) -> int:
-    """The place of a status, from good to bad."""
-    return list(Status).index(status)
 
 
 def check(scene: Scene, keys: Sequence[Key], controls: Controls) -> None:

@@ -1,8 +1,8 @@
 """From the numbers of the controls to how far the cloths are from the keys, along the simulation, and its derivative.
 
 The residuals are √w (x − x* + μ) of each key, in root mean square over its vertices, with μ the multipliers of hard
-keys, and √γ R z of each block. Their derivative is never formed: J dz is a tangent sweep of each cloth, Jᵀ r an adjoint
-sweep, each about as long as a simulation.
+keys, and √γ R z of each block. J dz is a tangent sweep of each cloth, Jᵀ r an adjoint sweep, each about as long as a
+simulation; for a few hundred numbers J is formed as a whole (`columns`).
 """
 
 from __future__ import annotations
