@@ -122,9 +122,9 @@ def ranges_of(scene: Scene, given: dict[str, Any]) -> Ranges:
 def recorded(scene: Scene, path: str, given: dict[str, Any], console: Console) -> dict[str, Any]:
     """Record motions of a scene to a file, and say what they are; the summary."""
     from clothfit.engine.system import build as build_system
+    from clothfit.subspace.physics.reduced import check
     from clothfit.subspace.recorded.recording import record as record_to
     from clothfit.subspace.recorded.variation import episodes
-    from clothfit.subspace.reduced import check
 
     ranges, count = ranges_of(scene, given), given["episodes"] or EPISODES
     steps, seed = (given["frames"] or FRAMES) - 1, given["seed"] or 0

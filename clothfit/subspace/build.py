@@ -15,11 +15,12 @@ from clothfit.engine.system import System
 from clothfit.engine.system import build as build_system
 from clothfit.scene.scene import dumps
 from clothfit.subspace import basis as bases
-from clothfit.subspace import carrier, cubature
+from clothfit.subspace import carrier
 from clothfit.subspace.cost import cost
 from clothfit.subspace.model import Model, Part
+from clothfit.subspace.physics import cubature
+from clothfit.subspace.physics.reduced import Reduced, check, decode, roll
 from clothfit.subspace.recorded.recording import Data
-from clothfit.subspace.reduced import Reduced, check, decode, roll
 
 DEFAULT_SIZE, LARGEST_SIZE = 64, 512
 

@@ -23,8 +23,9 @@ from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate_cloths
 from clothfit.scene.fit_vector import bounds, changes, elements, extra_kinds, fitted_cloths, parameters, with_parameters
 from clothfit.scene.scene import Scene
-from clothfit.subspace import adjoint, basis, carrier, cubature
-from clothfit.subspace.reduced import Reduced, check, decode
+from clothfit.subspace import basis, carrier
+from clothfit.subspace.physics import adjoint, cubature
+from clothfit.subspace.physics.reduced import Reduced, check, decode
 
 MOST_VALUES = 64
 """Tangents are swept one by one."""

@@ -23,8 +23,8 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import Data, write_atomically
 from clothfit.engine.system import System, build
 from clothfit.scene.scene import Scene, load
-from clothfit.subspace.reduced import Reduced
-from clothfit.subspace.samples import Selection
+from clothfit.subspace.physics.reduced import Reduced
+from clothfit.subspace.physics.samples import Selection
 
 VERSION = 1
 HEAD = "subspace"

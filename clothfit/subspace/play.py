@@ -22,7 +22,7 @@ from clothfit.motion.motion import Motion
 from clothfit.motion.world import in_scene
 from clothfit.scene.scene import Scene
 from clothfit.subspace.model import Model, Part, reduced
-from clothfit.subspace.reduced import Reduced
+from clothfit.subspace.physics.reduced import Reduced
 
 SLACK = 1e-9
 """m/s, m/s² or m beyond a range that is rounding."""
@@ -112,7 +112,7 @@ def rolled(own: Reduced, steps: int, name: str) -> Array:
 
 def positions(own: Reduced, q: Array) -> Array:
     """Positions (frames, n, 3), m, in chunks that stay small."""
-    from clothfit.subspace.reduced import decode
+    from clothfit.subspace.physics.reduced import decode
 
     out = np.empty((len(q), *own.system.x0.shape))
     for first in range(0, len(q), 64):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from clothfit.subspace.nnls import sparse_weights
+from clothfit.subspace.physics.nnls import sparse_weights
 
 rng = np.random.default_rng(1)
 WIDE = rng.standard_normal((40, 300))

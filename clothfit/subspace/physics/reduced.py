@@ -19,7 +19,8 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.step import bdf2
 from clothfit.engine.system import BDF2, IMPLICIT, System
-from clothfit.subspace import carrier, samples, step
+from clothfit.subspace import carrier
+from clothfit.subspace.physics import samples, step
 
 
 @dataclass

@@ -6,9 +6,9 @@ from helpers.subspaces import moving, scene_of, some
 
 from clothfit.base.arrays import Elements
 from clothfit.engine.system import all_elements, build
-from clothfit.subspace.adjoint import KINDS, gradient, simulate, tangent, with_values
-from clothfit.subspace.reduced import Reduced
-from clothfit.subspace.samples import Selection
+from clothfit.subspace.physics.adjoint import KINDS, gradient, simulate, tangent, with_values
+from clothfit.subspace.physics.reduced import Reduced
+from clothfit.subspace.physics.samples import Selection
 
 pytestmark = pytest.mark.slow  # compiles derivatives
 

@@ -21,7 +21,7 @@ from clothfit.engine.forces import colliders, meeting, spheres, springs, wind
 from clothfit.engine.inputs.tables import set_inputs
 from clothfit.engine.solve.sparse import XX, XY, XZ, YY, YZ, ZZ
 from clothfit.kernels.kernel import kernel
-from clothfit.subspace.samples import Blocks
+from clothfit.subspace.physics.samples import Blocks
 
 TINY = 1e-13
 """What of a block's pivot is rounding, relative to its trace."""
@@ -95,7 +95,6 @@ def assemble(own, lay, y, u, h, ahead, A, b):
     wind.add_step(own.faces, y[s:f], u[s:f], h, ahead, Blocks(A.diagonal[s:], A.upper), b[s:f])
     spheres.add_step(own.spheres, y[f:], u[f:], h, ahead, Blocks(A.diagonal[f:], A.upper), b[f:])
     colliders.add_step(own.colliders, y[f:], u[f:], h, ahead, Blocks(A.diagonal[f:], A.upper), b[f:])
-
 
 
 @kernel

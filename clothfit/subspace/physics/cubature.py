@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.subspace import nnls, step
-from clothfit.subspace.reduced import Iteration, Reduced
-from clothfit.subspace.samples import Selection
+from clothfit.subspace.physics import nnls, step
+from clothfit.subspace.physics.reduced import Iteration, Reduced
+from clothfit.subspace.physics.samples import Selection
 
 EQUATIONS = 1600
 """Of each kind of element."""

@@ -20,8 +20,8 @@ import numpy as np
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Elements
 from clothfit.engine.system import BDF2, all_elements, zeros
-from clothfit.subspace import step
-from clothfit.subspace.reduced import Iteration, Reduced, State
+from clothfit.subspace.physics import step
+from clothfit.subspace.physics.reduced import Iteration, Reduced, State
 
 KINDS = ("damping", "drag", "rest", "wind", "gravity")
 """What there are derivatives by, besides masses and stiffnesses."""

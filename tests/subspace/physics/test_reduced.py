@@ -8,7 +8,7 @@ from helpers.subspaces import moving, scene_of, some, whole
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
-from clothfit.subspace.reduced import Reduced, check, decode, roll
+from clothfit.subspace.physics.reduced import Reduced, check, decode, roll
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 
