@@ -12,25 +12,24 @@ import click
 from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres
-from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_least, standard_command
 from clothfit.cli.common.output import STREAM, output_for, print_json
 from clothfit.cli.common.scenes import check_there, one_stream, read_scene
+from clothfit.cli.subspaces.lengths import length
 
 if TYPE_CHECKING:
-    from clothfit.formats.convention import Convention
     from clothfit.scene.scene import Scene
     from clothfit.subspace.build import Report
     from clothfit.subspace.recorded.recording import Data
     from clothfit.subspace.recorded.variation import Ranges
 
 RECORDING = ("--episodes", "--frames", "--wind", "--pins", "--pace", "--seed")
-BUILDING = ("--basis", "--error", "--cubature", "--modes", "--method")
+BUILDING = ("--basis", "--error", "--cubature", "--modes", "--method", "--normals")
 SECTIONS = {
     "What to record (record, and build from a SCENE)": RECORDING,
     "What to build (build)": BUILDING,
-    "What to play (play)": ("--inputs",),
+    "What to play (play)": ("--inputs", "--push-out", "--instances"),
     "What is written": ("--output",),
 }
 EPISODES, FRAMES = 9, 300
@@ -39,8 +38,9 @@ POOR = 0.1
 
 ONLY = {
     "record": {"episodes", "frames", "wind", "pins", "pace", "seed"},
-    "build": {"episodes", "frames", "wind", "pins", "pace", "seed", "basis", "error", "cubature", "modes", "method"},
-    "play": {"frames", "inputs_path"},
+    "build": {"episodes", "frames", "wind", "pins", "pace", "seed", "basis", "error", "cubature", "modes", "method",
+              "normals"},
+    "play": {"frames", "inputs_path", "push_out", "instances", "seed"},
 }
 
 
@@ -64,7 +64,14 @@ ONLY = {
 @click.option("--modes", type=int, metavar="N",
               help="So many of the vectors are vibration modes.  [default: one in sixteen]")
 @click.option("--method", type=click.Choice(("physics",)), help="How the coordinates step.  [default: physics]")
+@click.option("--normals", is_flag=True, default=None,
+              help="Keep a regression of the vertices' normals on the coordinates.")
 @click.option("--inputs", "inputs_path", metavar="FILE", help="Play with these inputs over time (JSON).")
+@click.option("--push-out", metavar="LENGTH",
+              help="Push vertices out of the scene's obstacles, so far from them, such as 0 or 2mm.")
+@click.option("--instances", type=int, metavar="N",
+              help="Play N instances at once, in random gusts within the recorded range, and say how long a frame of "
+              "one takes; motions are written with -o only.")
 @click.option("-o", "--output", "path", metavar="OUT",
               help="File of the data, the model or the motion.  [default: <stem>.data.npz, .model.npz, .played.npz]")
 def command(
@@ -84,28 +91,17 @@ def command(
     """
     for name, value in given.items():
         if value is not None and name not in ONLY[action]:
-            option = "--" + name.removesuffix("_path")
+            option = "--" + name.removesuffix("_path").replace("_", "-")
             raise click.UsageError(f"{option} does not go with {action}", click.get_current_context())
-    check_least(1, frames=given["frames"])
+    check_least(1, frames=given["frames"], instances=given["instances"])
     check_least(2, episodes=given["episodes"])
     check_least(0, modes=given["modes"], seed=given["seed"])
     one_stream(subspace_path, given["inputs_path"])
     check_there(subspace_path)
+    from clothfit.cli.subspaces.playing import play
+
     {"record": record, "build": build, "play": play}[action](subspace_path, path, given, as_json, console)
     return None
-
-
-def length(text: str | None) -> float | None:
-    """A length in m from a text such as 5mm, 0.5cm, 0.005 or 0.005m. Raises InvalidInput."""
-    if text is None:
-        return None
-    for unit, size in (("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("", 1.0)):
-        if text.strip().endswith(unit):
-            try:
-                return float(text.strip().removesuffix(unit)) * size
-            except ValueError:
-                break
-    raise InvalidInput(f"--error: {text!r} is no length; write it as 5mm, 0.5cm or 0.005")
 
 
 def ranges_of(scene: Scene, given: dict[str, Any]) -> Ranges:
@@ -186,7 +182,8 @@ def options_of(given: dict[str, Any]) -> Any:
 
     asked = given["cubature"]
     cubature = DEFAULT_ERROR if asked is None else asked or None
-    return Options(given["basis"], length(given["error"]), cubature, given["modes"], given["seed"] or 0)
+    size, error, seed = given["basis"], length(given["error"], "--error"), given["seed"] or 0
+    return Options(size, error, cubature, given["modes"], bool(given["normals"]), seed)
 
 
 def built(data: Data, options: Any, out: Any, about: dict[str, Any], as_json: bool, console: Console) -> None:
@@ -224,46 +221,3 @@ def show(name: str, found: Report, console: Console) -> None:
     if found.sampled is not None and found.sampled.relative > POOR:
         console.warn(f"{name}: the subspace does not follow that motion; try more vectors (--basis), more motions "
                      "(--episodes), or weaker inputs (--wind, --pace)")  # fmt: skip
-
-
-def play(model_path: str, path: str | None, given: dict[str, Any], as_json: bool, console: Console) -> None:
-    """Play a model."""
-    from clothfit.base import threads
-    from clothfit.subspace.model import load_model
-    from clothfit.subspace.play import play as play_model
-
-    if model_path == STREAM:
-        raise InvalidInput("MODEL must be a file; - was given")
-    model = load_model(model_path)
-    scene = with_inputs(model.scene(), given["inputs_path"])
-    frames = given["frames"] or scene.frames
-    out = output_for(path, model_path, ".played.npz", (given["inputs_path"],))
-    motions.check(out, own_axes(), (model_path,), frames)
-    console.announce_compilation()
-    with threads.single():
-        played = play_model(model, scene, frames)
-    for sentence in played.clamped:
-        console.warn(sentence)
-    motions.write(played.motion, out, scene, own_axes(), console)
-    each = {name: 1e6 * seconds / max(frames - 1, 1) for name, seconds in played.seconds.items()}
-    console.say(f"{frames} frames, {each['state']:.0f} µs a step → {out.name}")
-    if as_json:
-        print_json("subspace", {"frames": frames, "us_per_frame": each, "clamped": played.clamped, "output": out.path},
-                   out)
-
-
-def with_inputs(scene: Scene, path: str | None) -> Scene:
-    """The scene with the inputs of a file. Raises InvalidInput."""
-    if path is None:
-        return scene
-    from clothfit.subspace.recorded.inputs import applied, load
-
-    check_there(path)
-    return applied(scene, load(path), str(Path(path).parent), path)
-
-
-def own_axes() -> Convention:
-    """The axes of each format."""
-    from clothfit.formats.convention import Convention
-
-    return Convention()

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
@@ -16,6 +17,7 @@ from clothfit.engine.system import build as build_system
 from clothfit.scene.scene import dumps
 from clothfit.subspace import basis as bases
 from clothfit.subspace import carrier
+from clothfit.subspace import normals as regression
 from clothfit.subspace.cost import cost
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.physics import cubature
@@ -45,6 +47,7 @@ class Options:
     error: float | None = None  # m, that the basis may leave out
     cubature: float | None = DEFAULT_ERROR  # None: all elements
     modes: int | None = None  # vibration modes among the vectors; None: one in sixteen
+    normals: bool = False  # whether the model gives normals by regression
     seed: int = 0
 
     def check(self) -> None:
@@ -132,7 +135,8 @@ def of_object(
         chosen, errors = cubature.find(runs, samples, options.cubature, options.seed)
     used = {"springs": len(chosen.springs), "faces": len(chosen.faces), "vertices": len(chosen.vertices)}
     elements = {name: (used[name], there[name]) for name in there}
-    return Part(U, chosen, np.stack([low, high])), Report(U.shape[2], table, elements, errors)
+    normals = normals_of(data, c, kept, runs) if options.normals else None
+    return Part(U, chosen, np.stack([low, high]), normals), Report(U.shape[2], table, elements, errors)
 
 
 def size_of(left_out: Array, options: Options) -> int:
@@ -145,12 +149,32 @@ def size_of(left_out: Array, options: Options) -> int:
     return max(1, int(good[0]) if len(good) else len(left_out) - 1)
 
 
+def normals_of(data: Data, c: int, kept: Sequence[int], runs: Sequence[Reduced]) -> NDArray[np.float32]:
+    """The regression of the normals of the recorded motions on their coordinates."""
+    onto, each = projection(runs[0]), max(2, regression.MOST_FRAMES // len(kept))
+
+    def frames() -> Iterator[tuple[Array, Array]]:
+        for number, episode in enumerate(kept):
+            x, good = data.motion(episode, c)
+            system = runs[number].system
+            chosen = np.flatnonzero(good)[:: max(1, -(-int(good.sum()) // each))]
+            q = carrier.relative(x, system).reshape(len(x), -1) @ onto
+            yield q[chosen], x[chosen] + system.x0
+
+    return regression.regression(frames(), data.scene.cloths[c].triangles)
+
+
+def projection(own: Reduced) -> Array:
+    """What displacements (…, 3 n) are multiplied by to get coordinates, (3 n, r)."""
+    weighted = own.basis * own.system.vertex.mass[:, None, None]
+    return np.asarray(np.linalg.solve(own.mass, weighted.reshape(-1, own.r).T).T)
+
+
 def seen(
     data: Data, c: int, kept: Sequence[int], runs: Sequence[Reduced], seed: int
 ) -> tuple[Array, Array, list[cubature.Sample]]:
     """The least and largest coordinates (r,) of the recorded motions, and some of their steps."""
-    own, mass = runs[0], runs[0].system.vertex.mass
-    onto = np.linalg.solve(own.mass, (own.basis * mass[:, None, None]).reshape(-1, own.r).T).T
+    own, onto = runs[0], projection(runs[0])
     low, high, found = np.full(own.r, np.inf), np.full(own.r, -np.inf), []
     rng = np.random.default_rng([seed, c])
     for number, episode in enumerate(kept):

@@ -12,14 +12,18 @@ from clothfit.kernels.kernel import kernel
 
 
 class Decoder:
-    """Positions of single frames, fast: one product in single precision."""
+    """Positions of single frames, or of one frame of many instances, fast: one product in single precision."""
 
-    def __init__(self, x0: Array, basis: Array, triangles: Indices) -> None:
-        """`x0` (n, 3), m, `basis` (n, 3, r), faces (T, 3)."""
+    def __init__(
+        self, x0: Array, basis: Array, triangles: Indices, regression: NDArray[np.float32] | None = None
+    ) -> None:
+        """`x0` (n, 3), m, `basis` (n, 3, r), faces (T, 3) and the regression of `normals`, (n, 3, 1 + r)."""
+        self.regression = None if regression is None else regression.reshape(-1, basis.shape[2] + 1)
         self.basis = np.ascontiguousarray(basis.reshape(-1, basis.shape[2]), np.float32)
         self.x0, self.triangles = x0.astype(np.float32).ravel(), np.ascontiguousarray(triangles, np.int32)
         self.x = np.empty(len(self.x0), np.float32)
         self.n = np.empty((len(x0), 3), np.float32)
+        self.many_x = self.many_n = np.empty((0, len(self.x0)), np.float32)  # of N instances
 
     def positions(self, q: Array) -> NDArray[np.float32]:
         """Positions (n, 3), m, valid until the next call."""
@@ -31,6 +35,35 @@ class Decoder:
         """Unit normals (n, 3) of the vertices at positions (n, 3), weighted by the areas of the faces around."""
         fill_normals(self.triangles, x, self.n)
         return self.n
+
+
+    def predicted(self, q: Array) -> NDArray[np.float32]:
+        """Unit normals (n, 3) by regression, from coordinates alone, valid until the next call."""
+        assert self.regression is not None
+        np.dot(self.regression, np.concatenate([[1.0], q]).astype(np.float32), out=self.n.reshape(-1))
+        make_unit(self.n)
+        return self.n
+
+    def all_positions(self, q: Array) -> NDArray[np.float32]:
+        """Positions (N, n, 3), m, of coordinates (N, r), valid until the next call."""
+        if len(self.many_x) != len(q):
+            self.many_x = np.empty((len(q), len(self.x0)), np.float32)
+        np.dot(q.astype(np.float32), self.basis.T, out=self.many_x)
+        self.many_x += self.x0
+        return self.many_x.reshape(len(q), -1, 3)
+
+    def all_normals(self, q: Array, x: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Unit normals (N, n, 3), by regression where there is one, else of the faces at positions x (N, n, 3)."""
+        if len(self.many_n) != len(q):
+            self.many_n = np.empty((len(q), len(self.x0)), np.float32)
+        n = self.many_n.reshape(len(q), -1, 3)
+        if self.regression is None:
+            for each, out in zip(x, n, strict=True):
+                fill_normals(self.triangles, each, out)
+            return n
+        np.dot(np.insert(q, 0, 1.0, axis=1).astype(np.float32), self.regression.T, out=self.many_n)
+        make_unit(n.reshape(-1, 3))
+        return n
 
 
 @kernel
@@ -46,6 +79,12 @@ def fill_normals(triangles, x, out):
             out[j, 0] += n0
             out[j, 1] += n1
             out[j, 2] += n2
+    make_unit(out)
+
+
+@kernel
+def make_unit(out):
+    """Make vectors (n, 3) unit vectors; those of 0 stay."""
     for j in range(len(out)):
         size = sqrt(out[j, 0] * out[j, 0] + out[j, 1] * out[j, 1] + out[j, 2] * out[j, 2])
         if size > 0.0:

@@ -4,7 +4,7 @@
 when it was built; `scene`, the text of the scene; and for each object c its `basis{c}` (n, 3, r), single precision,
 and the elements that its steps evaluate with their weights: `springs{c}`, `spring_weight{c}`, `faces{c}`,
 `face_weight{c}`, `vertices{c}`, `vertex_weight{c}`; `envelope{c}` (2, r), the least and largest coordinates of the
-recorded motions.
+recorded motions; and where it was asked for `normals{c}` (n, 3, 1 + r), single precision (`normals`).
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clothfit.base import npz
 from clothfit.base.arrays import Array
@@ -41,6 +42,7 @@ class Part:
     basis: Array  # (n, 3, r)
     chosen: Selection
     envelope: Array  # (2, r)
+    normals: NDArray[np.float32] | None = None  # (n, 3, 1 + r), of the regression; None: not asked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,8 @@ def arrays(model: Model) -> dict[str, Any]:
         found[f"envelope{c}"] = part.envelope
         for name, value in names_of(part.chosen).items():
             found[f"{name}{c}"] = value
+        if part.normals is not None:
+            found[f"normals{c}"] = part.normals
     return found
 
 
@@ -131,11 +135,12 @@ def load_model(path: str | os.PathLike[str]) -> Model:
 
 def _part(file: Any, c: int) -> Part:
     names = ("basis", "envelope", *Selection._fields)
-    found = npz.stored(file, [f"{each}{c}" for each in names], "")
+    found = npz.stored(file, [f"{each}{c}" for each in (*names, "normals")], "")
+    normals = np.ascontiguousarray(found[f"normals{c}"].read(), np.float32) if f"normals{c}" in found else None
     held = {each: found[f"{each}{c}"].read() for each in names}
     kinds = {name: np.int32 if name in ("springs", "faces", "vertices") else float for name in Selection._fields}
     chosen = Selection(**{name: np.ascontiguousarray(held[name], kinds[name]) for name in Selection._fields})
-    return Part(np.ascontiguousarray(held["basis"], float), chosen, np.asarray(held["envelope"], float))
+    return Part(np.ascontiguousarray(held["basis"], float), chosen, np.asarray(held["envelope"], float), normals)
 
 
 def check(model: Model, name: str) -> None:
@@ -146,6 +151,9 @@ def check(model: Model, name: str) -> None:
         counts = {"springs": len(cloth.springs), "faces": len(cloth.triangles), "vertices": len(cloth.mass)}
         fits = fits and part.basis.ndim == 3 and part.basis.shape[:2] == (len(cloth.mass), 3)
         fits = fits and part.envelope.shape == (2, part.basis.shape[-1]) and bool(np.isfinite(part.basis).all())
+        if part.normals is not None:
+            shape = (*part.basis.shape[:2], 1 + part.basis.shape[-1])
+            fits = fits and part.normals.shape == shape and bool(np.isfinite(part.normals).all())
         pairs = zip(part.chosen[::2], part.chosen[1::2], counts.values(), strict=True)
         for index, weight, count in pairs:
             fits = fits and index.ndim == 1 and index.shape == weight.shape and bool(np.isfinite(weight).all())

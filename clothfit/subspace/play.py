@@ -21,6 +21,7 @@ from clothfit.engine.system import build
 from clothfit.motion.motion import Motion
 from clothfit.motion.world import in_scene
 from clothfit.scene.scene import Scene
+from clothfit.subspace import proxies
 from clothfit.subspace.model import Model, Part, reduced
 from clothfit.subspace.physics.reduced import Reduced
 
@@ -35,12 +36,12 @@ class Played:
     motion: Motion
     coordinates: list[Array]  # of each object (frames, r)
     clamped: list[str]  # one sentence for each kind of input that left its range
-    seconds: dict[str, float]  # in all: state, decode
+    seconds: dict[str, float]  # in all: state, decode, and push out where that was asked for
 
 
-def play(model: Model, scene: Scene, frames: int) -> Played:
-    """The motion of so many frames of a scene with the model's objects. Raises InvalidInput where the scene's objects
-    are others.
+def play(model: Model, scene: Scene, frames: int, distance: float | None = None) -> Played:
+    """The motion of so many frames of a scene with the model's objects; vertices nearer to obstacles than a `distance`,
+    m, are pushed out (`proxies`). Raises InvalidInput where the scene's objects are others.
     """
     if scene.vertex_counts != tuple(len(part.basis) for part in model.parts):
         raise InvalidInput(f"{scene.name}: its objects are not those of the model")
@@ -52,12 +53,17 @@ def play(model: Model, scene: Scene, frames: int) -> Played:
     x, coordinates = [], []
     for c, part in enumerate(model.parts):
         own = ready(model, part, scene, c, frames - 1, said)
+        own.advance(own.start())  # compiled, and its memory touched
         begin = perf_counter()
         q = rolled(own, frames - 1, scene.name)
         middle = perf_counter()
         x.append(positions(own, q))
+        end = perf_counter()
         spent["state"] += middle - begin
-        spent["decode"] += perf_counter() - middle
+        spent["decode"] += end - middle
+        if distance is not None:
+            proxies.push_all(own.system, x[-1], distance)
+            spent["push out"] = spent.get("push out", 0.0) + perf_counter() - end
         coordinates.append(q)
     times = scene.delta * np.arange(frames, dtype=np.float64)
     motion = Motion(np.concatenate(x, axis=1), times, scene.vertex_counts, None, scene.name)
@@ -100,14 +106,19 @@ def rolled(own: Reduced, steps: int, name: str) -> Array:
     q[0] = state.q
     for t in range(steps):
         state, _ = own.advance(state)
-        if not np.abs(state.q).max(initial=0.0) < FARTHEST:
-            from clothfit.motion.divergence import Diverged
-
-            raise Diverged(f"{name}: the motion on the subspace diverged at frame {t + 1}", t + 1)
+        check_finite(state.q, t + 1, name)
         q[t + 1] = state.q
         if t % 100 == 0:
             interrupts.check()
     return q
+
+
+def check_finite(q: Array, frame: int, name: str) -> None:
+    """Raise Diverged where coordinates are not those of a motion."""
+    if not np.abs(q).max(initial=0.0) < FARTHEST:
+        from clothfit.motion.divergence import Diverged
+
+        raise Diverged(f"{name}: the motion on the subspace diverged at frame {frame}", frame)
 
 
 def positions(own: Reduced, q: Array) -> Array:

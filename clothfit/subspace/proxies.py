@@ -8,8 +8,11 @@ few times around.
 
 from __future__ import annotations
 
+import numpy as np
 from numpy.typing import NDArray
 
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
 from clothfit.engine.forces import spheres, touch
 from clothfit.engine.inputs.tables import set_frame
 from clothfit.engine.system import System
@@ -20,12 +23,19 @@ ROUNDS = 3
 """How often all obstacles get their turn."""
 
 
-def has(system: System) -> bool:
-    """Whether there are obstacles."""
-    return len(system.spheres.radius) > 0 or system.colliders is not None
+def push_all(system: System, x: Array, distance: float = 0.0) -> None:
+    """Push the vertices of all frames, positions (F, n, 3), m, in place. Raises InvalidInput where there are no
+    obstacles, or the distance is below 0.
+    """
+    if not (np.isfinite(distance) and distance >= 0.0):
+        raise InvalidInput(f"--push-out must be at least 0; {distance:g} m was given")
+    if not len(system.spheres.radius) and (system.colliders is None or not len(system.colliders.rows)):
+        raise InvalidInput("--push-out: the scene has no obstacles")
+    for frame, each in enumerate(x):
+        push_out(system, each, frame, distance)
 
 
-def push_out(system: System, x: NDArray, frame: int, distance: float = 0.0) -> None:
+def push_out(system: System, x: NDArray[np.floating], frame: int, distance: float = 0.0) -> None:
     """Move positions (n, 3), m, of a frame, with the obstacles where the inputs of the system say, to a `distance`, m,
     from them.
     """
@@ -68,6 +78,8 @@ def out_of_colliders(colliders, x, i, distance):
             depth = distance - delta
             if depth > 0.0:
                 n = touch.outward(own, inner)
-                x[i, 0], x[i, 1], x[i, 2] = x[i, 0] + depth * lane0(n), x[i, 1] + depth * lane1(n), x[i, 2] + depth * lane2(n)
+                x[i, 0] += depth * lane0(n)
+                x[i, 1] += depth * lane1(n)
+                x[i, 2] += depth * lane2(n)
                 found = True
     return found

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.engine.system import System
+from clothfit.engine.system import System, build
+from clothfit.scene.scene import dumps
 from helpers.scenes import cloth, document, load_text
 
 
@@ -52,3 +53,19 @@ def some(system: System, size: int, seed: int = 3) -> Array:
     made = np.cumsum(rng.standard_normal((len(system.x0), 3, size)), axis=0)
     made[~system.vertex.free] = 0.0
     return np.linalg.qr(made.reshape(-1, size))[0].reshape(made.shape)
+
+
+def model_of(scene: Any, size: int = 9, normals: bool = False) -> Any:
+    """A model of a scene on smooth random vectors, with all elements, whose inputs go far."""
+    from clothfit.subspace.model import Model, Part
+    from clothfit.subspace.physics.samples import everything
+
+    parts = []
+    rng = np.random.default_rng(1)
+    for c in range(len(scene.cloths)):
+        system = build(scene, c, steps=1)
+        basis = some(system, size).astype(np.float32).astype(float)
+        own = rng.standard_normal((len(basis), 3, 1 + size)).astype(np.float32) if normals else None
+        parts.append(Part(basis, everything(system), np.stack([np.full(size, -9.0), np.full(size, 9.0)]), own))
+    far = {name: [[-99.0] * 3, [99.0] * 3] for name in ("wind", "gravity", "pins")}
+    return Model(dumps(scene), "", tuple(parts), far)

@@ -123,12 +123,25 @@ def test_the_commands(tmp_path, monkeypatch, capsys):
     few = ["--episodes", "3", "--frames", "40"]
     assert run(["subspace", "record", "scene.json", *few, "--wind", "4", "-q"]) == 0
     assert run(["subspace", "build", "scene.data.npz", "--basis", "12", "-o", "a.npz", "-q"]) == 0
-    assert run(["subspace", "build", "scene.json", *few, "--wind", "4", "--basis", "12", "-o", "b.npz", "--json"]) == 0
+    assert run(["subspace", "build", "scene.json", *few, "--wind", "4", "--basis", "12", "-o", "b.npz", "--normals", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["objects"][0]["vectors"] == 12
     np.testing.assert_array_equal(load_model("a.npz").parts[0].basis, load_model("b.npz").parts[0].basis)
     assert run(["subspace", "play", "a.npz", "--inputs", "w.json", "--frames", "25", "-o", "m.npz", "-q"]) == 0
     assert np.load("m.npz")["positions"].shape == (25, 16, 3)
+    assert load_model("a.npz").parts[0].normals is None
+    assert load_model("b.npz").parts[0].normals.shape == (16, 3, 13)
+    crowd = ["--instances", "3", "--frames", "8", "-o", "c.npz", "--seed", "1"]
+    assert run(["subspace", "play", "b.npz", *crowd, "--json", "-q"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["outputs"] == ["c-1.npz", "c-2.npz", "c-3.npz"]
+    assert set(said["us_per_frame"]) == {"state", "decode", "normals"}
+    assert np.load("c-1.npz")["positions"].shape == (8, 16, 3)
+    assert np.abs(np.load("c-1.npz")["positions"] - np.load("c-2.npz")["positions"]).max() > 1e-6
+    assert run(["subspace", "play", "b.npz", "--push-out", "0", "-q"]) == 3
+    assert "the scene has no obstacles" in capsys.readouterr().err
+    assert run(["subspace", "play", "b.npz", "--instances", "2", "--push-out", "0"]) == 2
+    assert "--push-out does not go with --instances" in capsys.readouterr().err
     assert run(["evaluate", "scene.json", "a.npz", "--inputs", "w.json", "--json", "-q"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["relative_rmse"] < 0.1
@@ -145,6 +158,9 @@ def test_the_commands(tmp_path, monkeypatch, capsys):
         (["build", "scene.json", "--inputs", "w.json"], 2, "--inputs does not go with build"),
         (["play", "scene.json", "--basis", "3"], 2, "--basis does not go with play"),
         (["build", "scene.json", "--error", "soft"], 3, "'soft' is no length"),
+        (["play", "scene.json", "--instances", "0"], 3, "--instances must be at least 1"),
+        (["play", "scene.json", "--normals"], 2, "--normals does not go with play"),
+        (["play", "scene.json", "--push-out", "far"], 3, "no model of clothfit subspace build"),
         (["build", "scene.json", "--basis", "0"], 3, "--basis must be between 1 and 512"),
         (["record", "scene.json", "--episodes", "1"], 3, "--episodes must be at least 2"),
         (["record", "scene.json", "--wind", "-1"], 3, "--wind must be at least 0"),

@@ -18,7 +18,7 @@ def measure(
     scene_path: str, model_path: str, inputs_path: str | None, steps: int | None, as_json: bool, console: Console
 ) -> None:
     """Compare a model with the scene's own simulation."""
-    from clothfit.cli.subspace import with_inputs
+    from clothfit.cli.subspaces.inputs import with_inputs
     from clothfit.subspace.judge import judge
     from clothfit.subspace.model import load_model
 

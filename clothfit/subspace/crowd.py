@@ -1,0 +1,139 @@
+"""Many instances of a model at once, each under inputs of its own: states one after another, vertices as one product.
+
+A single decoding reads the whole basis for one vector of coordinates and waits for memory; for N instances the basis is
+read once, as X = Q Uᵀ with Q (N, r). The same holds for normals by regression. With `exact` normals are those of the
+faces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import process_time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothfit.base import interrupts
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+from clothfit.engine.inputs.tables import Inputs
+from clothfit.motion.motion import Motion
+from clothfit.motion.world import in_scene
+from clothfit.scene.scene import Scene
+from clothfit.subspace import carrier
+from clothfit.subspace.frames import Decoder
+from clothfit.subspace.model import Model
+from clothfit.subspace.play import check_finite, positions, ready
+from clothfit.subspace.recorded import variation
+from clothfit.subspace.recorded.variation import Ranges, episodes
+
+Single = NDArray[np.float32]
+
+WITHIN = 2.0 / 3.0
+"""Of the recorded range is that of random keys: a spline through them goes beyond."""
+
+
+@dataclass(frozen=True)
+class Crowded:
+    """What became of the instances."""
+
+    coordinates: list[Array]  # of each object, (N, frames, r)
+    clamped: list[str]  # one sentence for each kind of input that left its range
+    us: dict[str, float]  # per instance and frame, of one thread: state, decode, normals
+
+
+class Crowd:
+    """N instances of one object of a model, at the start."""
+
+    def __init__(self, model: Model, c: int, scenes: Sequence[Scene], steps: int) -> None:
+        """A scene for each instance, which differ in their inputs; room for so many steps."""
+        part, first = model.parts[c], scenes[0].cloths[c]
+        self.said: dict[str, None] = {}
+        self.runs: list[Any] = []
+        kinds: dict[Any, Any] = {}
+        for scene in scenes:
+            fresh = ready(model, part, scene, c, steps, self.said)
+            alike = kinds.setdefault(kind_of(fresh.system.inputs), fresh)
+            self.runs.append(fresh if alike is fresh else alike.under(fresh.system))  # they share their memory
+        self.states = [own.start() for own in self.runs]
+        self.t = 0
+        self.decoder = Decoder(first.positions, part.basis, first.triangles, part.normals)
+        self.free = self.runs[0].system.vertex.free
+        self.q = np.zeros((len(scenes), part.basis.shape[2]))
+
+    def step(self) -> None:
+        """Take a step of all instances. Raises Diverged."""
+        for i, own in enumerate(self.runs):
+            self.states[i], _ = own.advance(self.states[i])
+            self.q[i] = self.states[i].q
+        self.t += 1
+        check_finite(self.q, self.t, "an instance")
+
+    def positions(self) -> Single:
+        """Positions (N, n, 3), m, valid until the next call."""
+        x = self.decoder.all_positions(self.q)
+        for i, own in enumerate(self.runs):
+            inputs = own.system.inputs
+            if carrier.moves(inputs):
+                x[i, self.free] += carrier.shift(inputs, 1, self.t)[0].astype(np.float32)
+                x[i, inputs.pins] = inputs.path[self.t]
+        return x
+
+    def normals(self, x: Single) -> Single:
+        """Unit normals (N, n, 3), valid until the next call: by regression where the model has that, else those of the
+        faces at positions x.
+        """
+        return self.decoder.all_normals(self.q, x)
+
+
+def kind_of(inputs: Inputs | None) -> Any:
+    """What two inputs must have in common to be played in the same memory: which of their tables have rows."""
+    if inputs is None:
+        return None
+    return tuple(len(getattr(inputs, name)) > 0 for name in ("wind", "gravity", "centre", "path")), len(inputs.pins)
+
+
+def play(model: Model, scenes: Sequence[Scene], frames: int) -> Crowded:
+    """Play an instance of the model in each of some scenes. Raises Diverged, InvalidInput."""
+    for scene in scenes:
+        if scene.vertex_counts != tuple(len(part.basis) for part in model.parts):
+            raise InvalidInput(f"{scene.name}: its objects are not those of the model")
+    crowds = [Crowd(model, c, scenes, frames - 1) for c in range(len(model.parts))]
+    found = [np.zeros((len(scenes), frames, each.q.shape[1])) for each in crowds]
+    spent = np.zeros(3)
+    for each, q in zip(crowds, found, strict=True):
+        each.normals(each.positions())  # compiled, and its memory touched
+        for t in range(1, frames):
+            times = [process_time()]
+            each.step()
+            times.append(process_time())
+            x = each.positions()
+            times.append(process_time())
+            each.normals(x)
+            spent += np.diff([*times, process_time()])
+            q[:, t] = each.q
+            interrupts.check()
+    said = {sentence.partition(",")[0]: sentence for each in crowds for sentence in each.said}  # one of each kind
+    us = 1e6 * spent / max(1, (frames - 1) * len(scenes))
+    return Crowded(found, list(said.values()), dict(zip(("state", "decode", "normals"), us.tolist(), strict=True)))
+
+
+def varied(model: Model, scene: Scene, count: int, frames: int, seed: int = 0) -> list[Scene]:
+    """A scene for each of so many instances, with random inputs within the range of the recorded ones."""
+    found = {name: WITHIN * float(np.abs(each).max()) for name, each in model.limits.items()}
+    held = scene.moves  # then the range of the pins is that of their own way, which stays
+    ranges = Ranges(found.get("wind", 0.0), 0.0 if held else found.get("pins", 0.0))
+    own = episodes(scene, ranges, count, scene.delta * max(1, frames - 1), seed)
+    return [variation.varied(scene, each) for each in own]
+
+
+def motion(model: Model, scene: Scene, found: Crowded, instance: int) -> Motion:
+    """The motion of one of the instances, which was played in a scene."""
+    x, said = [], dict[str, None]()
+    for c, part in enumerate(model.parts):
+        q = found.coordinates[c][instance]
+        x.append(positions(ready(model, part, scene, c, len(q) - 1, said), q))
+    times = scene.delta * np.arange(len(x[0]), dtype=np.float64)
+    return in_scene(Motion(np.concatenate(x, axis=1), times, scene.vertex_counts, None, scene.name), scene)

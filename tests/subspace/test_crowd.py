@@ -1,0 +1,50 @@
+"""Many instances at once."""
+
+import numpy as np
+import pytest
+from helpers.subspaces import model_of, moving, scene_of
+
+from clothfit.base.errors import InvalidInput
+from clothfit.subspace import crowd
+from clothfit.subspace.play import play
+from clothfit.subspace.recorded.inputs import applied
+
+pytestmark = pytest.mark.slow  # compiles motions with inputs
+
+SCENE = scene_of(moving())
+FRAMES = 12
+
+
+@pytest.mark.parametrize("normals", [False, True])
+def test_each_moves_as_it_would_alone(normals):
+    gust = {"acts": "wind", "times": [0, 0.2], "values": [[0, 0, 0], [9, 0, -9]]}
+    model = model_of(SCENE, normals=normals)
+    scenes = [SCENE, applied(SCENE, [gust]), SCENE]
+    found = crowd.play(model, scenes, FRAMES)
+    for i, scene in enumerate(scenes):
+        alone = play(model, scene, FRAMES)
+        np.testing.assert_array_equal(found.coordinates[0][i], alone.coordinates[0])
+        np.testing.assert_array_equal(crowd.motion(model, scene, found, i).positions, alone.motion.positions)
+    assert np.abs(found.coordinates[0][1] - found.coordinates[0][0]).max() > 1e-3
+    assert set(found.us) == {"state", "decode", "normals"}
+
+
+def test_frames_of_all_are_those_of_each():
+    model = model_of(SCENE)
+    own = crowd.Crowd(model, 0, [SCENE] * 3, FRAMES)
+    for _ in range(5):
+        own.step()
+    alone = play(model, SCENE, 6).motion.positions[5]
+    for x in own.positions():
+        np.testing.assert_allclose(x, alone, atol=1e-5)  # single precision
+
+
+def test_instances_stay_within_the_recorded_range_and_follow_a_seed():
+    model = model_of(SCENE)
+    scenes = crowd.varied(model, SCENE, 3, 40, seed=4)
+    assert crowd.play(model, scenes, 5).clamped == []
+    again = crowd.varied(model, SCENE, 2, 40, seed=4)
+    for a, b in zip(scenes, again, strict=False):
+        np.testing.assert_array_equal(a.wind_keys.values, b.wind_keys.values)
+    with pytest.raises(InvalidInput, match="not those of the model"):
+        crowd.play(model, [scene_of({**moving(), "objects": moving()["objects"] * 2})], 3)
