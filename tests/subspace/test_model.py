@@ -123,7 +123,8 @@ def test_the_commands(tmp_path, monkeypatch, capsys):
     few = ["--episodes", "3", "--frames", "40"]
     assert run(["subspace", "record", "scene.json", *few, "--wind", "4", "-q"]) == 0
     assert run(["subspace", "build", "scene.data.npz", "--basis", "12", "-o", "a.npz", "-q"]) == 0
-    assert run(["subspace", "build", "scene.json", *few, "--wind", "4", "--basis", "12", "-o", "b.npz", "--normals", "--json"]) == 0
+    own = [*few, "--wind", "4", "--basis", "12", "--normals", "-o", "b.npz", "--json"]
+    assert run(["subspace", "build", "scene.json", *own]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["objects"][0]["vectors"] == 12
     np.testing.assert_array_equal(load_model("a.npz").parts[0].basis, load_model("b.npz").parts[0].basis)
