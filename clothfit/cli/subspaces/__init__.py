@@ -1,3 +1,5 @@
-"""Parts of `clothfit subspace`: lengths (a length from a text), inputs (those of a file), playing (one motion, or many
-instances at once).
+"""The parts of `clothfit subspace`.
+
+lengths (a length from a text) and inputs (those of a file) → playing (one motion, or many instances at once).
+To add an action: its options in `cli/subspace.py`, and a module here.
 """
