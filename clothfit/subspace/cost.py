@@ -10,25 +10,26 @@ from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
 from clothfit.scene.scene import Scene
 from clothfit.subspace.frames import Decoder
-from clothfit.subspace.model import Part, reduced
+from clothfit.subspace.model import Part
+from clothfit.subspace.play import rolled, stepper
 
 
 def cost(part: Part, scene: Scene, cloth: int, steps: int) -> tuple[dict[str, float], float]:
     """The mean over so many frames from the start of a scene: of state, decoding and normals, and of a full step."""
     system = build(scene, cloth, steps=steps)
-    own = reduced(part, system)
+    own = stepper(part, system, steps, {})
     decoder = Decoder(system.x0, part.basis, scene.cloths[cloth].triangles)
     decoder.normals(decoder.positions(np.zeros(own.r)))
-    state, spent = own.start(), np.zeros(3)
-    own.advance(state)
-    for _ in range(steps):
+    rolled(own, 1, scene.name)
+    begin = process_time()
+    q = rolled(own, steps, scene.name)
+    spent = np.array([process_time() - begin, 0.0, 0.0])
+    for each in q[1:]:
         times = [process_time()]
-        state, _ = own.advance(state)
-        times.append(process_time())
-        x = decoder.positions(state.q)
+        x = decoder.positions(each)
         times.append(process_time())
         decoder.normals(x)
-        spent += np.diff([*times, process_time()])
+        spent[1:] += np.diff([*times, process_time()])
     rollout(system, min(steps, 2), scene.tolerance)  # compiled, and its memory touched
     begin = process_time()
     rollout(system, steps, scene.tolerance)

@@ -12,7 +12,7 @@ from clothfit.base.arrays import Array
 from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import Scene
 from clothfit.subspace.cost import cost
-from clothfit.subspace.model import Model
+from clothfit.subspace.model import Model, Part
 from clothfit.subspace.play import play
 
 FORGOTTEN = 0.1
@@ -56,7 +56,7 @@ def judge(model: Model, scene: Scene, frames: int) -> Judgement:
     ends = sorted({max(1, frames * k // 5) for k in range(1, 6)})
     with threads.single():
         times, whole = cost_of(model, scene, frames)
-    bytes_of = sum(4 * part.basis.size + sum(each.nbytes for each in part.chosen) for part in model.parts)
+    bytes_of = sum(4 * part.basis.size + of_steps(part) for part in model.parts)
     return Judgement(
         frames=frames,
         rmse=rmse,
@@ -70,6 +70,11 @@ def judge(model: Model, scene: Scene, frames: int) -> Judgement:
         megabytes=bytes_of / 1e6,
         clamped=played.clamped,
     )
+
+
+def of_steps(part: Part) -> int:
+    """Bytes of what steps an object."""
+    return sum(each.nbytes for each in part.chosen) + (part.network.nbytes if part.network else 0)
 
 
 def relative(a: Array, b: Array) -> float:

@@ -4,7 +4,8 @@
 when it was built; `scene`, the text of the scene; and for each object c its `basis{c}` (n, 3, r), single precision,
 and the elements that its steps evaluate with their weights: `springs{c}`, `spring_weight{c}`, `faces{c}`,
 `face_weight{c}`, `vertices{c}`, `vertex_weight{c}`; `envelope{c}` (2, r), the least and largest coordinates of the
-recorded motions; and where it was asked for `normals{c}` (n, 3, 1 + r), single precision (`normals`).
+recorded motions; and where it was asked for `normals{c}` (n, 3, 1 + r), single precision (`normals`). A network has
+none of the elements, and the arrays of `network.weights`.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.writing import Data, write_atomically
 from clothfit.engine.system import System, build
 from clothfit.scene.scene import Scene, load
+from clothfit.subspace.network import weights
+from clothfit.subspace.network.weights import Network
 from clothfit.subspace.physics.reduced import Reduced
 from clothfit.subspace.physics.samples import Selection
 
@@ -31,8 +34,8 @@ VERSION = 1
 HEAD = "subspace"
 """Name of the archive's first array."""
 
-PHYSICS = "physics"
-METHODS = (PHYSICS,)
+PHYSICS, NETWORK = "physics", "network"
+METHODS = (PHYSICS, NETWORK)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +46,7 @@ class Part:
     chosen: Selection
     envelope: Array  # (2, r)
     normals: NDArray[np.float32] | None = None  # (n, 3, 1 + r), of the regression; None: not asked for
+    network: Network | None = None  # what steps it in place of physics
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +78,8 @@ def arrays(model: Model) -> dict[str, Any]:
     """What the file holds."""
     about = {"version": VERSION, "method": model.method, "folder": model.folder, "limits": model.limits,
              "built": model.built, "objects": len(model.parts)}  # fmt: skip
+    if model.method == NETWORK:
+        about["networks"] = [weights.described(part.network) for part in model.parts if part.network]
     found: dict[str, Any] = {HEAD: np.frombuffer(json.dumps(about).encode(), np.uint8)}  # first: it tells the file
     found["scene"] = np.frombuffer(model.text, np.uint8)
     for c, part in enumerate(model.parts):
@@ -83,6 +89,8 @@ def arrays(model: Model) -> dict[str, Any]:
             found[f"{name}{c}"] = value
         if part.normals is not None:
             found[f"normals{c}"] = part.normals
+        if part.network is not None:
+            found |= weights.arrays(part.network, c)
     return found
 
 
@@ -122,7 +130,7 @@ def load_model(path: str | os.PathLike[str]) -> Model:
             text, about = head["scene"].read().tobytes(), json.loads(head[HEAD].read().tobytes())
             if about["version"] != VERSION or about["method"] not in METHODS:
                 raise InvalidInput(f"{name}: it was made by another version of clothfit; build it again")
-            parts = tuple(_part(file, c) for c in range(int(about["objects"])))
+            parts = tuple(_part(file, c, about) for c in range(int(about["objects"])))
         model = Model(text, str(about["folder"]), parts, dict(about["limits"]), dict(about["built"]), about["method"])
     except InvalidInput:
         raise
@@ -133,14 +141,22 @@ def load_model(path: str | os.PathLike[str]) -> Model:
     return model
 
 
-def _part(file: Any, c: int) -> Part:
+def _part(file: Any, c: int, about: dict[str, Any]) -> Part:
     names = ("basis", "envelope", *Selection._fields)
     found = npz.stored(file, [f"{each}{c}" for each in (*names, "normals")], "")
     normals = np.ascontiguousarray(found[f"normals{c}"].read(), np.float32) if f"normals{c}" in found else None
     held = {each: found[f"{each}{c}"].read() for each in names}
     kinds = {name: np.int32 if name in ("springs", "faces", "vertices") else float for name in Selection._fields}
     chosen = Selection(**{name: np.ascontiguousarray(held[name], kinds[name]) for name in Selection._fields})
-    return Part(np.ascontiguousarray(held["basis"], float), chosen, np.asarray(held["envelope"], float), normals)
+    network = _network(file, c, about["networks"][c]) if about["method"] == NETWORK else None
+    basis, envelope = np.ascontiguousarray(held["basis"], float), np.asarray(held["envelope"], float)
+    return Part(basis, chosen, envelope, normals, network)
+
+
+def _network(file: Any, c: int, about: dict[str, Any]) -> Network:
+    names = weights.names(int(about["layers"]), c)
+    found = npz.stored(file, names, "")
+    return weights.from_arrays({each: found[each].read() for each in names}, about, c)
 
 
 def check(model: Model, name: str) -> None:
@@ -158,5 +174,6 @@ def check(model: Model, name: str) -> None:
         for index, weight, count in pairs:
             fits = fits and index.ndim == 1 and index.shape == weight.shape and bool(np.isfinite(weight).all())
             fits = fits and bool(((index >= 0) & (index < count)).all())
+        fits = fits and (part.network is None or weights.fits(part.network, part.basis.shape[-1]))
     if not fits:
         raise InvalidInput(f"{name}: its arrays do not fit its scene; build it again")

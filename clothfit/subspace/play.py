@@ -17,12 +17,13 @@ from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import FARTHEST
 from clothfit.base.memory import check_memory
 from clothfit.engine.inputs.tables import Inputs
-from clothfit.engine.system import build
+from clothfit.engine.system import System, build
 from clothfit.motion.motion import Motion
 from clothfit.motion.world import in_scene
 from clothfit.scene.scene import Scene
 from clothfit.subspace import proxies
 from clothfit.subspace.model import Model, Part, reduced
+from clothfit.subspace.network.roll import Stepper
 from clothfit.subspace.physics.reduced import Reduced
 
 SLACK = 1e-9
@@ -53,7 +54,7 @@ def play(model: Model, scene: Scene, frames: int, distance: float | None = None)
     x, coordinates = [], []
     for c, part in enumerate(model.parts):
         own = ready(model, part, scene, c, frames - 1, said)
-        own.advance(own.start())  # compiled, and its memory touched
+        rolled(own, min(1, frames - 1), scene.name)  # compiled, and its memory touched
         begin = perf_counter()
         q = rolled(own, frames - 1, scene.name)
         middle = perf_counter()
@@ -70,12 +71,19 @@ def play(model: Model, scene: Scene, frames: int, distance: float | None = None)
     return Played(in_scene(motion, scene), coordinates, list(said), spent)
 
 
-def ready(model: Model, part: Part, scene: Scene, c: int, steps: int, said: dict[str, None]) -> Reduced:
-    """The reduced cloth of an object, with its inputs clamped; what was clamped goes to `said`."""
+def ready(model: Model, part: Part, scene: Scene, c: int, steps: int, said: dict[str, None]) -> Reduced | Stepper:
+    """What steps an object, with its inputs clamped; what was clamped goes to `said`."""
     system = build(scene, c, steps=steps)
     if system.inputs is not None:
         system = system._replace(inputs=clamped(system.inputs, model.limits, said))
-    return reduced(part, system)
+    return stepper(part, system, steps, said)
+
+
+def stepper(part: Part, system: System, steps: int, said: dict[str, None]) -> Reduced | Stepper:
+    """The reduced cloth of a system, or its network for so many steps."""
+    if part.network is None:
+        return reduced(part, system)
+    return Stepper(part.network, system, part.basis, steps, said)
 
 
 def clamped(inputs: Inputs, limits: dict[str, Any], said: dict[str, None]) -> Inputs:
@@ -99,8 +107,10 @@ def clamped(inputs: Inputs, limits: dict[str, Any], said: dict[str, None]) -> In
     return inputs._replace(**changed) if changed else inputs
 
 
-def rolled(own: Reduced, steps: int, name: str) -> Array:
+def rolled(own: Reduced | Stepper, steps: int, name: str) -> Array:
     """The coordinates (steps + 1, r) of a motion. Raises Diverged, as a simulation does."""
+    if isinstance(own, Stepper):
+        return own.roll(steps)
     q = np.empty((steps + 1, own.r))
     state = own.start()
     q[0] = state.q
@@ -121,7 +131,7 @@ def check_finite(q: Array, frame: int, name: str) -> None:
         raise Diverged(f"{name}: the motion on the subspace diverged at frame {frame}", frame)
 
 
-def positions(own: Reduced, q: Array) -> Array:
+def positions(own: Reduced | Stepper, q: Array) -> Array:
     """Positions (frames, n, 3), m, in chunks that stay small."""
     from clothfit.subspace.physics.reduced import decode
 

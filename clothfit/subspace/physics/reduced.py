@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -46,6 +46,14 @@ class Iteration:
     carried: Array  # (3,), the mean's velocity before the step
     cap: float = np.inf  # of the springs
     bend: float = 0.0
+
+
+class Based(Protocol):
+    """A cloth on a basis, whatever steps it."""
+
+    system: System
+    basis: Array  # (n, 3, r)
+    r: int
 
 
 class Reduced:
@@ -241,7 +249,7 @@ def roll(reduced: Reduced, steps: int) -> Array:
     return out
 
 
-def decode(reduced: Reduced, q: Array, first: int = 0) -> Array:
+def decode(reduced: Based, q: Array, first: int = 0) -> Array:
     """Positions (T, n, 3), m, of coordinates (T, r) of the frames from `first` on."""
     n = len(reduced.system.x0)
     x = (q @ reduced.basis.reshape(-1, reduced.r).T).reshape(-1, n, 3) + reduced.system.x0

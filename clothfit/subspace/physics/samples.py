@@ -68,6 +68,12 @@ class Sampled(NamedTuple):
     applied: applied.Applied
 
 
+def nothing() -> Selection:
+    """No elements: what a network evaluates."""
+    some = (np.zeros(0, np.int32), np.zeros(0))
+    return Selection(*some, *some, *some)
+
+
 def everything(system: System) -> Selection:
     """All elements of a cloth, each once; springs and faces between fixed vertices do nothing."""
     free, touches = system.vertex.free, len(system.spheres.radius) > 0 or system.colliders is not None

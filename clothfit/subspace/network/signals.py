@@ -1,0 +1,135 @@
+"""What acts on each step of a cloth, as numbers: the inputs of a network beside its coordinates.
+
+Of step t, which leads from frame t to t + 1, they are in this order, each only where the scene has it:
+
+    wind (3), gravity (3)   of the tables of the step, m/s and m/s²: with a moving frame, in the axes of the world
+    carrier (6)             velocity and change of velocity of what carries the cloth (`carrier`), m/s
+    pins (6 P)              the places of the pins past the carrier after the step, and their way in it, m
+    colliders (2 · 3 D)     the rows of the tables of colliders, their places past the carrier, and their change
+
+The last two are many and move together, so that a mix of them, found in recorded motions, takes their place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+from clothfit.engine.forces.touch import PLACE, STATE
+from clothfit.engine.system import System
+from clothfit.subspace import carrier
+
+PLAIN = ("wind", "gravity", "carrier")
+"""Parts that are inputs as they are."""
+
+MOST = 24
+"""Numbers that take the place of those of pins, or of colliders."""
+
+LEFT_OUT = 1e-3
+"""What of their change may be left out, relative."""
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """How the inputs of a network follow from those of a scene: (raw − mean) mix."""
+
+    parts: tuple[tuple[str, int], ...]  # name and number of the raw ones
+    mean: Array  # (raw,)
+    mix: Array  # (raw, m)
+
+    def fits(self, m: int) -> bool:
+        """Whether the shapes fit m inputs, and all is finite."""
+        raw = sum(size for _, size in self.parts)
+        shaped = self.mean.shape == (raw,) and self.mix.shape == (raw, m)
+        return shaped and bool(np.isfinite(self.mean).all() and np.isfinite(self.mix).all())
+
+    def of(self, system: System, steps: int) -> Array:
+        """The inputs (steps, m) of a motion. Raises InvalidInput where the scene's are not those of the model."""
+        found = raw(system, steps)
+        if tuple((name, table.shape[1]) for name, table in found) != self.parts:
+            given = names([(name, table.shape[1]) for name, table in found])
+            known = names(self.parts)
+            raise InvalidInput(f"the network was trained with other inputs: {known}; here there are {given}")
+        tables = [np.zeros((steps, 0)), *(table for _, table in found)]
+        return np.asarray((np.concatenate(tables, axis=1) - self.mean) @ self.mix)
+
+
+def names(parts: Sequence[tuple[str, int]]) -> str:
+    """What acts, for messages."""
+    return ", ".join(name for name, _ in parts) or "none"
+
+
+def raw(system: System, steps: int) -> list[tuple[str, Array]]:
+    """The numbers of all parts, (steps, size) each. Raises InvalidInput for what a network does not know."""
+    inputs = system.inputs
+    if inputs is None:
+        return []
+    if inputs.poses is not None and len(inputs.poses.first) and np.ptp(inputs.poses.first) > 0:
+        raise InvalidInput("a network does not know bodies that change their shape; --method physics does")
+    late = slice(inputs.lead, inputs.lead + steps)
+    found = [(name, table[late]) for name, table in (("wind", inputs.wind), ("gravity", inputs.gravity)) if len(table)]
+    shift = carrier.shift(inputs, steps + 1)
+    if inputs.path.size:
+        found.append(("carrier", carried(shift[:, 0], system)))
+        found.append(("pins", of_places(inputs.path[: steps + 1] - inputs.path[0] - shift)))
+    if len(inputs.centre):
+        found.append(("colliders", of_places(past(inputs.centre[: steps + 1], shift, len(system.spheres.radius)))))
+    return found
+
+
+def carried(shift: Array, system: System) -> Array:
+    """Velocity and change of velocity (steps, 6) of the carrier, m/s, for its ways (steps + 1, 3)."""
+    inputs = system.inputs
+    assert inputs is not None
+    velocity = np.diff(shift, axis=0) / system.h
+    before = np.concatenate([system.v0[inputs.pins].mean(axis=0)[None], velocity[:-1]])
+    return np.concatenate([velocity, velocity - before], axis=1)
+
+
+def of_places(x: Array) -> Array:
+    """Places after each step, and ways in it, (steps, 6 n), of places (steps + 1, n, 3)."""
+    flat = x.reshape(len(x), -1)
+    return np.concatenate([flat[1:], np.diff(flat, axis=0)], axis=1)
+
+
+def past(centre: Array, shift: Array, spheres: int) -> Array:
+    """The rows of colliders with their places past the carrier's way."""
+    found = centre.copy()
+    found[:, :spheres] -= shift
+    found[:, spheres + PLACE :: STATE] -= shift
+    return found
+
+
+def fitted(tables: Sequence[list[tuple[str, Array]]]) -> Signals:
+    """The signals of recorded motions, from the raw ones of each: those of many numbers as their main components."""
+    parts = tuple((name, table.shape[1]) for name, table in tables[0])
+    means, mixes = [np.zeros(0)], []
+    for k, (name, size) in enumerate(parts):
+        every = np.concatenate([each[k][1] for each in tables])
+        plain = name in PLAIN
+        means.append(np.zeros(size) if plain else every.mean(axis=0))
+        mixes.append(np.eye(size) if plain else components(every - means[-1]))
+    mix = np.zeros((sum(size for _, size in parts), sum(each.shape[1] for each in mixes)))
+    row = column = 0
+    for each in mixes:
+        mix[row : row + len(each), column : column + each.shape[1]] = each
+        row, column = row + len(each), column + each.shape[1]
+    return Signals(parts, np.concatenate(means), mix)
+
+
+def components(away: Array) -> Array:
+    """The mix (size, k) of the main components of numbers (steps, size), places and ways each of their own size."""
+    half = away.shape[1] // 2
+    sizes = (np.abs(part).max(initial=0.0) for part in (away[:, :half], away[:, half:]))
+    scale = np.repeat([1.0 / max(float(size), 1e-12) for size in sizes], half)
+    _, values, rows = np.linalg.svd(away * scale, full_matrices=False)
+    total = float((values**2).sum())
+    if total < 1e-18:
+        return np.zeros((away.shape[1], 0))
+    rest = np.sqrt(np.maximum(total - np.cumsum(values**2), 0.0) / total)
+    count = min(MOST, int(np.argmax(rest <= LEFT_OUT)) + 1 if (rest <= LEFT_OUT).any() else MOST, len(values))
+    return np.asarray(rows[:count].T * scale[:, None])
