@@ -1,0 +1,179 @@
+"""The step of XPBD: closed forms, its derivatives, and what it moves as when it is converged."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import clothfit
+from clothfit.base.errors import InvalidInput
+from clothfit.engine.system import build
+from clothfit.evaluation import runge_kutta
+from clothfit.export.blender import FOLD
+from clothfit.meshes.mesh import plane
+from clothfit.scene.over_time.keys import Keys, Pin
+from clothfit.simulators import sweeps, xpbd
+from clothfit.simulators.constraint import bend, measure
+from clothfit.simulators.substep import Values, zeros
+
+pytestmark = pytest.mark.slow  # compiles
+
+FRAMES = 9
+FOLDED = np.array([[0.0, 0.0, 0.0], [0.4, 0.1, 0.0], [0.1, 0.7, 0.2], [0.2, -0.5, 0.3]])
+HINGE = np.array([[0, 1, 2, 3]], np.int32)
+
+
+def sheet(divisions=2, sphere=True, pinned=True):
+    """A sheet held at two corners, one of which moves, in wind and over a sphere."""
+    mesh = plane(divisions, 1.0)
+    held = np.zeros(len(mesh.positions), bool)
+    held[[0, divisions]] = True
+    ball = [(0.1, -0.25, 0.1, 0.3)] if sphere else []
+    made = clothfit.new_scene(
+        mesh, held, density=0.2, stiffness=30.0, damping=0.1, drag=40.0, frames=FRAMES, delta=0.02,
+        wind=(1.0, 0.0, 2.0), spheres=ball,
+    )  # fmt: skip
+    (own,) = made.cloths
+    rng = np.random.default_rng(1)
+    own = replace(own, velocity=0.3 * rng.normal(size=own.positions.shape), pins=(moving(),) if pinned else ())
+    return replace(made, cloths=(own,))
+
+
+def moving():
+    """The first vertex goes 6 cm up and back."""
+    keys = Keys(np.array([0.0, 0.08, 0.16]), np.array([[0.0, 0, 0], [0, 0.06, 0.02], [0, 0, 0]]), "linear")
+    return Pin(np.array([0], np.int32), keys, None, None)
+
+
+def direction_of(model, seed=3):
+    """A change of all values, of about their size."""
+    rng = np.random.default_rng(seed)
+    sizes = model.compliance, model.time, 0.01 + 0.1 * model.rest, model.inverse, model.damping, [model.faces.drag]
+    found = Values(*(rng.normal(size=len(size)) * size for size in sizes))
+    return found
+
+
+def moved(model, change):
+    """The model with other values."""
+    drag = model.faces.drag + change.drag[0]
+    return model._replace(
+        compliance=model.compliance + change.compliance, time=model.time + change.time, rest=model.rest + change.rest,
+        inverse=model.inverse + change.inverse, damping=model.damping + change.damping,
+        faces=model.faces._replace(drag=drag),
+    )  # fmt: skip
+
+
+def times(factor, change):
+    return Values(*(factor * each for each in change))
+
+
+@pytest.mark.parametrize("members", [np.array([[0, 2, -1, -1]], np.int32), HINGE])
+def test_a_constraints_derivatives_are_those_of_its_value(members):
+    rng, rest, g, h = np.random.default_rng(0), np.zeros(1), np.zeros((4, 3)), 1e-6
+    d, out, other = rng.normal(size=(4, 3)), np.zeros((4, 3)), np.zeros((4, 3))
+    used = members[0][members[0] >= 0]
+    own = np.zeros((4, 3))
+    own[used] = d[: len(used)]
+    measure(members, rest, 0, FOLDED, g)
+    up, down = (measure(members, rest, 0, FOLDED + s * h * own, other) for s in (1, -1))
+    # central differences: h² and rounding over h, both below 1e-9
+    assert (up - down) / (2 * h) == pytest.approx((g * d)[: len(used)].sum(), rel=1e-7)
+    grads = []
+    for s in (1, -1):
+        measure(members, rest, 0, FOLDED + s * h * own, other)
+        grads.append(other.copy())
+    bend(members, 0, FOLDED, d, out)
+    assert np.allclose(((grads[0] - grads[1]) / (2 * h))[: len(used)], out[: len(used)], atol=1e-7)
+
+
+def test_an_angle_is_that_between_the_faces():
+    g = np.zeros((4, 3))
+    for theta in (-2.5, -0.3, 0.0, 1.0, 3.0):
+        x = np.array([[0.0, 0, 0], [1, 0, 0], [0.3, 1, 0], [0.6, -np.cos(theta), np.sin(theta)]])
+        found = measure(HINGE, np.zeros(1), 0, x, g)
+        assert abs(found) == pytest.approx(abs(theta), abs=1e-14)
+        # the torque about the hinge of the vertex across it, at a distance of 1, is that of the angle
+        assert np.linalg.norm(g[2]) == pytest.approx(1.0, rel=1e-14)
+        assert np.abs(g.sum(axis=0)).max() < 1e-14
+        assert np.abs(np.cross(x, g).sum(axis=0)).max() < 1e-14
+
+
+@pytest.mark.parametrize("bending", xpbd.BENDING)
+def test_the_derivatives_are_those_of_the_motion(bending):
+    model = xpbd.model_of(sheet(), 0, xpbd.Settings(3, 2, bending), FRAMES)
+    x, _ = sweeps.simulate(model, FRAMES)
+    assert (np.linalg.norm(x - model.centre[0, 0], axis=2) < model.radius[0]).any()  # it touches
+    change, e = direction_of(model), 1e-5
+    dx = sweeps.tangent(model, change, FRAMES)
+    up, down = (sweeps.simulate(moved(model, times(s * e, change)), FRAMES)[0] for s in (1, -1))
+    # the error of central differences is of order e²
+    assert np.abs((up - down) / (2 * e) - dx).max() < 1e-7 * np.abs(dx).max()
+    weights = np.random.default_rng(5).normal(size=x.shape)
+    found = sweeps.gradient(model, FRAMES, lambda positions: weights)
+    parts = [float((a * b).sum()) for a, b in zip(found, change, strict=True)]
+    terms = sum(abs(part) for part in parts) + np.abs(weights * dx).sum()
+    assert abs(sum(parts) - (weights * dx).sum()) < 1e-12 * terms
+    assert all(part != 0 for part in parts[:-1])
+
+
+def test_fixed_vertices_have_no_gradient_and_pins_go_their_way():
+    scene = sheet()
+    model = xpbd.model_of(scene, 0, xpbd.Settings(2, 2), FRAMES)
+    x, _ = sweeps.simulate(model, FRAMES)
+    path = np.interp(scene.delta * np.arange(FRAMES), [0.0, 0.08, 0.16], [0.0, 0.06, 0.0])
+    assert np.abs(x[:, 0, 1] - x[0, 0, 1] - path).max() < 1e-15
+    assert not np.ptp(x[:, 2], axis=0).any()  # held, and no pin
+    grad = sweeps.gradient(model, FRAMES, lambda positions: positions)
+    assert not grad.inverse[~model.free].any()
+    assert grad.inverse[model.free].all()
+
+
+@pytest.mark.parametrize("sphere", [False, True])
+def test_converged_it_moves_as_the_springs_do(sphere):
+    """With compliances 1/k and short steps: the motion of the equations, by Runge–Kutta."""
+    scene = sheet(sphere=sphere, pinned=False)
+    truth = runge_kutta.record(build(scene, 0), scene.delta, FRAMES, 200)
+    size = np.abs(truth - truth[0]).max()
+    coarse, fine = (
+        sweeps.simulate(xpbd.model_of(scene, 0, xpbd.Settings(substeps, 8), FRAMES), FRAMES)[0]
+        for substeps in (100, 200)
+    )
+    error, half, limit = (np.abs(found - truth).max() / size for found in (coarse, fine, 2 * fine - coarse))
+    assert error / half == pytest.approx(2.0, rel=0.1)  # of first order: with h to 0 the motion is that one
+    assert limit < 1e-3
+    assert half < (0.03 if sphere else 1e-3)  # a contact of 1000 N/m swings ten times as fast as the springs
+
+
+def test_a_weight_on_a_constraint_hangs_by_its_compliance():
+    mesh = plane(1, 1.0)
+    held = np.array([True, True, True, False])
+    scene = clothfit.new_scene(mesh, held, stiffness=50.0, damping=20.0, drag=0.0, frames=400, delta=0.02)
+    model = xpbd.model_of(scene, 0, xpbd.Settings(1, 30), 400)
+    x, _ = sweeps.simulate(model, 400)
+    assert np.abs(x[-1] - x[-2]).max() < 1e-10  # at rest
+    hung = x[-1, 3]
+    pulls = np.zeros(3)
+    for (a, b), rest, softness in zip(model.members[:, :2], model.rest, model.compliance, strict=True):
+        if 3 in (a, b):
+            e = hung - x[-1, a if b == 3 else b]
+            pulls -= (np.linalg.norm(e) - rest) / softness * e / np.linalg.norm(e)
+    assert pulls == pytest.approx([0.0, 9.81 / model.inverse[3], 0.0], abs=1e-7)
+
+
+def test_bending_by_angles_is_as_strong_as_the_spring_at_the_angle_of_the_mapping():
+    scene = sheet(3, sphere=False)
+    (own,) = scene.cloths
+    by_angle = xpbd.model_of(scene, 0, xpbd.Settings(1, 1, "angle"), 2)
+    bent = by_angle.members[:, 2] >= 0
+    assert bent.sum() > 0
+    torque = FOLD / by_angle.compliance[bent]
+    assert torque == pytest.approx(own.stiffness[bent] * own.rest[bent] ** 2 * FOLD**3 / 32, rel=1e-12)
+    assert np.abs(by_angle.rest[bent]).max() < 1e-12  # of a flat sheet
+
+
+def test_what_xpbd_has_not_is_refused():
+    with pytest.raises(InvalidInput, match="there is no 'crease'"):
+        xpbd.model_of(sheet(), 0, xpbd.Settings(1, 1, "crease"), 2)
+    with pytest.raises(InvalidInput, match="substeps must be within"):
+        xpbd.model_of(sheet(), 0, xpbd.Settings(0, 1), 2)
+    assert zeros(xpbd.model_of(sheet(), 0, xpbd.Settings(1, 1), 2)).drag.shape == (1,)
