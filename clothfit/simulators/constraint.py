@@ -3,7 +3,7 @@
     distance:  C = |x₀ − x₁| − L,   n = (x₀ − x₁)/|x₀ − x₁|,   ∇₀C = n = −∇₁C
     angle:     C = θ − θ₀ of a hinge with ends x₀, x₁ and the vertices x₂, x₃ across it; θ is 0 where it is flat
 
-With e = x₁ − x₀, a = x₂ − x₀, b = x₃ − x₀, the normals p = e × a and q = b × e, and the feet s = a·e/|e|², t = b·e/|e|²:
+With e = x₁ − x₀, a = x₂ − x₀, b = x₃ − x₀, the normals p = e × a, q = b × e, and the feet s = a·e/|e|², t = b·e/|e|²:
 
     θ = atan2((p × q)·e/|e|, p·q)
     ∇₂θ = −|e| p/|p|²,  ∇₃θ = −|e| q/|q|²,  ∇₀θ = −(1 − s) ∇₂θ − (1 − t) ∇₃θ,  ∇₁θ = −s ∇₂θ − t ∇₃θ
@@ -38,6 +38,7 @@ def measure(members, rest, c, x, g):
 
 @kernel
 def distance(members, rest, c, x, g):
+    """`measure` of a distance."""
     e = sub(load3(x, members[c, 0]), load3(x, members[c, 1]))
     length = sqrt(dot(e, e))
     n = mul(splat(1.0 / length if length > 0.0 else 0.0), e)
@@ -56,6 +57,7 @@ def sides(members, c, x):
 
 @kernel
 def angle(members, rest, c, x, g):
+    """`measure` of an angle."""
     e, a, b = sides(members, c, x)
     p, q = cross(e, a), cross(b, e)
     ee, pp, qq = dot(e, e), dot(p, p), dot(q, q)
@@ -88,6 +90,7 @@ def bend(members, c, x, d, out):
 
 @kernel
 def bend_distance(members, c, x, d, out):
+    """`bend` of a distance."""
     e = sub(load3(x, members[c, 0]), load3(x, members[c, 1]))
     length = sqrt(dot(e, e))
     inverse = 1.0 / length if length > 0.0 else 0.0
@@ -99,7 +102,7 @@ def bend_distance(members, c, x, d, out):
 
 @kernel
 def bend_angle(members, c, x, d, out):
-    # the change of each line of `angle`
+    """`bend` of an angle: the change of each line of `angle`."""
     e, a, b = sides(members, c, x)
     p, q = cross(e, a), cross(b, e)
     ee, pp, qq = dot(e, e), dot(p, p), dot(q, q)

@@ -19,7 +19,12 @@ from clothfit.base.arrays import NO_NUMBERS, Array, Flags, Indices
 from clothfit.engine.forces import wind
 from clothfit.kernels.kernel import kernel
 from clothfit.simulators.projection import (
-    project, pull_project, pull_touch, push_project, push_touch, touch,
+    project,
+    pull_project,
+    pull_touch,
+    push_project,
+    push_touch,
+    touch,
 )  # fmt: skip
 
 
@@ -160,6 +165,7 @@ def keep(model, past, k, c, x, multiplier):
 
 @kernel
 def keep_touch(past, k, r, i, x, multiplier):
+    """Keep what the contact of vertex i with sphere r begins with."""
     if len(past.touched) > 0:
         past.touched[k, r, i, 3] = multiplier
         for j in range(3):

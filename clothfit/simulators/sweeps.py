@@ -12,7 +12,15 @@ from clothfit.base.limits import FARTHEST
 from clothfit.base.memory import check_memory
 from clothfit.kernels.kernel import kernel
 from clothfit.simulators.substep import (
-    History, Model, Values, history, pullback, pushforward, step, workspace, zeros,
+    History,
+    Model,
+    Values,
+    history,
+    pullback,
+    pushforward,
+    step,
+    workspace,
+    zeros,
 )  # fmt: skip
 
 

@@ -24,10 +24,10 @@ HINGE = np.array([[0, 1, 2, 3]], np.int32)
 
 
 def sheet(divisions=2, sphere=True, pinned=True):
-    """A sheet held at two corners, one of which moves, in wind and over a sphere."""
+    """A sheet held at two vertices, one of which moves, in wind and over a sphere."""
     mesh = plane(divisions, 1.0)
     held = np.zeros(len(mesh.positions), bool)
-    held[[0, divisions]] = True
+    held[[0, 2]] = True
     ball = [(0.1, -0.25, 0.1, 0.3)] if sphere else []
     made = clothfit.new_scene(
         mesh, held, density=0.2, stiffness=30.0, damping=0.1, drag=40.0, frames=FRAMES, delta=0.02,
@@ -49,8 +49,7 @@ def direction_of(model, seed=3):
     """A change of all values, of about their size."""
     rng = np.random.default_rng(seed)
     sizes = model.compliance, model.time, 0.01 + 0.1 * model.rest, model.inverse, model.damping, [model.faces.drag]
-    found = Values(*(rng.normal(size=len(size)) * size for size in sizes))
-    return found
+    return Values(*(rng.normal(size=len(size)) * size for size in sizes))
 
 
 def moved(model, change):
@@ -145,11 +144,11 @@ def test_converged_it_moves_as_the_springs_do(sphere):
 
 
 def test_a_weight_on_a_constraint_hangs_by_its_compliance():
-    mesh = plane(1, 1.0)
+    mesh = plane(0, 1.0)
     held = np.array([True, True, True, False])
-    scene = clothfit.new_scene(mesh, held, stiffness=50.0, damping=20.0, drag=0.0, frames=400, delta=0.02)
-    model = xpbd.model_of(scene, 0, xpbd.Settings(1, 30), 400)
-    x, _ = sweeps.simulate(model, 400)
+    scene = clothfit.new_scene(mesh, held, stiffness=50.0, damping=1.0, drag=0.0, frames=3000, delta=0.02)
+    model = xpbd.model_of(scene, 0, xpbd.Settings(1, 30), 3000)
+    x, _ = sweeps.simulate(model, 3000)
     assert np.abs(x[-1] - x[-2]).max() < 1e-10  # at rest
     hung = x[-1, 3]
     pulls = np.zeros(3)
