@@ -2,7 +2,7 @@
 
 With h the substep, f the drag of the air at (x, v), α the damping of the vertices:
 
-    v* = (v + h (g + w f)) / (1 + h α),   y = x + h v*,   y ← corrected `iterations` times,   x⁺ = y,   v⁺ = (y − x)/h
+    v* = v / (1 + h α) + h (g + w f),   y = x + h v*,   y ← corrected `iterations` times,   x⁺ = y,   v⁺ = (y − x)/h
 
 Pins go to their places. Wind, gravity, spheres and pins at a substep are between their values before and after the
 step. The adjoint takes the corrections backwards one by one, from what `History` kept of each. (M. Macklin et al.,
@@ -94,10 +94,10 @@ class Work(NamedTuple):
 def workspace(model: Model) -> Work:
     """Scratch space for a model."""
     n, count, spheres = len(model.x0), len(model.rest), len(model.radius)
-    many = np.zeros((7, n, 3))
+    start, change, force, lam, still, by_x, by_v = np.zeros((7, n, 3))
     return Work(
-        *many, np.zeros((3, 4, 3)), np.zeros(3), np.zeros((2, count)), np.zeros((2, spheres, n)), np.zeros(3),
-        np.zeros((spheres, 3)),
+        start, change, force, lam, still, by_x, by_v, np.zeros((3, 4, 3)), np.zeros(3), np.zeros((2, count)),
+        np.zeros((2, spheres, n)), np.zeros(3), np.zeros((spheres, 3)),
     )  # fmt: skip
 
 
@@ -109,8 +109,8 @@ def history(model: Model) -> History:
 
 def zeros(model: Model) -> Values:
     """Zeros for all values of a model."""
-    many = (np.zeros_like(array) for array in (model.compliance, model.time, model.rest, model.inverse))
-    return Values(*many, np.zeros(1), np.zeros(1))
+    many = np.zeros((3, len(model.rest)))
+    return Values(many[0], many[1], many[2], np.zeros_like(model.inverse), np.zeros(1), np.zeros(1))
 
 
 @kernel
@@ -137,7 +137,7 @@ def predict(model, t, s, x, v, work):
         for j in range(3):
             work.start[i, j] = x[i, j]
             if model.free[i]:
-                v[i, j] = slow * (v[i, j] + h * (work.gravity[j] + model.inverse[i] * work.force[i, j]))
+                v[i, j] = slow * v[i, j] + h * (work.gravity[j] + model.inverse[i] * work.force[i, j])
                 x[i, j] += h * v[i, j]
     for k in range(len(model.pins)):
         for j in range(3):
@@ -238,7 +238,8 @@ def push_predict(model, direction, t, s, x, v, dx, dv, work):
             work.change[i, j] = dx[i, j]
             if model.free[i]:
                 pushed = model.inverse[i] * work.lam[i, j] + h * direction.inverse[i] * work.force[i, j]
-                dv[i, j] = slow * (dv[i, j] + pushed - h * direction.damping[0] * v[i, j])
+                kept = v[i, j] - h * (work.gravity[j] + model.inverse[i] * work.force[i, j])
+                dv[i, j] = slow * (dv[i, j] - h * direction.damping[0] * kept) + pushed
                 dx[i, j] += h * dv[i, j]
 
 
@@ -299,12 +300,11 @@ def pull_predict(model, h, x, v, x_bar, v_bar, grad, work):
             if not model.free[i]:
                 work.lam[i, j] = 0.0
                 continue
-            after = slow * (v[i, j] + h * (work.gravity[j] + model.inverse[i] * work.force[i, j]))
-            by_sum = slow * h * x_bar[i, j]
-            v_bar[i, j] = by_sum
-            work.lam[i, j] = model.inverse[i] * by_sum
-            grad.inverse[i] += h * work.force[i, j] * by_sum
-            grad.damping[0] -= h * after * by_sum
+            by_v = h * x_bar[i, j]
+            v_bar[i, j] = slow * by_v
+            work.lam[i, j] = model.inverse[i] * by_v
+            grad.inverse[i] += h * work.force[i, j] * by_v
+            grad.damping[0] -= h * slow * slow * v[i, j] * by_v
             x_bar[i, j] += work.change[i, j]
     work.by_x[:] = 0.0
     work.by_v[:] = 0.0

@@ -71,12 +71,14 @@ def model_of(scene: Scene, index: int, settings: Settings, frames: int) -> Model
     system, cloth = build(scene, index, steps=frames - 1), scene.cloths[index]
     members, rest, compliance = constraints(cloth, settings.bending)
     faces = system.faces._replace(wind=system.faces.wind.copy())
+    pins, path = pins_of(system.inputs, frames)
     return Model(
         x0=system.x0.copy(), v0=system.v0.copy(), free=~cloth.fixed,
         inverse=np.where(cloth.fixed, 0.0, 1.0 / cloth.mass),
         members=members, rest=rest, compliance=compliance, time=np.full(len(rest), 0.5 * cloth.damping),
         damping=np.array([cloth.damping]), faces=faces, radius=system.spheres.radius, contact=1.0 / STIFFNESS,
-        **world(system, frames), h=scene.delta, substeps=settings.substeps, iterations=settings.iterations,
+        **world(system, frames), path=path, pins=pins,
+        h=scene.delta, substeps=settings.substeps, iterations=settings.iterations,
     )  # fmt: skip
 
 
@@ -108,8 +110,8 @@ def angles(members: Indices, x: Array) -> Array:
     return found
 
 
-def world(system: System, frames: int) -> dict[str, Array | Indices]:
-    """Wind, gravity, spheres and pins at the times of the frames."""
+def world(system: System, frames: int) -> dict[str, Array]:
+    """Wind, gravity and spheres at the times of the frames."""
     inputs, spheres = system.inputs, len(system.spheres.radius)
 
     def rows(base: Array, table: Array | None) -> Array:
@@ -125,15 +127,15 @@ def world(system: System, frames: int) -> dict[str, Array | Indices]:
         centre = inputs.centre[:frames, :spheres].copy()
     return {
         "wind": rows(wind, inputs and inputs.wind), "gravity": rows(gravity, inputs and inputs.gravity),
-        "centre": centre, **pins_of(inputs, frames),
+        "centre": centre,
     }  # fmt: skip
 
 
-def pins_of(inputs: Inputs | None, frames: int) -> dict[str, Array | Indices]:
-    """The pins and their places at the times of the frames."""
+def pins_of(inputs: Inputs | None, frames: int) -> tuple[Indices, Array]:
+    """The pins (P,) and their places (frames, P, 3)."""
     if inputs is None or not len(inputs.path):
-        return {"path": np.zeros((frames, 0, 3)), "pins": np.zeros(0, np.int32)}
-    return {"path": inputs.path[:frames].copy(), "pins": inputs.pins}
+        return np.zeros(0, np.int32), np.zeros((frames, 0, 3))
+    return inputs.pins, inputs.path[:frames].copy()
 
 
 def simulate(model: Model, frames: int, name: str = "xpbd") -> Array:
@@ -142,4 +144,3 @@ def simulate(model: Model, frames: int, name: str = "xpbd") -> Array:
     if good < frames:
         raise InvalidInput(f"{name}: its cloth runs away, beyond {FARTHEST:g} m, in frame {good}; take more substeps")
     return positions
-

@@ -147,7 +147,7 @@ def test_a_weight_on_a_constraint_hangs_by_its_compliance():
     mesh = plane(0, 1.0)
     held = np.array([True, True, True, False])
     scene = clothfit.new_scene(mesh, held, stiffness=50.0, damping=1.0, drag=0.0, frames=3000, delta=0.02)
-    model = xpbd.model_of(scene, 0, xpbd.Settings(1, 30), 3000)
+    model = xpbd.model_of(scene, 0, xpbd.Settings(20, 10), 3000)
     x, _ = sweeps.simulate(model, 3000)
     assert np.abs(x[-1] - x[-2]).max() < 1e-10  # at rest
     hung = x[-1, 3]
@@ -156,7 +156,7 @@ def test_a_weight_on_a_constraint_hangs_by_its_compliance():
         if 3 in (a, b):
             e = hung - x[-1, a if b == 3 else b]
             pulls -= (np.linalg.norm(e) - rest) / softness * e / np.linalg.norm(e)
-    assert pulls == pytest.approx([0.0, 9.81 / model.inverse[3], 0.0], abs=1e-7)
+    assert pulls == pytest.approx([0.0, 9.81 / model.inverse[3], 0.0], abs=1e-4)  # they turn by h² g/L
 
 
 def test_bending_by_angles_is_as_strong_as_the_spring_at_the_angle_of_the_mapping():
