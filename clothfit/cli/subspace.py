@@ -207,11 +207,13 @@ def built(data: Data, options: Any, out: Any, about: dict[str, Any], as_json: bo
 
 def show(name: str, found: Report, console: Console) -> None:
     """Say what a model of one object leaves out, evaluates and misses."""
+    from clothfit.subspace.cost import whole
+
     console.result(f"{name}: {found.vectors} vectors")
     console.table([("vectors", "leave out"), *((str(k), metres(v)) for k, v in found.left_out.items())])
     used = ", ".join(f"{a} of {b} {kind}" for kind, (a, b) in found.elements.items() if b)
     console.result(f"evaluated: {used}")
-    frame, step = sum(found.us_per_frame.values()), found.full_us_per_step
+    frame, step = whole(found.us_per_frame), found.full_us_per_step
     console.result(f"a frame takes {frame:.0f} µs, with positions and normals; a full step takes {step:.0f} µs")
     if not found.pays:
         console.warn(f"{name}: a subspace does not pay for so few vertices; full steps are faster")

@@ -18,7 +18,7 @@ from clothfit.scene.scene import dumps
 from clothfit.subspace import basis as bases
 from clothfit.subspace import carrier
 from clothfit.subspace import normals as regression
-from clothfit.subspace.cost import cost
+from clothfit.subspace.cost import cost, whole
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.physics import cubature
 from clothfit.subspace.physics.reduced import Reduced, check, decode, roll
@@ -84,7 +84,7 @@ class Report:
     @property
     def pays(self) -> bool:
         """Whether a frame takes less time than a full step."""
-        return sum(self.us_per_frame.values()) < self.full_us_per_step
+        return whole(self.us_per_frame) < self.full_us_per_step
 
 
 def build(

@@ -9,17 +9,28 @@ import numpy as np
 
 from clothfit.base import threads
 from clothfit.base.arrays import Array
+from clothfit.engine.system import build
+from clothfit.motion.energy import Energy, energies
+from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
+from clothfit.motion.world import in_world
 from clothfit.scene.scene import Scene
-from clothfit.subspace.cost import cost
+from clothfit.subspace.carrier import relative as relative_to_carrier
+from clothfit.subspace.cost import cost, whole
+from clothfit.subspace.frames import Decoder
 from clothfit.subspace.model import Model, Part
-from clothfit.subspace.play import play
+from clothfit.subspace.normals import angles
+from clothfit.subspace.play import Played, play
 
 FORGOTTEN = 0.1
 """Relative error from which on points are no longer compared, but spectra and envelopes."""
 
 TIMED = 200
 """Frames whose time is taken, at most."""
+
+
+NORMALS_SEEN = 60
+"""Frames whose normals are compared, at most."""
 
 
 @dataclass(frozen=True)
@@ -31,12 +42,21 @@ class Judgement:
     relative_rmse: float  # to the RMS of the displacements since the start
     max_error: float  # m
     over_time: list[tuple[int, float]]  # frames, and the RMSE of the frames until then, m
+    drift: float  # m, RMS distance of the mean shapes of the last fifth of the frames
+    energy: float  # RMS difference of the stored energy, relative to the largest that the full motion stores
+    energy_gain: float  # largest energy beyond that at the start and the work of the wind, relative to the same
     deviation: float  # of the standard deviations of the vertices over time, RMS, relative
     spectrum: float  # of the amplitudes of the vertices' spectra, relative
-    us_per_frame: dict[str, float]  # state, decode, normals; µs of one thread
+    normals: dict[str, float]  # mean angle to those of the full motion, degrees: of faces, by regression
+    us_per_frame: dict[str, float]  # state, decode, normals, and normals by regression; µs of one thread
     full_us_per_step: float
     megabytes: float
     clamped: list[str] = field(default_factory=list)
+
+    @property
+    def us_whole(self) -> float:
+        """The µs of a frame."""
+        return whole(self.us_per_frame)
 
     @property
     def forgets(self) -> bool:
@@ -44,10 +64,44 @@ class Judgement:
         return self.relative_rmse > FORGOTTEN
 
 
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """Both motions, in the scene's axes, and what the comparison says."""
+
+    model: Model
+    scene: Scene
+    own: Motion
+    full: Motion
+    coordinates: list[Array]  # of each object, (frames, r)
+    energies: tuple[Energy, Energy]  # of the motion on the subspace, of the full one
+    found: Judgement
+
+    def projected(self, c: int) -> Array:
+        """The coordinates (frames, r) nearest to the full motion of object c, by mass."""
+        system = build(self.scene, c, steps=len(self.full.times) - 1)
+        x, basis = in_world(self.full, self.scene).of(c), self.model.parts[c].basis
+        weighted = (basis * system.vertex.mass[:, None, None]).reshape(-1, basis.shape[2])
+        onto = np.linalg.solve(weighted.T @ basis.reshape(weighted.shape), weighted.T).T
+        return np.asarray(relative_to_carrier(x - system.x0, system).reshape(len(x), -1) @ onto)
+
+
 def judge(model: Model, scene: Scene, frames: int) -> Judgement:
     """Compare so many frames. Raises Diverged, InvalidInput."""
+    return compare(model, scene, frames).found
+
+
+def compare(model: Model, scene: Scene, frames: int) -> Compared:
+    """The same, with the motions."""
     played = play(model, scene, frames)
     full = simulate(scene, frames)
+    both = energies(scene, played.motion), energies(scene, full)
+    found = judged(model, scene, played, full, both)
+    return Compared(model, scene, played.motion, full, played.coordinates, both, found)
+
+
+def judged(model: Model, scene: Scene, played: Played, full: Motion, both: tuple[Energy, Energy]) -> Judgement:
+    """What two motions and their energies say."""
+    frames = len(full.times)
     away = played.motion.positions - full.positions
     square = (away**2).sum(axis=2)
     moved = full.positions - full.positions[0]
@@ -55,18 +109,22 @@ def judge(model: Model, scene: Scene, frames: int) -> Judgement:
     rmse = float(np.sqrt(square.mean()))
     ends = sorted({max(1, frames * k // 5) for k in range(1, 6)})
     with threads.single():
-        times, whole = cost_of(model, scene, frames)
+        times, step = cost_of(model, scene, frames)
     bytes_of = sum(4 * part.basis.size + of_steps(part) for part in model.parts)
     return Judgement(
         frames=frames,
         rmse=rmse,
         relative_rmse=rmse / size if size > 0 else 0.0,
         max_error=float(np.sqrt(square.max())),
+        drift=float(np.sqrt((away[-max(1, frames // 5) :].mean(axis=0) ** 2).sum(axis=1).mean())),
+        energy=float(np.sqrt(((both[0].total - both[1].total) ** 2).mean())) / (both[1].scale or 1.0),
+        energy_gain=both[0].gain[0] / (both[1].scale or 1.0),
         over_time=[(end, float(np.sqrt(square[:end].mean()))) for end in ends],
         deviation=relative(deviations(played.motion.positions), deviations(full.positions)),
         spectrum=relative(amplitudes(played.motion.positions), amplitudes(full.positions)),
+        normals=normals(model, scene, played, full),
         us_per_frame=times,
-        full_us_per_step=whole,
+        full_us_per_step=step,
         megabytes=bytes_of / 1e6,
         clamped=played.clamped,
     )
@@ -75,6 +133,25 @@ def judge(model: Model, scene: Scene, frames: int) -> Judgement:
 def of_steps(part: Part) -> int:
     """Bytes of what steps an object."""
     return sum(each.nbytes for each in part.chosen) + (part.network.nbytes if part.network else 0)
+
+
+def normals(model: Model, scene: Scene, played: Played, full: Motion) -> dict[str, float]:
+    """The mean angles, degrees, between the normals of a motion on the subspace and of the full one: those of its faces
+    and, where all objects have it, by regression.
+    """
+    frames = np.unique(np.linspace(0, len(full.times) - 1, NORMALS_SEEN).astype(int))
+    own, straight = in_world(played.motion, scene), in_world(full, scene)
+    gaps: dict[str, list[Array]] = {"faces": [], "regression": []}
+    for c, part in enumerate(model.parts):
+        cloth = scene.cloths[c]
+        decoder = Decoder(cloth.positions, part.basis, cloth.triangles, part.normals)
+        for t in frames:
+            true, made = (decoder.normals(x.of(c)[t].astype(np.float32)).copy() for x in (straight, own))
+            gaps["faces"].append(angles(made, true))
+            if part.normals is not None:
+                gaps["regression"].append(angles(decoder.predicted(played.coordinates[c][t]), true))
+    found = {name: np.concatenate(each) for name, each in gaps.items() if len(each) == len(gaps["faces"])}
+    return {name: float(np.nanmean(each)) for name, each in found.items() if np.isfinite(each).any()}
 
 
 def relative(a: Array, b: Array) -> float:

@@ -14,6 +14,13 @@ if TYPE_CHECKING:
     from clothfit.subspace.judge import Judgement
 
 
+NORMALS = {"faces": "(of the faces)", "regression": "(by regression)"}
+NAMES = {"regression": "(normals by regression)"}
+
+ROUNDING = 1e-9
+"""Relative energy that is none."""
+
+
 def measure(
     scene_path: str, model_path: str, inputs_path: str | None, steps: int | None, as_json: bool, console: Console
 ) -> None:
@@ -43,8 +50,16 @@ def show(found: Judgement, console: Console) -> None:
             "the two motions have parted: compare their spectra and deviations, not their points: spectrum within "
             f"{100 * found.spectrum:.2g} %, standard deviations of the vertices within {100 * found.deviation:.2g} %"
         )
-    whole = sum(found.us_per_frame.values())
-    rows = [(name, f"{value:.0f} µs") for name, value in found.us_per_frame.items()]
+    console.result(
+        f"drift {metres(found.drift)} in the last fifth; stored energy within {100 * found.energy:.2g} %, "
+        + (f"at most {100 * found.energy_gain:.2g} % more than was given" if found.energy_gain > ROUNDING
+           else "never more than was given")
+    )  # fmt: skip
+    parts = [f"{value:.2g}° {NORMALS[name]}" for name, value in found.normals.items()]
+    if parts:
+        console.result(f"normals off by {', '.join(parts)}")
+    whole = found.us_whole
+    rows = [(NAMES.get(name, name), f"{value:.0f} µs") for name, value in found.us_per_frame.items()]
     console.table([("a frame", "time"), *rows, ("together", f"{whole:.0f} µs"),
                    ("a full step", f"{found.full_us_per_step:.0f} µs")])  # fmt: skip
     console.result(f"{found.megabytes:.2g} MB; {found.full_us_per_step / whole:.2g} times as fast as full steps")
