@@ -27,7 +27,7 @@ SECTIONS = {
     "What to compare": ("--target", "--steps", "--forces"),
     "The file of the target": motions.FILE_OPTIONS,
     "How fast and how exact (--speed)": SPEED_OPTIONS,
-    "A subspace (MODEL in place of FITTED)": ("--inputs",),
+    "A subspace (MODEL in place of FITTED)": ("--inputs", "--report"),
     "What is written": ("--plot", "--gif"),
 }
 
@@ -50,6 +50,8 @@ SECTIONS = {
               help="With --fit: evaluate the cost at most N times with each.  [default: 100]")
 @click.option("--inputs", "inputs_path", metavar="FILE",
               help="Of a subspace: compare under these inputs over time (JSON).  [default: those of SCENE]")
+@click.option("--report", "page_path", metavar="FILE",
+              help="Of a subspace: write a page here that plays it over the full motion, side by side.")
 @pictures.options
 def command(
     scene_path: str,
@@ -64,6 +66,7 @@ def command(
     fit: bool,
     max_evaluations: int | None,
     inputs_path: str | None,
+    page_path: str | None,
     pictures: pictures.Pictures,
     as_json: bool,
     console: Console,
@@ -94,14 +97,15 @@ def command(
         missing = next(p for p in context.command.params if p.name == "fitted_path")
         raise click.MissingParameter(ctx=context, param=missing)
     if of_subspace(fitted_path):
-        others: dict[str, object] = {"--target": target_path, "--forces": forces_path, "--gif": pictures.gif}
-        others["--plot"] = pictures.plot
+        others: dict[str, object] = {"--target": target_path, "--forces": forces_path}
         refuse(others, "{} does not go with a subspace")
         from clothfit.cli.evaluating import evaluate_subspace
 
-        evaluate_subspace.measure(scene_path, fitted_path, inputs_path, steps, as_json, console)
+        evaluate_subspace.measure(
+            scene_path, fitted_path, inputs_path, steps, pictures, page_path, as_json, console
+        )
         return
-    refuse({"--inputs": inputs_path}, "{} goes with a subspace only")
+    refuse({"--inputs": inputs_path, "--report": page_path}, "{} goes with a subspace only")
     compare(scene_path, fitted_path, target_path, reading, steps, forces_path, pictures, as_json, console)
 
 

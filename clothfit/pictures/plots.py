@@ -104,9 +104,11 @@ def values(scene: Scene, truth: Scene | None) -> list[Part]:
 
 def composed(
     scene: Scene, times: Array, x: Array, over: Array | None, title: str, summary: str, rows: Sequence[Sequence[Part]],
-    own: Marks | None = None,
+    own: Marks | None = None, names: Sequence[tuple[float, str, str]] = COMPARED,
 ) -> Figure:  # fmt: skip
-    """A filmstrip of x (F, n, 3) with the target `over` (F, n, 3) over it, and marks; and rows of parts below."""
+    """A filmstrip of x (F, n, 3) with the target `over` (F, n, 3) over it, and marks; and rows of parts below. `names`
+    say what the colours of x and `over` mean.
+    """
     from matplotlib.figure import Figure
 
     times, x, over = good_part(times, x, over)
@@ -117,7 +119,7 @@ def composed(
     sizes = [top, strip, *[ROW_HEIGHT] * len(rows)]
     figure = Figure(figsize=(PAGE_WIDTH, sum(sizes)), facecolor="white")
     bands: Any = figure.subfigures(len(sizes), 1, height_ratios=sizes, squeeze=False)
-    legend = () if over is None else COMPARED if own is None else CONTROLLED[: len(own.legend)]
+    legend = () if over is None else names if own is None else CONTROLLED[: len(own.legend)]
     head(bands[0, 0], top, title, summary, legend)
     film.strip(bands[1, 0], on, times, x, over, own)
     for band, parts in zip(bands[2:, 0], rows, strict=True):

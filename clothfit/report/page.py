@@ -26,7 +26,9 @@ from clothfit.report.contents import content
 from clothfit.report.control_contents import control_content
 from clothfit.report.log import Log
 from clothfit.report.showing import BEFORE, Shown, shown
+from clothfit.report.subspace_contents import subspace_content
 from clothfit.scene.scene import Scene
+from clothfit.subspace.judge import Compared
 
 WEB = Path(__file__).parent / "web"
 THREE = "three/three.module.min.js"
@@ -86,6 +88,16 @@ def control_page(
     `inputs` are name and SHA-256 of each file.
     """
     parts = control_content(over, found)
+    return page({**parts, "commands": list(commands), "inputs": [list(pair) for pair in inputs]})
+
+
+def subspace_page(
+    over: Compared, model: str, commands: Sequence[str] = (), inputs: Sequence[tuple[str, str]] = ()
+) -> bytes:
+    """The page, HTML in UTF-8, that plays a motion on a subspace over the full one, and beside it. `model` is the name
+    of its file; `commands` repeat it, `inputs` are name and SHA-256 of each file.
+    """
+    parts = subspace_content(over, model)
     return page({**parts, "commands": list(commands), "inputs": [list(pair) for pair in inputs]})
 
 

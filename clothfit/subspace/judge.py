@@ -169,10 +169,16 @@ def amplitudes(x: Array) -> Array:
     """The amplitudes of the frequencies of a motion (frames, n, 3), RMS over the vertices, each of them the mean of its
     neighbours' in a band of a third of an octave.
     """
+    return bands(x)[1]
+
+
+def bands(x: Array) -> tuple[Array, Array]:
+    """The same, after the middles of the bands, periods in the motion."""
     power = (np.abs(np.fft.rfft(x - x.mean(axis=0), axis=0)) ** 2).sum(axis=2).mean(axis=1)[1:]
     edges = np.unique(np.round(2.0 ** (np.arange(0, 64) / 3.0)).astype(int))
-    bands = [power[a - 1 : b - 1] for a, b in itertools.pairwise(edges) if a <= len(power)]
-    return np.sqrt(np.array([each.mean() for each in bands])) if bands else np.zeros(0)
+    pairs = [(a, b) for a, b in itertools.pairwise(edges) if a <= len(power)]
+    middle = np.sqrt(np.array([a * (b - 1.0) for a, b in pairs]))
+    return middle, np.sqrt(np.array([power[a - 1 : b - 1].mean() for a, b in pairs]))
 
 
 def cost_of(model: Model, scene: Scene, frames: int) -> tuple[dict[str, float], float]:

@@ -147,6 +147,14 @@ def test_the_commands(tmp_path, monkeypatch, capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["relative_rmse"] < 0.1
     assert set(found["us_per_frame"]) == {"state", "decode", "normals"}
+    assert {"drift", "energy", "energy_gain", "normals"} <= set(found)
+    shown = ["--plot", "p.png", "--report", "p.html", "--steps", "20"]
+    assert run(["evaluate", "scene.json", "b.npz", *shown, "-q"]) == 0
+    assert {"p.png", "p.html"} <= {each.name for each in tmp_path.iterdir()}
+    assert run(["evaluate", "scene.json", "scene.json", "--report", "q.html"]) == 2
+    assert "--report goes with a subspace only" in capsys.readouterr().err
+    assert run(["evaluate", "scene.json", "b.npz", "--report", "b.npz"]) == 3
+    assert "it is an input or another output" in capsys.readouterr().err
     assert found["full_us_per_step"] > 0
     assert run(["info", "a.npz"]) == 3
     assert "clothfit subspace play" in capsys.readouterr().err

@@ -1,7 +1,7 @@
 // Charts of lines as SVG: the error of each frame, the cost of each evaluation.
 
 import { make, path, svg } from "clothfit/drawing";
-import { decades, length, lengthUnit, short, ticks } from "clothfit/words";
+import { called, decades, length, lengthUnit, short, ticks } from "clothfit/words";
 
 const WIDTH = 400, HEIGHT = 190;
 const FRAME = { left: 66, right: 12, top: 20, bottom: 34 };
@@ -54,10 +54,11 @@ export function axisOf(values, metres, always = false) {
 function windowed(box, until) {
   const edge = Math.min(box.across(until), box.x1);
   const [width, height] = [Math.max(edge - box.x0, 0), box.y0 - box.y1];
+  if (!called.near) return;
   box.back.prepend(svg("rect", { x: box.x0, y: box.y1, width, height, class: "window" }));
-  box.back.append(svg("text", { x: box.x0, y: box.y1 - 6, class: "mark" }, "fitted frames"));
+  box.back.append(svg("text", { x: box.x0, y: box.y1 - 6, class: "mark" }, called.near));
   const after = Math.max(edge, box.x0 + 75) + 5;
-  if (edge < box.x1 - 90) box.back.append(svg("text", { x: after, y: box.y1 - 6, class: "mark" }, "horizon"));
+  if (edge < box.x1 - 90) box.back.append(svg("text", { x: after, y: box.y1 - 6, class: "mark" }, called.far));
   if (edge < box.x1 - 1) box.back.append(svg("line", { x1: edge, x2: edge, y1: box.y1, y2: box.y0, class: "edge" }));
 }
 
@@ -70,7 +71,7 @@ export function errorChart(curve, beside, jump) {
   const x = { low: times[0], high: times[times.length - 1] };
   const box = frame({
     x, y, xTitle: "time, s", yTitle: y.unit ? `error, ${y.unit}` : "error",
-    label: "Error of each frame: root mean square and largest distance to the target",
+    label: `Error of each frame: root mean square and largest distance to the ${called.goal}`,
   });
   windowed(box, until);
   const points = (values) => values.map((value, i) =>

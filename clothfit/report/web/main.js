@@ -16,7 +16,7 @@ import { LEVELS, Stage } from "clothfit/stage";
 import { Veil } from "clothfit/veils";
 import { unpacked, unpackedErrors, unpackedFlags, unpackedPositions } from "clothfit/unpack";
 import { viewOf } from "clothfit/view";
-import { length, percent, short } from "clothfit/words";
+import { called, length, percent, short } from "clothfit/words";
 
 const SLOW = 45, PATIENCE = 700;  // ms: frames slower than the first for longer than the second make a playing picture coarser
 
@@ -80,7 +80,7 @@ function build(content, mesh, parts, canvas) {
   const { observed } = parts;
   const motions = [fitted, ...others].map((cloth, k) => {
     const own = k === 0 ? { errors: parts.errors } : { ...parts.beside[k - 1], errors: parts.beside[k - 1].error };
-    return { name: k > 0 ? parts.beside[k - 1].name : control ? "controlled" : "fitted", cloth,
+    return { name: k > 0 ? parts.beside[k - 1].name : control ? "controlled" : called.own, cloth,
              shading: new Shading(cloth, { ...mesh, ...own, observed, goal: control && "next key" }, 2 * view.radius) };
   });
   Shading.agree(motions.map(({ shading }) => shading));
@@ -174,6 +174,14 @@ function nameControl(control, player) {
   markTrack(at("track"), control, player.times.length - 1, (k) => { player.pause(); player.goToFrame(control.due[k]); });
 }
 
+/** The buttons of both motions bear their names. */
+function nameMotions() {
+  for (const [id, name, letter] of [["show-fitted", called.own, "C"], ["show-target", called.goal, "T"]]) {
+    at(id).textContent = name;
+    at(id).title = `${name[0].toUpperCase()}${name.slice(1)} (${letter})`;
+  }
+}
+
 /** What is written in the corner of the picture of a controlled motion. */
 function controlReadout(control, frame, time, rmse, force) {
   const k = Math.max(control.due.findIndex((due) => due >= frame), -1), next = k < 0 ? control.due.length - 1 : k;
@@ -199,7 +207,7 @@ function actions(player, stage, switches, choose, due) {
     act(["Shift ArrowUp"], null, null, () => stage?.orbit.turn(0, 0.1)),
     act(["Shift ArrowDown"], null, null, () => stage?.orbit.turn(0, -0.1)),
     act(["f"], "F", "fit the view", () => stage?.fit()),
-    act(["c"], "C T M", due ? "cloth, keys, mesh" : "fitted cloth, target, mesh", switches.fitted),
+    act(["c"], "C T M", due ? "cloth, keys, mesh" : `${called.own} cloth, ${called.goal}, mesh`, switches.fitted),
     act(["t"], null, null, switches.target),
     act(["m"], null, null, switches.mesh),
     act(MODES.map((_, i) => String(i + 1)), `1 … ${MODES.length}`, "colours", (key) => choose(MODES[Number(key) - 1][0])),
@@ -234,6 +242,7 @@ async function main() {
     throw new Error("the browser is too old to unpack the motion; one of 2023 or later can");
   }
   const { motion } = content;
+  Object.assign(called, content.words);
   const [mesh, fittedMotion, targetMotion, observed, errors, blocks, beside, residuals] = await Promise.all([
     unpackedAll(content.mesh), unpackedPositions(motion.fitted), motion.target ? unpackedPositions(motion.target) : null,
     unpackedFlags(motion.observed), unpackedErrors(motion.error), Promise.all(content.blocks.map(unpackedAll)),
@@ -273,12 +282,12 @@ async function main() {
       at("readout").replaceChildren(...controlReadout(control, frame, motion.times[frame], rmse, force));
       return;
     }
-    const phase = motion.times[frame] <= content.curve.fitted_until * (1 + 1e-9) ? "fitted frames" : "horizon";
+    const phase = motion.times[frame] <= content.curve.fitted_until * (1 + 1e-9) ? called.near : called.far;
     const seen = typeof rmse === "number";
     const { travel } = content.residuals;
     const part = seen && travel > 0 ? `, ${percent(rmse / travel)} of the travel` : "";
-    const error = seen ? ["RMSE ", make("b", {}, length(rmse)), `${part} · largest ${length(largest)}`] : ["target not observed"];
-    at("readout").replaceChildren(`${phase} · `, ...error);
+    const error = seen ? ["RMSE ", make("b", {}, length(rmse)), `${part} · largest ${length(largest)}`] : [`${called.goal} not observed`];
+    at("readout").replaceChildren(phase && `${phase} · `, ...error);
   };
   const player = new Player(motion.times, show, describe);
   const jump = (time) => { player.pause(); player.goTo(time); };
@@ -287,6 +296,7 @@ async function main() {
   buildModes(choose);
   controls(player);
   if (control) nameControl(control, player);
+  else if (content.words) nameMotions();
   const keys = actions(player, stage, toggles(picture), choose, control?.due);
   listen(keys);
   list(at("keys"), keys);

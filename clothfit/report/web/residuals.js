@@ -5,7 +5,7 @@ import { make } from "clothfit/drawing";
 import { mapOf } from "clothfit/parameters";
 import { buttons } from "clothfit/save";
 import { scaleOf } from "clothfit/shading";
-import { lengthUnit } from "clothfit/words";
+import { called, lengthUnit } from "clothfit/words";
 
 const AXES = ["x", "y", "z"];
 
@@ -27,7 +27,7 @@ function overTheCloth({ of_vertices: all, known }, mesh) {
   });
   const rows = () => [["vertex", "rms_residual_m"], ...Array.from(all, (value, i) => [i, known[i] ? value : null])];
   const saved = buttons("residuals", rows, maps[0]?.querySelector("canvas"));
-  const note = make("p", { class: "quiet" }, "Root mean square over the fitted frames, on the cloth as it lies at the start.");
+  const note = make("p", { class: "quiet" }, `Root mean square over ${called.near ? `the ${called.near}` : "all frames"}, on the cloth as it lies at the start.`);
   return make("section", { class: "card", id: "residuals" }, make("h2", {}, "Residuals over the cloth", saved), ...maps, note);
 }
 
@@ -39,5 +39,5 @@ function inTime({ mean }, curve) {
                       ...curve.times.map((time, k) => [time, ...mean.map((part) => part[k])])];
   return make("section", { class: "card", id: "drift" }, make("h2", {}, "Mean residual in time", buttons("mean-residual", rows, chart)),
               chart, key(...AXES.map((name) => [`axis-${name}`, name])),
-              make("p", { class: "quiet" }, "Fitted minus target. Away from 0 the whole cloth lags, or drifts aside."));
+              make("p", { class: "quiet" }, `${called.own[0].toUpperCase()}${called.own.slice(1)} minus ${called.goal}. Away from 0 the whole cloth lags, or drifts aside.`));
 }

@@ -4,7 +4,7 @@
 
 import { BufferAttribute, DynamicDrawUsage } from "three";
 import { painted, table } from "clothfit/colours";
-import { lengthUnit, short } from "clothfit/words";
+import { called, lengthUnit, short } from "clothfit/words";
 
 export const MODES = [
   ["plain", "Plain"], ["error", "Error"], ["mass", "Mass"], ["stiffness", "Stiffness"], ["strain", "Strain"],
@@ -127,7 +127,7 @@ export class Shading {
     switch (this.mode) {
       case "error": {
         const [size, unit] = lengthUnit(this.most);
-        return { title: `distance to the ${this.data.goal ?? "target"}, ${unit}${this.data.observed ? ` (grey: ${this.data.goal ? "not asked for" : "not observed"})` : ""}`, scale: "rising",
+        return { title: `distance to the ${this.data.goal ?? called.goal}, ${unit}${this.data.observed ? ` (grey: ${this.data.goal ? "not asked for" : "not observed"})` : ""}`, scale: "rising",
                  labels: ["0", short(this.most / size / 2, 2), `${short(this.most / size, 2)} +`] };
       }
       case "strain":

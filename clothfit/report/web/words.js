@@ -1,4 +1,7 @@
-// Numbers as readable text.
+// Numbers as readable text, and how this page calls what it shows.
+
+/** The motions, and the parts of the time: a page may have words of its own for them. */
+export const called = { own: "fitted", goal: "target", near: "fitted frames", far: "horizon" };
 
 const LENGTHS = [[1, "m"], [1e-3, "mm"], [1e-6, "µm"], [1e-9, "nm"]];
 
