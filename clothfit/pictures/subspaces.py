@@ -37,8 +37,8 @@ def comparison(over: Compared) -> Figure:
     if found.forgets:
         said = f"the motions have parted: spectrum within {100 * found.spectrum:.2g} %, deviations within "
         said += f"{100 * found.deviation:.2g} %"
-    own, full = over.own.positions, over.full.positions
-    return composed(over.scene, over.full.times, own, full, f"{over.scene.name}: on a subspace", said, rows, names=NAMES)
+    own, full, title = over.own.positions, over.full.positions, f"{over.scene.name}: on a subspace"
+    return composed(over.scene, over.full.times, own, full, title, said, rows, names=NAMES)
 
 
 def coordinates(axes: Axes, over: Compared, c: int) -> None:

@@ -1,4 +1,4 @@
-"""Many instances of a model at once, each under inputs of its own: states one after another, vertices as one product.
+"""Many instances of a model at once, each under inputs of its own: vertices as one product, and layers of a network.
 
 A single decoding reads the whole basis for one vector of coordinates and waits for memory; for N instances the basis is
 read once, as X = Q Uᵀ with Q (N, r). The same holds for normals by regression. With `exact` normals are those of the
@@ -7,7 +7,7 @@ faces.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from time import process_time
 from typing import Any
@@ -25,6 +25,7 @@ from clothfit.scene.scene import Scene
 from clothfit.subspace import carrier
 from clothfit.subspace.frames import Decoder
 from clothfit.subspace.model import Model
+from clothfit.subspace.network.weights import Network
 from clothfit.subspace.play import check_finite, positions, ready
 from clothfit.subspace.recorded import variation
 from clothfit.subspace.recorded.variation import Ranges, episodes
@@ -44,6 +45,54 @@ class Crowded:
     us: dict[str, float]  # per instance and frame, of one thread: state, decode, normals
 
 
+class Cloths:
+    """Reduced cloths that step one after another; those with alike inputs share their memory."""
+
+    def __init__(self, each: Iterable[Any]) -> None:
+        kinds: dict[Any, Any] = {}
+        self.runs = []
+        for fresh in each:
+            alike = kinds.setdefault(kind_of(fresh.system.inputs), fresh)
+            self.runs.append(fresh if alike is fresh else alike.under(fresh.system))
+        self.systems = [own.system for own in self.runs]
+        self.states = [own.start() for own in self.runs]
+        self.q = np.zeros((len(self.runs), self.runs[0].r))
+
+    def step(self, t: int) -> None:
+        """Take step t."""
+        for i, own in enumerate(self.runs):
+            self.states[i], _ = own.advance(self.states[i])
+            self.q[i] = self.states[i].q
+
+
+class Networks:
+    """Instances that one network steps, each layer as one product."""
+
+    def __init__(self, own: Network, each: Iterable[Any]) -> None:
+        runs = list(each)
+        self.own, self.systems = own, [run.system for run in runs]
+        self.w = np.stack([run.w for run in runs])  # (N, steps, m)
+        self.now = np.zeros((len(runs), own.r), np.float32)
+        self.before = np.stack([run.start().before for run in runs])
+
+    @property
+    def q(self) -> Array:
+        """The coordinates (N, r)."""
+        return self.now.astype(float)
+
+    def step(self, t: int) -> None:
+        """Take step t."""
+        own = self.own
+        u = np.concatenate([self.now, self.now - self.before, self.w[:, t]], axis=1)
+        linear, layer = u @ own.linear + own.offset, u
+        for k, (weight, bias) in enumerate(zip(own.weights, own.biases, strict=True)):
+            layer = layer @ weight + bias
+            if k < len(own.weights) - 1:
+                below = np.minimum(layer, 0.0)
+                layer = np.maximum(layer, 0.0) + (np.expm1(below) if own.activation == "elu" else 0.0)
+        self.before, self.now = self.now, np.clip(linear + layer, *own.range)
+
+
 class Crowd:
     """N instances of one object of a model, at the start."""
 
@@ -51,32 +100,29 @@ class Crowd:
         """A scene for each instance, which differ in their inputs; room for so many steps."""
         part, first = model.parts[c], scenes[0].cloths[c]
         self.said: dict[str, None] = {}
-        self.runs: list[Any] = []
-        kinds: dict[Any, Any] = {}
-        for scene in scenes:
-            fresh = ready(model, part, scene, c, steps, self.said)
-            alike = kinds.setdefault(kind_of(fresh.system.inputs), fresh)
-            self.runs.append(fresh if alike is fresh else alike.under(fresh.system))  # they share their memory
-        self.states = [own.start() for own in self.runs]
+        each = (ready(model, part, scene, c, steps, self.said) for scene in scenes)
+        self.runs: Networks | Cloths = Cloths(each) if part.network is None else Networks(part.network, each)
         self.t = 0
         self.decoder = Decoder(first.positions, part.basis, first.triangles, part.normals)
-        self.free = self.runs[0].system.vertex.free
-        self.q = np.zeros((len(scenes), part.basis.shape[2]))
+        self.free = self.runs.systems[0].vertex.free
+
+    @property
+    def q(self) -> Array:
+        """The coordinates (N, r)."""
+        return self.runs.q
 
     def step(self) -> None:
         """Take a step of all instances. Raises Diverged."""
-        for i, own in enumerate(self.runs):
-            self.states[i], _ = own.advance(self.states[i])
-            self.q[i] = self.states[i].q
+        self.runs.step(self.t)
         self.t += 1
         check_finite(self.q, self.t, "an instance")
 
     def positions(self) -> Single:
         """Positions (N, n, 3), m, valid until the next call."""
         x = self.decoder.all_positions(self.q)
-        for i, own in enumerate(self.runs):
-            inputs = own.system.inputs
-            if carrier.moves(inputs):
+        for i, system in enumerate(self.runs.systems):
+            inputs = system.inputs
+            if inputs is not None and carrier.moves(inputs):
                 x[i, self.free] += carrier.shift(inputs, 1, self.t)[0].astype(np.float32)
                 x[i, inputs.pins] = inputs.path[self.t]
         return x

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers import networks
 from helpers.subspaces import model_of, moving, scene_of
 
 from clothfit.base.errors import InvalidInput
@@ -48,3 +49,15 @@ def test_instances_stay_within_the_recorded_range_and_follow_a_seed():
         np.testing.assert_array_equal(a.wind_keys.values, b.wind_keys.values)
     with pytest.raises(InvalidInput, match="not those of the model"):
         crowd.play(model, [scene_of({**moving(), "objects": moving()["objects"] * 2})], 3)
+
+
+@pytest.mark.parametrize("activation", ["relu", "elu"])
+def test_instances_of_a_network_move_as_they_would_alone(activation):
+    gust = {"acts": "wind", "times": [0, 0.2], "values": [[0, 0, 0], [3, 0, -3]]}
+    model = networks.model_of(SCENE, FRAMES, activation=activation)
+    scenes = [SCENE, applied(SCENE, [gust])]
+    found = crowd.play(model, scenes, FRAMES)
+    for i, scene in enumerate(scenes):
+        alone = play(model, scene, FRAMES)
+        np.testing.assert_allclose(found.coordinates[0][i], alone.coordinates[0], atol=1e-5)  # sums in another order
+    assert np.abs(found.coordinates[0][1] - found.coordinates[0][0]).max() > 1e-3
