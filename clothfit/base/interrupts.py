@@ -11,6 +11,7 @@ KeyboardInterrupt comes from `check` alone: never between two lines that belong 
 
 from __future__ import annotations
 
+import _thread
 import signal
 import threading
 import time
@@ -56,6 +57,15 @@ def request() -> None:
     """Record that the program should end."""
     if _state.requested is None:
         _state.requested = time.monotonic()
+
+
+def ask(number: int = signal.SIGINT) -> None:
+    """Send a request to the main thread, from any thread; as a signal where there are any, as that also ends a wait."""
+    main = threading.main_thread().ident
+    if hasattr(signal, "pthread_kill") and main is not None:
+        signal.pthread_kill(main, number)
+    else:
+        _thread.interrupt_main(signal.Signals(number))
 
 
 def clear() -> None:

@@ -12,7 +12,7 @@ from clothfit.base import interrupts
 from clothfit.base.deferred import LINEAR_ALGEBRA, defer
 from clothfit.base.errors import InvalidInput
 from clothfit.base.messages import metres, owned
-from clothfit.cli.common import motions, pictures, scenes, watching
+from clothfit.cli.common import ending, motions, pictures, scenes, watching
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_least, check_numbers, duration, standard_command
 from clothfit.cli.common.output import keep_scene, uninterrupted
@@ -45,7 +45,7 @@ SECTIONS = {  # of the help
     ),
     "How far to trust it": ("--holdout", "--holdout-of", "--no-intervals"),
     "What is written": ("--output", "--in-place", "--report", "--plot", "--gif", "--log"),
-    "Long and large fits": ("--checkpoint", "--resume", "--memory", "--watch"),
+    "Long and large fits": ("--checkpoint", "--resume", "--memory", "--watch", "--end-with-input"),
     "Many fits": ("--starts", "--seed", "--jobs", "--cluster"),
 }  # fmt: skip
 
@@ -123,6 +123,7 @@ SECTIONS = {  # of the help
 @click.option("--cluster", metavar="ADDRESS", help="Run the fits on a Dask cluster; tcp://host:port of its scheduler.")
 @click.option("--log", metavar="FILE", help="Write a line of JSON for each iteration, and the summary.")
 @watching.option("Fit again, from the last result,", start=True)
+@ending.option
 @pictures.options
 def command(
     scene_paths: tuple[str, ...],

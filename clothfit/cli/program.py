@@ -6,7 +6,6 @@ without reaching its tolerance, 130 interrupted.
 
 from __future__ import annotations
 
-import _thread
 import errno
 import io
 import os
@@ -227,21 +226,12 @@ def _interrupt(number: int, frame: Any) -> None:
     """
     global _last_request
     if _loses_exceptions(frame):
-        threading.Timer(LATER, _ask_again, (number,)).start()
+        threading.Timer(LATER, interrupts.ask, (number,)).start()
         return
     before, _last_request = _last_request, time.monotonic()
     if _last_request - before > SAME_REQUEST:
         interrupts.request()
         raise KeyboardInterrupt
-
-
-def _ask_again(number: int) -> None:
-    """Send a request to the main thread once more; as a signal where there are any, so that it also ends a wait."""
-    main = threading.main_thread().ident
-    if hasattr(signal, "pthread_kill") and main is not None:
-        signal.pthread_kill(main, number)
-    else:
-        _thread.interrupt_main(signal.Signals(number))
 
 
 def _loses_exceptions(frame: Any) -> bool:

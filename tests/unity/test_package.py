@@ -1,0 +1,60 @@
+"""The Unity package as files: what Unity asks of a package, and what it would not compile or serialise."""
+
+import json
+import re
+
+import pytest
+from helpers.unity import PACKAGE
+
+from clothfit.base.version import __version__
+
+FILES = sorted(path for path in PACKAGE.rglob("*") if path.suffix != ".meta")
+SOURCES = [path for path in FILES if path.suffix == ".cs"]
+MOST_LINES = 250
+
+
+def test_every_file_and_folder_has_a_meta_with_a_guid_of_its_own():
+    metas = [(path.parent / f"{path.name}.meta").read_text("utf-8") for path in FILES]
+    found = [re.search(r"^guid: ([0-9a-f]{32})$", text, re.MULTILINE)[1] for text in metas]
+    assert len(set(found)) == len(FILES) > 30
+    assert len(list(PACKAGE.rglob("*.meta"))) == len(FILES)
+
+
+def test_the_manifest_names_the_package_and_its_unity():
+    manifest = json.loads((PACKAGE / "package.json").read_text("utf-8"))
+    assert (manifest["name"], manifest["unity"], manifest["version"]) == (PACKAGE.name, "2021.3", __version__)
+    assert "dependencies" not in manifest
+
+
+def test_the_code_of_the_editor_is_compiled_for_the_editor_only():
+    runtime = json.loads((PACKAGE / "Runtime" / "Clothfit.Runtime.asmdef").read_text("utf-8"))
+    editor = json.loads((PACKAGE / "Editor" / "Clothfit.Editor.asmdef").read_text("utf-8"))
+    assert (runtime["includePlatforms"], runtime["references"]) == ([], [])
+    assert (editor["includePlatforms"], editor["references"]) == (["Editor"], ["Clothfit.Runtime"])
+    used = {path.name for path in SOURCES if "UnityEditor" in path.read_text("utf-8")}
+    assert used <= {path.name for path in (PACKAGE / "Editor").glob("*.cs")}
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.stem)
+def test_a_source_is_short_and_named_after_what_is_in_it(path):
+    text = path.read_text("utf-8")
+    assert len(text.splitlines()) <= MOST_LINES
+    behaviours = re.findall(r"class (\w+) : (?:MonoBehaviour|ClothfitObstacle)", text)
+    assert behaviours in ([], [path.stem])  # else Unity does not find the component
+    assert "\t" not in text
+    assert all(len(line) <= 140 for line in text.splitlines())
+
+
+def test_the_licence_is_that_of_the_program():
+    assert (PACKAGE / "LICENSE.md").read_bytes() == (PACKAGE.parents[2] / "LICENSE").read_bytes()
+
+
+@pytest.mark.slow  # starts a compiler
+def test_unity_serialises_all_fields_and_all_settings_have_a_tooltip(harness):
+    assert harness("rules") == ["10 components"]
+
+
+@pytest.mark.slow
+def test_the_menu(harness):
+    names = ["Export", "Estimate", "Cancel", "Import fitted", "Simulate and play", "Show target", "New scene"]
+    assert harness("menus") == [f"Clothfit/{name}" for name in names]
