@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import re
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 from clothfit.base.errors import InvalidInput
 
@@ -23,6 +25,10 @@ LIMITS = (
     ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
 )
 """The files with a container's limit and use, in bytes; `memory.stat` beside them has the cached part."""
+
+M_MMAP_THRESHOLD, M_ARENA_MAX = -3, -8
+LARGE_BLOCK = 1 << 18
+"""Names of glibc's `mallopt`, and the bytes from which a block is mapped by itself."""
 
 ALWAYS_FREE = 16_000_000
 """Bytes that are always free in a process that could load its libraries."""
@@ -123,3 +129,32 @@ def check_memory(frames: int, vertices: int, iterations: int) -> None:
             f"{count} frames of {vertices} vertices take {human(min(needed, 10**30))}, "
             f"{human(most)} of memory are free; use fewer frames (--steps, --fps, optimizationIterations)"
         )
+
+
+def tidy() -> None:
+    """Let this process give memory back when it is freed: large blocks are mapped one by one, and few arenas are
+    used. For programs that run long; on systems without glibc it does nothing.
+    """
+    library = glibc()
+    if library is not None:
+        library.mallopt(M_MMAP_THRESHOLD, LARGE_BLOCK)
+        library.mallopt(M_ARENA_MAX, 2)
+
+
+def give_back() -> None:
+    """Give freed memory back to the system, where glibc kept it."""
+    library = glibc()
+    if library is not None:
+        library.malloc_trim(0)
+
+
+@cache
+def glibc() -> Any:
+    """The C library, where it is glibc; else None."""
+    import ctypes
+
+    with suppress(OSError, AttributeError, TypeError):
+        library = ctypes.CDLL(None)
+        if library.malloc_trim and library.mallopt:
+            return library
+    return None

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from clothfit.base import memory
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
@@ -70,6 +71,7 @@ def command(
         if opens:
             show(server.address, console)
 
+    memory.tidy()  # it may run for days
     server = Server(scene, target, port)
     asyncio.run(served(server, ready))
     console.say(f"{scene.name}: the server has ended")

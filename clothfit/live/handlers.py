@@ -14,12 +14,14 @@ from tornado import web, websocket
 
 from clothfit.base.errors import InvalidInput
 from clothfit.live import wire
+from clothfit.live.commands import answer, answer_long, head_of
+from clothfit.live.loading import LONG, Answer, Loading
 from clothfit.live.page import live_page
 from clothfit.live.session import Session
 
 MOST_CLIENTS = 16
-MOST_WAITING = 1000
-"""Texts that wait for a client that does not read; with more it is cut off."""
+MOST_WAITING, MOST_BYTES = 1000, 32 << 20
+"""Messages that wait for a client that does not read, and what they hold together; with more it is cut off."""
 
 PER_SECOND, AT_ONCE = 200.0, 400.0
 """Messages of a client that are done, on the average and in a burst; more are refused."""
@@ -123,6 +125,7 @@ class Socket(Guarded, websocket.WebSocketHandler):
     def initialize(self, server: Host) -> None:
         super().initialize(server)
         self.waiting: deque[str | bytes] = deque()
+        self.held = 0  # of what waits, characters or bytes
         self.newest: bytes | None = None
         self.allowed, self.looked, self.beyond = AT_ONCE, time.monotonic(), 0
         self.sent = 0  # frames
@@ -157,7 +160,8 @@ class Socket(Guarded, websocket.WebSocketHandler):
         """Send a message that must not be lost."""
         if self.gone:
             return
-        if len(self.waiting) >= MOST_WAITING:
+        self.held += len(data)
+        if self.waiting and (len(self.waiting) >= MOST_WAITING or self.held > MOST_BYTES):
             self.abort()
             return
         self.waiting.append(data)
@@ -176,6 +180,7 @@ class Socket(Guarded, websocket.WebSocketHandler):
                 self.filled.clear()
                 while self.waiting:
                     data = self.waiting.popleft()
+                    self.held -= len(data)
                     await self.write_message(data, binary=isinstance(data, bytes))
                 if self.newest is not None:
                     frame, self.newest = self.newest, None
@@ -185,29 +190,39 @@ class Socket(Guarded, websocket.WebSocketHandler):
             return
 
     async def on_message(self, message: str | bytes) -> None:
-        """Answer a message, or refuse it with a reason."""
-        self.offer(wire.text_of(await self._answered(message)))
+        """Answer a message, or refuse it with a reason; of a scene that is loaded when it is there."""
+        found = await self._answered(message)
+        if isinstance(found, Loading):
+            self.waits = asyncio.ensure_future(self._when_loaded(found))
+        else:
+            self.offer(wire.text_of(found))
 
-    async def _answered(self, message: str | bytes) -> dict[str, Any]:
+    async def _when_loaded(self, loading: Loading) -> None:
+        """Answer who loads a scene; meanwhile other messages are answered."""
+        answered = asyncio.wrap_future(loading.answer)
+        done, _ = await asyncio.wait([answered], timeout=LONG)
+        found = None if done else await self.server.do(lambda: self.server.session.still_loading(loading))
+        self.offer(wire.text_of(found or await answered))
+
+    async def _answered(self, message: str | bytes) -> Answer | Loading:
         if not self._may():
             return {"type": "refused", "reason": f"too many messages: {PER_SECOND:g} a second at most"}
+        session = self.server.session
+        if len(message) > wire.ORDINARY and wire.loads(message):
+            return await self._done(lambda: answer_long(session, str(message)), {"of": "load"})
         try:
-            parsed = await self._parsed(message)
+            parsed = wire.parsed(message)
         except InvalidInput as error:
             return {"type": "refused", "reason": str(error)}
-        try:
-            answer: dict[str, Any] = await self.server.do(lambda: self.server.session.answer(parsed))
-        except Exception as error:  # noqa: BLE001  # a fault of the program must cost its sender alone
-            head = {name: parsed[key] for name, key in (("of", "type"), ("id", "id")) if parsed.get(key) is not None}
-            head["of"] = head["of"][:40]
-            return {"type": "refused", **head, "reason": f"a fault of the program: {error!r:.200}"}
-        return answer
+        return await self._done(lambda: answer(session, parsed), head_of(parsed))
 
-    async def _parsed(self, message: str | bytes) -> dict[str, Any]:
-        """The message; a long one is read in a thread of its own, so that frames go on. Raises InvalidInput."""
-        if len(message) <= wire.ORDINARY:
-            return wire.parsed(message)
-        return await asyncio.to_thread(wire.parsed, message)
+    async def _done(self, act: Callable[[], Answer | Loading], head: Answer) -> Answer | Loading:
+        """What an act answers; a fault of the program must cost its sender alone."""
+        try:
+            found: Answer | Loading = await self.server.do(act)
+        except Exception as error:  # noqa: BLE001
+            return {"type": "refused", **head, "reason": f"a fault of the program: {error!r:.200}"}
+        return found
 
     def _may(self) -> bool:
         """Whether a client may ask for something now."""

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,11 +26,16 @@ from clothfit.base.errors import InvalidInput
 HEADER = struct.Struct("<4sIQd")
 FRAME, TARGET = b"CFF1", b"CFT1"
 
-LARGEST = 32 << 20
-"""Bytes of a message: one that loads a scene."""
+LARGEST = 8 << 20
+"""Bytes of a message: one that loads a scene, of some 20,000 vertices. What is larger is not even received."""
 
 ORDINARY = 256 << 10
-"""Bytes of any other message."""
+"""Bytes of any other message. A process of its own parses what is larger."""
+
+ENDS = 400
+"""Characters at the beginning and the end of a long message, within which its type must stand."""
+
+TOO_LARGE = f"the message is too large: {ORDINARY} characters at most, and {LARGEST} bytes of one that loads a scene"
 
 
 class Packet(NamedTuple):
@@ -61,12 +67,12 @@ def unpacked(data: bytes) -> Packet:
     return Packet(kind, generation, number, time, numbers.reshape(frames, -1, 3))
 
 
-def parsed(text: str | bytes) -> dict[str, Any]:
-    """A message. Raises InvalidInput, with the reason, for what is none."""
+def parsed(text: str | bytes, most: int = ORDINARY) -> dict[str, Any]:
+    """A message of so many characters at most. Raises InvalidInput, with the reason, for what is none."""
     if isinstance(text, bytes):
         raise InvalidInput("messages to the server are text; this one is binary")
-    if len(text) > ORDINARY and '"load"' not in text[:200]:
-        raise InvalidInput(f"the message is too large: {len(text)} characters, {ORDINARY} at most")
+    if len(text) > most:
+        raise InvalidInput(TOO_LARGE)
     try:
         message = json.loads(text, parse_constant=no_constant)
     except RecursionError:
@@ -80,6 +86,19 @@ def parsed(text: str | bytes) -> dict[str, Any]:
     if not isinstance(message.get("id"), (int, str, type(None))) or len(str(message.get("id"))) > 100:
         raise InvalidInput('"id" is a whole number or a short text')
     return message
+
+
+def loads(text: str | bytes) -> bool:
+    """Whether a long message seems to load a scene: whether its beginning or its end says so."""
+    return isinstance(text, str) and '"load"' in text[:ENDS] + text[-ENDS:]
+
+
+def check_fields(message: Mapping[str, Any], known: Sequence[str]) -> None:
+    """Raise InvalidInput where a message has a field that is not known."""
+    unknown = sorted(set(message) - {"type", "id"} - set(known))
+    if unknown:
+        fields = ", ".join(known) or "none"
+        raise InvalidInput(f"{message['type']}: there is no field {unknown[0][:40]!r}; there are: {fields}")
 
 
 def no_constant(name: str) -> None:

@@ -1,4 +1,4 @@
-"""Long work beside what is played: one task at a time in a process of its own (`worker`)."""
+"""A task that runs in a process of its own (`worker`)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Task:
 
     def __init__(self, name: str, heard: Heard, **arguments: Any) -> None:
         self.name, self._heard, self.cancelled = name, heard, False
-        command = [sys.executable, "-m", "clothfit.live.worker"]
+        command = [sys.executable, "-m", "clothfit.live.tasks.worker"]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **own_group())
         self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._run, args=[(name, arguments)], daemon=True)

@@ -1,24 +1,15 @@
-"""A process that fits, so that what is played meanwhile does not wait: started by `tasks`, which it talks with in
-pickles over its standard input and output.
-
-It gets one task, then perhaps the word "cancel", which ends a fit as Ctrl-C would: with the best so far. When its
-input ends, so does it.
+"""What a process searches for: a recorded target, the values of a fit, forces through keys. Each function tells what it
+finds by `tell(kind, **content)`, at the end with "done".
 """
 
 from __future__ import annotations
 
-import os
-import pickle
-import sys
-import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from clothfit.base import interrupts
-from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.scene.scene import Scene
 
 OFTEN = 0.05
@@ -82,46 +73,6 @@ def control(tell: Tell, scene: Scene, keys: str, budget: float | None) -> None:
     tell("done", summary=summary, forces=found.forces)
 
 
-TASKS: dict[str, Callable[..., None]] = {"record": record, "estimate": estimate, "control": control}
-
-
 def finite(value: float) -> float | None:
     """A number as JSON has it."""
     return float(value) if np.isfinite(value) else None
-
-
-def listen(source: Any) -> None:
-    """Hear what else is asked for, in a thread."""
-    while True:
-        try:
-            word = pickle.load(source)
-        except (EOFError, OSError, pickle.UnpicklingError):
-            os._exit(0)  # whoever asked is gone
-        if word == "cancel":
-            interrupts.request()
-
-
-def main() -> None:
-    """Do one task."""
-    out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what others print is no message
-    lock = threading.Lock()
-
-    def tell(kind: str, **content: Any) -> None:
-        with lock:
-            pickle.dump((kind, content), out)
-            out.flush()
-
-    name, arguments = pickle.load(sys.stdin.buffer)
-    threading.Thread(target=listen, args=[sys.stdin.buffer], daemon=True).start()
-    try:
-        with interrupts.deferred():
-            TASKS[name](tell, **arguments)
-    except ClothfitError as error:
-        tell("failed", reason=str(error), code=error.exit_code, invalid=isinstance(error, InvalidInput))
-    except KeyboardInterrupt:
-        tell("cancelled")
-
-
-if __name__ == "__main__":
-    main()
