@@ -213,7 +213,7 @@ class Socket(Guarded, websocket.WebSocketHandler):
         try:
             parsed = wire.parsed(message)
         except InvalidInput as error:
-            return {"type": "refused", "reason": str(error)}
+            return {"type": "refused", **wire.guessed_id(message), "reason": str(error)}
         return await self._done(lambda: answer(session, parsed), head_of(parsed))
 
     async def _done(self, act: Callable[[], Answer | Loading], head: Answer) -> Answer | Loading:

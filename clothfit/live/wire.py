@@ -14,6 +14,7 @@ Text messages are JSON objects with a `type`.
 from __future__ import annotations
 
 import json
+import re
 import struct
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -91,6 +92,13 @@ def parsed(text: str | bytes, most: int = ORDINARY) -> dict[str, Any]:
 def loads(text: str | bytes) -> bool:
     """Whether a long message seems to load a scene: whether its beginning or its end says so."""
     return isinstance(text, str) and '"load"' in text[:ENDS] + text[-ENDS:]
+
+
+def guessed_id(text: str | bytes) -> dict[str, Any]:
+    """The id of a message that is too long to be parsed, as far as its beginning or its end shows it."""
+    ends = text[:ENDS] + " " + text[-ENDS:] if isinstance(text, str) else ""
+    found = re.search(r'"id"\s*:\s*(-?\d{1,15}|"[^"\\]{0,100}")', ends)
+    return {"id": json.loads(found[1])} if found else {}
 
 
 def check_fields(message: Mapping[str, Any], known: Sequence[str]) -> None:

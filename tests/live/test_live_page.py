@@ -190,3 +190,36 @@ def test_keys_are_posed_and_forces_reach_them(page):
     assert page.locator("#key-list li").count() == 1
     page.locator("#control").click()
     until(page, "document.querySelector('#control-text').textContent.includes('missed by')")
+
+
+def test_colours_of_stiffnesses_follow_their_slider(page):
+    page.keyboard.press("4")
+    before = page.locator("#legend").inner_text()
+    page.evaluate("clothfit.link.ask('set', { factors: { stiffness: { all: 2 } } })")
+    until(page, f"document.querySelector('#legend').innerText !== {json.dumps(before)}")
+    assert np.allclose(page.evaluate("[...clothfit.page.scene.mesh.stiffness]"), 60.0, rtol=1e-6)  # twice 30, float32
+    page.evaluate("clothfit.link.ask('undo')")
+    until(page, f"document.querySelector('#legend').innerText === {json.dumps(before)}")
+    page.keyboard.press("1")
+
+
+def test_what_was_open_plays_on_while_a_scene_is_loaded_and_the_load_can_be_given_up(page, serving, monkeypatch):
+    held = []
+
+    class Held:
+        def __init__(self, name, heard, **arguments):
+            held.append(name)
+
+        def kill(self):
+            held.append("killed")
+
+    monkeypatch.setattr("clothfit.live.loading.Task", Held)
+    page.keyboard.press("Space")
+    page.set_input_files("#file", {"name": "other.json", "mimeType": "application/json", "buffer": b"{}"})
+    until(page, "!document.querySelector('#give-up').hidden")
+    seen = page.evaluate("clothfit.page.packet.number")
+    until(page, f"clothfit.page.packet.number !== {seen}")
+    page.locator("#give-up").click()
+    until(page, "document.querySelector('#readout').textContent.includes('cancelled')")
+    assert held == ["load", "killed"]
+    assert page.locator("#give-up").is_hidden()

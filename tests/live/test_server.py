@@ -8,6 +8,7 @@ import json
 import os
 import socket
 import struct
+import zlib
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -115,6 +116,36 @@ def test_another_scene_has_another_generation(client):
             client._news.wait(1.0)
     assert client.scene["name"] == "other.json"
     client.send("load", scene=dumps(scene()).decode())
+
+
+def test_a_long_message_is_read_in_another_process_and_answered_with_its_id(client):
+    text = dumps(scene()).decode() + " " * (300 << 10)
+    answer = client.send("load", scene=text, name="long.json")
+    assert client.scene["name"] == "long.json"
+    assert client.scene["generation"] == answer["status"]["generation"]
+    with pytest.raises(InvalidInput, match="too large"):
+        client.send("play", speed="x" * (300 << 10))
+
+
+def test_masses_and_stiffnesses_of_now_are_told(client):
+    client.send("set", factors={"stiffness": 3.0})
+    found = client.send("elements")["stiffness"]
+    numbers = np.frombuffer(zlib.decompress(base64.b64decode(found["data"])), "<f4")
+    assert np.allclose(numbers, 3 * scene().cloths[0].stiffness, rtol=1e-6)  # float32
+    client.send("undo")
+
+
+def test_a_client_that_reads_nothing_is_cut_off(serving, client):
+    parts = urlsplit(serving.address)
+    with socket.create_connection((parts.hostname, parts.port), 30) as made:
+        made.sendall(handshake(serving.address))
+        assert made.recv(12) == b"HTTP/1.1 101"
+        client._wait(lambda: len(serving.server.clients) == 2)
+        for _ in range(200):
+            serving.server.tell({"type": "news", "text": "x" * (1 << 20)})
+        client.wait_for("news")
+        while len(serving.server.clients) > 1:
+            assert client.send("status")["type"] == "done"
 
 
 def test_a_vertex_is_pulled_by_hand(client):

@@ -8,6 +8,7 @@ leaves compiled code on disk; the server gets the finished scene, and loads code
 from __future__ import annotations
 
 import io
+import pickle
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -28,7 +29,7 @@ def load(tell: Tell, message: Mapping[str, Any] | str, folder: str) -> None:
     tell("id", id=own.get("id"))
     check(own)
     made = read(own, folder)
-    rehearse(made)
+    rehearse(pickle.loads(pickle.dumps(made)))  # as it arrives: code depends on whether arrays may be written to
     tell("done", scene=made)
 
 

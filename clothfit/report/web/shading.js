@@ -28,10 +28,12 @@ export class Shading {
     for (const vertex of data.springs) this.degree[vertex]++;
     this.strain = new Float32Array(this.count);
     this.stretch = this.largestStrain();
-    this.still = {
-      mass: scaleOf(data.mass, "kg"),
-      stiffness: scaleOf(this.meanOfSprings(data.stiffness), "N/m"),
-    };
+    this.weigh(data);
+  }
+
+  /** Take the masses and stiffnesses to colour by. */
+  weigh({ mass, stiffness }) {
+    this.still = { mass: scaleOf(mass, "kg"), stiffness: scaleOf(this.meanOfSprings(stiffness), "N/m") };
   }
 
   /** Let the colours of several cloths mean the same. */

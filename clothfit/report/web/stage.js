@@ -20,15 +20,17 @@ const SKINS = {
 };
 
 /** Levels of detail, for slow machines: resolution along each side, whether shadows, whether the target's edges. */
-export const LEVELS = [[1, true, true], [0.75, true, true], [0.6, false, true], [0.5, false, false]];
+export const LEVELS = [[1, true, true], [1, false, true], [0.75, false, true], [0.5, false, false]];
+
+const FINE = 1.5;  // resolution of a picture that rests where edges are not smooth
 
 export class Stage {
   /** `panes` are {cloth, shading, on}: the cloths that stand side by side; `over` is drawn over each of them: a veil or
-   * ghosts; `controls`, or null, over the first one. */
-  constructor(canvas, panes, { over, controls }, around, view) {
-    Object.assign(this, { canvas, panes, fitted: panes[0].cloth, over, controls, view, stale: true, level: 0, ratio: 1 });
+   * ghosts; `controls`, or null, over the first one. Edges are `smooth`, or only when the picture rests. */
+  constructor(canvas, panes, { over, controls }, around, view, smooth = true) {
+    Object.assign(this, { canvas, panes, fitted: panes[0].cloth, over, controls, view, stale: true, level: 0, ratio: smooth ? 1 : FINE, smooth });
     this.clothShown = this.controlsShown = true;
-    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "high-performance" });
+    this.renderer = new WebGLRenderer({ canvas, antialias: smooth, alpha: true, powerPreference: "high-performance" });
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = PCFShadowMap;
     this.scene = new Scene();
@@ -250,7 +252,7 @@ export class Stage {
     this.renderer.shadowMap.autoUpdate = shadows;
     this.shadow.visible = shadows;
     this.over.refine(edges);
-    this.ratio = ratio;
+    this.ratio = level > 0 || this.smooth ? ratio : FINE;
     this.resize();
   }
 
