@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,35 +12,32 @@ import click
 
 from clothfit.base import interrupts
 from clothfit.base.errors import InvalidInput
-from clothfit.base.messages import metres
 from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import check_least, standard_command
 from clothfit.cli.common.output import STREAM, output_for, print_json
 from clothfit.cli.common.scenes import check_there, one_stream, read_scene
-from clothfit.cli.subspaces.lengths import length
 
 if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
-    from clothfit.subspace.build import Report
-    from clothfit.subspace.recorded.recording import Data
     from clothfit.subspace.recorded.variation import Ranges
 
 RECORDING = ("--episodes", "--frames", "--wind", "--pins", "--pace", "--seed")
 BUILDING = ("--basis", "--error", "--cubature", "--modes", "--method", "--normals")
+TRAINING = ("minutes", "rounds", "recipe", "resume")
 SECTIONS = {
     "What to record (record, and build from a SCENE)": RECORDING,
     "What to build (build)": BUILDING,
+    "How to train (build --method network)": tuple(f"--{name}" for name in TRAINING),
     "What to play (play)": ("--inputs", "--push-out", "--instances"),
     "What is written": ("--output",),
 }
-EPISODES, FRAMES = 9, 300
-POOR = 0.1
-"""Error of a motion, relative to its RMS, from which on there is a warning."""
+EPISODES, MANY_EPISODES, FRAMES = 9, 41, 300
+"""Motions, those that a network learns from, and frames of each."""
 
 ONLY = {
     "record": {"episodes", "frames", "wind", "pins", "pace", "seed"},
     "build": {"episodes", "frames", "wind", "pins", "pace", "seed", "basis", "error", "cubature", "modes", "method",
-              "normals"},
+              "normals", *TRAINING},
     "play": {"frames", "inputs_path", "push_out", "instances", "seed"},
 }
 
@@ -48,7 +46,7 @@ ONLY = {
 @click.argument("action", metavar="record|build|play", type=click.Choice(tuple(ONLY)))
 @click.argument("subspace_path", metavar="SCENE|DATA|MODEL")
 @click.option("--episodes", type=int, metavar="N",
-              help=f"Record N motions; the last one judges.  [default: {EPISODES}]")
+              help=f"Record N motions; the last one judges.  [default: {EPISODES}; {MANY_EPISODES} for a network]")
 @click.option("--frames", type=int, metavar="N",
               help=f"Frames of each motion.  [default: {FRAMES}; to play those of the scene]")
 @click.option("--wind", type=float, metavar="SPEED",
@@ -63,7 +61,16 @@ ONLY = {
               help="Relative error of the forces' sums; 0 evaluates all elements.  [default: 0.01]")
 @click.option("--modes", type=int, metavar="N",
               help="So many of the vectors are vibration modes.  [default: one in sixteen]")
-@click.option("--method", type=click.Choice(("physics",)), help="How the coordinates step.  [default: physics]")
+@click.option("--method", type=click.Choice(("physics", "network")),
+              help="How the coordinates step: as the scene does, on the basis, or by a network that learns it from the "
+              "motions.  [default: physics]")
+@click.option("--minutes", type=float, metavar="M", help="Processor time of the training.  [default: 10]")
+@click.option("--rounds", type=int, metavar="N",
+              help="Rounds of the training in place of --minutes: the same network on every machine, but for rounding.")
+@click.option("--recipe", type=click.Choice(("own", "paper")),
+              help="How to train: as we do, or as Holden et al. (2019).  [default: own]")
+@click.option("--resume", is_flag=True, default=None,
+              help="Go on with the training whose state is beside OUT, <OUT's stem>.training.npz.")
 @click.option("--normals", is_flag=True, default=None,
               help="Keep a regression of the vertices' normals on the coordinates.")
 @click.option("--inputs", "inputs_path", metavar="FILE", help="Play with these inputs over time (JSON).")
@@ -88,6 +95,7 @@ def command(
     clothfit evaluate scene.json scene.model.npz
     clothfit subspace record scene.json --episodes 20 --wind 8 -o data.npz
     clothfit subspace build data.npz --error 5mm
+    clothfit subspace build scene.json --method network --minutes 5
     """
     for name, value in given.items():
         if value is not None and name not in ONLY[action]:
@@ -100,8 +108,8 @@ def command(
     check_there(subspace_path)
     from clothfit.cli.subspaces.playing import play
 
-    {"record": record, "build": build, "play": play}[action](subspace_path, path, given, as_json, console)
-    return None
+    actions: dict[str, Callable[..., int | None]] = {"record": record, "build": build, "play": play}
+    return actions[action](subspace_path, path, given, as_json, console)
 
 
 def ranges_of(scene: Scene, given: dict[str, Any]) -> Ranges:
@@ -122,7 +130,8 @@ def recorded(scene: Scene, path: str, given: dict[str, Any], console: Console) -
     from clothfit.subspace.recorded.recording import record as record_to
     from clothfit.subspace.recorded.variation import episodes
 
-    ranges, count = ranges_of(scene, given), given["episodes"] or EPISODES
+    many = MANY_EPISODES if given["method"] == "network" else EPISODES
+    ranges, count = ranges_of(scene, given), given["episodes"] or many
     steps, seed = (given["frames"] or FRAMES) - 1, given["seed"] or 0
     for c in range(len(scene.cloths)):
         check(build_system(scene, c, steps=1))
@@ -150,8 +159,9 @@ def record(scene_path: str, path: str | None, given: dict[str, Any], as_json: bo
         print_json("subspace", found | {"output": out.path})
 
 
-def build(given_path: str, path: str | None, given: dict[str, Any], as_json: bool, console: Console) -> None:
+def build(given_path: str, path: str | None, given: dict[str, Any], as_json: bool, console: Console) -> int | None:
     """Build a model of recorded motions, or of a scene."""
+    from clothfit.cli.subspaces.building import built, options_of, school_of
     from clothfit.formats.beginnings import RECORDED, SUBSPACE
     from clothfit.formats.recognition import kind_of
 
@@ -161,65 +171,16 @@ def build(given_path: str, path: str | None, given: dict[str, Any], as_json: boo
     options = options_of(given)
     options.check()
     out = output_for(path, given_path, ".model.npz", ())
+    school = school_of(given, out)
     from clothfit.subspace.recorded.recording import Data
 
     if kind == RECORDED:
         asked = [f"--{name}" for name in ONLY["record"] if name != "seed" and given[name] is not None]
         if asked:
             raise click.UsageError(f"{min(asked)} goes with a SCENE", click.get_current_context())
-        built(Data(given_path), options, out, {}, as_json, console)
-        return
+        return built(Data(given_path), options, school, out, {}, as_json, console)
     scene = read_scene(given_path, console)
     with tempfile.TemporaryDirectory(prefix="clothfit-", dir=None if out.is_stream else Path(out.path).parent) as place:
         data = f"{place}/data.npz"
         about = recorded(scene, data, given, console)
-        built(Data(data), options, out, about, as_json, console)
-
-
-def options_of(given: dict[str, Any]) -> Any:
-    """The options of a build."""
-    from clothfit.subspace.build import DEFAULT_ERROR, Options
-
-    asked = given["cubature"]
-    cubature = DEFAULT_ERROR if asked is None else asked or None
-    size, error, seed = given["basis"], length(given["error"], "--error"), given["seed"] or 0
-    return Options(size, error, cubature, given["modes"], bool(given["normals"]), seed)
-
-
-def built(data: Data, options: Any, out: Any, about: dict[str, Any], as_json: bool, console: Console) -> None:
-    """Build a model, write it, and say how good it is."""
-    from clothfit.base import threads
-    from clothfit.subspace.build import build as build_model
-    from clothfit.subspace.build import summary
-    from clothfit.subspace.model import encoded
-
-    console.announce_compilation()
-    with threads.single():
-        model, found = build_model(data, options, console.detail)
-    out.write(encoded(model))
-    for c, each in enumerate(found):
-        show(f"objects[{c}]", each, console)
-    console.say(f"→ {out.name}")
-    if as_json:
-        objects = [summary(each) for each in found]
-        print_json("subspace", {"recorded": about, "objects": objects, "output": out.path}, out)
-
-
-def show(name: str, found: Report, console: Console) -> None:
-    """Say what a model of one object leaves out, evaluates and misses."""
-    from clothfit.subspace.cost import whole
-
-    console.result(f"{name}: {found.vectors} vectors")
-    console.table([("vectors", "leave out"), *((str(k), metres(v)) for k, v in found.left_out.items())])
-    used = ", ".join(f"{a} of {b} {kind}" for kind, (a, b) in found.elements.items() if b)
-    console.result(f"evaluated: {used}")
-    frame, step = whole(found.us_per_frame), found.full_us_per_step
-    console.result(f"a frame takes {frame:.0f} µs, with positions and normals; a full step takes {step:.0f} µs")
-    if not found.pays:
-        console.warn(f"{name}: a subspace does not pay for so few vertices; full steps are faster")
-    for what, own in (("with all elements", found.whole), ("as evaluated", found.sampled)):
-        if own is not None:
-            console.result(f"a motion beside those, {what}: {metres(own.rmse)}, {100 * own.relative:.2g} % of its RMS")
-    if found.sampled is not None and found.sampled.relative > POOR:
-        console.warn(f"{name}: the subspace does not follow that motion; try more vectors (--basis), more motions "
-                     "(--episodes), or weaker inputs (--wind, --pace)")  # fmt: skip
+        return built(Data(data), options, school, out, about, as_json, console)

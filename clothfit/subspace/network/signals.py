@@ -26,6 +26,8 @@ from clothfit.subspace import carrier
 PLAIN = ("wind", "gravity", "carrier")
 """Parts that are inputs as they are."""
 
+COLLIDERS = "colliders"
+
 MOST = 24
 """Numbers that take the place of those of pins, or of colliders."""
 
@@ -48,19 +50,23 @@ class Signals:
         return shaped and bool(np.isfinite(self.mean).all() and np.isfinite(self.mix).all())
 
     def of(self, system: System, steps: int) -> Array:
-        """The inputs (steps, m) of a motion. Raises InvalidInput where the scene's are not those of the model."""
-        found = raw(system, steps)
-        if tuple((name, table.shape[1]) for name, table in found) != self.parts:
-            given = names([(name, table.shape[1]) for name, table in found])
-            known = names(self.parts)
-            raise InvalidInput(f"the network was trained with other inputs: {known}; here there are {given}")
-        tables = [np.zeros((steps, 0)), *(table for _, table in found)]
+        """The inputs (steps, m) of a motion; what the scene has not is 0, and what the network has not is left out: it
+        was clamped to 0 (`play`). Raises InvalidInput where pins or colliders are others.
+        """
+        found = dict(raw(system, steps))
+        tables = [np.zeros((steps, 0))]
+        for name, size in self.parts:
+            table = found.get(name, np.zeros((steps, size)) if name != COLLIDERS else None)
+            if table is None or table.shape[1] != size or (COLLIDERS in found and COLLIDERS not in dict(self.parts)):
+                given = names([(each, own.shape[1]) for each, own in found.items()])
+                raise InvalidInput(f"the network was trained with {names(self.parts)}; here there are {given}")
+            tables.append(table)
         return np.asarray((np.concatenate(tables, axis=1) - self.mean) @ self.mix)
 
 
 def names(parts: Sequence[tuple[str, int]]) -> str:
     """What acts, for messages."""
-    return ", ".join(name for name, _ in parts) or "none"
+    return ", ".join(name if name in PLAIN else f"{name} ({size} numbers)" for name, size in parts) or "none"
 
 
 def raw(system: System, steps: int) -> list[tuple[str, Array]]:
@@ -77,7 +83,7 @@ def raw(system: System, steps: int) -> list[tuple[str, Array]]:
         found.append(("carrier", carried(shift[:, 0], system)))
         found.append(("pins", of_places(inputs.path[: steps + 1] - inputs.path[0] - shift)))
     if len(inputs.centre):
-        found.append(("colliders", of_places(past(inputs.centre[: steps + 1], shift, len(system.spheres.radius)))))
+        found.append((COLLIDERS, of_places(past(inputs.centre[: steps + 1], shift, len(system.spheres.radius)))))
     return found
 
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers.networks import by_formula, model_of
-from helpers.subspaces import moving, scene_of
+from helpers.subspaces import keys, moving, scene_of
 
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.system import build
@@ -72,12 +72,18 @@ def test_coordinates_and_inputs_stay_within_their_ranges(scene):
     assert played.clamped == ["the inputs leave the range that the network was trained in; they are clamped"]
 
 
-def test_other_inputs_than_it_was_trained_with_are_refused(scene):
+def test_what_is_not_there_is_0_and_other_pins_are_refused(scene):
     model = model_of(scene, STEPS)
-    other = moving()
-    del other["windVelKeys"]
-    with pytest.raises(InvalidInput, match="trained with other inputs: wind, carrier, pins; here there are"):
-        play(model, scene_of(other), 5)
+    calm, still = moving(), moving()
+    del calm["windVelKeys"]
+    still["windVelKeys"] = keys([0, 1], (0, 0, 0), (0, 0, 0))
+    found = [play(model, scene_of(each), 20).motion.positions for each in (calm, still)]
+    np.testing.assert_array_equal(*found)
+    both = moving()
+    both["objects"][0]["vertIsFixed"][2] = True
+    both["objects"][0]["pins"][0]["vertices"] = [0, 2]
+    with pytest.raises(InvalidInput, match=r"trained with wind, carrier, pins \(6 numbers\); here there are"):
+        play(model, scene_of(both), 5)
 
 
 def test_single_steps_and_instances_are_those_of_the_motion(scene):

@@ -1,0 +1,105 @@
+"""A network while it is trained: a step with all that its transpose needs, and that.
+
+    u = [z₁, z₁ − z₂, w],  z = clip(u L + l + s ⊙ Φ((u − μ) F)),  Φ layers h ↦ a(h W + b).
+
+z are coordinates relative to their size, s the size of what the linear part leaves, and F the scales of u or, in the
+paper's network, what makes [z̄, z₁, w] of it. Where z is clipped, the gradient passes if a step along it leads back.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.subspace.network.prior import Linear
+from clothfit.subspace.network.recipe import Recipe
+from clothfit.subspace.network.signals import Signals
+from clothfit.subspace.network.weights import Network
+
+
+class Trained:
+    """The values, and their fixed surroundings."""
+
+    def __init__(self, prior: Linear, recipe: Recipe, limits: Array, rng: np.random.Generator, kind: Any) -> None:
+        """`limits` (2, r) of the coordinates; weights as He et al. start them, the last layer a tenth of that."""
+        self.r, self.recipe, self.kind = prior.offset.shape[0], recipe, kind
+        sizes = [prior.features, *(max(1, round(width * self.r)) for width in recipe.hidden), self.r]
+        pairs = list(itertools.pairwise(sizes))
+        self.weights = [(np.sqrt(2.0 / a) * rng.standard_normal((a, b))).astype(kind) for a, b in pairs]
+        self.weights[-1] *= kind(0.1)
+        self.biases = [np.zeros(b, kind) for b in sizes[1:]]
+        self.linear, self.offset = prior.matrix.astype(kind), prior.offset.astype(kind)
+        self.mean, self.lift = prior.mean.astype(kind), prior.lift.astype(kind)
+        self.left, (self.low, self.high) = prior.left.astype(kind), limits.astype(kind)
+
+    @property
+    def values(self) -> list[Array]:
+        """All that is trained."""
+        own = [self.linear, self.offset] if self.recipe.dense else []
+        return [*self.weights, *self.biases, *own]
+
+    def step(self, z1: Array, z2: Array, w: Array) -> tuple[Array, Any]:
+        """The next coordinates (B, r), and what `pull` needs."""
+        u = np.concatenate([z1, z1 - z2, w], axis=1)
+        away = u - self.mean
+        h = away * self.lift if self.lift.ndim == 1 else away @ self.lift
+        kept = [h]
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            h = h @ weight
+            h += bias
+            kept.append(self.activated(h))
+            h = kept[-1]
+        z = h @ self.weights[-1] + self.biases[-1]
+        z *= self.left
+        z += u @ self.linear
+        z += self.offset
+        return np.clip(z, self.low, self.high), (u, kept, z < self.low, z > self.high)
+
+    def activated(self, s: Array) -> Array:
+        """The activation, in place."""
+        if self.recipe.activation == "relu":
+            return np.maximum(s, 0.0, out=s)
+        return np.maximum(s, np.expm1(np.minimum(s, 0.0)), out=s)
+
+    def pull(self, kept: Any, gz: Array, grad: list[Array]) -> tuple[Array, Array]:
+        """Add the derivatives by all values to `grad`, for that by z, gz (B, r); returns those by z₁ and z₂."""
+        u, layers, below, above = kept
+        g = np.where((below & (gz > 0)) | (above & (gz < 0)), 0.0, gz).astype(self.kind)
+        count, r = len(self.weights), self.r
+        if self.recipe.dense:
+            grad[2 * count] += u.T @ g
+            grad[2 * count + 1] += g.sum(axis=0)
+        gu = g @ self.linear.T
+        gh = g * self.left
+        for k in range(count - 1, -1, -1):
+            h = layers[k]
+            grad[k] += h.T @ gh
+            grad[count + k] += gh.sum(axis=0)
+            gh = gh @ self.weights[k].T
+            if k:
+                gh *= (h > 0) if self.recipe.activation == "relu" else np.minimum(h, 0.0) + 1.0
+        gu += gh * self.lift if self.lift.ndim == 1 else gh @ self.lift.T
+        return gu[:, :r] + gu[:, r : 2 * r], -gu[:, r : 2 * r]
+
+    def network(self, size: float, signals: Signals, input_range: Array) -> Network:
+        """What is played, for coordinates of that size: all scales folded into the arrays."""
+        m = self.linear.shape[0] - 2 * self.r
+        scale = np.concatenate([np.full(2 * self.r, 1.0 / size), np.ones(m)])[:, None]
+        lift = np.diag(self.lift.astype(float)) if self.lift.ndim == 1 else self.lift.astype(float)
+        first = lift @ self.weights[0]
+        weights = [first * scale, *(each.astype(float) for each in self.weights[1:])]
+        biases = [self.biases[0] - self.mean @ first, *(each.astype(float) for each in self.biases[1:])]
+        out = size * self.left.astype(float)
+        weights[-1], biases[-1] = weights[-1] * out, biases[-1] * out
+
+        def single(array: Array) -> Any:
+            return np.ascontiguousarray(array, np.float32)
+
+        return Network(
+            single(size * scale * self.linear), single(size * self.offset), tuple(map(single, weights)),
+            tuple(map(single, biases)), single(size * np.stack([self.low, self.high])), single(input_range),
+            self.recipe.activation, signals,
+        )  # fmt: skip

@@ -1,0 +1,108 @@
+"""From recorded motions to a network: their coordinates and inputs, the linear part, the training."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
+from clothfit.engine.system import System, build
+from clothfit.subspace import carrier
+from clothfit.subspace.network import prior
+from clothfit.subspace.network.layers import Trained
+from clothfit.subspace.network.recipe import Recipe
+from clothfit.subspace.network.roll import start_velocity
+from clothfit.subspace.network.signals import Signals, fitted, raw
+from clothfit.subspace.network.training import Training, begin
+from clothfit.subspace.network.unrolled import Loss
+from clothfit.subspace.network.weights import Network
+from clothfit.subspace.network.windows import Motions
+from clothfit.subspace.recorded.recording import Data
+
+ONE_OF = 8
+"""So many motions one is held out, to choose the best values by."""
+
+LEAST_FRAMES = 50
+"""Good ones, below which there is no training."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lesson:
+    """The motions of one object on a basis, and how their inputs become numbers."""
+
+    motions: Motions
+    signals: Signals
+    frames: int
+
+
+def lesson(data: Data, c: int, episodes: Sequence[int], basis: Array) -> Lesson:
+    """The coordinates and inputs of some episodes. Raises InvalidInput for inputs that a network does not know."""
+    systems = [build(data.scene_of(e), c, steps=data.steps) for e in episodes]
+    tables = [raw(system, data.steps) for system in systems]
+    signals = fitted(tables)
+    flat = basis.reshape(-1, basis.shape[2])
+    weighted = (basis * systems[0].vertex.mass[:, None, None]).reshape(flat.shape)
+    onto = np.asarray(np.linalg.solve(weighted.T @ flat, weighted.T).T, float)
+    z, good = [], []
+    for e, system in zip(episodes, systems, strict=True):
+        own, fine = coordinates(data, c, e, system, onto)
+        z.append(np.concatenate([own[:1] - system.h * start_velocity(system, basis), own]))
+        good.append(np.concatenate([[True], fine]))
+    w = np.stack([signals.of(system, data.steps) for system in systems])
+    motions = Motions(np.stack(z), w, np.stack(good))
+    return Lesson(motions, signals, int(motions.good[:, 1:].sum()))
+
+
+def coordinates(data: Data, c: int, episode: int, system: System, onto: Array) -> tuple[Array, Array]:
+    """Of all frames (T, r), and which are good; those after the end of a motion are none."""
+    x, fine = data.motion(episode, c)
+    own = carrier.relative(x, system).reshape(len(x), -1) @ onto
+    missing = data.steps + 1 - len(own)
+    return np.pad(own, ((0, missing), (0, 0)), mode="edge"), np.pad(fine, (0, missing))
+
+
+def prepared(given: Lesson, recipe: Recipe, seed: int) -> tuple[Training, float]:
+    """A training at its beginning, and the size of the coordinates. Raises InvalidInput for too few frames."""
+    if given.frames < LEAST_FRAMES or given.motions.starts(1)[1] == 0:
+        raise InvalidInput(f"a network needs at least {LEAST_FRAMES} recorded frames; there are {given.frames}")
+    kind = np.float32
+    count = len(given.motions.z)
+    beside = [e for e in range(count) if e % ONE_OF == ONE_OF - 1] or ([count - 1] if count > 1 else [])
+    taught = [e for e in range(count) if e not in beside]
+    now, way, _, _ = given.motions.of(taught).steps()
+    size = max(float(np.sqrt(((now - now.mean(axis=0)) ** 2).sum(axis=1).mean())), 1e-12)
+    pace = max(float(np.sqrt((way**2).sum(axis=1).mean())), 1e-12)
+    motions = given.motions.scaled(size, float)
+    part = motions.of(taught)
+    linear = prior.dense(part) if recipe.dense else prior.diagonal(part)
+    own = Trained(linear, recipe, limits(motions, recipe.margin), np.random.default_rng([seed, 0]), kind)
+    part, rest = (motions.of(some).scaled(1.0, kind) for some in (taught, beside or taught))
+    loss = Loss(recipe.absolute, recipe.velocity * size / pace)
+    state = begin(own, recipe, seed)
+    return Training(own, recipe, part, rest, spread(part, recipe), loss, state), size
+
+
+def limits(motions: Motions, margin: float) -> Array:
+    """The range (2, r) of the coordinates, widened."""
+    z = motions.z[motions.good]
+    low, high = z.min(axis=0), z.max(axis=0)
+    more = margin * (high - low)
+    return np.stack([low - more, high + more])
+
+
+def spread(motions: Motions, recipe: Recipe) -> Array:
+    """The noise (r,): of all components that of the first three in the paper's recipe, else of each its own."""
+    deviations = motions.z[motions.good].std(axis=0)
+    own = np.full(len(deviations), deviations[:3].mean()) if recipe.absolute else deviations
+    return np.asarray(recipe.noise * own, np.float32)
+
+
+def finished(training: Training, size: float, given: Lesson) -> Network:
+    """What is played of a training."""
+    training.settle()
+    w = given.motions.w.reshape(-1, given.motions.w.shape[2])
+    reach = np.stack([w.min(axis=0), w.max(axis=0)]) if w.size else np.zeros((2, w.shape[1]))
+    return training.own.network(size, given.signals, reach)

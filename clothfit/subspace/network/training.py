@@ -1,0 +1,182 @@
+"""Training: windows at random, their gradient, a step; now and then the error of motions that are held out.
+
+The best values so far are kept, and a request to end gives them. All that goes on from a state (values, means of the
+gradient, random numbers, time spent) is in `State`, so that a training which is resumed is the one that was not
+interrupted, round by round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+from clothfit.base import interrupts
+from clothfit.base.arrays import Array, Indices
+from clothfit.subspace.network.descent import Descent, clipped
+from clothfit.subspace.network.layers import Trained
+from clothfit.subspace.network.recipe import GROWN, Budget, Recipe
+from clothfit.subspace.network.unrolled import Loss, gradient, played
+from clothfit.subspace.network.windows import Motions
+
+LOOKS = 60
+"""How often in a training the held-out motions are played."""
+
+WARM = 100
+"""Rounds in which the rate rises to its value."""
+
+LAST_RATE = 1e-3
+"""The rate at the end of the cosine, relative."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a training is."""
+
+    done: float  # part of the budget
+    rounds: int
+    error: float  # of the held-out motions, relative to their RMS; inf before the first look
+    best: float
+
+
+@dataclass
+class State:
+    """What a training goes on from."""
+
+    values: list[Array]
+    descent: Descent
+    rng: np.random.Generator
+    best: list[Array]
+    best_error: float = np.inf
+    rounds: int = 0
+    seconds: float = 0.0
+    looked: int = 0  # times that the held-out motions were played
+    curve: list[tuple[int, float, float]] = field(default_factory=list)  # rounds, s, error
+
+
+def begin(own: Trained, recipe: Recipe, seed: int) -> State:
+    """The state before the first round."""
+    best = [each.copy() for each in own.values]
+    return State(own.values, Descent(own.values, recipe.amsgrad), np.random.default_rng([seed, 1]), best)
+
+
+@dataclass
+class Training:
+    """A network, and what it is trained with. `motions` are relative to the size of the coordinates."""
+
+    own: Trained
+    recipe: Recipe
+    motions: Motions
+    held_out: Motions
+    noise: Array  # (r,), of the frames that windows begin with
+    loss: Loss
+    state: State
+    known: dict[int, tuple[Indices, int]] = field(default_factory=dict)  # the starts of windows by their length
+
+    def run(self, budget: Budget, report: Callable[[Progress], None]) -> bool:
+        """Train until the budget is spent; False where it was interrupted. The network then has its best values."""
+        state, began = self.state, process_time() - self.state.seconds
+        finished = True
+        try:
+            while (done := budget.done(state.seconds, state.rounds)) < 1.0:
+                interrupts.check()
+                self.round(done)
+                state.seconds = process_time() - began
+                if budget.done(state.seconds, state.rounds) * LOOKS >= state.looked + 1:
+                    report(self.look(budget))
+        except KeyboardInterrupt:
+            interrupts.answer()
+            finished = False
+        report(self.look(budget))
+        return finished
+
+    def round(self, done: float) -> None:
+        """One step of the descent."""
+        recipe, state = self.recipe, self.state
+        first, last = recipe.windows
+        length = round(first * (last / first) ** min(1.0, done / GROWN))
+        starts, length = self.starts(length)
+        chosen = starts[state.rng.integers(0, len(starts), recipe.batch)]
+        z, w = self.motions.windows(chosen, length)
+        begin = self.begin(z[:, :2])
+        _, grad = gradient(self.own, self.loss, z, w, begin)
+        state.rounds += 1
+        if clipped(grad, recipe.clip):
+            state.descent.step(state.values, grad, self.rate(done))
+
+    def starts(self, length: int) -> tuple[Indices, int]:
+        """The starts of all windows of a length, or of the longest that there are, and that."""
+        if length not in self.known:
+            self.known = {length: self.motions.starts(length)}
+        return self.known[length]
+
+    def begin(self, frames: Array) -> Array:
+        """The first two frames (B, 2, r) with noise: of both, so that they are somewhere else, and less of the second
+        alone, so that they are faster or slower.
+        """
+        shape, kind = frames[:, 0].shape, frames.dtype.type
+        moved = (self.noise * self.state.rng.standard_normal(shape)).astype(kind)
+        shaken = kind(self.recipe.shake) * (self.noise * self.state.rng.standard_normal(shape)).astype(kind)
+        both = np.zeros(shape, kind) if self.recipe.shake == 1.0 else moved
+        return np.stack([frames[:, 0] + moved, frames[:, 1] + both + shaken], axis=1)
+
+    def rate(self, done: float) -> float:
+        """The rate of the descent."""
+        recipe, rounds = self.recipe, self.state.rounds
+        if recipe.decay is None:
+            falling = 0.5 * (1.0 + np.cos(np.pi * done))
+            return recipe.rate * (LAST_RATE + (1.0 - LAST_RATE) * float(falling)) * min(1.0, rounds / WARM)
+        passes = rounds * recipe.batch * recipe.windows[1] / max(1, int(self.motions.good.sum()))
+        return float(recipe.rate * recipe.decay**passes)
+
+    def look(self, budget: Budget) -> Progress:
+        """The error of the held-out motions; the values are kept where it is the least so far."""
+        state = self.state
+        error = self.error()
+        if error < state.best_error:
+            state.best_error, state.best = error, [each.copy() for each in state.values]
+        done = budget.done(state.seconds, state.rounds)
+        state.looked = int(done * LOOKS)
+        state.curve.append((state.rounds, state.seconds, error))
+        return Progress(done, state.rounds, error, state.best_error)
+
+    def error(self) -> float:
+        """The RMSE of the held-out motions, relative to the RMS of their way since the start."""
+        given = self.held_out
+        away = (played(self.own, given.z, given.w) - given.z)[:, 1:][given.good[:, 1:]]
+        moved = (given.z - given.z[:, 1:2])[:, 1:][given.good[:, 1:]]
+        return float(np.sqrt((away.astype(float) ** 2).sum() / max(float((moved.astype(float) ** 2).sum()), 1e-300)))
+
+    def settle(self) -> None:
+        """Give the network its best values."""
+        for value, best in zip(self.state.values, self.state.best, strict=True):
+            value[:] = best
+
+
+def archived(state: State) -> dict[str, Any]:
+    """The arrays of a state, but for its numbers (`numbers`)."""
+    found = {f"value{k}": each for k, each in enumerate(state.values)}
+    found |= {f"best{k}": each for k, each in enumerate(state.best)}
+    return found | {f"mean{k}": each for k, each in enumerate(state.descent.state)}
+
+
+def numbers(state: State) -> dict[str, Any]:
+    """The rest of a state, as JSON holds it."""
+    return {
+        "best_error": state.best_error, "rounds": state.rounds, "seconds": state.seconds, "looked": state.looked,
+        "curve": state.curve, "count": state.descent.count, "random": state.rng.bit_generator.state,
+    }  # fmt: skip
+
+
+def restore(state: State, held: dict[str, Any], about: dict[str, Any]) -> None:
+    """Fill a state at its beginning with another one. Raises KeyError, TypeError, ValueError where it does not fit."""
+    for name, own in (("value", state.values), ("best", state.best), ("mean", state.descent.state)):
+        for k, each in enumerate(own):
+            each[:] = held[f"{name}{k}"]
+    state.best_error, state.rounds = float(about["best_error"]), int(about["rounds"])
+    state.seconds, state.looked = float(about["seconds"]), int(about["looked"])
+    state.curve = [(int(a), float(b), float(c)) for a, b, c in about["curve"]]
+    state.descent.count, state.rng.bit_generator.state = int(about["count"]), about["random"]

@@ -1,0 +1,47 @@
+"""Networks by the commands: trained, gone on with, played and compared."""
+
+import json
+
+import numpy as np
+import pytest
+from helpers.scenes import cloth, document, write_scene
+
+from clothfit.cli.program import run
+from clothfit.subspace.model import load_model
+
+pytestmark = pytest.mark.slow  # compiles motions with inputs
+
+
+def test_the_commands(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_scene(tmp_path, document(cloth(4, 4, damping=0.5), optimizationIterations=30))
+    assert run(["subspace", "record", "scene.json", "--episodes", "4", "--frames", "40", "--wind", "4", "-q"]) == 0
+    own = ["subspace", "build", "scene.data.npz", "--method", "network", "--basis", "6", "--seed", "3"]
+    assert run([*own, "--rounds", "40", "-o", "a.npz", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["training"][0]["rounds"] == 40
+    assert said["objects"][0]["sampled"]["relative_rmse"] > 0
+    assert run([*own, "--rounds", "60", "-o", "a.npz", "--resume", "-q"]) == 0
+    assert load_model("a.npz").built["training"][0]["rounds"] == 60
+    assert run(["evaluate", "scene.json", "a.npz", "--json", "-q"]) == 0
+    assert json.loads(capsys.readouterr().out)["clamped"] == []
+    assert run(["subspace", "play", "a.npz", "--frames", "25", "-o", "m.npz", "-q"]) == 0
+    assert np.load("m.npz")["positions"].shape == (25, 16, 3)
+    assert run([*own, "--rounds", "60", "--recipe", "paper", "-o", "a.npz", "--resume", "-q"]) == 3
+    assert "it is the training of another model" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        (["--rounds", "5"], "--rounds goes with --method network"),
+        (["--method", "network", "--cubature", "0.1"], "--cubature does not go with"),
+        (["--method", "network", "--minutes", "1", "--rounds", "5"], "give one of them"),
+        (["--method", "network", "--minutes", "nan"], "--minutes must be above 0"),
+        (["--method", "network", "--rounds", "0"], "--rounds must be at least 1"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(tmp_path, capsys, wrong, why):
+    write_scene(tmp_path, document(cloth(3, 3)))
+    assert run(["subspace", "build", str(tmp_path / "scene.json"), *wrong]) in (2, 3)
+    assert why in capsys.readouterr().err

@@ -1,0 +1,196 @@
+"""Gradients through all steps of a window, the linear parts, and trainings that stop and go on."""
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from clothfit.subspace.network import prior
+from clothfit.subspace.network.descent import Descent
+from clothfit.subspace.network.layers import Trained
+from clothfit.subspace.network.learn import Lesson, finished, prepared
+from clothfit.subspace.network.recipe import OWN, PAPER, RECIPES, Budget
+from clothfit.subspace.network.roll import Room
+from clothfit.subspace.network.signals import Signals
+from clothfit.subspace.network.training import archived, numbers, restore
+from clothfit.subspace.network.unrolled import Loss, gradient, played
+from clothfit.subspace.network.windows import Motions
+
+pytestmark = pytest.mark.quick
+
+R, M = 4, 2
+
+
+def motions(episodes=9, frames=60, seed=0):
+    """Coordinates of R damped oscillators that one input each pushes, the first one with a cubic spring."""
+    rng = np.random.default_rng(seed)
+    w = np.repeat(rng.uniform(-1, 1, (episodes, -(-frames // 8) + 1, M)), 8, axis=1)[:, :frames]
+    z = np.zeros((episodes, frames + 2, R))
+    stiffness = np.array([0.02, 0.05, 0.1, 0.2])
+    for t in range(frames):
+        now, way = z[:, t + 1], z[:, t + 1] - z[:, t]
+        force = 0.1 * w[:, t, [0, 1, 0, 1]] - stiffness * now
+        force[:, 0] -= 0.02 * now[:, 0] ** 3
+        z[:, t + 2] = now + 0.95 * way + force
+    return Motions(z, w, np.ones(z.shape[:2], bool))
+
+
+def lesson(**kind):
+    """These motions with their inputs as they are."""
+    own = motions(**kind)
+    signals = Signals((("wind", M),), np.zeros(M), np.eye(M))
+    return Lesson(own, signals, int(own.good[:, 1:].sum()))
+
+
+def trained(recipe, limits=np.inf):
+    """A network for them in double precision, all of whose values count."""
+    given = motions()
+    linear = (prior.dense if recipe.dense else prior.diagonal)(given)
+    own = Trained(linear, recipe, np.array([[-limits] * R, [limits] * R]), np.random.default_rng(1), np.float64)
+    rng = np.random.default_rng(2)
+    for each in own.values:
+        each += 0.05 * rng.standard_normal(each.shape)
+    return own, given
+
+
+def small(recipe, **changes):
+    """A recipe with few small layers."""
+    return dataclasses.replace(recipe, hidden=(2.0, 1.5), **changes)
+
+
+@pytest.mark.parametrize("name", ["own", "paper"])
+@pytest.mark.parametrize("absolute", [True, False])
+def test_the_gradient_through_a_window_is_that_of_differences(name, absolute):
+    own, given = trained(small(RECIPES[name]))
+    loss = Loss(absolute, 2.0)
+    z, w = given.windows(given.starts(9)[0][::37], 9)
+    rng = np.random.default_rng(3)
+    begin = z[:, :2] + 0.1 * rng.standard_normal(z[:, :2].shape)
+    _, grad = gradient(own, loss, z, w, begin)
+    for value, by in zip(own.values, grad, strict=True):
+        direction = rng.standard_normal(value.shape)
+        found, eps = [], 1e-6
+        for sign in (1, -1):
+            value += sign * eps * direction
+            found.append(gradient(own, loss, z, w, begin)[0])
+            value -= sign * eps * direction
+        # kinks of absolute values and of ReLU apart, which none of these seeds meets, central differences miss
+        # 1e-12 of the third derivative, and rounding is 1e-16 / 1e-6
+        np.testing.assert_allclose(np.vdot(by, direction), (found[0] - found[1]) / (2 * eps), rtol=1e-6, atol=1e-9)
+
+
+def test_the_gradient_passes_a_clip_only_on_the_way_back():
+    own, given = trained(small(OWN), limits=0.3)
+    z, w = given.windows(given.starts(1)[0][::50], 1)
+    after, kept = own.step(z[:, 1], z[:, 0], w[:, 0])
+    above = after == 0.3
+    assert above.any()
+    for sign in (1.0, -1.0):  # a step against the gradient leads back into the range where it is positive
+        grad = [np.zeros_like(each) for each in own.values]
+        own.pull(kept, np.where(above, sign, 0.0), grad)
+        assert any(np.any(each != 0) for each in grad) == (sign > 0)
+
+
+def test_the_linear_parts_are_least_squares():
+    given = motions(seed=5)
+    now, way, w, after = given.steps()
+    u = np.concatenate([now, way, w], axis=1)
+    own = prior.dense(given)
+    best = np.linalg.lstsq(np.concatenate([u, np.ones((len(u), 1))], axis=1), after, rcond=None)[0]
+    np.testing.assert_allclose(np.concatenate([own.matrix, own.offset[None]]), best, atol=1e-6)  # a ridge of 1e-8
+    paper = prior.diagonal(given)
+    for i in range(R):
+        alone = np.linalg.lstsq(np.stack([now[:, i], way[:, i]], axis=1), after[:, i], rcond=None)[0]
+        np.testing.assert_allclose([paper.matrix[i, i], paper.matrix[R + i, i]], alone, rtol=1e-9)
+
+
+def test_the_spectral_radius_is_the_growth_of_free_motions():
+    own = prior.dense(motions(seed=6))
+    z = [np.ones(R), np.ones(R)]
+    for _ in range(2000):
+        z.append(np.concatenate([z[-1], z[-1] - z[-2], np.zeros(M)]) @ own.matrix)
+    size = [np.linalg.norm(each) for each in z]
+    growth = (max(size[1900:]) / max(size[1000:1100])) ** (1 / 900)
+    assert abs(growth - own.radius) < 1e-4  # of beats a hundredth may be left in each of the maxima
+
+
+def test_windows_hold_good_frames_only():
+    own = motions(episodes=2, frames=20)
+    own.good[0, 11] = own.good[1, 3] = False
+    starts, length = own.starts(6)
+    assert length == 6
+    inside = np.zeros(own.good.shape, bool)
+    inside[0, :4] = inside[0, 12:15] = inside[1, 4:15] = True  # first frames of eight good ones
+    np.testing.assert_array_equal(starts, np.argwhere(inside))
+    starts, length = own.starts(40)  # the longest that there are, from frame 4 to 21 of the second motion
+    assert (starts.tolist(), length) == ([[1, 4]], 16)
+
+
+@pytest.mark.parametrize("recipe", [OWN, PAPER])
+def test_what_is_played_is_what_was_trained(recipe):
+    given = lesson()
+    training, size = prepared(given, recipe, 0)
+    network = finished(training, size, given)
+    room, own = Room(network), training.motions
+    z = np.asarray(played(training.own, own.z[:2], own.w[:2])) * size
+    for e in range(2):
+        q = np.zeros((len(z[e]) - 1, R), np.float32)
+        q[0] = z[e, 1]
+        room.roll(q, z[e, 0].astype(np.float32), np.ascontiguousarray(own.w[e], np.float32))
+        # single precision in 60 steps that forget: 6e-8 of each of some 30 numbers a step
+        np.testing.assert_allclose(q, z[e, 1:], atol=2e-5 * size)
+
+
+def test_training_improves_on_the_linear_part_and_is_the_same_again():
+    recipe = dataclasses.replace(OWN, hidden=(8.0, 8.0), windows=(2, 24), rate=1e-2)
+
+    def run(rounds):
+        training, _ = prepared(lesson(), recipe, 4)
+        seen = []
+        assert training.run(Budget(rounds=rounds), seen.append)
+        return training, seen
+
+    whole, seen = run(400)
+    assert all(a.rounds <= b.rounds for a, b in pairwise(seen))
+    first, _ = prepared(lesson(), recipe, 4)
+    assert whole.state.best_error < 0.7 * first.error()  # 0.44 with this seed, and less with more rounds
+    again, _ = run(400)
+    for a, b in zip(whole.state.values, again.state.values, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_an_interrupted_training_goes_on_where_it_was():
+    def ready():
+        return prepared(lesson(), small(OWN), 7)[0]
+
+    whole, part, rest = ready(), ready(), ready()
+    assert whole.run(Budget(rounds=120), lambda progress: None)
+    calls = []
+
+    def report(progress):
+        calls.append(progress)
+        if progress.rounds >= 60 and len([c for c in calls if c.rounds >= 60]) == 1:
+            raise KeyboardInterrupt
+
+    assert not part.run(Budget(rounds=120), report)
+    restore(rest.state, archived(part.state), numbers(part.state))
+    assert rest.run(Budget(rounds=120), lambda progress: None)
+    for a, b in zip(whole.state.values, rest.state.values, strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert rest.state.best_error == whole.state.best_error
+
+
+def test_the_descent_is_that_of_the_papers():
+    rng = np.random.default_rng(0)
+    for amsgrad in (False, True):
+        value, own = [np.zeros(3)], None
+        own = Descent(value, amsgrad)
+        x, m, v, top = np.zeros(3), 0.0, 0.0, 0.0
+        for t in range(1, 30):
+            g = rng.standard_normal(3) / t
+            own.step(value, [g], 0.01)
+            m, v = 0.9 * m + 0.1 * g, 0.999 * v + 0.001 * g * g
+            top = np.maximum(top, v)
+            x = x - 0.01 * (m / (1 - 0.9**t)) / (np.sqrt((top if amsgrad else v) / (1 - 0.999**t)) + 1e-8)
+        np.testing.assert_allclose(value[0], x, rtol=1e-12)
