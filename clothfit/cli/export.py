@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ from clothfit.cli.common.console import Console
 from clothfit.cli.common.options import standard_command
 from clothfit.cli.common.output import STREAM, make_folder, output_for, print_json, uninterrupted
 from clothfit.cli.common.scenes import read_scene
-from clothfit.export.tools import TOOLS
+from clothfit.export.tools import MODELS, TOOLS
 
 if TYPE_CHECKING:
     from clothfit.scene.cloth import Cloth
@@ -26,8 +27,8 @@ MOST_NAMES = 5
 
 @standard_command("export", {"What is written": ("--to", "--output")})
 @click.argument("fitted_path", metavar="FITTED")
-@click.option("--to", "tool", type=click.Choice(list(TOOLS)), required=True, metavar="TOOL",
-              help="Tool: csv, obi, blender, vellum, gltf or usd.")
+@click.option("--to", "tool", type=click.Choice([*TOOLS, *MODELS]), required=True, metavar="TOOL",
+              help="Tool: csv, obi, blender, vellum, gltf or usd; of a subspace onnx.")
 @click.option("-o", "--output", "path", metavar="FOLDER", help="Folder of the files.  [default: <stem>-<tool>]")
 def command(fitted_path: str, tool: str, path: str | None, as_json: bool, console: Console) -> None:
     """Write the masses and stiffnesses of FITTED, or the paths of its pins, in the form that other tools read.
@@ -35,7 +36,7 @@ def command(fitted_path: str, tool: str, path: str | None, as_json: bool, consol
     csv: tables of objects, vertices and springs. obi: masses and compliances, 1/k, of Obi Cloth for Unity, as JSON.
     blender: vertex groups and ranges for Blender's cloth modifier, as JSON and as a script that sets them. vellum:
     geometry and constraints for Houdini, and mantissa and exponent of the mean stiffness. gltf, usd: the paths of pins
-    as animated nodes.
+    as animated nodes. onnx: of a MODEL of clothfit subspace the decoder and, of a network, the step, each as a graph.
 
     docs/export.md explains what the numbers mean there and what is lost.
 
@@ -43,7 +44,11 @@ def command(fitted_path: str, tool: str, path: str | None, as_json: bool, consol
     clothfit export scene.fitted.json --to csv
     clothfit export scene.fitted.json --to blender -o for-blender
     clothfit export scene.json --to gltf
+    clothfit export scene.model.npz --to onnx
     """
+    if tool in MODELS:
+        of_model(fitted_path, tool, path, as_json, console)
+        return
     scene = read_scene(fitted_path, console)
     folder = folder_of(path, fitted_path, tool)
     from clothfit.export.tools import exported, own_step
@@ -51,11 +56,7 @@ def command(fitted_path: str, tool: str, path: str | None, as_json: bool, consol
     if warning := own_step(scene, tool):
         console.warn(f"{scene.name}: {warning}")
     made = exported(scene, tool)
-    make_folder(folder)
-    outputs = [(output_for(os.path.join(folder, name), fitted_path, "", ()), data) for name, data in made.items()]
-    with uninterrupted():
-        for out, data in outputs:
-            out.put(data)
+    write(made, folder, fitted_path)
     springs = sum(len(cloth.springs) for cloth in scene.cloths)
     parts = (
         counted(len(scene.cloths), "object", "objects"),
@@ -66,6 +67,35 @@ def command(fitted_path: str, tool: str, path: str | None, as_json: bool, consol
     console.say(f"{scene.name}: {', '.join(parts)} → {folder}: {names}")
     if as_json:
         print_json("export", summary(scene, tool, folder, list(made)))
+
+
+def write(made: Mapping[str, bytes], folder: str, given_path: str) -> None:
+    """Write files to a folder; none of them over what was read."""
+    make_folder(folder)
+    outputs = [(output_for(os.path.join(folder, name), given_path, "", ()), data) for name, data in made.items()]
+    with uninterrupted():
+        for out, data in outputs:
+            out.put(data)
+
+
+def of_model(model_path: str, tool: str, path: str | None, as_json: bool, console: Console) -> None:
+    """Export a subspace."""
+    from clothfit.export.tools import exported_model
+    from clothfit.subspace.model import NETWORK, load_model
+
+    if model_path == STREAM:
+        raise InvalidInput("MODEL must be a file; - was given")
+    model = load_model(model_path)
+    folder = folder_of(path, model_path, tool)
+    made = exported_model(model, tool)
+    write(made, folder, model_path)
+    name = os.path.basename(model_path)
+    if model.method != NETWORK:
+        console.warn(f"{name}: its steps are physics, which is no graph; the decoder alone is written")
+    sizes = ", ".join(f"{each} ({len(data) / 1e6:.2g} MB)" for each, data in made.items())
+    console.say(f"{name}: {model.method} → {folder}: {sizes}")
+    if as_json:
+        print_json("export", {"model": name, "method": model.method, "to": tool, "output": folder, "files": list(made)})
 
 
 def folder_of(path: str | None, fitted_path: str, tool: str) -> str:

@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from clothfit.subspace.recorded.variation import Ranges
 
 RECORDING = ("--episodes", "--frames", "--wind", "--pins", "--pace", "--seed")
-BUILDING = ("--basis", "--error", "--cubature", "--modes", "--method", "--normals")
+BUILDING = ("--basis", "--error", "--cubature", "--modes", "--method", "--normals", "--half")
 TRAINING = ("minutes", "rounds", "recipe", "resume")
 SECTIONS = {
     "What to record (record, and build from a SCENE)": RECORDING,
     "What to build (build)": BUILDING,
     "How to train (build --method network)": tuple(f"--{name}" for name in TRAINING),
-    "What to play (play)": ("--inputs", "--push-out", "--instances"),
+    "What to play (play)": ("--inputs", "--push-out", "--instances", "--coordinates"),
     "What is written": ("--output",),
 }
 EPISODES, MANY_EPISODES, FRAMES = 9, 41, 300
@@ -37,8 +37,8 @@ EPISODES, MANY_EPISODES, FRAMES = 9, 41, 300
 ONLY = {
     "record": {"episodes", "frames", "wind", "pins", "pace", "seed"},
     "build": {"episodes", "frames", "wind", "pins", "pace", "seed", "basis", "error", "cubature", "modes", "method",
-              "normals", *TRAINING},
-    "play": {"frames", "inputs_path", "push_out", "instances", "seed"},
+              "normals", "half", *TRAINING},
+    "play": {"frames", "inputs_path", "push_out", "instances", "seed", "coordinates"},
 }
 
 
@@ -73,9 +73,12 @@ ONLY = {
               help="Go on with the training whose state is beside OUT, <OUT's stem>.training.npz.")
 @click.option("--normals", is_flag=True, default=None,
               help="Keep a regression of the vertices' normals on the coordinates.")
+@click.option("--half", is_flag=True, default=None, help="Store the vectors in half precision: half the file.")
 @click.option("--inputs", "inputs_path", metavar="FILE", help="Play with these inputs over time (JSON).")
 @click.option("--push-out", metavar="LENGTH",
               help="Push vertices out of the scene's obstacles, so far from them, such as 0 or 2mm.")
+@click.option("--coordinates", metavar="FILE",
+              help="Write the coordinates of each object here, for players that decode them (.npz).")
 @click.option("--instances", type=int, metavar="N",
               help="Play N instances at once, in random gusts within the recorded range, and say how long a frame of "
               "one takes; motions are written with -o only.")

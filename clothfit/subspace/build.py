@@ -48,6 +48,7 @@ class Options:
     cubature: float | None = DEFAULT_ERROR  # None: all elements
     modes: int | None = None  # vibration modes among the vectors; None: one in sixteen
     normals: bool = False  # whether the model gives normals by regression
+    half: bool = False  # whether bases have half precision
     seed: int = 0
 
     def check(self) -> None:
@@ -122,7 +123,8 @@ def of_object(
     found = bases.decompose(data, c, systems, options.size or LARGEST_SIZE, kept)
     size = size_of(found.left_out, options)
     last = bases.frames_of(data, c, kept[0], own, 1 << 30)[-1] + own.x0
-    U = bases.enriched(found, own, size, last, options.modes).astype(np.float32).astype(float)
+    precision = np.float16 if options.half else np.float32
+    U = bases.enriched(found, own, size, last, options.modes).astype(precision).astype(float)
     first = Reduced(system=own, basis=U)
     runs = [first.under(system) for system in systems]
     low, high, samples = seen(data, c, kept, runs, options.seed)
@@ -136,7 +138,8 @@ def of_object(
     used = {"springs": len(chosen.springs), "faces": len(chosen.faces), "vertices": len(chosen.vertices)}
     elements = {name: (used[name], there[name]) for name in there}
     normals = normals_of(data, c, kept, runs) if options.normals else None
-    return Part(U, chosen, np.stack([low, high]), normals), Report(U.shape[2], table, elements, errors)
+    part = Part(U, chosen, np.stack([low, high]), normals, half=options.half)
+    return part, Report(U.shape[2], table, elements, errors)
 
 
 def size_of(left_out: Array, options: Options) -> int:

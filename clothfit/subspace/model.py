@@ -4,8 +4,9 @@
 when it was built; `scene`, the text of the scene; and for each object c its `basis{c}` (n, 3, r), single precision,
 and the elements that its steps evaluate with their weights: `springs{c}`, `spring_weight{c}`, `faces{c}`,
 `face_weight{c}`, `vertices{c}`, `vertex_weight{c}`; `envelope{c}` (2, r), the least and largest coordinates of the
-recorded motions; and where it was asked for `normals{c}` (n, 3, 1 + r), single precision (`normals`). A network has
-none of the elements, and the arrays of `network.weights`.
+recorded motions; and where it was asked for `normals{c}` (n, 3, 1 + r), single precision (`normals`). Where that was
+asked for, bases and normals have half precision. A network has none of the elements, and the arrays of
+`network.weights`. For players that read no scenes there are the arrays of `players.Still`, which this program ignores.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from clothfit.subspace.network import weights
 from clothfit.subspace.network.weights import Network
 from clothfit.subspace.physics.reduced import Reduced
 from clothfit.subspace.physics.samples import Selection
+from clothfit.subspace.players import still
 
 VERSION = 1
 HEAD = "subspace"
@@ -47,6 +49,12 @@ class Part:
     envelope: Array  # (2, r)
     normals: NDArray[np.float32] | None = None  # (n, 3, 1 + r), of the regression; None: not asked for
     network: Network | None = None  # what steps it in place of physics
+    half: bool = False  # whether basis and normals are stored in half precision, and have no more digits
+
+    @property
+    def precision(self) -> type[np.floating[Any]]:
+        """The type in which basis and normals are stored."""
+        return np.float16 if self.half else np.float32
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,13 +90,15 @@ def arrays(model: Model) -> dict[str, Any]:
         about["networks"] = [weights.described(part.network) for part in model.parts if part.network]
     found: dict[str, Any] = {HEAD: np.frombuffer(json.dumps(about).encode(), np.uint8)}  # first: it tells the file
     found["scene"] = np.frombuffer(model.text, np.uint8)
+    scene = model.scene()
     for c, part in enumerate(model.parts):
-        found[f"basis{c}"] = part.basis.astype(np.float32)
+        found[f"basis{c}"] = part.basis.astype(part.precision)
+        found |= {f"{name}{c}": array for name, array in still(scene, c, part.basis)._asdict().items()}
         found[f"envelope{c}"] = part.envelope
         for name, value in names_of(part.chosen).items():
             found[f"{name}{c}"] = value
         if part.normals is not None:
-            found[f"normals{c}"] = part.normals
+            found[f"normals{c}"] = part.normals.astype(part.precision)
         if part.network is not None:
             found |= weights.arrays(part.network, c)
     return found
@@ -150,7 +160,7 @@ def _part(file: Any, c: int, about: dict[str, Any]) -> Part:
     chosen = Selection(**{name: np.ascontiguousarray(held[name], kinds[name]) for name in Selection._fields})
     network = _network(file, c, about["networks"][c]) if about["method"] == NETWORK else None
     basis, envelope = np.ascontiguousarray(held["basis"], float), np.asarray(held["envelope"], float)
-    return Part(basis, chosen, envelope, normals, network)
+    return Part(basis, chosen, envelope, normals, network, held["basis"].dtype == np.float16)
 
 
 def _network(file: Any, c: int, about: dict[str, Any]) -> Network:

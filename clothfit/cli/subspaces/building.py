@@ -36,7 +36,7 @@ def options_of(given: dict[str, Any]) -> Options:
     asked = given["cubature"]
     cubature = None if given["method"] == "network" else DEFAULT_ERROR if asked is None else asked or None
     size, error, seed = given["basis"], length(given["error"], "--error"), given["seed"] or 0
-    return Options(size, error, cubature, given["modes"], bool(given["normals"]), seed)
+    return Options(size, error, cubature, given["modes"], bool(given["normals"]), bool(given["half"]), seed)
 
 
 def school_of(given: dict[str, Any], out: Output) -> Schooling | None:

@@ -10,7 +10,7 @@ import click
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.common import motions
 from clothfit.cli.common.console import Console
-from clothfit.cli.common.output import STREAM, output_for, print_json
+from clothfit.cli.common.output import STREAM, Output, output_for, print_json
 from clothfit.cli.subspaces.inputs import with_inputs
 from clothfit.cli.subspaces.lengths import length
 
@@ -27,6 +27,8 @@ def play(model_path: str, path: str | None, given: dict[str, Any], as_json: bool
         raise InvalidInput("MODEL must be a file; - was given")
     if given["instances"] is not None and given["push_out"] is not None:
         raise click.UsageError("--push-out does not go with --instances", click.get_current_context())
+    if given["instances"] is not None and given["coordinates"] is not None:
+        raise click.UsageError("--coordinates does not go with --instances", click.get_current_context())
     from clothfit.base import threads
     from clothfit.subspace.model import load_model
 
@@ -45,21 +47,36 @@ def play_one(
     console: Console,
 ) -> None:  # fmt: skip
     """Play one instance, and write its motion."""
+    import numpy as np
+
+    from clothfit.base import npz
     from clothfit.subspace.play import play as play_model
 
     distance = length(given["push_out"], "--push-out")
     out = output_for(path, model_path, ".played.npz", (given["inputs_path"],))
+    kept = coordinates_for(given["coordinates"], (model_path, given["inputs_path"], out.path))
     motions.check(out, own_axes(), (model_path,), frames)
     console.announce_compilation()
     played = play_model(model, scene, frames, distance)
     for sentence in played.clamped:
         console.warn(sentence)
     motions.write(played.motion, out, scene, own_axes(), console)
+    if kept is not None:
+        kept.write(npz.archive({f"q{c}": q.astype(np.float32) for c, q in enumerate(played.coordinates)}))
     each = {name.replace(" ", "_"): 1e6 * s / max(frames - 1, 1) for name, s in played.seconds.items()}
     console.say(f"{frames} frames, {each['state']:.0f} µs a step → {out.name}")
     if as_json:
         found = {"frames": frames, "us_per_frame": each, "clamped": played.clamped, "output": out.path}
         print_json("subspace", found, out)
+
+
+def coordinates_for(path: str | None, used: tuple[str | None, ...]) -> Output | None:
+    """Where the coordinates go. Raises InvalidInput."""
+    if path is None:
+        return None
+    if path == STREAM or not path.lower().endswith(".npz"):
+        raise InvalidInput(f"--coordinates must be a file .npz; {path} was given")
+    return output_for(path, "", "", used)
 
 
 def play_many(

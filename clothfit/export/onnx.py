@@ -1,0 +1,89 @@
+"""A subspace for runtimes of ONNX: its decoder, and of a network its step, each as one graph for many instances.
+
+    step.onnx     q1, q2 (…, r), w (…, m) → q (…, r): the coordinates of the last frame and of the one before, and what
+                  acts on the step, as docs/subspace.md has it, to those of the next
+    decode.onnx   q (…, r) [, pins (…, P, 3)] → positions (…, n, 3), m [, normals (…, n, 3)]: `pins` are their ways
+                  since the start, m; normals are there where the model has the regression
+
+Steps of physics are no graph: they solve a system of equations that the state gives.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothfit.export.onnx_file import Graph
+from clothfit.subspace.model import Model, Part
+from clothfit.subspace.network.weights import Network
+from clothfit.subspace.players import Still, still
+
+TINY = 1e-12
+"""Below the length of any normal; a vertex without faces has one of 0."""
+
+
+def files(model: Model) -> dict[str, bytes]:
+    """Names and contents; with a number before the suffix where there are several objects."""
+    found, scene = {}, model.scene()
+    for c, part in enumerate(model.parts):
+        number = "" if len(model.parts) == 1 else str(c)
+        found[f"decode{number}.onnx"] = decoder(part, still(scene, c, part.basis))
+        if part.network is not None:
+            found[f"step{number}.onnx"] = step(part.network, still(scene, c, part.basis))
+    return found
+
+
+def decoder(part: Part, own: Still) -> bytes:
+    """The graph of positions, and of normals by regression."""
+    n, r = len(part.basis), part.basis.shape[2]
+    graph = Graph("decode")
+    q, shape = graph.input("q", r), graph.array(np.array([-1, n, 3]))
+    flat = product(graph, q, part.basis.astype(part.precision).reshape(-1, r), own.start.reshape(-1))
+    if own.pins:
+        ways = graph.input("pins", own.pins, 3)
+        mean = graph.node("ReduceMean", ways, axes=[1], keepdims=1)
+        stays = graph.node("Sub", mean, mean)
+        table = graph.node("Concat", stays, mean, ways, axis=1)
+        carried = graph.node("Gather", table, graph.array(own.way.astype(np.int64) + 1), axis=1)
+        graph.node("Add", graph.node("Reshape", flat, shape), carried, output="positions")
+    else:
+        graph.node("Reshape", flat, shape, output="positions")
+    graph.output("positions", n, 3)
+    if part.normals is not None:
+        by = part.normals.reshape(-1, 1 + r)
+        made = graph.node("Reshape", product(graph, q, by[:, 1:].astype(part.precision), by[:, 0]), shape)
+        size = graph.node("ReduceL2", made, axes=[2], keepdims=1)
+        graph.node("Div", made, graph.node("Max", size, graph.array(np.array([TINY], np.float32))), output="normals")
+        graph.output("normals", n, 3)
+    return graph.encoded({"vectors": str(r), "vertices": str(n)})
+
+
+def product(graph: Graph, q: str, rows: NDArray[Any], constant: NDArray[Any]) -> str:
+    """q Uᵀ + c, as one node."""
+    U = graph.array(np.ascontiguousarray(rows))
+    if rows.dtype == np.float16:
+        U = graph.node("Cast", U, to=1)
+    return graph.node("Gemm", q, U, graph.array(np.ascontiguousarray(constant, np.float32)), transB=1)
+
+
+def step(own: Network, at_rest: Still) -> bytes:
+    """The graph of a network's step."""
+    graph = Graph("step")
+    q1, q2, w = graph.input("q1", own.r), graph.input("q2", own.r), graph.input("w", own.m)
+    low, high = (graph.array(row) for row in own.input_range)
+    acts = graph.node("Min", graph.node("Max", w, low), high)
+    u = graph.node("Concat", q1, graph.node("Sub", q1, q2), acts, axis=1)
+    linear = graph.node("Gemm", u, graph.array(own.linear), graph.array(own.offset))
+    layer = u
+    for k, (weight, bias) in enumerate(zip(own.weights, own.biases, strict=True)):
+        layer = graph.node("Gemm", layer, graph.array(weight), graph.array(bias))
+        if k < len(own.weights) - 1:
+            layer = graph.node("Relu", layer) if own.activation == "relu" else graph.node("Elu", layer, alpha=1.0)
+    low, high = (graph.array(row) for row in own.range)
+    graph.node("Min", graph.node("Max", graph.node("Add", linear, layer), low), high, output="q")
+    graph.output("q", own.r)
+    about = {"signals": json.dumps(own.signals.parts), "q2_at_start": json.dumps(at_rest.before.tolist())}
+    return graph.encoded(about | {"mean": json.dumps(own.signals.mean.tolist())})
