@@ -18,7 +18,7 @@ from clothfit.cli.common.options import check_least, check_numbers, duration, st
 from clothfit.cli.common.output import keep_scene, uninterrupted
 from clothfit.cli.common.progress import progress
 from clothfit.cli.common.scenes import read_scene, under_forces, warn_of_steps
-from clothfit.cli.fitting import outcomes
+from clothfit.cli.fitting import outcomes, simulator
 from clothfit.cli.fitting.files import Files, bounds_of, read_start, read_target, weights
 from clothfit.cli.fitting.recording import Recording
 from clothfit.fit.options import FitOptions
@@ -46,6 +46,7 @@ SECTIONS = {  # of the help
     "How far to trust it": ("--holdout", "--holdout-of", "--no-intervals"),
     "What is written": ("--output", "--in-place", "--report", "--plot", "--gif", "--log"),
     "Long and large fits": ("--checkpoint", "--resume", "--memory", "--watch", "--end-with-input"),
+    "In another tool": simulator.NAMES,
     "Many fits": ("--starts", "--seed", "--jobs", "--cluster"),
 }  # fmt: skip
 
@@ -122,6 +123,7 @@ SECTIONS = {  # of the help
 @click.option("--jobs", type=int, metavar="N", help="Run N fits at a time.  [default: one per core]")
 @click.option("--cluster", metavar="ADDRESS", help="Run the fits on a Dask cluster; tcp://host:port of its scheduler.")
 @click.option("--log", metavar="FILE", help="Write a line of JSON for each iteration, and the summary.")
+@simulator.options
 @watching.option("Fit again, from the last result,", start=True)
 @ending.option
 @pictures.options
@@ -151,6 +153,7 @@ def command(
     cluster: str | None,
     log: str | None,
     pictures: pictures.Pictures,
+    tool: simulator.Asked,
     as_json: bool,
     console: Console,
     **as_given: Any,
@@ -172,6 +175,7 @@ def command(
     clothfit estimate scene.json --target capture.npz --plot fit.png --gif fit.gif --log fit.jsonl
     clothfit estimate *.json --target 'captures/{stem}.npz' -o fitted/
     clothfit estimate scene.json --target capture.npz --starts 8
+    clothfit estimate scene.json --simulator xpbd --iterations 5
     clothfit estimate - < scene.json > fitted.json
     """
     check_values(max_evaluations, rmse, starts, seed, jobs)
@@ -180,6 +184,10 @@ def command(
         raise click.UsageError("--fit-time and --fit-placement are for the motion of --target; add that")
     if in_subspace and not target_paths:
         raise click.UsageError("--subspace is for the motion of --target; add that")
+    tool.check()
+    if tool.simulator:
+        files = Files(target_paths, start, path, in_place, checkpoint, resume, reading, forces_path)
+        return simulator.fit(scene_paths, files, tool, substeps, console, as_json)
     options = FitOptions(
         budget=max_evaluations, rmse_tolerance=rmse, tolerance=tolerance, objective=weights(objectives),
         intervals=not no_intervals, bounds=bounds_of(bounds), substeps=substeps_of(substeps),

@@ -46,6 +46,7 @@ FOLD = 0.5  # rad, between two faces: where bending resists as the spring across
 FINER = 4.0  # steps of Blender's in one of the scene's that is not an implicit Euler step
 BENDING_LIMIT = 1.0  # of h² λ/m; 4 is no longer stable
 LARGEST_STIFFNESS = 10_000.0  # Blender's limit
+MOST_AIR, MOST_DAMPING = 10.0, 50.0  # the same, of air damping and of the dampings of springs
 SCRIPT = Path(__file__).with_name("blender_script.py")
 DATA_PLACE = 'json.loads("{}")'  # in the script; the numbers replace it
 
@@ -62,12 +63,17 @@ class Painted(NamedTuple):
 
 def files(scene: Scene) -> dict[str, bytes]:
     """The numbers as JSON, and the script, which contains them too."""
+    return blender_files(scene, [one(number, cloth, step_of(scene)) for number, cloth in enumerate(scene.cloths)])
+
+
+def blender_files(scene: Scene, objects: list[dict[str, Any]]) -> dict[str, bytes]:
+    """The same for values of its objects."""
     document = {
         "format": BLENDER_FORMAT,
         "time_unit": TIME_UNIT,
         "gravity": scene.gravity.tolist(),
         "step": step_of(scene),
-        "objects": [one(number, cloth, step_of(scene)) for number, cloth in enumerate(scene.cloths)],
+        "objects": objects,
     }
     text = numbers.text(document, "blender")
     script = SCRIPT.read_text("utf-8").replace(DATA_PLACE, f"json.loads({text!r})")
@@ -92,8 +98,8 @@ def one(number: int, cloth: Cloth, step: float) -> dict[str, Any]:
         "object": number,
         "vertices": count,
         "mass": mass,
-        "air_damping": min(100.0 * TIME_UNIT * cloth.damping * mass, 10.0),
-        "spring_damping": min(along, 50.0),
+        "air_damping": min(100.0 * TIME_UNIT * cloth.damping * mass, MOST_AIR),
+        "spring_damping": min(along, MOST_DAMPING),
         "mean_length": length,
         "structural": group(traction),
         "bending": group(bending),

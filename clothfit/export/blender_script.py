@@ -77,9 +77,12 @@ def set_up(mesh: Any, values: dict[str, Any], frames_per_second: float) -> None:
         settings.vertex_group_structural_stiffness = name
         settings.vertex_group_shear_stiffness = name
         for kind in ("tension", "compression", "shear"):
-            setattr(settings, f"{kind}_stiffness", structural["stiffness"])
-            setattr(settings, f"{kind}_stiffness_max", structural["stiffness_max"])
-            setattr(settings, f"{kind}_damping", values["spring_damping"])
+            own = values.get(kind, structural)  # fitted ones, where there are any; shear is that of tension
+            own = values.get("tension", own) if kind == "shear" else own
+            setattr(settings, f"{kind}_stiffness", own["stiffness"])
+            setattr(settings, f"{kind}_stiffness_max", own["stiffness_max"])
+            damping = values.get("tension_damping" if kind == "shear" else f"{kind}_damping", values["spring_damping"])
+            setattr(settings, f"{kind}_damping", damping)
     bending = values["bending"] or {"stiffness": 0.0, "stiffness_max": 0.0}
     if "weights" in bending:
         settings.vertex_group_bending = paint(mesh, "clothfit bending", enumerate(bending["weights"]))

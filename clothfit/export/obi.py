@@ -22,9 +22,13 @@ OBI_FORMAT = "clothfit-obi-1"
 
 def files(scene: Scene) -> dict[str, bytes]:
     """One file of JSON."""
-    objects = [one(number, cloth) for number, cloth in enumerate(scene.cloths)]
-    document = {"format": OBI_FORMAT, "units": {"mass": "kg", "compliance": "m/N", "length": "m"}, "objects": objects}
-    return {"obi.json": text(document, "obi").encode()}
+    return {"obi.json": document([one(number, cloth) for number, cloth in enumerate(scene.cloths)])}
+
+
+def document(objects: list[dict[str, Any]]) -> bytes:
+    """The file of some objects."""
+    units = {"mass": "kg", "compliance": "m/N", "length": "m"}
+    return text({"format": OBI_FORMAT, "units": units, "objects": objects}, "obi").encode()
 
 
 def one(number: int, cloth: Cloth) -> dict[str, Any]:

@@ -1,0 +1,153 @@
+"""`clothfit estimate --simulator`: the values with which another tool's cloth moves like the target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from clothfit.base.errors import InvalidInput
+from clothfit.base.messages import metres
+from clothfit.cli.common.console import Console
+from clothfit.cli.common.output import STREAM, make_folder, output_for, print_json, uninterrupted
+from clothfit.cli.common.scenes import read_scene
+from clothfit.cli.fitting.files import Files, read_target
+
+if TYPE_CHECKING:
+    from clothfit.scene.scene import Scene
+    from clothfit.simulators.estimate import Options
+    from clothfit.simulators.values import Fitted
+
+OPTIONS = (
+    click.option("--simulator", metavar="TOOL",
+                 help="Fit the values of another tool's cloth, so that it moves like the target: xpbd, or blender, "
+                 "which needs Blender."),
+    click.option("--iterations", type=int, metavar="N",
+                 help="Iterations of xpbd in a substep; --substeps is how many of those there are in a step.  "
+                 "[default: 10, and 1 substep]"),
+    click.option("--bends-by", default="distance", metavar="WHAT",
+                 help="Bending of xpbd: by distance, as the springs, or by angle.  [default: distance]"),
+    click.option("--blender", "blender_path", metavar="PROGRAM",
+                 help="Blender, or a Python that has it as a module.  [default: CLOTHFIT_BPY, else blender]"),
+)  # fmt: skip
+NAMES = ("--simulator", "--iterations", "--bends-by", "--blender")
+
+WITHOUT = ("--start", "--checkpoint", "--forces")
+"""Options that do not go with a tool's model."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The options as they are given."""
+
+    simulator: str | None
+    iterations: int | None
+    bends_by: str
+    blender: str | None
+
+    def check(self) -> None:
+        """Raise UsageError, InvalidInput on what cannot be."""
+        from clothfit.simulators.estimate import SIMULATORS
+
+        if self.simulator is not None and self.simulator not in SIMULATORS:
+            raise InvalidInput(f"--simulator: there is no {self.simulator!r}; use {' or '.join(SIMULATORS)}")
+        if self.simulator != "xpbd" and (self.iterations is not None or self.bends_by != "distance"):
+            raise click.UsageError("--iterations and --bends-by are for --simulator xpbd")
+        if self.simulator != "blender" and self.blender is not None:
+            raise click.UsageError("--blender is for --simulator blender")
+
+    def options(self, substeps: str | None, console: Console) -> Options:
+        """What to fit in. Raises InvalidInput."""
+        from clothfit.simulators import xpbd
+        from clothfit.simulators.estimate import Options
+
+        if substeps is not None and not substeps.isdigit():
+            raise InvalidInput(f"--substeps must be a whole number with --simulator; {substeps!r} was given")
+        iterations = 10 if self.iterations is None else self.iterations
+        own = xpbd.Settings(int(substeps or 1), iterations, self.bends_by)
+        own.check()
+        return Options(str(self.simulator), own, self.blender, report=console.detail)
+
+
+def options(function: Any) -> Any:
+    """Add the options; the function is given them as `tool`."""
+
+    @wraps(function)
+    def with_tool(
+        simulator: str | None, iterations: int | None, bends_by: str, blender_path: str | None, **arguments: Any
+    ) -> Any:
+        return function(**arguments, tool=Asked(simulator, iterations, bends_by, blender_path))
+
+    for added in reversed(OPTIONS):
+        with_tool = added(with_tool)
+    return with_tool
+
+
+def fit(
+    scene_paths: tuple[str, ...], files: Files, asked: Asked, substeps: str | None, console: Console, as_json: bool
+) -> int:
+    """Fit a tool to one scene's target and write its values into a folder; returns the exit code."""
+    options = asked.options(substeps, console)
+    if len(scene_paths) != 1 or len(files.targets) > 1:
+        raise click.UsageError("--simulator takes one SCENE and one --target")
+    given = dict(zip(WITHOUT, (files.start, files.checkpoint, files.forces), strict=True))
+    for name, value in given.items():
+        if value is not None:
+            raise click.UsageError(f"{name} does not go with --simulator")
+    (scene_path,) = scene_paths
+    files = files.of(scene_path)
+    if files.in_place or files.path == STREAM or (scene_path == STREAM and files.path is None):
+        raise InvalidInput("--simulator: the result is several files, which need a folder; name one with -o")
+    scene = read_scene(scene_path, console)
+    folder = files.path or f"{Path(scene_path).stem}-{asked.simulator}"
+    motion = None
+    if files.pairs:
+        motion, scene = one_target(files, scene, console)
+    console.announce_compilation()
+    from clothfit.simulators import written
+    from clothfit.simulators.estimate import estimate
+
+    found = estimate(scene, motion, options)
+    made = written.files(scene, found, options)
+    make_folder(folder)
+    outputs = [output_for(str(Path(folder) / name), scene_path, "", files.inputs) for name in made]
+    with uninterrupted():
+        for out, data in zip(outputs, made.values(), strict=True):
+            out.put(data)
+    for number, each in enumerate(found):
+        describe(number, each, console)
+    console.say(f"{scene.name}: values of {asked.simulator} → {folder}: {', '.join(made)}")
+    if as_json:
+        print_json("estimate", {"scene": scene.name, "output": folder, "files": list(made),
+                                **written.summary(found, options)})
+    return 0
+
+
+def one_target(files: Files, scene: Scene, console: Console) -> tuple[Any, Scene]:
+    """The motion to fit to, and its scene."""
+    own = read_target(files.pairs[0], scene, files.reading, console, [])
+    return own if isinstance(own, tuple) else (own, scene)
+
+
+def describe(number: int, found: Fitted, console: Console) -> None:
+    """Print what was found for an object."""
+    lines = [f"{'value':<22}{'mapped':>12}{'fitted':>12}  unit"]
+    for value, fitted in zip(found.tool.values, found.found, strict=True):
+        lines.append(f"{value.name:<22}{value.mapped:>12.4g}{fitted:>12.4g}  {value.unit}".rstrip())
+    console.result("\n".join(lines))
+    console.say(
+        f"objects[{number}] in {found.tool.name}: RMSE {error(found.rmse, found.travel)}; with the mapped values "
+        f"{error(found.mapped_rmse, found.travel)}; {found.simulations} simulations"
+    )
+
+
+def error(rmse: float, travel: float) -> str:
+    """A distance, and its part of the way from the start."""
+    if rmse == float("inf"):
+        return "of a cloth that runs away"
+    return f"{metres(rmse)} ({100 * rmse / travel:.2g} % of the way)"
+
+

@@ -1,0 +1,89 @@
+"""Fits the values of a tool, cloth by cloth, so that its cloths move like a target."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from clothfit.base.errors import InvalidInput
+from clothfit.motion.motion import Motion
+from clothfit.motion.simulate import simulate
+from clothfit.objective.experiment import experiments
+from clothfit.objective.target import Target, target
+from clothfit.scene.scene import Scene
+from clothfit.simulators import xpbd
+from clothfit.simulators.values import Fit, Fitted
+
+SIMULATORS = ("xpbd", "blender")
+
+ACCURACY = 1e-10
+"""Relative, of the linear systems of a target that the scene itself makes."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to fit in, and how far."""
+
+    simulator: str
+    settings: xpbd.Settings = field(default_factory=xpbd.Settings)
+    blender: str | None = None  # the program
+    most: int = 40  # steps of Gauss–Newton
+    report: Callable[[str], None] | None = None  # is told how it goes
+
+
+def estimate(scene: Scene, motion: Motion | None, options: Options) -> list[Fitted]:
+    """Fit every cloth of a scene to a motion, or to the scene's own. Raises InvalidInput, Diverged."""
+    if motion is None:
+        motion = simulate(scene, tolerance=ACCURACY)
+    motion = experiments(scene, motion)[0].motion
+    with opened(options) as more:
+        return [fitted(scene, index, motion, options, more) for index in range(len(scene.cloths))]
+
+
+@contextmanager
+def opened(options: Options) -> Iterator[Any]:
+    """What a tool needs beside the scene: a running Blender."""
+    if options.simulator != "blender":
+        yield None
+        return
+    from clothfit.simulators import blender_process
+
+    with blender_process.Blender(blender_process.program(options.blender)) as running:
+        yield running
+
+
+def fitted(scene: Scene, index: int, motion: Motion, options: Options, more: Any) -> Fitted:
+    """Fit one cloth."""
+    if options.simulator == "xpbd":
+        from clothfit.simulators import xpbd_values
+
+        frames = scene.frames
+        tool, every = xpbd_values.tool_of(scene, index, options.settings, frames), 1
+    else:
+        from clothfit.simulators import blender
+
+        every = blender.stride(scene)
+        frames = (scene.frames - 1) // every + 1
+        tool = blender.tool_of(scene, index, frames, more)
+    goal = at_frames(target(motion, index, every * scene.delta, frames - 1), every)
+    if not (goal.observed & (goal.places > 0)[:, None]).any():
+        raise InvalidInput(f"{scene.name}: objects[{index}]: the target shows nothing after the start")
+
+    def told(error: float, simulations: int) -> None:
+        if options.report:
+            options.report(f"{tool.name}: RMSE {1e3 * error:.4g} mm after {simulations} simulations")
+
+    return Fit(tool, goal, told).run(options.most)
+
+
+def at_frames(goal: Target, every: int) -> Target:
+    """The frames of a target that are frames of the tool, where that has fewer; those between would be guessed."""
+    exact = goal.fraction < 1e-6
+    if every == 1 or not (exact & (goal.step > 0)).any():
+        return goal
+    return Target(goal.step[exact], np.zeros(int(exact.sum())), goal.positions[exact], goal.observed[exact],
+                  goal.weights[exact] if len(goal.weights) else goal.weights)

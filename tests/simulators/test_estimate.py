@@ -1,0 +1,124 @@
+"""Fits of a tool's values: XPBD finds what XPBD moved with; the command writes them."""
+
+import json
+
+import numpy as np
+import pytest
+
+import clothfit
+from clothfit.base.errors import InvalidInput
+from clothfit.cli.program import run
+from clothfit.meshes.mesh import plane
+from clothfit.motion.motion import Motion
+from clothfit.simulators import sweeps, xpbd, xpbd_values
+from clothfit.simulators.blender import values_of, with_values
+from clothfit.simulators.blender_process import program
+from clothfit.simulators.estimate import Options, estimate
+
+pytestmark = pytest.mark.slow  # compiles
+
+FRAMES = 15
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """A sheet of 5 × 5 vertices that hangs at two corners."""
+    mesh = plane(3, 1.0)
+    held = np.zeros(len(mesh.positions), bool)
+    held[[0, 4]] = True
+    return clothfit.new_scene(
+        mesh, held, density=0.2, stiffness=20.0, damping=0.1, drag=5.0, frames=FRAMES, integrator="implicit"
+    )
+
+
+def test_xpbd_finds_the_values_that_a_cloth_of_xpbd_moved_with(scene):
+    settings = xpbd.Settings(2, 3)
+    tool = xpbd_values.tool_of(scene, 0, settings, FRAMES)
+    truth = np.array([value.start for value in tool.values]) * [1.6, 0.7, 1.3, 2.0, 0.5, 0.8, 1.5, 0.6]
+    target = Motion(tool.motion(truth), scene.delta * np.arange(FRAMES), scene.vertex_counts, None, "xpbd")
+    (found,) = estimate(scene, target, Options("xpbd", settings))
+    assert found.mapped_rmse > 1e-3 * found.travel
+    # what is left is the weak pull to the mapping, a hundred-thousandth of the way for a factor e
+    assert found.rmse < 1e-5 * found.travel
+    assert found.found[:2] == pytest.approx(truth[:2], rel=1e-2)
+
+
+def test_the_columns_are_the_change_by_the_logarithms(scene):
+    tool = xpbd_values.tool_of(scene, 0, xpbd.Settings(2, 2), FRAMES)
+    values = np.array([value.start for value in tool.values]) * 1.1
+    columns, e = tool.columns(values), 1e-5
+    for k in range(len(values)):
+        step = np.exp(e * (np.arange(len(values)) == k))
+        wanted = (tool.motion(values * step) - tool.motion(values / step)) / (2 * e)
+        assert np.abs(columns[k] - wanted).max() < 1e-7 * max(np.abs(wanted).max(), 1e-3)
+
+
+def test_a_fit_is_never_worse_than_the_mapping(scene):
+    motion = clothfit.simulate(scene)
+    for settings in (xpbd.Settings(1, 2), xpbd.Settings(3, 1, "angle")):
+        (found,) = estimate(scene, motion, Options("xpbd", settings))
+        assert found.rmse <= found.mapped_rmse
+        model = xpbd.model_of(scene, 0, settings, FRAMES)
+        mapped, _ = sweeps.simulate(model, FRAMES)
+        gaps = np.linalg.norm(mapped - motion.positions, axis=2)
+        assert found.mapped_rmse == pytest.approx(np.sqrt((gaps**2).mean()), rel=1e-9)
+
+
+def test_the_command_writes_the_values(scene, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    clothfit.save(scene, "sheet.json")
+    assert run(["estimate", "sheet.json", "--simulator", "xpbd", "--iterations", "3", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    (one,) = told["objects"]
+    assert one["rmse"] <= one["mapped_rmse"]
+    kept = json.loads((tmp_path / "sheet-xpbd" / "xpbd-values.json").read_text())
+    assert kept["objects"] == [one]
+    obi = json.loads((tmp_path / "sheet-xpbd" / "obi.json").read_text())["objects"][0]
+    factors = {value["name"]: value["fitted"] for value in one["values"]}
+    (own,) = scene.cloths
+    bent = obi["bend"]["spring"]
+    wanted = factors["bending compliance"] / own.stiffness[bent]
+    assert obi["bend"]["compliance"] == pytest.approx(wanted, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        (["--simulator", "vellum"], 3, "use xpbd or blender"),
+        (["--simulator", "xpbd", "--iterations", "0"], 3, "iterations must be within"),
+        (["--simulator", "xpbd", "--substeps", "auto"], 3, "must be a whole number"),
+        (["--iterations", "3"], 2, "are for --simulator xpbd"),
+        (["--simulator", "xpbd", "--in-place"], 3, "need a folder"),
+        (["--simulator", "blender", "--blender", "/no/such/python"], 3, "no such program"),
+    ],
+)
+def test_what_cannot_be_is_refused(scene, tmp_path, capsys, options, code, words):
+    path = tmp_path / "sheet.json"
+    clothfit.save(scene, path)
+    assert run(["estimate", str(path), *options]) == code
+    assert words in capsys.readouterr().err
+
+
+def test_without_blender_the_message_says_how_to_name_it(monkeypatch):
+    monkeypatch.delenv("CLOTHFIT_BPY", raising=False)
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(InvalidInput, match="CLOTHFIT_BPY"):
+        program(None)
+
+
+def test_blenders_values_are_factors_on_the_mapped_ranges():
+    base = {
+        "structural": {"stiffness": 2.0, "stiffness_max": 6000.0, "weights": [0.5]}, "spring_damping": 0.0,
+        "bending": {"stiffness": 0.0, "stiffness_max": 0.3, "weights": [1.0]}, "air_damping": 0.1, "mass": 0.01,
+    }  # fmt: skip
+    values = values_of(base)
+    names = [value.name for value in values]
+    assert all(value.start > 0 for value in values)
+    numbers = dict.fromkeys(names, 2.0) | {"mass": 0.02, "compression": 0.5}
+    made = with_values(base, names, np.array([numbers[name] for name in names]))
+    assert made["tension"] == {"stiffness": 4.0, "stiffness_max": 10_000.0}  # Blender's limit
+    assert made["compression"] == {"stiffness": 1.0, "stiffness_max": 3000.0}
+    assert made["bending"]["stiffness_max"] == 0.6
+    assert made["bending"]["weights"] == [1.0]
+    assert made["mass"] == 0.02
+    assert base["bending"]["stiffness_max"] == 0.3
