@@ -21,7 +21,8 @@ from clothfit.subspace import normals as regression
 from clothfit.subspace.cost import cost, whole
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.physics import cubature
-from clothfit.subspace.physics.reduced import Reduced, check, decode, roll
+from clothfit.subspace.physics.march import roll
+from clothfit.subspace.physics.reduced import Reduced, check, decode
 from clothfit.subspace.recorded.recording import Data
 
 DEFAULT_SIZE, LARGEST_SIZE = 64, 512

@@ -26,6 +26,7 @@ from clothfit.subspace import carrier
 from clothfit.subspace.frames import Decoder
 from clothfit.subspace.model import Model
 from clothfit.subspace.network.weights import Network
+from clothfit.subspace.physics.march import March
 from clothfit.subspace.play import check_finite, positions, ready
 from clothfit.subspace.recorded import variation
 from clothfit.subspace.recorded.variation import Ranges, episodes
@@ -55,14 +56,18 @@ class Cloths:
             alike = kinds.setdefault(kind_of(fresh.system.inputs), fresh)
             self.runs.append(fresh if alike is fresh else alike.under(fresh.system))
         self.systems = [own.system for own in self.runs]
-        self.states = [own.start() for own in self.runs]
+        alike_to: dict[int, March] = {}  # by the layout that runs of a kind share
+        self.motions = []
+        for own in self.runs:
+            self.motions.append(March(own, alike_to.get(id(own.layout))))
+            alike_to.setdefault(id(own.layout), self.motions[-1])
         self.q = np.zeros((len(self.runs), self.runs[0].r))
 
     def step(self, t: int) -> None:
         """Take step t."""
-        for i, own in enumerate(self.runs):
-            self.states[i], _ = own.advance(self.states[i])
-            self.q[i] = self.states[i].q
+        for i, motion in enumerate(self.motions):
+            if motion.take(self.q[i : i + 1]) == 0:
+                self.q[i] = np.nan
 
 
 class Networks:

@@ -78,8 +78,8 @@ class Model:
 
 
 def reduced(part: Part, system: System) -> Reduced:
-    """The reduced cloth of a system, to play it."""
-    return Reduced(system, part.basis, part.chosen, single=True)
+    """The reduced cloth of a system."""
+    return Reduced(system, part.basis, part.chosen)
 
 
 def arrays(model: Model) -> dict[str, Any]:

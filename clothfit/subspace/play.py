@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import FARTHEST
@@ -24,6 +23,7 @@ from clothfit.scene.scene import Scene
 from clothfit.subspace import proxies
 from clothfit.subspace.model import Model, Part, reduced
 from clothfit.subspace.network.roll import Stepper
+from clothfit.subspace.physics.march import roll
 from clothfit.subspace.physics.reduced import Reduced
 
 SLACK = 1e-9
@@ -111,15 +111,9 @@ def rolled(own: Reduced | Stepper, steps: int, name: str) -> Array:
     """The coordinates (steps + 1, r) of a motion. Raises Diverged, as a simulation does."""
     if isinstance(own, Stepper):
         return own.roll(steps)
-    q = np.empty((steps + 1, own.r))
-    state = own.start()
-    q[0] = state.q
-    for t in range(steps):
-        state, _ = own.advance(state)
-        check_finite(state.q, t + 1, name)
-        q[t + 1] = state.q
-        if t % 100 == 0:
-            interrupts.check()
+    q = roll(own, steps)
+    lost = np.flatnonzero(np.isnan(q[:, 0]))
+    check_finite(q, int(lost[0]) if len(lost) else steps, name)
     return q
 
 

@@ -16,6 +16,12 @@ What is fused is named here, product by product, so no result depends on what a 
     exchange(a, i, old, new)                             the same, set only where it is `old`; whether it was
     pause(long)                                          between two looks
 
+Sixteen of single precision, for arrays of float32 and sums of many rows:
+
+    load16(a, i, j), store16(v, a, i, j)                 a[i, j … j + 15]
+    spread16(a, i, j)   a[i, j] in all lanes             splat16(x)            a number in all lanes
+    add16 fma16         lane by lane                     sum16(v)              halves added to halves
+
 Indices are not checked. With NUMBA_DISABLE_JIT=1 the same functions work on NumPy arrays of four numbers. Else they are
 names, for which numba takes what `compiled` has when it compiles a kernel that uses them.
 """
@@ -25,7 +31,7 @@ from __future__ import annotations
 from typing import Any
 
 from clothfit.kernels.kernel import interpreted
-from clothfit.kernels.lanes import plain
+from clothfit.kernels.lanes import plain, plain16
 
 
 class Operation:
@@ -39,10 +45,18 @@ class Operation:
         """What numba takes this object for."""
         from numba.core.registry import cpu_target
 
-        from clothfit.kernels.lanes import compiled
+        from clothfit.kernels.lanes import compiled, compiled16
 
         cpu_target.typing_context.refresh()  # which learns of operations that were imported just now
-        return cpu_target.typing_context.resolve_value_type(getattr(compiled, self.name))
+        own = compiled16 if self.name.endswith("16") else compiled
+        return cpu_target.typing_context.resolve_value_type(getattr(own, self.name))
+
+
+class Plain:
+    """The operations of kernels that are not compiled, by their names."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(plain16 if name.endswith("16") else plain, name)
 
 
 class Compiled:
@@ -52,7 +66,7 @@ class Compiled:
         return Operation(name)
 
 
-chosen: Any = plain if interpreted() else Compiled()
+chosen: Any = Plain() if interpreted() else Compiled()
 
 load, store, load3, store3 = chosen.load, chosen.store, chosen.load3, chosen.store3
 splat, pack, clear3, turn = chosen.splat, chosen.pack, chosen.clear3, chosen.turn
@@ -64,3 +78,5 @@ div, root, where_less = chosen.div, chosen.root, chosen.where_less
 xyzz, xxxy, zyyz, zxyy = chosen.xyzz, chosen.xxxy, chosen.zyyz, chosen.zxyy
 read_shared, write_shared = chosen.read_shared, chosen.write_shared
 exchange, pause = chosen.exchange, chosen.pause
+load16, store16, spread16, splat16 = chosen.load16, chosen.store16, chosen.spread16, chosen.splat16
+add16, fma16, sum16 = chosen.add16, chosen.fma16, chosen.sum16

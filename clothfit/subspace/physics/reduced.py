@@ -4,7 +4,7 @@ with T what carries them (`carrier`).
 Each step is that of the scene's method, projected (`step`): implicit Euler with all its Newton iterations, or BDF2
 whose inner step begins at the extrapolated state, as `engine.step.bdf2` has it. Where the projected matrix is not
 positive definite, an iteration is solved with that of the clamped springs. Steps are never shortened
-(`engine.step.guard`).
+(`engine.step.guard`). Here steps are taken one by one, in double precision, for derivatives; `march` plays.
 """
 
 from __future__ import annotations
@@ -59,18 +59,12 @@ class Based(Protocol):
 class Reduced:
     """The projected steps of one cloth."""
 
-    def __init__(
-        self, system: System, basis: Array, chosen: samples.Selection | None = None, single: bool = False
-    ) -> None:
-        """`basis` U (n, 3, r), 0 at fixed vertices. `single`: sum up over points in single precision, which takes two
-        thirds of the time; not for derivatives. Raises InvalidInput for what subspaces do not have.
-        """
+    def __init__(self, system: System, basis: Array, chosen: samples.Selection | None = None) -> None:
+        """`basis` U (n, 3, r), 0 at fixed vertices. Raises InvalidInput for what subspaces do not have."""
         check(system)
         self.system, self.basis = system, np.ascontiguousarray(basis)
         self.chosen = samples.everything(system) if chosen is None else chosen
-        layout, self.own = samples.build(system, basis, self.chosen)
-        self.kind: Any = np.float32 if single else np.float64
-        self.layout = layout._replace(rows=layout.rows.astype(self.kind))
+        self.layout, self.own = samples.build(system, basis, self.chosen)
         self.r, self.h = basis.shape[2], system.h
         self.path, self.held, self.v_held = carrier.paths(system)
         self._measure()
@@ -88,8 +82,8 @@ class Reduced:
         copies, points = len(self.layout.point), len(self.layout.constant)
         self.A = samples.blocks(self.layout)
         self.b, self.y, self.u, self.w = (np.zeros((copies, 3)) for _ in range(4))
-        self.at_points, self.both = np.zeros((points, 3)), np.zeros((2, 3 * points), self.kind)
-        self.up, self.down = (np.empty((3 * copies, self.r), self.kind) for _ in range(2))  # filled as far as needed
+        self.at_points, self.both = np.zeros((points, 3)), np.zeros((2, 3 * points))
+        self.up, self.down = (np.empty((3 * copies, self.r)) for _ in range(2))  # filled as far as needed
         from scipy.linalg import lapack
 
         self.lapack = lapack
@@ -134,11 +128,10 @@ class Reduced:
                 step.spread(lay, points, out)
             else:
                 out[:] = 0.0
-        np.dot(lay.rows, at.y.astype(self.kind), out=self.both[0])
-        np.dot(lay.rows, at.u.astype(self.kind), out=self.both[1])
+        np.dot(lay.rows, at.y, out=self.both[0])
+        np.dot(lay.rows, at.u, out=self.both[1])
         step.linearise(self.forces(at), lay, self.both, at.h, at.ahead, self.y, self.u, self.w, self.A, self.b, points)
-        summed: Array = (points.reshape(-1).astype(self.kind) @ lay.rows).astype(np.float64)
-        return summed
+        return np.asarray(points.reshape(-1) @ lay.rows)
 
     def forces(self, at: Iteration) -> samples.Sampled:
         """The forces with the springs that an iteration takes."""
@@ -234,19 +227,6 @@ def check(system: System) -> None:
         raise InvalidInput("selfCollision: a subspace does not know where a cloth touches itself")
     if system.inputs is not None and (len(system.inputs.force) or len(system.inputs.gain)):
         raise InvalidInput("a subspace has no applied forces")
-
-
-def roll(reduced: Reduced, steps: int) -> Array:
-    """The coordinates q (steps + 1, r) of a motion from the start; NaN from where they are no longer finite."""
-    out = np.full((steps + 1, reduced.r), np.nan)
-    state = reduced.start()
-    out[0] = state.q
-    for t in range(steps):
-        state, _ = reduced.advance(state)
-        if not np.isfinite(state.q).all():
-            break
-        out[t + 1] = state.q
-    return out
 
 
 def decode(reduced: Based, q: Array, first: int = 0) -> Array:

@@ -8,7 +8,8 @@ from helpers.subspaces import moving, scene_of, some, whole
 from clothfit.base.errors import InvalidInput
 from clothfit.engine.rollout import rollout
 from clothfit.engine.system import build
-from clothfit.subspace.physics.reduced import Reduced, check, decode, roll
+from clothfit.subspace.physics.adjoint import simulate
+from clothfit.subspace.physics.reduced import Reduced, check, decode
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 
@@ -26,7 +27,7 @@ def test_on_all_motions_the_steps_are_the_engine_s(method, iterations):
     assert not full.clamped.any()
     own = Reduced(system, whole(system))
     # the engine solves to 1e-13, stops its iterations there, and contacts and folds amplify what is left
-    np.testing.assert_allclose(decode(own, roll(own, STEPS)), full.x, atol=1e-8)
+    np.testing.assert_allclose(decode(own, simulate(own, STEPS).q), full.x, atol=1e-8)
 
 
 def test_a_galerkin_step_leaves_no_force_within_the_basis():
@@ -47,7 +48,7 @@ def test_a_galerkin_step_leaves_no_force_within_the_basis():
 def test_fixed_vertices_pins_and_the_start_are_exact():
     system = build(scene_of(moving()), 0, steps=STEPS)
     own = Reduced(system, some(system, 4))
-    x = decode(own, roll(own, STEPS))
+    x = decode(own, simulate(own, STEPS).q)
     np.testing.assert_array_equal(x[0], system.x0)
     np.testing.assert_array_equal(x[:, system.inputs.pins], system.inputs.path[: STEPS + 1])
     still = ~system.vertex.free
@@ -60,7 +61,7 @@ def test_compressed_springs_are_clamped_where_the_matrix_is_not_definite():
     system = build(scene, 0)
     squeezed = system._replace(x0=system.x0 * 0.2)
     own = Reduced(squeezed, whole(system))
-    assert np.isfinite(roll(own, 5)).all()
+    assert np.isfinite(simulate(own, 5).q).all()
 
 
 @pytest.mark.parametrize(
