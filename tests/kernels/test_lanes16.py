@@ -40,4 +40,6 @@ def test_operations(lanes):
     expected = np.stack([v, u + v, exact, np.full(16, a[1, 2]), np.full(16, np.float32(0.1))]).astype(np.float32)
     np.testing.assert_allclose(out[:5, 1:17], expected, rtol=0, atol=6e-8 * np.abs(exact).max())  # half a unit
     assert (out[:5, [0, 17]] == 7.0).all()
-    assert out[5, 0] == pytest.approx(u.astype(float).sum(), abs=4 * 6e-8 * np.abs(u).sum())  # four sums of halves
+    assert out[5, 0] == pytest.approx(
+        float(u.astype(float).sum()), abs=float(4 * 6e-8 * np.abs(u).sum())
+    )  # four sums of halves

@@ -1,8 +1,9 @@
 """The sums over all points of a subspace that a step needs, compiled, and its dense system.
 
-    products    R (q, p): positions and velocities of the points
-    add_sums    C += Σ Rᵀ B R, its lower half, and g += Σ Rᵀ p, for a symmetric block B and a vector p of each point
-    factorise   A = L Lᵀ,  solve  A x = b
+    products     R (q, p, w): positions and velocities of the points
+    add_matrix   A += Σ Rᵀ B R, its lower half, for a symmetric block B of each point
+    add_vectors  b += Σ Rᵀ p for a vector p of each point
+    factorise    A = L Lᵀ,  solve  A x = b
 
 R (3 m, w) has single precision, and zeros where the basis has fewer than w columns, a multiple of 16. So have the sums,
 a few hundred rows at a time; these are added up in double precision. A block of rank one, as that of a face at a
@@ -20,6 +21,9 @@ LANES = 16
 ROOM = 96
 """Rows of a product: two arrays of so many times 64 stay in the processor's first cache."""
 
+PRODUCTS = 8
+"""That are summed up in single precision."""
+
 PANEL = 4
 """Columns of a factor that the others are rid of at once."""
 
@@ -29,45 +33,61 @@ TINY = 1e-13
 
 @kernel
 def products(rows, x, out):
-    """out (2, 3 m) = R times the rows of x (2, w)."""
+    """out (3, 3 m) = R times the rows of x (3, w)."""
     for i in range(len(rows)):
-        a, b = splat16(0.0), splat16(0.0)
+        a, b, c = splat16(0.0), splat16(0.0), splat16(0.0)
         for j in range(0, rows.shape[1], LANES):
             r = load16(rows, i, j)
             a = fma16(r, load16(x, 0, j), a)
             b = fma16(r, load16(x, 1, j), b)
-        out[0, i], out[1, i] = sum16(a), sum16(b)
+            c = fma16(r, load16(x, 2, j), c)
+        out[0, i], out[1, i], out[2, i] = sum16(a), sum16(b), sum16(c)
 
 
 @kernel
-def add_sums(rows, block, p, work, A, b):
-    """A (r, r), its lower half, += Σ Rᵀ B R and b (r,) += Σ Rᵀ p for blocks (m, 6), xx xy xz yy yz zz, and p (m, 3)."""
-    left, right, C, g = work.left, work.right, work.C, work.g
+def add_matrix(rows, block, work, A):
+    """A (r, r), its lower half, += Σ Rᵀ B R for blocks (m, 6), xx xy xz yy yz zz."""
+    left, right, C = work.left, work.right, work.C
     count, since = 0, 0
     C[:] = 0.0
     for j in range(len(block)):
-        add_row(rows, 3 * j, p[j, 0], p[j, 1], p[j, 2], g)
         count += factors(rows, j, block, left, right, count)
         if count > ROOM - 3:
             add_product(left, right, count, C)
             count = 0
             since += 1
-            if since == 8:
-                flush(C, g, A, b)
+            if since == PRODUCTS:
+                flush(C, A)
                 since = 0
     add_product(left, right, count, C)
-    flush(C, g, A, b)
+    flush(C, A)
 
 
 @kernel
-def flush(C, g, A, b):
-    """Add the sums of single precision to those of double precision, and begin anew."""
-    r = len(b)
-    for i in range(r):
+def flush(C, A):
+    """Add the lower half of the sums of single precision to that of double precision, and begin anew."""
+    for i in range(len(A)):
         for j in range(i + 1):
             A[i, j] += C[i, j]
-        b[i] += g[0, i]
     C[:] = 0.0
+
+
+@kernel
+def add_vectors(rows, p, g, b):
+    """b (r,) += Σ Rᵀ p for vectors p (m, 3); g (1, w) is used."""
+    g[:] = 0.0
+    for j in range(len(p)):
+        add_row(rows, 3 * j, p[j, 0], p[j, 1], p[j, 2], g)
+        if j % ROOM == ROOM - 1:
+            flush_vector(g, b)
+    flush_vector(g, b)
+
+
+@kernel
+def flush_vector(g, b):
+    """The same for a vector."""
+    for i in range(len(b)):
+        b[i] += g[0, i]
     g[:] = 0.0
 
 

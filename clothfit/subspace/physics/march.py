@@ -1,8 +1,12 @@
 """All steps of a reduced motion in one compiled loop: what plays a subspace.
 
 The steps are those of `reduced`, which says what they are and takes them one by one for derivatives. Here the sums over
-points have single precision (`dense`), and nothing else has. Where a matrix is not positive definite, the iteration is
-taken with that of the clamped springs.
+points have single precision (`dense`), and nothing else has. An iteration solves for what is to be added to a guess of
+the velocity, extrapolated from the last two: that is small, and so is what rounding does to it. Where a matrix is not
+positive definite, the iteration is taken with that of the clamped springs.
+
+Conjugate gradients with the factor of an earlier step were tried instead of a new factor in every step: in gusts they
+need three to four products with the matrix, which take as long.
 """
 
 from __future__ import annotations
@@ -20,9 +24,9 @@ from clothfit.engine.step import bdf2
 from clothfit.engine.system import BDF2
 from clothfit.kernels.kernel import kernel
 from clothfit.subspace.physics import samples, step
-from clothfit.subspace.physics.dense import LANES, PANEL, ROOM, add_sums, factorise, products, solve
+from clothfit.subspace.physics.dense import LANES, PANEL, ROOM, add_matrix, add_vectors, factorise, products, solve
+from clothfit.subspace.physics.pins import move_pins, place_pins
 from clothfit.subspace.physics.reduced import Reduced
-from clothfit.subspace.physics.step import times_block
 
 TOGETHER = 200
 """Steps between two looks for interrupts."""
@@ -55,35 +59,41 @@ class Work(NamedTuple):
     right: NDArray[np.float32]  # (ROOM, w)
     C: NDArray[np.float32]  # (w, w)
     g: NDArray[np.float32]  # (1, w)
-    x: NDArray[np.float32]  # (2, w), coordinates and velocities
-    both: NDArray[np.float32]  # (2, 3 m), of the points
-    at: Array  # (3, m, 3), y, u and ċ of the points
+    x: NDArray[np.float32]  # (3, w): coordinates, velocities, and a guess of those after the step
+    points: NDArray[np.float32]  # (3, 3 m), the same of the points
+    at: Array  # (3, m, 3), y, u and w of the points
     block: Array  # (m, 6)
     p: Array  # (m, 3)
     y: Array  # (c, 3)
     u: Array  # (c, 3)
-    w: Array  # (c, 3)
     A: samples.Blocks
     b: Array  # (c, 3)
-    matrix: Array  # (r, r)
     columns: Array  # (PANEL, r)
     base: Array  # (2, r), q̃ and p̃ or q and p
     now: Array  # (r,), the velocity that is sought
     pins: Array  # (5, P + 1, 3): y, u, w, and x, v where the step begins
-    right_side: Array  # (r,)
+    matrix: Array  # (r, r)
+    rest: Array  # (r,)
+
+
+class State(NamedTuple):
+    """Where a motion is."""
+
+    q: Array  # (2, r), the coordinates, and those one step before
+    p: Array  # (2, r), the velocities, 1/s
 
 
 @kernel
 def march(forces, lay, fixed, work, state, t, out):
-    """Take len(out) steps from step t on from the state (4, r): q, p and those one step before. Writes the coordinates
-    to out (steps, r); returns how many steps there were before they went too far.
+    """Take len(out) steps of a State from step t on. Writes the coordinates to out (steps, r); returns how many steps
+    there were before they went too far.
     """
     for i in range(len(out)):
         advance(forces, lay, fixed, work, state, t + i)
         for c in range(out.shape[1]):
-            if not abs(state[0, c]) < FARTHEST:
+            if not abs(state.q[0, c]) < FARTHEST:
                 return i
-            out[i, c] = state[0, c]
+            out[i, c] = state.q[0, c]
     return len(out)
 
 
@@ -94,64 +104,74 @@ def advance(forces, lay, fixed, work, state, t):
     second = fixed.second and t > 0
     h = 2.0 / 3.0 * fixed.h if second else fixed.h
     place_pins(fixed, work.pins, t, second, h)
-    base, w, r = work.base, work.now, len(work.now)
+    base, w, r, q, p = work.base, work.now, len(work.now), state.q, state.p
+    part = 1.0 / 3.0 if second else 0.0
     for c in range(r):
-        before = 1.0 / 3.0 if second else 0.0
-        base[0, c] = state[0, c] + before * (state[0, c] - state[2, c])
-        base[1, c] = state[1, c] + before * (state[1, c] - state[3, c])
-        w[c] = 2.0 * state[1, c] - state[3, c] if second else state[1, c]
+        base[0, c] = q[0, c] + part * (q[0, c] - q[1, c])
+        base[1, c] = p[0, c] + part * (p[0, c] - p[1, c])
+        w[c] = 2.0 * p[0, c] - p[1, c]
     for k in range(fixed.iterations):
         ahead = second or k > 0
         for c in range(r):
-            work.x[0, c] = base[0, c] + h * w[c] if ahead else base[0, c]
-            work.x[1, c] = w[c]
+            u = w[c] if ahead else p[0, c]
+            work.x[0, c] = base[0, c] + h * u if ahead else base[0, c]
+            work.x[1, c], work.x[2, c] = u, w[c]
         move_pins(work.pins, h, ahead, k > 0)
         kind = SAFE if second and fixed.iterations == 1 else FREE
-        if not iterate(forces[kind], lay, fixed, work, h, ahead) and not iterate(
-            forces[CLAMPED], lay, fixed, work, h, ahead
-        ):
-            w[:] = np.nan
+        linearise(forces[kind], lay, fixed, work, h, ahead)
+        if not solve_rest(fixed, work, h):
+            linearise(forces[CLAMPED], lay, fixed, work, h, ahead)
+            if not solve_rest(fixed, work, h):
+                w[:] = np.nan
     for c in range(r):
-        state[2, c], state[3, c] = state[0, c], state[1, c]
-        state[0, c], state[1, c] = base[0, c] + h * w[c], w[c]
+        q[1, c], p[1, c] = q[0, c], p[0, c]
+        q[0, c], p[0, c] = base[0, c] + h * w[c], w[c]
 
 
 @kernel
-def iterate(own, lay, fixed, work, h, ahead):
-    """One iteration, which replaces the velocity; whether the matrix was positive definite."""
+def linearise(own, lay, fixed, work, h, ahead):
+    """The blocks of the points, and what the guess w of the velocity leaves of the equation, b − A w."""
     place_copies(lay, fixed, work)
     step.assemble(own, lay, work.y, work.u, h, ahead, work.A, work.b)
     at_points(lay, work)
-    A, b, grown, r = work.matrix, work.base[1], 1.0 + h * fixed.alpha, len(work.now)
-    right = work.right_side
-    for i in range(r):
-        total = 0.0
-        for j in range(r):
-            total += fixed.mass[i, j] * b[j]
-            A[i, j] = grown * fixed.mass[i, j]
+    base, w, grown, rest = work.base[1], work.now, 1.0 + h * fixed.alpha, work.rest
+    rest[:] = 0.0
+    for i in range(len(rest)):
+        momentum = base[i] - grown * w[i]
+        for j in range(len(rest)):
+            rest[j] += momentum * fixed.mass[i, j]  # which is symmetric
         for c in range(3):
             moved = work.pins[4, -1, c] - grown * work.pins[2, -1, c] if len(fixed.path) else 0.0
-            total += fixed.weight[i, c] * (h * own.vertex.gravity[c] + moved)
-        right[i] = total
-    add_sums(fixed.rows, work.block, work.p, work, A, right)
+            rest[i] += fixed.weight[i, c] * (h * own.vertex.gravity[c] + moved)
+    add_vectors(fixed.rows, work.p, work.g, rest)
+
+
+@kernel
+def solve_rest(fixed, work, h):
+    """Add what is left to the guess; whether the matrix is positive definite."""
+    A, grown = work.matrix, 1.0 + h * fixed.alpha
+    for i in range(len(A)):
+        for j in range(i + 1):
+            A[i, j] = grown * fixed.mass[i, j]
+    add_matrix(fixed.rows, work.block, work, A)
     if not factorise(A, work.columns):
         return False
-    solve(A, right)
-    work.now[:] = right
+    solve(A, work.rest)
+    for i in range(len(A)):
+        work.now[i] += work.rest[i]
     return True
 
 
 @kernel
 def place_copies(lay, fixed, work):
-    """The places and velocities of the copies, and the velocities of the pins' part of them."""
-    products(fixed.rows, work.x, work.both)
-    at, both = work.at, work.both
+    """The places and velocities of the copies, and the guess of the velocities of the points after the step."""
+    products(fixed.rows, work.x, work.points)
+    at, points = work.at, work.points
     for j in range(len(lay.constant)):
         for c in range(3):
-            at[0, j, c] = both[0, 3 * j + c] + lay.constant[j, c]
-            at[1, j, c] = both[1, 3 * j + c]
-    if len(lay.pinned):
-        at[2] = 0.0
+            at[0, j, c] = points[0, 3 * j + c] + lay.constant[j, c]
+            at[1, j, c] = points[1, 3 * j + c]
+            at[2, j, c] = points[2, 3 * j + c]
     for e in range(len(lay.pinned)):
         j, p = lay.pinned[e, 0], lay.pinned[e, 1]
         for c in range(3):
@@ -160,65 +180,28 @@ def place_copies(lay, fixed, work):
             at[2, j, c] += lay.sign[e] * work.pins[2, p, c]
     step.spread(lay, at[0], work.y)
     step.spread(lay, at[1], work.u)
-    if len(lay.pinned):
-        step.spread(lay, at[2], work.w)
 
 
 @kernel
 def at_points(lay, work):
-    """Sum the weighted blocks, and b − B ċ, of all copies of each point."""
-    block, p, D = work.block, work.p, work.A.diagonal
+    """Sum the weighted blocks, and b − B w, of all copies of each point."""
+    block, p, b, D, w = work.block, work.p, work.b, work.A.diagonal, work.at[2]
     block[:] = 0.0
     p[:] = 0.0
     for i in range(1, len(lay.point)):
         j, weight = lay.point[i], lay.weight[i]
-        p0, p1, p2 = times_block(work.A, i, work.w[i, 0], work.w[i, 1], work.w[i, 2])
-        p[j, 0] += weight * (work.b[i, 0] - p0)
-        p[j, 1] += weight * (work.b[i, 1] - p1)
-        p[j, 2] += weight * (work.b[i, 2] - p2)
+        for c in range(3):
+            p[j, c] += weight * b[i, c]
         block[j, 0] += weight * D[i, XX]
         block[j, 1] += weight * D[i, XY]
         block[j, 2] += weight * D[i, XZ]
         block[j, 3] += weight * D[i, YY]
         block[j, 4] += weight * D[i, YZ]
         block[j, 5] += weight * D[i, ZZ]
-
-
-@kernel
-def place_pins(fixed, pins, t, second, h):
-    """Where a step of the pins and their mean begins, their velocities there, and that with which they go on."""
-    path = fixed.path
-    for p in range(pins.shape[1]):
-        for c in range(3):
-            x, v = path[t, p, c], velocity(fixed, t, p, c)
-            pins[1, p, c] = v
-            if second:
-                before = velocity(fixed, t - 1, p, c)
-                pins[1, p, c] = 2.0 * v - before
-                x, v = x + (x - path[t - 1, p, c]) / 3.0, v + (v - before) / 3.0
-            pins[2, p, c] = (path[t + 1, p, c] - x) / h
-            pins[3, p, c], pins[4, p, c] = x, v
-
-
-@kernel
-def velocity(fixed, t, p, c):
-    """A component of the velocity of a pin before step t."""
-    path, h = fixed.path, fixed.h
-    if t == 0:
-        return fixed.v_held[p, c]
-    if fixed.second and t > 1:
-        return (1.5 * path[t, p, c] - 2.0 * path[t - 1, p, c] + 0.5 * path[t - 2, p, c]) / h
-    return (path[t, p, c] - path[t - 1, p, c]) / h
-
-
-@kernel
-def move_pins(pins, h, ahead, again):
-    """Where an iteration is linearised: with the velocity of the step where there was one before it (`again`)."""
-    for p in range(pins.shape[1]):
-        for c in range(3):
-            if again:
-                pins[1, p, c] = pins[2, p, c]
-            pins[0, p, c] = pins[3, p, c] + h * pins[1, p, c] if ahead else pins[3, p, c]
+    for j in range(len(p)):
+        p[j, 0] -= block[j, 0] * w[j, 0] + block[j, 1] * w[j, 1] + block[j, 2] * w[j, 2]
+        p[j, 1] -= block[j, 1] * w[j, 0] + block[j, 3] * w[j, 1] + block[j, 4] * w[j, 2]
+        p[j, 2] -= block[j, 2] * w[j, 0] + block[j, 4] * w[j, 1] + block[j, 5] * w[j, 2]
 
 
 class March:
@@ -226,11 +209,11 @@ class March:
 
     def __init__(self, own: Reduced, beside: March | None = None) -> None:
         """At the start; with another motion of the same cloth in the same memory where there is one `beside`."""
-        self.layout, r = own.layout, own.r
+        self.layout = own.layout
         rows = wide(own.layout.rows) if beside is None else beside.fixed.rows
         self.fixed = Fixed(
             rows, np.ascontiguousarray(own.mass), own.weight, float(own.alpha), own.path, own.held, own.v_held, own.h,
-            own.system.newton_iterations, own.system.method == BDF2,
+            own.system.newton_iterations, own.system.method == BDF2
         )  # fmt: skip
         self.forces = tuple(
             own.own._replace(springs=own.own.springs._replace(cap=cap, bend=bend))
@@ -238,8 +221,8 @@ class March:
         )
         self.work = workspace(own, rows.shape[1]) if beside is None else beside.work
         start = own.start()
-        self.state, self.t = np.zeros((4, r)), 0
-        self.state[0], self.state[1] = start.q, start.p
+        self.t = 0
+        self.state = State(np.stack([start.q] * 2), np.stack([start.p] * 2))
 
     def take(self, out: Array) -> int:
         """Take a step for each row of out (steps, r), coordinates; returns how many there were until they went too
@@ -264,11 +247,11 @@ def workspace(own: Reduced, width: int) -> Work:
     def single(*shape: int) -> Any:
         return np.zeros(shape, np.float32)
 
-    y, u, w, b = (np.zeros((copies, 3)) for _ in range(4))
+    y, u, b = (np.zeros((copies, 3)) for _ in range(3))
     return Work(
-        single(ROOM, width), single(ROOM, width), single(width, width), single(1, width), single(2, width),
-        single(2, 3 * m), np.zeros((3, m, 3)), np.zeros((m, 6)), np.zeros((m, 3)), y, u, w, samples.blocks(own.layout),
-        b, np.zeros((r, r)), np.zeros((PANEL, r)), np.zeros((2, r)), np.zeros(r), np.zeros((5, len(own.held), 3)),
+        single(ROOM, width), single(ROOM, width), single(width, width), single(1, width), single(3, width),
+        single(3, 3 * m), np.zeros((3, m, 3)), np.zeros((m, 6)), np.zeros((m, 3)), y, u, samples.blocks(own.layout),
+        b, np.zeros((PANEL, r)), np.zeros((2, r)), np.zeros(r), np.zeros((5, len(own.held), 3)), np.zeros((r, r)),
         np.zeros(r),
     )  # fmt: skip
 
@@ -277,7 +260,7 @@ def roll(own: Reduced, steps: int) -> Array:
     """The coordinates (steps + 1, r) of a motion from the start; NaN from where they went too far."""
     out = np.full((steps + 1, own.r), np.nan)
     motion = March(own)
-    out[0] = motion.state[0]
+    out[0] = motion.state.q[0]
     for first in range(1, steps + 1, TOGETHER):
         part = out[first : first + TOGETHER]
         made = motion.take(part)

@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from clothfit.subspace.physics.dense import PANEL, ROOM, add_product, add_sums, factorise, products, solve
+from clothfit.subspace.physics.dense import (
+    PANEL,
+    ROOM,
+    add_matrix,
+    add_product,
+    add_vectors,
+    factorise,
+    products,
+    solve,
+)
 
 POINTS = 45
 XX_TO_ZZ = [0, 1, 2, 4, 5, 8]
@@ -35,12 +44,14 @@ def test_sums_over_points(r):
     room = np.zeros((2, ROOM, width), np.float32)
     work = work_of(room, width)
     A, b = np.zeros((r, r)), np.zeros(r)
-    add_sums(rows, np.ascontiguousarray(B.reshape(-1, 9)[:, XX_TO_ZZ]), p, work, A, b)
+    kept = np.ascontiguousarray(B.reshape(-1, 9)[:, XX_TO_ZZ])
+    add_matrix(rows, kept, work, A)
+    add_vectors(rows, p, work.g, b)
     R = rows[:, :r].astype(float).reshape(POINTS, 3, r)
     whole = np.einsum("pir,pij,pjs->rs", R, B, R)
     np.testing.assert_allclose(A, np.tril(whole), atol=1e-5 * np.abs(whole).max())  # single precision, 135 rows
     np.testing.assert_allclose(b, p.ravel() @ R.reshape(-1, r), atol=1e-5 * POINTS)
-    x, out = rng.standard_normal((2, width)).astype(np.float32), np.zeros((2, 3 * POINTS), np.float32)
+    x, out = rng.standard_normal((3, width)).astype(np.float32), np.zeros((3, 3 * POINTS), np.float32)
     x[:, r:] = 0.0
     products(rows, x, out)
     np.testing.assert_allclose(out, x[:, :r] @ rows[:, :r].T, atol=1e-5 * r)
