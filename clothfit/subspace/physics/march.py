@@ -211,7 +211,7 @@ class March:
         """At the start; with another motion of the same cloth in the same memory where there is one `beside`."""
         self.layout = own.layout
         rows = wide(own.layout.rows) if beside is None else beside.fixed.rows
-        self.fixed = Fixed(
+        self.fixed: Fixed = Fixed(
             rows, np.ascontiguousarray(own.mass), own.weight, float(own.alpha), own.path, own.held, own.v_held, own.h,
             own.system.newton_iterations, own.system.method == BDF2
         )  # fmt: skip
@@ -219,7 +219,7 @@ class March:
             own.own._replace(springs=own.own.springs._replace(cap=cap, bend=bend))
             for cap, bend in ((np.inf, 0.0), (1.0, bdf2.BEND), (1.0, 0.0))
         )
-        self.work = workspace(own, rows.shape[1]) if beside is None else beside.work
+        self.work: Work = workspace(own, rows.shape[1]) if beside is None else beside.work
         start = own.start()
         self.t = 0
         self.state = State(np.stack([start.q] * 2), np.stack([start.p] * 2))
