@@ -127,6 +127,9 @@ def test_a_fit_starts_from_its_last_result(tmp_path):
         again = document(cloth(optimizationSettings="nL"), optimizationIterations=8, title="again")
         write_scene(tmp_path, again)
         until(lambda: said.read_text().count("waiting for") == 2)
+        write_scene(tmp_path, document(cloth(optimizationSettings="nL"), optimizationIterations=-8))
+        until(lambda: said.read_text().count("waiting for") == 3)
+        assert said.read_text().count("error: ") == 1  # what is broken is said once
     finally:
         running.send_signal(signal.SIGINT)
         running.wait(120)

@@ -19,8 +19,10 @@ from typing import Any
 import click
 
 from clothfit.base import interrupts
-from clothfit.base.errors import InvalidInput
+from clothfit.base.errors import ClothfitError, InvalidInput
 from clothfit.cli.common.output import STREAM
+
+Stamp = tuple[int, int] | None
 
 OPTION = "--watch"
 PATIENCE = 5.0
@@ -56,6 +58,7 @@ def watched(arguments: dict[str, Any], start: bool) -> int:
     console, files = arguments["console"], Watch([*scenes, *targets])
     result = result_of(scenes[0], arguments.get("path")) if start and not arguments.get("start") else None
     own, begun = [word for word in sys.argv[1:] if word != OPTION], False
+    good: list[Stamp] = []  # of the targets of the last run that took them
 
     def run(more: Sequence[str]) -> int:
         """Run until it ends, or is overtaken; returns its exit code."""
@@ -71,14 +74,35 @@ def watched(arguments: dict[str, Any], start: bool) -> int:
     with tempfile.TemporaryDirectory(prefix="clothfit-") as folder:
         while True:
             files.given()
-            more = start_from(result, folder) if result and begun else []
+            more = start_from(result, folder) if result and begun and is_scene(scenes[0]) else []
+            stamps = [stamp(path) for path in targets]
             code = run(more)
-            if code == INVALID and more and not files.changed():  # the values of another mesh
+            if code == INVALID and more and stamps == good and not files.changed():  # the values of another mesh
                 code = run([])
-            begun = begun or code != INVALID
+            begun, good = begun or code != INVALID, good if code == INVALID else stamps
             if not files.changed():
                 console.say(f"waiting for {os.path.basename(scenes[0])} to be saved; Ctrl-C ends")
                 files.next(interrupts.check)
+
+
+def is_scene(path: str) -> bool:
+    """Whether a file is a scene: a run says why it is none, once."""
+    from clothfit.scene.scene import load
+
+    try:
+        load(path)
+    except ClothfitError:
+        return False
+    return True
+
+
+def stamp(path: str) -> Stamp:
+    """What changes when a file is written to; None without one."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
 
 
 def start_from(result: str, folder: str) -> list[str]:
