@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
+import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -75,6 +77,10 @@ def command(
     server = Server(scene, target, port)
     asyncio.run(served(server, ready))
     console.say(f"{scene.name}: the server has ended")
+    if server.session.engine.lives:  # it compiles, for which nobody who ends the server wants to wait
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
 
 
 async def served(server: Server, ready: Callable[[Server], None]) -> None:

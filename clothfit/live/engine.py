@@ -189,9 +189,7 @@ class Engine(Stepper):
 
     def stop(self) -> None:
         """End the thread after the step that is being taken; `latest` still answers."""
-        with self._change:
-            self._stopping = True
-            self._change.notify_all()
+        self.end()
         if self._thread is not threading.current_thread():
             self._thread.join(PATIENCE)
 

@@ -11,11 +11,13 @@ return to the start.
 
 from __future__ import annotations
 
+import atexit
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
+from weakref import WeakSet
 
 import numpy as np
 
@@ -90,6 +92,13 @@ class Stepper:
         self._change = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="clothfit engine", daemon=True)
         self._thread.start()
+        LIVING.add(self)
+
+    def end(self) -> None:
+        """End the thread after the step that is being taken, without waiting for that."""
+        with self._change:
+            self._stopping = True
+            self._change.notify_all()
 
     def _run(self) -> None:
         while True:
@@ -180,3 +189,20 @@ class Stepper:
             return place
         now = axes(frame, np.array([self._cloths[0].step * self._scene.delta]))
         return np.asarray(now.world(place[None, None])[0, 0])
+
+    @property
+    def lives(self) -> bool:
+        """Whether the thread has not ended: it may be compiling, which cannot be broken off."""
+        return self._thread.is_alive()
+
+
+LIVING: WeakSet[Stepper] = WeakSet()
+"""All that were made."""
+
+
+@atexit.register
+def end_all() -> None:
+    """End all threads before the interpreter ends: one that compiles would fall with it."""
+    for each in list(LIVING):
+        each.end()
+        each._thread.join()

@@ -10,6 +10,7 @@ from helpers.scenes import cloth, document, sphere
 
 from clothfit.base.errors import InvalidInput
 from clothfit.live.engine import Engine
+from clothfit.live.stepper import end_all
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.simulate import simulate
 from clothfit.scene.scene import dumps, load
@@ -201,3 +202,25 @@ def test_it_runs_by_itself_until_it_is_stopped():
     assert engine.latest()[0] == stood + 3
     with pytest.raises(InvalidInput, match="stopped"):
         engine.start()
+
+
+def test_the_interpreter_ends_after_the_thread_which_may_be_compiling(monkeypatch):
+    begun, go = threading.Event(), threading.Event()
+
+    def advance(self):
+        begun.set()
+        assert go.wait(60)
+
+    monkeypatch.setattr(Engine, "_advance", advance)
+    monkeypatch.setattr("clothfit.live.engine.PATIENCE", 0.01)
+    engine = Engine(scene(cloth()))
+    engine.start()
+    assert begun.wait(60)
+    engine.stop()
+    assert engine.lives
+    ending = threading.Thread(target=end_all)
+    ending.start()
+    assert ending.is_alive()
+    go.set()
+    ending.join(60)
+    assert not engine.lives

@@ -179,6 +179,7 @@ def test_it_is_dark_or_light_and_fits_a_telephone(page):
     page.set_viewport_size({"width": 360, "height": 720})
     assert page.evaluate("document.documentElement.scrollWidth") <= 360
     assert page.locator("#fit").bounding_box()["x"] >= 0
+    assert page.locator("#canvas").bounding_box()["y"] < page.locator("#save").bounding_box()["y"]  # the cloth first
 
 
 def test_keys_are_posed_and_forces_reach_them(page):

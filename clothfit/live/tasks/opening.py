@@ -55,9 +55,14 @@ def read(message: Mapping[str, Any], folder: str) -> Any:
 
 def rehearse(scene: Any) -> None:
     """Do once all that an engine does with a scene, so that its code is on disk."""
+    from dataclasses import replace
+
+    from clothfit.engine.system import BDF2, IMPLICIT
     from clothfit.live.moving import Grip, Moving
     from clothfit.live.stepper import diverged
 
+    if scene.self_contact and scene.method == BDF2:  # steps in which it touches itself are implicit ones
+        rehearse(replace(scene, method=IMPLICIT))
     for index in range(len(scene.cloths)):
         cloth = Moving(scene, index)
         for _ in range(2):
