@@ -14,7 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clothfit.base import memory
 from clothfit.base.arrays import Array, Elements
+from clothfit.base.errors import InvalidInput
 from clothfit.engine.forces import applied
 from clothfit.engine.inputs import sampling
 from clothfit.engine.inputs.tables import Inputs
@@ -23,8 +25,11 @@ from clothfit.engine.step import guard, implicit
 from clothfit.engine.system import BDF2, System, at_rest, build, with_elements
 from clothfit.scene.scene import Scene
 
-ROWS = 4096
-"""Steps that the tables of moving inputs have at first; they grow as the motion goes on."""
+ROWS, FEWEST = 4096, 64
+"""Steps that the tables of moving inputs have at first, and at least; they grow as the motion goes on."""
+
+TABLES = 32 << 20
+"""Bytes that they take at first, about."""
 
 BRISK = 30.0
 """1/s, ω: a pulled vertex swings with the mass of the cloth as a spring of κ = m ω² would."""
@@ -48,7 +53,7 @@ class Moving:
         """The cloth at the start. Raises InvalidScene, for inputs in files."""
         self.index, self.step = index, 0
         self.grip: Grip | None = None
-        self._rows = max(ROWS, scene.frames)
+        self._rows = min(ROWS, max(TABLES // row_bytes(scene, index), FEWEST))
         self._prepare(scene)
         self.x, self.v = self.system.x0.copy(), self.system.v0.copy()
         self._before, self._ready, self._budget = (self.x, self.v), False, -np.inf
@@ -70,8 +75,7 @@ class Moving:
         inputs = self.system.inputs
         assert inputs is not None
         if self.step + 2 >= inputs.steps:
-            self._rows *= 2
-            self._prepare(self.scene)
+            self._grow()
             self._hold(self.grip)
         part = self._part()
         if fill(self.system, self.tolerance, self._work, part, nothing) < 1:
@@ -84,6 +88,18 @@ class Moving:
         self._ready, self._budget = last.ready, float(last.budget[0])
         self.step += 1
         return True
+
+    def _grow(self) -> None:
+        """Make the tables twice as long. Raises InvalidInput where memory does not suffice."""
+        needed = 2 * self._rows * row_bytes(self.scene, self.index)
+        free = memory.missing(2 * needed)
+        if free is not None:
+            raise InvalidInput(
+                f"{self.scene.name}: moving inputs of {2 * self._rows} steps need {memory.human(2 * needed)}, of which "
+                f"{memory.human(free)} are free; go back to the start"
+            )
+        self._rows *= 2
+        self._prepare(self.scene)
 
     def _part(self) -> Rollout:
         """Memory for the next step, with the state before it."""
@@ -152,6 +168,13 @@ def live_system(scene: Scene, index: int, rows: int) -> System:
     count = len(cloth.mass)
     pushed = inputs.force.shape[1]
     return system._replace(applied=applied.build(pushed, count))
+
+
+def row_bytes(scene: Scene, index: int) -> int:
+    """Bytes that a step of a cloth takes in the tables of its moving inputs, about: places, forces."""
+    cloth = scene.cloths[index]
+    led = int(np.count_nonzero(cloth.fixed)) if scene.frame or cloth.pins else 0
+    return 24 * (led + (3 * len(cloth.mass) if scene.forces else 0) + 8)
 
 
 def values_of(scene: Scene, index: int) -> Elements:

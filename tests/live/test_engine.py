@@ -3,6 +3,7 @@
 import json
 import threading
 from collections import Counter
+from weakref import WeakSet
 
 import numpy as np
 import pytest
@@ -64,6 +65,18 @@ def test_pins_that_move_go_on_beyond_the_tables(monkeypatch):
     with Engine(own) as engine:
         found = stepped(engine, 40)
     assert np.array_equal(found, simulate(own, 41).positions[-1])
+
+
+def test_tables_grow_no_further_than_memory(monkeypatch):
+    monkeypatch.setattr("clothfit.live.moving.ROWS", 8)
+    monkeypatch.setattr("clothfit.live.moving.memory.missing", lambda needed: 1000 if needed > 40 * 240 else None)
+    with Engine(scene(cloth(pins=PINS), optimizationIterations=10**8)) as engine:
+        engine.step(40, wait=False)
+        assert engine.wait(300)
+        assert "are free; go back to the start" in str(engine.error)
+        assert 8 <= engine.frame < 40
+        engine.reset()
+        engine.step(3)
 
 
 def test_values_that_are_set_are_those_of_a_scene_that_has_them():
@@ -213,6 +226,7 @@ def test_the_interpreter_ends_after_the_thread_which_may_be_compiling(monkeypatc
 
     monkeypatch.setattr(Engine, "_advance", advance)
     monkeypatch.setattr("clothfit.live.engine.PATIENCE", 0.01)
+    monkeypatch.setattr("clothfit.live.stepper.LIVING", WeakSet())  # other tests may have theirs
     engine = Engine(scene(cloth()))
     engine.start()
     assert begun.wait(60)
