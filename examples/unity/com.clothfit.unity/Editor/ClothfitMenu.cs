@@ -110,7 +110,11 @@ namespace Clothfit.Editing
             GameObject selected = Selection.activeGameObject;
             ClothfitScene settings = selected == null ? null : selected.GetComponentInParent<ClothfitScene>();
             if (settings != null) return settings;
+#if UNITY_2023_1_OR_NEWER
+            ClothfitScene[] all = Object.FindObjectsByType<ClothfitScene>(FindObjectsSortMode.None);
+#else
             ClothfitScene[] all = Object.FindObjectsOfType<ClothfitScene>();
+#endif
             if (all.Length == 1) return all[0];
             throw new InvalidOperationException(all.Length == 0 ? "there is no Clothfit Scene; make one with Clothfit > New scene"
                 : "there are several Clothfit Scenes; select one");
