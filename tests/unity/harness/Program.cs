@@ -2,6 +2,7 @@
 
 using System;
 using System.Collections.Generic;
+using System.Globalization;
 using System.IO;
 using System.Linq;
 using System.Reflection;
@@ -32,6 +33,7 @@ static class Program
             case "echo": Echo(rest[0], rest.Skip(1)); break;
             case "motion": Motion(rest[0], int.Parse(rest[1]), int.Parse(rest[2])); break;
             case "play": Play(rest[0], rest[1]); break;
+            case "subspace": Network(rest[0], rest[1], int.Parse(rest[2])); break;
             case "journey": Journeys.Run(rest[0], rest[1], rest[2], rest[3]); break;
             default: return 2;
         }
@@ -142,6 +144,23 @@ static class Program
             Console.WriteLine(file.Frames + " " + file.Points);
             foreach (Vector3 each in places) Journeys.Print(each);
         }
+    }
+
+    /// <summary>Plays a network on a cloth and prints the places of its mesh's vertices, and their normals, in the world.</summary>
+    static void Network(string name, string model, int steps)
+    {
+        ClothfitCloth cloth = Scenes.Named(name).All<ClothfitCloth>().First();
+        var player = cloth.gameObject.AddComponent<ClothfitSubspacePlayer>();
+        player.model = model;
+        for (int t = 0; t < steps; t++)
+        {
+            player.signals = Console.ReadLine().Split(' ').Select(each => float.Parse(each, CultureInfo.InvariantCulture)).ToArray();
+            player.Step();
+        }
+        Console.WriteLine(player.Error ?? "no error");
+        Mesh mesh = cloth.GetComponent<MeshFilter>().sharedMesh;
+        foreach (Vector3 each in mesh.vertices) Journeys.Print(cloth.transform.TransformPoint(each));
+        foreach (Vector3 each in mesh.normals) Journeys.Print(cloth.transform.TransformDirection(each));
     }
 
     /// <summary>Plays a motion on the cloths of a scene and prints the places of their meshes' vertices in the world.</summary>

@@ -16,6 +16,7 @@ static class Scenes
             case "long": return Long();
             case "everything": return Everything();
             case "seam": return Seam();
+            case "gusts": return Gusts();
             case "empty": return Add<ClothfitScene>(null, "empty");
             default: throw new ArgumentException(name);
         }
@@ -90,6 +91,17 @@ static class Scenes
         root.frames = 60;
         root.options = "--start 1 --rmse 0 --max-evaluations 1000000 --method l-bfgs-b --prior none --quiet";
         foreach (ClothfitCloth cloth in root.All<ClothfitCloth>()) cloth.fitMass = cloth.fitStiffness = FittedMany.Each;
+        return root;
+    }
+
+    /// <summary>A cloth in a wind that changes, without anything else.</summary>
+    static ClothfitScene Gusts()
+    {
+        var root = Add<ClothfitScene>(null, "gusts");
+        root.transform.localPosition = new Vector3(0.5f, 1f, 0f);
+        Cloth(root, "cloth", 3, 1f, 1f).transform.localRotation = Quaternion.Euler(0f, 40f, 90f);
+        Fixer(root, new Vector3(0f, 0.5f, 0f), new Vector3(2f, 0.1f, 2f));
+        Add<ClothfitWind>(root, "wind").keys = Keys(Interpolation.Linear, 0f, 1f, 0f, 0f, 0.3f, -2f, 1f, 3f, 0.6f, 0f, 0f, 2f);
         return root;
     }
 

@@ -241,6 +241,11 @@ namespace UnityEngine
             return new Vector3(turned.x / localScale.x, turned.y / localScale.y, turned.z / localScale.z);
         }
 
+        public Vector3 InverseTransformDirection(Vector3 direction)
+        {
+            return Quaternion.Inverse(rotation) * direction;
+        }
+
         public Vector3 TransformDirection(Vector3 direction)
         {
             return rotation * direction;
@@ -265,6 +270,7 @@ namespace UnityEngine
         public Vector3[] normals
         {
             get { return (Vector3[])perpendiculars.Clone(); }
+            set { perpendiculars = (Vector3[])value.Clone(); }
         }
 
         public Vector2[] uv

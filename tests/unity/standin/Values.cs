@@ -245,6 +245,11 @@ namespace UnityEngine
             return Math.Max(a, b);
         }
 
+        public static float Min(float a, float b)
+        {
+            return Math.Min(a, b);
+        }
+
         public static int Max(int a, int b)
         {
             return Math.Max(a, b);

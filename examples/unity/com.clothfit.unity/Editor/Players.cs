@@ -38,7 +38,7 @@ namespace Clothfit.Editing
                     below.SetParent(cloth.transform, false);
                     Undo.RegisterCreatedObjectUndo(below.gameObject, "Show target");
                 }
-                var own = cloth.GetComponent<ClothfitPlayer>();
+                var own = cloth.GetComponent<ClothfitMover>();
                 Mesh mesh = own != null && own.Original != null ? own.Original : cloth.GetComponent<MeshFilter>().sharedMesh;
                 below.GetComponent<MeshFilter>().sharedMesh = mesh;
                 var player = below.GetComponent<ClothfitPlayer>();

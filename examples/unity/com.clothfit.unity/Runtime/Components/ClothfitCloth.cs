@@ -94,8 +94,8 @@ namespace Clothfit
         {
             var filter = GetComponent<MeshFilter>();
             Mesh mesh = filter == null ? null : filter.sharedMesh;
-            var player = GetComponent<ClothfitPlayer>();
-            if (player != null && player.Original != null) mesh = player.Original; // of before it was moved
+            var mover = GetComponent<ClothfitMover>();
+            if (mover != null && mover.Original != null) mesh = mover.Original; // of before it was moved
             if (mesh == null) throw new InvalidOperationException(name + ": the cloth has no mesh");
             return new Weld(mesh);
         }

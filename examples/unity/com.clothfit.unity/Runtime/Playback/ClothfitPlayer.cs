@@ -9,10 +9,8 @@ namespace Clothfit
     /// ghost beside it.
     /// </summary>
     [AddComponentMenu("Clothfit/Player")]
-    [RequireComponent(typeof(MeshFilter))]
-    [DisallowMultipleComponent]
     [ExecuteAlways]
-    public class ClothfitPlayer : MonoBehaviour
+    public class ClothfitPlayer : ClothfitMover
     {
         [Tooltip("PC2 file, a path in the project folder or absolute")]
         public string motion = "";
@@ -38,15 +36,8 @@ namespace Clothfit
         MotionFile file;
         string opened;
         Weld weld;
-        Vector3[] places, vertices;
-        Mesh copy;
+        Vector3[] places;
         int shown = -1;
-
-        /// <summary>The mesh before it was moved; null while none is.</summary>
-        public Mesh Original { get; private set; }
-
-        /// <summary>Why nothing is played, or null.</summary>
-        public string Error { get; private set; }
 
         /// <summary>Shows the frame at a time, s.</summary>
         public void Show(float at)
@@ -60,36 +51,27 @@ namespace Clothfit
             {
                 file.Read(frame, firstVertex, places);
                 shown = frame;
-                if (!ghost) Move();
+                if (!ghost) Move(weld, places);
             }
             catch (Exception error) when (error is IOException || error is FormatException)
             {
-                Fail(error.Message);
+                Refuse(error.Message);
             }
         }
 
         /// <summary>Closes the file and gives the mesh back as it was.</summary>
-        public void Close()
+        public override void Close()
         {
             if (file != null) file.Dispose();
             file = null;
             opened = Error = null;
             shown = -1;
-            if (copy == null) return;
-            GetComponent<MeshFilter>().sharedMesh = Original;
-            if (Application.isPlaying) Destroy(copy);
-            else DestroyImmediate(copy);
-            copy = Original = null;
+            base.Close();
         }
 
         void Update()
         {
             Show(Application.isPlaying ? time + Time.deltaTime : time);
-        }
-
-        void OnDisable()
-        {
-            Close();
         }
 
         void OnDrawGizmos()
@@ -113,46 +95,24 @@ namespace Clothfit
             if (motion.Length == 0) return false;
             try
             {
-                Mesh mesh = GetComponent<MeshFilter>().sharedMesh;
-                if (mesh == null) throw new FormatException(name + ": there is no mesh to play the motion on");
-                weld = new Weld(mesh);
+                weld = Welded();
                 places = new Vector3[weld.Places.Length];
                 file = new MotionFile(motion);
                 return true;
             }
             catch (Exception error) when (error is IOException || error is FormatException || error is UnauthorizedAccessException)
             {
-                Fail(error.Message);
+                Refuse(error.Message);
                 return false;
             }
         }
 
-        void Fail(string message)
+        /// <summary>Does not try the same file again.</summary>
+        void Refuse(string message)
         {
             string wanted = opened;
-            Close();
+            Fail(message);
             opened = wanted;
-            Error = message;
-            Debug.LogError("Clothfit: " + message, this);
-        }
-
-        void Move()
-        {
-            if (copy == null)
-            {
-                var filter = GetComponent<MeshFilter>();
-                Original = filter.sharedMesh;
-                copy = Instantiate(Original);
-                copy.name = Original.name + " (motion)";
-                copy.hideFlags = HideFlags.DontSave;
-                vertices = Original.vertices;
-                filter.sharedMesh = copy;
-            }
-            for (int i = 0; i < vertices.Length; i++)
-                if (weld.OfMesh[i] >= 0) vertices[i] = transform.InverseTransformPoint(places[weld.OfMesh[i]]);
-            copy.vertices = vertices;
-            copy.RecalculateNormals();
-            copy.RecalculateBounds();
         }
     }
 }
