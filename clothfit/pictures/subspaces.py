@@ -35,7 +35,7 @@ def comparison(over: Compared) -> Figure:
     found = over.found
     said = f"{100 * found.relative_rmse:.2g} % of the motion's RMS over {found.frames} frames"
     if found.forgets:
-        said = f"the motions have parted: spectrum within {100 * found.spectrum:.2g} %, deviations within "
+        said = f"{found.parted}: spectrum within {100 * found.spectrum:.2g} %, deviations within "
         said += f"{100 * found.deviation:.2g} %"
     own, full, title = over.own.positions, over.full.positions, f"{over.scene.name}: on a subspace"
     return composed(over.scene, over.full.times, own, full, title, said, rows, names=NAMES)

@@ -51,8 +51,9 @@ def headline(over: Compared) -> dict[str, Any]:
     found = over.found
     text = f"The subspace follows the full simulation within {percent(found.relative_rmse)} of the motion's RMS."
     if found.forgets:
-        text = (f"The two motions have parted: compare how they move, not where they are. Spectra differ by "
-                f"{percent(found.spectrum)}, standard deviations of the vertices by {percent(found.deviation)}.")
+        parted = found.parted[0].upper() + found.parted[1:]
+        text = (f"{parted}: compare how they move, not where they are. Spectra differ by {percent(found.spectrum)}, "
+                f"standard deviations of the vertices by {percent(found.deviation)}.")
     warnings = list(found.clamped)
     if found.us_whole >= found.full_us_per_step:
         warnings.append("the subspace does not pay: a frame of it takes longer than a full step")

@@ -30,8 +30,14 @@ DEFAULT_SIZE, LARGEST_SIZE = 64, 512
 DEFAULT_ERROR = 0.01
 """Of the cubature, relative to the sum over all elements."""
 
-MANY = 8000
-"""Springs above which the motion with all elements is not computed: it would take longer than the cubature."""
+COARSER = (8.0, 4.0, 2.0, 1.0)
+"""Times this error: the cubatures of which the coarsest that is good enough is taken."""
+
+AS_GOOD = 1.25
+"""How far, relative to that with all elements, a recorded motion with few may be from the full one."""
+
+GOOD = 1e-3
+"""Of the RMS of a motion: what is good enough."""
 
 TIMED = 60
 """Frames whose time is taken."""
@@ -135,12 +141,25 @@ def of_object(
     chosen, errors = everything, dict.fromkeys(there, 0.0)
     if options.cubature is not None and samples:
         report("choosing the elements of the cubature")
-        chosen, errors = cubature.find(runs, samples, options.cubature, options.seed)
+        choices = cubature.find_each(runs, samples, [k * options.cubature for k in COARSER], options.seed)
+        x, _ = data.motion(kept[-1], c)
+        chosen, errors = coarsest(runs[-1], U, choices, x)
     used = {"springs": len(chosen.springs), "faces": len(chosen.faces), "vertices": len(chosen.vertices)}
     elements = {name: (used[name], there[name]) for name in there}
     normals = normals_of(data, c, kept, runs) if options.normals else None
     part = Part(U, chosen, np.stack([low, high]), normals, half=options.half)
     return part, Report(U.shape[2], table, elements, errors)
+
+
+def coarsest(own: Reduced, basis: Array, choices: Sequence[cubature.Found], x: Array) -> cubature.Found:
+    """The first of some choices of elements with which a recorded motion (frames, n, 3) is followed nearly as well as
+    with all of them, else the last; what `own` leaves out with all of them no cubature mends.
+    """
+    limit = max(GOOD, AS_GOOD * fitness(own, x).relative)
+    for each in choices[:-1]:
+        if fitness(Reduced(own.system, basis, each.selection), x).relative <= limit:
+            return each
+    return choices[-1]
 
 
 def size_of(left_out: Array, options: Options) -> int:
@@ -192,15 +211,11 @@ def seen(
     return low, high, found
 
 
-def judged(data: Data, c: int, episode: int, part: Part) -> tuple[Fitness | None, Fitness]:
-    """How a motion on the subspace compares with a recorded one, with all elements, unless they are very many, and with
-    those of the cubature.
-    """
+def judged(data: Data, c: int, episode: int, part: Part) -> tuple[Fitness, Fitness]:
+    """How a motion on the subspace compares with a recorded one, with all elements and with those of the cubature."""
     x, _ = data.motion(episode, c)
     system = build_system(data.scene_of(episode), c, steps=data.steps)
-    small = len(system.springs.rest) <= MANY
-    whole = fitness(Reduced(system, part.basis), x) if small else None
-    return whole, fitness(Reduced(system, part.basis, part.chosen), x)
+    return fitness(Reduced(system, part.basis), x), fitness(Reduced(system, part.basis, part.chosen), x)
 
 
 def fitness(own: Reduced, x: Array) -> Fitness:
@@ -220,13 +235,14 @@ class Limits:
     def add(self, system: System) -> None:
         """Take in those of one motion."""
         inputs = system.inputs
+        self._widen("start", system.v0.min(axis=0), system.v0.max(axis=0))
         if inputs is None:
             return
         for name, table in (("wind", inputs.wind), ("gravity", inputs.gravity)):
             if len(table):
                 self._widen(name, table.min(axis=0), table.max(axis=0))
         if inputs.path.size:
-            moved = inputs.path - inputs.path[0]
+            moved = inputs.path - system.x0[inputs.pins]
             self._widen("pins", moved.min(axis=(0, 1)), moved.max(axis=(0, 1)))
 
     def _widen(self, name: str, low: Array, high: Array) -> None:

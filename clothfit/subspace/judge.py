@@ -21,9 +21,13 @@ from clothfit.subspace.frames import Decoder
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.normals import angles
 from clothfit.subspace.play import Played, play
+from clothfit.subspace.sensitivity import growth
 
 FORGOTTEN = 0.1
 """Relative error from which on points are no longer compared, but spectra and envelopes."""
+
+GROWN = 10.0
+"""Growth of a small difference at the start from which on the same holds."""
 
 TIMED = 200
 """Frames whose time is taken, at most."""
@@ -47,6 +51,7 @@ class Judgement:
     energy_gain: float  # largest energy beyond that at the start and the work of the wind, relative to the same
     deviation: float  # of the standard deviations of the vertices over time, RMS, relative
     spectrum: float  # of the amplitudes of the vertices' spectra, relative
+    growth: float  # of a small difference at the start, in the full simulation (`sensitivity`)
     normals: dict[str, float]  # mean angle to those of the full motion, degrees: of faces, by regression
     us_per_frame: dict[str, float]  # state, decode, normals, and normals by regression; µs of one thread
     full_us_per_step: float
@@ -60,8 +65,20 @@ class Judgement:
 
     @property
     def forgets(self) -> bool:
-        """Whether the motions are too far apart to compare points."""
-        return self.relative_rmse > FORGOTTEN
+        """Whether the motions are too far apart to compare points, or would be whatever the model."""
+        return self.relative_rmse > FORGOTTEN or self.chaotic
+
+    @property
+    def chaotic(self) -> bool:
+        """Whether a small difference at the start has become a large one."""
+        return self.growth > GROWN
+
+    @property
+    def parted(self) -> str:
+        """Why points are not compared."""
+        if self.chaotic:
+            return f"a small difference at the start grows {self.growth:.2g}-fold in the full simulation"
+        return "the two motions have parted"
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +139,7 @@ def judged(model: Model, scene: Scene, played: Played, full: Motion, both: tuple
         over_time=[(end, float(np.sqrt(square[:end].mean()))) for end in ends],
         deviation=relative(deviations(played.motion.positions), deviations(full.positions)),
         spectrum=relative(amplitudes(played.motion.positions), amplitudes(full.positions)),
+        growth=growth(scene, full),
         normals=normals(model, scene, played, full),
         us_per_frame=times,
         full_us_per_step=step,

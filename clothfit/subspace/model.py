@@ -64,7 +64,8 @@ class Model:
     text: bytes  # of the scene
     folder: str  # that paths in it are relative to
     parts: tuple[Part, ...]
-    limits: dict[str, list[list[float]]]  # by "wind", "gravity": least and largest (3,) added in the recorded motions
+    limits: dict[str, list[list[float]]]  # least and largest (3,) of the recorded motions: of what is added to "wind"
+    # and "gravity", of the way of the "pins", m, and of the velocities at the "start", m/s
     built: dict[str, Any] = field(default_factory=dict)  # what was measured then
     method: str = PHYSICS
 

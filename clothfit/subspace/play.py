@@ -15,7 +15,6 @@ from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.limits import FARTHEST
 from clothfit.base.memory import check_memory
-from clothfit.engine.inputs.tables import Inputs
 from clothfit.engine.system import System, build
 from clothfit.motion.motion import Motion
 from clothfit.motion.world import in_scene
@@ -74,9 +73,7 @@ def play(model: Model, scene: Scene, frames: int, distance: float | None = None)
 def ready(model: Model, part: Part, scene: Scene, c: int, steps: int, said: dict[str, None]) -> Reduced | Stepper:
     """What steps an object, with its inputs clamped; what was clamped goes to `said`."""
     system = build(scene, c, steps=steps)
-    if system.inputs is not None:
-        system = system._replace(inputs=clamped(system.inputs, model.limits, said))
-    return stepper(part, system, steps, said)
+    return stepper(part, clamped(system, model.limits, said), steps, said)
 
 
 def stepper(part: Part, system: System, steps: int, said: dict[str, None]) -> Reduced | Stepper:
@@ -86,25 +83,40 @@ def stepper(part: Part, system: System, steps: int, said: dict[str, None]) -> Re
     return Stepper(part.network, system, part.basis, steps, said)
 
 
-def clamped(inputs: Inputs, limits: dict[str, Any], said: dict[str, None]) -> Inputs:
-    """The inputs within the range of those that were recorded."""
+def clamped(system: System, limits: dict[str, Any], said: dict[str, None]) -> System:
+    """The system with its inputs within the range of those that were recorded."""
+    inputs = system.inputs
+    if "start" in limits:
+        within, far = held_within(system.v0, limits["start"])
+        if far > SLACK:
+            said[f"the start is faster than those that were recorded, by {far:.3g} m/s at most; it is clamped"] = None
+            system = system._replace(v0=within)
+    if inputs is None:
+        return system
     changed: dict[str, Any] = {}
     for name, unit in (("wind", "m/s"), ("gravity", "m/s²")):
         table = getattr(inputs, name)
-        low, high = (np.array(each) for each in limits.get(name, ([0.0] * 3, [0.0] * 3)))
-        if len(table) and ((table < low - SLACK) | (table > high + SLACK)).any():
-            far = float(np.abs(table - np.clip(table, low, high)).max())
+        within, far = held_within(table, limits.get(name))
+        if far > SLACK:
             said[f"{name} leaves the range that was recorded, by {far:.3g} {unit} at most; it is clamped"] = None
-            changed[name] = np.clip(table, low, high)
-    if inputs.path.size:
-        start = inputs.path[0]
-        moved = inputs.path - start
-        low, high = (np.array(each) for each in limits.get("pins", ([0.0] * 3, [0.0] * 3)))
-        if ((moved < low - SLACK) | (moved > high + SLACK)).any():
-            far = float(np.abs(moved - np.clip(moved, low, high)).max())
-            said[f"pins leave the range that was recorded, by {far:.3g} m at most; they are clamped"] = None
-            changed["path"] = np.ascontiguousarray(start + np.clip(moved, low, high))
-    return inputs._replace(**changed) if changed else inputs
+            changed[name] = within
+    if not inputs.path.size:
+        return system._replace(inputs=inputs._replace(**changed)) if changed else system
+    start = system.x0[inputs.pins]
+    within, far = held_within(inputs.path - start, limits.get("pins"))
+    if far > SLACK:
+        said[f"pins leave the range that was recorded, by {far:.3g} m at most; they are clamped"] = None
+        path, v0 = np.ascontiguousarray(start + within), system.v0.copy()
+        v0[inputs.pins] = (path[1] - path[0]) / system.h
+        system, changed["path"] = system._replace(v0=v0), path
+    return system._replace(inputs=inputs._replace(**changed)) if changed else system
+
+
+def held_within(table: Array, limits: Any) -> tuple[Array, float]:
+    """The numbers (…, 3) of a table within limits (2, 3), 0 where there are none, and how far they were from that."""
+    low, high = np.zeros((2, 3)) if limits is None else (np.array(each) for each in limits)
+    within = np.clip(table, low, high)
+    return within, float(np.abs(table - within).max(initial=0.0))
 
 
 def rolled(own: Reduced | Stepper, steps: int, name: str) -> Array:

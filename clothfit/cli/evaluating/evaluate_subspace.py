@@ -94,7 +94,7 @@ def show(found: Judgement, console: Console) -> None:
     console.result(f"{100 * found.relative_rmse:.2g} % of the motion's RMS, {metres(found.max_error)} at most")
     if found.forgets:
         console.result(
-            "the two motions have parted: compare their spectra and deviations, not their points: spectrum within "
+            f"{found.parted}: compare their spectra and deviations, not their points: spectrum within "
             f"{100 * found.spectrum:.2g} %, standard deviations of the vertices within {100 * found.deviation:.2g} %"
         )
     gain = "never more than was given"

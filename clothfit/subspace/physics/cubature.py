@@ -2,7 +2,7 @@
 
 In a step each element adds h Uᵀ F_e(w) to the momentum, F its model in the step (`engine.forces`). The sums over all
 elements of a kind, at states and velocities of recorded motions, are to come out from few elements with weights of 0 or
-more (`nnls`). Errors count as they change the velocity of the step: by L⁻¹, with A = L Lᵀ the mean matrix of the steps.
+more (`nnls`). Errors count as they change the velocity of the step: by A⁻¹, with A the mean matrix of the steps.
 Of each state's r equations some random combinations are kept: enough to tell the weights, few enough to hold in memory.
 """
 
@@ -56,27 +56,37 @@ def impulses(whole: Reduced, at: Iteration, w: Array) -> Array:
 
 def find(runs: Sequence[Reduced], chosen: Sequence[Sample], error: float, seed: int) -> Found:
     """The cubature for samples of motions, each with all its elements as a Reduced with its inputs, within an error."""
+    return find_each(runs, chosen, [error], seed)[0]
+
+
+def find_each(runs: Sequence[Reduced], chosen: Sequence[Sample], errors: Sequence[float], seed: int) -> list[Found]:
+    """The same for each of some errors, the largest first."""
     whole = runs[0]
     kinds = {"springs": len(whole.chosen.springs), "faces": len(whole.chosen.faces)}
     kinds["vertices"] = len(whole.chosen.vertices)
     each = max(1, min(whole.r, EQUATIONS // len(chosen)))
     rng = np.random.default_rng(seed)
-    lower = np.linalg.cholesky(mean_matrix(runs, chosen))
+    mean = mean_matrix(runs, chosen)
     table = np.empty((each * len(chosen), sum(kinds.values())))
     for k, sample in enumerate(chosen):
         run = runs[sample.motion]
         step.begin(run.own, sample.t)
         given = impulses(run, run.iteration_at(sample), sample.w)
         mix = rng.standard_normal((each, whole.r)) / np.sqrt(each) if each < whole.r else np.eye(whole.r)
-        table[k * each : (k + 1) * each] = (given @ np.linalg.solve(lower.T, mix.T)).T
-    weights, errors, first = [], {}, 0
-    for name, count in kinds.items():
+        table[k * each : (k + 1) * each] = (given @ np.linalg.solve(mean, mix.T)).T
+    by_kind, there, first = [], [], 0
+    for count in kinds.values():
         part = table[:, first : first + count]
-        found, rest = nnls.sparse_weights(part, part.sum(axis=1), error, len(table))
-        weights.append(found)
-        errors[name] = rest if part.any() else 0.0
+        by_kind.append(nnls.weights_for(part, part.sum(axis=1), errors, len(table)))
+        there.append(part.any())
         first += count
-    return Found(selection(whole.chosen, weights), errors)
+    return [
+        Found(
+            selection(whole.chosen, [weights for weights, _ in each]),
+            {name: rest if some else 0.0 for name, (_, rest), some in zip(kinds, each, there, strict=True)},
+        )
+        for each in zip(*by_kind, strict=True)
+    ]
 
 
 def mean_matrix(runs: Sequence[Reduced], chosen: Sequence[Sample]) -> Array:

@@ -8,6 +8,8 @@ S. S. An, T. Kim, D. L. James, Optimizing cubature for efficient integration of 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from clothfit.base import interrupts
@@ -24,13 +26,19 @@ def sparse_weights(G: Array, g: Array, error: float, most: int) -> tuple[Array, 
     """Weights (N,), 0 or more, at most `most` of them above 0, with |G w − g| ≤ error |g| if that can be, for G (R, N);
     and the relative residual that is left.
     """
+    return weights_for(G, g, [error], most)[0]
+
+
+def weights_for(G: Array, g: Array, errors: Sequence[float], most: int) -> list[tuple[Array, float]]:
+    """The same for each of some errors, the largest first: on the way to the smallest there are the others."""
     size = np.sqrt((G * G).sum(axis=0))
     scale = np.where(size > 0, size, np.inf)
     target, w = float(np.linalg.norm(g)), np.zeros(G.shape[1])
     best, least, since = w.copy(), 1.0, 0
     active: list[int] = []
     barred: set[int] = set()
-    while target > 0 and len(active) < min(most, *G.shape) and least > error and since < PATIENCE:
+    found: list[tuple[Array, float]] = []
+    while target > 0 and len(active) < min(most, *G.shape) and least > errors[-1] and since < PATIENCE:
         interrupts.check()
         slope = (g - G[:, active] @ w[active]) @ G / scale
         slope[active] = -np.inf
@@ -45,7 +53,9 @@ def sparse_weights(G: Array, g: Array, error: float, most: int) -> tuple[Array, 
         since = since + 1 if rest > 0.999 * least else 0
         if rest < least:
             best, least = w.copy(), rest
-    return best, least
+        while len(found) < len(errors) and least <= errors[len(found)]:
+            found.append((best, least))
+    return found + [(best, least)] * (len(errors) - len(found))
 
 
 def settled(G: Array, g: Array, active: list[int], w: Array) -> tuple[list[int], Array, list[int]]:

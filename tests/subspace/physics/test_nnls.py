@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from clothfit.subspace.physics.nnls import sparse_weights
+from clothfit.subspace.physics.nnls import sparse_weights, weights_for
 
 rng = np.random.default_rng(1)
 WIDE = rng.standard_normal((40, 300))
@@ -41,3 +41,15 @@ def test_nothing_to_sum_up_needs_no_weights():
     w, left = sparse_weights(np.zeros((5, 4)), np.zeros(5), 0.01, 4)
     assert (w == 0).all()
     assert left == 1.0
+
+
+def test_coarser_weights_lie_on_the_way_to_finer_ones():
+    rng = np.random.default_rng(7)
+    G = rng.standard_normal((60, 200))
+    g = G @ rng.uniform(0.5, 1.5, 200)
+    errors = [0.5, 0.2, 0.05]
+    for error, (w, rest) in zip(errors, weights_for(G, g, errors, 60), strict=True):
+        alone, left = sparse_weights(G, g, error, 60)
+        np.testing.assert_array_equal(w, alone)
+        assert rest == left <= error
+    assert [rest for _, rest in weights_for(np.zeros((3, 4)), np.zeros(3), errors, 3)] == [1.0] * 3
