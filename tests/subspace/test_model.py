@@ -9,8 +9,11 @@ from helpers.subspaces import scene_of
 
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
-from clothfit.subspace.build import Options, build
+from clothfit.engine.system import build as build_system
+from clothfit.subspace.build import COARSER, DEFAULT_ERROR, Options, build, coarsest
 from clothfit.subspace.model import load_model, save
+from clothfit.subspace.physics.cubature import Found
+from clothfit.subspace.physics.reduced import Reduced
 from clothfit.subspace.play import play
 from clothfit.subspace.recorded.recording import Data, record
 from clothfit.subspace.recorded.variation import Ranges, episodes
@@ -38,7 +41,17 @@ def test_a_motion_that_it_was_not_built_of_is_followed(made):
     assert report.whole.relative < 0.03  # a cloth without bending springs crumples: 24 of its 60 coordinates miss that
     assert report.sampled.relative < 0.03
     assert report.left_out[16] > report.left_out[24] > 0
-    assert max(report.errors.values()) <= 0.01
+    assert max(report.errors.values()) <= max(COARSER) * DEFAULT_ERROR
+
+
+def test_the_coarsest_cubature_is_taken_that_is_good_enough(made):
+    _, data, model, _ = made
+    basis, (x, _) = model.parts[0].basis, data.motion(0, 0)
+    own = Reduced(build_system(data.scene_of(0), 0, steps=data.steps), basis)
+    whole, last = Found(own.chosen, {}), Found(model.parts[0].chosen, {})
+    poor = Found(type(own.chosen)(*(each[:1] for each in own.chosen)), {})
+    assert coarsest(own, basis, [poor, whole, last], x) is whole
+    assert coarsest(own, basis, [poor, poor, last], x) is last
 
 
 def test_its_file_gives_the_same_motion(made):
