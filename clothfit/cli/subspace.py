@@ -58,7 +58,8 @@ ONLY = {
 @click.option("--basis", type=int, metavar="R", help="Number of vectors.  [default: 64, or as --error needs]")
 @click.option("--error", metavar="LENGTH", help="Take as many vectors as leave out no more, such as 5mm.")
 @click.option("--cubature", type=float, metavar="ERROR",
-              help="Relative error of the forces' sums; 0 evaluates all elements.  [default: 0.01]")
+              help="Relative error of the forces' sums; 0 evaluates all elements.  "
+              "[default: from 0.08 down to 0.01, as needed]")
 @click.option("--modes", type=int, metavar="N",
               help="So many of the vectors are vibration modes.  [default: one in sixteen]")
 @click.option("--method", type=click.Choice(("physics", "network")),

@@ -27,11 +27,8 @@ from clothfit.subspace.recorded.recording import Data
 
 DEFAULT_SIZE, LARGEST_SIZE = 64, 512
 
-DEFAULT_ERROR = 0.01
-"""Of the cubature, relative to the sum over all elements."""
-
-COARSER = (8.0, 4.0, 2.0, 1.0)
-"""Times this error: the cubatures of which the coarsest that is good enough is taken."""
+CUBATURES = (0.08, 0.04, 0.02, 0.01)
+"""Errors of cubatures, relative to the sum over all elements; the coarsest that is good enough is taken."""
 
 AS_GOOD = 1.25
 """How far, relative to that with all elements, a recorded motion with few may be from the full one."""
@@ -52,7 +49,7 @@ class Options:
 
     size: int | None = None  # vectors; None: as the error asks, else DEFAULT_SIZE
     error: float | None = None  # m, that the basis may leave out
-    cubature: float | None = DEFAULT_ERROR  # None: all elements
+    cubature: tuple[float, ...] = CUBATURES  # errors, the largest first; none: all elements
     modes: int | None = None  # vibration modes among the vectors; None: one in sixteen
     normals: bool = False  # whether the model gives normals by regression
     half: bool = False  # whether bases have half precision
@@ -64,8 +61,9 @@ class Options:
             raise InvalidInput(f"--basis must be between 1 and {LARGEST_SIZE}; {self.size} was given")
         if self.error is not None and not (np.isfinite(self.error) and self.error > 0):
             raise InvalidInput(f"--error must be above 0; {self.error:g} m was given")
-        if self.cubature is not None and not 0 < self.cubature < 1:
-            raise InvalidInput(f"--cubature must be above 0 and below 1; {self.cubature:g} was given")
+        for error in self.cubature:
+            if not 0 < error < 1:
+                raise InvalidInput(f"--cubature must be above 0 and below 1; {error:g} was given")
 
 
 @dataclass(frozen=True)
@@ -139,9 +137,9 @@ def of_object(
     everything = runs[0].chosen
     there = {"springs": len(everything.springs), "faces": len(everything.faces), "vertices": len(everything.vertices)}
     chosen, errors = everything, dict.fromkeys(there, 0.0)
-    if options.cubature is not None and samples:
+    if options.cubature and samples:
         report("choosing the elements of the cubature")
-        choices = cubature.find_each(runs, samples, [k * options.cubature for k in COARSER], options.seed)
+        choices = cubature.find_each(runs, samples, options.cubature, options.seed)
         x, _ = data.motion(kept[-1], c)
         chosen, errors = coarsest(runs[-1], U, choices, x)
     used = {"springs": len(chosen.springs), "faces": len(chosen.faces), "vertices": len(chosen.vertices)}
@@ -155,6 +153,8 @@ def coarsest(own: Reduced, basis: Array, choices: Sequence[cubature.Found], x: A
     """The first of some choices of elements with which a recorded motion (frames, n, 3) is followed nearly as well as
     with all of them, else the last; what `own` leaves out with all of them no cubature mends.
     """
+    if len(choices) == 1:
+        return choices[0]
     limit = max(GOOD, AS_GOOD * fitness(own, x).relative)
     for each in choices[:-1]:
         if fitness(Reduced(own.system, basis, each.selection), x).relative <= limit:

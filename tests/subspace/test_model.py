@@ -10,7 +10,7 @@ from helpers.subspaces import scene_of
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
 from clothfit.engine.system import build as build_system
-from clothfit.subspace.build import COARSER, DEFAULT_ERROR, Options, build, coarsest
+from clothfit.subspace.build import CUBATURES, Options, build, coarsest
 from clothfit.subspace.model import load_model, save
 from clothfit.subspace.physics.cubature import Found
 from clothfit.subspace.physics.reduced import Reduced
@@ -41,7 +41,7 @@ def test_a_motion_that_it_was_not_built_of_is_followed(made):
     assert report.whole.relative < 0.03  # a cloth without bending springs crumples: 24 of its 60 coordinates miss that
     assert report.sampled.relative < 0.03
     assert report.left_out[16] > report.left_out[24] > 0
-    assert max(report.errors.values()) <= max(COARSER) * DEFAULT_ERROR
+    assert max(report.errors.values()) <= max(CUBATURES)
 
 
 def test_the_coarsest_cubature_is_taken_that_is_good_enough(made):
@@ -98,14 +98,14 @@ def test_it_comes_to_rest_when_its_inputs_do(made):
 
 def test_an_error_asks_for_as_many_vectors_as_it_needs(made):
     _, data, _, (before,) = made
-    _, (found,) = build(data, Options(error=2 * before.left_out[16], cubature=None))
+    _, (found,) = build(data, Options(error=2 * before.left_out[16], cubature=()))
     assert 8 < found.vectors <= 16
     assert found.elements["springs"][0] == found.elements["springs"][1]
 
 
 def test_few_coordinates_need_few_elements(made):
     _, data, _, _ = made
-    _, (found,) = build(data, Options(size=6, cubature=0.05))
+    _, (found,) = build(data, Options(size=6, cubature=(0.05,)))
     used = {kind: (few, there) for kind, (few, there) in found.elements.items() if there and kind != "vertices"}
     assert all(0 < few < 0.7 * there for few, there in used.values())
     assert max(found.errors.values()) <= 0.05

@@ -31,10 +31,12 @@ LINES = 6
 
 def options_of(given: dict[str, Any]) -> Options:
     """The options of a build."""
-    from clothfit.subspace.build import DEFAULT_ERROR, Options
+    from clothfit.subspace.build import CUBATURES, Options
 
     asked = given["cubature"]
-    cubature = None if given["method"] == "network" else DEFAULT_ERROR if asked is None else asked or None
+    cubature = CUBATURES if asked is None else (asked,) if asked else ()
+    if given["method"] == "network":
+        cubature = ()
     size, error, seed = given["basis"], length(given["error"], "--error"), given["seed"] or 0
     return Options(size, error, cubature, given["modes"], bool(given["normals"]), bool(given["half"]), seed)
 
