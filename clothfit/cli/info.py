@@ -91,6 +91,7 @@ def of_scene(scene_path: str, as_json: bool, console: Console) -> None:
         unknown_fields,
     )
     from clothfit.scene.mesh_numbering import numberings
+    from clothfit.subspace.worth import worth
 
     objects, wanted = [facts(cloth) for cloth in scene.cloths], flagged(scene)
     parted = [divisions(cloth) for cloth in scene.cloths]
@@ -125,7 +126,9 @@ def of_scene(scene_path: str, as_json: bool, console: Console) -> None:
         ]
         found = {"objects": each_object, "flagged": [asdict(each) for each in wanted]}
         found["inputs"] = [each._asdict() for each in moving]
+        ahead_of = worth(scene)
         others = {"stability": [asdict(each) for each in ahead.steps], "memory": needed, "unknown_fields": strange}
+        others |= {"subspace": ahead_of and ahead_of._asdict()}
         print_json("info", {**whole(scene), **found, **others, "warnings": scene.warnings, "doubts": unlikely})
 
 
@@ -250,8 +253,9 @@ def column(own: Facts, wanted: Sequence[Flagged]) -> dict[str, str]:
 
 
 def show_rest(scene: Scene, ahead: Forecast, wanted: Sequence[str], strange: Sequence[str], console: Console) -> None:
-    """Stability, what to fit of the scene as a whole, memory and what nobody knows."""
+    """Stability, what to fit of the scene as a whole, memory, what a subspace would take, and what nobody knows."""
     from clothfit.base.memory import free, human
+    from clothfit.subspace.worth import sentence, worth
 
     rows = [("integrator", "longest stable step", f"with {scene.delta:.4g} s")]
     for each in ahead.steps:
@@ -262,6 +266,8 @@ def show_rest(scene: Scene, ahead: Forecast, wanted: Sequence[str], strange: Seq
         console.result(f"to fit: {', '.join(owned(None, name) for name in wanted)}")
     needed = "" if ahead.fit is None else f", a fit about {human(ahead.fit)}"
     console.result(f"memory: the motion takes {human(ahead.motion)}{needed}; {human(free())} are free")
+    if (subspace := worth(scene)) is not None:
+        console.result(sentence(subspace))
     if strange:
         console.result(f"fields that are kept and not used: {', '.join(strange)}")
 

@@ -19,7 +19,7 @@ SIDE = str(EXAMPLES / "side.json")
 INFO = {"schema_version", "command", "scene", "title", "integrator", "of_the_editor", "delta", "frames", "duration",
         "tolerance", "newton_iterations", "wind", "gravity", "spheres", "objects", "flagged", "stability", "memory",
         "unknown_fields", "warnings", "kind", "doubts", "inputs", "colliders",
-        "self_collision"}  # fmt: skip
+        "self_collision", "subspace"}  # fmt: skip
 
 
 def test_the_text_of_info_is_its_result(capsys):
@@ -29,7 +29,7 @@ def test_the_text_of_info_is_its_result(capsys):
     for told in ("side.json: 'side': implicit steps of 0.02 s, 1 Newton iteration, tolerance 1e-05",
                  "100 frames to compare, 1.98 s", "144, 12 fixed", "726: 385 along edges, 341 bending, 0 others",
                  "1 (144 vertices)", "7 × 0 × 7 m", "stiffness (L, 726)", "symplectic  0.00538 s            not stable",
-                 "implicit    any                  stable"):  # fmt: skip
+                 "implicit    any                  stable", "a frame in a subspace of 64 vectors about"):  # fmt: skip
         assert told in out
 
 
@@ -43,6 +43,8 @@ def test_infos_summary(capsys):
     assert found["flagged"] == [{"object": 0, "name": "mass", "mode": "G", "count": 1}]
     assert found["objects"][0]["mass"]["total"] == pytest.approx(4.9, rel=1e-11)  # 0.1 kg/m² of 7 m by 7 m
     assert found["memory"]["motion"] == 100 * 144 * 24
+    assert found["subspace"]["full_us"] < found["subspace"]["physics_us"]  # 144 vertices
+    assert found["subspace"]["vertices_from"] > 144
     assert found["stability"][2] == {"integrator": "implicit", "limit": None, "stable": True}
 
 

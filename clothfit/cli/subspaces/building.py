@@ -16,6 +16,7 @@ from clothfit.cli.subspaces.lengths import length
 from clothfit.many.job import INTERRUPTED
 
 if TYPE_CHECKING:
+    from clothfit.scene.scene import Scene
     from clothfit.subspace.build import Options, Report
     from clothfit.subspace.model import Model
     from clothfit.subspace.network.teach import Schooling
@@ -86,6 +87,7 @@ def built(
         out.write(encoded(model))
     for c, each in enumerate(found):
         show(f"objects[{c}]", each, console)
+        show_worth(data.scene, c, each, model.method, console)
     console.say(f"→ {out.name}")
     if as_json:
         more = {"training": model.built["training"]} if school else {}
@@ -117,6 +119,19 @@ def trained(
     return made, ended
 
 
+def show_worth(scene: Scene, c: int, found: Report, method: str, console: Console) -> None:
+    """Say from how many vertices on such a model is faster than full steps."""
+    from clothfit.subspace.cost import whole
+    from clothfit.subspace.worth import pays_from
+
+    count = pays_from(scene, c, found.vectors, method, whole(found.us_per_frame), found.full_us_per_step)
+    if found.pays:
+        console.result(f"such a model pays from about {count} vertices on; here there are {len(scene.cloths[c].mass)}")
+    else:
+        console.warn(f"objects[{c}]: a subspace does not pay for so few vertices, but from about {count} on; full "
+                     "steps are faster")  # fmt: skip
+
+
 def show(name: str, found: Report, console: Console) -> None:
     """Say what a model of one object leaves out, evaluates and misses."""
     from clothfit.subspace.cost import whole
@@ -129,8 +144,6 @@ def show(name: str, found: Report, console: Console) -> None:
         console.result(f"evaluated: {used}")
     frame, step = whole(found.us_per_frame), found.full_us_per_step
     console.result(f"a frame takes {frame:.0f} µs, with positions and normals; a full step takes {step:.0f} µs")
-    if not found.pays:
-        console.warn(f"{name}: a subspace does not pay for so few vertices; full steps are faster")
     second = "by the network" if network else "as evaluated"
     for what, own in (("with all elements", found.whole), (second, found.sampled)):
         if own is not None:
