@@ -128,7 +128,7 @@ def of_scene(scene_path: str, as_json: bool, console: Console) -> None:
         found["inputs"] = [each._asdict() for each in moving]
         ahead_of = worth(scene)
         others = {"stability": [asdict(each) for each in ahead.steps], "memory": needed, "unknown_fields": strange}
-        others |= {"subspace": ahead_of and ahead_of._asdict()}
+        others["subspace"] = {} if ahead_of is None else ahead_of._asdict()
         print_json("info", {**whole(scene), **found, **others, "warnings": scene.warnings, "doubts": unlikely})
 
 
