@@ -39,8 +39,7 @@ export function build(keepView) {
   const before = page.picture?.stage, old = at("canvas"), canvas = old.cloneNode(false);
   const view = keepView && before ? [before.orbit.azimuth, before.orbit.height, before.orbit.distance, before.orbit.centre] : null;
   const shown = before ? [before.clothShown, before.over.group.visible, before.threadsShown] : null;
-  before?.renderer.dispose();
-  before?.renderer.forceContextLoss();
+  before?.dispose();
   old.replaceWith(canvas);
   const { mesh, surroundings } = page.scene, vertices = mesh.start.length / 3;
   const edges = edgesOf(mesh.triangles, mesh.springs, vertices);

@@ -45,7 +45,8 @@ export class Stage {
     for (const solid of this.solids) this.scene.add(solid);
     if (view.arrow) this.wind(view.arrow);
     this.pins(around.fixed);
-    new ResizeObserver(() => { this.resize(); this.resized?.(); }).observe(canvas.parentElement);
+    this.observer = new ResizeObserver(() => { this.resize(); this.resized?.(); });
+    this.observer.observe(canvas.parentElement);
     this.resize();
   }
 
@@ -254,6 +255,13 @@ export class Stage {
     this.over.refine(edges);
     this.ratio = level > 0 || this.smooth ? ratio : FINE;
     this.resize();
+  }
+
+  /** Let go of the canvas, which another picture takes the place of. */
+  dispose() {
+    this.observer.disconnect();
+    this.renderer.dispose();
+    this.renderer.forceContextLoss();
   }
 
   /** Draw each pane into its cell. */
