@@ -5,6 +5,9 @@ are the leading eigenvectors of Σ √M d dᵀ √M, or, where there are fewer f
 the matrix of all products of two frames. Either is summed up motion by motion, so that no more than two motions are in
 memory. Fixed vertices have rows of 0, and the state at the start is q = 0: both are exact. Uᵀ M U = 1.
 
+A cloth that flutters moves its energy to shapes that are small but quick. For such ones the changes from frame to frame
+count as well, scaled so that all together weigh a part `changes` of the frames.
+
 L. Sirovich, Q. Appl. Math. 45, 561, 1987. Vibration modes take the place of the last few vectors: what the recorded
 motions hardly show can still move.
 """
@@ -51,17 +54,38 @@ def frames_of(data: Data, cloth: int, episode: int, system: System, most: int) -
     return np.asarray(x[kept[:: max(1, -(-len(kept) // most))]])
 
 
-def decompose(data: Data, cloth: int, systems: Sequence[System], most: int, episodes: Sequence[int]) -> Decomposition:
+def changes_of(data: Data, cloth: int, episode: int, system: System, most: int) -> Array:
+    """Some of the changes between good frames, (F, n, 3), m."""
+    x, good = data.motion(episode, cloth)
+    x = relative(x, system)
+    kept = np.flatnonzero(good[1:] & good[:-1])[:: max(1, -(-len(x) // most))]
+    return np.asarray(x[kept + 1] - x[kept])
+
+
+def decompose(
+    data: Data, cloth: int, systems: Sequence[System], most: int, episodes: Sequence[int], changes: float = 0.0
+) -> Decomposition:
     """At most `most` vectors from some episodes, with the system of each. Raises InvalidInput where nothing moves."""
     system, inputs = systems[0], dict(zip(episodes, systems, strict=True))
     free, each = system.vertex.free, max(2, MOST_FRAMES // len(episodes))
     root = np.sqrt(system.vertex.mass[free])[:, None]
 
-    def weighted(episode: int) -> Array:
+    def of_frames(episode: int) -> Array:
         interrupts.check()
         frames = frames_of(data, cloth, episode, inputs[episode], each)
         return np.asarray((frames[:, free] * root).reshape(-1, 3 * len(root)))
 
+    def of_changes(episode: int) -> Array:
+        made = changes_of(data, cloth, episode, inputs[episode], each)
+        return np.asarray((made[:, free] * root).reshape(-1, 3 * len(root)))
+
+    def weighted(episode: int) -> Array:
+        return np.concatenate([of_frames(episode), scale * of_changes(episode)]) if scale else of_frames(episode)
+
+    scale = 0.0
+    if changes:
+        still, moved = (sum(float((of(e) ** 2).sum()) for e in episodes) for of in (of_frames, of_changes))
+        scale = changes * float(np.sqrt(still / moved)) if moved > 0 else 0.0
     rows = [len(weighted(episode)) for episode in episodes]
     tall = 3 * len(root) <= sum(rows)
     gram = by_coordinates(weighted, episodes, 3 * len(root)) if tall else by_frames(weighted, episodes, rows)
@@ -74,8 +98,20 @@ def decompose(data: Data, cloth: int, systems: Sequence[System], most: int, epis
         vectors = from_frames(weighted, episodes, rows, vectors[:, :count] / np.sqrt(values[:count]))
     made = np.zeros((len(free), 3, count))
     made[free] = (vectors[:, :count]).reshape(-1, 3, count) / root[:, :, None]
-    rest = values.sum() - np.concatenate([[0.0], np.cumsum(values[:count])])
-    return Decomposition(made, np.sqrt(np.maximum(rest, 0.0) / (sum(rows) * float((root**2).sum()))))
+    frames, total, held = left_out_of(of_frames, episodes, vectors[:, :count]) if scale else (
+        sum(rows), values.sum(), values[:count])  # fmt: skip
+    rest = total - np.concatenate([[0.0], np.cumsum(held)])
+    return Decomposition(made, np.sqrt(np.maximum(rest, 0.0) / (frames * float((root**2).sum()))))
+
+
+def left_out_of(of_frames: object, episodes: Sequence[int], vectors: Array) -> tuple[int, float, Array]:
+    """How many frames there are, the sum of their squares, and what of it each vector (3 m, k) holds."""
+    count, total, held = 0, 0.0, np.zeros(vectors.shape[1])
+    for episode in episodes:
+        rows = of_frames(episode)  # type: ignore[operator]
+        count, total = count + len(rows), total + float((rows**2).sum())
+        held += ((rows @ vectors) ** 2).sum(axis=0)
+    return count, total, held
 
 
 def by_coordinates(weighted: object, episodes: Sequence[int], size: int) -> Array:

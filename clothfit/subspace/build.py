@@ -19,10 +19,10 @@ from clothfit.subspace import basis as bases
 from clothfit.subspace import carrier
 from clothfit.subspace import normals as regression
 from clothfit.subspace.cost import cost, whole
+from clothfit.subspace.fitness import Fitness, coarsest, fitness
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.physics import cubature
-from clothfit.subspace.physics.march import roll
-from clothfit.subspace.physics.reduced import Reduced, check, decode
+from clothfit.subspace.physics.reduced import Reduced, check
 from clothfit.subspace.recorded.recording import Data
 
 DEFAULT_SIZE, LARGEST_SIZE = 64, 512
@@ -30,11 +30,8 @@ DEFAULT_SIZE, LARGEST_SIZE = 64, 512
 CUBATURES = (0.08, 0.04, 0.02, 0.01)
 """Errors of cubatures, relative to the sum over all elements; the coarsest that is good enough is taken."""
 
-AS_GOOD = 1.25
-"""How far, relative to that with all elements, a recorded motion with few may be from the full one."""
-
-GOOD = 1e-3
-"""Of the RMS of a motion: what is good enough."""
+CHANGES = 1.0
+"""Weight of the changes from frame to frame in the basis of a cloth that flutters."""
 
 TIMED = 60
 """Frames whose time is taken."""
@@ -64,14 +61,6 @@ class Options:
         for error in self.cubature:
             if not 0 < error < 1:
                 raise InvalidInput(f"--cubature must be above 0 and below 1; {error:g} was given")
-
-
-@dataclass(frozen=True)
-class Fitness:
-    """How a reduced motion compares with the full one, over all frames of one episode."""
-
-    rmse: float  # m
-    relative: float  # to the RMS of the motion's displacements
 
 
 @dataclass
@@ -124,14 +113,14 @@ def of_object(
     for system in systems:
         limits.add(system)
     report("decomposing the motions")
-    own = systems[0]
-    found = bases.decompose(data, c, systems, options.size or LARGEST_SIZE, kept)
-    size = size_of(found.left_out, options)
-    last = bases.frames_of(data, c, kept[0], own, 1 << 30)[-1] + own.x0
-    precision = np.float16 if options.half else np.float32
-    U = bases.enriched(found, own, size, last, options.modes).astype(precision).astype(float)
-    first = Reduced(system=own, basis=U)
-    runs = [first.under(system) for system in systems]
+    found, U = basis_of(data, c, systems, kept, options)
+    runs = runs_on(U, systems)
+    x, _ = data.motion(kept[-1], c)
+    if options.modes is None and (plain := fitness(runs[-1], x)).forgets:
+        report("decomposing what the motions change, which flutter or are not followed")
+        others, other = basis_of(data, c, systems, kept, options, CHANGES)
+        if fitness(runs_on(other, systems[-1:])[0], x).better_than(plain):
+            found, U, runs = others, other, runs_on(other, systems)
     low, high, samples = seen(data, c, kept, runs, options.seed)
     table = {k: float(found.left_out[k]) for k in bases.SIZES if k < len(found.left_out)}
     everything = runs[0].chosen
@@ -140,7 +129,6 @@ def of_object(
     if options.cubature and samples:
         report("choosing the elements of the cubature")
         choices = cubature.find_each(runs, samples, options.cubature, options.seed)
-        x, _ = data.motion(kept[-1], c)
         chosen, errors = coarsest(runs[-1], U, choices, x)
     used = {"springs": len(chosen.springs), "faces": len(chosen.faces), "vertices": len(chosen.vertices)}
     elements = {name: (used[name], there[name]) for name in there}
@@ -149,17 +137,16 @@ def of_object(
     return part, Report(U.shape[2], table, elements, errors)
 
 
-def coarsest(own: Reduced, basis: Array, choices: Sequence[cubature.Found], x: Array) -> cubature.Found:
-    """The first of some choices of elements with which a recorded motion (frames, n, 3) is followed nearly as well as
-    with all of them, else the last; what `own` leaves out with all of them no cubature mends.
-    """
-    if len(choices) == 1:
-        return choices[0]
-    limit = max(GOOD, AS_GOOD * fitness(own, x).relative)
-    for each in choices[:-1]:
-        if fitness(Reduced(own.system, basis, each.selection), x).relative <= limit:
-            return each
-    return choices[-1]
+def basis_of(
+    data: Data, c: int, systems: Sequence[System], kept: Sequence[int], options: Options, changes: float = 0.0
+) -> tuple[bases.Decomposition, Array]:
+    """A decomposition of the motions and a basis (n, 3, r) of it; with `changes`, no vibration modes."""
+    own = systems[0]
+    found = bases.decompose(data, c, systems, options.size or LARGEST_SIZE, kept, changes)
+    size, modes = size_of(found.left_out, options), 0 if changes else options.modes
+    last = bases.frames_of(data, c, kept[0], own, 1 << 30)[-1] + own.x0
+    precision = np.float16 if options.half else np.float32
+    return found, bases.enriched(found, own, size, last, modes).astype(precision).astype(float)
 
 
 def size_of(left_out: Array, options: Options) -> int:
@@ -170,6 +157,12 @@ def size_of(left_out: Array, options: Options) -> int:
         return DEFAULT_SIZE
     good = np.flatnonzero(left_out <= options.error)
     return max(1, int(good[0]) if len(good) else len(left_out) - 1)
+
+
+def runs_on(basis: Array, systems: Sequence[System]) -> list[Reduced]:
+    """The reduced cloth with all its elements under the inputs of each motion."""
+    first = Reduced(systems[0], basis)
+    return [first.under(system) for system in systems]
 
 
 def normals_of(data: Data, c: int, kept: Sequence[int], runs: Sequence[Reduced]) -> NDArray[np.float32]:
@@ -216,14 +209,6 @@ def judged(data: Data, c: int, episode: int, part: Part) -> tuple[Fitness, Fitne
     x, _ = data.motion(episode, c)
     system = build_system(data.scene_of(episode), c, steps=data.steps)
     return fitness(Reduced(system, part.basis), x), fitness(Reduced(system, part.basis, part.chosen), x)
-
-
-def fitness(own: Reduced, x: Array) -> Fitness:
-    """The same for a recorded motion's displacements (frames, n, 3)."""
-    made = decode(own, roll(own, len(x) - 1)) - own.system.x0
-    rmse = float(np.sqrt(((made - x) ** 2).sum(axis=2).mean()))
-    size = float(np.sqrt((x**2).sum(axis=2).mean()))
-    return Fitness(rmse, rmse / size if size > 0 else 0.0)
 
 
 class Limits:

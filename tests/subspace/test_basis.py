@@ -26,10 +26,11 @@ class Recorded:
         return self.x[episode].copy(), np.ones(len(self.x[episode]), bool)
 
 
+@pytest.mark.parametrize("changes", [0.0, 0.7])
 @pytest.mark.parametrize("frames", [4, 60], ids=["fewer frames than coordinates", "more"])
-def test_what_is_left_out_is_what_the_projection_misses(frames):
+def test_what_is_left_out_is_what_the_projection_misses(frames, changes):
     data = Recorded(frames)
-    found = basis.decompose(data, 0, [SYSTEM] * 3, 40, [0, 1, 2])
+    found = basis.decompose(data, 0, [SYSTEM] * 3, 40, [0, 1, 2], changes)
     mass = SYSTEM.vertex.mass
     flat = found.vectors.reshape(-1, found.vectors.shape[2])
     weights = np.repeat(mass, 3)
@@ -42,6 +43,18 @@ def test_what_is_left_out_is_what_the_projection_misses(frames):
         left = np.sqrt((rest**2 @ weights).sum() / (len(x) * mass[SYSTEM.vertex.free].sum()))
         assert found.left_out[k] == pytest.approx(left, rel=1e-6, abs=1e-9)
     assert found.left_out[6] < 1e-6 * found.left_out[0]
+
+
+def test_changes_count_where_they_are_asked_for():
+    """A large slow shape and a small quick one: the first vector is the one, or with much weight the other."""
+    slow, quick = np.zeros((2, 20, 3))
+    slow[7, 0], quick[12, 1] = 1.0, 0.3
+    t = np.arange(50)[:, None, None]
+    data = Recorded(0)
+    data.x = [np.cos(2 * np.pi * t / 50) * slow + (-1.0) ** t * quick]
+    for changes, vertex in ((0.0, 7), (5.0, 12)):
+        first = basis.decompose(data, 0, [SYSTEM], 2, [0], changes).vectors[:, :, 0]
+        assert np.abs(first).max(axis=1).argmax() == vertex
 
 
 def test_the_modes_of_a_string_are_sines():

@@ -10,7 +10,8 @@ from helpers.subspaces import scene_of
 from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
 from clothfit.engine.system import build as build_system
-from clothfit.subspace.build import CUBATURES, Options, build, coarsest
+from clothfit.subspace.build import CUBATURES, Options, build
+from clothfit.subspace.fitness import coarsest
 from clothfit.subspace.model import load_model, save
 from clothfit.subspace.physics.cubature import Found
 from clothfit.subspace.physics.reduced import Reduced
