@@ -29,7 +29,8 @@ from clothfit.subspace.network.training import Training, begin
 from clothfit.subspace.network.unrolled import played
 from clothfit.subspace.network.windows import Motions
 from clothfit.subspace.physics import cubature
-from clothfit.subspace.physics.reduced import Reduced, roll
+from clothfit.subspace.physics.march import roll
+from clothfit.subspace.physics.reduced import Reduced
 from clothfit.subspace.recorded.recording import Data
 from recurrent import Recurrent
 
@@ -49,6 +50,7 @@ VARIANTS: dict[str, Recipe] = {
     "own, absolute errors": dataclasses.replace(OWN, absolute=True),
     "own, rate 1e-4": dataclasses.replace(OWN, rate=1e-4),
     "own, no noise": dataclasses.replace(OWN, noise=0.0),
+    "own, no rest": dataclasses.replace(OWN, rests=False),
     "own, ten layers": dataclasses.replace(OWN, hidden=(1.5,) * 9),
 }
 """Each change of the recipe alone."""
@@ -67,7 +69,7 @@ class Task:
         every = lesson(data, 0, range(count), self.basis)
         self.test = every.motions.of(range(count - TESTS, count))
         motions = every.motions.of(self.own)
-        self.lesson = Lesson(motions, every.signals, int(motions.good[:, 1:].sum()))
+        self.lesson = Lesson(motions, every.signals, int(motions.good[:, 1:].sum()), every.rest)
 
     def errors(self, made: Array) -> tuple[float, float]:
         """The error over all test motions, and the largest of one, for coordinates (TESTS, frames, r)."""

@@ -15,6 +15,7 @@ from clothfit.subspace.network import prior
 from clothfit.subspace.network.layers import Trained
 from clothfit.subspace.network.recipe import Recipe
 from clothfit.subspace.network.roll import start_velocity
+from clothfit.subspace.network.settle import settled
 from clothfit.subspace.network.signals import Signals, fitted, raw
 from clothfit.subspace.network.training import Training, begin
 from clothfit.subspace.network.unrolled import Loss
@@ -36,6 +37,7 @@ class Lesson:
     motions: Motions
     signals: Signals
     frames: int
+    rest: Motions | None = None  # pieces of motions that come to rest (`settle`)
 
 
 def lesson(data: Data, c: int, episodes: Sequence[int], basis: Array) -> Lesson:
@@ -53,7 +55,8 @@ def lesson(data: Data, c: int, episodes: Sequence[int], basis: Array) -> Lesson:
         good.append(np.concatenate([[True], fine]))
     w = np.stack([signals.of(system, data.steps) for system in systems])
     motions = Motions(np.stack(z), w, np.stack(good))
-    return Lesson(motions, signals, int(motions.good[:, 1:].sum()))
+    taught = [e for k, e in enumerate(episodes) if k % ONE_OF != ONE_OF - 1]
+    return Lesson(motions, signals, int(motions.good[:, 1:].sum()), settled(data, c, taught, basis, signals))
 
 
 def coordinates(data: Data, c: int, episode: int, system: System, onto: Array) -> tuple[Array, Array]:
@@ -77,9 +80,11 @@ def prepared(given: Lesson, recipe: Recipe, seed: int) -> tuple[Training, float]
     pace = max(float(np.sqrt((way**2).sum(axis=1).mean())), 1e-12)
     motions = given.motions.scaled(size, float)
     part = motions.of(taught)
+    if given.rest is not None and recipe.rests:
+        part = part.joined(given.rest.scaled(size, float))
     linear = prior.dense(part) if recipe.dense else prior.diagonal(part)
     own = Trained(linear, recipe, limits(motions, recipe.margin), np.random.default_rng([seed, 0]), kind)
-    part, rest = (motions.of(some).scaled(1.0, kind) for some in (taught, beside or taught))
+    part, rest = (some.scaled(1.0, kind) for some in (part, motions.of(beside or taught)))
     loss = Loss(recipe.absolute, recipe.velocity * size / pace)
     state = begin(own, recipe, seed)
     return Training(own, recipe, part, rest, spread(part, recipe), loss, state), size

@@ -28,17 +28,18 @@ class Recipe:
     velocity: float  # weight of the errors of velocities, relative to those of coordinates of the same relative size
     clip: float | None  # of the gradient's norm
     margin: float  # by which coordinates may leave the range of the data
+    rests: bool  # learn also from motions that come to rest, which physics on the basis plays (`settle`)
 
 
 PAPER = Recipe(
     hidden=(1.5,) * 9, activation="relu", dense=False, windows=(32, 32), batch=16, rate=1e-4, decay=0.999,
-    amsgrad=True, noise=0.01, shake=1.0, absolute=True, velocity=1.0, clip=None, margin=0.0,
+    amsgrad=True, noise=0.01, shake=1.0, absolute=True, velocity=1.0, clip=None, margin=0.0, rests=False,
 )  # fmt: skip
 """D. Holden, B. C. Duong, S. Datta, D. Nowrouzezahrai, Subspace Neural Physics, SCA 2019: ten layers."""
 
 OWN = Recipe(
     hidden=(2.0,) * 3, activation="elu", dense=True, windows=(4, 48), batch=64, rate=1e-3, decay=None,
-    amsgrad=False, noise=0.005, shake=0.1, absolute=False, velocity=0.25, clip=1.0, margin=0.1,
+    amsgrad=False, noise=0.005, shake=0.1, absolute=False, velocity=0.25, clip=1.0, margin=0.1, rests=True,
 )  # fmt: skip
 
 RECIPES = {"own": OWN, "paper": PAPER}

@@ -28,6 +28,11 @@ class Motions:
         own = list(episodes)
         return Motions(self.z[own], self.w[own], self.good[own])
 
+    def joined(self, other: Motions) -> Motions:
+        """With more motions of the same length."""
+        pairs = ((self.z, other.z), (self.w, other.w), (self.good, other.good))
+        return Motions(*(np.concatenate(pair) for pair in pairs))  # type: ignore[arg-type]
+
     def steps(self) -> tuple[Array, Array, Array, Array]:
         """Of all good steps the coordinates before (N, r), the ways there (N, r), inputs (N, m), and after (N, r)."""
         kept = self.good[:, :-2] & self.good[:, 1:-1] & self.good[:, 2:]

@@ -1,0 +1,32 @@
+"""Motions that come to rest go on where the recorded ones end."""
+
+import numpy as np
+import pytest
+from helpers.scenes import cloth, document
+from helpers.subspaces import scene_of, whole
+
+from clothfit.engine.system import build
+from clothfit.subspace.network.learn import lesson
+from clothfit.subspace.recorded.recording import Data, record
+from clothfit.subspace.recorded.variation import Ranges, episodes
+
+pytestmark = pytest.mark.slow  # compiles motions with inputs
+
+
+def test_pieces_follow_the_recorded_frames_and_each_other(tmp_path):
+    scene = scene_of(document(cloth(4, 3, damping=2.0), optimizationIterations=60))
+    ranges, steps = Ranges(3.0), 60
+    record(scene, episodes(scene, ranges, 4, 1.2, 0), ranges, steps, tmp_path / "data.npz")
+    system = build(scene, 0, steps=1)
+    given = lesson(Data(tmp_path / "data.npz"), 0, range(4), whole(system))
+    count = len(given.rest.z) // 2  # of episodes 1 and 3
+    for number, episode in enumerate((1, 3)):
+        first = given.rest.z[number * count]
+        # a basis of all motions: the same steps, but for the tolerance 1e-6 of their linear systems
+        np.testing.assert_allclose(first[:2], given.motions.z[episode, -2:], atol=1e-4)
+        for k in range(count - 1):
+            piece, after = given.rest.z[number * count + k : number * count + k + 2]
+            np.testing.assert_array_equal(piece[-2:], after[:2])
+        speed = np.abs(np.diff(given.rest.z[number * count : (number + 1) * count], axis=1)).max(axis=(1, 2))
+        assert speed[-1] < 1e-3 * speed[0]  # damping of 2/s for 10 s
+    assert np.abs(given.rest.w[-1]).max() < 1e-12  # the wind is over
