@@ -3,6 +3,7 @@
 # make quick  set up and run those that neither compile a fit nor start a process: under a minute
 # make fuzz   set up and try hostile input for a minute; more: make fuzz FUZZ='--count 100000', or with --guided
 # make lint   set up and check style and types
+# make blender  set up Blender as a Python module (370 MB) and try files, exports and fits there; COUNT=100 cloths
 # make docs   write the pages on the commands and on the public Python names again
 # make gallery  make the films of the documents anew
 # make clean  remove what these made
@@ -18,10 +19,15 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 FUZZ := --seconds 60
 
+# Blender's module wants Python 3.11 and an older NumPy, so it has an environment of its own; another one: CLOTHFIT_BPY
+BLENDER := .venv-blender
+BPY := bpy==4.2.23
+COUNT := 10
+
 DEMO := examples/corners.json
 FITTED := build/demo/corners.fitted.json
 
-.PHONY: help demo test quick fuzz lint docs gallery clean
+.PHONY: help demo test quick fuzz blender lint docs gallery clean
 .DELETE_ON_ERROR:
 
 help:
@@ -44,6 +50,14 @@ quick: $(VENV)/installed-test
 fuzz: $(VENV)/installed-test
 	cd tests && ../$(BIN)/python -m fuzz --keep ../build/faults $(FUZZ)
 
+# Where Blender cannot be had this says so in one line, and is no error.
+blender: $(VENV)/installed-test
+	@test -n "$$CLOTHFIT_BPY" || test -f $(BLENDER)/installed || { $(PYTHON) -m venv --clear $(BLENDER) && \
+	    $(BLENDER)/bin/python -m pip --disable-pip-version-check --quiet install $(BPY) 'numpy<2' 2>/dev/null && \
+	    touch $(BLENDER)/installed; } || echo "skipped: $(BPY) cannot be installed for $$($(PYTHON) --version 2>&1)"
+	@test -z "$$CLOTHFIT_BPY" -a ! -f $(BLENDER)/installed || \
+	    CLOTHFIT_BPY=$${CLOTHFIT_BPY:-$(BLENDER)/bin/python} $(BIN)/python benchmarks/in_blender.py formats cloths fits --count $(COUNT)
+
 # types of the optional libraries are looked up as well
 lint: $(VENV)/installed-test $(VENV)/installed-dev
 	$(BIN)/ruff check .
@@ -57,7 +71,7 @@ gallery: $(VENV)/installed-plot
 	$(BIN)/python docs/gallery.py
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	rm -rf $(VENV) $(BLENDER) build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Stamps: each is written when all of its recipe has succeeded.

@@ -5,13 +5,19 @@ unit, and a structural spring of "stiffness" S has S/L̄, L̄ the mean length of
 
     τ = √0.001 s ≈ 0.0316 s,      S = τ² k L̄,      time_scale = 1 / (frames per second · τ)
 
-its springs carry the same weights at the same stretch, and move as fast. In the same units a damping α m v is an air
-damping of 100 τ α m, and (α/2) k along a spring is a spring damping of τ (α/2) k. All vertices have one mass, the mean.
+its springs carry the same weights at the same stretch, and move as fast; k has what the springs across edges carry
+(`membrane`), of which Blender has none. In the same units a damping α m v is an air
+damping of 100 τ α m, and c = (α/2) k along a spring is a spring damping of τ c. All vertices have one mass, the mean.
 
-Blender bends by angles: a hinge of length ℓ and "stiffness" B has the torque 0.1 B ℓ θ/τ². A spring k across the hinge,
-of length L, resists in the third order of the angle, with (k L²/32) θ³. At the angle FOLD both are equal for
+Blender's solver ends at a hundredth. Where dampings c are much larger than m/h, for steps h, that hundredth is more
+than the weight, and a light cloth sinks at a constant speed. So c is at most h k there, from DAMPING_LIMIT m/h on.
 
-    B = τ² k L² FOLD² / (3.2 ℓ)
+Blender bends by angles: where the faces at an edge of length ℓ are at an angle θ, their two vertices across it feel
+0.1 B ℓ θ/(3 τ²) each along their normals, whatever their distance, and the ends of the edge the opposite. A spring k
+across the edge, of length L, resists in the third order of the angle, with the torque (k L²/32) θ³. With d the mean
+distance of the two vertices from the edge, both torques are equal at the angle FOLD for
+
+    B = τ² k L² FOLD² · 3/(3.2 ℓ d)
 
 These forces are explicit in Blender, so a step h is stable up to h² λ/m = 4, with λ the largest eigenvalue of their
 stiffness, at most the largest sum of a row of its absolute values (Gershgorin). B is reduced where this passes
@@ -35,6 +41,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Indices
 from clothfit.export import numbers
+from clothfit.export.membrane import carried
 from clothfit.export.topology import Roles, roles
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.kinds import INTEGRATORS
@@ -45,6 +52,7 @@ TIME_UNIT = 0.001**0.5  # τ, s: Blender's time unit, in which its weights are t
 FOLD = 0.5  # rad, between two faces: where bending resists as the spring across the hinge does
 FINER = 4.0  # steps of Blender's in one of the scene's that is not an implicit Euler step
 BENDING_LIMIT = 1.0  # of h² λ/m; 4 is no longer stable
+DAMPING_LIMIT = 20.0  # of h c/m, c the damping of a spring, N s/m
 LARGEST_STIFFNESS = 10_000.0  # Blender's limit
 MOST_AIR, MOST_DAMPING = 10.0, 50.0  # the same, of air damping and of the dampings of springs
 SCRIPT = Path(__file__).with_name("blender_script.py")
@@ -91,9 +99,10 @@ def one(number: int, cloth: Cloth, step: float) -> dict[str, Any]:
     edges = ~role.bending
     length = float(cloth.rest[edges].mean()) if edges.any() else 0.0
     count, mass = len(cloth.mass), float(cloth.mass.mean())
-    traction = painted(count, cloth.springs[edges], TIME_UNIT**2 * length * cloth.stiffness[edges])
+    stiffness = carried(cloth, role)[edges]
+    traction = painted(count, cloth.springs[edges], TIME_UNIT**2 * length * stiffness)
     bending = painted(count, role.hinges[role.bending], bending_of(cloth, role, step))
-    along = 0.5 * cloth.damping * TIME_UNIT * float(cloth.stiffness[edges].mean()) if edges.any() else 0.0
+    along = TIME_UNIT * damping_of(cloth, stiffness, step)
     return {
         "object": number,
         "vertices": count,
@@ -107,15 +116,24 @@ def one(number: int, cloth: Cloth, step: float) -> dict[str, Any]:
     }
 
 
+def damping_of(cloth: Cloth, stiffness: Array, step: float) -> float:
+    """The damping of the springs along edges, N s/m, with steps of `step`, s; 0 without springs."""
+    if not len(stiffness):
+        return 0.0
+    k, mass = float(stiffness.mean()), float(cloth.mass.mean())
+    return min(0.5 * cloth.damping * k, max(step * k, DAMPING_LIMIT * mass / step))
+
+
 def bending_of(cloth: Cloth, role: Roles, step: float) -> Array:
     """Blender's stiffnesses of the hinges under the bending springs, stable with steps of `step`, s."""
     ends, hinges = cloth.springs[role.bending], role.hinges[role.bending]
     length: Array = np.linalg.norm(cloth.positions[hinges[:, 1]] - cloth.positions[hinges[:, 0]], axis=1)
     torque = cloth.stiffness[role.bending] * (cloth.rest[role.bending] * FOLD) ** 2 / 32  # N m per rad
-    made: Array = np.divide(TIME_UNIT**2 * torque, 0.1 * length, out=np.zeros_like(length), where=length > 0)
     with np.errstate(all="ignore"):  # a face without area
         slope = slopes(cloth.positions, ends, hinges)
-        rows = torque[:, None] * slope * slope.sum(axis=1, keepdims=True)
+        force = torque * 2.0 / (1.0 / slope[:, :2]).sum(axis=1)  # N per rad, of each of the four vertices
+        made: Array = np.divide(3.0 * TIME_UNIT**2 * force, 0.1 * length, out=np.zeros_like(length), where=length > 0)
+        rows = np.repeat((force * slope.sum(axis=1))[:, None], 4, axis=1)
     largest = np.zeros(len(cloth.mass))
     np.add.at(largest, np.hstack([ends, hinges]), rows)
     ratio = step**2 * float(largest.max(initial=0.0)) / float(cloth.mass.mean())
