@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Indices
 from clothfit.export.topology import Roles
 from clothfit.meshes.mesh import keys
 from clothfit.scene.cloth import Cloth
@@ -41,14 +41,14 @@ def carried(cloth: Cloth, role: Roles) -> Array:
     return found
 
 
-def springs_of(cloth: Cloth, role: Roles, edges: Array) -> Array:
+def springs_of(cloth: Cloth, role: Roles, edges: Indices) -> Indices:
     """The spring along each of some edges (…, 2); −1 where there is none."""
     known = np.flatnonzero(role.traction)
     own = keys(np.sort(cloth.springs[known], axis=1))
     order = np.argsort(own)
-    wanted = keys(np.sort(edges.reshape(-1, 2).astype(np.int32), axis=1))
+    wanted = keys(np.sort(edges.reshape(-1, 2), axis=1))
     if not len(known):
-        return np.full(edges.shape[:-1], -1)
+        return np.full(edges.shape[:-1], -1, np.int32)
     at = np.minimum(np.searchsorted(own[order], wanted), len(known) - 1)
-    found = np.where(own[order][at] == wanted, known[order][at], -1)
+    found = np.where(own[order][at] == wanted, known[order][at], -1).astype(np.int32)
     return found.reshape(edges.shape[:-1])
