@@ -5,7 +5,8 @@
     decode.onnx   q (…, r) [, pins (…, P, 3)] → positions (…, n, 3), m [, normals (…, n, 3)]: `pins` are their ways
                   since the start, m; normals are there where the model has the regression
 
-Steps of physics are no graph: they solve a system of equations that the state gives.
+Coordinates have double precision, and so has the linear part of a step: rounding would add up from step to step. The
+rest is single. Steps of physics are no graph: they solve a system of equations that the state gives.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.export.onnx_file import Graph
+from clothfit.export.onnx_file import DOUBLE, FLOAT, Graph
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.network.weights import Network
 from clothfit.subspace.players import Still, still
@@ -40,7 +41,8 @@ def decoder(part: Part, own: Still) -> bytes:
     """The graph of positions, and of normals by regression."""
     n, r = len(part.basis), part.basis.shape[2]
     graph = Graph("decode")
-    q, shape = graph.input("q", r), graph.array(np.array([-1, n, 3]))
+    shape = graph.array(np.array([-1, n, 3]))
+    q = graph.node("Cast", graph.input("q", r, kind=DOUBLE), to=FLOAT)
     flat = product(graph, q, part.basis.astype(part.precision).reshape(-1, r), own.start.reshape(-1))
     if own.pins:
         ways = graph.input("pins", own.pins, 3)
@@ -65,25 +67,32 @@ def product(graph: Graph, q: str, rows: NDArray[Any], constant: NDArray[Any]) ->
     """q Uᵀ + c, as one node."""
     U = graph.array(np.ascontiguousarray(rows))
     if rows.dtype == np.float16:
-        U = graph.node("Cast", U, to=1)
+        U = graph.node("Cast", U, to=FLOAT)
     return graph.node("Gemm", q, U, graph.array(np.ascontiguousarray(constant, np.float32)), transB=1)
+
+
+def double(graph: Graph, single: str) -> str:
+    """The same numbers in double precision."""
+    return graph.node("Cast", single, to=DOUBLE)
 
 
 def step(own: Network, at_rest: Still) -> bytes:
     """The graph of a network's step."""
     graph = Graph("step")
-    q1, q2, w = graph.input("q1", own.r), graph.input("q2", own.r), graph.input("w", own.m)
+    q1, q2 = (graph.input(name, own.r, kind=DOUBLE) for name in ("q1", "q2"))
+    w = graph.input("w", own.m)
     low, high = (graph.array(row) for row in own.input_range)
-    acts = graph.node("Min", graph.node("Max", w, low), high)
+    acts = double(graph, graph.node("Min", graph.node("Max", w, low), high))
     u = graph.node("Concat", q1, graph.node("Sub", q1, q2), acts, axis=1)
-    linear = graph.node("Gemm", u, graph.array(own.linear), graph.array(own.offset))
-    layer = u
+    product = graph.node("MatMul", u, double(graph, graph.array(own.linear)))
+    linear = graph.node("Add", product, double(graph, graph.array(own.offset)))
+    layer = graph.node("Cast", u, to=FLOAT)
     for k, (weight, bias) in enumerate(zip(own.weights, own.biases, strict=True)):
         layer = graph.node("Gemm", layer, graph.array(weight), graph.array(bias))
         if k < len(own.weights) - 1:
             layer = graph.node("Relu", layer) if own.activation == "relu" else graph.node("Elu", layer, alpha=1.0)
-    low, high = (graph.array(row) for row in own.range)
-    graph.node("Min", graph.node("Max", graph.node("Add", linear, layer), low), high, output="q")
-    graph.output("q", own.r)
+    low, high = (double(graph, graph.array(row)) for row in own.range)
+    graph.node("Min", graph.node("Max", graph.node("Add", linear, double(graph, layer)), low), high, output="q")
+    graph.output("q", own.r, kind=DOUBLE)
     about = {"signals": json.dumps(own.signals.parts), "q2_at_start": json.dumps(at_rest.before.tolist())}
     return graph.encoded(about | {"mean": json.dumps(own.signals.mean.tolist())})

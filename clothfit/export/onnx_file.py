@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 IR, OPERATORS = 7, 13
 """Versions of the format and of the operators: those of 2020, which every runtime knows."""
 
-FLOAT, INTEGER, HALF = 1, 7, 10
+FLOAT, INTEGER, HALF, DOUBLE = 1, 7, 10, 11
 TYPES = {"float32": FLOAT, "int64": INTEGER, "float16": HALF}
 """Of tensors."""
 
@@ -82,14 +82,14 @@ class Graph:
         self.nodes.append(field(1, content))
         return output
 
-    def input(self, name: str, *shape: int) -> str:
+    def input(self, name: str, *shape: int, kind: int = FLOAT) -> str:
         """Numbers that go in: of any number of instances, (…, *shape) each."""
-        self.ends.append(field(11, described(name, shape)))
+        self.ends.append(field(11, described(name, shape, kind)))
         return name
 
-    def output(self, name: str, *shape: int) -> None:
+    def output(self, name: str, *shape: int, kind: int = FLOAT) -> None:
         """Numbers that come out."""
-        self.ends.append(field(12, described(name, shape)))
+        self.ends.append(field(12, described(name, shape, kind)))
 
     def encoded(self, about: dict[str, str]) -> bytes:
         """The file, with what there is to know about it."""
@@ -107,7 +107,7 @@ def attribute(value: int | float | Sequence[int]) -> bytes:
     return b"".join(field(8, each) for each in value) + field(20, INTEGERS)
 
 
-def described(name: str, shape: Sequence[int]) -> bytes:
+def described(name: str, shape: Sequence[int], kind: int) -> bytes:
     """The name, type and shape of what goes in or out."""
     sizes = field(1, field(2, BATCH)) + b"".join(field(1, field(1, size)) for size in shape)
-    return field(1, name) + field(2, field(1, field(1, FLOAT) + field(2, sizes)))
+    return field(1, name) + field(2, field(1, field(1, kind) + field(2, sizes)))
