@@ -27,7 +27,7 @@ FORGOTTEN = 0.1
 """Relative error from which on points are no longer compared, but spectra and envelopes."""
 
 GROWN = 10.0
-"""Growth of a small difference at the start from which on the same holds."""
+"""Growth of a small difference at the start from which on it is said."""
 
 TIMED = 200
 """Frames whose time is taken, at most."""
@@ -65,8 +65,8 @@ class Judgement:
 
     @property
     def forgets(self) -> bool:
-        """Whether the motions are too far apart to compare points, or would be whatever the model."""
-        return self.relative_rmse > FORGOTTEN or self.chaotic
+        """Whether the motions are too far apart to compare points."""
+        return self.relative_rmse > FORGOTTEN
 
     @property
     def chaotic(self) -> bool:

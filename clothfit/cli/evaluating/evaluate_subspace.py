@@ -92,9 +92,14 @@ def show(found: Judgement, console: Console) -> None:
     """Print the judgement as tables."""
     console.table([("frames", "RMSE until then"), *((str(end), metres(error)) for end, error in found.over_time)])
     console.result(f"{100 * found.relative_rmse:.2g} % of the motion's RMS, {metres(found.max_error)} at most")
+    if found.chaotic:
+        console.result(
+            f"a small difference at the start grows {found.growth:.2g}-fold in the full simulation, and so does what a "
+            "basis leaves out"
+        )
     if found.forgets:
         console.result(
-            f"{found.parted}: compare their spectra and deviations, not their points: spectrum within "
+            f"the two motions have parted: compare their spectra and deviations, not their points: spectrum within "
             f"{100 * found.spectrum:.2g} %, standard deviations of the vertices within {100 * found.deviation:.2g} %"
         )
     gain = "never more than was given"
