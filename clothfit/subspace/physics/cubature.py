@@ -2,8 +2,10 @@
 
 In a step each element adds h Uᵀ F_e(w) to the momentum, F its model in the step (`engine.forces`). The sums over all
 elements of a kind, at states and velocities of recorded motions, are to come out from few elements with weights of 0 or
-more (`nnls`). Errors count as they change the velocity of the step: by A⁻¹, with A the mean matrix of the steps.
-Of each state's r equations some random combinations are kept: enough to tell the weights, few enough to hold in memory.
+more (`nnls`). Errors count as they change the velocity of the step: by A⁻¹, with A the mean matrix of the steps. For
+fits they count by the energy of that change, by L⁻¹ with A = L Lᵀ: values are found by stiff shapes, too, which move
+little. Of each state's r equations some random combinations are kept: enough to tell the weights, few enough to hold in
+memory.
 """
 
 from __future__ import annotations
@@ -55,25 +57,30 @@ def impulses(whole: Reduced, at: Iteration, w: Array) -> Array:
 
 
 def find(runs: Sequence[Reduced], chosen: Sequence[Sample], error: float, seed: int) -> Found:
-    """The cubature for samples of motions, each with all its elements as a Reduced with its inputs, within an error."""
-    return find_each(runs, chosen, [error], seed)[0]
+    """The cubature, for a fit, for samples of motions, each with all its elements as a Reduced with its inputs, within
+    an error.
+    """
+    return find_each(runs, chosen, [error], seed, True)[0]
 
 
-def find_each(runs: Sequence[Reduced], chosen: Sequence[Sample], errors: Sequence[float], seed: int) -> list[Found]:
-    """The same for each of some errors, the largest first."""
+def find_each(
+    runs: Sequence[Reduced], chosen: Sequence[Sample], errors: Sequence[float], seed: int, energy: bool = False
+) -> list[Found]:
+    """The same for each of some errors, the largest first; whether they count by energy."""
     whole = runs[0]
     kinds = {"springs": len(whole.chosen.springs), "faces": len(whole.chosen.faces)}
     kinds["vertices"] = len(whole.chosen.vertices)
     each = max(1, min(whole.r, EQUATIONS // len(chosen)))
     rng = np.random.default_rng(seed)
     mean = mean_matrix(runs, chosen)
+    scale = np.linalg.cholesky(mean).T if energy else mean
     table = np.empty((each * len(chosen), sum(kinds.values())))
     for k, sample in enumerate(chosen):
         run = runs[sample.motion]
         step.begin(run.own, sample.t)
         given = impulses(run, run.iteration_at(sample), sample.w)
         mix = rng.standard_normal((each, whole.r)) / np.sqrt(each) if each < whole.r else np.eye(whole.r)
-        table[k * each : (k + 1) * each] = (given @ np.linalg.solve(mean, mix.T)).T
+        table[k * each : (k + 1) * each] = (given @ np.linalg.solve(scale, mix.T)).T
     by_kind, there, first = [], [], 0
     for count in kinds.values():
         part = table[:, first : first + count]
