@@ -56,6 +56,13 @@ def found(tmp_path_factory):
     return {**json.loads(lines[0].removeprefix("found: ")), "folder": work}
 
 
+def points(path):
+    """Positions (20, n, 3) of a PC2 file, y up, right-handed; of a fit in shorter steps those of the frames."""
+    header = 32  # bytes
+    steps = int(np.fromfile(path, "<i4", count=8)[7])
+    return np.fromfile(path, "<f4", offset=header).reshape(steps, -1, 3)[:: (steps - 1) // 19]
+
+
 @pytest.mark.slow
 def test_what_is_missing_is_said(found):
     assert "save the file first" in found["unsaved"]
@@ -72,13 +79,13 @@ def test_the_cloth_of_blender_is_fitted_and_the_result_plays_beside_it(found):
     scene = load(str(found["folder"] / "cloth.json"))
     assert scene.frames == 20
     assert scene.cloths[0].fixed.sum() == 8
-    header = 32
-    motion = np.fromfile(found["folder"] / "cloth.fitted.pc2", "<f4", offset=header).reshape(20, -1, 3)
+    motion, target = (points(found["folder"] / f"first.{kind}.pc2") for kind in ("fitted", "target"))
     x, y, z = motion[9].T  # frame 12, of which 3 is the first
     np.testing.assert_allclose(found["played"], np.stack([x, -z, y], axis=1), atol=1e-6)  # float32
-    first, later = (np.array(each) for each in found["target"])
-    assert np.abs(later - first).max() > 0.05  # it falls
-    apart, travel = (np.linalg.norm(each) for each in (np.array(found["played"]) - later, later - first))
+    first = scene.cloths[0].positions * [-1, 1, 1]  # right-handed
+    np.testing.assert_allclose(target[0], first, atol=1e-6)  # float32
+    apart, travel = np.linalg.norm(motion - target), np.linalg.norm(target - target[0])
+    assert travel > 0.1 * len(target[0]) ** 0.5  # it falls
     assert apart < 0.1 * travel  # another model of cloth: near, not the same
     assert found["moved"][0] > 1
 
@@ -89,6 +96,7 @@ def test_values_are_applied_and_shown(found):
     assert mass != before
     assert tension > 0
     assert quality >= 1
+    assert found["speed"] == pytest.approx(1, rel=1e-5)  # as it was: the fit took the cloth's own time
     assert found["pin"] == "clothfit pin"
     assert found["colours"] > 1
 
@@ -98,3 +106,5 @@ def test_a_cancelled_fit_keeps_the_best(found):
     assert found["cancel"][-1].startswith("interrupted: RMSE")
     stiffness = load(str(found["folder"] / "cloth.fitted.json")).cloths[0].stiffness
     assert (stiffness != 1).any()
+    target = points(found["folder"] / "cloth.target.pc2")  # of the object that plays beside the cloth
+    np.testing.assert_allclose(target, points(found["folder"] / "first.fitted.pc2"), atol=1e-5)  # float32, and back

@@ -32,6 +32,12 @@ def write_pc2(path, frames):
         file.write(np.ascontiguousarray(turned(frames), "<f4").tobytes())
 
 
+def samples(path):
+    """The number of frames of a motion in PC2."""
+    with open(path, "rb") as file:
+        return PC2.unpack(file.read(PC2.size))[-1]
+
+
 def ranges(numbers):
     """Numbers in rising order as a list of ranges, such as 0,3-7."""
     found = []
@@ -44,7 +50,7 @@ def ranges(numbers):
 
 
 def vertex_stiffness(path):
-    """Geometric mean (n,) of the stiffness of the springs at each vertex of a scene's first object, N/m; 0: no spring."""
+    """Geometric mean (n,) of the stiffness of the springs at each vertex of a scene's first object, N/m; 0: none."""
     cloth = json.loads(Path(path).read_text(encoding="utf-8-sig"))["objects"][0]
     ends = np.array(cloth["springs"], int).reshape(-1, 2)
     logs = np.log(np.maximum(np.array(cloth["springStiffness"], float), 1e-9))

@@ -9,6 +9,12 @@ import numpy as np
 from . import files
 from .command import Failed
 
+TIME_UNIT = 0.001**0.5
+"""Seconds of a frame of Blender's cloth at speed 1: its gravity is a thousandth."""
+
+NEAR = 0.1
+"""Distance of a motion's first frame from the cloth, in its size, up to which it is in place."""
+
 HELD = 0.5
 """Weight in the pin group from which a vertex is held."""
 
@@ -35,9 +41,20 @@ def points(mesh, matrix):
     return flat.reshape(-1, 3) @ own[:3, :3].T + own[:3, 3]
 
 
+def cloth_of(thing):
+    """The cloth modifier of an object, or None."""
+    return next((each for each in thing.modifiers if each.type == "CLOTH"), None)
+
+
+def source_of(thing):
+    """The object whose motion is the target, or None."""
+    own = thing.clothfit
+    return {"OWN": thing, "OBJECT": own.other}.get(own.target)
+
+
 def held(thing):
     """Numbers of the vertices that the cloth modifier pins."""
-    modifier = next((each for each in thing.modifiers if each.type == "CLOTH"), None)
+    modifier = cloth_of(thing)
     group = thing.vertex_groups.get(modifier.settings.vertex_group_mass) if modifier else None
     if group is None:
         return []
@@ -69,9 +86,29 @@ def record(context, thing, count):
     return np.array(found)
 
 
-def rate(context):
-    """Frames per second."""
+def rate(context, thing):
+    """Frames per second of the target. Blender's cloth has a time of its own: a frame is its speed times TIME_UNIT."""
+    source = source_of(thing)
+    modifier = cloth_of(source) if source else None
+    if modifier:
+        return 1.0 / (TIME_UNIT * modifier.settings.time_scale)
     return context.scene.render.fps / context.scene.render.fps_base
+
+
+def in_place(found, thing):
+    """A recorded motion where the cloth is.
+
+    An object may stand beside the cloth: where its first frame is farther from it than NEAR of its size, the whole
+    motion is moved and turned so that this frame is nearest (Kabsch's algorithm).
+    """
+    own = points(thing.data, thing.matrix_world)
+    centre, first = own.mean(axis=0), found[0].mean(axis=0)
+    size = np.linalg.norm(own - centre)
+    if np.linalg.norm(found[0] - own) < NEAR * size:
+        return found
+    left, _, right = np.linalg.svd((found[0] - first).T @ (own - centre))
+    turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+    return (found - first) @ turn + centre
 
 
 def frames(context):
@@ -84,7 +121,7 @@ def new_call(context, thing, paths):
     own = thing.clothfit
     letters = "F" if own.letters == "auto" else own.letters
     call = ["new", str(paths.mesh), "-o", str(paths.scene)]
-    call += ["--fps", repr(rate(context)), "--frames", str(frames(context))]
+    call += ["--fps", repr(rate(context, thing)), "--frames", str(frames(context))]
     call += ["--density", repr(own.density), "--stiffness", repr(own.stiffness), "--fit", f"n{letters}"]
     pinned = held(thing)
     call += ["--fix-vertices", files.ranges(pinned)] if pinned else []
@@ -101,10 +138,11 @@ def target(context, thing, paths):
         if not own.path:
             raise Failed("choose the file of the target")
         return path, path.lower().endswith((".pc2", ".obj"))
-    source = thing if own.target == "OWN" else own.other
+    source = source_of(thing)
     if source is None or source.type != "MESH":
         raise Failed("choose the object of the target, a mesh")
-    files.write_pc2(paths.target, record(context, source, len(thing.data.vertices)))
+    found = record(context, source, len(thing.data.vertices))
+    files.write_pc2(paths.target, found if source == thing else in_place(found, thing))
     return str(paths.target), True
 
 
@@ -113,7 +151,7 @@ def fit_calls(context, thing, paths):
     write_mesh(thing, paths.mesh)
     motion, unknown = target(context, thing, paths)
     estimate = ["estimate", str(paths.scene), "--target", motion, "-o", str(paths.fitted)]
-    estimate += ["--fps", repr(rate(context))] if unknown else []
+    estimate += ["--fps", repr(rate(context, thing))] if unknown else []
     estimate += ["--model", "auto"] if thing.clothfit.letters == "auto" else []
     estimate += thing.clothfit.options.split()
     return [new_call(context, thing, paths), estimate, ["simulate", str(paths.fitted), "-o", str(paths.motion)]]

@@ -6,6 +6,7 @@ import bpy
 
 from . import files
 from .command import Failed
+from .making import frames, rate
 
 COLOURS = "clothfit stiffness"
 APART = 1.2
@@ -31,8 +32,10 @@ def play(context, thing, paths):
     cache = made.modifiers["Clothfit"]
     cache.cache_format = "PC2"
     cache.filepath = str(needed(paths.motion))
-    cache.forward_axis, cache.up_axis = "POS_Z", "POS_Y"  # y up, as OBJ has it
-    cache.frame_start = context.scene.frame_start
+    cache.forward_axis, cache.up_axis = "POS_Z", "NEG_Y"  # what this modifier calls files with y up
+    scale = max(files.samples(paths.motion) - 1, 1) / max(frames(context) - 1, 1)  # a fit may take shorter steps
+    # frame f shows sample scale f - frame_start, which is to be 0 at the first frame
+    cache.frame_scale, cache.frame_start = scale, scale * context.scene.frame_start
     return made
 
 
@@ -40,7 +43,7 @@ def apply(context, thing, paths):
     """Set the cloth modifier of the object from the exported values."""
     script = runpy.run_path(str(needed(paths.values / "blender.py")), run_name="clothfit_values")
     try:
-        script["set_up"](thing, script["DATA"]["objects"][0], context.scene.render.fps / context.scene.render.fps_base)
+        script["set_up"](thing, script["DATA"]["objects"][0], rate(context, thing))
     except RuntimeError as error:
         raise Failed(str(error)) from error
 
