@@ -6,6 +6,7 @@
 //   cloth.Shade();                                     // cloth.Normals
 //
 // Steps of physics are not here: give their coordinates (clothfit subspace play --coordinates) to cloth.Coordinates.
+// The Unity package (examples/unity) has a copy of this file, which a test compares: change both.
 
 using System;
 using System.Collections.Generic;

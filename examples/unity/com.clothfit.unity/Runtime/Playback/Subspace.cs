@@ -6,6 +6,7 @@
 //   cloth.Shade();                                     // cloth.Normals
 //
 // Steps of physics are not here: give their coordinates (clothfit subspace play --coordinates) to cloth.Coordinates.
+// The Unity package (examples/unity) has a copy of this file, which a test compares: change both.
 
 using System;
 using System.Collections.Generic;
@@ -19,12 +20,14 @@ namespace Clothfit
     {
         public readonly int Vertices, Size, Raw, Pins;  // Size: coordinates; Raw: numbers that act on a step
         public readonly int[] Triangles;
-        public readonly float[] Coordinates, Positions, Normals;
+        public readonly double[] Coordinates;  // rounding would add up from step to step
+        public readonly float[] Positions, Normals;
 
         readonly float[] basis, start, first, regression;
         readonly int[] way;
         readonly bool smooth;
-        readonly float[] linear, offset, range, inputRange, mean, mix, before, u;
+        readonly float[] linear, offset, range, inputRange, mean, mix;
+        readonly double[] before, u;
         readonly List<float[]> weights = new List<float[]>(), biases = new List<float[]>();
 
         /// <summary>Reads object `number` of a model; throws where there is none.</summary>
@@ -48,10 +51,11 @@ namespace Clothfit
             }
             string head = Encoding.UTF8.GetString(Array.ConvertAll(numbers("subspace"), x => (byte)x));
             if (linear != null) smooth = head.Split(new[] { "\"activation\": \"" }, 0)[1 + number].StartsWith("elu");
-            Coordinates = new float[Size]; before = (float[])first.Clone();
+            Coordinates = new double[Size]; before = new double[Size];
             Positions = (float[])start.Clone(); Normals = new float[3 * Vertices];
             Raw = mean == null ? 0 : mean.Length;
-            u = new float[linear == null ? 0 : linear.Length / Size];
+            u = new double[linear == null ? 0 : linear.Length / Size];
+            Reset();
         }
 
         /// <summary>Back to the start.</summary>
@@ -72,9 +76,9 @@ namespace Clothfit
             {
                 double sum = 0;
                 for (int i = 0; i < Raw; i++) sum += ((double)raw[i] - mean[i]) * mix[i * m + j];
-                u[2 * Size + j] = Math.Min(Math.Max((float)sum, inputRange[j]), inputRange[m + j]);
+                u[2 * Size + j] = Math.Min(Math.Max((float)sum, inputRange[j]), inputRange[m + j]);  // as the model has it
             }
-            float[] h = u;
+            float[] h = Array.ConvertAll(u, x => (float)x);
             for (int k = 0; k < weights.Count; k++)
             {
                 h = Times(h, weights[k], biases[k]);
@@ -82,9 +86,13 @@ namespace Clothfit
                 for (int i = 0; i < h.Length; i++)
                     if (h[i] < 0) h[i] = smooth ? (float)Math.Exp(h[i]) - 1f : 0f;
             }
-            float[] next = Times(u, linear, offset);
             Array.Copy(Coordinates, before, Size);
-            for (int i = 0; i < Size; i++) Coordinates[i] = Math.Min(Math.Max(next[i] + h[i], range[i]), range[Size + i]);
+            for (int j = 0; j < Size; j++)
+            {
+                double next = (double)offset[j] + h[j];
+                for (int i = 0; i < u.Length; i++) next += u[i] * linear[i * Size + j];
+                Coordinates[j] = Math.Min(Math.Max(next, range[j]), range[Size + j]);
+            }
         }
 
         /// <summary>Positions of the coordinates; `pins` are their ways since the start, x, y, z of each, m.</summary>
@@ -134,7 +142,7 @@ namespace Clothfit
             for (int row = 0, at = 0; row < result.Length; row++, at += columns)
             {
                 float sum = constant == 1 ? rows[at] : 0f;
-                for (int k = 0; k < Size; k++) sum += rows[at + constant + k] * Coordinates[k];
+                for (int k = 0; k < Size; k++) sum += rows[at + constant + k] * (float)Coordinates[k];
                 result[row] = sum;
             }
         }
