@@ -30,7 +30,8 @@ def subspace_content(over: Compared, model: str) -> dict[str, Any]:
     """Everything that the page shows of a comparison; `model` is the name of the file."""
     scene, found, full = over.scene, over.found, over.full
     whole = Distance(found.frames, found.rmse, found.max_error)
-    show = pictured(scene, scene.delta, over.own, full, Evaluation(whole, whole, []), [], False, MOST_POSITIONS // 3)
+    every = replace(scene, frames=found.frames)  # residuals are those of all frames, not of the fitted ones
+    show = pictured(every, scene.delta, over.own, full, Evaluation(whole, whole, []), [], False, MOST_POSITIONS // 3)
     none = Beside(BESIDE, scene, show.target, 0.0 * show.error, 0.0 * show.rmse, 0.0 * show.largest, None)
     until = float(full.times[-1])
     parts = content(scene, scene, replace(show, beside=[none], fitted_until=until), Log(), FULL)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.browsers import browser, opened
 from helpers.subspaces import model_of, moving, scene_of
-from helpers.unpacking import unpacked_positions
+from helpers.unpacking import unpacked, unpacked_positions
 
 from clothfit.pictures.subspaces import comparison
 from clothfit.report.page import subspace_page
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow  # compiles motions with inputs
 
 @pytest.fixture(scope="module")
 def over():
-    scene = scene_of(moving())
+    scene = scene_of(moving(optimizationIterations=12))
     return compare(model_of(scene, 12, normals=True), scene, 30)
 
 
@@ -36,6 +36,9 @@ def test_it_plays_both_motions_and_says_what_both_cost(over):
         "state", "decode", "normals", "normals by regression", "a frame", "a full step"]
     assert [row[0][1] for row in tables["horizon"]] == [6, 12, 18, 24, 30]
     assert "parted" in content["headline"]["text"]  # 12 random vectors do not follow this cloth
+    gaps = np.linalg.norm(over.own.positions - over.full.positions, axis=2)
+    seen = unpacked(content["residuals"]["of_vertices"])
+    np.testing.assert_allclose(seen, np.sqrt((gaps**2).mean(axis=0)), rtol=1e-3)  # of all frames
     assert content["words"]["own"] == "subspace"
     assert content["blocks"] == content["history"] == []
 
