@@ -104,6 +104,11 @@ def trained(
 
     own = pupils(model, data, school)
     interrupts.hold()  # from now on there is a network to keep
+    states = [each.training.state for each in own]
+    if all(school.budget.done(len(own) * state.seconds, state.rounds) >= 1.0 for state in states):
+        rounds = max(state.rounds for state in states)
+        minutes = sum(state.seconds for state in states) / 60.0
+        console.warn(f"the training has had {minutes:.2g} minutes and {rounds} rounds already; ask for more than these")
 
     def say(c: int, progress: Progress) -> None:
         text = f"objects[{c}]: {100 * progress.done:.0f} % of the training, {progress.rounds} rounds: "

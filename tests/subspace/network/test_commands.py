@@ -23,6 +23,8 @@ def test_the_commands(tmp_path, monkeypatch, capsys):
     assert said["objects"][0]["sampled"]["relative_rmse"] > 0
     assert run([*own, "--rounds", "60", "-o", "a.npz", "--resume", "-q"]) == 0
     assert load_model("a.npz").built["training"][0]["rounds"] == 60
+    assert run([*own, "--rounds", "60", "-o", "a.npz", "--resume"]) == 0
+    assert "60 rounds already; ask for more" in capsys.readouterr().err
     assert run(["evaluate", "scene.json", "a.npz", "--json", "-q"]) == 0
     assert json.loads(capsys.readouterr().out)["clamped"] == []
     assert run(["subspace", "play", "a.npz", "--frames", "25", "-o", "m.npz", "-q"]) == 0
