@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from clothfit.base.arrays import Array
+from clothfit.base.errors import InvalidInput
 from clothfit.export import blender as mapping
 from clothfit.formats.axes import Axes, facing, from_scene, to_scene
 from clothfit.scene.scene import Scene
@@ -41,6 +42,8 @@ def tool_of(scene: Scene, index: int, frames: int, blender: Blender) -> Tool:
     """Blender for one cloth, over so many of its frames. Raises InvalidInput, InvalidScene."""
     refuse(scene, "blender")
     own = scene.cloths[index]
+    if own.pins or scene.changes:
+        raise InvalidInput(f"{scene.name}: the model of blender has no pins that move, and no inputs over time")
     base = mapping.one(index, own, mapping.step_of(scene))
     mesh = io.BytesIO()
     np.savez(mesh, positions=from_scene(own.positions, AXES), triangles=facing(own.triangles, AXES))
@@ -58,6 +61,16 @@ def tool_of(scene: Scene, index: int, frames: int, blender: Blender) -> Tool:
         return to_scene(positions, AXES) if np.isfinite(positions).all() else None
 
     return Tool("blender", tuple(values), motion, None, SIMILAR)
+
+
+def left_out(scene: Scene) -> list[str]:
+    """What of a scene the export to Blender does not have, in words."""
+    there = {
+        "the wind": bool(scene.wind.any()) and any(cloth.feels_air for cloth in scene.cloths),
+        "the drag of the air": any(cloth.feels_air for cloth in scene.cloths),
+        "the spheres": bool(scene.spheres),
+    }
+    return [words for words, found in there.items() if found]
 
 
 def values_of(base: dict[str, Any]) -> list[Value]:

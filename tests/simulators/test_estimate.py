@@ -11,7 +11,7 @@ from clothfit.cli.program import run
 from clothfit.meshes.mesh import plane
 from clothfit.motion.motion import Motion
 from clothfit.simulators import sweeps, xpbd, xpbd_values
-from clothfit.simulators.blender import values_of, with_values
+from clothfit.simulators.blender import left_out, values_of, with_values
 from clothfit.simulators.blender_process import program
 from clothfit.simulators.estimate import Options, estimate
 
@@ -122,3 +122,11 @@ def test_blenders_values_are_factors_on_the_mapped_ranges():
     assert made["bending"]["weights"] == [1.0]
     assert made["mass"] == 0.02
     assert base["bending"]["stiffness_max"] == 0.3
+
+
+def test_what_blenders_cloth_has_not_is_said(scene):
+    assert left_out(scene) == ["the drag of the air"]
+    mesh = plane(1, 1.0)
+    windy = clothfit.new_scene(mesh, drag=0.1, wind=(1, 0, 0), spheres=[(0, -1, 0, 0.5)])
+    assert left_out(windy) == ["the wind", "the drag of the air", "the spheres"]
+    assert left_out(clothfit.new_scene(mesh, drag=0.0, wind=(1, 0, 0))) == []

@@ -106,6 +106,11 @@ def fit(
     motion = None
     if files.pairs:
         motion, scene = one_target(files, scene, console)
+    if asked.simulator == "blender":
+        from clothfit.simulators.blender import left_out
+
+        if lost := left_out(scene):
+            console.warn(f"{scene.name}: Blender's cloth is fitted without {' and '.join(lost)}")
     console.announce_compilation()
     from clothfit.simulators import written
     from clothfit.simulators.estimate import estimate
