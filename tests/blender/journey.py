@@ -6,6 +6,7 @@ their function is called here.
 
 import importlib
 import json
+import re
 import shutil
 import sys
 import time
@@ -111,7 +112,14 @@ def main():
     own.target, own.other = "OBJECT", bpy.data.objects["cloth fitted"]
     own.letters, own.options = "L", LONG
     bpy.ops.clothfit.fit()
-    found["cancel"] = wait(operators, lambda said: "RMSE" in said, bpy.ops.clothfit.cancel)
+    errors = set()
+
+    def better(said):
+        """Whether the fit is better than its start."""
+        errors.update(re.findall("RMSE [^,]+", said))
+        return len(errors) > 1
+
+    found["cancel"] = wait(operators, better, bpy.ops.clothfit.cancel)
     own.target, own.path, own.options = "FILE", "no such file.pc2", ""
     bpy.ops.clothfit.fit()
     found["missing"] = wait(operators)

@@ -4,6 +4,7 @@ using System;
 using System.Globalization;
 using System.IO;
 using System.Linq;
+using System.Text.RegularExpressions;
 using System.Threading;
 using Clothfit;
 using Clothfit.Editing;
@@ -78,11 +79,17 @@ static class Journeys
         Console.WriteLine("springs: " + Gizmos.Lines.Count + " colours: " + Gizmos.Lines.Select(line => line.Colour).Distinct().Count());
     }
 
-    /// <summary>Cancels once there is progress of the fit itself.</summary>
+    /// <summary>Cancels once the fit is better than its start.</summary>
     static void Cancel(Action cancel)
     {
         ClothfitMenu.Estimate();
-        Wait(() => Progress.Lines.Last().Description.Contains("RMSE"));
+        string first = "";
+        Wait(() =>
+        {
+            string now = Regex.Match(Progress.Lines.Last().Description, "RMSE [^,]+").Value;
+            if (first == "") first = now;
+            return now != first;
+        });
         Console.WriteLine("id: " + BackgroundFit.Id);
         cancel();
         Wait(() => !BackgroundFit.Runs);
