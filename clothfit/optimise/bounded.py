@@ -7,7 +7,7 @@ steps: a coordinate that the derivative presses against its bound is held, the o
 the step. Every step lowers the value, so even where the steps end early the result is no worse than δ = 0. They end
 where the same coordinates are held again and the value is no lower: H is singular, and rounding moves them in turn.
 The eigenvalues of a singular H are taken once, for the first step: they take twenty times as long as the factor of
-H + ridge, which is as good for a step that the bounds will cut.
+H + ridge, which is as good for a step that the bounds will cut. A sparse H always has a ridge.
 
 Raises what `interrupts.check` raises, between two steps.
 
@@ -19,12 +19,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.eigen import eigen
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+    Matrix = Array | csr_array
+    """Symmetric (Q, Q), dense or sparse."""
 
 STEPS = 100
 """Projected steps; a handful suffices, except where many bounds hold strongly coupled coordinates."""
@@ -47,12 +54,21 @@ RIDGE = 1e-12
 EIGENVALUES = 3000
 """Coordinates above which a singular H has its ridge from the first step on: eigenvalues would take minutes."""
 
+SPARSE = 1500
+"""Coordinates from which on a sparse H is factored as such."""
+
 PATIENCE = 2.0
 """Seconds after which `waiting` is called, between two steps."""
 
 
+def either(H: csr_array) -> Matrix:
+    """A sparse H, dense where that is small enough or hardly less."""
+    size = H.shape[0]
+    return H if size > SPARSE and H.nnz < 0.1 * size * size else H.toarray()
+
+
 def solve(
-    H: Array,
+    H: Matrix,
     g: Array,
     lower: Array,
     upper: Array,
@@ -65,7 +81,7 @@ def solve(
     delta = np.clip(np.zeros(len(g)), lower, upper)
     held = pressed(H, g, lower, upper, delta)
     reached: dict[bytes, float] = {}  # the value where these were held
-    least = RIDGE * float(np.trace(H))
+    least = RIDGE * float(H.diagonal().sum())
     ridge, told = least if len(g) > EIGENVALUES else 0.0, time.monotonic()
     for _ in range(STEPS):
         interrupts.check()  # thousands of values take seconds a step
@@ -78,7 +94,10 @@ def solve(
         reached[held.tobytes()] = value
         free, rest = np.flatnonzero(~held), np.flatnonzero(held)
         target = delta.copy()
-        target[free] = within(H[np.ix_(free, free)], g[free] + H[np.ix_(free, rest)] @ delta[rest], radius, ridge)
+        if isinstance(H, np.ndarray):
+            target[free] = within(H[np.ix_(free, free)], g[free] + H[np.ix_(free, rest)] @ delta[rest], radius, ridge)
+        else:
+            target[free] = unbounded(H[free][:, free], -g[free] - H[free][:, rest] @ delta[rest])
         inside = bool(((target >= lower) & (target <= upper)).all())
         new = target if inside else downwards(H, g, lower, upper, delta, target)
         if new is None:
@@ -90,13 +109,13 @@ def solve(
     return delta
 
 
-def pressed(H: Array, g: Array, lower: Array, upper: Array, delta: Array) -> Flags:
+def pressed(H: Matrix, g: Array, lower: Array, upper: Array, delta: Array) -> Flags:
     """Which coordinates (Q,) lie at a bound and would leave it outwards."""
     derivative = H @ delta + g
     return np.asarray(((delta <= lower) & (derivative >= 0)) | ((delta >= upper) & (derivative <= 0)))
 
 
-def downwards(H: Array, g: Array, lower: Array, upper: Array, delta: Array, target: Array) -> Array | None:
+def downwards(H: Matrix, g: Array, lower: Array, upper: Array, delta: Array, target: Array) -> Array | None:
     """The best of the points on the way to `target`, cut by the bounds, among the halvings around the first that is
     lower; None where none is.
     """
@@ -109,6 +128,21 @@ def downwards(H: Array, g: Array, lower: Array, upper: Array, delta: Array, targ
         elif best is not None:
             break
     return best
+
+
+def unbounded(H: Matrix, right: Array) -> Array:
+    """H⁻¹ times a vector (Q,), with a little on the diagonal that makes a singular H regular."""
+    if isinstance(H, np.ndarray):
+        tiny = RIDGE * float(H.diagonal().max(initial=0.0)) + np.finfo(float).tiny
+        return substitute(shifted(H, tiny), right)
+    from scipy.sparse import diags_array
+    from scipy.sparse.linalg import splu
+
+    size = H.diagonal()
+    scale = 1.0 / np.sqrt(np.where(size > 0, size, 1.0))
+    regular = (diags_array(scale) @ H @ diags_array(scale) + diags_array(np.where(size > 0, RIDGE, 1.0))).tocsc()
+    options: dict[str, Any] = {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+    return np.asarray(scale * splu(regular, permc_spec="MMD_AT_PLUS_A", **options).solve(scale * right))
 
 
 def within(H: Array, g: Array, radius: float = np.inf, ridge: float = 0.0) -> Array:

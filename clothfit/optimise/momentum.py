@@ -13,9 +13,8 @@ with where it is, and the errors of different rows are independent again, as lea
 noise within the forces; smoothing the target over a few frames lessens it. A fit tries several `TREATMENTS` and keeps
 the best. Reference for equation-error estimation: L. Ljung, System Identification, 1999, chapter 7.
 
-Few steps of a motion may not be in balance at all, whatever the parameters: those that were shortened (`step.guard`) or
-taken with the clamped matrix, and Euler steps among those of BDF2. They are found by least trimmed squares, and left
-out: P. J. Rousseeuw, Least median of squares regression, Journal of the American Statistical Association 79, 1984.
+Steps that were not taken as the scene has it, shortened or clamped, are found and balanced as they were taken, or left
+out (`balances.trimming`).
 """
 
 from __future__ import annotations
@@ -32,7 +31,9 @@ from clothfit.engine.system import EXPLICIT
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run
 from clothfit.optimise import bounded
-from clothfit.optimise.balances import Rows, balances, matrix, smoothed, stacked, summed_twice, track
+from clothfit.optimise.balances.balances import Balances, Form, Places, balances, forms, smoothed, summed_twice, track
+from clothfit.optimise.balances.rows import Equations, Rows
+from clothfit.optimise.balances.trimming import EXACT, balanced, in_balance, trimmed
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import bounds
 from clothfit.scene.kinds import LETTERED
@@ -43,30 +44,11 @@ if TYPE_CHECKING:
 DENSE = 6000
 """Parameters up to which the normal equations are a dense matrix."""
 
+ENTRY = 32
+"""Bytes for each number in the balances, with those of another form or of sums beside it."""
 
-ENTRY = 100
-"""Bytes for each number in the balances, in all the forms that it takes on the way to a matrix."""
-
-
-OUT_OF_BALANCE = 10.0
-"""Times the median residual of the steps from which on a step is out of balance."""
-
-UNEVEN = 3.0
-"""The same for a balance that all steps share in, so that those which are in none spoil it for the others."""
-
-NEGLIGIBLE = 1e-8
-"""Residual, relative to what masses and stiffnesses make of their columns, up to which a step is in balance however
-much less the others' is: a hundred times the tolerance of the linear systems of an exact target.
-"""
-
-MOST_OUT = 0.25
-"""Share of the steps that may be out of balance; where more are, it is not the steps that are exceptions."""
-
-ROUNDS = 10
-"""Rounds of trimming; a few suffice."""
-
-RIDGE = 1e-12
-"""What makes a matrix regular that finds the steps out of balance, relative to its diagonal."""
+REFINEMENTS = 3
+"""Solutions for what the one before left: the first loses half of the digits, as CᵀC is badly conditioned."""
 
 
 class Treatment(NamedTuple):
@@ -110,8 +92,9 @@ def fit(
         column = np.full(len(p), -1, np.int32)
         column[places] = np.arange(len(places))
         parts = [rows_of(objective, run, p, own, column, treatment) for run in objective.runs if run.cloth == cloth]
-        whole = stacked(parts)
-        found[places] = solve(whole, p[places], lower[places], upper[places], not treatment.summed, waiting)
+        equations = Equations([part for part, _ in parts])
+        within = lower[places], upper[places]
+        found[places] = solve(equations, p[places], *within, None if treatment.summed else parts, waiting)
     return found
 
 
@@ -144,15 +127,20 @@ def information(objective: Objective, p: Array, fitted: Flags, factor: Array) ->
         column = np.full(len(p), -1, np.int32)
         for block in own:
             column[block.part] = np.where(fitted[block.part], (np.cumsum(fitted) - 1)[block.part], -1)
-        rows = rows_of(objective, run, p, own, column, TREATMENTS[0], len(places))
+        part = rows_of(objective, run, p, own, column, TREATMENTS[0], len(places))
         steps = run.steps - (1 if run.system.method == EXPLICIT else 0)
-        if len(rows.r) < 3 * steps * int(run.system.vertex.free.sum()):
+        if part[0].counts.sum() < 3 * steps * int(run.system.vertex.free.sum()):
             return None
-        rows = rows.only(in_balance(rows, np.zeros(len(places)))).times(factor[places])
-        H += (rows.C.T @ rows.C).toarray()
-        g -= rows.C.T @ rows.r
-        squares, count = squares + float(rows.r @ rows.r), count + len(rows.r)
+        rows, none = Equations([part[0]]), np.zeros(len(places))
+        kept = reformed([part], rows, none, in_balance(rows, rows.counts > 0, none))
+        H += factor[places, None] * rows.gram(kept).toarray() * factor[places]
+        g -= factor[places] * rows.right(none, kept)
+        squares, count = squares + float((rows.sizes(none)[0][kept] ** 2).sum()), count + int(rows.counts[kept].sum())
     return H, g, squares, count
+
+
+Part = tuple[Rows, Callable[[Form, Places], Balances]]
+"""The rows of a run, and what gives those of some steps in another form."""
 
 
 def rows_of(
@@ -163,16 +151,17 @@ def rows_of(
     column: Indices,
     treatment: Treatment,
     width: int | None = None,
-) -> Rows:
+) -> Part:
     """The rows of one run, by the parameters of its masses and stiffnesses; Q is `width`, or as many as
     `column` (P,) has.
     """
     system = run.changed(p)
     seen = track(run.comparison.goal, system)
-    rows = balances(system, smoothed(seen, system.x0, treatment.frames) if treatment.frames > 1 else seen)
-    given = matrix(summed_twice(rows, system.method) if treatment.summed else rows, system)
+    seen = smoothed(seen, system.x0, treatment.frames) if treatment.frames > 1 else seen
+    made = balances(system, seen)
     wanted = columns(system, own, p, column, np.ones(len(p)), width or int(column.max()) + 1)
-    return given._replace(C=given.C @ spread(wanted))
+    rows = Rows(summed_twice(made, system.method) if treatment.summed else made, system, spread(wanted))
+    return rows, lambda form, steps: balances(system, seen, form, steps)
 
 
 def spread(wanted: Columns) -> csr_array:
@@ -186,72 +175,57 @@ def spread(wanted: Columns) -> csr_array:
     return csr_array((factor[moved], (row[moved], column[moved])), shape=(len(entries), wanted.width))
 
 
-def iterated(scaled: csr_array, r: Array) -> Array:
-    """The least-squares solution q (Q,) of scaled q = r by LSMR, for problems too large for a dense matrix."""
-    from scipy.sparse.linalg import lsmr
-
-    q, *_ = lsmr(scaled, r, atol=1e-15, btol=1e-15, conlim=0.0, maxiter=4000)
-    return np.asarray(q)
-
-
 def solve(
-    rows: Rows, p: Array, lower: Array, upper: Array, trim: bool, waiting: Callable[[], None] | None = None
+    rows: Equations,
+    p: Array,
+    lower: Array,
+    upper: Array,
+    trim: Sequence[Part] | None,
+    waiting: Callable[[], None] | None = None,
 ) -> Array:
-    """The parameters (Q,) within the bounds that make r − C (q − p) least, from p (Q,); with `trim` over the steps that
-    can be in balance.
+    """The parameters (Q,) within the bounds that make r − C (q − p) least, from p (Q,); where the parts to `trim` are
+    given, over the steps that can be in balance.
 
     What the rows do not determine stays as it is in p. Two rounds of refinement with the rows themselves undo what
     squaring the matrix costs.
     """
-    size = np.sqrt(np.asarray(rows.C.multiply(rows.C).sum(axis=0)).reshape(-1))
+    kept: Flags = rows.counts > 0
+    if not kept.any():
+        return p
+    H = rows.gram(kept)
+    if trim is not None:
+        good = trimmed(rows, kept, bounded.either(H), waiting)
+        if not np.array_equal(good, kept):
+            q = balanced(rows, good)
+            kept = reformed(trim, rows, q, good)
+            H = rows.gram(kept)
+    size = np.sqrt(H.diagonal())
     determined = size > 0
     scale = np.where(determined, size, 1.0)
-    rows = rows.times(1.0 / scale)
     low, high = (lower - p) * scale, (upper - p) * scale
-    if len(p) > DENSE:
-        q = iterated(rows.C, rows.r)
-        return np.asarray(np.where(determined, np.clip(p + q / scale, lower, upper), p))
-    H = (rows.C.T @ rows.C).toarray()
-    if trim:
-        rows, H = trimmed(rows, H)
-    q = np.zeros(len(p))
-    for _ in range(3):
-        g = -(rows.C.T @ (rows.r - rows.C @ q))
-        q = q + bounded.solve(H, g, low - q, high - q, waiting=waiting)
+    scaled, q = bounded.either(H.multiply(1.0 / scale).multiply(1.0 / scale[:, None]).tocsr()), np.zeros(len(p))
+    for _ in range(REFINEMENTS):
+        g = -rows.right(q / scale, kept) / scale
+        q = q + bounded.solve(scaled, g, low - q, high - q, waiting=waiting)
     return np.asarray(np.where(determined, np.clip(p + q / scale, lower, upper), p))
 
 
-def in_balance(rows: Rows, q: Array) -> Flags:
-    """Which rows (N,) are of steps that are in balance at q (Q,): all, where too many would not be."""
-    size = rows.residuals(q)
-    good = size <= OUT_OF_BALANCE * np.median(size)
-    return np.asarray((good if np.mean(good) >= 1.0 - MOST_OUT else np.ones(len(size), bool))[rows.step])
-
-
-def trimmed(rows: Rows, H: Array) -> tuple[Rows, Array]:
-    """The rows of the steps that can be in balance, and their CᵀC (Q, Q), from that of all, H: least trimmed squares.
-
-    The half of the steps that is nearest to balance is balanced again and again, until it stays the same.
+def reformed(parts: Sequence[Part], rows: Equations, q: Array, good: Flags) -> Flags:
+    """Which steps (S,) are in balance at q (Q,) in any form; those not `good` yet take the one that brings them into
+    it. Only where the good ones are exact: noise, or another model, would choose at random.
     """
-    if len(rows.r) < 4 * len(H):
-        return rows, H
-    q = at_least_squares(rows, H)
-    size = rows.residuals(q)
-    if size.max() <= max(UNEVEN * np.median(size), NEGLIGIBLE * np.median(rows.terms(q))):
-        return rows, H
-    half: Flags = np.zeros(len(rows.r), bool)
-    for _ in range(ROUNDS):
-        size, before = rows.residuals(q), half
-        half = np.asarray((size <= np.median(size))[rows.step])
-        if np.array_equal(half, before):
-            break
-        nearest = rows.only(half)
-        q = at_least_squares(nearest, (nearest.C.T @ nearest.C).toarray())
-    good = rows.only(in_balance(rows, q))
-    return good, (good.C.T @ good.C).toarray()
-
-
-def at_least_squares(rows: Rows, H: Array) -> Array:
-    """The minimum q (Q,) of |r − C q|², without bounds, H being CᵀC."""
-    regular = bounded.shifted(H, RIDGE * float(H.diagonal().max(initial=0.0)) + np.finfo(float).tiny)
-    return bounded.substitute(regular, rows.C.T @ rows.r)
+    found = rows.of_parts(good)
+    for (part, other), kept in zip(parts, found, strict=True):
+        size, terms = part.sizes(q)
+        if not kept.any() or (size > EXACT * terms)[kept].any():
+            continue
+        for form in forms(part.system):
+            out = np.flatnonzero(~kept & (part.counts > 0))
+            if not len(out):
+                break
+            there = Rows(other(form, out), part.system, part.spread, part.pattern)
+            size, terms = there.sizes(q)
+            into = size <= EXACT * terms
+            part.replace(out[into], there.found.of(np.flatnonzero(into)))
+            kept[out[into]] = True
+    return np.concatenate(found)

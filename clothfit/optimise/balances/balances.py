@@ -6,32 +6,38 @@ iterations the residual of the converged step is used.
 
 A BDF2 step (`step.bdf2`) gives v⁺ = (x⁺ − x̃)/h' from three positions, and its balance needs two velocities before it:
 five positions in all. Its first step is an implicit Euler step; others that the guard made so are not in balance.
+
+Steps may have been taken otherwise than as the scene says (`step.guard`): with the clamped matrix, or only a part of
+them, v⁺ = θ w. Their balances are as linear as the others', in another `Form`; which steps these are is not known
+before the parameters are (`trimming`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clothfit.base import interrupts
-from clothfit.base.arrays import Array, Flags, Indices
+from clothfit.base.arrays import Array, Flags
 from clothfit.derivative.stencil import Stencil, stencil
 from clothfit.derivative.step_jacobian import differentiate, jacobian
 from clothfit.engine.forces import meeting, total, touch
 from clothfit.engine.inputs.tables import couple_change, set_inputs
 from clothfit.engine.solve import sparse
 from clothfit.engine.step import bdf2, implicit
-from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, mobile
+from clothfit.engine.system import BDF2, EXPLICIT, IMPLICIT, System, clamped, mobile
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.vectors import add, add_mass, copy
 from clothfit.objective.target import Target
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
     from clothfit.engine.forces.selfcontact.pairs import Surface
+
+
+Places = NDArray[np.intp]
+"""Numbers of steps."""
 
 
 class Track(NamedTuple):
@@ -67,20 +73,59 @@ class Balances(NamedTuple):
     stiffness: Array  # C of each stiffness at both ends of its spring, (T, S, 2, 3)
     valid: Flags  # (T, n), whether all that row needs was seen
 
+    def of(self, steps: slice | Places) -> Balances:
+        """Those of some steps."""
+        return Balances(self.residual[steps], self.mass[steps], self.stiffness[steps], self.valid[steps])
 
-def balances(system: System, track: Track) -> Balances:
-    """The balances of momentum along a track, with the system's masses and stiffnesses as p₀."""
+
+class Form(NamedTuple):
+    """How a step was taken."""
+
+    clamped: bool = False  # with the matrix that is positive definite whatever the state
+    theta: float = 1.0  # the part of it
+
+
+AS_GIVEN, CLAMPED = Form(), Form(clamped=True)
+
+SHORTENED = tuple(Form(clamped, theta) for theta in (0.5, 0.25, 0.125) for clamped in (False, True))
+"""Steps that were shortened; hardly one is shorter."""
+
+CHUNK = 4_000_000
+"""Numbers between two looks at interrupts."""
+
+
+def forms(system: System) -> tuple[Form, ...]:
+    """The forms that steps of a system may have besides the one that is given. Converged steps do not know with which
+    matrix they were solved, and what the guard makes of BDF2 steps changes the velocities of those after them.
+    """
+    if system.method != IMPLICIT:
+        return ()
+    return SHORTENED[::2] if system.newton_iterations > 1 else (CLAMPED, *SHORTENED)
+
+
+def balances(system: System, track: Track, form: Form = AS_GIVEN, only: Places | None = None) -> Balances:
+    """The balances of momentum along a track, with the system's masses and stiffnesses as p₀, of steps of one form; of
+    all T steps, or of some `only`.
+    """
     near = stencil(system, 1)
     steps = len(track.x) - (2 if system.method == EXPLICIT else 1)
     n, springs = len(system.x0), len(system.springs.rest)
-    r, mass, stiffness = (np.zeros((steps, *shape)) for shape in ((n, 3), (n, 3), (springs, 2, 3)))
-    out = Balances(r, mass, stiffness, valid_rows(system, near, track, steps))
+    wanted = np.arange(steps) if only is None else only
+    r, mass, stiffness = (np.zeros((len(wanted), *shape)) for shape in ((n, 3), (n, 3), (springs, 2, 3)))
+    out = Balances(r, mass, stiffness, valid_rows(system, near, track, steps)[wanted])
     alone = near._replace(start=np.zeros(n + 1, np.int32), neighbour=np.zeros(0, np.int32))
     x, v = np.ascontiguousarray(track.x), velocities(system, track.x)
+    system = clamped(system) if form.clamped else system
     two = system.method == BDF2
-    forms = bdf2.forms(system) if two else (system, system)
-    fill(*forms, two, alone, x, v, implicit.workspace(system), jacobian(system, alone), out)
-    interrupts.check()
+    pair = bdf2.forms(system) if two else (system, system)
+    memory = implicit.workspace(system), jacobian(system, alone)
+    meeting.clear(system.colliders)
+    length = max(CHUNK // max(6 * (n + springs), 1), 1)
+    for first in range(0, len(wanted), length):
+        own = wanted[first : first + length]
+        w = v[own + 1] / form.theta
+        fill(*pair, two, alone, x, v, w, own, *memory, out.of(slice(first, first + len(own))))
+        interrupts.check()
     return out
 
 
@@ -139,13 +184,15 @@ def touched_rows(surface: Surface, x: Array, steps: int) -> Flags:
 
 
 @kernel
-def fill(system, inner, two, near, x, v, work, step, out):
-    """Write the rows of all steps: with `two` those of the `bdf2.forms`, from the second step on of the inner one."""
+def fill(system, inner, two, near, x, v, after, steps, work, step, out):
+    """Write the rows of K steps (K,) to the velocities `after` (K, n, 3): with `two` of BDF2's `forms`, all but the
+    first step of the inner one.
+    """
     late = system.method == IMPLICIT and system.newton_iterations > 1
-    meeting.clear(system.colliders)
-    for t in range(len(out.residual)):
+    for k in range(len(steps)):
+        t, w = steps[k], after[k]
         set_inputs(system.inputs, system, t)
-        w, now = v[t + 1], (out.residual[t], out.mass[t], out.stiffness[t])
+        now = (out.residual[k], out.mass[k], out.stiffness[k])
         if two and t > 0:
             bdf2.extrapolate(inner.h, x[t], v[t], x[t - 1], v[t - 1], work)
             write(inner, near, work.x_base, work.v_base, w if late else work.u, w, True, work, step, now)
@@ -217,59 +264,3 @@ def smoothed(track: Track, x0: Array, frames: int) -> Track:
     seen = np.concatenate([np.repeat(whole[:1], half, axis=0), whole, np.repeat(whole[-1:], half, axis=0)])
     seen[0] = True
     return Track(x, seen)
-
-
-class Rows(NamedTuple):
-    """N rows of the problem for Q parameters."""
-
-    C: csr_array  # (N, Q)
-    r: Array  # (N,)
-    step: Indices  # (N,), the step that each belongs to, of those that have rows, counted from 0
-
-    def only(self, kept: Flags) -> Rows:
-        """Some of the rows (N,)."""
-        return Rows(self.C[kept], self.r[kept], self.step[kept])
-
-    def times(self, factor: Array) -> Rows:
-        """The rows for parameters q / factor, (Q,)."""
-        C = self.C
-        return self._replace(C=type(C)((C.data * factor[C.indices], C.indices, C.indptr), shape=C.shape))
-
-    def residuals(self, q: Array) -> Array:
-        """The root of the squares of each step's residuals at q (Q,)."""
-        return np.sqrt(np.bincount(self.step, weights=(self.r - self.C @ q) ** 2))
-
-    def terms(self, q: Array) -> Array:
-        """The root of the squares of Σ_j |C_ij q_j| in each step, at q (Q,): what residuals are small beside."""
-        return np.sqrt(np.bincount(self.step, weights=(abs(self.C) @ np.abs(q)) ** 2))
-
-
-def matrix(rows: Balances, system: System) -> Rows:
-    """The valid rows for all masses and stiffnesses, per vertex mass."""
-    from scipy.sparse import csr_array
-
-    steps, n = rows.valid.shape
-    springs, ends = len(system.springs.rest), system.springs.ends
-    weight = 1.0 / system.vertex.mass
-    row = np.arange(n * 3).reshape(n, 3)  # of one step; all have the same pattern
-    row = np.concatenate([row.ravel(), row[ends].ravel()])
-    column = np.concatenate([np.repeat(np.arange(n), 3), np.repeat(n + np.arange(springs), 6)])
-    order = np.lexsort((column, row))
-    by_mass, by_stiffness = rows.mass * weight[:, None], rows.stiffness * weight[ends][:, :, None]
-    values = np.concatenate([by_mass.reshape(steps, n * 3), by_stiffness.reshape(steps, springs * 6)], axis=1)[:, order]
-    start = np.arange(steps)[:, None] * len(order) + np.searchsorted(row[order], np.arange(n * 3))
-    pattern = np.tile(column[order], steps), np.append(start.ravel(), values.size)
-    whole = csr_array((values.ravel(), *pattern), shape=(steps * n * 3, n + springs))
-    kept = np.flatnonzero(np.repeat(rows.valid.ravel(), 3))
-    step = np.unique(kept // (3 * n), return_inverse=True)[1].astype(np.int32)
-    return Rows(whole[kept], (rows.residual * weight[:, None]).ravel()[kept], step)
-
-
-def stacked(parts: Sequence[Rows]) -> Rows:
-    """The rows of several runs, one below the other."""
-    from scipy.sparse import csr_array, vstack
-
-    before = np.cumsum([0] + [int(part.step.max(initial=-1)) + 1 for part in parts])
-    steps = [first + part.step for first, part in zip(before[:-1], parts, strict=True)]
-    C = csr_array(vstack([part.C for part in parts]))
-    return Rows(C, np.concatenate([part.r for part in parts]), np.concatenate(steps))
