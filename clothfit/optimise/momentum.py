@@ -33,7 +33,7 @@ from clothfit.objective.run import Run
 from clothfit.optimise import bounded
 from clothfit.optimise.balances.balances import Balances, Form, Places, balances, forms, smoothed, summed_twice, track
 from clothfit.optimise.balances.rows import Equations, Rows
-from clothfit.optimise.balances.trimming import EXACT, balanced, in_balance, trimmed
+from clothfit.optimise.balances.trimming import SHARP, balanced, in_balance, is_sharp, relative, trimmed
 from clothfit.scene.block import Block
 from clothfit.scene.fit_vector import bounds
 from clothfit.scene.kinds import LETTERED
@@ -212,20 +212,19 @@ def solve(
 
 def reformed(parts: Sequence[Part], rows: Equations, q: Array, good: Flags) -> Flags:
     """Which steps (S,) are in balance at q (Q,) in any form; those not `good` yet take the one that brings them into
-    it. Only where the good ones are exact: noise, or another model, would choose at random.
+    it. Only where most of the good ones are exact: noise, or another model, would choose at random.
     """
     found = rows.of_parts(good)
     for (part, other), kept in zip(parts, found, strict=True):
-        size, terms = part.sizes(q)
-        if not kept.any() or (size > EXACT * terms)[kept].any():
+        away = relative(*part.sizes(q))[kept]
+        if not len(away) or np.median(away) > SHARP:
             continue
         for form in forms(part.system):
             out = np.flatnonzero(~kept & (part.counts > 0))
             if not len(out):
                 break
             there = Rows(other(form, out), part.system, part.spread, part.pattern)
-            size, terms = there.sizes(q)
-            into = size <= EXACT * terms
-            part.replace(out[into], there.found.of(np.flatnonzero(into)))
+            into = np.flatnonzero(is_sharp(relative(*there.sizes(q)), away))
+            part.replace(out[into], there.found.of(into))
             kept[out[into]] = True
     return np.concatenate(found)

@@ -33,8 +33,12 @@ much less the others' is: a hundred times the tolerance of the linear systems of
 """
 
 EXACT = 1e-6
-"""The same up to which no one doubts that a step is in balance, how many others may not be: a million times nearer than
-noise or another model comes."""
+"""The same up to which a step is in balance beside others that are."""
+
+SHARP = 1e-3
+"""The same of half of the steps, up to which they are taken for exact but for the rounding of a file, and the others for
+exceptions, how many they may be: nearer than noise or another model comes.
+"""
 
 MOST_OUT = 0.25
 """Share of the steps that may be out of balance; where more are, it is not the steps that are exceptions."""
@@ -79,14 +83,14 @@ def trimmed(rows: Equations, known: Flags, H: bounded.Matrix, waiting: Callable[
     for start in starts(rows, known, None if even else q):
         q = start if even else nearest_half(rows, known, start)
         size, terms = rows.sizes(q)
-        away = float(np.median(size[known] / np.maximum(terms[known], np.finfo(float).tiny)))
+        away = float(np.median(relative(size, terms)[known]))
         if away < least:
             best, least = q, away
-        if least <= EXACT:
+        if least <= SHARP:
             break
         if waiting:
             waiting()
-    if even and least > EXACT:
+    if even and least > SHARP:
         return known
     return in_balance(rows, known, best)
 
@@ -121,11 +125,23 @@ def nearest(size: Array, known: Flags) -> Flags:
 def in_balance(rows: Equations, known: Flags, q: Array) -> Flags:
     """Which of the known steps (S,) are in balance at q (Q,): all, where too many would not be."""
     size, terms = rows.sizes(q)
-    exact = known & (size <= EXACT * terms)
-    if exact[known].mean() > 0.5:
-        return np.asarray(exact)
+    away = relative(size, terms)
+    if np.median(away[known]) <= SHARP:
+        good = known & is_sharp(away, away[known])
+        if good[known].mean() > 0.5:
+            return np.asarray(good)
     good = known & (size <= OUT_OF_BALANCE * np.median(size[known]))
     return np.asarray(good if good[known].mean() >= 1.0 - MOST_OUT else known)
+
+
+def is_sharp(away: Array, others: Array) -> Flags:
+    """Which steps with residuals `away`, relative, are in balance beside others, of which most are."""
+    return np.asarray(away <= max(OUT_OF_BALANCE * float(np.median(others)), EXACT))
+
+
+def relative(size: Array, terms: Array) -> Array:
+    """Residuals relative to their terms."""
+    return np.asarray(size / np.maximum(terms, np.finfo(float).tiny))
 
 
 def balanced(rows: Equations, kept: Flags, H: bounded.Matrix | None = None) -> Array:

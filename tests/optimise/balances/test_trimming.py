@@ -33,7 +33,7 @@ def kept_of(C, r):
     return trimmed(rows, every, rows.gram(every))
 
 
-@pytest.mark.parametrize(("out", "noise", "kept"), [(4, 0.01, 36), (15, 0.01, 40), (15, 0.0, 25), (18, 0.0, 22)])
+@pytest.mark.parametrize(("out", "noise", "kept"), [(4, 0.03, 36), (15, 0.03, 40), (15, 1e-5, 25), (18, 0.0, 22)])
 def test_what_is_left_out_is_little_unless_the_rest_is_exact(out, noise, kept):
     # of 15 exceptions among 40 nobody can say that they are exceptions, but where the others leave nothing
     rng = np.random.default_rng(4)
