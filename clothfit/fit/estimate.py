@@ -50,7 +50,15 @@ from clothfit.scene.bounds import from_user
 from clothfit.scene.fit_vector import fitted_cloths, parameters
 from clothfit.scene.scene import Scene, check_is_scene, load
 from clothfit.strategy import step_choice
-from clothfit.strategy.auto import by_ladder, by_momentum, find, models_left, one_value_each, resumed
+from clothfit.strategy.auto import (
+    SolvedLooser,
+    by_ladder,
+    by_momentum,
+    find,
+    models_left,
+    one_value_each,
+    resumed,
+)
 from clothfit.strategy.ladder import as_model
 from clothfit.strategy.start import FirstPoint, choose_start, first_point, other_starts, start_warnings
 from clothfit.strategy.trajectory_fit import by_gauss_newton, go_on, resumed_prior
@@ -201,9 +209,22 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
         left = None if options.seconds is None else options.seconds - (interrupts.now() - began)
         with interrupts.limited(left):
             plan = replace(own, kept_out=None) if hidden else prepared(own, start, options, state)
-            found = searched(plan, start, hidden, options, checkpoint, state)
+            try:
+                found = searched(plan, start, hidden, options, checkpoint, state)
+            except SolvedLooser as looser:
+                plan = plan.solved(looser.tolerance, looser.p)
+                found = searched(plan, start, hidden, options, checkpoint, None)
+                found = replace(found, warnings=[*found.warnings, solved_as(looser.tolerance)])
             found = replace(found, hints=[*hints, *found.hints])
         return assessed(found, replace(plan, kept_out=plan.kept_out or kept_out), hidden, options)
+
+
+def solved_as(tolerance: float) -> str:
+    """What is said of a fit to a target that was solved less accurately than fits are."""
+    return (
+        "the cloth buckles, and how it does depends on how its linear systems are solved: the target shows them solved "
+        f"to {tolerance:g}, so the fit has the same"
+    )
 
 
 def assessed(found: Fit, plan: Prepared, hidden: bool, options: FitOptions) -> Fit:
@@ -249,6 +270,8 @@ def searched(
         first = in_time(objective, start, hidden, options.method)
     p, cost, warnings = first
     search = Search(objective, p, options.enough, options.budget, options.report, checkpoint, state, cost)
+    if options.tolerance == FIT_TOLERANCE < objective.scene.tolerance and objective.tolerance == FIT_TOLERANCE:
+        search.looser = objective.scene.tolerance
     search.settled = search.start if plan.settled else None
     search.take_over(plan.model, plan.substeps, plan.evaluations, plan.seconds, plan.computing)
     if not hidden:

@@ -50,6 +50,13 @@ class Prepared:
     seconds: float = 0.0
     computing: float = 0.0  # s, without other work of the machine
 
+    def solved(self, tolerance: float, p: Array) -> Prepared:
+        """The same from the values p (P,), with linear systems solved to another tolerance, relative."""
+        every = (self.objective, self.kept_out, self.whole)
+        objective, kept_out, whole = (each and each.until(each.steps + 1, tolerance) for each in every)
+        assert objective is not None
+        return replace(self, objective=objective, kept_out=kept_out, whole=whole, p=p, cost=np.inf)
+
 
 def flagged(scene: Scene, model: str | None) -> Scene:
     """The scene with a model in place of its own flags, where one is asked for; "auto" has all values free."""

@@ -56,7 +56,13 @@ class Treatment(NamedTuple):
 
     frames: int  # over which the target is smoothed, odd
     summed: bool  # whether the balances are summed twice over time
+    anchored: bool = False  # whether the mass of each cloth as a whole is held
 
+
+ANCHORED = Treatment(1, False, True)
+"""Where masses and stiffnesses are fitted, only the air and what else is known shows their common factor; in rounded
+positions that drowns, and least squares takes small values for small residuals. The ratios stay right.
+"""
 
 TREATMENTS = (
     Treatment(1, False),
@@ -92,10 +98,17 @@ def fit(
         column = np.full(len(p), -1, np.int32)
         column[places] = np.arange(len(places))
         parts = [rows_of(objective, run, p, own, column, treatment) for run in objective.runs if run.cloth == cloth]
-        equations = Equations([part for part, _ in parts])
+        equations = Equations([part for part, _ in parts], treatment.anchored and len(places) <= DENSE)
         within = lower[places], upper[places]
         found[places] = solve(equations, p[places], *within, None if treatment.summed else parts, waiting)
     return found
+
+
+def anchors(objective: Objective, fitted: Flags) -> bool:
+    """Whether there is a whole mass to hold: some cloth has masses and stiffnesses that are fitted."""
+    own = [block for block in objective.blocks if is_linear(block) and fitted[block.part].any()]
+    masses, others = ({block.cloth for block in own if (block.name == "mass") is heavy} for heavy in (True, False))
+    return bool(masses & others)
 
 
 def is_linear(block: Block) -> bool:

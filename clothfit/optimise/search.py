@@ -183,6 +183,7 @@ class Search:
         self.checkpoint, self.resumed = checkpoint, state
         self.warnings: list[str] = []  # what the user should know
         self.rungs: list[Rung] = []  # the models that were fitted from coarse to fine
+        self.looser: float | None = None  # tolerance of linear systems that the target may have been solved to
         self.longest = np.inf  # seconds of computing, after which a fit ends whose model cannot reproduce the target
         self.each = 0.0  # seconds of computing that the cost took when it was measured last
         self.model, self.substeps = "", 0  # that were chosen for the fit: a letter, and steps to a frame by BDF2

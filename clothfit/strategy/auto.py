@@ -31,6 +31,7 @@ from clothfit.strategy import ladder
 from clothfit.strategy.few_values import FEW_VALUES
 from clothfit.strategy.trajectory_fit import (
     FAR_ERROR,
+    NEAR_ERROR,
     ModelDiffers,
     by_gauss_newton,
     first_frames,
@@ -44,7 +45,18 @@ ACCURATE = 3e-4
 """Error of a momentum fit, relative to how far the target moves, below which noise has hardly scattered its values."""
 
 TRIED = momentum.TREATMENTS[:2]
-"""The momentum fits that are worth their time beside a trajectory fit."""
+"""The momentum fits that are worth their time beside a trajectory fit; and, where masses and stiffnesses are fitted,
+`ANCHORED`.
+"""
+
+
+class SolvedLooser(Exception):
+    """Ends a search whose target was solved less accurately than the search does, where that makes another motion."""
+
+    def __init__(self, tolerance: float, p: Array) -> None:
+        """`p` (P,) reproduces the target with linear systems solved to this tolerance, relative."""
+        super().__init__(f"the target was solved to {tolerance:g}")
+        self.tolerance, self.p = tolerance, p
 
 
 def find(
@@ -62,8 +74,15 @@ def find(
     early = first_frames(search.objective)
     exact = []
     if balances_can_hold(search, start, early):
-        exact = by_momentum(search, start, TRIED[:1] if one_value_each(search) else TRIED, early)
+        tried = TRIED[:1] if one_value_each(search) else TRIED
+        if momentum.anchors(search.objective, search.fitted):
+            tried = (tried[0], momentum.ANCHORED, *tried[1:])
+        exact = by_momentum(search, start, tried, early)
     if one_value_each(search):
+        if exact and not is_far(search):
+            status = by_gauss_newton(search, search.best.p, search.best.p, tau, windows=False)
+            if is_near(search):
+                return status
         return by_scan(search, start, tau)
     if too_many(search):
         return by_ladder(search, tau, [start])
@@ -159,7 +178,20 @@ def by_momentum(
         found.append((search.visit(p), p))
         if is_accurate(search):
             break
+        if early is not None and early.cost_or_infinity(p) <= NEAR_ERROR**2 * early.still and not is_near(search):
+            check_tolerance(search, p)
     return [p for _, p in sorted(found, key=lambda pair: -pair[0])]
+
+
+def check_tolerance(search: Search, p: Array) -> None:
+    """Raise SolvedLooser where the motion with p (P,) is the target's if the linear systems are solved as `simulate`
+    does: a cloth that buckles may fall to one side or the other by the error of a solver.
+    """
+    if search.looser is None:
+        return
+    own = search.objective.until(search.objective.steps + 1, search.looser)
+    if own.cost_or_infinity(p) <= NEAR_ERROR**2 * own.still:
+        raise SolvedLooser(search.looser, p)
 
 
 def balances_can_hold(search: Search, start: Array, early: Objective) -> bool:

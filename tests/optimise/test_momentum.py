@@ -16,7 +16,7 @@ from clothfit.objective.objective import Objective
 from clothfit.optimise import momentum
 from clothfit.optimise.balances.rows import Equations
 from clothfit.optimise.balances.trimming import in_balance
-from clothfit.optimise.momentum import TREATMENTS, Treatment
+from clothfit.optimise.momentum import ANCHORED, TREATMENTS, Treatment
 from clothfit.scene.fit_vector import parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
@@ -150,6 +150,27 @@ def test_steps_that_were_taken_otherwise_are_balanced_as_they_were_taken():
     assert momentum.reformed([part], rows, truth, good).all()
     size, terms = rows.sizes(truth)
     assert (size <= 1e-10 * terms).all()  # rounding of positions over h² beside the terms of springs
+
+
+@SLOW
+def test_the_ratio_comes_out_of_rounded_positions_where_the_whole_mass_is_held():
+    given = made(sheet("GG", alike=True, dragCoefficient=1e-5), frames=40)
+    exact = simulate(given, tolerance=TIGHT)
+    rounded = Motion(exact.positions.astype(np.float32).astype(float), exact.times, exact.vertex_counts)
+    alone, _, away = fitted(given, rounded)
+    p, _, _ = fitted(given, rounded, ANCHORED)
+    truth = parameters(given)
+    assert p[0] == pytest.approx(away[0], rel=1e-5)  # the weight of the anchor
+    # 2⁻²⁴ of 1 m over h² is 1e-4 of accelerations of 10; the air, which shows the mass, is 1e-5 of them
+    assert p[1] / p[0] == pytest.approx(truth[1] / truth[0], rel=1e-3)
+    assert abs(np.log(alone[0] / truth[0])) > 1.0  # and drowns
+
+
+def test_there_is_a_mass_to_hold_where_masses_and_stiffnesses_of_a_cloth_are_fitted():
+    for settings, expected in {("GG",): True, ("LL",): True, ("nL",): False, ("Gn", "nG"): False}.items():
+        given = made(*(sheet(each, 3, 3) for each in settings), frames=4)
+        aim = Objective(given, simulate(given), TIGHT)
+        assert momentum.anchors(aim, aim.identifiable) is expected
 
 
 # --- targets with gaps

@@ -20,7 +20,7 @@ from clothfit.optimise.status import Stop
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import load
 from clothfit.strategy import trajectory_fit
-from clothfit.strategy.auto import balances_can_hold, by_momentum, find
+from clothfit.strategy.auto import SolvedLooser, balances_can_hold, by_momentum, check_tolerance, find
 from clothfit.strategy.trajectory_fit import (
     FAR_ERROR,
     FIRST_WINDOW,
@@ -164,6 +164,22 @@ def test_the_momentum_fits_come_best_last():
     costs = [search.objective.cost(p) for p in found]
     assert costs == sorted(costs, reverse=True)
     assert search.best.cost == pytest.approx(costs[-1], rel=1e-9)
+
+
+def test_a_target_that_only_another_tolerance_reproduces_is_fitted_with_that():
+    """As a cloth that buckles to one side or the other by the error of a solver: here that error is made large."""
+    given = load(trial("nL", 30))
+    aim, p = Objective(given, simulate(given, 30, 1e-3), 1e-10), parameters(given)
+    search = Search(aim, p, NEVER, 100)
+    search.looser = 1e-3
+    with pytest.raises(SolvedLooser) as found:
+        check_tolerance(search, p)
+    assert found.value.tolerance == 1e-3
+    np.testing.assert_array_equal(found.value.p, p)
+    search.looser = None  # as where the user chose one
+    check_tolerance(search, p)
+    search.looser = 1e-3
+    check_tolerance(search, 3.0 * p)  # no tolerance makes the motion of these values the target's
 
 
 def test_no_momentum_fit_without_successive_frames():

@@ -107,13 +107,23 @@ class Rows:
         return np.asarray(self.spread.T @ out)
 
 
+ANCHOR = 1e6
+"""Weight of a mass that is held, relative to the largest of CᵀC."""
+
+
 class Equations:
     """The rows of several runs by the same Q parameters; their steps one after the other, S in all."""
 
-    def __init__(self, parts: Sequence[Rows]) -> None:
-        self.parts = parts
+    def __init__(self, parts: Sequence[Rows], anchored: bool = False) -> None:
+        """`anchored`: the mass of the whole cloth is held."""
+        self.parts, self.anchor = parts, np.zeros(0)
         self.counts = np.concatenate([part.counts for part in parts])
         self.Q = parts[0].spread.shape[1]
+        if anchored:
+            n = len(parts[0].weight)
+            whole = parts[0].spread[:n].sum(axis=0)
+            largest = self.gram(self.counts > 0).diagonal().max(initial=0.0)
+            self.anchor = whole * np.sqrt(ANCHOR * largest / max(whole @ whole, np.finfo(float).tiny))
 
     def of_parts(self, kept: Flags) -> list[Flags]:
         """Flags of all steps (S,), by parts."""
@@ -126,13 +136,17 @@ class Equations:
 
     def gram(self, kept: Flags) -> csr_array:
         """CᵀC (Q, Q) of the steps (S,) that are kept."""
+        from scipy.sparse import csr_array
+
         first, *others = (part.gram(own) for part, own in zip(self.parts, self.of_parts(kept), strict=True))
-        return sum(others, start=first)
+        whole = sum(others, start=first)
+        return whole + csr_array(np.outer(self.anchor, self.anchor)) if len(self.anchor) else whole
 
     def right(self, q: Array, kept: Flags) -> Array:
         """Cᵀ(r − C q) (Q,) of the steps (S,) that are kept."""
         found = zip(self.parts, self.of_parts(kept), strict=True)
-        return np.asarray(sum((part.right(q, own) for part, own in found), start=np.zeros(self.Q)))
+        right = np.asarray(sum((part.right(q, own) for part, own in found), start=np.zeros(self.Q)))
+        return right - self.anchor * (self.anchor @ q) if len(self.anchor) else right
 
 
 @kernel

@@ -36,8 +36,8 @@ EXACT = 1e-6
 """The same up to which a step is in balance beside others that are."""
 
 SHARP = 1e-3
-"""The same of half of the steps, up to which they are taken for exact but for the rounding of a file, and the others for
-exceptions, how many they may be: nearer than noise or another model comes.
+"""The same of half of the steps, up to which they are taken for exact but for the rounding of a file, and the others
+for exceptions, how many they may be: nearer than noise or another model comes.
 """
 
 MOST_OUT = 0.25
