@@ -19,8 +19,10 @@ ARGUMENTS = inspect.signature(clothfit.estimate).parameters
 FILES = {"output", "report", "in-place", "log", "plot", "gif"}
 """Options that say what is written, which a caller does with the result."""
 
-OF_THE_COMMAND = {"json", "version", "quiet", "verbose", "help", "watch", "forces", "subspace"}
+OF_THE_COMMAND = {"json", "version", "quiet", "verbose", "help", "watch", "forces", "subspace", "end-with-input"}
 """What a caller asks for otherwise: forces belong to the scene (`Scene.with_forces`), a subspace gives a start."""
+SIMULATORS = {"simulator", "iterations", "bends-by", "blender"}
+"""Options of fits in the model of another tool, which functions of their own do."""
 READING = {"fps", "frames", "scale", "up", "handedness", "map"}
 MANY = {"starts", "seed", "jobs", "cluster"}
 
@@ -37,7 +39,7 @@ def scene():
 
 
 def test_every_option_of_a_fit_is_a_keyword_argument_of_its_name():
-    own = set(options()) - FILES - OF_THE_COMMAND - READING - MANY
+    own = set(options()) - FILES - OF_THE_COMMAND - SIMULATORS - READING - MANY
     flags = {f"no_{name}": name for name in ARGUMENTS if isinstance(ARGUMENTS[name].default, bool)}
     names = {flags.get(name, name) for name in (option.replace("-", "_") for option in own)}
     called = {name for name in ARGUMENTS if name.startswith("on_")}
