@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from clothfit.scene.scene import Scene
     from clothfit.subspace.recorded.variation import Ranges
 
-RECORDING = ("--episodes", "--frames", "--wind", "--pins", "--pace", "--seed")
+RECORDING = ("--episodes", "--frames", "--wind", "--pins", "--pace", "--seed", "--motion", "--fps")
 BUILDING = ("--basis", "--error", "--cubature", "--modes", "--method", "--normals", "--half")
 TRAINING = ("minutes", "rounds", "recipe", "resume")
 SECTIONS = {
@@ -35,7 +35,7 @@ EPISODES, MANY_EPISODES, FRAMES = 9, 41, 300
 """Motions, those that a network learns from, and frames of each."""
 
 ONLY = {
-    "record": {"episodes", "frames", "wind", "pins", "pace", "seed"},
+    "record": {"episodes", "frames", "wind", "pins", "pace", "seed", "motions", "fps"},
     "build": {"episodes", "frames", "wind", "pins", "pace", "seed", "basis", "error", "cubature", "modes", "method",
               "normals", "half", *TRAINING},
     "play": {"frames", "inputs_path", "push_out", "instances", "seed", "coordinates"},
@@ -55,6 +55,10 @@ ONLY = {
 @click.option("--pace", type=float, metavar="FACTOR",
               help="What moves in the scene does so up to this much faster or slower.  [default: 1.25]")
 @click.option("--seed", type=int, metavar="S", help="Seed of all that is random.  [default: 0]")
+@click.option("--motion", "motions", multiple=True, metavar="M[@INPUTS]",
+              help="Take motions of other programs instead, with the inputs over time (JSON) that moved them; may be "
+              "repeated. The last one judges.")
+@click.option("--fps", type=float, metavar="F", help="Frames per second of their files.  [default: their times]")
 @click.option("--basis", type=int, metavar="R", help="Number of vectors.  [default: 64, or as --error needs]")
 @click.option("--error", metavar="LENGTH", help="Take as many vectors as leave out no more, such as 5mm.")
 @click.option("--cubature", type=float, metavar="ERROR",
@@ -98,12 +102,14 @@ def command(
     clothfit subspace play scene.model.npz --inputs gusts.json --frames 1000 -o motion.npz
     clothfit evaluate scene.json scene.model.npz
     clothfit subspace record scene.json --episodes 20 --wind 8 -o data.npz
+    clothfit subspace record scene.json --motion a.abc@a.json --motion b.abc@b.json -o data.npz
     clothfit subspace build data.npz --error 5mm
     clothfit subspace build scene.json --method network --minutes 5
     """
+    given["motions"] = given["motions"] or None
     for name, value in given.items():
         if value is not None and name not in ONLY[action]:
-            option = "--" + name.removesuffix("_path").replace("_", "-")
+            option = "--" + {"motions": "motion"}.get(name, name.removesuffix("_path").replace("_", "-"))
             raise click.UsageError(f"{option} does not go with {action}", click.get_current_context())
     check_least(1, frames=given["frames"], instances=given["instances"])
     check_least(2, episodes=given["episodes"])
@@ -157,7 +163,12 @@ def record(scene_path: str, path: str | None, given: dict[str, Any], as_json: bo
     out = output_for(path, scene_path, ".data.npz", ())
     if out.is_stream:
         raise InvalidInput("-o must be a file; - was given")
-    found = recorded(scene, out.path, given, console)
+    if given["motions"]:
+        from clothfit.cli.subspaces.foreign import collected
+
+        found = collected(scene, out.path, given, console)
+    else:
+        found = recorded(scene, out.path, given, console)
     console.say(f"→ {out.path}")
     if as_json:
         print_json("subspace", found | {"output": out.path})

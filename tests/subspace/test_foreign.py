@@ -1,0 +1,88 @@
+"""Motions from files as recorded data: at the times of the steps, with their inputs."""
+
+import json
+
+import numpy as np
+import pytest
+from helpers.scenes import cloth, document, write_scene
+from helpers.subspaces import scene_of
+
+from clothfit.base.errors import InvalidInput
+from clothfit.cli.program import run
+from clothfit.motion.motion import Motion
+from clothfit.subspace.recorded.foreign import collect, episode
+from clothfit.subspace.recorded.recording import Data
+from clothfit.subspace.recorded.variation import Episode
+
+pytestmark = pytest.mark.quick
+
+MADE = document(cloth(3, 2, vertIsFixed=[True] + [False] * 5), delta=0.02)
+SCENE = scene_of(MADE)
+
+
+def swing(times):
+    """A smooth motion (frames, 6, 3): all vertices by sin(3 t) (1, 2, 0), also the one that is fixed."""
+    return SCENE.cloths[0].positions + np.sin(3.0 * times)[:, None, None] * np.array([1.0, 2.0, 0.0])
+
+
+def motion_at(times, observed=None):
+    return Motion(swing(times), times, SCENE.vertex_counts, observed, "swing")
+
+
+def collected(tmp_path, *motions):
+    found = collect(SCENE, [(each, Episode(())) for each in motions], tmp_path / "data.npz")
+    return found, Data(tmp_path / "data.npz")
+
+
+@pytest.mark.parametrize("fps", [50.0, 24.0, 120.0])
+def test_frames_are_read_at_the_steps_and_what_is_fixed_stays(tmp_path, fps):
+    times = np.arange(int(fps) + 1) / fps
+    found, data = collected(tmp_path, motion_at(times), motion_at(times))
+    x, good = data.motion(1, 0)
+    steps = 0.02 * np.arange(51)
+    assert (len(x), good.all(), found.frames, found.left_out) == (51, True, 102, 0)
+    np.testing.assert_array_equal(x[:, 0], 0.0)
+    away = x[:, 1:] - (swing(steps) - SCENE.cloths[0].positions)[:, 1:]
+    # single precision; a cubic spline of gap d misses 5/384 d⁴ x⁗ inside and a few times that at its ends: x⁗ = 81 · 2
+    assert np.abs(away).max() < 3e-7 + (0.0 if fps == 50.0 else 0.1 * 162 / fps**4)
+
+
+def test_frames_that_do_not_show_all_do_not_count(tmp_path):
+    times = 0.02 * np.arange(30)
+    observed = np.ones((30, 6), bool)
+    observed[10:13, 4] = False
+    found, data = collected(tmp_path, motion_at(times, observed), motion_at(times))
+    np.testing.assert_array_equal(np.flatnonzero(~data.motion(0, 0)[1]), [10, 11, 12])
+    assert found.left_out == 3
+    observed[3:] = False
+    with pytest.raises(InvalidInput, match="3 frames show all vertices; at least 4"):
+        collected(tmp_path, motion_at(times, observed))
+
+
+def test_inputs_come_with_the_motion_and_their_files_are_found_from_anywhere(tmp_path):
+    listed = {"inputs": [{"acts": "wind", "file": "gusts.csv"}]}
+    (tmp_path / "inputs.json").write_text(json.dumps(listed))
+    (tmp_path / "gusts.csv").write_text("0 1 0 0\n1 2 0 0\n")
+    own = episode(SCENE, str(tmp_path / "inputs.json"))
+    assert own.items[0]["file"] == str(tmp_path / "gusts.csv")
+    (tmp_path / "wrong.json").write_text(json.dumps({"inputs": [{"acts": "rain"}]}))
+    with pytest.raises(InvalidInput, match="'rain' is none of"):
+        episode(SCENE, str(tmp_path / "wrong.json"))
+
+
+def test_the_command_writes_them_and_says_what_does_not_go_together(tmp_path, capsys):
+    path = write_scene(tmp_path, MADE)
+    times = 0.02 * np.arange(20)
+    np.savez(tmp_path / "a.npz", positions=swing(times), times=times)
+    (tmp_path / "gusts.json").write_text('[{"acts": "wind", "times": [0, 1], "values": [[0, 0, 0], [3, 0, 0]]}]')
+    named = ["--motion", f"{tmp_path}/a.npz@{tmp_path}/gusts.json"]
+    out = ["-o", str(tmp_path / "data.npz")]
+    assert run(["subspace", "record", str(path), *named, *named, *out]) == 0
+    data = Data(tmp_path / "data.npz")
+    assert [each.items[0]["acts"] for each in data.episodes] == ["wind", "wind"]
+    assert data.scene_of(0).wind_keys is not None
+    capsys.readouterr()
+    assert run(["subspace", "record", str(path), *named, *out]) == 3
+    assert "name two motions at least" in capsys.readouterr().err
+    assert run(["subspace", "record", str(path), *named, *named, "--wind", "3", *out]) == 2
+    assert "--wind makes motions at random" in capsys.readouterr().err
