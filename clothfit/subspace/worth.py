@@ -22,7 +22,7 @@ ITERATION = 0.8
 
 VECTORS = 64
 
-STATE = {"physics": 160.0, "network": 20.0}
+STATE = {"physics": 100.0, "network": 20.0}
 """A step with so many vectors; that of physics is in proportion to the iterations."""
 
 LEAST = 3.0

@@ -91,7 +91,7 @@ def test_files_complete_by_their_suffixes(line, found):
         ("new plane --fix-side b", ["bottom", "back"]),
         ("new plane --integrator s", ["symplectic"]),
         ("new plane --fit g", ["gravity"]),
-        ("export a.json --to o", ["obi"]),
+        ("export a.json --to ob", ["obi"]),
     ],
 )
 def test_values_complete(line, found):

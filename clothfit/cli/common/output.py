@@ -178,8 +178,8 @@ def is_among(path: str, others: Iterable[str | None]) -> bool:
 def same_file(a: str, b: str) -> bool:
     """Whether two paths lead to the same file, or would if it existed."""
     try:
-        return os.path.samefile(a, b)
-    except OSError:
+        with suppress(OSError):
+            return os.path.samefile(a, b)
         return os.path.realpath(a) == os.path.realpath(b)
     except ValueError:  # no possible name
         return False

@@ -94,4 +94,5 @@ def test_single_steps_and_instances_are_those_of_the_motion(scene):
         state, _ = own.advance(state or own.start())
         np.testing.assert_array_equal(state.q, q[t + 1].astype(np.float32))
     found = crowd.play(model, [scene, scene], STEPS + 1).coordinates[0]
-    np.testing.assert_array_equal(found, np.stack([q, q]))
+    # products of matrices sum in another order than those with vectors, in single precision, over 30 steps
+    np.testing.assert_allclose(found, np.stack([q, q]), rtol=0.0, atol=1e-5)
