@@ -31,8 +31,11 @@ SECTIONS = {
     "What to play (play)": ("--inputs", "--push-out", "--instances", "--coordinates"),
     "What is written": ("--output",),
 }
-EPISODES, MANY_EPISODES, FRAMES = 9, 41, 300
-"""Motions, those that a network learns from, and frames of each."""
+EPISODES, OF_SMALL, MANY_EPISODES, FRAMES = 9, 25, 41, 300
+"""Motions, those of small cloths, those that a network learns from, and frames of each."""
+
+SMALL = 1000
+"""Vertices of all cloths up to which motions take little time."""
 
 ONLY = {
     "record": {"episodes", "frames", "wind", "pins", "pace", "seed", "motions", "fps"},
@@ -46,7 +49,8 @@ ONLY = {
 @click.argument("action", metavar="record|build|play", type=click.Choice(tuple(ONLY)))
 @click.argument("subspace_path", metavar="SCENE|DATA|MODEL")
 @click.option("--episodes", type=int, metavar="N",
-              help=f"Record N motions; the last one judges.  [default: {EPISODES}; {MANY_EPISODES} for a network]")
+              help=f"Record N motions; the last one judges.  [default: {OF_SMALL} up to {SMALL} vertices, else {EPISODES}; "
+              f"{MANY_EPISODES} for a network]")
 @click.option("--frames", type=int, metavar="N",
               help=f"Frames of each motion.  [default: {FRAMES}; to play those of the scene]")
 @click.option("--wind", type=float, metavar="SPEED",
@@ -140,7 +144,9 @@ def recorded(scene: Scene, path: str, given: dict[str, Any], console: Console) -
     from clothfit.subspace.recorded.recording import record as record_to
     from clothfit.subspace.recorded.variation import episodes
 
-    many = MANY_EPISODES if given["method"] == "network" else EPISODES
+    many = OF_SMALL if sum(scene.vertex_counts) <= SMALL else EPISODES
+    if given["method"] == "network":
+        many = MANY_EPISODES
     ranges, count = ranges_of(scene, given), given["episodes"] or many
     steps, seed = (given["frames"] or FRAMES) - 1, given["seed"] or 0
     for c in range(len(scene.cloths)):
