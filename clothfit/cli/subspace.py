@@ -49,8 +49,8 @@ ONLY = {
 @click.argument("action", metavar="record|build|play", type=click.Choice(tuple(ONLY)))
 @click.argument("subspace_path", metavar="SCENE|DATA|MODEL")
 @click.option("--episodes", type=int, metavar="N",
-              help=f"Record N motions; the last one judges.  [default: {OF_SMALL} up to {SMALL} vertices, else {EPISODES}; "
-              f"{MANY_EPISODES} for a network]")
+              help=f"Record N motions; the last one judges.  [default: {OF_SMALL} up to {SMALL} vertices, "
+              f"else {EPISODES}; {MANY_EPISODES} for a network]")
 @click.option("--frames", type=int, metavar="N",
               help=f"Frames of each motion.  [default: {FRAMES}; to play those of the scene]")
 @click.option("--wind", type=float, metavar="SPEED",
