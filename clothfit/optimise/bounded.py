@@ -131,18 +131,26 @@ def downwards(H: Matrix, g: Array, lower: Array, upper: Array, delta: Array, tar
 
 
 def unbounded(H: Matrix, right: Array) -> Array:
-    """H⁻¹ times a vector (Q,), with a little on the diagonal that makes a singular H regular."""
+    """H⁻¹ times a vector (Q,), with a little on the diagonal that makes a singular H regular; 0 where a sparse H has
+    numbers that are not finite.
+    """
     if isinstance(H, np.ndarray):
         tiny = RIDGE * float(H.diagonal().max(initial=0.0)) + np.finfo(float).tiny
         return substitute(shifted(H, tiny), right)
     from scipy.sparse import diags_array
     from scipy.sparse.linalg import splu
 
+    if not np.isfinite(H.data).all():
+        return np.zeros(len(right))
     size = H.diagonal()
     scale = 1.0 / np.sqrt(np.where(size > 0, size, 1.0))
     regular = (diags_array(scale) @ H @ diags_array(scale) + diags_array(np.where(size > 0, RIDGE, 1.0))).tocsc()
     options: dict[str, Any] = {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
-    return np.asarray(scale * splu(regular, permc_spec="MMD_AT_PLUS_A", **options).solve(scale * right))
+    try:
+        factor = splu(regular, permc_spec="MMD_AT_PLUS_A", **options)
+    except RuntimeError:  # rounding of entries that differ by many orders of magnitude: exactly singular
+        return np.zeros(len(right))
+    return np.asarray(scale * factor.solve(scale * right))
 
 
 def within(H: Array, g: Array, radius: float = np.inf, ridge: float = 0.0) -> Array:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
+from scipy.sparse import csr_array
 
 from clothfit.base import interrupts
 from clothfit.optimise import bounded
@@ -207,3 +208,24 @@ def test_a_singular_matrix_beyond_numbers_changes_nothing_and_prints_nothing(cap
         found = bounded.solve(H, np.array([-1e300, 1.0, 0.0]), np.full(3, -1e-9), np.full(3, 1e-9))
     assert np.isfinite(found).all()
     assert capfd.readouterr().out == ""
+
+
+@pytest.mark.parametrize("size", [3, 40])
+def test_a_sparse_matrix_has_the_solution_of_the_dense_one(size):
+    rng = np.random.default_rng(2)
+    A = rng.normal(size=(2 * size, size)) * (rng.uniform(size=(2 * size, size)) < 0.3)
+    A[:, 1] = 0.0  # what no row knows
+    H, right = A.T @ A + np.diag((A == 0).all(axis=0) * 0.0), A.T @ rng.normal(size=2 * size)
+    found = bounded.unbounded(csr_array(H), right)
+    seen = np.diag(H) > 0
+    expected = np.linalg.lstsq(H[np.ix_(seen, seen)], right[seen], rcond=None)[0]
+    np.testing.assert_allclose(found[seen], expected, rtol=1e-6, atol=1e-9)  # the ridge, over the least eigenvalue
+    assert (found[~seen] == 0).all()
+    both = [bounded.solve(M, -right, np.full(size, -0.1), np.full(size, 0.1)) for M in (csr_array(H), H)]
+    np.testing.assert_allclose(*both, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("wrong", [np.inf, np.nan])
+def test_a_sparse_matrix_that_has_no_factor_moves_nothing(wrong):
+    H = csr_array(np.diag([1.0, wrong, 2.0]))
+    np.testing.assert_array_equal(bounded.unbounded(H, np.ones(3)), 0.0)

@@ -14,12 +14,15 @@ P. J. Rousseeuw, K. Van Driessen, Computing LTS regression for large data sets, 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.optimise import bounded
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 OUT_OF_BALANCE = 10.0
 """Times the median residual of the steps from which on a step is out of balance."""
@@ -63,7 +66,7 @@ class Equations(Protocol):
     def sizes(self, q: Array) -> tuple[Array, Array]:
         """The residual of each step (S,), and Σ |C q|, its terms."""
 
-    def gram(self, kept: Flags) -> bounded.Matrix:
+    def gram(self, kept: Flags) -> csr_array:
         """CᵀC (Q, Q) of the kept steps."""
 
     def right(self, q: Array, kept: Flags) -> Array:
@@ -146,5 +149,5 @@ def relative(size: Array, terms: Array) -> Array:
 
 def balanced(rows: Equations, kept: Flags, H: bounded.Matrix | None = None) -> Array:
     """The minimum q (Q,) of |r − C q|² over some steps, without bounds."""
-    G = rows.gram(kept) if H is None else H
+    G = bounded.either(rows.gram(kept)) if H is None else H
     return bounded.unbounded(G, rows.right(np.zeros(G.shape[0]), kept))

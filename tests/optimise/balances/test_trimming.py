@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 from clothfit.optimise.balances.trimming import trimmed
 
@@ -21,7 +22,7 @@ class Dense:
 
     def gram(self, kept):
         C = self.C[kept].reshape(-1, self.C.shape[2])
-        return C.T @ C
+        return csr_array(C.T @ C)
 
     def right(self, q, kept):
         away = self.r[kept] - self.C[kept] @ q
@@ -30,7 +31,7 @@ class Dense:
 
 def kept_of(C, r):
     rows, every = Dense(C, r), np.ones(len(C), bool)
-    return trimmed(rows, every, rows.gram(every))
+    return trimmed(rows, every, rows.gram(every).toarray())
 
 
 @pytest.mark.parametrize(("out", "noise", "kept"), [(4, 0.03, 36), (15, 0.03, 40), (15, 1e-5, 25), (18, 0.0, 22)])
