@@ -23,7 +23,7 @@ from clothfit.export.tools import exported
 from clothfit.formats.axes import Axes, facing, from_scene
 from clothfit.meshes.mesh import plane
 
-PLAYER = Path(__file__).with_name("blender_player.py")
+PLAYER = Path(__file__).with_name("blender_jobs.py")
 ROOT = Path(__file__).parents[1]
 
 FPS, FRAMES = 50.0, 101

@@ -15,21 +15,8 @@ from typing import Any
 import bpy  # type: ignore[import-not-found]
 import numpy as np
 
-
-def points(owner: Any) -> Any:
-    """The vertices (n, 3) of an object as it is now, in its own axes, as Blender keeps them."""
-    found = owner.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    mesh = found.to_mesh()
-    held = np.empty(3 * len(mesh.vertices), np.float32)
-    mesh.vertices.foreach_get("co", held)
-    found.to_mesh_clear()
-    return held.reshape(-1, 3)
-
-
-def world(owner: Any, own: Any) -> Any:
-    """The same in the world."""
-    matrix = np.array(owner.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world)
-    return own.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "clothfit" / "simulators"))  # it is no package there
+from blender_player import points, world  # type: ignore[import-not-found]
 
 
 def emptied(job: dict[str, Any]) -> Any:

@@ -22,54 +22,74 @@ import numpy as np
 ANSWER = "clothfit-blender: "
 
 
-def placed(owner: Any) -> Any:
-    """Positions (n, 3) of an object in the world, as it is now."""
+def points(owner: Any) -> Any:
+    """The vertices (n, 3) of an object as it is now, in its own axes, as Blender keeps them."""
     found = owner.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = found.to_mesh()
-    points = np.empty(3 * len(mesh.vertices), np.float32)
-    mesh.vertices.foreach_get("co", points)
+    held = np.empty(3 * len(mesh.vertices), np.float32)
+    mesh.vertices.foreach_get("co", held)
     found.to_mesh_clear()
-    matrix = np.array(found.matrix_world)
-    return points.reshape(-1, 3).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+    return held.reshape(-1, 3)
 
 
-def emptied(job: dict[str, Any]) -> Any:
-    """An empty scene with the frames of a job."""
+def world(owner: Any, own: Any) -> Any:
+    """The same in the world."""
+    matrix = np.array(owner.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world)
+    return own.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def placed(owner: Any) -> Any:
+    """Positions (n, 3) of an object in the world, as it is now."""
+    return world(owner, points(owner))
+
+
+def emptied(fps: float, frames: int) -> Any:
+    """An empty scene with frames at a rate."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
-    rate = max(1, round(job["fps"]))
-    scene.render.fps, scene.render.fps_base = rate, rate / job["fps"]
-    scene.frame_start, scene.frame_end = 1, job["frames"]
+    rate = max(1, round(fps))
+    scene.render.fps, scene.render.fps_base = rate, rate / fps
+    scene.frame_start, scene.frame_end = 1, frames
     return scene
 
 
-def cloth_of(job: dict[str, Any], scene: Any) -> Any:
-    """The mesh of a job, set up by the script."""
-    with np.load(job["mesh"]) as arrays:
+def mesh_of(path: str, scene: Any) -> Any:
+    """The mesh of a file, the active object of the scene."""
+    with np.load(path) as arrays:
         positions, triangles = arrays["positions"].tolist(), arrays["triangles"].tolist()
     mesh = bpy.data.meshes.new("cloth")
     mesh.from_pydata(positions, [], triangles)
     owner = bpy.data.objects.new("cloth", mesh)
     scene.collection.objects.link(owner)
     bpy.context.view_layer.objects.active = owner
-    space: dict[str, Any] = {"__name__": "script"}
-    exec(compile(Path(job["script"]).read_text("utf-8"), "blender.py", "exec"), space)
-    values = job.get("values") or space["DATA"]["objects"][0]
-    space["set_up"](owner, values, job["fps"])
     return owner
+
+
+def run(script: str, name: str) -> dict[str, Any]:
+    """Run a script as a module of a name; its names."""
+    space: dict[str, Any] = {"__name__": name}
+    exec(compile(Path(script).read_text("utf-8"), "blender.py", "exec"), space)
+    return space
+
+
+def from_the_first(scene: Any, owner: Any, frames: int) -> Any:
+    """The motion (frames, n, 3) of a mesh with one modifier, a cloth, from its first frame on."""
+    (modifier,) = owner.modifiers
+    modifier.point_cache.frame_end = frames
+    found = []
+    for frame in range(1, frames + 1):
+        scene.frame_set(frame)
+        found.append(placed(owner))
+    return np.array(found)
 
 
 def played(job: dict[str, Any]) -> Any:
     """The motion (frames, n, 3) of a job."""
-    scene = emptied(job)
-    owner = cloth_of(job, scene)
-    (modifier,) = owner.modifiers
-    modifier.point_cache.frame_end = job["frames"]
-    found = []
-    for frame in range(1, job["frames"] + 1):
-        scene.frame_set(frame)
-        found.append(placed(owner))
-    return np.array(found)
+    scene = emptied(job["fps"], job["frames"])
+    owner = mesh_of(job["mesh"], scene)
+    space = run(job["script"], "script")
+    space["set_up"](owner, job.get("values") or space["DATA"]["objects"][0], job["fps"])
+    return from_the_first(scene, owner, job["frames"])
 
 
 def answer(job: dict[str, Any]) -> dict[str, Any]:
