@@ -151,14 +151,28 @@ def facts(truth: Scene, fitted: Scene, show: Shown, log: Log, target: str | None
         error = f"RMSE {relative(part.rmse, show)}, at most {metres(part.max_error)}"
         rows.append([f"{name}, {part.frames}", error])
     rows += ended(log.summary)
-    size = f"{sum(truth.vertex_counts)} vertices, {sum(len(c.stiffness) for c in truth.cloths)} springs"
-    rows.append(["cloth", f"{counted(len(truth.cloths), 'object', 'objects')}, {size}"])
+    rows.append(cloth_row(truth))
     rows.append(["time step", f"{1e3 * fitted.delta:.4g} ms"])
     for name, vector, unit in vectors_of(fitted):
         if vector.any():
             parts = ", ".join(f"{part:.4g}" for part in vector)
             rows.append([name, f"({parts}) {unit}, {float(np.linalg.norm(vector)):.3g} {unit} in all"])
     return rows
+
+
+def cloth_row(scene: Scene) -> list[str]:
+    """The row that says how large the cloths of a scene are."""
+    size = f"{sum(scene.vertex_counts)} vertices, {sum(len(c.stiffness) for c in scene.cloths)} springs"
+    return ["cloth", f"{counted(len(scene.cloths), 'object', 'objects')}, {size}"]
+
+
+def vector_rows(scene: Scene) -> list[list[str]]:
+    """The rows of the vectors of the scene as a whole that are not 0."""
+    return [
+        [name, f"({', '.join(f'{part:.4g}' for part in vector)}) {unit}"]
+        for name, vector, unit in vectors_of(scene)
+        if vector.any()
+    ]
 
 
 def vectors_of(scene: Scene) -> list[tuple[str, Array, str]]:

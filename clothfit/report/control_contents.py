@@ -18,7 +18,7 @@ from clothfit.control.course import Course, away
 from clothfit.control.keyframes import Key
 from clothfit.optimise.status import Status
 from clothfit.pictures.polygons import good_frames
-from clothfit.report.contents import bound, listed, mesh, other, vectors_of
+from clothfit.report.contents import bound, cloth_row, listed, mesh, other, vector_rows
 from clothfit.report.findings import GOOD, STATUS, WARN
 from clothfit.report.packing import box, packed_errors, packed_flags, packed_positions
 from clothfit.report.showing import MOST_POSITIONS, Beside
@@ -182,13 +182,9 @@ def facts(over: Course, found: Control) -> list[list[str]]:
         rows.append(["forces", f"on {counted(pushed, 'vertex', 'vertices')}, at most {strength.max():.4g} N: {where}"])
     pins = sum(len(cloth.pins) for cloth in scene.cloths)
     rows += [["handles", counted(pins, "path of pins", "paths of pins")]] if pins else []
-    size = f"{sum(scene.vertex_counts)} vertices, {sum(len(c.stiffness) for c in scene.cloths)} springs"
-    rows.append(["cloth", f"{counted(len(scene.cloths), 'object', 'objects')}, {size}"])
+    rows.append(cloth_row(scene))
     rows.append(["time", f"{over.times[-1]:.4g} s in {len(over.times) - 1} steps of {1e3 * scene.delta:.4g} ms"])
-    for name, vector, unit in vectors_of(scene):
-        if vector.any():
-            rows.append([name, f"({', '.join(f'{part:.4g}' for part in vector)}) {unit}"])
-    return rows
+    return rows + vector_rows(scene)
 
 
 def keys_table(over: Course, found: Control) -> tuple[list[str], list[list[Cell]], str]:

@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from clothfit.base.messages import counted, metres
+from clothfit.base.messages import metres
 from clothfit.evaluation.evaluate import Distance, Evaluation
-from clothfit.report.contents import content, vectors_of
+from clothfit.report.contents import cloth_row, content, vector_rows
 from clothfit.report.findings import GOOD, WARN
 from clothfit.report.log import Log
 from clothfit.report.showing import MOST_POSITIONS, Beside, pictured
@@ -86,13 +86,9 @@ def facts(over: Compared) -> list[list[str]]:
     rows += [[names[name], f"off by {angle:.2g}° in the mean"] for name, angle in found.normals.items()]
     rows += [["spectrum", f"within {percent(found.spectrum)}"],
              ["standard deviations", f"of the vertices within {percent(found.deviation)}"]]
-    size = f"{sum(scene.vertex_counts)} vertices, {sum(len(c.stiffness) for c in scene.cloths)} springs"
-    rows.append(["cloth", f"{counted(len(scene.cloths), 'object', 'objects')}, {size}"])
+    rows.append(cloth_row(scene))
     rows.append(["time step", f"{1e3 * scene.delta:.4g} ms"])
-    for name, vector, unit in vectors_of(scene):
-        if vector.any():
-            rows.append([name, f"({', '.join(f'{part:.4g}' for part in vector)}) {unit}"])
-    return rows
+    return rows + vector_rows(scene)
 
 
 def errors(over: Compared) -> list[dict[str, Any]]:
