@@ -7,7 +7,7 @@ import pytest
 from helpers.scenes import cloth, document, write_scene
 from helpers.subspaces import scene_of
 
-from clothfit.base.errors import InvalidInput
+from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.cli.program import run
 from clothfit.motion.motion import Motion
 from clothfit.subspace.recorded.foreign import collect, episode
@@ -57,6 +57,16 @@ def test_frames_that_do_not_show_all_do_not_count(tmp_path):
     observed[3:] = False
     with pytest.raises(InvalidInput, match="3 frames show all vertices; at least 4"):
         collected(tmp_path, motion_at(times, observed))
+
+
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [([-0.5, 0, 0.5, 1], "is before the start"), ([0, 1, 2, 1e9], "too many steps away"),
+     ([0, 1, 2, 3e7], "of memory are free")],
+)  # fmt: skip
+def test_times_that_no_steps_reach_are_refused(tmp_path, times, said):
+    with pytest.raises((InvalidInput, InvalidMotion), match=said):
+        collected(tmp_path, motion_at(np.array(times, float)))
 
 
 def test_inputs_come_with_the_motion_and_their_files_are_found_from_anywhere(tmp_path):

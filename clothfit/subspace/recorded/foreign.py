@@ -8,30 +8,29 @@ inputs, as a network learns what follows from what it is told.
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
-from clothfit.base.writing import write_atomically
+from clothfit.base.memory import check_memory
 from clothfit.motion.motion import Motion
-from clothfit.scene.scene import Scene, dumps
+from clothfit.motion.times import frame_places
+from clothfit.scene.cloth import Cloth
+from clothfit.scene.scene import Scene
 from clothfit.subspace.recorded import inputs
-from clothfit.subspace.recorded.recording import Recorded, pack
+from clothfit.subspace.recorded.recording import Recorded, archived, keep
 from clothfit.subspace.recorded.variation import Episode, Ranges, varied
 
 FEWEST = 4
 """Frames of a motion at least: a cubic spline needs as many."""
 
-SAME = 1e-6
-"""How far from a step a frame may be, in steps, to be that step's."""
+ROW = 1.5
+"""Times the distance of the frames, up to which two of them are frames in a row."""
 
 
 def episode(scene: Scene, path: str | None) -> Episode:
@@ -52,21 +51,15 @@ def collect(scene: Scene, given: Sequence[tuple[Motion, Episode]], path: str | o
     """Write motions of a scene, each with its episode, as data. Raises InvalidInput."""
     if scene.frame:
         raise InvalidInput(f"{scene.name}: frame: motions of other programs need axes that stand still")
-    at_steps = [stepped(scene, motion, own) for motion, own in given]
-    steps = max(len(x) for x, _ in at_steps) - 1
-    about: dict[str, Any] = {
-        "folder": os.path.abspath(scene.folder), "steps": steps, "ranges": asdict(Ranges(0.0, 0.0, 1.0)),
-        "episodes": [asdict(own) for _, own in given],
-    }  # fmt: skip
+    found = [stepped(scene, motion, own) for motion, own in given]
+    steps = max(len(x) for x, _ in found) - 1
     ends = np.cumsum([0, *scene.vertex_counts])
-    with tempfile.TemporaryDirectory(prefix="clothfit-", dir=os.path.dirname(os.path.abspath(path))) as place:
-        for e, (x, good) in enumerate(at_steps):
+    with archived(scene, [own for _, own in given], Ranges(0.0, 0.0, 1.0), steps, path) as place:
+        for e, (x, good) in enumerate(found):
             for c, (first, end) in enumerate(pairwise(ends)):
-                np.save(f"{place}/{e}.{c}.x.npy", x[:, first:end])
-                np.save(f"{place}/{e}.{c}.good.npy", good)
-        write_atomically(path, lambda file: pack(file, dumps(scene), about, place))
-    kept = sum(int(good.sum()) for _, good in at_steps)
-    return Recorded(kept, sum(len(good) for _, good in at_steps) - kept, 0)
+                keep(f"{place}/{e}", c, x[:, first:end], good)
+    kept = sum(int(good.sum()) for _, good in found)
+    return Recorded(kept, sum(len(good) for _, good in found) - kept, 0)
 
 
 def stepped(scene: Scene, motion: Motion, own: Episode) -> tuple[NDArray[np.float32], Flags]:
@@ -76,23 +69,27 @@ def stepped(scene: Scene, motion: Motion, own: Episode) -> tuple[NDArray[np.floa
     whole = np.asarray(motion.seen().all(axis=1))
     if whole.sum() < FEWEST:
         raise InvalidInput(f"{motion.name}: {whole.sum()} frames show all vertices; at least {FEWEST} are needed")
-    times = motion.times[whole]
-    steps = np.arange(int(times[-1] / scene.delta + SAME) + 1)
-    x, good = at_times(motion.positions[whole], times, np.asarray(scene.delta * steps, float))
+    step, fraction = frame_places(motion, scene.delta)
+    count = int(step[whole][-1]) + 1
+    check_memory(count, motion.positions.shape[1], 0)
+    x, good = at_steps(motion.positions[whole], motion.times[whole] / scene.delta, (step + fraction)[whole], count)
     return (held(varied(scene, own), x) - start(scene)).astype(np.float32), good
 
 
-def at_times(x: Array, times: Array, wanted: Array) -> tuple[Array, Flags]:
-    """Positions (frames, N, 3) at wanted times, and which of these lie between two seen frames in a row."""
-    gap = np.median(np.diff(times))
-    after = np.clip(np.searchsorted(times, wanted - SAME * gap), 1, len(times) - 1)
-    there = np.abs(times[after] - wanted) < SAME * gap
-    good = (there | (times[after] - times[after - 1] < 1.5 * gap)) & (wanted >= times[0] - SAME * gap)
-    if len(times) == len(wanted) and np.allclose(times, wanted, rtol=0.0, atol=SAME * gap):
-        return x, good
+def at_steps(x: Array, places: Array, snapped: Array, count: int) -> tuple[Array, Flags]:
+    """Positions (count, N, 3) after so many steps, and which of these have a frame, or lie between two in a row, from
+    frames (F, N, 3) at `places`, in steps, which are whole numbers where they are `snapped` (`motion.times`).
+    """
+    steps = np.arange(count)
+    after = np.clip(np.searchsorted(snapped, steps), 1, len(snapped) - 1)
+    after = np.where(snapped[after - 1] == steps, after - 1, after)
+    there = snapped[after] == steps
+    if there.all():
+        return x[after], there
     from scipy.interpolate import CubicSpline
 
-    return np.asarray(CubicSpline(times, x, axis=0)(wanted)), good
+    near = snapped[after] - snapped[after - 1] < ROW * np.median(np.diff(snapped))
+    return np.asarray(CubicSpline(places, x, axis=0)(steps)), there | (near & (steps >= snapped[0]))
 
 
 def start(scene: Scene) -> Array:
@@ -106,6 +103,6 @@ def held(scene: Scene, x: Array) -> Array:
     return np.where(still[:, None], start(scene), x)
 
 
-def moved(cloth: Any) -> NDArray[np.intp]:
+def moved(cloth: Cloth) -> NDArray[np.intp]:
     """The vertices of a cloth that keys move."""
     return np.concatenate([np.zeros(0, int), *(pin.vertices for pin in cloth.pins)]).astype(int)

@@ -13,7 +13,8 @@ import json
 import os
 import tempfile
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -51,17 +52,32 @@ def record(
     report: Callable[[int, int], None] = lambda done, count: None,
 ) -> Recorded:  # fmt: skip
     """Simulate the episodes, `steps` steps each, and write them to a file."""
-    text = dumps(scene)
-    folder = os.path.abspath(scene.folder)
-    with tempfile.TemporaryDirectory(prefix="clothfit-", dir=os.path.dirname(os.path.abspath(path))) as place:
+    text, folder = dumps(scene), os.path.abspath(scene.folder)
+    with archived(scene, own, ranges, steps, path) as place:
         jobs = [(text, folder, each, steps, os.path.join(place, str(e))) for e, each in enumerate(own)]
         lengths = simulated(jobs, sum(scene.vertex_counts) * steps * len(own), report)
-        about = {"folder": folder, "steps": steps, "ranges": asdict(ranges), "episodes": [asdict(e) for e in own]}
-        write_atomically(path, lambda file: pack(file, text, about, place))
     frames = sum(steps + 1 for each in lengths for _ in each)
     kept = sum(good for each in lengths for good, _ in each)
     ended = sum(any(length < steps + 1 for _, length in each) for each in lengths)
     return Recorded(kept, frames - kept, ended)
+
+
+@contextmanager
+def archived(
+    scene: Scene, own: Sequence[Episode], ranges: Ranges, steps: int, path: str | os.PathLike[str]
+) -> Iterator[str]:
+    """Gives a folder for the arrays of all episodes (`keep`), which become the archive at the end of the block."""
+    about = {"folder": os.path.abspath(scene.folder), "steps": steps, "ranges": asdict(ranges),
+             "episodes": [asdict(each) for each in own]}  # fmt: skip
+    with tempfile.TemporaryDirectory(prefix="clothfit-", dir=os.path.dirname(os.path.abspath(path))) as place:
+        yield place
+        write_atomically(path, lambda file: pack(file, dumps(scene), about, place))
+
+
+def keep(stem: str, cloth: int, x: NDArray[np.float32], good: Flags) -> None:
+    """Write the arrays of one object in the episode with a `stem`, its number in the folder."""
+    np.save(f"{stem}.{cloth}.x.npy", x)
+    np.save(f"{stem}.{cloth}.good.npy", good)
 
 
 def simulated(jobs: Sequence[Any], size: int, report: Callable[[int, int], None]) -> list[list[tuple[int, int]]]:
@@ -89,8 +105,7 @@ def motions(text: bytes, folder: str, own: Episode, steps: int, stem: str) -> li
     found = []
     for c in range(len(scene.cloths)):
         x, good = motion(scene, c, steps)
-        np.save(f"{stem}.{c}.x.npy", x)
-        np.save(f"{stem}.{c}.good.npy", good)
+        keep(stem, c, x, good)
         found.append((int(good.sum()), len(x)))
     return found
 
