@@ -42,7 +42,9 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 DENSE = 6000
-"""Parameters up to which the normal equations are a dense matrix."""
+"""Parameters up to which normal equations may be dense: those of `information`, and those that hold the whole mass,
+which couples all masses.
+"""
 
 ENTRY = 32
 """Bytes for each number in the balances, with those of another form or of sums beside it."""
@@ -98,17 +100,17 @@ def fit(
         column = np.full(len(p), -1, np.int32)
         column[places] = np.arange(len(places))
         parts = [rows_of(objective, run, p, own, column, treatment) for run in objective.runs if run.cloth == cloth]
-        equations = Equations([part for part, _ in parts], treatment.anchored and len(places) <= DENSE)
+        equations = Equations([part for part, _ in parts], treatment.anchored)
         within = lower[places], upper[places]
         found[places] = solve(equations, p[places], *within, None if treatment.summed else parts, waiting)
     return found
 
 
 def anchors(objective: Objective, fitted: Flags) -> bool:
-    """Whether there is a whole mass to hold: some cloth has masses and stiffnesses that are fitted."""
+    """Whether there is a whole mass to hold: some cloth has masses and stiffnesses that are fitted, not too many."""
     own = [block for block in objective.blocks if is_linear(block) and fitted[block.part].any()]
     masses, others = ({block.cloth for block in own if (block.name == "mass") is heavy} for heavy in (True, False))
-    return bool(masses & others)
+    return bool(masses & others) and int(fitted.sum()) <= DENSE
 
 
 def is_linear(block: Block) -> bool:

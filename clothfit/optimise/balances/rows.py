@@ -140,7 +140,10 @@ class Equations:
 
         first, *others = (part.gram(own) for part, own in zip(self.parts, self.of_parts(kept), strict=True))
         whole = sum(others, start=first)
-        return whole + csr_array(np.outer(self.anchor, self.anchor)) if len(self.anchor) else whole
+        if not len(self.anchor):
+            return whole
+        column = csr_array(self.anchor[:, None])
+        return whole + column @ column.T
 
     def right(self, q: Array, kept: Flags) -> Array:
         """Cᵀ(r − C q) (Q,) of the steps (S,) that are kept."""
@@ -178,6 +181,14 @@ def element(pattern, i, k):
 
 
 @kernel
+def left(pattern, i, own, count, c, known, q):
+    """What of a known number a row of vertex i, component c of its k = `count` entries `own`, leaves for q (M,)."""
+    for k in range(count):
+        known -= own[k, c] * q[element(pattern, i, k)]
+    return known
+
+
+@kernel
 def add_squares(pattern, mass, stiffness, kept, weight, out):
     """Add CᵀC of a step's kept rows (n,) to the entries of the normal matrix."""
     own = np.zeros((most(pattern), 3))
@@ -201,11 +212,9 @@ def measure(pattern, residual, mass, stiffness, kept, weight, q, p, squares, ter
                 continue
             count = entries(pattern, i, mass[t], stiffness[t], weight[i], own)
             for c in range(3):
-                away, size = weight[i] * residual[t, i, c], 0.0
+                away, size = left(pattern, i, own, count, c, weight[i] * residual[t, i, c], q), 0.0
                 for k in range(count):
-                    j = element(pattern, i, k)
-                    away -= own[k, c] * q[j]
-                    size += abs(own[k, c] * p[j])
+                    size += abs(own[k, c] * p[element(pattern, i, k)])
                 squares[t] += away * away
                 terms[t] += size * size
 
@@ -220,8 +229,6 @@ def add_right(pattern, residual, mass, stiffness, kept, weight, q, out):
                 continue
             count = entries(pattern, i, mass[t], stiffness[t], weight[i], own)
             for c in range(3):
-                away = weight[i] * residual[t, i, c]
-                for k in range(count):
-                    away -= own[k, c] * q[element(pattern, i, k)]
+                away = left(pattern, i, own, count, c, weight[i] * residual[t, i, c], q)
                 for k in range(count):
                     out[element(pattern, i, k)] += own[k, c] * away
