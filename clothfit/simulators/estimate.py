@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from clothfit.base.errors import InvalidInput
+from clothfit.fit.estimate import record_target
 from clothfit.motion.motion import Motion
-from clothfit.motion.simulate import simulate
 from clothfit.objective.experiment import experiments
 from clothfit.objective.target import Target, target
 from clothfit.scene.scene import Scene
@@ -19,9 +19,6 @@ from clothfit.simulators import xpbd
 from clothfit.simulators.values import Fit, Fitted
 
 SIMULATORS = ("xpbd", "blender")
-
-ACCURACY = 1e-10
-"""Relative, of the linear systems of a target that the scene itself makes."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +35,7 @@ class Options:
 def estimate(scene: Scene, motion: Motion | None, options: Options) -> list[Fitted]:
     """Fit every cloth of a scene to a motion, or to the scene's own. Raises InvalidInput, Diverged."""
     if motion is None:
-        motion = simulate(scene, tolerance=ACCURACY)
+        motion = record_target(scene)
     motion = experiments(scene, motion)[0].motion
     with opened(options) as more:
         return [fitted(scene, index, motion, options, more) for index in range(len(scene.cloths))]
