@@ -167,35 +167,29 @@ def runs_on(basis: Array, systems: Sequence[System]) -> list[Reduced]:
 
 def normals_of(data: Data, c: int, kept: Sequence[int], runs: Sequence[Reduced]) -> NDArray[np.float32]:
     """The regression of the normals of the recorded motions on their coordinates."""
-    onto, each = projection(runs[0]), max(2, regression.MOST_FRAMES // len(kept))
+    onto, each = carrier.projection(runs[0].basis, runs[0].system), max(2, regression.MOST_FRAMES // len(kept))
 
     def frames() -> Iterator[tuple[Array, Array]]:
         for number, episode in enumerate(kept):
             x, good = data.motion(episode, c)
             system = runs[number].system
             chosen = np.flatnonzero(good)[:: max(1, -(-int(good.sum()) // each))]
-            q = carrier.relative(x, system).reshape(len(x), -1) @ onto
+            q = carrier.coordinates(x, system, onto)
             yield q[chosen], x[chosen] + system.x0
 
     return regression.regression(frames(), data.scene.cloths[c].triangles)
-
-
-def projection(own: Reduced) -> Array:
-    """What displacements (…, 3 n) are multiplied by to get coordinates, (3 n, r)."""
-    weighted = own.basis * own.system.vertex.mass[:, None, None]
-    return np.asarray(np.linalg.solve(own.mass, weighted.reshape(-1, own.r).T).T)
 
 
 def seen(
     data: Data, c: int, kept: Sequence[int], runs: Sequence[Reduced], seed: int
 ) -> tuple[Array, Array, list[cubature.Sample]]:
     """The least and largest coordinates (r,) of the recorded motions, and some of their steps."""
-    own, onto = runs[0], projection(runs[0])
+    own, onto = runs[0], carrier.projection(runs[0].basis, runs[0].system)
     low, high, found = np.full(own.r, np.inf), np.full(own.r, -np.inf), []
     rng = np.random.default_rng([seed, c])
     for number, episode in enumerate(kept):
         x, good = data.motion(episode, c)
-        q = carrier.relative(x, runs[number].system).reshape(len(x), -1) @ onto
+        q = carrier.coordinates(x, runs[number].system, onto)
         low, high = np.minimum(low, q[good].min(axis=0)), np.maximum(high, q[good].max(axis=0))
         v = np.diff(q, axis=0) / own.h
         steps = [t for t in range(1, len(x) - 1) if good[t - 1 : t + 2].all()]

@@ -2,7 +2,8 @@
 
     x = x₀ + T(t) + U q,     T the mean over the pins of their way since the start, 0 without pins.
 
-So U holds how a cape hangs and swings, not where its wearer walks.
+So U holds how a cape hangs and swings, not where its wearer walks. The coordinates q of a motion are those of the
+nearest shape, by mass.
 """
 
 from __future__ import annotations
@@ -44,3 +45,17 @@ def relative(x: Array, system: System) -> Array:
     moved = x - shift(system.inputs, len(x))
     moved[:, ~system.vertex.free] = 0.0
     return np.asarray(moved)
+
+
+def projection(basis: Array, system: System) -> Array:
+    """What displacements (…, 3 n) past the carrier are multiplied by to get coordinates on a basis U (n, 3, r):
+    M U (Uᵀ M U)⁻¹, (3 n, r).
+    """
+    flat = basis.reshape(-1, basis.shape[2])
+    weighted = (basis * system.vertex.mass[:, None, None]).reshape(flat.shape)
+    return np.asarray(np.linalg.solve(weighted.T @ flat, weighted.T).T)
+
+
+def coordinates(x: Array, system: System, onto: Array) -> Array:
+    """The coordinates (frames, r) of displacements (frames, n, 3), by a `projection`."""
+    return np.asarray(relative(x, system).reshape(len(x), -1) @ onto)

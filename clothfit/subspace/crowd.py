@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array
-from clothfit.base.errors import InvalidInput
 from clothfit.engine.inputs.tables import Inputs
 from clothfit.motion.motion import Motion
 from clothfit.motion.world import in_scene
@@ -27,7 +26,7 @@ from clothfit.subspace.frames import Decoder
 from clothfit.subspace.model import Model
 from clothfit.subspace.network.weights import Network
 from clothfit.subspace.physics.march import March
-from clothfit.subspace.play import check_finite, positions, ready
+from clothfit.subspace.play import check_finite, check_objects, positions, ready
 from clothfit.subspace.recorded import variation
 from clothfit.subspace.recorded.variation import Ranges, episodes
 
@@ -149,8 +148,7 @@ def kind_of(inputs: Inputs | None) -> Any:
 def play(model: Model, scenes: Sequence[Scene], frames: int) -> Crowded:
     """Play an instance of the model in each of some scenes. Raises Diverged, InvalidInput."""
     for scene in scenes:
-        if scene.vertex_counts != tuple(len(part.basis) for part in model.parts):
-            raise InvalidInput(f"{scene.name}: its objects are not those of the model")
+        check_objects(model, scene)
     crowds = [Crowd(model, c, scenes, frames - 1) for c in range(len(model.parts))]
     found = [np.zeros((len(scenes), frames, each.q.shape[1])) for each in crowds]
     spent = np.zeros(3)

@@ -91,8 +91,7 @@ class Problem:
         found = basis.decompose(data, self.cloth, [system] * count, self.size, range(count))
         self.basis = basis.enriched(found, system, self.size, full[-1], 0)
         own = Reduced(system, self.basis)
-        flat = (self.basis * system.vertex.mass[:, None, None]).reshape(-1, own.r)
-        q = carrier.relative(full - system.x0, system).reshape(len(full), -1) @ np.linalg.solve(own.mass, flat.T).T
+        q = carrier.coordinates(full - system.x0, system, carrier.projection(self.basis, system))
         v = np.diff(q, axis=0) / own.h
         times = sorted({int(t) for t in np.linspace(1, len(full) - 2, SAMPLES)}) if len(full) > 3 else []
         steps = [cubature.Sample(0, t, q[t], v[t - 1], v[t]) for t in times]

@@ -36,7 +36,6 @@ class Decoder:
         fill_normals(self.triangles, x, self.n)
         return self.n
 
-
     def predicted(self, q: Array) -> NDArray[np.float32]:
         """Unit normals (n, 3) by regression, from coordinates alone, valid until the next call."""
         assert self.regression is not None

@@ -15,7 +15,7 @@ from clothfit.motion.motion import Motion
 from clothfit.motion.simulate import simulate
 from clothfit.motion.world import in_world
 from clothfit.scene.scene import Scene
-from clothfit.subspace.carrier import relative as relative_to_carrier
+from clothfit.subspace import carrier
 from clothfit.subspace.cost import cost, whole
 from clothfit.subspace.frames import Decoder
 from clothfit.subspace.model import Model, Part
@@ -97,9 +97,7 @@ class Compared:
         """The coordinates (frames, r) nearest to the full motion of object c, by mass."""
         system = build(self.scene, c, steps=len(self.full.times) - 1)
         x, basis = in_world(self.full, self.scene).of(c), self.model.parts[c].basis
-        weighted = (basis * system.vertex.mass[:, None, None]).reshape(-1, basis.shape[2])
-        onto = np.linalg.solve(weighted.T @ basis.reshape(weighted.shape), weighted.T).T
-        return np.asarray(relative_to_carrier(x - system.x0, system).reshape(len(x), -1) @ onto)
+        return carrier.coordinates(x - system.x0, system, carrier.projection(basis, system))
 
 
 def judge(model: Model, scene: Scene, frames: int) -> Judgement:

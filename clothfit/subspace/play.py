@@ -39,12 +39,17 @@ class Played:
     seconds: dict[str, float]  # in all: state, decode, and push out where that was asked for
 
 
+def check_objects(model: Model, scene: Scene) -> None:
+    """Raise InvalidInput where a scene's objects are not those of a model."""
+    if scene.vertex_counts != tuple(len(part.basis) for part in model.parts):
+        raise InvalidInput(f"{scene.name}: its objects are not those of the model")
+
+
 def play(model: Model, scene: Scene, frames: int, distance: float | None = None) -> Played:
     """The motion of so many frames of a scene with the model's objects; vertices nearer to obstacles than a `distance`,
     m, are pushed out (`proxies`). Raises InvalidInput where the scene's objects are others.
     """
-    if scene.vertex_counts != tuple(len(part.basis) for part in model.parts):
-        raise InvalidInput(f"{scene.name}: its objects are not those of the model")
+    check_objects(model, scene)
     if frames < 1:
         raise InvalidInput(f"frames must be at least 1 (the initial state); {frames} was given")
     check_memory(frames, sum(scene.vertex_counts), 0)

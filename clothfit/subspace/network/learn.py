@@ -45,9 +45,7 @@ def lesson(data: Data, c: int, episodes: Sequence[int], basis: Array) -> Lesson:
     systems = [build(data.scene_of(e), c, steps=data.steps) for e in episodes]
     tables = [raw(system, data.steps) for system in systems]
     signals = fitted(tables)
-    flat = basis.reshape(-1, basis.shape[2])
-    weighted = (basis * systems[0].vertex.mass[:, None, None]).reshape(flat.shape)
-    onto = np.asarray(np.linalg.solve(weighted.T @ flat, weighted.T).T, float)
+    onto = carrier.projection(basis, systems[0])
     z, good = [], []
     for e, system in zip(episodes, systems, strict=True):
         own, fine = coordinates(data, c, e, system, onto)
@@ -62,7 +60,7 @@ def lesson(data: Data, c: int, episodes: Sequence[int], basis: Array) -> Lesson:
 def coordinates(data: Data, c: int, episode: int, system: System, onto: Array) -> tuple[Array, Array]:
     """Of all frames (T, r), and which are good; those after the end of a motion are none."""
     x, fine = data.motion(episode, c)
-    own = carrier.relative(x, system).reshape(len(x), -1) @ onto
+    own = carrier.coordinates(x, system, onto)
     missing = data.steps + 1 - len(own)
     return np.pad(own, ((0, missing), (0, 0)), mode="edge"), np.pad(fine, (0, missing))
 
