@@ -173,12 +173,13 @@ def by_momentum(
         p = momentum.fit(search.objective, start, search.fitted, treatment, search.report)
         if np.array_equal(p, start):
             return []
-        if early is not None and early.cost_or_infinity(p) > early.still:  # no evaluation of the whole
+        begun = np.nan if early is None else early.cost_or_infinity(p)  # no evaluation of the whole
+        if early is not None and begun > early.still:
             continue
         found.append((search.visit(p), p))
         if is_accurate(search):
             break
-        if early is not None and early.cost_or_infinity(p) <= NEAR_ERROR**2 * early.still and not is_near(search):
+        if early is not None and begun <= NEAR_ERROR**2 * early.still and not is_near(search):
             check_tolerance(search, p)
     return [p for _, p in sorted(found, key=lambda pair: -pair[0])]
 
