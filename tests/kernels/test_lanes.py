@@ -186,6 +186,24 @@ def test_four_numbers_may_reach_into_the_next_row_and_are_written_without_touchi
 
 
 @both
+def test_arrays_of_single_precision_are_rounded_where_they_are_written_and_nowhere_else(lanes):
+    def triple(a, i, j, out, exact):
+        v = lanes.load(a, i, j)
+        v = lanes.add(v, lanes.add(v, v))
+        lanes.store(v, out, i, 2)
+        lanes.store(v, exact, i, 2)
+
+    a = np.random.default_rng(5).normal(size=(3, 8)).astype(np.float32)
+    out, exact = np.full((3, 8), GUARD, np.float32), np.full((3, 8), GUARD)
+    usable(lanes, triple)(a, 1, 5, out, exact)
+    read = a.reshape(-1)[13:17].astype(float)
+    expected = np.full((3, 8), GUARD)
+    expected[1, 2:6] = read + (read + read)
+    assert exact.tolist() == expected.tolist()
+    assert out.tolist() == expected.astype(np.float32).tolist()
+
+
+@both
 def test_shared_numbers(lanes):
     def use(a, said):
         lanes.write_shared(a, 1, 5)

@@ -1,8 +1,9 @@
 """The linear solve of a step: conjugate gradients, and a direct factorisation where they cannot be trusted.
 
-Small cloths are solved by `cg`, large ones by `cg_two_threads`, very large ones by `multigrid`. Very stiff scenes need
-more iterations than a factorisation costs, and a matrix that is not positive definite is beyond conjugate gradients:
-the caller chooses whether it is then refused or solved directly as well. Every direct solve is counted.
+Small cloths are solved by `cg`, large ones by `cg_two_threads`, very large ones by `cg_multigrid`. Very stiff scenes
+need more iterations than a factorisation costs, and a matrix that is not positive definite is beyond conjugate
+gradients: the caller chooses whether it is then refused or solved as well, by `minres` where a cloth is very large, as
+the factors of its matrix take gigabytes, else directly. Every direct solve is counted.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clothfit.base.arrays import Array, Indices
-from clothfit.engine.solve import cg, cg_two_threads, multigrid, sparse
+from clothfit.engine.solve import cg, cg_multigrid, cg_two_threads, minres, multigrid, sparse
 from clothfit.engine.solve.joined import Joined
 from clothfit.engine.solve.sparse import BlockMatrix
 from clothfit.kernels.kernel import kernel, objmode
@@ -61,6 +62,9 @@ def solve(A, b, tolerance, work, w, anyhow):
     """
     limit = 300 + len(b) // 4  # about the price of a factorisation, from 500 to 10,000 vertices
     iterations, ended = iterate(A, b, tolerance, limit, work.cg, work.second, work.hierarchy, w)
+    if ended == cg.INDEFINITE and anyhow:
+        more, ended = minimise(A, b, tolerance, work.cg, work.hierarchy, w)
+        iterations += more
     if ended == cg.CONVERGED:
         return iterations, 0, True
     work.cg.p[:] = 0.0  # the next solve multiplies them by 0, and they may have grown beyond all numbers
@@ -72,13 +76,23 @@ def solve(A, b, tolerance, work, w, anyhow):
 
 
 @kernel
+def minimise(A, b, tolerance, work, hierarchy, w):
+    """Solve A w = b, A not being positive definite, by minimal residuals where there is a hierarchy; returns what they
+    do.
+    """
+    if hierarchy is not None:
+        return minres.solve(A, b, tolerance, work, hierarchy, w)
+    return 0, cg.INDEFINITE
+
+
+@kernel
 def iterate(A, b, tolerance, limit, work, second, hierarchy, w):
     """Solve A w = b by the conjugate gradients that suit the size of the cloth; returns what they do.
 
     `second` and `hierarchy` are arguments because numba leaves out a branch only where an argument is None.
     """
     if hierarchy is not None:
-        return multigrid.solve(A, b, tolerance, limit, work, hierarchy, w)
+        return cg_multigrid.solve(A, b, tolerance, limit, work, hierarchy, w)
     if second is not None:
         return cg_two_threads.solve(A, b, tolerance, limit, work, second, w)
     return cg.solve(A, b, tolerance, limit, work, w)

@@ -17,6 +17,7 @@ from numba.extending import intrinsic, models, register_model
 
 DOUBLE, INDEX = ir.DoubleType(), ir.IntType(32)
 QUAD, PAIR = ir.VectorType(DOUBLE, 4), ir.VectorType(DOUBLE, 2)
+SINGLES = ir.VectorType(ir.FloatType(), 4)
 ALIGNED = 8  # bytes: the rows of NumPy's arrays promise no more
 Code = tuple[Any, Callable[..., Any]]
 
@@ -63,10 +64,19 @@ def undefined(kind: Any) -> Any:
     return ir.Constant(kind, ir.Undefined)
 
 
+def is_single(kind: Any) -> bool:
+    """Whether an array's numbers are of single precision."""
+    return bool(kind.dtype == types.float32)
+
+
 @intrinsic
 def load(_context: Any, a: Any, i: Any, j: Any) -> Code:
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        return read(builder, place(context, builder, signature.args[0], *values), QUAD)
+        address = place(context, builder, signature.args[0], *values)
+        if is_single(signature.args[0]):
+            singles = builder.load(builder.bitcast(address, SINGLES.as_pointer()), align=ALIGNED // 2)
+            return builder.fpext(singles, QUAD)
+        return read(builder, address, QUAD)
 
     return LANES(a, types.intp, types.intp), code
 
@@ -74,7 +84,12 @@ def load(_context: Any, a: Any, i: Any, j: Any) -> Code:
 @intrinsic
 def store(_context: Any, v: Any, a: Any, i: Any, j: Any) -> Code:
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        write(builder, values[0], place(context, builder, signature.args[1], *values[1:]))
+        address = place(context, builder, signature.args[1], *values[1:])
+        if is_single(signature.args[1]):
+            singles = builder.fptrunc(values[0], SINGLES)
+            builder.store(singles, builder.bitcast(address, SINGLES.as_pointer()), align=ALIGNED // 2)
+        else:
+            write(builder, values[0], address)
         return context.get_dummy_value()
 
     return types.void(LANES, a, types.intp, types.intp), code

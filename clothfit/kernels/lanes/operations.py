@@ -22,7 +22,8 @@ Sixteen of single precision, for arrays of float32 and sums of many rows:
     spread16(a, i, j)   a[i, j] in all lanes             splat16(x)            a number in all lanes
     add16 fma16         lane by lane                     sum16(v)              halves added to halves
 
-Indices are not checked. With NUMBA_DISABLE_JIT=1 the same functions work on NumPy arrays of four numbers. Else they are
+The arrays of `load` and `store` may be of float32: what is kept is rounded, what is computed is not. Indices are not
+checked. With NUMBA_DISABLE_JIT=1 the same functions work on NumPy arrays of four numbers. Else they are
 names, for which numba takes what `compiled` has when it compiles a kernel that uses them.
 """
 

@@ -8,7 +8,7 @@ import numpy as np
 
 
 def load(a, i, j):
-    return a[i : i + 2].reshape(-1)[j : j + 4].copy()  # a row's last load may reach into the next row
+    return a[i : i + 2].reshape(-1)[j : j + 4].astype(float)  # a row's last load may reach into the next row
 
 
 def store(v, a, i, j):
