@@ -1,10 +1,12 @@
 """Ways to step the coordinates of a cloth, learnt from the same motions in the same time, and by physics.
 
-    python benchmarks/networks.py DATA --minutes 1 [--basis 64] [--only own,paper,…]
+    python benchmarks/networks.py DATA --minutes 1 [--basis 64] [--only own/paper/…] [--horizon 50]
 
 DATA is of `clothfit subspace record`. The last five motions test; one in eight of the others chooses the best values.
 Errors are those of the coordinates of whole motions that are played freely, relative to the RMS of their way since the
-start (`training.Training.error`); "largest" is that of the worst of the five. Times are processor time of one thread.
+start (`training.Training.missed`); "largest" is that of the worst of the five. With --horizon they are cut to pieces of
+so many steps, each played from its recorded state; "full" is then the full simulation from what the basis holds of that
+state, the best that steps on it can be expected to do. Times are processor time of one thread.
 """
 
 from __future__ import annotations
@@ -12,29 +14,35 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from time import process_time
 from typing import Any
 
 import numpy as np
 
+from by_physics import full, pieces, projected
 from clothfit.base import threads
 from clothfit.base.arrays import Array
 from clothfit.engine.system import build
 from clothfit.subspace import basis as bases
+from clothfit.subspace.build import seen
 from clothfit.subspace.network import prior
-from clothfit.subspace.network.learn import Lesson, lesson, limits, prepared
+from clothfit.subspace.network.learn import ONE_OF, Lesson, lesson, limits, prepared
 from clothfit.subspace.network.recipe import OWN, PAPER, Budget, Recipe
 from clothfit.subspace.network.training import Training, begin
 from clothfit.subspace.network.unrolled import played
 from clothfit.subspace.network.windows import Motions
 from clothfit.subspace.physics import cubature
-from clothfit.subspace.physics.march import roll
 from clothfit.subspace.physics.reduced import Reduced
+from clothfit.subspace.physics.samples import Selection
 from clothfit.subspace.recorded.recording import Data
 from recurrent import Recurrent
+from trainings import Guided, Held, WithPhysics, changed
 
 TESTS = 5
+GUIDED = 8
+"""Frames of a round at which the physics is asked."""
+
 LEADING = 12
 """Coordinates whose products are features of the quadratic regression."""
 
@@ -50,6 +58,7 @@ VARIANTS: dict[str, Recipe] = {
     "own, absolute errors": dataclasses.replace(OWN, absolute=True),
     "own, rate 1e-4": dataclasses.replace(OWN, rate=1e-4),
     "own, no noise": dataclasses.replace(OWN, noise=0.0),
+    "own, layers as small as what is left": dataclasses.replace(OWN, least=0.0),
     "own, no rest": dataclasses.replace(OWN, rests=False),
     "own, ten layers": dataclasses.replace(OWN, hidden=(1.5,) * 9),
 }
@@ -59,7 +68,7 @@ VARIANTS: dict[str, Recipe] = {
 class Task:
     """The motions on a basis, and the test of a step."""
 
-    def __init__(self, data: Data, size: int) -> None:
+    def __init__(self, data: Data, size: int, horizon: int | None) -> None:
         count = len(data.episodes)
         self.data, self.own = data, list(range(count - TESTS))
         systems = [build(data.scene_of(e), 0, steps=data.steps) for e in range(count)]
@@ -68,11 +77,21 @@ class Task:
         self.basis, self.systems = bases.enriched(found, systems[0], size, last), systems
         every = lesson(data, 0, range(count), self.basis)
         self.test = every.motions.of(range(count - TESTS, count))
+        self.test, self.starts = pieces(self.test, horizon or data.steps)
         motions = every.motions.of(self.own)
         self.lesson = Lesson(motions, every.signals, int(motions.good[:, 1:].sum()), every.rest)
 
+    def runs(self, motions: Sequence[int], chosen: Selection | None = None) -> list[Reduced]:
+        """The projected cloth of some motions."""
+        first = Reduced(self.systems[motions[0]], self.basis, chosen)
+        return [first.under(self.systems[e]) for e in motions]
+
+    def tests(self, chosen: Selection | None = None) -> list[Reduced]:
+        """Those of the test motions."""
+        return self.runs(range(len(self.systems) - TESTS, len(self.systems)), chosen)
+
     def errors(self, made: Array) -> tuple[float, float]:
-        """The error over all test motions, and the largest of one, for coordinates (TESTS, frames, r)."""
+        """The error over all test motions, and the largest of one, for coordinates (tests, frames, r)."""
         given = self.test.z[:, 1:]
         away = ((made - given) ** 2).sum(axis=2).mean(axis=1)
         moved = ((given - given[:, :1]) ** 2).sum(axis=2).mean(axis=1)
@@ -83,6 +102,25 @@ def trained(task: Task, recipe: Recipe, minutes: float) -> tuple[Any, float]:
     """A network after so much time, and the size of the coordinates."""
     training, size = prepared(task.lesson, recipe, 0)
     run(training, minutes)
+    return training.own, size
+
+
+def held(task: Task, minutes: float) -> tuple[Any, float]:
+    """Our recipe with a linear part that does not grow."""
+    training, size = prepared(task.lesson, OWN, 0)
+    run(changed(training, Held), minutes)
+    return training.own, size
+
+
+def guided(task: Task, minutes: float) -> tuple[Any, float]:
+    """Our recipe with the projected physics in the loss, by as few elements as follow the motions to 2 %."""
+    training, size = prepared(task.lesson, OWN, 0)
+    count = len(task.lesson.motions.z)
+    taught = [e for e in range(count) if e % ONE_OF != ONE_OF - 1]
+    runs = task.runs(taught)
+    chosen, _ = cubature.find(runs, seen(task.data, 0, taught, runs, 0)[2], 0.02, 0)
+    loss = WithPhysics(training.loss, task.runs(taught, chosen), size, GUIDED)
+    run(changed(training, Guided, loss=loss), minutes)
     return training.own, size
 
 
@@ -115,8 +153,7 @@ def recurrent(task: Task, kind: str, minutes: float) -> tuple[Any, float]:
     left = np.sqrt(((after - now - way) ** 2).mean(axis=0))
     reach = limits(task.lesson.motions.scaled(size, float), recipe.margin)
     own = Recurrent(kind, (linear.mean, linear.lift, left), reach, 128, 0)
-    fields = {each.name: getattr(training, each.name) for each in dataclasses.fields(training)}
-    run(Forgetting(**fields | {"own": own, "state": begin(own, recipe, 0)}), minutes)  # type: ignore[arg-type]
+    run(changed(training, Forgetting, own=own, state=begin(own, recipe, 0)), minutes)  # type: ignore[arg-type]
     return own, size
 
 
@@ -174,16 +211,12 @@ def only_prior(task: Task) -> tuple[Any, float]:
 
 
 def physics(task: Task, error: float | None) -> Array:
-    """Coordinates (TESTS, frames, r) by the projected steps, with all elements or with cubature to an error."""
-    from clothfit.subspace.build import seen
-
+    """Coordinates (tests, frames, r) by the projected steps, with all elements or with cubature to an error."""
     chosen = None
     if error is not None:
-        first = Reduced(task.systems[0], task.basis)
-        runs = [first.under(task.systems[e]) for e in task.own]
+        runs = task.runs(task.own)
         chosen, _ = cubature.find(runs, seen(task.data, 0, task.own, runs, 0)[2], error, 0)
-    tests = task.systems[-TESTS:]
-    return np.stack([roll(Reduced(each, task.basis, chosen), task.data.steps) for each in tests])
+    return projected(task.tests(chosen), task.test, task.starts)
 
 
 def rows(task: Task, minutes: float) -> dict[str, Callable[[], Any]]:
@@ -194,6 +227,9 @@ def rows(task: Task, minutes: float) -> dict[str, Callable[[], Any]]:
         "quadratic regression": lambda: regression(task, True),
         "LSTM": lambda: recurrent(task, "LSTM", minutes),
         "GRU": lambda: recurrent(task, "GRU", minutes),
+        "own, spectral radius held": lambda: held(task, minutes),
+        "own, physics in the loss": lambda: guided(task, minutes),
+        "full": lambda: full(task.tests(), task.test, task.starts),
         "physics": lambda: physics(task, None),
         "physics with cubature": lambda: physics(task, 0.01),
     }
@@ -201,10 +237,10 @@ def rows(task: Task, minutes: float) -> dict[str, Callable[[], Any]]:
 
 
 def free(task: Task, own: Any, size: float) -> Array:
-    """Coordinates (TESTS, frames, r) that a step plays."""
+    """Coordinates (tests, frames, r) that a step plays."""
     test: Motions = task.test.scaled(size, np.float32)
     if isinstance(own, (Recurrent, Regression)):
-        own.begin(TESTS)
+        own.begin(len(test.z))
     return np.asarray(played(own, test.z, test.w)[:, 1:], float) * size
 
 
@@ -215,8 +251,9 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=1.0)
     parser.add_argument("--basis", type=int, default=64)
     parser.add_argument("--only", default="")
+    parser.add_argument("--horizon", type=int)
     given = parser.parse_args()
-    task = Task(Data(given.data), given.basis)
+    task = Task(Data(given.data), given.basis, given.horizon)
     print("| step | error | largest | minutes |\n|---|---|---|---|", flush=True)
     for name, make in rows(task, given.minutes).items():
         if given.only and name not in given.only.split("/"):

@@ -31,8 +31,11 @@ SECTIONS = {
     "What to play (play)": ("--inputs", "--push-out", "--instances", "--coordinates"),
     "What is written": ("--output",),
 }
-EPISODES, OF_SMALL, MANY_EPISODES, FRAMES = 9, 25, 41, 300
-"""Motions, those of small cloths, those that a network learns from, and frames of each."""
+EPISODES, OF_SMALL, MANY_EPISODES = 9, 25, 41
+"""Motions, those of small cloths, and those that a network learns from."""
+
+FRAMES, IN_WIND = 300, 900
+"""Of each motion, and of small cloths that may flutter in a steady wind: how they go on differs from how they begin."""
 
 SMALL = 1000
 """Vertices of all cloths up to which motions take little time."""
@@ -52,7 +55,8 @@ ONLY = {
               help=f"Record N motions; the last one judges.  [default: {OF_SMALL} up to {SMALL} vertices, "
               f"else {EPISODES}; {MANY_EPISODES} for a network]")
 @click.option("--frames", type=int, metavar="N",
-              help=f"Frames of each motion.  [default: {FRAMES}; to play those of the scene]")
+              help=f"Frames of each motion.  [default: {FRAMES}, {IN_WIND} of small cloths held in a steady wind; "
+              "to play those of the scene]")
 @click.option("--wind", type=float, metavar="SPEED",
               help="Gusts up to this speed along each axis, m/s.  [default: a push of a quarter of the weight]")
 @click.option("--pins", type=float, metavar="METRES", help="Move all fixed vertices at random so far.  [default: 0]")
@@ -137,6 +141,15 @@ def ranges_of(scene: Scene, given: dict[str, Any]) -> Ranges:
     return found
 
 
+def lengths(scene: Scene) -> tuple[int, int]:
+    """How many motions of a scene are recorded, and frames of each."""
+    if sum(scene.vertex_counts) > SMALL:
+        return EPISODES, FRAMES
+    held = all(cloth.fixed.any() for cloth in scene.cloths)
+    flutters = held and scene.wind.any() and not scene.moves and not scene.obstacles
+    return OF_SMALL, IN_WIND if flutters else FRAMES
+
+
 def recorded(scene: Scene, path: str, given: dict[str, Any], console: Console) -> dict[str, Any]:
     """Record motions of a scene to a file, and say what they are; the summary."""
     from clothfit.engine.system import build as build_system
@@ -144,11 +157,11 @@ def recorded(scene: Scene, path: str, given: dict[str, Any], console: Console) -
     from clothfit.subspace.recorded.recording import record as record_to
     from clothfit.subspace.recorded.variation import episodes
 
-    many = OF_SMALL if sum(scene.vertex_counts) <= SMALL else EPISODES
+    many, frames = lengths(scene)
     if given["method"] == "network":
-        many = MANY_EPISODES
+        many, frames = MANY_EPISODES, FRAMES
     ranges, count = ranges_of(scene, given), given["episodes"] or many
-    steps, seed = (given["frames"] or FRAMES) - 1, given["seed"] or 0
+    steps, seed = (given["frames"] or frames) - 1, given["seed"] or 0
     for c in range(len(scene.cloths)):
         check(build_system(scene, c, steps=1))
     console.announce_compilation()

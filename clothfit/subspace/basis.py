@@ -26,8 +26,10 @@ from clothfit.engine.system import System
 from clothfit.subspace.carrier import relative
 from clothfit.subspace.recorded.recording import Data
 
-MOST_FRAMES = 1500
-"""That the decomposition sees, spread over all motions."""
+MOST_FRAMES, WORK = 1500, 1e10
+"""Frames that the decomposition sees, spread over all motions, and multiplications within which it sees more: those of
+small cloths cost little, and few frames of many motions miss how these go on.
+"""
 
 SIZES = (4, 8, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 """For the table of what is left out."""
@@ -67,7 +69,8 @@ def decompose(
 ) -> Decomposition:
     """At most `most` vectors from some episodes, with the system of each. Raises InvalidInput where nothing moves."""
     system, inputs = systems[0], dict(zip(episodes, systems, strict=True))
-    free, each = system.vertex.free, max(2, MOST_FRAMES // len(episodes))
+    free = system.vertex.free
+    each = max(2, frames_seen(3 * int(free.sum())) // len(episodes))
     root = np.sqrt(system.vertex.mass[free])[:, None]
 
     def of_frames(episode: int) -> Array:
@@ -102,6 +105,11 @@ def decompose(
         sum(rows), values.sum(), values[:count])  # fmt: skip
     rest = total - np.concatenate([[0.0], np.cumsum(held)])
     return Decomposition(made, np.sqrt(np.maximum(rest, 0.0) / (frames * float((root**2).sum()))))
+
+
+def frames_seen(size: int) -> int:
+    """How many frames the decomposition sees, in all, of so many coordinates."""
+    return max(MOST_FRAMES, int(WORK / size**2))
 
 
 def left_out_of(of_frames: object, episodes: Sequence[int], vectors: Array) -> tuple[int, float, Array]:

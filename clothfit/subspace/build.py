@@ -24,6 +24,7 @@ from clothfit.subspace.model import Model, Part
 from clothfit.subspace.physics import cubature
 from clothfit.subspace.physics.reduced import Reduced, check
 from clothfit.subspace.recorded.recording import Data
+from clothfit.subspace.sensitivity import SOUGHT, floor_of_recorded
 
 DEFAULT_SIZE, LARGEST_SIZE = 64, 512
 
@@ -75,6 +76,7 @@ class Report:
     full_us_per_step: float = 0.0
     whole: Fitness | None = None  # with all elements, of the episode that was held out
     sampled: Fitness | None = None  # with the cubature
+    floor: float = 0.0  # relative error that no steps on the basis can avoid; 0: not sought
 
     @property
     def pays(self) -> bool:
@@ -97,6 +99,7 @@ def build(
         part, found = of_object(data, c, kept, options, limits, report)
         for e in beside:
             found.whole, found.sampled = judged(data, c, e, part)
+            found.floor = floor_of_recorded(data, c, e, part.basis) if found.sampled.relative > SOUGHT else 0.0
         found.us_per_frame, found.full_us_per_step = cost(part, data.scene_of(kept[0]), c, min(data.steps, TIMED))
         parts.append(part)
         reports.append(found)
@@ -233,6 +236,7 @@ def summary(found: Report) -> dict[str, Any]:
     """A report as JSON holds it."""
     made: dict[str, Any] = {"vectors": found.vectors, "elements": found.elements, "errors": found.errors}
     made |= {"us_per_frame": found.us_per_frame, "full_us_per_step": found.full_us_per_step}
+    made["floor"] = found.floor
     made["left_out"] = {str(k): value for k, value in found.left_out.items()}
     for name in ("whole", "sampled"):
         own = getattr(found, name)

@@ -21,7 +21,7 @@ from clothfit.subspace.frames import Decoder
 from clothfit.subspace.model import Model, Part
 from clothfit.subspace.normals import angles
 from clothfit.subspace.play import Played, play
-from clothfit.subspace.sensitivity import growth
+from clothfit.subspace.sensitivity import SOUGHT, floor_of, growth
 
 FORGOTTEN = 0.1
 """Relative error from which on points are no longer compared, but spectra and envelopes."""
@@ -57,6 +57,7 @@ class Judgement:
     full_us_per_step: float
     megabytes: float
     clamped: list[str] = field(default_factory=list)
+    floor: float = 0.0  # relative RMSE that no steps on the basis can avoid (`sensitivity`); 0: not sought
 
     @property
     def us_whole(self) -> float:
@@ -123,6 +124,7 @@ def judged(model: Model, scene: Scene, played: Played, full: Motion, both: tuple
     size = float(np.sqrt((moved**2).sum(axis=2).mean()))
     rmse = float(np.sqrt(square.mean()))
     ends = sorted({max(1, frames * k // 5) for k in range(1, 6)})
+    far = size > 0.0 and rmse > SOUGHT * size
     with threads.single():
         times, step = cost_of(model, scene, frames)
     bytes_of = sum(4 * part.basis.size + of_steps(part) for part in model.parts)
@@ -143,6 +145,7 @@ def judged(model: Model, scene: Scene, played: Played, full: Motion, both: tuple
         full_us_per_step=step,
         megabytes=bytes_of / 1e6,
         clamped=played.clamped,
+        floor=floor_of(scene, full, [part.basis for part in model.parts]) if far else 0.0,
     )
 
 

@@ -27,7 +27,7 @@ class Recorded:
 
 
 @pytest.mark.parametrize("changes", [0.0, 0.7])
-@pytest.mark.parametrize("frames", [4, 60], ids=["fewer frames than coordinates", "more"])
+@pytest.mark.parametrize("frames", [4, 60, 600], ids=["fewer frames than coordinates", "more", "many"])
 def test_what_is_left_out_is_what_the_projection_misses(frames, changes):
     data = Recorded(frames)
     found = basis.decompose(data, 0, [SYSTEM] * 3, 40, [0, 1, 2], changes)

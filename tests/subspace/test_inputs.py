@@ -8,6 +8,7 @@ from helpers.scenes import cloth, document, sphere
 from helpers.subspaces import keys, moving, scene_of
 
 from clothfit.base.errors import InvalidInput
+from clothfit.cli.subspace import FRAMES, IN_WIND, OF_SMALL, lengths
 from clothfit.engine.system import build
 from clothfit.subspace.play import clamped
 from clothfit.subspace.recorded.inputs import applied, load
@@ -114,3 +115,12 @@ def test_pins_and_velocities_at_the_start_are_held_within_a_range_wherever_they_
     assert (own.v0[system.vertex.free] == 2.0).all()
     np.testing.assert_array_equal(own.inputs.wind, system.inputs.wind)
     assert clamped(system, limits, {}).inputs is system.inputs
+
+
+def test_motions_of_a_flag_are_long_and_those_of_what_falls_moves_or_lies_on_something_are_not():
+    blown = {"windVel": {"x": 5.0, "y": 0.0, "z": 0.0}}
+    loose = cloth(vertIsFixed=[False] * 12)
+    gusts = {"windVelKeys": keys(TIMES, *VALUES)}
+    assert lengths(scene_of(document(**blown))) == (OF_SMALL, IN_WIND)
+    others = [document(), document(loose, **blown), document(**blown, **gusts), document(colliders=BALLS, **blown)]
+    assert {lengths(scene_of(each)) for each in others} == {(OF_SMALL, FRAMES)}

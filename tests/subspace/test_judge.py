@@ -31,6 +31,7 @@ def test_a_basis_of_all_motions_leaves_nothing_out():
     assert found.normals["faces"] < 0.01
     assert set(found.normals) == {"faces"}
     assert not found.forgets
+    assert found.floor == 0.0  # not sought
     np.testing.assert_allclose(over.projected(0), over.coordinates[0], atol=1e-4)
 
 
@@ -38,6 +39,7 @@ def test_a_few_vectors_miss_a_part_and_say_so():
     model = model_of(SCENE, 3, normals=True)
     found = judge(model, SCENE, FRAMES)
     assert found.forgets
+    assert 0 < found.floor < found.relative_rmse
     assert 0 < found.drift < found.max_error
     assert found.energy > 0.01
     assert found.normals["regression"] > 10.0  # they are random

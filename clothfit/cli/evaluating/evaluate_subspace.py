@@ -102,6 +102,10 @@ def show(found: Judgement, console: Console) -> None:
             f"the two motions have parted: compare their spectra and deviations, not their points: spectrum within "
             f"{100 * found.spectrum:.2g} %, standard deviations of the vertices within {100 * found.deviation:.2g} %"
         )
+    if found.floor:
+        from clothfit.subspace.sensitivity import at_best
+
+        console.result(at_best(found.floor))
     gain = "never more than was given"
     if found.energy_gain > ROUNDING:
         gain = f"at most {100 * found.energy_gain:.2g} % more than was given"

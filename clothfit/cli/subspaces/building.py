@@ -53,14 +53,16 @@ def school_of(given: dict[str, Any], out: Output) -> Schooling | None:
         raise click.UsageError("--cubature does not go with --method network", click.get_current_context())
     if given["minutes"] is not None and given["rounds"] is not None:
         raise click.UsageError("--minutes and --rounds: give one of them", click.get_current_context())
-    from clothfit.subspace.network.recipe import MINUTES, Budget
+    from clothfit.subspace.network.recipe import ENOUGH, MINUTES, Budget
     from clothfit.subspace.network.teach import Schooling
 
     if given["resume"] and out.is_stream:
         raise InvalidInput("--resume needs a file -o; - was given")
-    budget = Budget(MINUTES if given["minutes"] is None else given["minutes"], given["rounds"])
+    recipe = given["recipe"] or "own"
+    most = ENOUGH if recipe == "own" else None
+    budget = Budget(MINUTES if given["minutes"] is None else given["minutes"], given["rounds"], most)
     budget.check()
-    return Schooling(budget, given["recipe"] or "own", given["seed"] or 0, state_of(out) if given["resume"] else None)
+    return Schooling(budget, recipe, given["seed"] or 0, state_of(out) if given["resume"] else None)
 
 
 def state_of(out: Output) -> str:
@@ -108,7 +110,7 @@ def trained(
     if all(school.budget.done(len(own) * state.seconds, state.rounds) >= 1.0 for state in states):
         rounds = max(state.rounds for state in states)
         minutes = sum(state.seconds for state in states) / 60.0
-        console.warn(f"the training has had {minutes:.2g} minutes and {rounds} rounds already; ask for more than these")
+        console.warn(f"the training has had {minutes:.2g} minutes and {rounds} rounds already; ask for more --rounds")
 
     def say(c: int, progress: Progress) -> None:
         text = f"objects[{c}]: {100 * progress.done:.0f} % of the training, {progress.rounds} rounds: "
@@ -156,3 +158,7 @@ def show(name: str, found: Report, console: Console) -> None:
     if found.sampled is not None and found.sampled.relative > POOR:
         console.warn(f"{name}: the subspace does not follow that motion; try more vectors (--basis), more motions "
                      "(--episodes), or weaker inputs (--wind, --pace)")  # fmt: skip
+    if found.floor:
+        from clothfit.subspace.sensitivity import at_best
+
+        console.result(at_best(found.floor))

@@ -2,8 +2,9 @@
 
     u = [z₁, z₁ − z₂, w],  z = clip(u L + l + s ⊙ Φ((u − μ) F)),  Φ layers h ↦ a(h W + b).
 
-z are coordinates relative to their size, s the size of what the linear part leaves, and F the scales of u or, in the
-paper's network, what makes [z̄, z₁, w] of it. Where z is clipped, the gradient passes if a step along it leads back.
+z are coordinates relative to their size, s the size of what the linear part leaves or the recipe's least, and F the
+scales of u or, in the paper's network, what makes [z̄, z₁, w] of it. Where z is clipped, the gradient passes if a step
+along it leads back.
 """
 
 from __future__ import annotations
@@ -19,21 +20,27 @@ from clothfit.subspace.network.recipe import Recipe
 from clothfit.subspace.network.signals import Signals
 from clothfit.subspace.network.weights import Network
 
+TINY = 1e-12
+"""Below the size of what any linear part leaves."""
+
 
 class Trained:
     """The values, and their fixed surroundings."""
 
     def __init__(self, prior: Linear, recipe: Recipe, limits: Array, rng: np.random.Generator, kind: Any) -> None:
-        """`limits` (2, r) of the coordinates; weights as He et al. start them, the last layer a tenth of that."""
+        """`limits` (2, r) of the coordinates; weights as He et al. start them, those of the last layer so that it gives
+        a tenth of what the linear part leaves.
+        """
         self.r, self.recipe, self.kind = prior.offset.shape[0], recipe, kind
         sizes = [prior.features, *(max(1, round(width * self.r)) for width in recipe.hidden), self.r]
         pairs = list(itertools.pairwise(sizes))
         self.weights = [(np.sqrt(2.0 / a) * rng.standard_normal((a, b))).astype(kind) for a, b in pairs]
-        self.weights[-1] *= kind(0.1)
+        size = np.maximum(prior.left, max(recipe.least, TINY))
+        self.weights[-1] *= kind(0.1 * np.linalg.norm(prior.left) / np.linalg.norm(size))
         self.biases = [np.zeros(b, kind) for b in sizes[1:]]
         self.linear, self.offset = prior.matrix.astype(kind), prior.offset.astype(kind)
         self.mean, self.lift = prior.mean.astype(kind), prior.lift.astype(kind)
-        self.left, (self.low, self.high) = prior.left.astype(kind), limits.astype(kind)
+        self.left, (self.low, self.high) = size.astype(kind), limits.astype(kind)
 
     @property
     def values(self) -> list[Array]:

@@ -26,6 +26,9 @@ from clothfit.subspace.recorded.recording import Data
 ONE_OF = 8
 """So many motions one is held out, to choose the best values by."""
 
+SEEN = 500
+"""Windows whose deviations give the size of the noise."""
+
 LEAST_FRAMES = 50
 """Good ones, below which there is no training."""
 
@@ -54,7 +57,8 @@ def lesson(data: Data, c: int, episodes: Sequence[int], basis: Array) -> Lesson:
     w = np.stack([signals.of(system, data.steps) for system in systems])
     motions = Motions(np.stack(z), w, np.stack(good))
     taught = [e for k, e in enumerate(episodes) if k % ONE_OF != ONE_OF - 1]
-    return Lesson(motions, signals, int(motions.good[:, 1:].sum()), settled(data, c, taught, basis, signals))
+    rest = settled(data, c, taught, basis, signals, motions.z[motions.good])
+    return Lesson(motions, signals, int(motions.good[:, 1:].sum()), rest)
 
 
 def coordinates(data: Data, c: int, episode: int, system: System, onto: Array) -> tuple[Array, Array]:
@@ -82,10 +86,11 @@ def prepared(given: Lesson, recipe: Recipe, seed: int) -> tuple[Training, float]
         part = part.joined(given.rest.scaled(size, float))
     linear = prior.dense(part) if recipe.dense else prior.diagonal(part)
     own = Trained(linear, recipe, limits(motions, recipe.margin), np.random.default_rng([seed, 0]), kind)
+    noise = spread(motions.of(taught), recipe)
     part, rest = (some.scaled(1.0, kind) for some in (part, motions.of(beside or taught)))
     loss = Loss(recipe.absolute, recipe.velocity * size / pace)
     state = begin(own, recipe, seed)
-    return Training(own, recipe, part, rest, spread(part, recipe), loss, state), size
+    return Training(own, recipe, part, rest, noise, loss, state), size
 
 
 def limits(motions: Motions, margin: float) -> Array:
@@ -97,10 +102,17 @@ def limits(motions: Motions, margin: float) -> Array:
 
 
 def spread(motions: Motions, recipe: Recipe) -> Array:
-    """The noise (r,): of all components that of the first three in the paper's recipe, else of each its own."""
-    deviations = motions.z[motions.good].std(axis=0)
-    own = np.full(len(deviations), deviations[:3].mean()) if recipe.absolute else deviations
-    return np.asarray(recipe.noise * own, np.float32)
+    """The noise (r,): in the paper's recipe relative to the mean deviation of the first three components; else that of
+    each component within a window, in the median, since a cloth that rests on an obstacle and then falls from it has
+    deviations that mean nothing while it rests.
+    """
+    if recipe.absolute:
+        deviations = motions.z[motions.good].std(axis=0)
+        return np.full(len(deviations), recipe.noise * deviations[:3].mean(), np.float32)
+    starts, length = motions.starts(recipe.windows[1])
+    chosen = starts[:: max(1, len(starts) // SEEN)]
+    within = motions.windows(chosen, length)[0].std(axis=1)
+    return np.asarray(recipe.noise * np.median(within, axis=0), np.float32)
 
 
 def finished(training: Training, size: float, given: Lesson) -> Network:

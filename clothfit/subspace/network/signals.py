@@ -4,10 +4,13 @@ Of step t, which leads from frame t to t + 1, they are in this order, each only 
 
     wind (3), gravity (3)   of the tables of the step, m/s and m/s²: with a moving frame, in the axes of the world
     carrier (6)             velocity and change of velocity of what carries the cloth (`carrier`), m/s
+    turn (6)                its angular velocity and the change of that, rad/s, where the pins turn
     pins (6 P)              the places of the pins past the carrier after the step, and their way in it, m
     colliders (2 · 3 D)     the rows of the tables of colliders, their places past the carrier, and their change
 
 The last two are many and move together, so that a mix of them, found in recorded motions, takes their place.
+Coordinates are those in the axes of the world: there the ground keeps its direction, and how the carrier is turned is
+in the places of the pins.
 """
 
 from __future__ import annotations
@@ -23,10 +26,18 @@ from clothfit.engine.forces.touch import PLACE, STATE
 from clothfit.engine.system import System
 from clothfit.subspace import carrier
 
-PLAIN = ("wind", "gravity", "carrier")
+PLAIN = ("wind", "gravity", "carrier", "turn")
 """Parts that are inputs as they are."""
 
 COLLIDERS = "colliders"
+
+ORDER = (*PLAIN, "pins", COLLIDERS)
+
+STILL = 1e-6
+"""rad/s that are no turn."""
+
+FLAT = 1e-6
+"""Relative moment of inertia below which pins are in a line."""
 
 MOST = 24
 """Numbers that take the place of those of pins, or of colliders."""
@@ -81,6 +92,9 @@ def raw(system: System, steps: int) -> list[tuple[str, Array]]:
     shift = carrier.shift(inputs, steps + 1)
     if inputs.path.size:
         found.append(("carrier", carried(shift[:, 0], system)))
+        turn = turned(inputs.path[: steps + 1], system)
+        if np.abs(turn).max(initial=0.0) > STILL:
+            found.append(("turn", turn))
         found.append(("pins", of_places(inputs.path[: steps + 1] - inputs.path[0] - shift)))
     if len(inputs.centre):
         found.append((COLLIDERS, of_places(past(inputs.centre[: steps + 1], shift, len(system.spheres.radius)))))
@@ -89,11 +103,30 @@ def raw(system: System, steps: int) -> list[tuple[str, Array]]:
 
 def carried(shift: Array, system: System) -> Array:
     """Velocity and change of velocity (steps, 6) of the carrier, m/s, for its ways (steps + 1, 3)."""
-    inputs = system.inputs
-    assert inputs is not None
-    velocity = np.diff(shift, axis=0) / system.h
-    before = np.concatenate([system.v0[inputs.pins].mean(axis=0)[None], velocity[:-1]])
-    return np.concatenate([velocity, velocity - before], axis=1)
+    return with_change(np.diff(shift, axis=0) / system.h)
+
+
+def with_change(rate: Array) -> Array:
+    """Rates (steps, 3), and their changes since the step before; at the start pins have the velocity of their first
+    step (`engine.system.at_start`).
+    """
+    return np.concatenate([rate, np.diff(rate, axis=0, prepend=rate[:1])], axis=1)
+
+
+def turned(path: Array, system: System) -> Array:
+    """Angular velocity ω and its change (steps, 6), rad/s, of the nearest rigid motion of pins at places (steps + 1, P,
+    3): (Σ |r|² − r rᵀ) ω = Σ r × ṙ, with r from their mean. About the line of pins in one the turn is 0.
+    """
+    away = path - path.mean(axis=1, keepdims=True)
+    return with_change(spin(0.5 * (away[1:] + away[:-1]), np.diff(away, axis=0)) / system.h)
+
+
+def spin(r: Array, way: Array) -> Array:
+    """The rotation (steps, 3), rad, nearest to ways (steps, P, 3), for places r relative to their mean."""
+    square = np.einsum("tpi,tpi->t", r, r)
+    inertia = square[:, None, None] * np.eye(3) - np.einsum("tpi,tpj->tij", r, r)
+    moment = np.cross(r, way).sum(axis=1)
+    return np.asarray(np.einsum("tij,tj->ti", np.linalg.pinv(inertia, rcond=FLAT, hermitian=True), moment))
 
 
 def of_places(x: Array) -> Array:
@@ -111,11 +144,17 @@ def past(centre: Array, shift: Array, spheres: int) -> Array:
 
 
 def fitted(tables: Sequence[list[tuple[str, Array]]]) -> Signals:
-    """The signals of recorded motions, from the raw ones of each: those of many numbers as their main components."""
-    parts = tuple((name, table.shape[1]) for name, table in tables[0])
+    """The signals of recorded motions, from the raw ones of each: those of many numbers as their main components. What
+    some of the motions have not is 0 in them. Raises InvalidInput where pins or colliders are not the same in all.
+    """
+    found = [dict(table) for table in tables]
+    sizes = {name: table.shape[1] for each in found for name, table in each.items()}
+    if any(table.shape[1] != sizes[name] for each in found for name, table in each.items()):
+        raise InvalidInput("a network needs motions with the same pins and colliders in all")
+    parts = tuple((name, sizes[name]) for name in ORDER if name in sizes)
     means, mixes = [np.zeros(0)], []
-    for k, (name, size) in enumerate(parts):
-        every = np.concatenate([each[k][1] for each in tables])
+    for name, size in parts:
+        every = np.concatenate([each.get(name, np.zeros((1, size))) for each in found])
         plain = name in PLAIN
         means.append(np.zeros(size) if plain else every.mean(axis=0))
         mixes.append(np.eye(size) if plain else components(every - means[-1]))

@@ -31,6 +31,7 @@ from clothfit.subspace.network.training import Progress, Training
 from clothfit.subspace.physics.samples import nothing
 from clothfit.subspace.play import positions, rolled, stepper
 from clothfit.subspace.recorded.recording import Data
+from clothfit.subspace.sensitivity import SOUGHT, floor_of_recorded
 
 HEAD = "training"
 
@@ -111,12 +112,14 @@ def judge(part: Part, found: Report, data: Data, c: int) -> None:
     away = positions(own, rolled(own, len(x) - 1, scene.name)) - own.system.x0 - x
     rmse, size = (float(np.sqrt((each**2).sum(axis=2).mean())) for each in (away, x))
     found.sampled = Fitness(rmse, rmse / size if size > 0 else 0.0)
+    found.floor = floor_of_recorded(data, c, last, part.basis) if found.sampled.relative > SOUGHT else 0.0
     found.us_per_frame, found.full_us_per_step = cost(part, scene, c, min(data.steps, TIMED))
 
 
 def identity(model: Model, data: Data, school: Schooling) -> dict[str, Any]:
     """What a state belongs to: the same data, bases, recipe and seed."""
     own = hashlib.sha256(dumps(data.scene))
+    own.update(repr(RECIPES[school.recipe]).encode())  # which another version may have with other numbers
     own.update(json.dumps([asdict(each) for each in data.episodes]).encode())
     for part in model.parts:
         own.update(np.ascontiguousarray(part.basis, np.float32).tobytes())

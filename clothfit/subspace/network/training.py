@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from clothfit.base import interrupts
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.subspace.network.descent import Descent, clipped
 from clothfit.subspace.network.layers import Trained
 from clothfit.subspace.network.recipe import GROWN, Budget, Recipe
@@ -38,7 +38,7 @@ class Progress:
 
     done: float  # part of the budget
     rounds: int
-    error: float  # of the held-out motions, relative to their RMS; inf before the first look
+    error: float  # of the held-out motions (`Training.error`); inf before the first look
     best: float
 
 
@@ -98,14 +98,17 @@ class Training:
         recipe, state = self.recipe, self.state
         first, last = recipe.windows
         length = round(first * (last / first) ** min(1.0, done / GROWN))
-        starts, length = self.starts(length)
-        chosen = starts[state.rng.integers(0, len(starts), recipe.batch)]
-        z, w = self.motions.windows(chosen, length)
+        z, w = self.draw(length)
         begin = self.begin(z[:, :2])
         _, grad = gradient(self.own, self.loss, z, w, begin)
         state.rounds += 1
         if clipped(grad, recipe.clip):
             state.descent.step(state.values, grad, self.rate(done))
+
+    def draw(self, length: int) -> tuple[Array, Array]:
+        """Windows at random, and their inputs (`Motions.windows`)."""
+        starts, length = self.starts(length)
+        return self.motions.windows(starts[self.state.rng.integers(0, len(starts), self.recipe.batch)], length)
 
     def starts(self, length: int) -> tuple[Indices, int]:
         """The starts of all windows of a length, or of the longest that there are, and that."""
@@ -144,10 +147,21 @@ class Training:
         return Progress(done, state.rounds, error, state.best_error)
 
     def error(self) -> float:
-        """The RMSE of the held-out motions, relative to the RMS of their way since the start."""
+        """The RMSE of the held-out motions, relative to the RMS of their way since the start. From 1 on, which is that
+        of standing still, whole motions tell nothing: then it is 1 and the error of windows of them.
+        """
         given = self.held_out
-        away = (played(self.own, given.z, given.w) - given.z)[:, 1:][given.good[:, 1:]]
-        moved = (given.z - given.z[:, 1:2])[:, 1:][given.good[:, 1:]]
+        whole = self.missed(given.z, given.w, given.good)
+        if whole < 1.0:
+            return whole
+        starts, length = given.starts(self.recipe.windows[1])
+        z, w = given.windows(starts[::length], length)
+        return 1.0 + self.missed(z, w, np.ones(z.shape[:2], bool))
+
+    def missed(self, z: Array, w: Array, good: Flags) -> float:
+        """That of motions z (E, T, r) under inputs w (E, T − 2, m), over good frames (E, T)."""
+        away = (played(self.own, z, w) - z)[:, 1:][good[:, 1:]]
+        moved = (z - z[:, 1:2])[:, 1:][good[:, 1:]]
         return float(np.sqrt((away.astype(float) ** 2).sum() / max(float((moved.astype(float) ** 2).sum()), 1e-300)))
 
     def settle(self) -> None:

@@ -1,5 +1,6 @@
 """Networks by the commands: trained, gone on with, played and compared."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -8,6 +9,7 @@ from helpers.scenes import cloth, document, write_scene
 
 from clothfit.cli.program import run
 from clothfit.subspace.model import load_model
+from clothfit.subspace.network.recipe import OWN, RECIPES
 
 pytestmark = pytest.mark.slow  # compiles motions with inputs
 
@@ -20,7 +22,11 @@ def test_the_commands(tmp_path, monkeypatch, capsys):
     assert run([*own, "--rounds", "40", "-o", "a.npz", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["training"][0]["rounds"] == 40
-    assert said["objects"][0]["sampled"]["relative_rmse"] > 0
+    missed = said["objects"][0]["sampled"]["relative_rmse"]
+    assert missed > 0.02
+    assert said["objects"][0]["floor"] > 0.0
+    assert run([*own, "--rounds", "2", "-o", "b.npz"]) == 0
+    assert " %: the full simulation itself is so far off" in capsys.readouterr().out
     assert run([*own, "--rounds", "60", "-o", "a.npz", "--resume", "-q"]) == 0
     assert load_model("a.npz").built["training"][0]["rounds"] == 60
     assert run([*own, "--rounds", "60", "-o", "a.npz", "--resume"]) == 0
@@ -30,6 +36,10 @@ def test_the_commands(tmp_path, monkeypatch, capsys):
     assert run(["subspace", "play", "a.npz", "--frames", "25", "-o", "m.npz", "-q"]) == 0
     assert np.load("m.npz")["positions"].shape == (25, 16, 3)
     assert run([*own, "--rounds", "60", "--recipe", "paper", "-o", "a.npz", "--resume", "-q"]) == 3
+    assert "it is the training of another model" in capsys.readouterr().err
+    changed = dataclasses.replace(OWN, least=0.5)  # as of another version of this program
+    monkeypatch.setitem(RECIPES, "own", changed)
+    assert run([*own, "--rounds", "70", "-o", "a.npz", "--resume", "-q"]) == 3
     assert "it is the training of another model" in capsys.readouterr().err
 
 

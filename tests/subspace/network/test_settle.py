@@ -30,3 +30,12 @@ def test_pieces_follow_the_recorded_frames_and_each_other(tmp_path):
         speed = np.abs(np.diff(given.rest.z[number * count : (number + 1) * count], axis=1)).max(axis=(1, 2))
         assert speed[-1] < 1e-3 * speed[0]  # damping of 2/s for 10 s
     assert np.abs(given.rest.w[-1]).max() < 1e-12  # the wind is over
+
+
+def test_a_cloth_that_falls_for_ever_has_none(tmp_path):
+    """Nothing holds it: ten times as long, it would fall a hundred times as far as in the recorded frames."""
+    scene = scene_of(document(cloth(4, 3, vertIsFixed=[False] * 12), optimizationIterations=60))
+    ranges, steps = Ranges(3.0), 60
+    record(scene, episodes(scene, ranges, 4, 1.2, 0), ranges, steps, tmp_path / "data.npz")
+    system = build(scene, 0, steps=1)
+    assert lesson(Data(tmp_path / "data.npz"), 0, range(4), whole(system)).rest is None

@@ -160,6 +160,31 @@ def test_training_improves_on_the_linear_part_and_is_the_same_again():
         np.testing.assert_array_equal(a, b)
 
 
+def test_the_error_of_motions_that_part_is_that_of_windows_behind_1():
+    training, _ = prepared(lesson(), OWN, 0)
+    given = training.held_out
+    assert training.error() == training.missed(given.z, given.w, given.good) < 1.0
+    training.own.linear *= 1.2  # free motions grow by more than that in each step
+    assert training.missed(given.z, given.w, given.good) > 1.0
+    length = OWN.windows[1]
+    z, w = given.z[:, : length + 2], given.w[:, :length]  # of motions of 60 frames there is one window of 48 each
+    made = np.asarray(played(training.own, z, w), float)
+    missed = ((made - z)[:, 1:] ** 2).sum() / ((z - z[:, 1:2])[:, 1:] ** 2).sum()
+    assert training.error() == pytest.approx(1.0 + np.sqrt(missed), rel=1e-5)  # single precision
+
+
+def test_the_noise_is_that_of_windows_not_of_a_fall_at_the_end():
+    given = lesson(episodes=9, frames=160)
+    plain = prepared(given, OWN, 0)[0]
+    fallen = dataclasses.replace(given.motions, z=given.motions.z.copy())
+    fallen.z[:, -20:] += 1e4 * np.arange(20)[:, None]
+    after = prepared(dataclasses.replace(given, motions=fallen), OWN, 0)[0]
+    sizes = [training.noise * size for training, size in ((plain, 1.0), (after, 1.0))]
+    scale = [float(np.sqrt(((m.z - m.z.mean(axis=(0, 1))) ** 2).sum(axis=2).mean())) for m in (given.motions, fallen)]
+    assert scale[1] > 100 * scale[0]
+    np.testing.assert_allclose(sizes[1] * scale[1], sizes[0] * scale[0], rtol=0.5)  # of the median, which half share
+
+
 def test_an_interrupted_training_goes_on_where_it_was():
     def ready():
         return prepared(lesson(), small(OWN), 7)[0]
@@ -194,3 +219,10 @@ def test_the_descent_is_that_of_the_papers():
             top = np.maximum(top, v)
             x = x - 0.01 * (m / (1 - 0.9**t)) / (np.sqrt((top if amsgrad else v) / (1 - 0.999**t)) + 1e-8)
         np.testing.assert_allclose(value[0], x, rtol=1e-12)
+
+
+def test_a_training_is_over_after_its_minutes_or_so_many_rounds():
+    assert Budget(minutes=2.0).done(60.0, 10**6) == 0.5
+    assert Budget(minutes=2.0, most=400).done(60.0, 100) == 0.5
+    assert Budget(minutes=2.0, most=400).done(60.0, 300) == 0.75
+    assert Budget(rounds=500, most=400).done(60.0, 300) == 0.6  # which is asked for
