@@ -1,13 +1,14 @@
 """Hints: what a target itself shows of its difference from the scene, said before a fit.
 
-Another clock or gravity (`free_fall`), another place, held vertices that move, lengths that are not the scene's, and
-vertices that change places. `residual_hints` has those that a fitted motion shows.
+Another clock or gravity (`free_fall`), another place or size, held vertices that move or stand elsewhere, lengths that
+are not the scene's, and vertices that change places. `residual_hints` has those that a fitted motion shows.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +18,22 @@ from clothfit.base.messages import counted, metres
 from clothfit.motion.motion import Motion
 from clothfit.objective.experiment import Experiment
 from clothfit.registration.free_fall import other_fall
-from clothfit.registration.record import rigid
+from clothfit.registration.markers import listed, named
+from clothfit.registration.mistaken import changes
+from clothfit.registration.record import rigid, scale_between
 from clothfit.scene.cloth import Cloth
 from clothfit.scene.scene import Scene
 
-AWAY, RIGID = 0.005, 0.2
+AWAY, RIGID = 0.001, 0.2
 """Distance of the first frame from the scene's start, relative to its size, that is worth a word, and the largest part
-of it that may be left where the target is only moved and turned.
+of it that may be left where the target is only moved and turned, or only larger or smaller.
 """
+
+STANDS = 0.5
+"""How far a held vertex may move about its mean, relative to its distance from where it is held, and stand there."""
+
+OTHER_SIZE = 0.01
+"""Relative difference of the sizes of the first frame and the scene's start that is worth a word."""
 
 MOVES, PERSISTS = 0.01, 0.5
 """Movement of held vertices, relative to that of the others, and its correlation from frame to frame: noise has none.
@@ -35,12 +44,8 @@ SHORTER, MOSTLY = 0.9, 0.95
 
 STARTS = 1e-3  # steps; a first frame within is that of the start
 
-EXCHANGE = 0.1
-"""Two vertices change places where that leaves less than this part of their jumps."""
-
-
-MOST, MOST_JUMPS = 3_000_000, 64
-"""Numbers of a target that one look takes, and vertices among which it seeks two that change places."""
+MOST = 3_000_000
+"""Numbers of a target that one look takes."""
 
 
 @dataclass(frozen=True)
@@ -69,31 +74,67 @@ def hints_of(scene: Scene, motion: Motion) -> Iterator[Hint]:
             f"the target falls at {fall.acceleration:.3g} m/s² instead of {fall.gravity:.3g}: another clock (rate "
             f"{fall.rate:.3g}), or gravity; use --fit-time, or fit gravity",
         )
-    yield from placed(scene, motion)
+    moved = list(placed(scene, motion))
+    yield from moved or elsewhere(scene, motion)
+    for swap in islice(changes(motion, 1), 1):
+        names = listed([named(vertex, motion.vertex_counts) for vertex in swap.vertices])
+        text = f"{names} change places in frame {swap.frame} of the target; exchange them there, or mark them as not"
+        yield Hint("swapped_markers", f"{text} observed")
     for i, cloth in enumerate(scene.cloths):
         positions, seen = motion.of(i), motion.seen(i)
         yield from held_that_move(cloth, positions, seen, f"objects[{i}]")
         yield from shrunk(cloth, positions, seen, f"objects[{i}]")
-        yield from exchanged(positions, seen, f"objects[{i}]")
 
 
 def placed(scene: Scene, motion: Motion) -> Iterator[Hint]:
-    """Does the target begin where the scene does?"""
-    if motion.times[0] > STARTS * scene.delta:
-        return
+    """Does the target begin where the scene does, and as large?"""
     seen = motion.seen()[0]
     start = np.concatenate([cloth.positions for cloth in scene.cloths])[seen]
     points = motion.positions[0][seen]
-    if len(points) < 3:
+    if motion.times[0] > STARTS * scene.delta or len(points) < 3:
         return
     size = float(np.linalg.norm(np.ptp(start, axis=0)))
-    distance, left = (rms(each - start) for each in (points, moved_onto(points, start)))
-    if distance > AWAY * size and left < RIGID * distance:
+    distance, left = rms(points - start), rms(moved_onto(points, start) - start)
+    larger = scale_between(points, start)
+    alike = rms(moved_onto(points / larger, start) - start)
+    free = np.sqrt(max(1.0 - 2.0 / len(points), 0.1))  # of what is left: moving and turning has six unknowns
+    if abs(larger - 1.0) > OTHER_SIZE and left > AWAY * size and alike < RIGID * left:
+        yield Hint(
+            "scale",
+            f"the target's first frame is {larger:.4g} times as large as the scene's start; use --fit-scale, or give "
+            f"the target's unit (--scale, now {1.0 / larger:.4g} times)",
+        )
+        left, distance = alike, rms(points / larger - start)
+    if distance > AWAY * size and left < RIGID * free * distance:
         yield Hint(
             "placement",
             f"the target's first frame is {metres(distance)} (RMS) away from the scene's start, and {metres(left)} "
             "when it is moved and turned as a whole; use --fit-placement",
         )
+
+
+def elsewhere(scene: Scene, motion: Motion) -> Iterator[Hint]:
+    """Do vertices that the scene holds stand still elsewhere in the target?"""
+    for i, cloth in enumerate(scene.cloths):
+        still, seen = held_still(cloth), motion.seen(i)
+        held = some(np.flatnonzero(still & seen.any(axis=0)), len(motion.times))
+        if not len(held):
+            continue
+        known = seen[:, held][..., None]
+        mean = np.where(known, motion.of(i)[:, held], 0.0).sum(axis=0) / known.sum(axis=0)
+        away = np.linalg.norm(mean - cloth.positions[held], axis=1)
+        squares = (np.where(known, motion.of(i)[:, held] - mean, 0.0) ** 2).sum(axis=(0, 2))
+        wandering = np.sqrt(squares / seen[:, held].sum(axis=0))
+        gap = float(np.median(np.where(wandering < STANDS * away, away, 0.0)))
+        size = float(np.linalg.norm(np.ptp(cloth.positions, axis=0)))
+        if gap > AWAY * size:
+            yield Hint(
+                "placement",
+                f"objects[{i}]: {counted(len(held), 'vertex', 'vertices')} that the scene holds "
+                f"{'stands' if len(held) == 1 else 'stand'} {metres(gap)} (median) away from there in the target; use "
+                "--fit-placement, or hold others",
+            )
+            return
 
 
 def moved_onto(points: Array, others: Array) -> Array:
@@ -102,12 +143,17 @@ def moved_onto(points: Array, others: Array) -> Array:
     return np.asarray(points @ R.T + t)
 
 
+def held_still(cloth: Cloth) -> Flags:
+    """Which vertices (n,) the scene holds where they start."""
+    still = cloth.fixed.copy()
+    still[[vertex for pin in cloth.pins for vertex in pin.vertices]] = False
+    return np.asarray(still)
+
+
 def held_that_move(cloth: Cloth, positions: Array, seen: Flags, name: str) -> Iterator[Hint]:
     """Do vertices that the scene holds move in the target (F, n, 3)?"""
     known = seen.all(axis=0)
-    still = cloth.fixed.copy()
-    still[[vertex for pin in cloth.pins for vertex in pin.vertices]] = False
-    held, free = (some(np.flatnonzero(known & each), len(positions)) for each in (still, ~cloth.fixed))
+    held, free = (some(np.flatnonzero(known & each), len(positions)) for each in (held_still(cloth), ~cloth.fixed))
     if not len(held) or not len(free) or len(positions) < 4:
         return
     away = positions[:, held] - positions[:, held].mean(axis=0)
@@ -157,31 +203,6 @@ def edges_of(cloth: Cloth) -> Flags:
     ends = np.sort(cloth.springs, axis=1).astype(np.int64)
     found = np.isin(ends[:, 0] * n + ends[:, 1], sides[:, 0] * n + sides[:, 1])
     return found if found.any() else np.ones(len(ends), bool)
-
-
-def exchanged(positions: Array, seen: Flags, name: str) -> Iterator[Hint]:
-    """Do two vertices of the target (F, n, 3) change places from one frame to the next?"""
-    for frame in range(1, len(positions)):
-        both = np.flatnonzero(seen[frame] & seen[frame - 1])
-        if len(both) < 3:
-            continue
-        now, before = positions[frame, both], positions[frame - 1, both]
-        jump = np.linalg.norm(now - before, axis=1)
-        wide = np.flatnonzero(jump > 4.0 * np.median(jump))
-        if not 2 <= len(wide) <= min(len(both) // 2, MOST_JUMPS):
-            continue
-        across = np.linalg.norm(now[wide][:, None] - before[wide][None], axis=2)
-        other = np.argmin(across, axis=1)
-        pairs = [(i, int(j)) for i, j in enumerate(other) if other[j] == i < j]
-        for i, j in pairs:
-            if across[i, j] + across[j, i] < EXCHANGE * (jump[wide[i]] + jump[wide[j]]):
-                first, second = sorted((int(both[wide[i]]), int(both[wide[j]])))
-                yield Hint(
-                    "swapped_markers",
-                    f"{name}: vertices {first} and {second} change places in frame {frame} of the target; exchange "
-                    "them there, or mark them as not observed",
-                )
-                return
 
 
 def some(indices: NDArray[np.intp], frames: int) -> NDArray[np.intp]:

@@ -1,19 +1,26 @@
 """A fit of targets whose clock or place is found with its values (`registration`).
 
 The registration is sought before the fit, which then compares with the registered target. Where the fitted values leave
-room for a better registration, the fit is done again with that, and kept if its error is smaller.
+room for a better registration, few of them (`search.better`) or all (`registration.joint`), the fit is done again with
+that, and kept unless its error is larger.
+
+Before all else markers are looked at (`registration.mistaken`): those that are swapped are exchanged, and what shows no
+vertex is left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
 from clothfit.base import interrupts, threads
 from clothfit.base.errors import InvalidInput
+from clothfit.fit.hints import Hint
+from clothfit.fit.holdout import split
 from clothfit.fit.options import FitOptions
 from clothfit.fit.result import Fit
 from clothfit.motion.motion import at_frames
@@ -21,12 +28,22 @@ from clothfit.motion.rounding import rounding
 from clothfit.objective.experiment import Experiment, Targets, experiments
 from clothfit.objective.loss import loss_named
 from clothfit.optimise.status import Status
+from clothfit.registration.joint import Joint, joint
+from clothfit.registration.mistaken import mistaken
 from clothfit.registration.record import Registration
 from clothfit.registration.search import Wanted, better, find
 from clothfit.scene.scene import Scene
 
 BETTER, ROUNDS = 0.99, 2
 """Error relative to the one before below which a fit is done again with another registration, and how often."""
+
+ALIKE = 1.002
+"""Error relative to the one before up to which the fit with the better registration is kept: the values that both leave
+open differ by more.
+"""
+
+MOMENT = 5.0
+"""Seconds, or as long as the fit takes where that is more, that a look at all values may take."""
 
 FEWEST = 12
 """Frames, at least, with which a registration is sought."""
@@ -37,6 +54,8 @@ SHORTEST = 1e-3
 SAME_FALL = (
     "gravity is fitted beside the rate of the target's clock: less of it and a slower clock look alike; fit one of them"
 )
+
+T = TypeVar("T")
 
 FitOf = Callable[[Scene, Targets, FitOptions], Fit]
 """A fit of a scene to targets that are registered."""
@@ -52,28 +71,87 @@ def registered_fit(scene: Scene, target: Targets | None, options: FitOptions, fi
     given = experiments(scene, target)
     if options.objective == "position":  # turned positions show no rounding
         options = options.within(max(rounding(each.motion) for each in given))
-    wanted = Wanted(options.fit_time, options.fit_placement, loss_named(options.loss, options.loss_scale))
+    loss = loss_named(options.loss, options.loss_scale)
+    wanted = Wanted(options.fit_time, options.fit_placement, loss, options.fit_scale)
     first = [Registration(offset=float(each.motion.times[0]) if options.fit_time else 0.0) for each in given]
     best = in_time(partial(find, scene, cut(given, first), wanted), left) or [Registration()] * len(given)
-    plain = replace(options, fit_time=False, fit_placement=False)
+    plain = replace(options, fit_time=False, fit_placement=False, fit_scale=False)
     found = fitted(scene, given, best, replace(plain, seconds=rest(left, began)), fit)
     again = replace(plain, foreseen=None, hinted=None, found=None, checkpoint=None, resume=False)
+    look = Look(scene, given, wanted, left, began)
     for _ in range(ROUNDS):
         remaining = rest(left, began)
         if found.status in (Status.INTERRUPTED, Status.DIVERGED) or remaining == SHORTEST:
             break
-        own = [Experiment(e.motion, found.scene if e.scene is scene else e.scene) for e in cut(given, best)]
         with interrupts.deferred():
-            next_best = in_time(partial(better, found.scene, own, wanted, best, BETTER**2), remaining, found)
+            next_best = look.another(found, best)
         if next_best is None:
             break
         other = fitted(scene, given, next_best, replace(again, seconds=rest(left, began)), fit)
-        if not other.rmse < found.rmse:
+        if not other.rmse < ALIKE * found.rmse:
             break
         best, found = next_best, replace(other, hints=[*(hint for hint in found.hints if hint.early), *other.hints])
+    if options.intervals and found.status not in (Status.INTERRUPTED, Status.DIVERGED):
+        with interrupts.deferred():
+            known = look.joint(found, best)
+        found = found if known is None else replace(found, registration=known.known)
     if options.fit_time and scene.mode("gravity") != "n":
         found = replace(found, warnings=[*found.warnings, SAME_FALL])
     return found
+
+
+@dataclass(frozen=True)
+class Look:
+    """What fits of a scene leave of registrations of its targets."""
+
+    scene: Scene
+    given: Sequence[Experiment]
+    wanted: Wanted
+    seconds: float | None  # that all has, from `began` on
+    began: float
+
+    def own(self, found: Fit, known: list[Registration]) -> list[Experiment]:
+        """The targets, with the fitted scene."""
+        pairs = cut(self.given, known)
+        return [Experiment(e.motion, found.scene if e.scene is self.scene else e.scene) for e in pairs]
+
+    def another(self, found: Fit, known: list[Registration]) -> list[Registration] | None:
+        """Registrations that promise a better fit: by few values, or, where the model is right, by all of them."""
+        remaining = rest(self.seconds, self.began)
+        look = partial(better, found.scene, self.own(found, known), self.wanted, known, BETTER**2)
+        by_few = in_time(look, remaining, found)
+        if by_few is not None or found.verdict is None or found.verdict.differs:
+            return by_few
+        by_all = self.joint(found, known)
+        return None if by_all is None else by_all.moved
+
+    def joint(self, found: Fit, known: list[Registration]) -> Joint | None:
+        """The registrations beside all values of the fit; None where that takes longer than the fit."""
+        taus = {(each.object, each.name): each.tau for each in found.prior or []}
+        own, remaining = self.own(found, known), rest(self.seconds, self.began)
+        longest = max(found.seconds, MOMENT)
+        look = partial(joint, found.scene, own, known, self.wanted.free, self.wanted.loss, found.sigma, taus)
+        return in_time(look, longest if remaining is None else min(remaining, longest), found)
+
+
+def marked_fit(scene: Scene, target: Targets, options: FitOptions, fit: FitOf) -> Fit:
+    """The fit of a scene to targets whose mistaken markers are put right, as far as what is fitted shows them. Raises
+    what `fit` does.
+    """
+    given = experiments(scene, target)
+    shown = given if options.holdout is None else split(scene, given, options.holdout, options.holdout_of)[0]
+    known = [mistaken(own, motion, late=options.fit_time) for motion, own in shown]
+    hints = [
+        Hint(code, f"{motion.name}: {text}; --keep-markers takes them as they are")
+        for (motion, own), each in zip(given, known, strict=True) for code, text in each.sentences(own.vertex_counts)
+    ]  # fmt: skip
+    if options.hinted:
+        for hint in hints:
+            options.hinted(hint)
+    pairs = [(each.applied(e.motion), e) for e, each in zip(given, known, strict=True)]
+    targets = [motion if e.scene is scene else (motion, e.scene) for motion, e in pairs]
+    found = fit(scene, targets if any(known) else target, replace(options, keep_markers=True))
+    return replace(found, hints=[*hints, *found.hints], markers=known if any(known) else None)
 
 
 def rest(seconds: float | None, began: float) -> float | None:
@@ -81,9 +159,7 @@ def rest(seconds: float | None, began: float) -> float | None:
     return None if seconds is None else max(seconds - (interrupts.now() - began), SHORTEST)
 
 
-def in_time(
-    look: Callable[[], list[Registration] | None], seconds: float | None, result: Fit | None = None
-) -> list[Registration] | None:
+def in_time(look: Callable[[], T | None], seconds: float | None, result: Fit | None = None) -> T | None:
     """What `look` finds; None where the time, or a request after there is a `result`, ends it."""
     try:
         with threads.single(), interrupts.heard(), interrupts.limited(seconds):

@@ -17,7 +17,7 @@ from clothfit.base import interrupts
 from clothfit.base.arrays import Array
 from clothfit.base.messages import metres
 from clothfit.engine.rollout import Rollout
-from clothfit.fit.hints import EXCHANGE, MOST_JUMPS, Hint
+from clothfit.fit.hints import Hint
 from clothfit.fit.registered_fit import cut
 from clothfit.fit.result import Fit
 from clothfit.motion.divergence import Diverged
@@ -27,6 +27,7 @@ from clothfit.objective.run import Run
 from clothfit.objective.target import Frames, sample
 from clothfit.optimise.status import Status
 from clothfit.registration.explained import Explained, explained, promised
+from clothfit.registration.mistaken import EXCHANGE, MOST
 from clothfit.registration.record import Registration
 from clothfit.scene.fit_vector import bounds, parameters, with_parameters
 from clothfit.strategy import smooth_balances
@@ -135,7 +136,7 @@ def from_exchange(found: Fit, objective: Objective, said: set[str]) -> list[Hint
         objective.simulate(run, p, every.update)
         squares = every.mean().ravel()
         far = np.flatnonzero(squares > WORSE * np.nanmedian(squares))
-        if not 2 <= len(far) <= MOST_JUMPS:
+        if not 2 <= len(far) <= MOST:
             continue
         some = Distances(run, far, crossed=True)
         objective.simulate(run, p, some.update)

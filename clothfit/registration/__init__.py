@@ -1,7 +1,8 @@
 """Targets with another clock or another place than the scene: which, found with few values of the scene beside it.
 
-record is a registration: rate, offset, rotation, translation. residuals has what is left with one, and the derivative
-by it; unknowns joins it with the scene's values for Gauss–Newton; search looks for the best one, from what the target
-shows by itself (free_fall); explained says how much of the residuals of a fit one would explain.
-To add a coordinate of registrations, such as a scale: its derivative in residuals, its field in record.
+record is a registration: rate, offset, rotation, translation, scale. residuals has what is left with one, and the
+derivative by it; unknowns joins it with the scene's values for Gauss–Newton; search looks for the best one, from what
+the target shows by itself (free_fall); explained says how much of the residuals of a fit one would explain. markers has
+those that are swapped or false, which mistaken finds in a target without any simulation.
+To add a coordinate of registrations: its derivative in residuals, its field in record.
 """

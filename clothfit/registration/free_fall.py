@@ -38,8 +38,14 @@ OFF, AGREEMENT, SURE = 0.1, 0.06, 6.0
 least difference from gravity in standard errors.
 """
 
+ALIKE = 0.01
+"""Relative error of an acceleration below which groups count alike."""
+
 SMOOTH = 0.01
 """What the regression may leave, relative to the fall: more is not a free fall."""
+
+UNLIKELY = 10.0
+"""How much more than a free fall's own BDF2 may leave that made it."""
 
 RANGE = (0.05, 20.0)
 """Accelerations relative to gravity that another clock or gravity can mean."""
@@ -65,6 +71,11 @@ class Measured(NamedTuple):
     factors: tuple[float, ...]  # of a, where the target was made with backward Euler or BDF2, a step for each frame
     left: float  # of the mean fall, relative to it
 
+    @property
+    def acceleration(self) -> float:
+        """Of all groups, m/s², by how well each is known."""
+        return float(np.average(self.values, weights=1.0 / (self.errors**2 + (ALIKE * self.values) ** 2)))
+
     def differs(self, g: float) -> bool:
         """Whether all groups fall alike, and not by `g`, m/s², whatever made the target."""
         possible = [self.values[0] * factor for factor in (1.0, *self.factors)]
@@ -80,16 +91,17 @@ def other_fall(scene: Scene, motion: Motion) -> Fall | None:
     if not g > 0 or scene.mode("gravity") != "n" or not np.isclose(motion.times[0], 0.0):
         return None
     for i, cloth in enumerate(scene.cloths):
-        groups = far_groups(scene, cloth)
+        throughout: Flags = np.asarray(motion.seen(i)[: FALL_FRAMES + 1].all(axis=0))
+        groups = far_groups(scene, cloth, throughout)
         found = None if groups is None else measured(motion, i, scene.gravity / g, *groups)
         if found is not None and found.differs(g):
-            return Fall(float(found.values[0]), g)
+            return Fall(found.acceleration, g)
     return None
 
 
-def far_groups(scene: Scene, cloth: Cloth) -> tuple[list[Indices], float] | None:
-    """The vertices of a cloth that fall freely at first, in groups, the farthest from held ones first, and how far, m,
-    they may fall; None where that is not known.
+def far_groups(scene: Scene, cloth: Cloth, seen: Flags) -> tuple[list[Indices], float] | None:
+    """Those of the vertices `seen` (n,) of a cloth that fall freely at first, in groups, the farthest from held ones
+    first, and how far, m, they may fall; None where that is not known.
     """
     windy = cloth.feels_air and (scene.wind_keys or scene.wind.any() or scene.mode("wind") != "n")
     thrown = cloth.velocity.any() or cloth.mode("velocity") != "n"
@@ -104,7 +116,7 @@ def far_groups(scene: Scene, cloth: Cloth) -> tuple[list[Indices], float] | None
     for sphere in scene.spheres:
         far &= np.linalg.norm(cloth.positions - sphere.centre, axis=1) > 1.5 * sphere.radius
     away = graph_distance(cloth)
-    far &= ~cloth.fixed & (away >= FEWEST_EDGES)
+    far &= ~cloth.fixed & (away >= FEWEST_EDGES) & seen
     if far.sum() < FEWEST_VERTICES:
         return None
     order = np.flatnonzero(far)[np.argsort(-away[far], kind="stable")]
@@ -156,8 +168,10 @@ def measured(
     left = float(np.abs(columns @ (velocity, acceleration, damping) - u[1:]).max() / np.abs(u).max())
     interval = float(times[1])
     columns[:, 1] += ahead(times[1:], interval)
-    by_bdf2 = float((np.linalg.pinv(columns) @ u[1:])[1])
-    return Measured(values, errors, (1.0 + 0.5 * damping * interval, by_bdf2 / acceleration), left)
+    by_bdf2 = np.linalg.pinv(columns) @ u[1:]
+    as_well = np.abs(columns @ by_bdf2 - u[1:]).max() / np.abs(u).max() <= UNLIKELY * left
+    factors = (1.0 + 0.5 * damping * interval, *[float(by_bdf2[1]) / acceleration] * int(as_well))
+    return Measured(values, errors, factors, left)
 
 
 def ahead(times: Array, interval: float) -> Array:

@@ -1,12 +1,12 @@
 """Registration: another clock and another place of a motion, and the same motion as the scene has it.
 
 The motion's clock shows `offset` when the scene begins, and runs `rate` seconds for each second of the scene; its
-points y lie, in the scene, at R y + d:
+points y lie, in the scene, at c R y + d:
 
-    t = (t' − offset) / rate,    x = R y + d
+    t = (t' − offset) / rate,    x = c R y + d
 
 so a motion that was stretched in time by 1.1 and begins 0.03 s late has rate 1.1 and offset 0.03 s, and one that is
-turned and moved has the rotation R and translation d that bring it back.
+turned, moved and 5 % too large has the rotation R, the translation d and the scale c = 1 / 1.05 that bring it back.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ class Registration:
     offset: float = 0.0  # s that the motion's clock shows when the scene begins
     rotation: Array = field(default_factory=lambda: np.eye(3))  # R (3, 3)
     translation: Array = field(default_factory=lambda: np.zeros(3))  # d (3,), m
+    scale: float = 1.0  # c
+    within: Array | None = None  # half widths (9,) of 95 % intervals of `numbers`; None: not known
 
     def times(self, times: Array) -> Array:
         """Times of the scene, s, at which the motion's clock shows `times`, s; negative before the scene begins."""
@@ -39,7 +41,7 @@ class Registration:
 
     def placed(self, points: Array) -> Array:
         """Points (…, 3), m, of the motion as they lie in the scene."""
-        return np.asarray(points @ self.rotation.T + self.translation)
+        return np.asarray(self.scale * (points @ self.rotation.T) + self.translation)
 
     def applied(self, motion: Motion, delta: float) -> Motion:
         """The motion with the scene's times and places; `delta`, s, is the scene's time step. Frames from before the
@@ -62,6 +64,18 @@ class Registration:
             y, z = np.arctan2(-R[2, 0], R[0, 0]), 0.0
         return np.degrees([x, y, z])
 
+    @property
+    def numbers(self) -> Array:
+        """Its numbers (9,): the rate, the offset, the angles in degrees, the translation and the scale."""
+        return np.array([self.rate, self.offset, *self.angles, *self.translation, self.scale])
+
+    def intervals(self) -> dict[str, Any] | None:
+        """The 95 % intervals of its numbers, low and high, by name; None where they are not known."""
+        if self.within is None:
+            return None
+        ends = np.stack([self.numbers - self.within, self.numbers + self.within], axis=1).tolist()
+        return {"rate": ends[0], "offset": ends[1], "rotation": ends[2:5], "translation": ends[5:8], "scale": ends[8]}
+
     def __str__(self) -> str:
         parts = []
         if (self.rate, self.offset) != (1.0, 0.0):
@@ -69,6 +83,8 @@ class Registration:
         if not np.array_equal(self.rotation, np.eye(3)) or self.translation.any():
             turn, move = (", ".join(f"{x:.3g}" for x in each + 0.0) for each in (self.angles, self.translation))
             parts.append(f"turned by ({turn})° and moved by ({move}) m")
+        if self.scale != 1.0:
+            parts.append(f"scaled by {self.scale:.5g}")
         return ", ".join(parts) or "neither its clock nor its place is another one"
 
     def summary(self) -> dict[str, Any]:
@@ -78,6 +94,8 @@ class Registration:
             "offset": self.offset,
             "rotation": self.angles.tolist(),
             "translation": self.translation.tolist(),
+            "scale": self.scale,
+            "intervals": self.intervals(),
         }
 
 
@@ -91,6 +109,13 @@ def rigid(points: Array, others: Array) -> tuple[Array, Array]:
     turn = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v)) or 1.0])
     R = (u @ turn @ v).T
     return R, other - R @ centre
+
+
+def scale_between(points: Array, others: Array) -> float:
+    """How much larger points (n, 3) are than others (n, 3), moved and turned as they may be; 1 where none have a size.
+    """
+    sizes = [float(np.linalg.norm(each - each.mean(axis=0))) for each in (points, others)]
+    return sizes[0] / sizes[1] if min(sizes) > 0 else 1.0
 
 
 def cross(w: Array) -> Array:

@@ -1,13 +1,13 @@
 """What is left between a scene's motion and targets with another clock or place, and its derivative by both.
 
-With the values p of the scene, and for each target a registration θ (`record`) in eight coordinates,
+With the values p of the scene, and for each target a registration θ (`record`) in nine coordinates,
 
-    r = s(t; p) − (R y + d),      t = (t' − offset) / rate
+    r = s(t; p) − (c R y + d),      t = (t' − offset) / rate
 
 for a frame at the clock's time t'; s lies on the straight line between two states, and is that of the start before the
-scene begins. With u = ds/dt and C = exp(w) (R₀ y + d₀ − c), c the middle of the target,
+scene begins. With u = ds/dt and C = c/c₀ exp(w) (c₀ R₀ y + d₀ − m), m the middle of the target,
 
-    ∂r/∂log rate = −t u,   ∂r/∂offset = −u / rate,   ∂r/∂w = C × J(w),   ∂r/∂d = −1
+    ∂r/∂log rate = −t u,   ∂r/∂offset = −u / rate,   ∂r/∂w = C × J(w),   ∂r/∂d = −1,   ∂r/∂log c = −C
 
 beside ∂s/∂p, the sensitivity. That gives the normal equations of values and registration together (H, g), so that what
 one of them can explain is not put down to the other.
@@ -24,7 +24,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.columns import columns
-from clothfit.derivative.sensitivity import Columns, at_start, tangents
+from clothfit.derivative.sensitivity import Columns, at_start, one_by_one, sweep, tangents
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.system import System, build, mobile, with_elements
 from clothfit.engine.tape import Tape
@@ -36,29 +36,40 @@ from clothfit.registration.record import Registration, rotation, rotation_deriva
 from clothfit.scene.fit_vector import elements, fitted_cloths
 from clothfit.scene.scene import Scene
 
-THETA = 8
-"""Coordinates of a registration: of the rate, the offset, the rotation and the translation."""
+THETA = 9
+"""Coordinates of a registration: of the rate, the offset, the rotation, the translation and the scale."""
 
-RATE, OFFSET, TIME, PLACE = 0, 1, slice(0, 2), slice(2, THETA)
+RATE, OFFSET, SCALE, TIME, PLACE, SPACE = 0, 1, 8, slice(0, 2), slice(2, 8), slice(2, THETA)
 """Their places."""
 
 
 @dataclass(frozen=True, eq=False)
 class Around:
-    """The registrations around one: their coordinates θ (8,), each scaled so that 1 is a large change."""
+    """The registrations around one: their coordinates θ (9,), each scaled so that 1 is a large change."""
 
     base: Registration
-    centre: Array  # c (3,), m, in the scene
-    scale: Array  # (8,): of log rate, of the offset, s, of w, rad, and of the translation, m
+    centre: Array  # m (3,), m, in the scene
+    scale: Array  # (9,): of log rate, of the offset, s, of w, rad, of the translation, m, and of the logarithm of c
 
     def at(self, theta: Array) -> Registration:
         """The registration with these coordinates."""
         by = theta * self.scale
         turn = rotation(by[2:5])
-        moved = self.centre + turn @ (self.base.translation - self.centre) + by[5:]
+        larger = float(np.exp(by[SCALE]))
+        moved = self.centre + larger * turn @ (self.base.translation - self.centre) + by[5:8]
         return Registration(
-            self.base.rate * float(np.exp(by[0])), self.base.offset + float(by[1]), turn @ self.base.rotation, moved
-        )
+            self.base.rate * float(np.exp(by[0])), self.base.offset + float(by[1]), turn @ self.base.rotation, moved,
+            self.base.scale * larger,
+        )  # fmt: skip
+
+
+    def of(self, other: Registration) -> Array:
+        """The coordinates (9,) of a registration near this one."""
+        turn, larger = other.rotation @ self.base.rotation.T, other.scale / self.base.scale
+        w = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+        moved = other.translation - self.centre - larger * turn @ (self.base.translation - self.centre)
+        clock = np.log(other.rate / self.base.rate), other.offset - self.base.offset
+        return np.array([*clock, *w, *moved, np.log(larger)]) / self.scale
 
 
 def around(base: Registration, motion: Motion) -> Around:
@@ -66,12 +77,14 @@ def around(base: Registration, motion: Motion) -> Around:
     points = base.placed(motion.positions[motion.seen()])
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
     duration = float(np.ptp(motion.times)) or 1.0
-    scale = np.array([0.3, 0.1 * duration, *[0.3] * 3, *[0.1 * size] * 3])
+    scale = np.array([0.3, 0.1 * duration, *[0.3] * 3, *[0.1 * size] * 3, 0.1])
     return Around(base, points.mean(axis=0), scale)
 
 
 class Parts(NamedTuple):
-    """What each of the F frames of a cloth of a target adds, its free and its held vertices apart."""
+    """What each of the F frames of a cloth of a target adds, its free and its held vertices apart; of H and g the sums
+    over all frames, as one, where nobody weights these (`Registered.summing`).
+    """
 
     own: Indices  # (q,), the coordinates that it depends on, of all Q
     cost: Array  # (F, 2), m²
@@ -95,6 +108,7 @@ def summed(size: int, parts: Sequence[Parts], trust: Sequence[Array] | None) -> 
     for number, each in enumerate(parts):
         weight = np.ones(each.cost.shape) if trust is None else trust[number]
         cost += float((weight * each.cost).sum())
+        weight = weight[: len(each.H)]
         H[np.ix_(each.own, each.own)] += np.tensordot(weight, each.H, 2)
         g[each.own] += np.tensordot(weight, each.g, 2)
     return Sums(cost, H, g, list(parts))
@@ -119,6 +133,7 @@ class Registered:
     tolerance: float  # of the linear systems, relative
     frames: int | None = None  # of each target that are compared, the first ones; None: all
     trust: tuple[Array, ...] | None = None  # weights (F, 2) as in `Sums.parts`; None: all 1
+    summing: bool = False  # whether H and g are summed over frames at once: for many values, without weights
 
     def first(self, frames: int) -> Registered:
         """The same over the first frames of each target."""
@@ -139,7 +154,7 @@ class Registered:
         return own
 
     def sums(self, p: Array, where: Sequence[Around], theta: Array, factor: Array | None = None) -> Sums:
-        """The cost at values p (P,) and registrations θ (K, 8); with H and g by (P + 8 K) coordinates where `factor`
+        """The cost at values p (P,) and registrations θ (K, 9); with H and g by (P + 9 K) coordinates where `factor`
         (P,), the change of each value for its coordinate, is given. Raises Diverged.
         """
         size = len(p) + THETA * len(self.given)
@@ -161,8 +176,9 @@ class Registered:
         wanted = self._columns(system, cloth, p, factor)
         free = mobile(system)
         shape, size = (len(times), 2), 0 if factor is None else wanted.width + THETA
-        zero = [np.zeros((*shape, *each)) for each in ((), (size, size), (size,))]
-        found = Parts(own[:size], zero[0], zero[1], zero[2], np.full(shape, np.nan))
+        kept_frames = min(len(times), 1) if self.summing else len(times)
+        H, g = (np.zeros((kept_frames, 2, *each)) for each in ((size, size), (size,)))
+        found = Parts(own[:size], np.zeros(shape), H, g, np.full(shape, np.nan))
         for state in states(system, at / scene.delta, wanted, self.tolerance):
             i = state.frame
             placed = now.placed(np.where(seen[i][:, None], points[i], 0.0))
@@ -183,8 +199,8 @@ class Registered:
                 found.cost[i, part] = weight[which] @ self.loss.value(squares[which])
                 if factor is not None:
                     rows = (root[which, None, None] * J[which]).reshape(-1, size)
-                    found.H[i, part] = rows.T @ rows
-                    found.g[i, part] = rows.T @ (root[which, None] * gaps[which]).reshape(-1)
+                    found.H[min(i, kept_frames - 1), part] += rows.T @ rows
+                    found.g[min(i, kept_frames - 1), part] += rows.T @ (root[which, None] * gaps[which]).reshape(-1)
         return found
 
     def _columns(self, system: System, cloth: int, p: Array, factor: Array | None) -> Columns:
@@ -221,8 +237,11 @@ def steps(
     def keep(chunk: Rollout) -> None:
         chunks[:] = [chunk]
 
-    if wanted.width:
+    if wanted.width and one_by_one(system, wanted, tape.steps):
         yield from tangents(system, tape, wanted, tolerance, keep)
+        return
+    if wanted.width:
+        yield from (dx.copy() for dx in sweep(system, tape, wanted, keep))  # it is always the same array
         return
     for chunk in tape.forward():
         keep(chunk)
@@ -238,15 +257,16 @@ def spread(sensitivity: Array, free: Flags) -> Array:
 
 
 def by_registration(u: Array, t: float, placed: Array, where: Around, theta: Array, rate: float) -> Array:
-    """∂r/∂θ (n, 3, 8) of a frame at the time t, s, of the scene, with velocities u (n, 3), m/s, and the points `placed`
+    """∂r/∂θ (n, 3, 9) of a frame at the time t, s, of the scene, with velocities u (n, 3), m/s, and the points `placed`
     (n, 3), m.
     """
     by = theta * where.scale
     J = np.zeros((*placed.shape, THETA))
     J[..., RATE], J[..., OFFSET] = -t * u, -u / rate
-    arms = placed - where.centre - by[5:]  # C
+    arms = placed - where.centre - by[5:8]  # C
     turn = rotation_derivative(by[2:5])
     for axis in range(3):
         J[..., 2 + axis] = np.cross(arms, turn[:, axis])
         J[:, axis, 5 + axis] = -1.0
+    J[..., SCALE] = -arms
     return np.asarray(J * where.scale)

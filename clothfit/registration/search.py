@@ -2,9 +2,10 @@
 
 Gauss–Newton on both together goes over the first third of the frames, then over all. It begins with what the target
 shows by itself: the clock by the free fall of its first frames, the place by its first frame, where that is the scene's
-start. Places are found from weighted residuals: a model that differs is wrong in its late frames first, and never at
-what is held; else a cloth that hangs lower than it should would move the whole target. The clock is the one with the
-lowest cost.
+start. Residuals are weighted: few values are wrong in late frames first, and never at what is held; else a cloth that
+hangs lower than it should would move the whole target, and one that is too stiff would make its clock late. Weights
+follow what is left, for some rounds, at last with a factor for each family and region. From fitted values (`better`)
+the clock is the one with the lowest cost.
 """
 
 from __future__ import annotations
@@ -20,17 +21,26 @@ from clothfit.motion.divergence import Diverged
 from clothfit.objective.experiment import Experiment, flagged_as
 from clothfit.objective.loss import Loss
 from clothfit.registration.free_fall import other_fall
-from clothfit.registration.record import Registration, rigid
-from clothfit.registration.residuals import PLACE, THETA, TIME, Around, Parts, Registered, Sums, around
+from clothfit.registration.record import Registration, rigid, scale_between
+from clothfit.registration.residuals import PLACE, SCALE, SPACE, THETA, TIME, Around, Parts, Registered, Sums, around
 from clothfit.registration.unknowns import Found, Unknowns, with_few_values
-from clothfit.scene.fit_vector import parameters
+from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.scene import Scene
 
 FIRST_FRAMES, FEWEST = 3, 12
 """The first so many parts of the frames, and frames at least, on which all starts are tried."""
 
-SHORT, LONG = 8, 25
-"""Iterations on these, and on all frames."""
+SHORT, ROUNDS = 8, 4
+"""Iterations on these, and with one set of weights; and how many sets there are at most."""
+
+FINER = 16
+"""Values, at most, with which registrations are sought: each takes a sensitivity of its own."""
+
+QUICK = 50_000
+"""Positions of a motion, at most, for which that takes seconds."""
+
+SETTLED = 1e-3
+"""Change of a registration's coordinates, each relative to a large one, that ends the rounds."""
 
 RIGID = 0.2
 """The largest part of a first frame's distance from the start that may be left when it is moved and turned."""
@@ -49,25 +59,31 @@ class Wanted:
     time: bool  # rate and offset
     placement: bool  # rotation and translation
     loss: Loss
+    scale: bool = False
 
     @property
     def free(self) -> Flags:
-        """Which coordinates (8,) are sought."""
+        """Which coordinates (9,) are sought."""
         free = np.zeros(THETA, bool)
-        free[TIME], free[PLACE] = self.time, self.placement
+        free[TIME], free[PLACE], free[SCALE] = self.time, self.placement, self.scale
         return free
 
 
 def first_guesses(given: Experiment, wanted: Wanted) -> list[Registration]:
-    """What the target shows by itself: its place, where its first frame is the start, and its clock, where it falls."""
+    """What the target shows by itself: its place and size, where its first frame is the start, and its clock, where it
+    falls.
+    """
     motion, scene = given
     place, first = Registration(), float(motion.times[0])
     seen = motion.seen()[0]
     start, points = np.concatenate([cloth.positions for cloth in scene.cloths])[seen], motion.positions[0][seen]
-    if wanted.placement and len(points) >= 3:
-        R, d = rigid(points, start)
-        if apart(points @ R.T + d, start) < RIGID * apart(points, start):
-            place = Registration(rotation=R, translation=d)
+    if (wanted.placement or wanted.scale) and len(points) >= 3:
+        c = 1.0 / scale_between(points, start) if wanted.scale else 1.0
+        R, d = rigid(c * points, start)
+        if not wanted.placement:
+            R, d = np.eye(3), np.zeros(3)
+        if apart(c * points @ R.T + d, start) < RIGID * apart(points, start):
+            place = Registration(rotation=R, translation=d, scale=c)
     if not wanted.time:
         return [place]
     begun = replace(place, offset=first).applied(motion, scene.delta)
@@ -87,9 +103,11 @@ def find(scene: Scene, given: Sequence[Experiment], wanted: Wanted) -> list[Regi
     known = [each for each in tries if each is not None]
     if not known:
         return unmoved
-    found = whole.refined(min(known, key=lambda each: each.cost), LONG)
-    lower = whole.cost(found.p, found.registrations) < whole.cost(whole.start, unmoved)
-    return found.registrations if lower else unmoved
+    found = whole.settled(min(known, key=lambda each: each.cost))
+    if (finer := whole.finer(scene, found)) is not None:
+        return finer
+    values = whole.only(slice(0)).descended(found.p, found.registrations, SHORT)
+    return found.registrations if values and values.cost < whole.cost(whole.start, unmoved) else unmoved
 
 
 def better(
@@ -106,15 +124,15 @@ def better(
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """Targets, and which coordinates (8,) of their registrations are sought."""
+    """Targets, and which coordinates (9,) of their registrations are sought."""
 
     registered: Registered
     free: Flags
 
     @classmethod
-    def of(cls, scene: Scene, given: Sequence[Experiment], wanted: Wanted) -> Stage:
-        """All frames of the targets, with the few values of the scene."""
-        few = with_few_values(scene)
+    def of(cls, scene: Scene, given: Sequence[Experiment], wanted: Wanted, mode: str = "F") -> Stage:
+        """All frames of the targets, with the few values of the scene, one factor or those of another `mode`."""
+        few = with_few_values(scene, mode)
         own = [Experiment(e.motion, few if e.scene is scene else flagged_as(e.scene, few)) for e in given]
         return cls(Registered(few, own, wanted.loss, TOLERANCE), wanted.free)
 
@@ -122,6 +140,25 @@ class Stage:
     def start(self) -> Array:
         """The scene's values (P,)."""
         return parameters(self.registered.main)
+
+    def finer(self, scene: Scene, found: Found) -> list[Registration] | None:
+        """Where the registrations settle with a factor for each family and region of the values of a scene, from what
+        is found with one; None where these are no more, or too many, or cost no less.
+        """
+        near = with_parameters(self.registered.main, found.p)
+        cloths = [replace(own, settings=each.settings, fits=each.fits)
+                  for own, each in zip(near.cloths, scene.cloths, strict=True)]  # fmt: skip
+        begun, main = replace(near, cloths=tuple(cloths)), self.registered.main
+        given = [Experiment(e.motion, begun if e.scene is main else e.scene) for e in self.registered.given]
+        wanted = Wanted(bool(self.free[TIME].any()), bool(self.free[PLACE].any()), self.registered.loss,
+                        bool(self.free[SCALE]))  # fmt: skip
+        stage = Stage.of(begun, given, wanted, "R")
+        size = scene.frames * sum(scene.vertex_counts)
+        if not len(self.start) < len(stage.start) <= FINER or size > QUICK:
+            return None
+        better = stage.settled(Found(found.cost, stage.start, found.registrations))
+        lower = stage.cost(better.p, better.registrations) < self.cost(self.start, [Registration()] * len(given))
+        return better.registrations if lower else None
 
     def early(self) -> Stage:
         """The same over the first frames."""
@@ -157,6 +194,23 @@ class Stage:
         except Diverged:
             return None
 
+    def settled(self, found: Found) -> Found:
+        """Where the registrations settle with weights that follow what is left."""
+        found = self.placed(found)
+        for _ in range(ROUNDS):
+            try:
+                near = self.weighted(found).descended(found.p, found.registrations, SHORT)
+            except Diverged:
+                return found
+            if near is None:
+                return found
+            pairs = zip(self.near(found.registrations), near.registrations, strict=True)
+            settled = all(np.abs(where.of(each)).max() <= SETTLED for where, each in pairs)
+            found = near
+            if settled:
+                break
+        return found
+
     def refined(self, found: Found, iterations: int) -> Found:
         """Better places, then a better clock, as far as they are sought."""
         found = self.placed(found)
@@ -172,7 +226,7 @@ class Stage:
 
     def placed(self, found: Found) -> Found:
         """A better place, if places are sought, from residuals weighted by what can be known (`trust_in`)."""
-        if not self.free[PLACE].any():
+        if not self.free[SPACE].any():
             return found
         for stage in (self.early(), self):
             try:

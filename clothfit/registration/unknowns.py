@@ -23,7 +23,7 @@ from clothfit.registration.residuals import THETA, Around, Registered, Sums
 from clothfit.scene.scene import Scene
 
 SLOWEST, LATEST = 5.0, 0.5
-"""The largest change of a rate, a factor, and of an offset, relative to the target's duration."""
+"""The largest change of a rate or a scale, a factor, and of an offset, relative to the target's duration."""
 
 LEAST = 1e-3
 """A descent ends where a step would save less than this part of the cost."""
@@ -45,7 +45,7 @@ class Unknowns:
     registered: Registered
     start: Array  # (P,)
     where: Sequence[Around]
-    free: Flags  # (8,), which coordinates of a registration are sought
+    free: Flags  # (9,), which coordinates of a registration are sought
 
     @cached_property
     def coordinates(self) -> Coordinates:
@@ -54,7 +54,7 @@ class Unknowns:
 
     @property
     def chosen(self) -> Flags:
-        """Which of all P + 8 K coordinates are in z."""
+        """Which of all P + 9 K coordinates are in z."""
         return np.concatenate([np.ones(len(self.start), bool), np.tile(self.free, len(self.where))])
 
     @property
@@ -68,7 +68,7 @@ class Unknowns:
         """Ends of z."""
         ends = []
         for sign, end in zip((-1.0, 1.0), (self.coordinates.lower, self.coordinates.upper), strict=True):
-            theta = [sign * np.array([np.log(SLOWEST), LATEST * span(each), *[np.pi] * 3, *[np.inf] * 3]) / near.scale
+            theta = [sign * farthest(each) / near.scale
                      for each, near in zip(self.registered.given, self.where, strict=True)]  # fmt: skip
             ends.append(np.concatenate([end / self.coordinates.weight, *theta])[self.chosen])
         return ends[0], ends[1]
@@ -77,7 +77,7 @@ class Unknowns:
         return np.asarray(self.coordinates.y(p) / self.coordinates.weight)
 
     def split(self, z: Array) -> tuple[Array, Array]:
-        """The values (P,), and θ (K, 8)."""
+        """The values (P,), and θ (K, 9)."""
         whole = np.zeros(len(self.chosen))
         whole[self.chosen] = z
         p = self.coordinates.p(whole[: len(self.start)] * self.coordinates.weight)
@@ -120,17 +120,25 @@ class Unknowns:
         return Found(model.cost, p, [near.at(each) for near, each in zip(self.where, theta, strict=True)])
 
 
+def farthest(given: Experiment) -> Array:
+    """The largest changes (9,) of a registration's coordinates."""
+    factor = np.log(SLOWEST)
+    return np.array([factor, LATEST * span(given), *[np.pi] * 3, *[np.inf] * 3, factor])
+
+
 def span(given: Experiment) -> float:
     """The duration of a target, s."""
     return float(np.ptp(given.motion.times)) or 1.0
 
 
-def with_few_values(scene: Scene) -> Scene:
-    """The scene with one factor for each kind that is fitted with several values."""
+def with_few_values(scene: Scene, mode: str = "F") -> Scene:
+    """The scene with one factor for each kind that is fitted with several values; or, of another `mode`, "R", one for
+    each family and region.
+    """
     cloths = []
     for cloth in scene.cloths:
-        letters = "".join(letter if letter in "nG" else "F" for letter in cloth.settings)
-        fits = {kind: mode if mode in "nG" else "F" for kind, mode in cloth.fits.items()}
+        letters = "".join(letter if letter in "nG" else mode for letter in cloth.settings)
+        fits = {kind: letter if letter in "nG" else "F" for kind, letter in cloth.fits.items()}
         if cloth.fits.get("velocity", "n") != "G":
             fits.pop("velocity", None)
         cloths.append(replace(cloth, settings=letters, fits=fits))

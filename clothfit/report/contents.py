@@ -17,6 +17,7 @@ from clothfit.base.messages import counted, metres
 from clothfit.base.version import __version__
 from clothfit.evaluation.evaluate import Distance, Evaluation
 from clothfit.objective.identifiability import identifiable
+from clothfit.report import captures
 from clothfit.report.findings import STATUS, began, headline, relative, share
 from clothfit.report.log import Log, intervals, number
 from clothfit.report.packing import box, packed, packed_errors, packed_flags, packed_positions
@@ -51,7 +52,7 @@ def content(
         "surroundings": surroundings(fitted, show.times, show.fitted),
         "motion": motion(show, low, step),
         "curve": curve(show),
-        "residuals": left(show),
+        "residuals": {**left(show), **captures.content(show, log.summary)},
         "beside": [other(each) for each in show.beside],
         "history": [list(point) for point in log.points],
         "cost_unit": cost_unit(log.summary),
@@ -197,30 +198,13 @@ def ended(summary: Mapping[str, Any]) -> list[list[str]]:
     evaluations, seconds, sigma = (number(summary.get(key)) for key in ("evaluations", "seconds", "sigma"))
     if evaluations is not None and seconds is not None:
         rows.append(["took", f"{counted(round(evaluations), 'evaluation', 'evaluations')} in {seconds:.3g} s"])
-    rows += registered(summary)
+    rows += captures.registered(summary)
     holdout = summary.get("holdout")
     kept_out = number(holdout.get("rmse")) if isinstance(holdout, Mapping) else None
     if kept_out is not None and kept_out >= 0:
         rows.append(["kept out of the fit", f"RMSE {metres(kept_out)}"])
     if sigma is not None and sigma > 0:
         rows.append(["noise", f"{metres(sigma)} per coordinate, where the model is right"])
-    return rows
-
-
-def registered(summary: Mapping[str, Any]) -> list[list[str]]:
-    """The clock and the place that the fit found for its targets."""
-    known, rows = summary.get("registration"), []
-    for each in known if isinstance(known, list) else []:
-        if not isinstance(each, Mapping):
-            continue
-        rate, offset = number(each.get("rate")), number(each.get("offset"))
-        if rate is not None and offset is not None:
-            rows.append(["target's clock", f"rate {rate:.4g}, shows {offset:.3g} s at the start"])
-        for key, title, unit in (("rotation", "target turned by", "°"), ("translation", "target moved by", " m")):
-            values = each.get(key)
-            parts = [number(value) for value in values] if isinstance(values, list) else []
-            if len(parts) == 3 and None not in parts and any(parts):
-                rows.append([title, f"({', '.join(f'{value:.3g}' for value in parts)}){unit}"])
     return rows
 
 

@@ -74,6 +74,8 @@ class Shown:
     residuals: Residuals
     notes: list[str]  # warnings for the reader
     beside: Sequence[Beside] = ()
+    vertex_counts: tuple[int, ...] = ()
+    weights: Array | None = None  # (F, V), how often positions count; None: all once
 
 
 def shown(
@@ -184,7 +186,8 @@ def pictured(
     left = residuals(fitted, wanted, start, part, times <= until + TIME_SLACK * delta)
     return Shown(
         times[::every], fitted[::every], wanted[::every], error[::every], times, *per_frame(error[:, part] ** 2),
-        until, every, evaluation, left, notes,
+        until, every, evaluation, left, notes, vertex_counts=goal.vertex_counts,
+        weights=None if goal.weights is None else goal.weights[:count:every],
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.messages import metres, owned
+from clothfit.report import captures
 from clothfit.report.findings import share
 from clothfit.report.log import Log, intervals, number
 from clothfit.report.showing import BEFORE, Shown
@@ -29,6 +30,8 @@ FEW, FEW_GROUPS = 3, 12
 
 MOST_ROWS = 40
 
+MARKERS = "distances from the fitted motion in the shown frames; those that were mistaken first, then the farthest"
+
 
 def table(name: str, title: str, heads: list[str], rows: Sequence[Sequence[Cell]], note: str = "") -> list[Table]:
     """A table, if it has rows."""
@@ -43,6 +46,7 @@ def tables(truth: Scene, fitted: Scene, show: Shown, log: Log, others: Sequence[
         *values_table(truth, fitted, log, trial),
         *ladder(log.summary),
         *steps(log.summary),
+        *table("markers", "Markers", captures.heads(show), captures.table_rows(show, log.summary), MARKERS),
         *correlations(log.summary),
     ]
 

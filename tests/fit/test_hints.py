@@ -78,6 +78,32 @@ def test_a_target_that_is_moved_and_turned_is_said_to_be_so():
     assert (hint.code, "--fit-placement" in hint.text) == ("placement", True)
 
 
+def test_held_vertices_that_stand_elsewhere_are_said_to_where_the_start_is_not_seen():
+    scene = sheet()
+    motion = degrade(simulate(scene), 1e-3, seed=1)
+    seen = np.ones(motion.positions.shape[:2], bool)
+    seen[0] = False
+    (hint,) = hints_of(scene, replace(motion, positions=motion.positions + [0.03, 0.0, 0.0], observed=seen))
+    assert hint.code == "placement"
+    assert "10 vertices that the scene holds stand 30" in hint.text  # mm, and 0.2 of noise
+
+
+@pytest.mark.parametrize(("size", "shown"), [(1.05, "1.05 times"), (100.0, "100 times")])
+def test_another_size_is_said(size, shown):
+    scene = sheet()
+    motion = degrade(simulate(scene), 1e-5, observed=0.2, seed=1)  # little noise, as four digits are shown
+    texts = {hint.code: hint.text for hint in hints_of(scene, replace(motion, positions=size * motion.positions))}
+    assert shown in texts["scale"]
+    assert "--fit-scale" in texts["scale"]
+
+
+def test_a_slower_fall_of_few_noisy_markers_is_seen():
+    scene = sheet(frames=20)
+    slow = simulate(sheet(frames=20, gravity={"x": 0.0, "y": -5.6, "z": 0.0}))
+    few = degrade(slow, 3e-4, observed=0.3, seed=1)
+    assert codes(scene, few) == ["time_scale"]
+
+
 def test_a_held_vertex_that_moves_is_named():
     scene = sheet()
     motion = simulate(scene)
@@ -103,7 +129,7 @@ def test_two_vertices_that_change_places_are_named():
     mixed[6:, [44, 71]] = mixed[6:, [71, 44]]
     (hint,) = hints_of(scene, replace(motion, positions=mixed))
     assert hint.code == "swapped_markers"
-    assert "vertices 44 and 71 change places in frame 6" in hint.text
+    assert "objects[0] vertex 44 and objects[0] vertex 71 change places in frame 6" in hint.text
 
 
 def test_equal_values_that_are_worse_than_the_scenes_own_are_said():

@@ -10,7 +10,8 @@ import clothfit
 from clothfit.base.errors import InvalidInput
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
-from clothfit.registration.record import rotation
+from clothfit.registration.record import Registration, rotation
+from clothfit.scene.fit_vector import parameters, with_parameters
 
 pytestmark = pytest.mark.slow  # compiles a fit
 
@@ -41,6 +42,38 @@ def test_the_place_of_a_noisy_target_is_found_within_its_noise():
     assert place.rotation == pytest.approx(R, abs=2e-3)
     assert (place.rate, place.offset) == (1.0, 0.0)
     assert found.rmse == pytest.approx(np.sqrt(3) * 1e-3, rel=0.1)
+
+
+@pytest.mark.parametrize("placed", [False, True])
+def test_the_scale_of_a_noisy_target_is_found_within_its_noise(placed):
+    truth = degrade(simulate(sheet(20.0), tolerance=1e-10), 1e-3, seed=1)
+    large = stranger(truth, turn=R, move=D) if placed else truth
+    found = clothfit.estimate(
+        sheet(50.0), replace(large, positions=1.05 * large.positions), fit_scale=True, fit_placement=placed
+    )
+    (place,) = found.registration
+    assert place.scale == pytest.approx(1 / 1.05, rel=1e-3)  # 1 mm in 0.5 m, in 1440 positions
+    assert place.translation == pytest.approx(D if placed else np.zeros(3), abs=1e-3)
+    assert found.rmse == pytest.approx(np.sqrt(3) * 1e-3, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_clock_and_place_are_found_beside_all_stiffnesses_and_their_intervals_hold_the_truth(seed):
+    asked = sheet(20.0, "nL", frames=50)
+    uneven = np.exp(np.random.default_rng(seed).normal(scale=0.3, size=len(parameters(asked)))) * 20.0
+    exact = simulate(with_parameters(asked, uneven), tolerance=1e-10)
+    turn, move = rotation(np.array([0.02, 0.03, -0.04])), np.array([0.02, -0.015, 0.02])
+    late = stranger(exact, offset=0.015, turn=turn, move=move)
+    found = clothfit.estimate(asked, degrade(late, 1e-3, observed=0.5, seed=seed), fit_time=True, fit_placement=True)
+    (known,) = found.registration
+    away = known.numbers - Registration(1.0, 0.015, turn, move).numbers
+    # with few values alone the offset would be 0.6 to 1.4 ms off; noise of 1 mm leaves 0.15 ms (one standard deviation)
+    assert abs(known.offset - 0.015) < 5e-4
+    assert np.linalg.norm(known.translation - move) < 1e-3
+    assert np.all(np.abs(away) <= 1.5 * known.within)  # of 24 numbers one is outside of 95 %, but hardly far
+    assert known.within[1] < 1e-3
+    low, high = known.summary()["intervals"]["offset"]
+    assert low < known.offset < high
 
 
 def test_the_place_is_found_with_the_clock_where_the_model_differs():

@@ -1,5 +1,6 @@
 // What is left between the fitted motion and its target: over the cloth, and in time.
 
+import { markerCard } from "clothfit/captures";
 import { key, lineChart } from "clothfit/charts";
 import { make } from "clothfit/drawing";
 import { mapOf } from "clothfit/parameters";
@@ -11,7 +12,8 @@ const AXES = ["x", "y", "z"];
 
 /** The cards of the residuals; `residuals` has mean (3 lists, m), of_vertices and known (one each per vertex). */
 export function residualCards(residuals, curve, mesh) {
-  return [overTheCloth(residuals, mesh), inTime(residuals, curve)];
+  const cards = [overTheCloth(residuals, mesh), inTime(residuals, curve)];
+  return residuals.markers?.length ? [...cards, markerCard(residuals, mesh)] : cards;
 }
 
 /** A map of each object, with the root mean square of the residuals of each vertex. */

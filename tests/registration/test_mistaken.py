@@ -1,0 +1,128 @@
+"""Mistaken markers: exactly those that were swapped, that jump or that show no vertex, and none of a good target."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.strangers import sheet, stranger, windy
+
+import clothfit
+from clothfit.motion.degrade import degrade
+from clothfit.motion.simulate import simulate
+from clothfit.registration.markers import Jump, Markers, Swap
+from clothfit.registration.mistaken import alone, mistaken
+from clothfit.registration.record import rotation
+
+pytestmark = pytest.mark.slow  # compiles a simulation
+
+NOISE = 1e-3
+R, D = rotation(np.array([0.1, 0.3, -0.2])), np.array([0.3, -0.2, 0.1])
+
+
+def capture(seed=1, observed=0.5, noise=NOISE):
+    """Markers of a sheet of 0.5 m, and the vertices that have them."""
+    motion = degrade(simulate(sheet(20.0)), noise, observed=observed, seed=seed)
+    return motion, np.flatnonzero(motion.seen().all(axis=0))
+
+
+def given_to(motion, order):
+    """A motion whose vertex `order[i]` has what `i` shows."""
+    mixed = motion.positions.copy()
+    mixed[:, list(order.values())] = motion.positions[:, list(order.keys())]
+    return replace(motion, positions=mixed)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("noise", [0.0, NOISE])
+def test_good_targets_have_no_mistaken_markers(seed, noise):
+    motion, _ = capture(seed, 0.4, noise)
+    for each in (motion, stranger(motion, 1.1, 0.015), stranger(motion, turn=R, move=D)):
+        assert not mistaken(sheet(20.0), each, late=True)
+    blown = windy(frames=60)
+    assert not mistaken(blown, degrade(simulate(blown), noise, seed=seed))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_swapped_markers_are_exchanged_whatever_the_place(seed):
+    motion, seen = capture(seed)
+    a, b, c, d = (int(each) for each in np.random.default_rng(seed).permutation(seen)[:4])
+    mixed = stranger(given_to(motion, {a: b, b: a, c: d, d: c}), offset=0.015, turn=R, move=D)
+    found = mistaken(sheet(20.0), mixed, late=True)
+    assert {frozenset(each.vertices) for each in found.swapped} == {frozenset((a, b)), frozenset((c, d))}
+    assert (found.false, found.jumps) == ((), ())
+    whole = found.applied(mixed)
+    right = stranger(motion, offset=0.015, turn=R, move=D)
+    assert np.array_equal(whole.positions, right.positions, equal_nan=True)
+
+
+def test_three_markers_in_a_circle_are_put_right():
+    motion, (a, b, c, *_) = capture()
+    mixed = given_to(motion, {a: b, b: c, c: a})
+    found = mistaken(sheet(20.0), mixed)
+    assert [set(each.vertices) for each in found.swapped] == [{a, b, c}]
+    assert np.array_equal(found.applied(mixed).positions, motion.positions, equal_nan=True)
+
+
+def test_markers_that_change_places_later_are_put_right_from_there_on():
+    motion, (a, b, *_) = capture(noise=0.0)
+    mixed = motion.positions.copy()
+    mixed[7:, [a, b]] = mixed[7:, [b, a]]
+    mixed[20:, [a, b]] = mixed[20:, [b, a]]
+    mixed = replace(motion, positions=mixed)
+    found = mistaken(sheet(20.0), mixed)
+    assert [each.frame for each in found.swapped] == [7, 20]
+    assert np.array_equal(found.applied(mixed).positions, motion.positions, equal_nan=True)
+
+
+def test_a_marker_that_stands_elsewhere_and_one_that_jumps_are_left_out():
+    motion, (a, b, *_) = capture()
+    wrong = motion.positions.copy()
+    wrong[:, a] = wrong[0, a] + [0.2, 0.3, -0.4]
+    wrong[[5, 11, 30], b] += [0.0, 0.2, 0.1]
+    found = mistaken(sheet(20.0), replace(motion, positions=wrong))
+    assert found == Markers((), (a,), (Jump(b, (5, 11, 30)),))
+    left = found.applied(replace(motion, positions=wrong))
+    assert not left.seen()[:, a].any()
+    assert np.flatnonzero(~left.seen()[:, b]).tolist() == [5, 11, 30]
+
+
+def test_a_chain_that_ends_in_a_false_marker_leaves_its_vertex_without_one():
+    motion, (a, b, *_) = capture()
+    wrong = motion.positions.copy()
+    wrong[:, a], wrong[:, b] = motion.positions[:, b], [2.0, 2.0, 2.0]  # a's marker shows b, b's a wall
+    found = mistaken(sheet(20.0), replace(motion, positions=wrong))
+    assert found.swapped == (Swap((a, b), closed=False),)
+    right = found.applied(replace(motion, positions=wrong))
+    assert np.array_equal(right.positions[:, b], motion.positions[:, b])
+    assert not right.seen()[:, a].any()
+
+
+def test_another_shape_is_no_mistake():
+    motion, _ = capture()
+    bent = motion.positions + 0.1 * np.sin(np.arange(motion.positions.shape[1]))[None, :, None]
+    assert not mistaken(sheet(20.0), replace(motion, positions=bent)).swapped
+
+
+def test_a_fit_names_and_exchanges_them_unless_it_is_told_to_keep_them():
+    motion, (*_, a, b) = capture(noise=1e-4)
+    mixed = given_to(motion, {a: b, b: a})
+    found, plain = (clothfit.estimate(sheet(50.0), each, intervals=False) for each in (mixed, motion))
+    kept = clothfit.estimate(sheet(50.0), mixed, intervals=False, keep_markers=True)
+    assert found.rmse == plain.rmse
+    assert kept.rmse > 10.0 * found.rmse
+    assert (plain.markers, kept.markers) == (None, None)
+    (markers,) = found.markers
+    assert markers.summary(motion.vertex_counts) == {
+        "swapped": [{"object": 0, "vertices": sorted([a, b]), "frame": 0}], "false": [], "jumps": [],
+    }  # fmt: skip
+    (hint,) = (each for each in found.hints if each.code == "swapped_markers")
+    assert "exchanged" in hint.text
+    assert hint.early
+
+
+def test_a_jump_of_a_fast_marker_is_one_and_a_whip_is_none():
+    way = np.arange(5.0)[:, None, None] * np.array([1.0, 0.0, 0.0])  # as fast as it jumps
+    spike, whip = way.copy(), way.copy()
+    spike[2, 0, 1] = 0.8
+    whip[:, 0, 1] = [0.0, 0.3, 0.8, 0.3, 0.0]  # pulled there and back over the frames around as well
+    assert alone(np.concatenate([way, spike, whip], axis=1)).tolist() == [False, True, False]

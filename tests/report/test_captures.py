@@ -1,0 +1,90 @@
+"""What a page says of a capture: residuals of markers with gaps and weights, mistaken ones by name, clock and place."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.scenes import even, load_text
+
+from clothfit.motion.simulate import simulate
+from clothfit.registration.markers import Jump, Markers, Swap
+from clothfit.registration.record import Registration
+from clothfit.report import captures
+from clothfit.report.page import report_page
+from clothfit.report.showing import shown
+
+pytestmark = pytest.mark.slow  # compiles a simulation
+
+
+def scene_of_one():
+    return load_text(json.dumps(even("nG")))
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """A scene, its motion 1 cm off in vertex 5 and 2 cm in frame 3 of vertex 7, as six markers with a gap show it."""
+    scene = scene_of_one()
+    motion = simulate(scene)
+    x, observed = motion.positions.copy(), np.zeros(motion.positions.shape[:2], bool)
+    observed[:, [4, 5, 6, 7, 8, 9]] = True
+    observed[2:5, 6] = False
+    x[:, 5, 0] += 0.01
+    x[3, 7, 1] += 0.02
+    weights = np.ones(observed.shape)
+    weights[:, 8] = 0.5
+    x[~observed] = np.nan
+    return scene, replace(motion, positions=x, observed=observed, weights=weights)
+
+
+def test_every_marker_has_a_row_with_what_is_left_and_what_is_seen(seen):
+    scene, target = seen
+    show = shown(scene, scene, target)
+    count = scene.vertex_counts
+    marked = Markers((Swap((8, 9)),), (4,), (Jump(7, (3,)),)).summary(count)
+    rows = {row[0]: row[1:] for row in captures.table_rows(show, {"markers": [marked]})}
+    names = [f"objects[0] vertex {i}" for i in (5, 7, 6)]
+    assert rows[names[0]][1][1] == pytest.approx(0.01, rel=1e-4)  # the page solves as its scene says
+    assert rows[names[1]][2][1] == pytest.approx(0.02, rel=1e-4)
+    assert rows[names[1]][3][1] == pytest.approx(target.times[3])
+    assert rows[names[2]][4][1] == pytest.approx(1 - 3 / len(target.times))
+    assert [rows[f"objects[0] vertex {i}"][0] for i in (8, 9, 4, 7)] == [
+        "swapped, was given to 9", "swapped, was given to 8", "false, left out", "jumped, 1 frames left out",
+    ]  # fmt: skip
+    first = [row[0] for row in captures.table_rows(show, {"markers": [marked]})[:4]]
+    assert set(first) == {f"objects[0] vertex {i}" for i in (8, 9, 4, 7)}
+    assert rows["objects[0] vertex 8"][5][1] == 0.5
+
+
+def test_a_motion_that_is_seen_whole_has_no_markers():
+    scene = scene_of_one()
+    show = shown(scene, scene, simulate(scene))
+    assert captures.table_rows(show, {}) == []
+    assert captures.content(show, {})["markers"] == []
+
+
+def test_clock_and_place_stand_with_their_intervals():
+    known = Registration(1.0, 0.015, translation=np.array([0.01, 0.0, 0.0]), within=np.full(9, 2e-4))
+    rows = dict(captures.registered({"registration": [known.summary()]}))
+    assert rows["target's clock at the start"] == "0.015 ± 0.0002 s"
+    assert rows["target moved by"] == "(0.01, 0, 0) ± (0.0002, 0.0002, 0.0002) m"
+    assert "target turned by" not in rows
+    plain = dict(captures.registered({"registration": [Registration(1.1, 0.0).summary()]}))
+    assert plain == {"target's clock, rate": "1.1"}
+
+
+@pytest.mark.parametrize("wrong", [[], {}, 3, "x", [1], [{"offset": "a"}], [{"intervals": [1], "offset": 1e400}]])
+def test_summaries_are_not_trusted(seen, wrong):
+    scene, target = seen
+    show = shown(scene, scene, target)
+    assert captures.registered({"registration": wrong}) == []
+    damaged = [{"swapped": wrong, "false": [{"object": 7, "vertex": 1}], "jumps": [{"object": 0, "vertex": 10**9}]}]
+    assert captures.remarks(show, {"markers": damaged}) == {}
+    assert captures.remarks(show, {"markers": wrong}) == {}
+
+
+def test_the_page_has_what_the_card_of_markers_draws(seen):
+    scene, target = seen
+    page = report_page(scene, scene, target).decode()
+    assert '"markers":[4,5,6,7,8,9]' in page
+    assert "clothfit/captures" in page
