@@ -3,7 +3,8 @@
 # make quick  set up and run those that neither compile a fit nor start a process: under a minute
 # make fuzz   set up and try hostile input for a minute; more: make fuzz FUZZ='--count 100000', or with --guided
 # make lint   set up and check style and types
-# make blender  set up Blender as a Python module (370 MB) and try files, exports and fits there; COUNT=100 cloths
+# make blender  set up Blender as a Python module (370 MB) and try the add-on, files, exports and fits there; more:
+#             COUNT=100 cloths, less: PARTS='formats cloths'
 # make docs   write the pages on the commands and on the public Python names again
 # make gallery  make the films of the documents anew
 # make clean  remove what these made
@@ -23,6 +24,8 @@ FUZZ := --seconds 60
 BLENDER := .venv-blender
 BPY := bpy==4.2.23
 COUNT := 10
+PARTS := formats cloths fits
+IN_BLENDER := tests/blender tests/simulators/test_in_blender.py
 
 DEMO := examples/corners.json
 FITTED := build/demo/corners.fitted.json
@@ -56,7 +59,8 @@ blender: $(VENV)/installed-test
 	    $(BLENDER)/bin/python -m pip --disable-pip-version-check --quiet install $(BPY) 'numpy<2' 2>/dev/null && \
 	    touch $(BLENDER)/installed; } || echo "skipped: $(BPY) cannot be installed for $$($(PYTHON) --version 2>&1)"
 	@test -z "$$CLOTHFIT_BPY" -a ! -f $(BLENDER)/installed || \
-	    CLOTHFIT_BPY=$${CLOTHFIT_BPY:-$(BLENDER)/bin/python} $(BIN)/python benchmarks/in_blender.py formats cloths fits --count $(COUNT)
+	    { export CLOTHFIT_BPY=$${CLOTHFIT_BPY:-$(CURDIR)/$(BLENDER)/bin/python}; $(BIN)/python -m pytest -q $(IN_BLENDER) && \
+	    $(BIN)/python benchmarks/in_blender.py $(PARTS) --count $(COUNT); }
 
 # types of the optional libraries are looked up as well
 lint: $(VENV)/installed-test $(VENV)/installed-dev

@@ -10,7 +10,9 @@ its springs carry the same weights at the same stretch, and move as fast; k has 
 damping of 100 τ α m, and c = (α/2) k along a spring is a spring damping of τ c. All vertices have one mass, the mean.
 
 Blender's solver ends at a hundredth. Where dampings c are much larger than m/h, for steps h, that hundredth is more
-than the weight, and a light cloth sinks at a constant speed. So c is at most h k there, from DAMPING_LIMIT m/h on.
+than the weight, and a light cloth sinks at a constant speed, the more so the more vertices n there are. So c is there
+at most h k, or 2 h k as long as n c is at most DAMPING_SPREAD m/h; from DAMPING_LIMIT m/h on. Measured: with less,
+small cloths swing up to a quarter too fast, with more large ones fall as much too slowly.
 
 Blender bends by angles: where the faces at an edge of length ℓ are at an angle θ, their two vertices across it feel
 0.1 B ℓ θ/(3 τ²) each along their normals, whatever their distance, and the ends of the edge the opposite. A spring k
@@ -25,7 +27,9 @@ BENDING_LIMIT. The damping of bending is a number of its own for each hinge, wha
 default a light cloth explodes. It is 0, as nearly is that of a spring across a flat hinge.
 
 Blender's step is the implicit Euler step, whose damping grows with it. A scene of implicit steps gets steps of the same
-length; a scene of other steps, which damp less, a part of its own, FINER.
+length; a scene of other steps, which damp less, a part of its own, FINER. Where h² k/m times the root of the number of
+vertices is beyond STIFFNESS_LIMIT, the accuracy of Blender's solver damps much more than that, and the steps are parts
+of these, each of h'. What damping implicit steps so lose, in long waves that of (h − h') k, is added to c.
 
 Blender paints weights on vertices: a spring takes the mean of its two ends. With the smallest and the largest value as
 the range, k_s ≈ low + (high − low) (w_a + w_b)/2, 0 ≤ w ≤ 1, by least squares. A cloth has three times as many springs
@@ -53,6 +57,9 @@ FOLD = 0.5  # rad, between two faces: where bending resists as the spring across
 FINER = 4.0  # steps of Blender's in one of the scene's that is not an implicit Euler step
 BENDING_LIMIT = 1.0  # of h² λ/m; 4 is no longer stable
 DAMPING_LIMIT = 20.0  # of h c/m, c the damping of a spring, N s/m
+STIFFNESS_LIMIT = 2.6e4  # of √n h² k/m, n the number of vertices
+MOST_PARTS = 10  # of a step
+DAMPING_SPREAD = 2.8e5  # of n h c/m, n the number of vertices
 LARGEST_STIFFNESS = 10_000.0  # Blender's limit
 MOST_AIR, MOST_DAMPING = 10.0, 50.0  # the same, of air damping and of the dampings of springs
 SCRIPT = Path(__file__).with_name("blender_script.py")
@@ -71,7 +78,7 @@ class Painted(NamedTuple):
 
 def files(scene: Scene) -> dict[str, bytes]:
     """The numbers as JSON, and the script, which contains them too."""
-    return blender_files(scene, [one(number, cloth, step_of(scene)) for number, cloth in enumerate(scene.cloths)])
+    return blender_files(scene, [one(number, cloth, *steps_of(scene)) for number, cloth in enumerate(scene.cloths)])
 
 
 def blender_files(scene: Scene, objects: list[dict[str, Any]]) -> dict[str, bytes]:
@@ -80,7 +87,7 @@ def blender_files(scene: Scene, objects: list[dict[str, Any]]) -> dict[str, byte
         "format": BLENDER_FORMAT,
         "time_unit": TIME_UNIT,
         "gravity": scene.gravity.tolist(),
-        "step": step_of(scene),
+        "step": steps_of(scene)[0],
         "objects": objects,
     }
     text = numbers.text(document, "blender")
@@ -88,13 +95,25 @@ def blender_files(scene: Scene, objects: list[dict[str, Any]]) -> dict[str, byte
     return {"blender.json": text.encode(), "blender.py": script.encode()}
 
 
-def step_of(scene: Scene) -> float:
-    """The longest step for Blender, s."""
-    return scene.delta if INTEGRATORS[scene.method] == "implicit" else scene.delta / FINER
+def steps_of(scene: Scene) -> tuple[float, int]:
+    """The longest step for Blender, s, and how many of them there are in what the scene's step would be there."""
+    whole = scene.delta if INTEGRATORS[scene.method] == "implicit" else scene.delta / FINER
+    parts = max((parts_of(cloth, whole) for cloth in scene.cloths), default=1)
+    return whole / parts, parts
 
 
-def one(number: int, cloth: Cloth, step: float) -> dict[str, Any]:
-    """The values of an object for Blender, for steps of at most `step`, s."""
+def parts_of(cloth: Cloth, step: float) -> int:
+    """In how many parts Blender must take a step, s, so that its solver's accuracy does not decide."""
+    role = roles(cloth)
+    stiffness = carried(cloth, role)[~role.bending]
+    if not len(stiffness):
+        return 1
+    found = len(cloth.mass) ** 0.5 * step**2 * float(stiffness.mean()) / float(cloth.mass.mean())
+    return int(np.clip(np.ceil((found / STIFFNESS_LIMIT) ** 0.5), 1, MOST_PARTS)) if np.isfinite(found) else MOST_PARTS
+
+
+def one(number: int, cloth: Cloth, step: float, parts: int = 1) -> dict[str, Any]:
+    """The values of an object for Blender, for steps of at most `step`, s, which are parts of a longer one."""
     role = roles(cloth)
     edges = ~role.bending
     length = float(cloth.rest[edges].mean()) if edges.any() else 0.0
@@ -102,7 +121,7 @@ def one(number: int, cloth: Cloth, step: float) -> dict[str, Any]:
     stiffness = carried(cloth, role)[edges]
     traction = painted(count, cloth.springs[edges], TIME_UNIT**2 * length * stiffness)
     bending = painted(count, role.hinges[role.bending], bending_of(cloth, role, step))
-    along = TIME_UNIT * damping_of(cloth, stiffness, step)
+    along = TIME_UNIT * damping_of(cloth, stiffness, step, parts)
     return {
         "object": number,
         "vertices": count,
@@ -116,12 +135,16 @@ def one(number: int, cloth: Cloth, step: float) -> dict[str, Any]:
     }
 
 
-def damping_of(cloth: Cloth, stiffness: Array, step: float) -> float:
-    """The damping of the springs along edges, N s/m, with steps of `step`, s; 0 without springs."""
+def damping_of(cloth: Cloth, stiffness: Array, step: float, parts: int = 1) -> float:
+    """The damping of the springs along edges, N s/m, with steps of `step`, s, so many in a longer one; 0 without
+    springs.
+    """
     if not len(stiffness):
         return 0.0
-    k, mass = float(stiffness.mean()), float(cloth.mass.mean())
-    return min(0.5 * cloth.damping * k, max(step * k, DAMPING_LIMIT * mass / step))
+    k, mass, whole = float(stiffness.mean()), float(cloth.mass.mean()), step * parts
+    more = min(2.0 * whole * k, DAMPING_SPREAD * mass / (len(cloth.mass) * whole))
+    own = 0.5 * cloth.damping * k + (whole - step) * k
+    return min(own, max(whole * k, more, DAMPING_LIMIT * mass / whole))
 
 
 def bending_of(cloth: Cloth, role: Roles, step: float) -> Array:

@@ -44,7 +44,7 @@ def tool_of(scene: Scene, index: int, frames: int, blender: Blender) -> Tool:
     own = scene.cloths[index]
     if own.pins or scene.changes:
         raise InvalidInput(f"{scene.name}: the model of blender has no pins that move, and no inputs over time")
-    base = mapping.one(index, own, mapping.step_of(scene))
+    base = mapping.one(index, own, *mapping.steps_of(scene))
     mesh = io.BytesIO()
     np.savez(mesh, positions=from_scene(own.positions, AXES), triangles=facing(own.triangles, AXES))
     job = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,8 @@ from clothfit.simulators import xpbd
 from clothfit.simulators.values import Fit, Fitted
 
 SIMULATORS = ("xpbd", "blender")
+FEW, EACH = "G", "L"
+"""Models: the few values of a tool, or those of each constraint and vertex."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,7 @@ class Options:
     settings: xpbd.Settings = field(default_factory=xpbd.Settings)
     blender: str | None = None  # the program
     most: int = 40  # steps of Gauss–Newton
+    model: str = FEW
     report: Callable[[str], None] | None = None  # is told how it goes
 
 
@@ -74,7 +77,22 @@ def fitted(scene: Scene, index: int, motion: Motion, options: Options, more: Any
         if options.report:
             options.report(f"{tool.name}: RMSE {1e3 * error:.4g} mm after {simulations} simulations")
 
-    return Fit(tool, goal, told).run(options.most)
+    found = Fit(tool, goal, told).run(options.most)
+    return each(scene, index, goal, options, found, told) if options.model == EACH else found
+
+
+def each(
+    scene: Scene, index: int, goal: Target, options: Options, few: Fitted, told: Callable[[float, int], None]
+) -> Fitted:
+    """Fit the values of each constraint and vertex, from the few on. Raises InvalidInput where the tool has none."""
+    from clothfit.simulators import xpbd_values
+    from clothfit.simulators.many_values import ManyFit
+
+    if options.simulator != "xpbd":
+        raise InvalidInput(f"the model of {options.simulator} has no values of each spring; use --model G")
+    tool = xpbd_values.each_of(scene, index, options.settings, scene.frames, few.found)
+    found = ManyFit(tool, goal, told).run(options.most)
+    return replace(found, simulations=few.simulations + found.simulations, few=few)
 
 
 def at_frames(goal: Target, every: int) -> Target:

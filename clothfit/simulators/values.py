@@ -1,7 +1,8 @@
 """The few values of a tool that a fit may change, and the fit: Gauss–Newton on their logarithms in a trust region.
 
 A tool is a `Tool`: its values at the start, which a mapping gives, what its cloth does with others, and, where it has
-one, the derivative of that; else finite differences of the length `difference` take its place.
+one, the derivative of that; else finite differences of the length `difference` take its place. For tools of many values
+see `many_values`.
 """
 
 from __future__ import annotations
@@ -49,6 +50,10 @@ class Tool:
     motion: Callable[[Array], Array | None]  # of values (V,): positions (frames, n, 3), m; None where it runs away
     columns: Callable[[Array], Array] | None = None  # of values: change of the positions by each logarithm (V, …)
     difference: float = 0.02  # of a logarithm, where there are no columns
+    # of values and a change of their logarithms (V,): the change of the positions
+    push: Callable[[Array, Array], Array] | None = None
+    # of values and the gradient by the positions of the first frames: the gradient by the logarithms
+    pull: Callable[[Array, Array], Array] | None = None
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,14 @@ class Fitted:
     travel: float  # m
     simulations: int
     positions: Array  # (frames, n, 3), of the tool's cloth
+    few: Fitted | None = None  # of many values, the fit of the few, at which they start
+
+    def kinds(self) -> list[tuple[str, str, Array, Array]]:
+        """The values by name, in their order: name, unit, those of the mapping and those found."""
+        names = np.array([value.name for value in self.tool.values])
+        mapped = np.array([value.mapped for value in self.tool.values])
+        unit = {value.name: value.unit for value in self.tool.values}
+        return [(name, unit[name], mapped[names == name], self.found[names == name]) for name in unit]
 
 
 class Fit:
@@ -138,21 +151,25 @@ class Fit:
         """Find the values, from those of the mapping, with at most so many steps. Raises InvalidInput where the cloth
         runs away with all of them.
         """
-        from scipy.optimize import least_squares
-
         values = np.array([value.mapped for value in self.tool.values])
         mapped = self.simulated(values)
         mapped_rmse = np.inf if mapped is None else rms(self.apart(mapped))
-        lower = self.start - RANGE
-        least_squares(
-            self.residuals, self.start, self.jacobian, (lower, self.upper), max_nfev=most,
-            xtol=1e-5, ftol=1e-5, gtol=1e-12,
-        )  # fmt: skip
+        self.search(most)
         if self.best is None:
             raise InvalidInput(f"{self.tool.name}: the cloth runs away, with the mapped values and with all that were "
                                "tried; take more substeps")
         rmse, found, positions = self.best
         return Fitted(self.tool, found, mapped_rmse, rmse, self.travel, self.simulations, positions)
+
+    def search(self, most: int) -> None:
+        """Gauss–Newton in a trust region, with at most so many steps."""
+        from scipy.optimize import least_squares
+
+        lower = self.start - RANGE
+        least_squares(
+            self.residuals, self.start, self.jacobian, (lower, self.upper), max_nfev=most,
+            xtol=1e-5, ftol=1e-5, gtol=1e-12,
+        )  # fmt: skip
 
 
 def rms(points: Array) -> float:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from clothfit.base.arrays import Array, Flags
 from clothfit.export import blender as mapping
 from clothfit.export import numbers, obi
 from clothfit.export.blender import blender_files
@@ -18,24 +19,34 @@ FORMAT = "clothfit-simulator-1"
 
 def summary(found: list[Fitted], options: Options) -> dict[str, Any]:
     """Values, and what remains beside what the mapping leaves, by object."""
-    objects = [
-        {
-            "object": number,
-            "values": [
-                {"name": value.name, "unit": value.unit, "mapped": value.mapped, "fitted": float(fitted)}
-                for value, fitted in zip(each.tool.values, each.found, strict=True)
-            ],
-            "travel": each.travel,
-            "mapped_rmse": each.mapped_rmse if np.isfinite(each.mapped_rmse) else None,
-            "rmse": each.rmse,
-            "simulations": each.simulations,
-        }
-        for number, each in enumerate(found)
-    ]
+    objects = [one_summary(number, each) for number, each in enumerate(found)]
     own: dict[str, Any] = {"simulator": options.simulator, "objects": objects}
     if options.simulator == "xpbd":
         settings = options.settings
         own |= {"substeps": settings.substeps, "iterations": settings.iterations, "bending": settings.bending}
+    return own
+
+
+def one_summary(number: int, found: Fitted) -> dict[str, Any]:
+    """The same of an object. Where many values were fitted, they stand in lists beside the few."""
+    first = found.few or found
+    own: dict[str, Any] = {
+        "object": number,
+        "values": [
+            {"name": value.name, "unit": value.unit, "mapped": value.mapped, "fitted": float(fitted)}
+            for value, fitted in zip(first.tool.values, first.found, strict=True)
+        ],
+        "travel": found.travel,
+        "mapped_rmse": first.mapped_rmse if np.isfinite(first.mapped_rmse) else None,
+        "rmse": found.rmse,
+        "simulations": found.simulations,
+    }
+    if found.few:
+        own["few_rmse"] = found.few.rmse
+        own["each"] = {
+            name: {"unit": unit, "mapped": mapped.tolist(), "fitted": fitted.tolist()}
+            for name, unit, mapped, fitted in found.kinds()
+        }
     return own
 
 
@@ -54,29 +65,46 @@ def blender(scene: Scene, found: list[Fitted]) -> dict[str, bytes]:
 
     objects = []
     for number, each in enumerate(found):
-        base = mapping.one(number, scene.cloths[number], mapping.step_of(scene))
+        base = mapping.one(number, scene.cloths[number], *mapping.steps_of(scene))
         objects.append(with_values(base, [value.name for value in each.tool.values], each.found))
     return blender_files(scene, objects)
 
 
 def compliances(scene: Scene, found: list[Fitted]) -> bytes:
     """The file of the export to Obi, with the fitted compliances; bending is that of distances across edges."""
-    from clothfit.simulators.xpbd_values import GROUPS, groups_of
-
     objects = []
     for number, each in enumerate(found):
-        one, group = obi.one(number, scene.cloths[number]), groups_of(scene, number)
-        factor = dict(zip((value.name for value in each.tool.values), each.found, strict=True))
+        one, factor = obi.one(number, scene.cloths[number]), factors(scene, number, each)
         for kind in ("distance", "bend"):
             own = one[kind]
             for place, spring in enumerate(own["spring"]):
-                times = factor[f"{GROUPS[group[spring]]} compliance"]
                 if own["compliance"][place] is not None:
-                    own["compliance"][place] *= float(times)
+                    own["compliance"][place] *= float(factor[spring])
+        if each.few:
+            masses(one["particles"], scene.cloths[number].fixed, each)
         mean(one["actor"], "stretchCompliance", one["distance"]["compliance"])
         mean(one["actor"], "bendCompliance", one["bend"]["compliance"])
         objects.append(one)
     return obi.document(objects)
+
+
+def factors(scene: Scene, number: int, found: Fitted) -> Array:
+    """What the compliance of each spring (S,) of an object is multiplied by."""
+    if found.few:
+        _, _, mapped, fitted = found.kinds()[0]
+        return fitted / mapped
+    from clothfit.simulators.xpbd_values import GROUPS, groups_of
+
+    factor = dict(zip((value.name for value in found.tool.values), found.found, strict=True))
+    times: Array = np.array([factor.get(f"{name} compliance", 1.0) for name in GROUPS])[groups_of(scene, number)]
+    return times
+
+
+def masses(particles: dict[str, Any], fixed: Flags, found: Fitted) -> None:
+    """Set the masses of the free particles."""
+    _, _, _, fitted = found.kinds()[-1]
+    for vertex, mass in zip(np.flatnonzero(~fixed), fitted, strict=True):
+        particles["mass"][vertex], particles["inverseMass"][vertex] = float(mass), 1.0 / float(mass)
 
 
 def mean(actor: dict[str, Any], name: str, values: list[float | None]) -> None:

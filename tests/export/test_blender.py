@@ -11,7 +11,19 @@ from helpers.paths import ROOT
 from helpers.scenes import cloth
 
 from clothfit import load
-from clothfit.export.blender import BENDING_LIMIT, FINER, FOLD, TIME_UNIT, bending_of, painted, slopes
+from clothfit.export.blender import (
+    BENDING_LIMIT,
+    DAMPING_SPREAD,
+    FINER,
+    FOLD,
+    STIFFNESS_LIMIT,
+    TIME_UNIT,
+    bending_of,
+    damping_of,
+    painted,
+    slopes,
+    steps_of,
+)  # fmt: skip
 from clothfit.export.tools import exported
 from clothfit.export.topology import roles
 
@@ -231,6 +243,33 @@ def test_implicit_scenes_keep_their_step_and_others_get_a_finer_one():
     assert content(scene.with_step(0.01, method="implicit"), "blender", "blender.json")["step"] == 0.01
     for method in ("bdf2", "symplectic"):
         assert content(scene.with_step(0.01, method=method), "blender", "blender.json")["step"] == 0.01 / FINER
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 3e6, 3e7])
+def test_a_stiff_cloth_gets_the_fewest_parts_of_a_step_that_the_solver_bears(stiffness):
+    made = cloth(4, 3, springStiffness=[stiffness] * 23, vertMass=[0.02] * 12, damping=0.0)
+    scene = of(made).with_step(0.01, method="implicit")
+    step, parts = steps_of(scene)
+
+    def hard(each):
+        return 12**0.5 * each**2 * stiffness / 0.02
+
+    assert step * parts == pytest.approx(0.01, rel=1e-15)
+    assert hard(step) <= STIFFNESS_LIMIT
+    assert parts == 1 or hard(0.01 / (parts - 1)) > STIFFNESS_LIMIT
+    # implicit steps of h damp a long wave as springs of h k do: what shorter ones lose is added
+    k = np.full(23, stiffness)
+    assert damping_of(scene.cloths[0], k, step, parts) == pytest.approx((0.01 - step) * stiffness, rel=1e-12)
+
+
+def test_damping_of_light_cloths_is_what_the_solver_bears():
+    small = of(cloth(4, 3, springStiffness=[3e3] * 23, vertMass=[0.02] * 12, damping=1.0)).cloths[0]
+    large = of(cloth(40, 30, vertMass=[0.02] * 1200, damping=1.0)).cloths[0]
+    k, h = np.full(9, 1e5), 0.01
+    assert damping_of(small, k, h) == 2 * h * 1e5  # (α/2) k is 50 h k
+    assert damping_of(large, k, h) == pytest.approx(h * 1e5, rel=1e-15)
+    assert damping_of(large, k / 50, h) == pytest.approx(2 * h * 2e3, rel=1e-15)
+    assert h * 1e5 > DAMPING_SPREAD * 0.02 / 1200 / h > 2 * h * 2e3
 
 
 def test_the_page_tells_how_near_weights_come():

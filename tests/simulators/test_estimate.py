@@ -10,10 +10,12 @@ from clothfit.base.errors import InvalidInput
 from clothfit.cli.program import run
 from clothfit.meshes.mesh import plane
 from clothfit.motion.motion import Motion
+from clothfit.objective.target import target
 from clothfit.simulators import sweeps, xpbd, xpbd_values
 from clothfit.simulators.blender import left_out, values_of, with_values
 from clothfit.simulators.blender_process import program
 from clothfit.simulators.estimate import Options, estimate
+from clothfit.simulators.many_values import ManyFit
 
 pytestmark = pytest.mark.slow  # compiles
 
@@ -35,8 +37,8 @@ def test_xpbd_finds_the_values_that_a_cloth_of_xpbd_moved_with(scene):
     settings = xpbd.Settings(2, 3)
     tool = xpbd_values.tool_of(scene, 0, settings, FRAMES)
     truth = np.array([value.start for value in tool.values]) * [1.6, 0.7, 1.3, 2.0, 0.5, 0.8, 1.5, 0.6]
-    target = Motion(tool.motion(truth), scene.delta * np.arange(FRAMES), scene.vertex_counts, None, "xpbd")
-    (found,) = estimate(scene, target, Options("xpbd", settings))
+    motion = Motion(tool.motion(truth), scene.delta * np.arange(FRAMES), scene.vertex_counts, None, "xpbd")
+    (found,) = estimate(scene, motion, Options("xpbd", settings))
     assert found.mapped_rmse > 1e-3 * found.travel
     # what is left is the weak pull to the mapping, a hundred-thousandth of the way for a factor e
     assert found.rmse < 1e-5 * found.travel
@@ -81,12 +83,73 @@ def test_the_command_writes_the_values(scene, tmp_path, monkeypatch, capsys):
     assert obi["bend"]["compliance"] == pytest.approx(wanted, rel=1e-12)
 
 
+def test_xpbd_finds_the_values_of_each_constraint(scene):
+    settings, rng = xpbd.Settings(1, 4), np.random.default_rng(2)
+    few = xpbd_values.tool_of(scene, 0, settings, FRAMES)
+    begin = np.array([value.start for value in few.values])
+    tool = xpbd_values.each_of(scene, 0, settings, FRAMES, begin)
+    truth = np.array([value.start for value in tool.values])
+    truth *= np.exp(0.3 * rng.normal(size=len(truth)))
+    motion = Motion(tool.motion(truth), scene.delta * np.arange(FRAMES), scene.vertex_counts, None, "xpbd")
+    (found,) = estimate(scene, motion, Options("xpbd", settings, most=6, model="L"))
+    # the few values cannot make it; with each, what is left falls with every step
+    assert found.rmse < 0.1 * found.few.rmse < 0.1 * found.few.mapped_rmse
+    again = np.linalg.norm(found.tool.motion(found.found) - motion.positions, axis=2)
+    assert found.rmse == pytest.approx(np.sqrt((again**2).mean()), rel=1e-6)
+
+
+def test_tangent_and_adjoint_of_each_value_are_those_of_the_motion(scene):
+    settings, rng, e = xpbd.Settings(1, 3), np.random.default_rng(4), 1e-5
+    begin = np.array([value.start for value in xpbd_values.tool_of(scene, 0, settings, FRAMES).values])
+    tool = xpbd_values.each_of(scene, 0, settings, FRAMES, begin)
+    values = np.array([value.start for value in tool.values])
+    change = rng.normal(size=len(values))
+    found = tool.push(values, change)
+    wanted = (tool.motion(values * np.exp(e * change)) - tool.motion(values * np.exp(-e * change))) / (2 * e)
+    assert np.abs(found - wanted).max() < 1e-7 * np.abs(wanted).max()  # of order e²
+    weights = rng.normal(size=found.shape)
+    assert tool.pull(values, weights) @ change == pytest.approx((weights * found).sum(), rel=1e-9)
+
+
+def test_the_derivative_between_frames_is_the_adjoint_of_the_samples(scene):
+    """A target whose clock is not that of the steps."""
+    motion = clothfit.simulate(scene)
+    slower = Motion(motion.positions[::2], 0.83 * motion.times[::2], scene.vertex_counts, None, "slow")
+    goal = target(slower, 0, scene.delta, FRAMES - 1)
+    assert (goal.fraction > 0.01).any()
+    few = xpbd_values.tool_of(scene, 0, xpbd.Settings(1, 2), FRAMES)
+    tool = xpbd_values.each_of(scene, 0, xpbd.Settings(1, 2), FRAMES, np.array([v.start for v in few.values]))
+    fit, rng = ManyFit(tool, goal, None), np.random.default_rng(5)
+    own = fit.operator(fit.start)
+    d, r = (rng.normal(size=size) for size in own.shape[::-1])
+    assert own.matvec(d) @ r == pytest.approx(own.rmatvec(r) @ d, rel=1e-9)
+
+
+def test_the_command_writes_the_values_of_each(scene, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    clothfit.save(scene, "sheet.json")
+    options = ["--simulator", "xpbd", "--iterations", "2", "--model", "L", "--json"]
+    assert run(["estimate", "sheet.json", *options]) == 0
+    (one,) = json.loads(capsys.readouterr().out)["objects"]
+    assert one["rmse"] <= one["few_rmse"] <= one["mapped_rmse"]
+    (own,) = scene.cloths
+    assert [len(one["each"][name]["fitted"]) for name in ("compliance", "damping", "mass")] == [
+        len(own.springs), len(own.springs), int((~own.fixed).sum())
+    ]  # fmt: skip
+    obi = json.loads((tmp_path / "sheet-xpbd" / "obi.json").read_text())["objects"][0]
+    compliance = np.array(one["each"]["compliance"]["fitted"])
+    assert obi["distance"]["compliance"] == pytest.approx(compliance[obi["distance"]["spring"]], rel=1e-12)
+    masses = np.array(obi["particles"]["mass"])[~own.fixed]
+    assert masses == pytest.approx(np.array(one["each"]["mass"]["fitted"]), rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("options", "code", "words"),
     [
         (["--simulator", "vellum"], 3, "use xpbd or blender"),
         (["--simulator", "xpbd", "--iterations", "0"], 3, "iterations must be within"),
         (["--simulator", "xpbd", "--substeps", "auto"], 3, "must be a whole number"),
+        (["--simulator", "xpbd", "--model", "M"], 3, "fitted by G and L"),
         (["--iterations", "3"], 2, "are for --simulator xpbd"),
         (["--simulator", "xpbd", "--in-place"], 3, "need a folder"),
         (["--simulator", "blender", "--blender", "/no/such/python"], 3, "no such program"),

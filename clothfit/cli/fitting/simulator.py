@@ -35,6 +35,9 @@ OPTIONS = (
 )  # fmt: skip
 NAMES = ("--simulator", "--iterations", "--bends-by", "--blender")
 
+MODELS = {"xpbd": ("G", "L"), "blender": ("G",)}
+"""The few values of a tool, or those of each constraint and vertex."""
+
 WITHOUT = ("--start", "--checkpoint", "--forces")
 """Options that do not go with a tool's model."""
 
@@ -47,6 +50,7 @@ class Asked:
     iterations: int | None
     bends_by: str
     blender: str | None
+    model: str | None = None
 
     def check(self) -> None:
         """Raise UsageError, InvalidInput on what cannot be."""
@@ -56,6 +60,9 @@ class Asked:
             raise InvalidInput(f"--simulator: there is no {self.simulator!r}; use {' or '.join(SIMULATORS)}")
         if self.simulator != "xpbd" and (self.iterations is not None or self.bends_by != "distance"):
             raise click.UsageError("--iterations and --bends-by are for --simulator xpbd")
+        if self.simulator and self.model not in (None, *MODELS[self.simulator]):
+            known = " and ".join(MODELS[self.simulator])
+            raise InvalidInput(f"--model {self.model}: the values of {self.simulator} are fitted by {known}")
         if self.simulator != "blender" and self.blender is not None:
             raise click.UsageError("--blender is for --simulator blender")
 
@@ -69,7 +76,7 @@ class Asked:
         iterations = 10 if self.iterations is None else self.iterations
         own = xpbd.Settings(int(substeps or 1), iterations, self.bends_by)
         own.check()
-        return Options(str(self.simulator), own, self.blender, report=console.detail)
+        return Options(str(self.simulator), own, self.blender, report=console.detail, model=self.model or "G")
 
 
 def options(function: Any) -> Any:
@@ -79,7 +86,7 @@ def options(function: Any) -> Any:
     def with_tool(
         simulator: str | None, iterations: int | None, bends_by: str, blender_path: str | None, **arguments: Any
     ) -> Any:
-        return function(**arguments, tool=Asked(simulator, iterations, bends_by, blender_path))
+        return function(**arguments, tool=Asked(simulator, iterations, bends_by, blender_path, arguments.get("model")))
 
     for added in reversed(OPTIONS):
         with_tool = added(with_tool)
@@ -140,12 +147,18 @@ def one_target(files: Files, scene: Scene, console: Console) -> tuple[Any, Scene
 def describe(number: int, found: Fitted, console: Console) -> None:
     """Print what was found for an object."""
     lines = [f"{'value':<22}{'mapped':>12}{'fitted':>12}  unit"]
-    for value, fitted in zip(found.tool.values, found.found, strict=True):
+    first = found.few or found
+    for value, fitted in zip(first.tool.values, first.found, strict=True):
         lines.append(f"{value.name:<22}{value.mapped:>12.4g}{fitted:>12.4g}  {value.unit}".rstrip())
     console.result("\n".join(lines))
+    if found.few:
+        console.say(f"objects[{number}] in {found.tool.name}, few values: RMSE {error(first.rmse, found.travel)}")
+        for name, _, _, fitted in found.kinds():
+            middle = sorted(fitted)[len(fitted) // 2]
+            console.say(f"{name} of each: {fitted.min():.4g} … {fitted.max():.4g}, median {middle:.4g}")
     console.say(
         f"objects[{number}] in {found.tool.name}: RMSE {error(found.rmse, found.travel)}; with the mapped values "
-        f"{error(found.mapped_rmse, found.travel)}; {found.simulations} simulations"
+        f"{error(first.mapped_rmse, found.travel)}; {found.simulations} simulations"
     )
 
 
