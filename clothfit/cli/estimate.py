@@ -37,6 +37,7 @@ MOST_STARTS = 10_000
 SECTIONS = {  # of the help
     "What to fit to": (
         "--target", "--forces", "--objective", "--loss", "--loss-scale", "--fit-time", "--fit-placement",
+        "--fit-scale", "--keep-markers",
     ),
     "The file of the target": ("--fps", "--frames", "--scale", "--up", "--handedness", "--map"),
     "How to fit": (
@@ -69,11 +70,15 @@ SECTIONS = {  # of the help
               help="Fit the rate and the offset of the target's clock too.")
 @click.option("--fit-placement", is_flag=True,
               help="Fit how the target is turned and moved too.")
+@click.option("--fit-scale", is_flag=True,
+              help="Fit how large the target's unit is too.")
+@click.option("--keep-markers", is_flag=True,
+              help="Take the target's markers as they are, also where they are swapped or show no vertex.")
 @click.option("--model", metavar="MODEL",
               help="How to fit the masses, stiffnesses and rest lengths that SCENE flags: F, one factor on their "
               "values; R, a factor for each family and region; M, smooth maps; G, one value; L, each by itself; or "
-              "auto: the simplest of F, R, M and L, unless a freer one is clearly better on frames that are kept out.  "
-              "[default: the flags]")
+              "auto: the simplest of F, R, M and L, unless a freer one is clearly better on frames that are kept out. "
+              "With --simulator xpbd L fits the values of each constraint.  [default: the flags]")
 @click.option("--substeps", metavar="K",
               help="Time steps to a frame of the target, or auto, which takes more where the fit gains by them.  "
               "[default: auto for scenes with BDF2, else the scene's step]")
@@ -180,8 +185,8 @@ def command(
     """
     check_values(max_evaluations, rmse, starts, seed, jobs)
     check_numbers(tolerance=tolerance)
-    if (as_given["fit_time"] or as_given["fit_placement"]) and not target_paths:
-        raise click.UsageError("--fit-time and --fit-placement are for the motion of --target; add that")
+    if any(as_given[name] for name in ("fit_time", "fit_placement", "fit_scale")) and not target_paths:
+        raise click.UsageError("--fit-time, --fit-placement and --fit-scale are for the motion of --target; add that")
     if in_subspace and not target_paths:
         raise click.UsageError("--subspace is for the motion of --target; add that")
     tool.check()

@@ -29,7 +29,7 @@ from clothfit.fit.keywords import Keywords, OlderNames, options_of, settled
 from clothfit.fit.model_choice import judged, nearer
 from clothfit.fit.options import AUTO, FIT_TOLERANCE, LONGEST, LONGEST_OVER_TIME, FitOptions
 from clothfit.fit.preparation import Prepared, flagged, prepared
-from clothfit.fit.registered_fit import registered_fit
+from clothfit.fit.registered_fit import marked_fit, registered_fit
 from clothfit.fit.residual_hints import with_residual_hints, with_stall_hint
 from clothfit.fit.result import Fit, fitted_scene, result, with_fallbacks, with_verdict
 from clothfit.fit.target_windows import in_windows, with_whole
@@ -100,6 +100,8 @@ def estimate(
     windows: int | None = None,
     fit_time: bool = False,
     fit_placement: bool = False,
+    fit_scale: bool = False,
+    keep_markers: bool = False,
     on_memory: Callable[[Needs], None] | None = None,
     on_hint: Callable[[Hint], None] | None = None,
     on_found: Callable[[Scene], None] | None = None,
@@ -161,8 +163,11 @@ def estimate(
     of the whole motion.
 
     `fit_time` finds the rate and the offset of each target's clock with the values, `fit_placement` its place: the
-    rotation and the translation that bring it into the scene. The fit then compares with the target at the scene's
-    times and in its place; `Fit.registration` says what was found.
+    rotation and the translation that bring it into the scene, `fit_scale` its scale. The fit then compares with the
+    target at the scene's times and in its place; `Fit.registration` says what was found.
+
+    Markers of a target that are swapped are exchanged, and what shows no vertex is left out, as `Fit.markers` says,
+    unless `keep_markers` is true: only where the target shows it plainly, at its start or from one frame to the next.
 
     Older names work and warn: `report` (`on_progress`), `hinted`, `foreseen`, `found` (`on_hint`, `on_memory`,
     `on_found`), `seconds` (`budget`), `rmse_tolerance` (`rmse`).
@@ -188,6 +193,8 @@ def fit(scene: Scene, target: Targets | None, start: float | Array | Scene | Non
     if hidden and options.windows is not None:
         raise InvalidInput("windows: a target is needed, in whose states they begin")
     scene = scene.with_bounds(from_user(options.bounds or {}))
+    if target is not None and not (options.keep_markers or callable(options.objective)) and scene.blocks:
+        return marked_fit(scene, target, options, lambda own, targets, rest: fit(own, targets, start, rest))
     if options.registers and scene.blocks:
         return registered_fit(scene, target, options, lambda own, targets, rest: fit(own, targets, start, rest))
     scene = flagged(scene, options.model)

@@ -75,6 +75,8 @@ class Keywords(OlderNames, total=False):
     windows: int | None
     fit_time: bool
     fit_placement: bool
+    fit_scale: bool
+    keep_markers: bool
     on_memory: Callable[[Needs], None] | None
     on_hint: Callable[[Hint], None] | None
     on_found: Callable[[Scene], None] | None
@@ -142,6 +144,7 @@ def refuse(options: FitOptions) -> None:
     """Raise InvalidInput where an option needs to know what is compared."""
     given = {
         "holdout": options.holdout is not None, "fit_time": options.fit_time, "fit_placement": options.fit_placement,
+        "fit_scale": options.fit_scale,
         "loss": options.loss != "linear", "model auto": options.model == AUTO, "windows": options.windows is not None,
         "substeps auto": options.substeps == AUTO,
     }  # fmt: skip

@@ -78,6 +78,8 @@ class FitOptions:
     windows: int | None = None  # frames of each window that begins in the target's own states; None: the whole motion
     fit_time: bool = False  # whether the rate and the offset of each target's clock are found
     fit_placement: bool = False  # whether each target's place is found: a rotation and a translation
+    fit_scale: bool = False  # whether each target's scale is found
+    keep_markers: bool = False  # whether mistaken markers of targets are left as they are
 
     def check(self) -> None:
         """Raise InvalidInput when a value is not possible."""
@@ -101,7 +103,7 @@ class FitOptions:
     @property
     def registers(self) -> bool:
         """Whether the clock or the place of targets is found."""
-        return self.fit_time or self.fit_placement
+        return self.fit_time or self.fit_placement or self.fit_scale
 
     def _check_model(self) -> None:
         """Raise InvalidInput when the model or the step is not possible."""

@@ -21,6 +21,7 @@ from clothfit.objective.memory_needs import Needs
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Status
+from clothfit.registration.markers import Markers
 from clothfit.registration.record import Registration
 from clothfit.scene.block import Block
 from clothfit.scene.bounds import wider
@@ -88,6 +89,7 @@ class Fit:
     windows: int | None = None  # frames of each window that the target was cut into; None: whole motions were compared
     whole: float | None = None  # m, the error over whole motions, where windows were compared
     registration: list[Registration] | None = None  # of each target; None: none was looked for
+    markers: list[Markers] | None = None  # of each target, those that were mistaken; None: none was
     start: Scene | None = None  # where the fit began
     objective: dict[str, float] = field(default_factory=dict)  # what is compared, with the weights
     correlations: tuple[Correlation, ...] = ()  # of what is hard to tell apart, strongest first

@@ -116,6 +116,10 @@ class Objective:
         pairs = [Experiment(motion, scene if own is self.scene else own) for motion, own in self.experiments]
         return self.against(scene, pairs, self._ends, tolerance)
 
+    def in_scenes(self, given: Sequence[Experiment], tolerance: float | None = None) -> Objective:
+        """The same objective in other scenes of its experiments, solved to another tolerance."""
+        return self.against(self.scene, given, self._ends, tolerance)
+
     def against(
         self, scene: Scene, given: Sequence[Experiment], frames: int | Sequence[int | None] | None,
         tolerance: float | None = None,

@@ -6,7 +6,9 @@ well the model predicted the cost; a trial costs one simulation, a hundredth of 
 model. J. J. Moré, The Levenberg–Marquardt algorithm, 1978.
 
 It ends where the step that is left is small against what the noise leaves open: the cost it would save is below a
-hundredth of the variance of one residual, a tenth of a standard error over all parameters together. Where a model
+hundredth of the variance of one residual, a tenth of a standard error over all parameters together; or, where residuals
+are noise, below the same for each of the combinations that the data determine (D. M. Bates, D. G. Watts, A relative
+offset orthogonality convergence criterion for nonlinear least squares, Technometrics 23, 1981). Where a model
 that cannot reproduce the target leaves large residuals, of which neighbours are alike, the last digits come slowly and
 say nothing: it also ends where two steps in a row would save less than 1e-5 of the cost.
 """
@@ -22,11 +24,16 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.optimise import bounded
-from clothfit.optimise.prior import Prior
+from clothfit.optimise.prior import Prior, inverse
 from clothfit.optimise.status import Status
 
 LEFT = 1e-2
 """Cost that the rest of the way would save, relative to the variance of a residual, where the fit ends."""
+
+EACH, MOST = 5e-2, 5e-3
+"""… the same for each combination of values that the data determine, where residuals are noise: a fifth of a standard
+error; and relative to the whole cost, which a fit without noise goes far below.
+"""
 
 SMALL = 1e-5
 """The same relative to the whole cost, twice in a row: where the way is fast, the second is below `LEFT`."""
@@ -121,6 +128,8 @@ def minimise(
         twice = max(saving / model.cost, last[0] / last[1]) if model.cost > 0 and last[1] < np.inf else np.inf
         if saving <= max(LEFT * sigma2, problem.least * model.cost) or twice <= SMALL:
             return model, prior, Status.CONVERGED
+        if saving <= MOST * model.cost and within_noise(problem, model, A, sigma2, saving):
+            return model, prior, Status.CONVERGED
         last = saving, model.cost
         value = model.cost + prior.value(model.y, sigma2)
         total = partial(penalised, problem, prior, sigma2)
@@ -131,6 +140,14 @@ def minimise(
         if accepted:
             accepted(prior, model, radius)
     return model, prior, Status.LIMIT
+
+
+def within_noise(problem: Problem, model: Model, A: Array, sigma2: float, saving: float) -> bool:
+    """Whether what a step would save says nothing beside the noise; A (Q, Q) is the prior's matrix."""
+    if problem.is_noise is None or not EACH * len(model.y) * sigma2 >= saving:
+        return False
+    determined = float((model.H * inverse(model.H + A)).sum())
+    return saving <= EACH * determined * sigma2 and problem.is_noise(model.y)
 
 
 def ended(converged: bool) -> Status:

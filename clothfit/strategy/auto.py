@@ -44,6 +44,11 @@ from clothfit.strategy.trajectory_fit import (
 ACCURATE = 3e-4
 """Error of a momentum fit, relative to how far the target moves, below which noise has hardly scattered its values."""
 
+EXACT = 1e-5
+"""The same below which a fit of thousands of values ends: the values of 100 × 100 vertices are then right to 1e-8, and
+steps of minutes would only follow how a cloth that buckles makes more of that.
+"""
+
 TRIED = momentum.TREATMENTS[:2]
 """The momentum fits that are worth their time beside a trajectory fit; and, where masses and stiffnesses are fitted,
 `ANCHORED`.
@@ -85,7 +90,8 @@ def find(
                 return status
         return by_scan(search, start, tau)
     if too_many(search):
-        return by_ladder(search, tau, [start])
+        is_exact = bool(exact) and search.best.cost <= EXACT**2 * search.objective.still
+        return Status.CONVERGED if is_exact else by_ladder(search, tau, [start])
     search.enter("starts")
     guesses = [start]
     if others is not None and not is_near(search, search.visit(start)):
@@ -132,6 +138,8 @@ def by_ladder(
     search.visit(search.start)
     models = ladder.models(search.objective.scene)
     ladder.climb(search, models if wanted is None else wanted, starts)
+    if wanted is not None and not wanted and ladder.is_astray(search):
+        ladder.by_nudging(search, models[0])
     if not search.rungs:
         search.rungs.append(ladder.reached(search, models[0]))
     if is_far(search) or (not is_near(search) and not is_explained(search)):

@@ -26,7 +26,7 @@ from clothfit.scene.cloth import Cloth
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.scene.kinds import CLOTH_KINDS, MODEL_NAMES, MODELS
 from clothfit.scene.scene import Scene
-from clothfit.strategy import gravity_direction, signals
+from clothfit.strategy import gravity_direction, nudging, signals
 from clothfit.strategy.few_values import FEW_VALUES, beyond_steps, in_a_round, settled, to_the_minimum
 from clothfit.strategy.first_windows import through_windows, touches
 
@@ -35,6 +35,9 @@ STARTED = 2.0
 
 STAGE_TOLERANCE = 1e-7
 """Of the linear systems: its error is far below what a model that differs leaves."""
+
+ASTRAY = 0.05
+"""Error relative to how far the target moves, above which motions are nudged."""
 
 MOMENT = 0.5
 """Seconds for the cost of what a stage has found that is ended."""
@@ -133,11 +136,38 @@ def stage(search: Search, model: str, starts: Sequence[Array] = (), rough: bool 
     coarsest = model == models(search.objective.scene)[0]
     method = in_a_round if rough else to_the_minimum if coarsest else beyond_steps
     carried(search, part_of(search, model, search.best.p), method)
+    if not rough and coarsest and is_astray(search):
+        by_nudging(search, model)
     if not rough and turning_pays(search):
         part = part_of(search, model, search.best.p, turned=True)
         if part.fitted.sum() <= FEW_VALUES:
             carried(search, part, through_windows)
         carried(search, part_of(search, model, search.best.p, turned=True), method)
+
+
+def is_astray(search: Search) -> bool:
+    """Whether other minima may be nearer to the target than the best point is, and motions can be nudged."""
+    objective = search.objective
+    return search.best.cost > ASTRAY**2 * objective.still and nudging.can_nudge(objective)
+
+
+def by_nudging(search: Search, model: str) -> None:
+    """Fit a model of few values from what nudged motions find. Raises Stop."""
+    part, starts = part_of(search, model, search.origin), list[Array]()
+    if part.fitted.sum() > FEW_VALUES:
+        return
+    carried(search, part, lambda own: starts.extend(nudging.through_pulls(own)))
+    for start in starts[:: nudging.EACH]:
+        if search.is_late:
+            break
+        own = part_of(search, model, as_whole(part, start, search.objective.scene))
+        carried(search, own, through_windows_to_the_minimum)
+
+
+def through_windows_to_the_minimum(own: Search) -> None:
+    """Windows of the first frames, and then all of them. Raises Stop."""
+    through_windows(own)
+    to_the_minimum(own)
 
 
 def steady_wind(search: Search, model: str) -> None:
@@ -214,4 +244,9 @@ def in_a_moment(objective: Objective, p: Array, known: float) -> float:
 
 def found(own: Search, scene: Scene) -> Array:
     """The best point of a search as parameters (P,) of another scene's flags."""
-    return signals.values(with_parameters(own.objective.scene, own.best.p), flags=scene)
+    return as_whole(own, own.best.p, scene)
+
+
+def as_whole(own: Search, p: Array, scene: Scene) -> Array:
+    """The values p (P′,) of a search as parameters (P,) of another scene's flags."""
+    return signals.values(with_parameters(own.objective.scene, p), flags=scene)

@@ -295,3 +295,25 @@ def test_the_width_of_the_prior_is_held_where_residuals_are_no_noise(is_noise):
     _, prior, status = minimise(problem, start, belief)
     assert status == "converged"
     assert (prior.tau == belief.tau) == (not is_noise)
+
+
+def among(noise):
+    """The valley, beside residuals that nothing changes."""
+    bent = rosenbrock()
+    return Synthetic(
+        lambda y: np.concatenate([bent.residual(y), noise]),
+        lambda y: np.concatenate([bent.jacobian(y), np.zeros((len(noise), 2))]),
+    )
+
+
+@pytest.mark.parametrize(
+    ("noisy", "is_noise", "ends"), [(True, True, True), (True, False, False), (False, True, False)]
+)
+def test_a_step_within_the_noise_of_each_combination_ends_it_where_residuals_are_noise(noisy, is_noise, ends):
+    noise = np.random.default_rng(0).normal(size=400 if noisy else 0)
+    begin = np.array([0.8, 0.64])  # 0.2 from the end of the valley: 0.04 of the cost is left, for 2 values
+    problem = replace(among(noise).problem, is_noise=lambda y: is_noise)
+    model, _, status = minimise(problem, begin, none(2))
+    assert status == "converged"
+    assert np.array_equal(model.y, begin) == ends
+    assert ends or abs(model.y[0] - 1.0) < 0.1  # where less than 0.01 is left

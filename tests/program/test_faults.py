@@ -101,7 +101,8 @@ def test_where_the_result_cannot_be_written_the_checkpoint_is_named(folder, caps
     fit = fitting.fit
 
     def vanishing(*arguments):
-        Path("out").rmdir()
+        if Path("out").exists():  # a fit may begin with another one
+            Path("out").rmdir()
         return fit(*arguments)
 
     with monkeypatch.context() as patch:

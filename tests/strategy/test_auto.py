@@ -316,3 +316,18 @@ def test_an_error_that_is_asked_for_is_not_replaced_by_the_rounding():
     floor, fine, rough = (estimate(made, target, start=10.0, rmse=asked) for asked in (None, 1e-9, 1e-3))
     assert fine.rmse <= floor.rmse <= Objective(made, target).rounding < rough.rmse <= 1e-3
     assert rough.evaluations <= floor.evaluations < fine.evaluations
+
+
+def test_an_exact_momentum_fit_ends_a_long_fit_of_many_values(monkeypatch):
+    monkeypatch.setattr(trajectory_fit, "LONG_POSITIONS", 100)
+    monkeypatch.setattr("clothfit.strategy.auto.LARGEST", 0.0)  # no dense model is small enough
+    made = load(trial("nL", windVel=xyz((3.0, 1.0, 2.0))))
+    target = record_target(made)
+    fit = estimate(made, target, start=7.0, rmse=1e-300)
+    assert fit.status == "converged"
+    assert fit.evaluations <= 4  # the start, two balances, none of the whole motion's derivatives
+    known = identifiable(made)
+    # solved to 1e-10, which the balances magnify
+    np.testing.assert_allclose(parameters(fit.scene)[known], parameters(made)[known], rtol=1e-5)
+    noisy = estimate(made, degrade(target, noise=1e-3), start=7.0, max_evaluations=12)
+    assert noisy.evaluations > 4

@@ -101,7 +101,13 @@ def describe(found: Fit, out: Output, console: Console) -> None:
 
 
 def as_compared(targets: list[Any], found: Fit, scene: Scene) -> list[Any]:
-    """The targets with the clock and in the place that the fit found."""
+    """The targets with the markers, the clock and the place that the fit found."""
+    marked = found.markers or []
+    if len(marked) == len(targets):
+        targets = [
+            (each.applied(target[0]), target[1]) if isinstance(target, tuple) else each.applied(target)
+            for target, each in zip(targets, marked, strict=True)
+        ]
     known = found.registration or []
     if len(known) != len(targets):
         return targets
@@ -221,6 +227,7 @@ def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
         "windows": found.windows and {"frames": found.windows, "whole_rmse": found.whole},
         "hints": [{"code": hint.code, "text": hint.text} for hint in found.hints],
         "registration": found.registration and [each.summary() for each in found.registration],
+        "markers": found.markers and [each.summary(scene.vertex_counts) for each in found.markers],
         "parameters": [asdict(block) for block in found.parameters],
         "correlations": [asdict(each) for each in found.correlations],
         "warnings": found.warnings,
