@@ -38,8 +38,10 @@ def stride(scene: Scene) -> int:
     return max(1, round(1.0 / (RATE * scene.delta)))
 
 
-def tool_of(scene: Scene, index: int, frames: int, blender: Blender) -> Tool:
-    """Blender for one cloth, over so many of its frames. Raises InvalidInput, InvalidScene."""
+def tool_of(scene: Scene, index: int, frames: int, blender: Blender, begin: Array | None = None) -> Tool:
+    """Blender for one cloth, over so many of its frames: with its few values or, from such values `begin` on, with
+    those of each vertex. Raises InvalidInput, InvalidScene.
+    """
     refuse(scene, "blender")
     own = scene.cloths[index]
     if own.pins or scene.changes:
@@ -56,11 +58,19 @@ def tool_of(scene: Scene, index: int, frames: int, blender: Blender) -> Tool:
     values = values_of(base)
     names = [value.name for value in values]
 
-    def motion(numbers: Array) -> Array | None:
-        positions = blender.play({**job, "values": with_values(base, names, numbers)})
+    def play(own: dict[str, Any]) -> Array | None:
+        positions = blender.play({**job, "values": own})
         return to_scene(positions, AXES) if np.isfinite(positions).all() else None
 
-    return Tool("blender", tuple(values), motion, None, SIMILAR)
+    def motion(numbers: Array) -> Array | None:
+        return play(with_values(base, names, numbers))
+
+    few = Tool("blender", tuple(values), motion, None, SIMILAR)
+    if begin is None:
+        return few
+    from clothfit.simulators.blender_values import each_of
+
+    return each_of(scene, index, few, with_values(base, names, begin), frames, stride(scene) * scene.delta, play)
 
 
 def left_out(scene: Scene) -> list[str]:

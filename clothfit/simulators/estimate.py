@@ -78,20 +78,23 @@ def fitted(scene: Scene, index: int, motion: Motion, options: Options, more: Any
             options.report(f"{tool.name}: RMSE {1e3 * error:.4g} mm after {simulations} simulations")
 
     found = Fit(tool, goal, told).run(options.most)
-    return each(scene, index, goal, options, found, told) if options.model == EACH else found
+    return each(scene, index, goal, options, found, told, more) if options.model == EACH else found
 
 
 def each(
-    scene: Scene, index: int, goal: Target, options: Options, few: Fitted, told: Callable[[float, int], None]
+    scene: Scene, index: int, goal: Target, options: Options, few: Fitted, told: Callable[[float, int], None], more: Any
 ) -> Fitted:
-    """Fit the values of each constraint and vertex, from the few on. Raises InvalidInput where the tool has none."""
-    from clothfit.simulators import xpbd_values
+    """Fit the values of each constraint and vertex, from the few on."""
+    from clothfit.simulators import blender, xpbd_values
     from clothfit.simulators.many_values import ManyFit
 
-    if options.simulator != "xpbd":
-        raise InvalidInput(f"the model of {options.simulator} has no values of each spring; use --model G")
-    tool = xpbd_values.each_of(scene, index, options.settings, scene.frames, few.found)
-    found = ManyFit(tool, goal, told).run(options.most)
+    if options.simulator == "blender":
+        tool, begin = blender.tool_of(scene, index, goal.last_step + 1, more, few.found), None
+    else:
+        tool, begin = xpbd_values.each_of(scene, index, options.settings, scene.frames, few.found)
+    fit = ManyFit(tool, goal, told)
+    fit.begin = begin
+    found = fit.run(options.most)
     return replace(found, simulations=few.simulations + found.simulations, few=few)
 
 

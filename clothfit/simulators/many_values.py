@@ -1,59 +1,185 @@
-"""A fit of many values, such as one for each constraint, by Levenberg–Marquardt.
+"""A fit of many values, such as some for each constraint, by Levenberg–Marquardt.
 
 With the residuals r (`Fit.residuals`) and their derivative J by the logarithms of the values, a step d is the least of
-|J d + r|² + μ|d|². LSMR finds it by products with J and Jᵀ, that is by tangents and adjoints of the tool's steps, each
-as long as about two simulations; J itself is never there. μ falls while steps lower the cost, and rises where not.
+|J d + r|² + μ|d|². Up to DENSE values, JᵀJ is added up frame by frame, with the changes of the state along all values
+side by side (`lanes`). Beyond, LSMR finds the step by products with J and Jᵀ, each as long as about two simulations.
+
+Far from the values that fit, the cost of a whole motion has many minima. So, up to DENSE values, a first descent is
+nudged: after each step the state goes a part of the way, one of PULLS after the other, to where the target is, so that
+an error counts for about 1/pull steps; see `strategy.nudging`. The last descent, without a pull, begins where that
+ended, or with other values that are given where these are nearer.
+
+The changes may be those of a model nearby: then only the last descent is made, and a step of it counts where the tool
+itself comes nearer.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array
-from clothfit.objective.target import sample
-from clothfit.simulators.values import RANGE, WEAK, Fit
+from clothfit.base import interrupts
+from clothfit.base.arrays import Array, Flags
+from clothfit.base.errors import InvalidInput
+from clothfit.objective.target import Target, sample
+from clothfit.simulators.values import FAR, WEAK, Fit
+
+DENSE = 2500
+"""The most values whose JᵀJ is made."""
+
+PULLS, NUDGED = (0.9, 0.5, 0.2, 0.05), 15
+"""Parts of the way to the target, and the most steps of the fit with each."""
 
 PRODUCTS = 40
 """The most products with J in a step."""
 
-FIRST, LEAST, RISE, FALL = 1e-4, 1e-12, 10.0, 0.3
-"""μ at the start, its least value, and what it is multiplied by after a step that fails, or succeeds."""
+FIRST, LEAST, RISE, FALL = 1e-4, 1e-14, 4.0, 0.2
+"""μ at the start, its least value, both of the trace of JᵀJ, and what it is multiplied by after a step that fails, or
+does as was predicted.
+"""
 
-TRIES = 4
+TRIES = 10
 """Values of μ for a step, before the fit ends."""
 
-LONGEST = 2.0
+LONGEST = 1.0
 """Change of a logarithm in a step."""
 
-ENOUGH = 3e-3
-"""The fit ends where a step lowers the cost by less than this share of it."""
+ENOUGH = 1e-3
+"""A descent ends where a step lowers the cost by less than this share of it."""
+
+
+class Pull(NamedTuple):
+    """Where a target shows the ends of steps, 0 … T."""
+
+    place: Array  # (T + 1, n, 3), m
+    seen: Flags  # (T + 1, n)
+    way: Array  # (T + 1, n, 3), m, from the place one step before
+    goes: Flags  # (T + 1, n), where that is known
+
+
+def pull_of(goal: Target) -> Pull:
+    """The pull of a target."""
+    count, n = goal.last_step + 1, goal.positions.shape[1]
+    place, way = np.zeros((2, count, n, 3))
+    seen, goes = np.zeros((2, count, n), bool)
+    exact = np.flatnonzero(goal.fraction < 1e-6)
+    place[goal.step[exact]], seen[goal.step[exact]] = goal.positions[exact], goal.observed[exact]
+    goes[1:] = seen[1:] & seen[:-1]
+    way[1:] = np.where(goes[1:, :, None], place[1:] - place[:-1], 0.0)
+    return Pull(place, seen, way, goes)
 
 
 class ManyFit(Fit):
-    """A fit of a tool that has `push` and `pull`."""
+    """A fit of a tool that has `sweep`, and `push` and `pull` beyond DENSE values; `begin` (V,) are other values that
+    it may begin with.
+    """
+
+    begin: Array | None = None
 
     def search(self, most: int) -> None:
-        """Levenberg–Marquardt, with at most so many steps."""
-        from scipy.sparse.linalg import lsmr
+        """Levenberg–Marquardt, with at most so many steps of each descent."""
+        if len(self.start) > DENSE and self.tool.push is None:
+            raise InvalidInput(f"{self.tool.name}: {len(self.start)} values, of at most {DENSE} that are fitted there; "
+                               "use --model G")
+        y = self.start
+        for pull in () if len(y) > DENSE or self.tool.nearby else PULLS:
+            y = self.descend(y, min(most, NUDGED), pull)
+        if self.begin is not None:
+            ends = [y, np.clip(np.log(self.begin), self.lower, self.upper)]
+            costs = [float((r**2).sum()) for r in map(self.residuals, ends)]
+            y = ends[int(np.argmin(costs))]
+        self.descend(y, most)
 
-        y, mu = self.start, FIRST
-        r = self.residuals(y)
+    def descend(self, y: Array, most: int, pull: float = 0.0) -> Array:
+        """Take steps from y, of motions that are pulled so far; returns the last logarithms."""
+        mu, r = FIRST, self.pulled(y, pull)
         for _ in range(most):
-            operator, cost = self.operator(y), float(r @ r)
-            for _ in range(TRIES):
-                found = lsmr(operator, -r, damp=np.sqrt(mu), maxiter=PRODUCTS, atol=1e-8, btol=1e-8, conlim=0)[0]
-                other = np.clip(y + shortened(found), self.start - RANGE, self.upper)
-                after = self.residuals(other)
+            if len(y) > DENSE:
+                steps, cost = self.by_products(y, r, mu), float(r @ r)
+            else:
+                steps, cost = self.by_normal_equations(y, r, pull, mu), float(r @ r)
+            for mu, step, predicted in steps:  # noqa: B007  the last one is kept
+                other = np.clip(y + step, self.lower, self.upper)
+                after = self.pulled(other, pull)
                 if after @ after < cost:
                     break
-                mu *= RISE
             else:
+                return y
+            gain = (cost - after @ after) / max(cost - predicted, 1e-300)
+            mu = max(FALL * mu, LEAST) if gain > 0.75 else RISE * mu if gain < 0.25 else mu
+            y, r = other, after
+            if after @ after > (1.0 - ENOUGH) * cost:
+                return y
+        return y
+
+    def pulled(self, y: Array, pull: float) -> Array:
+        """The residuals of a motion with a pull."""
+        if not pull:
+            return self.residuals(y)
+        found = [rows for rows, _ in self.frames(y, pull, along=False)]
+        apart = np.concatenate(found) if found else np.zeros(0)
+        if len(apart) < 3 * int(self.goal.observed.sum()):  # it ran away
+            apart = np.full(3 * int(self.goal.observed.sum()), FAR)
+        return np.concatenate([self.scale * apart, WEAK * (y - self.start)])
+
+    def frames(self, y: Array, pull: float, along: bool) -> Iterator[tuple[Array, Array]]:
+        """Of each frame of the target, in turn: the distances (3 s,) of the s vertices that it shows, and their change
+        (3 s, V) along each logarithm, or (3 s, 0). Ends early where the motion runs away.
+        """
+        assert self.tool.sweep is not None
+        interrupts.check()
+        goal, own = self.goal, self.tool.sweep(np.exp(y), along)
+        self.simulations += 1
+        pulls = pull_of(goal) if pull else None
+        x, dx, frame = own.x.copy(), own.dx.copy(), 0
+        for t in range(goal.last_step + 1):
+            while frame < len(goal.step) and goal.step[frame] + (goal.fraction[frame] > 0) == t:
+                part, seen = float(goal.fraction[frame]) or 1.0, goal.observed[frame]
+                place = (1.0 - part) * x[seen] + part * own.x[seen]
+                change = (1.0 - part) * dx[seen] + part * own.dx[seen]
+                yield (place - goal.positions[frame, seen]).reshape(-1), change.reshape(3 * int(seen.sum()), -1)
+                frame += 1
+            if t == goal.last_step or not np.isfinite(own.x).all():
                 return
-            y, r, mu = other, after, max(mu * FALL, LEAST)
-            if r @ r > (1.0 - ENOUGH) * cost:
-                return
+            if pulls is not None and t:
+                nudge(own, pulls, t, pull)
+            x, dx = own.x.copy(), own.dx.copy()
+            own.advance(t)
+
+    def by_normal_equations(self, y: Array, r: Array, pull: float, mu: float) -> Iterator[tuple[float, Array, float]]:
+        """Steps with growing μ: μ, the step, and the cost that is predicted after it."""
+        from scipy.linalg import cho_factor, cho_solve
+
+        size = len(y)
+        square, slope, cost, row = WEAK**2 * np.eye(size), WEAK**2 * (y - self.start), float(r @ r), 0
+        for apart, change in self.frames(y, pull, along=True):
+            square += self.scale**2 * (change.T @ change)
+            slope += self.scale * (change.T @ r[row : row + len(apart)])
+            row += len(apart)
+        unit = float(np.trace(square))
+        for _ in range(TRIES):
+            step = -cho_solve(cho_factor(square + (mu + LEAST) * unit * np.eye(size)), slope)
+            step = np.clip(step, -LONGEST, LONGEST)
+            yield mu, step, cost + float(2.0 * slope @ step + step @ (square @ step))
+            mu = max(RISE * mu, 1e-9)
+
+    def by_products(self, y: Array, r: Array, mu: float) -> Iterator[tuple[float, Array, float]]:
+        """The same by LSMR; μ is by itself."""
+        from scipy.sparse.linalg import lsmr
+
+        operator = self.operator(y)
+        for _ in range(TRIES):
+            step = lsmr(operator, -r, damp=np.sqrt(mu), maxiter=PRODUCTS, atol=1e-8, btol=1e-8, conlim=0)[0]
+            step = np.clip(step, -LONGEST, LONGEST)
+            yield mu, step, float(((r + operator.matvec(step)) ** 2).sum())
+            mu *= RISE
+
+    @property
+    def scale(self) -> float:
+        """What a distance counts, 1/m."""
+        return float(1.0 / (self.travel * np.sqrt(max(int(self.goal.observed.sum()), 1))))
 
     def operator(self, y: Array) -> Any:
         """The derivative of the residuals at y."""
@@ -62,8 +188,7 @@ class ManyFit(Fit):
         push, pull = self.tool.push, self.tool.pull
         assert push is not None
         assert pull is not None
-        numbers, seen, count = np.exp(y), self.goal.observed, int(self.goal.observed.sum())
-        scale = 1.0 / (self.travel * np.sqrt(count))
+        numbers, seen, count, scale = np.exp(y), self.goal.observed, int(self.goal.observed.sum()), self.scale
 
         def forward(d: Array) -> Array:
             d = d.reshape(-1)
@@ -89,7 +214,10 @@ class ManyFit(Fit):
         return found
 
 
-def shortened(step: Array) -> Array:
-    """A step, of at most LONGEST in each logarithm."""
-    longest = float(np.abs(step).max(initial=0.0))
-    return step * (LONGEST / longest) if longest > LONGEST else step
+def nudge(own: Any, pulls: Pull, t: int, pull: float) -> None:
+    """Move the state after step t a part of the way to the target, and its changes with it."""
+    seen, goes = pulls.seen[t] & own.free, pulls.goes[t] & own.free
+    own.x[seen] += pull * (pulls.place[t, seen] - own.x[seen])
+    own.v[goes] += pull * (pulls.way[t, goes] / own.h - own.v[goes])
+    own.dx[seen] *= 1.0 - pull
+    own.dv[goes] *= 1.0 - pull

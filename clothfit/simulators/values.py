@@ -9,17 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from clothfit.base import interrupts
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Flags
 from clothfit.base.errors import InvalidInput
 from clothfit.objective.target import Target, sample
 
 RANGE = np.log(1e5)
-"""How far a value may go from its start, in its logarithm."""
+"""How far a value may go from its start, in its logarithm, where it does not say."""
 
 FAR = 30.0
 """Distance in travels that counts where a motion runs away."""
@@ -39,6 +39,22 @@ class Value(NamedTuple):
     unit: str
     start: float  # from the mapping, or where that has 0 the least that is tried
     mapped: float  # from the mapping
+    spread: float = RANGE  # how far it may go from its start, in its logarithm
+
+
+class State(Protocol):
+    """A state of a tool's cloth of n vertices, and its changes along V logarithms of values, or none."""
+
+    h: float  # s, a step
+    free: Flags  # (n,), what is not fixed
+    x: Array  # (n, 3), m
+    v: Array  # (n, 3), m/s
+    dx: Array  # (n, 3, V)
+    dv: Array  # (n, 3, V)
+
+    def advance(self, t: int) -> None:
+        """Take step t."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -54,6 +70,9 @@ class Tool:
     push: Callable[[Array, Array], Array] | None = None
     # of values and the gradient by the positions of the first frames: the gradient by the logarithms
     pull: Callable[[Array, Array], Array] | None = None
+    # of values: the state at the start, whose changes along all logarithms come with it, or not
+    sweep: Callable[[Array, bool], State] | None = None
+    nearby: bool = False  # the sweep is that of a model nearby, whose changes stand for those of the tool
 
 
 @dataclass(frozen=True)
@@ -86,7 +105,8 @@ class Fit:
         self.kept: tuple[Array, Array] | None = None  # logarithms, and what they gave
         self.best: tuple[float, Array, Array] | None = None  # RMSE, values, positions
         self.start = np.log([value.start for value in tool.values])
-        self.upper = self.start + RANGE
+        spread = np.array([value.spread for value in tool.values])
+        self.lower, self.upper = self.start - spread, self.start + spread
         first = sample(goal, np.repeat(goal.positions[:1], goal.last_step + 1, axis=0))
         self.travel = max(rms((goal.positions - first)[goal.observed]), TINY)
 
@@ -165,9 +185,8 @@ class Fit:
         """Gauss–Newton in a trust region, with at most so many steps."""
         from scipy.optimize import least_squares
 
-        lower = self.start - RANGE
         least_squares(
-            self.residuals, self.start, self.jacobian, (lower, self.upper), max_nfev=most,
+            self.residuals, self.start, self.jacobian, (self.lower, self.upper), max_nfev=most,
             xtol=1e-5, ftol=1e-5, gtol=1e-12,
         )  # fmt: skip
 

@@ -62,11 +62,16 @@ def files(scene: Scene, found: list[Fitted], options: Options) -> dict[str, byte
 def blender(scene: Scene, found: list[Fitted]) -> dict[str, bytes]:
     """The files of the export, with the fitted values."""
     from clothfit.simulators.blender import with_values
+    from clothfit.simulators.blender_values import with_each
 
     objects = []
     for number, each in enumerate(found):
         base = mapping.one(number, scene.cloths[number], *mapping.steps_of(scene))
-        objects.append(with_values(base, [value.name for value in each.tool.values], each.found))
+        first = each.few or each
+        own = with_values(base, [value.name for value in first.tool.values], first.found)
+        if each.few:
+            own = with_each(own, {name: fitted for name, _, _, fitted in each.kinds()})
+        objects.append(own)
     return blender_files(scene, objects)
 
 
@@ -81,6 +86,7 @@ def compliances(scene: Scene, found: list[Fitted]) -> bytes:
                 if own["compliance"][place] is not None:
                     own["compliance"][place] *= float(factor[spring])
         if each.few:
+            lengths(one, each)
             masses(one["particles"], scene.cloths[number].fixed, each)
         mean(one["actor"], "stretchCompliance", one["distance"]["compliance"])
         mean(one["actor"], "bendCompliance", one["bend"]["compliance"])
@@ -98,6 +104,20 @@ def factors(scene: Scene, number: int, found: Fitted) -> Array:
     factor = dict(zip((value.name for value in found.tool.values), found.found, strict=True))
     times: Array = np.array([factor.get(f"{name} compliance", 1.0) for name in GROUPS])[groups_of(scene, number)]
     return times
+
+
+def lengths(one: dict[str, Any], found: Fitted) -> None:
+    """Set the rest lengths of an object's distances; where bending is by angles, its springs keep theirs."""
+    _, _, mapped, fitted = found.kinds()[2]
+    distances, bends = ([spring for spring, rest in zip(one[kind]["spring"], one[kind]["restLength"], strict=True)
+                         if rest > 0] for kind in ("distance", "bend"))
+    both = sorted(distances + bends)
+    by_spring = dict(zip(both if len(both) == len(mapped) else sorted(distances), fitted, strict=True))
+    for kind in ("distance", "bend"):
+        one[kind]["restLength"] = [
+            float(by_spring.get(spring, length))
+            for spring, length in zip(one[kind]["spring"], one[kind]["restLength"], strict=True)
+        ]
 
 
 def masses(particles: dict[str, Any], fixed: Flags, found: Fitted) -> None:

@@ -9,13 +9,20 @@ import numpy as np
 from clothfit.base.arrays import Array, Indices
 from clothfit.scene.families import FAMILIES, families_of
 from clothfit.scene.scene import Scene
-from clothfit.simulators import sweeps, xpbd
+from clothfit.simulators import lanes, sweeps, xpbd
 from clothfit.simulators.substep import Model, Values, zeros
-from clothfit.simulators.values import Tool, Value
+from clothfit.simulators.values import RANGE, Tool, Value
 
 GROUPS = ("stretch", "shear", "bending")
 LEAST_TIME, LEAST_DAMPING = 1e-4, 1e-3
-"""Where the mapping has no damping: s along constraints, 1/s of the vertices."""
+SPREAD = np.log(4.0)
+"""Where the mapping has no damping: s along constraints, 1/s of the vertices; and how far a rest length may go, in its
+logarithm.
+"""
+
+SHARE = 0.15
+"""Of a substep: the least damping that a fit of each constraint starts with, s; a smaller one would not be felt."""
+
 
 
 def groups_of(scene: Scene, index: int) -> Array:
@@ -53,56 +60,77 @@ def tool_of(scene: Scene, index: int, settings: xpbd.Settings, frames: int) -> T
     return Tool("xpbd", tuple(values), motion, columns)
 
 
-def each_of(scene: Scene, index: int, settings: xpbd.Settings, frames: int, begin: Array) -> Tool:
-    """XPBD with a compliance and a damping of each constraint, and a mass of each free vertex; they start at the few
-    values `begin`, and the air has those.
+def each_of(scene: Scene, index: int, settings: xpbd.Settings, frames: int, few: Array) -> tuple[Tool, Array]:
+    """XPBD with a compliance and a damping of each constraint, a rest length of each distance, and a mass of each free
+    vertex, which start at the mapped ones; and these values as the few have them. The air has those of the few.
     """
     mapped, group = xpbd.model_of(scene, index, settings, frames), groups_of(scene, index)
     there = [g for g in range(len(GROUPS)) if (group == g).any()]
-    first = with_values(mapped, group, there, begin)
+    first = with_values(mapped, group, there, few)
     first = first._replace(time=np.maximum(first.time, LEAST_TIME))
+    felt = np.maximum(mapped.time, SHARE * mapped.h / mapped.substeps)
     free = np.flatnonzero(mapped.free).astype(np.int32)
+    long = np.flatnonzero((mapped.members[:, 2] < 0) & (mapped.rest > 0)).astype(np.int32)
+    seeds = seeds_of(mapped, long, free)
+    count = 2 * len(mapped.rest) + len(long) + len(free)
+
+    def at(numbers: Array) -> Model:
+        compliance, time, rest, mass = parts(numbers, mapped, long)
+        lengths, inverse = mapped.rest.copy(), mapped.inverse.copy()
+        lengths[long], inverse[free] = rest, 1.0 / mass
+        return first._replace(compliance=compliance, time=time, rest=lengths, inverse=inverse)
+
+    def sweep(numbers: Array, along: bool) -> lanes.Sweep:
+        return lanes.Sweep(at(numbers), seeds, count) if along else lanes.Sweep(at(numbers), lanes.no_seeds(first), 0)
 
     def motion(numbers: Array) -> Array | None:
-        positions, good = sweeps.simulate(with_each(first, free, numbers), frames)
+        positions, good = sweeps.simulate(at(numbers), frames)
         return positions if good == frames else None
 
     def push(numbers: Array, change: Array) -> Array:
-        made = with_each(first, free, numbers)
-        by_compliance, by_time, by_mass = parts(change, made)
+        made = at(numbers)
+        by_compliance, by_time, by_rest, by_mass = parts(change, made, long)
         direction = zeros(made)._replace(compliance=made.compliance * by_compliance, time=made.time * by_time)
+        direction.rest[long] = made.rest[long] * by_rest
         direction.inverse[free] = -made.inverse[free] * by_mass
         return sweeps.tangent(made, direction, frames)
 
     def pull(numbers: Array, bars: Array) -> Array:
-        made = with_each(first, free, numbers)
+        made = at(numbers)
         by = sweeps.gradient(made, len(bars), lambda positions: bars)
         return np.concatenate(
-            [by.compliance * made.compliance, by.time * made.time, -by.inverse[free] * made.inverse[free]]
-        )
+            [by.compliance * made.compliance, by.time * made.time, by.rest[long] * made.rest[long],
+             -by.inverse[free] * made.inverse[free]]
+        )  # fmt: skip
 
     values = []
-    for name, unit, old, new in (
-        ("compliance", "m/N", mapped.compliance, first.compliance),
-        ("damping", "s", mapped.time, first.time),
-        ("mass", "kg", 1.0 / mapped.inverse[free], 1.0 / first.inverse[free]),
+    for name, unit, old, new, spread in (
+        ("compliance", "m/N", mapped.compliance, mapped.compliance, RANGE),
+        ("damping", "s", mapped.time, felt, RANGE),
+        ("rest length", "m", mapped.rest[long], mapped.rest[long], SPREAD),
+        ("mass", "kg", 1.0 / mapped.inverse[free], 1.0 / mapped.inverse[free], RANGE),
     ):
-        values += [Value(name, unit, float(b), float(a)) for a, b in zip(old, new, strict=True)]
-    return Tool("xpbd", tuple(values), motion, push=push, pull=pull)
+        values += [Value(name, unit, float(b), float(a), spread) for a, b in zip(old, new, strict=True)]
+    begin = np.concatenate([first.compliance, first.time, mapped.rest[long], 1.0 / mapped.inverse[free]])
+    return Tool("xpbd", tuple(values), motion, push=push, pull=pull, sweep=sweep), begin
 
 
-def parts(numbers: Array, model: Model) -> list[Array]:
-    """What of a number for each constraint, again for each, and for each free vertex, belongs to which."""
+def seeds_of(model: Model, long: Indices, free: Indices) -> lanes.Seeds:
+    """The directions of the values of each constraint and free vertex, in their order."""
+    count, seeds = len(model.rest), lanes.no_seeds(model)
+    first = np.arange(count, dtype=np.int32)
+    rest = seeds.rest.copy()
+    rest[long] = 2 * count + np.arange(len(long))
+    seeds.mass[free] = 2 * count + len(long) + np.arange(len(free))
+    return seeds._replace(compliance=first, time=first + np.int32(count), rest=rest)
+
+
+def parts(numbers: Array, model: Model, long: Indices) -> list[Array]:
+    """What of a number for each constraint, again for each, for each distance, and for each free vertex, belongs to
+    which.
+    """
     count = len(model.rest)
-    return np.split(numbers, [count, 2 * count])
-
-
-def with_each(model: Model, free: Indices, numbers: Array) -> Model:
-    """The model with other values of each constraint and free vertex."""
-    compliance, time, mass = parts(numbers, model)
-    inverse = model.inverse.copy()
-    inverse[free] = 1.0 / mass
-    return model._replace(compliance=compliance, time=time, inverse=inverse)
+    return np.split(numbers, [count, 2 * count, 2 * count + len(long)])
 
 
 def with_values(model: Model, group: Array, there: list[int], numbers: Array) -> Model:

@@ -12,7 +12,7 @@ from clothfit.evaluation import runge_kutta
 from clothfit.export.blender import FOLD
 from clothfit.meshes.mesh import plane
 from clothfit.scene.over_time.keys import Keys, Pin
-from clothfit.simulators import sweeps, xpbd
+from clothfit.simulators import lanes, sweeps, xpbd
 from clothfit.simulators.constraint import bend, measure
 from clothfit.simulators.substep import Values, zeros
 
@@ -113,6 +113,32 @@ def test_the_derivatives_are_those_of_the_motion(bending):
     terms = sum(abs(part) for part in parts) + np.abs(weights * dx).sum()
     assert abs(sum(parts) - (weights * dx).sum()) < 1e-12 * terms
     assert all(part != 0 for part in parts[:-1])
+
+
+@pytest.mark.parametrize("bending", xpbd.BENDING)
+def test_the_changes_side_by_side_are_those_along_each_direction(bending):
+    """In wind, over a sphere, with a pin that moves."""
+    model = xpbd.model_of(sheet(), 0, xpbd.Settings(2, 2, bending), FRAMES)
+    count, free = len(model.rest), np.flatnonzero(model.free)
+    lane, mass = np.arange(count, dtype=np.int32), np.full(len(model.x0), -1, np.int32)
+    mass[free] = 3 * count + np.arange(len(free))
+    directions = 3 * count + len(free) + 1
+    last = np.array([directions - 1], np.int32)
+    seeds = lanes.Seeds(lane, lane + np.int32(count), lane + np.int32(2 * count), mass, last)
+    sweep = lanes.Sweep(model, seeds, directions)
+    for t in range(FRAMES - 1):
+        sweep.advance(t)
+    assert (sweep.x == sweeps.simulate(model, FRAMES)[0][-1]).all()
+    for k in range(directions):
+        values = zeros(model)
+        for own, size in zip(values[:3], (model.compliance, model.time, model.rest), strict=True):
+            own[:] = size * (lane == k)
+            k -= count
+        values.inverse[free] = -model.inverse[free] * (np.arange(len(free)) == k)
+        values.damping[0] = model.damping[0] * (k == len(free))
+        wanted = sweeps.tangent(model, values, FRAMES)[-1]
+        found = sweep.dx[..., k + 3 * count]
+        assert np.abs(found - wanted).max() <= 1e-12 * max(np.abs(wanted).max(), 1.0)
 
 
 def test_fixed_vertices_have_no_gradient_and_pins_go_their_way():

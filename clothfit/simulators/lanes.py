@@ -1,0 +1,331 @@
+"""Substeps of XPBD with the changes of a state along many directions at once: the whole derivative of a motion.
+
+A direction is a relative change of one value: of a compliance, a time of damping, a rest length, a mass, or the damping
+of the vertices. The changes lie side by side, (n, 3, D), so that one pass over the constraints serves all of them. Of
+a constraint with the vertices' changes d, those p of the places before the substep, and ε of the multiplier, the
+correction changes by
+
+    dΔ = a·d + (γ/b) ∇C·p − (α̃/b) ε + (the values' own),   b the denominator of Δ,
+    a = −((1 + γ) ∇C + γ H (x − p) + 2 (1 + γ) Δ H W ∇C)/b
+
+and each vertex by wᵢ (Δ (H d)ᵢ + ∇ᵢC dΔ); see `projection`, whose derivative along one direction this is.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Indices
+from clothfit.engine.forces import wind
+from clothfit.kernels.kernel import kernel
+from clothfit.simulators.constraint import bend, size_of
+from clothfit.simulators.projection import factors, gap, parts, push_out
+from clothfit.simulators.substep import Model, Values, Work, finish, predict, set_world, workspace, zeros
+
+
+class Seeds(NamedTuple):
+    """The direction that changes each value, an index; −1: none."""
+
+    compliance: Indices  # (K,)
+    time: Indices  # (K,)
+    rest: Indices  # (K,)
+    mass: Indices  # (n,)
+    damping: Indices  # (1,)
+
+
+class Many(NamedTuple):
+    """Changes along D directions, and space to work in."""
+
+    x: Array  # (n, 3, D), of the places
+    v: Array  # (n, 3, D), of the velocities
+    start: Array  # (n, 3, D), of the places before the substep
+    multiplier: Array  # (K, D)
+    pressing: Array  # (R, n, D)
+    local: Array  # (12, D), of the vertices of a constraint
+    change: Array  # (D,), of its correction
+    one: Array  # (3, n, 3), the places, the velocities and the force along a single direction
+    matrix: Array  # (12, 12)
+    unit: Array  # (4, 3)
+
+
+def many(model: Model, directions: int) -> Many:
+    """Space for so many directions, whose changes are 0."""
+    n, count, spheres = len(model.x0), len(model.rest), len(model.radius)
+    x, v, start = np.zeros((3, n, 3, directions))
+    return Many(x, v, start, np.zeros((count, directions)), np.zeros((spheres, n, directions)),
+                np.zeros((12, directions)), np.zeros(directions), np.zeros((3, n, 3)), np.zeros((12, 12)),
+                np.zeros((4, 3)))
+
+
+def no_seeds(model: Model) -> Seeds:
+    """Of no value."""
+    none = np.full(len(model.rest), -1, np.int32)
+    return Seeds(none, none, none, np.full(len(model.x0), -1, np.int32), np.array([-1], np.int32))
+
+
+class Sweep:
+    """A state of a model and its changes along the directions of some seeds, step by step (`values.State`)."""
+
+    def __init__(self, model: Model, seeds: Seeds, directions: int) -> None:
+        self.model, self.seeds, self.many = model, seeds, many(model, directions)
+        self.h, self.free = model.h, model.free
+        self.dx, self.dv = self.many.x, self.many.v
+        self.still: Values = zeros(model)
+        self.work: Work = workspace(model)
+        self.x, self.v = model.x0.copy(), model.v0.copy()
+
+    def advance(self, t: int) -> None:
+        """Take step t."""
+        advance(self.model, self.seeds, self.still, t, self.x, self.v, self.many, self.work)
+
+
+@kernel
+def advance(model, seeds, still, t, x, v, many, work):
+    """Take step t."""
+    for s in range(model.substeps):
+        pushforward(model, seeds, still, t, s, x, v, many, work)
+
+
+@kernel
+def pushforward(model, seeds, still, t, s, x, v, many, work):
+    """Take a substep, and turn the changes of the state before it into those after it."""
+    h = model.h / model.substeps
+    push_predict(model, seeds, still, t, s, x, v, many, work)
+    work.multiplier[:] = 0.0
+    work.pressing[:] = 0.0
+    many.multiplier[:] = 0.0
+    many.pressing[:] = 0.0
+    stiff = model.contact / (h * h)
+    for _ in range(model.iterations):
+        for c in range(len(model.rest)):
+            work.multiplier[0, c] = project(model, seeds, c, h, x, work.start, work.multiplier[0, c], many, work.local)
+        for r in range(len(model.radius)):
+            for i in range(len(x)):
+                if model.free[i]:
+                    work.pressing[0, r, i] = touch(model, seeds, stiff, r, i, x, work.pressing[0, r, i], many, work)
+    finish(model, x, v, work)
+    for i in range(len(x)):
+        for j in range(3):
+            v_row, x_row, start = many.v[i, j], many.x[i, j], many.start[i, j]
+            for k in range(len(v_row)):
+                v_row[k] = (x_row[k] - start[k]) / h
+
+
+@kernel
+def push_predict(model, seeds, still, t, s, x, v, many, work):
+    """`predict`, and the changes of its results."""
+    set_world(model, t, s, work)
+    h = model.h / model.substeps
+    many.start[:] = many.x
+    if len(model.faces.corners) > 0 and model.faces.drag > 0.0:
+        push_air(model, still, x, v, h, many, work)
+    predict(model, t, s, x, v, work)
+    slow = 1.0 / (1.0 + h * model.damping[0])
+    for i in range(len(x)):
+        if not model.free[i]:
+            continue
+        for j in range(3):
+            pushed = h * model.inverse[i] * work.force[i, j]
+            kept = v[i, j] - h * work.gravity[j] - pushed
+            v_row, x_row = many.v[i, j], many.x[i, j]
+            if seeds.damping[0] >= 0:
+                v_row[seeds.damping[0]] -= h * model.damping[0] * kept
+            for k in range(len(v_row)):
+                v_row[k] *= slow
+            if len(model.faces.corners) > 0 and model.faces.drag > 0.0:
+                add_air(many, i, j)
+            if seeds.mass[i] >= 0:
+                v_row[seeds.mass[i]] -= pushed
+            for k in range(len(v_row)):
+                x_row[k] += h * v_row[k]
+
+
+@kernel
+def push_air(model, still, x, v, h, many, work):
+    """Write w h df, the change of the air's forces, to `start`, whose places are not asked for until `add_air`."""
+    dx, dv, force = many.one[0], many.one[1], many.one[2]
+    for k in range(many.x.shape[2]):
+        for i in range(len(x)):
+            for j in range(3):
+                dx[i, j], dv[i, j], force[i, j] = many.x[i, j, k], many.v[i, j, k], 0.0
+        wind.add_pushforward(model.faces, x, v, v, work.still, dx, dv, still, h, force)
+        wind.add_damping(model.faces, x, v, h, dv, force)
+        for i in range(len(x)):
+            for j in range(3):
+                many.start[i, j, k] = model.inverse[i] * force[i, j]
+
+
+@kernel
+def add_air(many, i, j):
+    """Add what `push_air` left to the change of a velocity, and put back the change of the place."""
+    v_row, x_row, start = many.v[i, j], many.x[i, j], many.start[i, j]
+    for k in range(len(v_row)):
+        # what damping slows is not the force
+        v_row[k] += start[k]
+        start[k] = x_row[k]
+
+
+@kernel
+def project(model, seeds, c, h, x, p, multiplier, many, local):
+    """Correct x by constraint c, and its changes; returns λ⁺."""
+    g = local[0]
+    stiff, gamma = factors(model, c, h)
+    change, below, slide, weight = parts(model, c, h, x, p, multiplier, g)
+    if below == 0.0:
+        return multiplier
+    count = size_of(model.members, c)
+    turns(model, c, x, many.matrix, local[1], many.unit)
+    row = local[2]  # a
+    for k in range(count):
+        for j in range(3):
+            row[k, j] = (1.0 + gamma) * g[k, j]
+            for m in range(count):
+                i = model.members[c, m]
+                for q in range(3):
+                    slip = gamma * (x[i, q] - p[i, q]) + 2.0 * (1.0 + gamma) * change * model.inverse[i] * g[m, q]
+                    row[k, j] += many.matrix[3 * k + j, 3 * m + q] * slip
+            row[k, j] *= -1.0 / below
+    gather(model, c, count, many)
+    change_of(model, c, count, gamma / below, stiff / below, g, row, many)
+    own_values(model, seeds, c, h, g, multiplier, change, below, slide, weight, many)
+    if count == 2:
+        spread_pair(model, c, g, change, many)
+    else:
+        spread(model, c, g, change, many)
+    for k in range(count):
+        i = model.members[c, k]
+        for j in range(3):
+            if seeds.mass[i] >= 0:
+                many.x[i, j, seeds.mass[i]] -= model.inverse[i] * g[k, j] * change
+            x[i, j] += model.inverse[i] * g[k, j] * change
+    total = many.multiplier[c]
+    for q in range(len(total)):
+        total[q] += many.change[q]
+    return multiplier + change
+
+
+@kernel
+def turns(model, c, x, matrix, out, unit):
+    """Write H of constraint c to `matrix`."""
+    count = size_of(model.members, c)
+    unit[:] = 0.0
+    for k in range(count):
+        for j in range(3):
+            unit[k, j] = 1.0
+            bend(model.members, c, x, unit, out)
+            unit[k, j] = 0.0
+            for m in range(count):
+                for q in range(3):
+                    matrix[3 * m + q, 3 * k + j] = out[m, q]
+
+
+@kernel
+def gather(model, c, count, many):
+    """Write the changes of the vertices of constraint c to `local`; of two, the difference, and before the substep."""
+    first, second = model.members[c, 0], model.members[c, 1]
+    for j in range(3):
+        if count == 2:
+            held, a, b = many.local[j], many.x[first, j], many.x[second, j]
+            for q in range(len(held)):
+                held[q] = a[q] - b[q]
+        else:
+            for k in range(count):
+                many.local[3 * k + j, :] = many.x[model.members[c, k], j]
+
+
+@kernel
+def change_of(model, c, count, slip, keep, g, row, many):
+    """Write the changes of the correction, but for the values' own, to `change`."""
+    found, own = many.change, many.multiplier[c]
+    for q in range(len(found)):
+        found[q] = -keep * own[q]
+    if count == 2:  # both depend on the difference alone
+        a, b, d = row[0, 0], row[0, 1], row[0, 2]
+        e, f, k = many.local[0], many.local[1], many.local[2]
+        for q in range(len(found)):
+            found[q] += a * e[q] + b * f[q] + d * k[q]
+    else:
+        for r in range(3 * count):
+            a, held = row[r // 3, r % 3], many.local[r]
+            for q in range(len(found)):
+                found[q] += a * held[q]
+    if slip != 0.0:
+        for k in range(count):
+            a, b, d = slip * g[k, 0], slip * g[k, 1], slip * g[k, 2]
+            place = many.start[model.members[c, k]]
+            e, f, held = place[0], place[1], place[2]
+            for q in range(len(found)):
+                found[q] += a * e[q] + b * f[q] + d * held[q]
+
+
+@kernel
+def own_values(model, seeds, c, h, g, multiplier, change, below, slide, weight, many):
+    """Add what the values of constraint c and the masses of its vertices do to its correction by themselves."""
+    stiff, gamma = factors(model, c, h)
+    if seeds.compliance[c] >= 0:
+        many.change[seeds.compliance[c]] -= stiff * (multiplier + change) / below
+    if seeds.time[c] >= 0:
+        many.change[seeds.time[c]] -= gamma * (slide + change * weight) / below
+    if seeds.rest[c] >= 0:
+        many.change[seeds.rest[c]] += model.rest[c] / below
+    for k in range(size_of(model.members, c)):
+        i = model.members[c, k]
+        if seeds.mass[i] >= 0:
+            square = g[k, 0] * g[k, 0] + g[k, 1] * g[k, 1] + g[k, 2] * g[k, 2]
+            many.change[seeds.mass[i]] += (1.0 + gamma) * model.inverse[i] * square * change / below
+
+
+@kernel
+def spread_pair(model, c, g, change, many):
+    """Change the two vertices of constraint c, whose H is P, −P, −P, P."""
+    e, f, d, along = many.local[0], many.local[1], many.local[2], many.change
+    for k in range(2):
+        i, sign = model.members[c, k], 1.0 - 2.0 * k
+        w = model.inverse[i]
+        if w == 0.0:
+            continue
+        for j in range(3):
+            turn = sign * w * change
+            p, q, r, n = (turn * many.matrix[j, 0], turn * many.matrix[j, 1], turn * many.matrix[j, 2], w * g[k, j])
+            found = many.x[i, j]
+            for m in range(len(found)):
+                found[m] += p * e[m] + q * f[m] + r * d[m] + n * along[m]
+
+
+@kernel
+def spread(model, c, g, change, many):
+    """Change the vertices of constraint c."""
+    count = size_of(model.members, c)
+    for r in range(3 * count):
+        i = model.members[c, r // 3]
+        w = model.inverse[i]
+        found, along, n = many.x[i, r % 3], many.change, w * g[r // 3, r % 3]
+        for q in range(len(found)):
+            found[q] += n * along[q]
+        for m in range(3 * count):
+            factor, d = w * change * many.matrix[r, m], many.local[m]
+            for q in range(len(found)):
+                found[q] += factor * d[q]
+
+
+@kernel
+def touch(model, seeds, stiff, r, i, x, multiplier, many, work):
+    """Correct vertex i by its contact with sphere r, and its changes; returns λ⁺."""
+    w, n, own = model.inverse[i], work.normal, many.pressing[r, i]
+    depth, distance = gap(work.centre[r], model.radius[r], x, i, n)
+    change, presses = push_out(stiff, w, depth, multiplier)
+    for q in range(len(own)):
+        along = n[0] * many.x[i, 0, q] + n[1] * many.x[i, 1, q] + n[2] * many.x[i, 2, q]
+        dw = -w if seeds.mass[i] == q else 0.0
+        dchange = -own[q]
+        if presses:
+            dchange = -(along + stiff * own[q] + change * dw) / (w + stiff)
+        for j in range(3):
+            turn = (many.x[i, j, q] - along * n[j]) / distance
+            many.x[i, j, q] += w * (turn * change + n[j] * dchange) + dw * n[j] * change
+        own[q] += dchange
+    for j in range(3):
+        x[i, j] += w * n[j] * change
+    return multiplier + change
