@@ -21,7 +21,8 @@ from clothfit.base.arrays import Array, Indices
 from clothfit.export.blender import LARGEST_STIFFNESS, TIME_UNIT, steps_of
 from clothfit.export.topology import roles
 from clothfit.scene.scene import Scene
-from clothfit.simulators import lanes, xpbd
+from clothfit.simulators import xpbd
+from clothfit.simulators.directions import Seeds, Sweep, no_seeds
 from clothfit.simulators.substep import Model
 from clothfit.simulators.values import Tool, Value
 from clothfit.simulators.xpbd_values import LEAST_TIME, SPREAD
@@ -49,8 +50,6 @@ def each_of(scene: Scene, index: int, few: Tool, begin: dict[str, Any], frames: 
         for name, own in start.items() for value in own
     )
     model, ends = nearby(scene, index, begin, frames, frame)
-    seeds = seeds_of(model, list(start))
-    count = int(max(seed.max() for seed in seeds)) + 1
 
     def split(numbers: Array) -> dict[str, Array]:
         return dict(zip(start, np.split(numbers, len(start)), strict=True))
@@ -59,11 +58,10 @@ def each_of(scene: Scene, index: int, few: Tool, begin: dict[str, Any], frames: 
         found: Array | None = play(with_each(begin, split(numbers)))
         return found
 
-    def sweep(numbers: Array, along: bool) -> Surrogate:
-        made = with_vertices(model, ends, start, split(numbers))
-        if not along:
-            return Surrogate(made, lanes.no_seeds(made), 0, np.zeros((0, 0)))
-        return Surrogate(made, seeds, count, chain(made, ends, split(numbers), seeds, count))
+    def sweep(numbers: Array, along: bool) -> Sweep:
+        own = split(numbers)
+        made = with_vertices(model, ends, start, own)
+        return Sweep(made, seeds_of(made, ends, own), len(numbers)) if along else Sweep(made, no_seeds(made), 0)
 
     return Tool(few.name, values, motion, sweep=sweep, nearby=True)
 
@@ -71,8 +69,8 @@ def each_of(scene: Scene, index: int, few: Tool, begin: dict[str, Any], frames: 
 def at_vertices(group: dict[str, Any]) -> Array:
     """The stiffness of each vertex of a group, above 0."""
     low, high = group["stiffness"], group["stiffness_max"]
-    found: Array = low + (high - low) * np.array(group["weights"])
-    return np.maximum(found, LEAST * high)
+    found: Array = np.maximum(low + (high - low) * np.array(group["weights"]), LEAST * high)
+    return found
 
 
 def weights_of(own: Array) -> tuple[float, float, list[float]]:
@@ -101,23 +99,6 @@ def with_each(base: dict[str, Any], own: dict[str, Array]) -> dict[str, Any]:
     return found
 
 
-class Surrogate(lanes.Sweep):
-    """The model nearby, with the changes along the values of vertices."""
-
-    def __init__(self, model: Model, seeds: lanes.Seeds, count: int, chain: Array) -> None:
-        super().__init__(model, seeds, count)
-        self.chain = chain
-        self.follow()
-
-    def advance(self, t: int) -> None:
-        super().advance(t)
-        self.follow()
-
-    def follow(self) -> None:
-        """Turn the changes along constraints' values into those along vertices'."""
-        self.dx, self.dv = self.many.x @ self.chain, self.many.v @ self.chain
-
-
 def nearby(scene: Scene, index: int, base: dict[str, Any], frames: int, frame: float) -> tuple[Model, Indices]:
     """XPBD with what Blender has, and the vertices (K, 2) whose values each of its constraints takes."""
     cloth = scene.cloths[index]
@@ -144,18 +125,6 @@ def nearby(scene: Scene, index: int, base: dict[str, Any], frames: int, frame: f
     ), ends.astype(np.int32)  # fmt: skip
 
 
-def seeds_of(model: Model, names: list[str]) -> lanes.Seeds:
-    """The directions of the constraints' values that those of the vertices change: compliances, with which the times of
-    damping change as the coefficients stay, and lengths of edges.
-    """
-    seeds, bent = lanes.no_seeds(model), model.members[:, 2] >= 0
-    soft = (bent & (BENDING in names)) | (~bent & (STIFFNESS in names))
-    compliance, rest = seeds.compliance.copy(), seeds.rest.copy()
-    compliance[soft] = np.arange(int(soft.sum()))
-    rest[~bent] = int(soft.sum()) + np.arange(int((~bent).sum()))
-    return seeds._replace(compliance=compliance, time=compliance, rest=rest)
-
-
 def with_vertices(model: Model, ends: Indices, start: dict[str, Array], own: dict[str, Array]) -> Model:
     """The model nearby with other values of the vertices."""
     compliance, rest, bent = model.compliance.copy(), model.rest.copy(), model.members[:, 2] >= 0
@@ -167,19 +136,18 @@ def with_vertices(model: Model, ends: Indices, start: dict[str, Array], own: dic
     return model._replace(compliance=compliance, rest=rest, time=model.time * compliance / model.compliance)
 
 
-def chain(model: Model, ends: Indices, own: dict[str, Array], seeds: lanes.Seeds, count: int) -> Array:
-    """The derivative (D, V) of the logarithms of the constraints' values by those of the vertices'."""
-    n, bent, names = len(model.x0), model.members[:, 2] >= 0, list(own)
-    found = np.zeros((count, n * len(names)))
-    for name, chosen, lane, sign in (
-        (STIFFNESS, ~bent, seeds.compliance, -1.0),
-        (BENDING, bent, seeds.compliance, -1.0),
-        (LENGTH, ~bent, seeds.rest, 1.0),
-    ):
-        if name not in own:
-            continue
+def seeds_of(model: Model, ends: Indices, own: dict[str, Array]) -> Seeds:
+    """The directions of the vertices' values: of compliances, with which the times of damping change as the
+    coefficients stay, and of the lengths of edges.
+    """
+    n, bent, none = len(model.x0), model.members[:, 2] >= 0, np.full(ends.shape, -1, np.int32)
+    compliance, rest, share = none.copy(), none.copy(), np.zeros((3, *ends.shape))
+    for number, (name, values) in enumerate(own.items()):
+        chosen = bent if name == BENDING else ~bent
         both = ends[chosen]
-        share = sign * own[name][both] / own[name][both].sum(axis=1, keepdims=True)
-        for side in (0, 1):
-            np.add.at(found, (lane[chosen], n * names.index(name) + both[:, side]), share[:, side])
-    return found
+        part = values[both] / values[both].sum(axis=1, keepdims=True)
+        if name == LENGTH:
+            rest[chosen], share[2, chosen] = n * number + both, part
+        else:
+            compliance[chosen], share[:2, chosen] = n * number + both, -part
+    return no_seeds(model)._replace(compliance=compliance, time=compliance, rest=rest, share=share)

@@ -2,15 +2,16 @@
 
 With the residuals r (`Fit.residuals`) and their derivative J by the logarithms of the values, a step d is the least of
 |J d + r|² + μ|d|². Up to DENSE values, JᵀJ is added up frame by frame, with the changes of the state along all values
-side by side (`lanes`). Beyond, LSMR finds the step by products with J and Jᵀ, each as long as about two simulations.
+side by side (`directions`). Beyond, LSMR finds the step by products with J and Jᵀ, each as long as about two
+simulations.
 
 Far from the values that fit, the cost of a whole motion has many minima. So, up to DENSE values, a first descent is
 nudged: after each step the state goes a part of the way, one of PULLS after the other, to where the target is, so that
-an error counts for about 1/pull steps; see `strategy.nudging`. The last descent, without a pull, begins where that
-ended, or with other values that are given where these are nearer.
+an error counts for about 1/pull steps; see `strategy.nudging`. It goes on without a pull. Another descent has none, and
+may begin with other values; the better end counts.
 
-The changes may be those of a model nearby: then only the last descent is made, and a step of it counts where the tool
-itself comes nearer.
+The changes may be those of a model nearby, along the tool's own motion: then only that other descent is made, and a
+step of it counts where the tool itself comes nearer.
 """
 
 from __future__ import annotations
@@ -84,13 +85,11 @@ class ManyFit(Fit):
             raise InvalidInput(f"{self.tool.name}: {len(self.start)} values, of at most {DENSE} that are fitted there; "
                                "use --model G")
         y = self.start
-        for pull in () if len(y) > DENSE or self.tool.nearby else PULLS:
-            y = self.descend(y, min(most, NUDGED), pull)
-        if self.begin is not None:
-            ends = [y, np.clip(np.log(self.begin), self.lower, self.upper)]
-            costs = [float((r**2).sum()) for r in map(self.residuals, ends)]
-            y = ends[int(np.argmin(costs))]
-        self.descend(y, most)
+        self.descend(y if self.begin is None else np.clip(np.log(self.begin), self.lower, self.upper), most)
+        if len(y) <= DENSE and not self.tool.nearby:
+            for pull in PULLS:
+                y = self.descend(y, min(most, NUDGED), pull)
+            self.descend(y, most)
 
     def descend(self, y: Array, most: int, pull: float = 0.0) -> Array:
         """Take steps from y, of motions that are pulled so far; returns the last logarithms."""
@@ -133,6 +132,7 @@ class ManyFit(Fit):
         goal, own = self.goal, self.tool.sweep(np.exp(y), along)
         self.simulations += 1
         pulls = pull_of(goal) if pull else None
+        path = self.positions(y) if self.tool.nearby else None
         x, dx, frame = own.x.copy(), own.dx.copy(), 0
         for t in range(goal.last_step + 1):
             while frame < len(goal.step) and goal.step[frame] + (goal.fraction[frame] > 0) == t:
@@ -145,6 +145,8 @@ class ManyFit(Fit):
                 return
             if pulls is not None and t:
                 nudge(own, pulls, t, pull)
+            if path is not None and t:
+                own.x[:], own.v[:] = path[t], (path[t] - path[t - 1]) / own.h
             x, dx = own.x.copy(), own.dx.copy()
             own.advance(t)
 

@@ -9,7 +9,8 @@ import numpy as np
 from clothfit.base.arrays import Array, Indices
 from clothfit.scene.families import FAMILIES, families_of
 from clothfit.scene.scene import Scene
-from clothfit.simulators import lanes, sweeps, xpbd
+from clothfit.simulators import sweeps, xpbd
+from clothfit.simulators.directions import Seeds, Sweep, no_seeds
 from clothfit.simulators.substep import Model, Values, zeros
 from clothfit.simulators.values import RANGE, Tool, Value
 
@@ -80,8 +81,8 @@ def each_of(scene: Scene, index: int, settings: xpbd.Settings, frames: int, few:
         lengths[long], inverse[free] = rest, 1.0 / mass
         return first._replace(compliance=compliance, time=time, rest=lengths, inverse=inverse)
 
-    def sweep(numbers: Array, along: bool) -> lanes.Sweep:
-        return lanes.Sweep(at(numbers), seeds, count) if along else lanes.Sweep(at(numbers), lanes.no_seeds(first), 0)
+    def sweep(numbers: Array, along: bool) -> Sweep:
+        return Sweep(at(numbers), seeds, count) if along else Sweep(at(numbers), no_seeds(first), 0)
 
     def motion(numbers: Array) -> Array | None:
         positions, good = sweeps.simulate(at(numbers), frames)
@@ -115,12 +116,12 @@ def each_of(scene: Scene, index: int, settings: xpbd.Settings, frames: int, few:
     return Tool("xpbd", tuple(values), motion, push=push, pull=pull, sweep=sweep), begin
 
 
-def seeds_of(model: Model, long: Indices, free: Indices) -> lanes.Seeds:
+def seeds_of(model: Model, long: Indices, free: Indices) -> Seeds:
     """The directions of the values of each constraint and free vertex, in their order."""
-    count, seeds = len(model.rest), lanes.no_seeds(model)
-    first = np.arange(count, dtype=np.int32)
+    count, seeds = len(model.rest), no_seeds(model)
+    first = np.arange(count, dtype=np.int32)[:, None]
     rest = seeds.rest.copy()
-    rest[long] = 2 * count + np.arange(len(long))
+    rest[long, 0] = 2 * count + np.arange(len(long))
     seeds.mass[free] = 2 * count + len(long) + np.arange(len(free))
     return seeds._replace(compliance=first, time=first + np.int32(count), rest=rest)
 

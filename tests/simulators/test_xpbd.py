@@ -12,7 +12,7 @@ from clothfit.evaluation import runge_kutta
 from clothfit.export.blender import FOLD
 from clothfit.meshes.mesh import plane
 from clothfit.scene.over_time.keys import Keys, Pin
-from clothfit.simulators import lanes, sweeps, xpbd
+from clothfit.simulators import directions, sweeps, xpbd
 from clothfit.simulators.constraint import bend, measure
 from clothfit.simulators.substep import Values, zeros
 
@@ -122,14 +122,15 @@ def test_the_changes_side_by_side_are_those_along_each_direction(bending):
     count, free = len(model.rest), np.flatnonzero(model.free)
     lane, mass = np.arange(count, dtype=np.int32), np.full(len(model.x0), -1, np.int32)
     mass[free] = 3 * count + np.arange(len(free))
-    directions = 3 * count + len(free) + 1
-    last = np.array([directions - 1], np.int32)
-    seeds = lanes.Seeds(lane, lane + np.int32(count), lane + np.int32(2 * count), mass, last)
-    sweep = lanes.Sweep(model, seeds, directions)
+    many = 3 * count + len(free) + 1
+    last = np.array([many - 1], np.int32)
+    own = (lane[:, None] + k * np.int32(count) for k in range(3))
+    seeds = directions.Seeds(*own, np.ones((3, count, 1)), mass, last)
+    sweep = directions.Sweep(model, seeds, many)
     for t in range(FRAMES - 1):
         sweep.advance(t)
     assert (sweep.x == sweeps.simulate(model, FRAMES)[0][-1]).all()
-    for k in range(directions):
+    for k in range(many):
         values = zeros(model)
         for own, size in zip(values[:3], (model.compliance, model.time, model.rest), strict=True):
             own[:] = size * (lane == k)

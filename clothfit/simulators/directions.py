@@ -1,9 +1,9 @@
 """Substeps of XPBD with the changes of a state along many directions at once: the whole derivative of a motion.
 
-A direction is a relative change of one value: of a compliance, a time of damping, a rest length, a mass, or the damping
-of the vertices. The changes lie side by side, (n, 3, D), so that one pass over the constraints serves all of them. Of
-a constraint with the vertices' changes d, those p of the places before the substep, and ε of the multiplier, the
-correction changes by
+A direction is a relative change of values: of compliances, times of damping and rest lengths, each of which may change
+along S directions, of a mass, or of the damping of the vertices. The changes lie side by side, (n, 3, D), so that one
+pass over the constraints serves all of them. Of a constraint with the vertices' changes d, those p of the places before
+the substep, and ε of the multiplier, the correction changes by
 
     dΔ = a·d + (γ/b) ∇C·p − (α̃/b) ε + (the values' own),   b the denominator of Δ,
     a = −((1 + γ) ∇C + γ H (x − p) + 2 (1 + γ) Δ H W ∇C)/b
@@ -26,11 +26,12 @@ from clothfit.simulators.substep import Model, Values, Work, finish, predict, se
 
 
 class Seeds(NamedTuple):
-    """The direction that changes each value, an index; −1: none."""
+    """The directions that change each value, indices, −1: none; and by how much they change its logarithm."""
 
-    compliance: Indices  # (K,)
-    time: Indices  # (K,)
-    rest: Indices  # (K,)
+    compliance: Indices  # (K, S)
+    time: Indices  # (K, S)
+    rest: Indices  # (K, S)
+    share: Array  # (3, K, S), of the three
     mass: Indices  # (n,)
     damping: Indices  # (1,)
 
@@ -61,8 +62,9 @@ def many(model: Model, directions: int) -> Many:
 
 def no_seeds(model: Model) -> Seeds:
     """Of no value."""
-    none = np.full(len(model.rest), -1, np.int32)
-    return Seeds(none, none, none, np.full(len(model.x0), -1, np.int32), np.array([-1], np.int32))
+    none = np.full((len(model.rest), 1), -1, np.int32)
+    share = np.ones((3, *none.shape))
+    return Seeds(none, none, none, share, np.full(len(model.x0), -1, np.int32), np.array([-1], np.int32))
 
 
 class Sweep:
@@ -264,12 +266,13 @@ def change_of(model, c, count, slip, keep, g, row, many):
 def own_values(model, seeds, c, h, g, multiplier, change, below, slide, weight, many):
     """Add what the values of constraint c and the masses of its vertices do to its correction by themselves."""
     stiff, gamma = factors(model, c, h)
-    if seeds.compliance[c] >= 0:
-        many.change[seeds.compliance[c]] -= stiff * (multiplier + change) / below
-    if seeds.time[c] >= 0:
-        many.change[seeds.time[c]] -= gamma * (slide + change * weight) / below
-    if seeds.rest[c] >= 0:
-        many.change[seeds.rest[c]] += model.rest[c] / below
+    for k in range(seeds.share.shape[2]):
+        if seeds.compliance[c, k] >= 0:
+            many.change[seeds.compliance[c, k]] -= seeds.share[0, c, k] * stiff * (multiplier + change) / below
+        if seeds.time[c, k] >= 0:
+            many.change[seeds.time[c, k]] -= seeds.share[1, c, k] * gamma * (slide + change * weight) / below
+        if seeds.rest[c, k] >= 0:
+            many.change[seeds.rest[c, k]] += seeds.share[2, c, k] * model.rest[c] / below
     for k in range(size_of(model.members, c)):
         i = model.members[c, k]
         if seeds.mass[i] >= 0:
