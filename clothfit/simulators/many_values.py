@@ -27,7 +27,7 @@ from clothfit.base.errors import InvalidInput
 from clothfit.objective.target import Target, sample
 from clothfit.simulators.values import FAR, WEAK, Fit
 
-DENSE = 2500
+DENSE = 1500
 """The most values whose JᵀJ is made."""
 
 PULLS, NUDGED = (0.9, 0.5, 0.2, 0.05), 15

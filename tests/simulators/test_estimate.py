@@ -13,7 +13,7 @@ from clothfit.export.topology import roles
 from clothfit.meshes.mesh import plane
 from clothfit.motion.motion import Motion
 from clothfit.objective.target import target
-from clothfit.simulators import blender_values, sweeps, xpbd, xpbd_values
+from clothfit.simulators import blender_values, many_values, sweeps, xpbd, xpbd_values
 from clothfit.simulators.blender import left_out, values_of, with_values
 from clothfit.simulators.blender_process import program
 from clothfit.simulators.estimate import Options, estimate
@@ -142,6 +142,12 @@ def test_the_changes_of_a_nudged_motion_are_those_of_its_distances(scene):
     assert found * fit.scale == pytest.approx((up - down) / (2 * e), rel=1e-6, abs=1e-9)  # of order e²
     # an error lasts for a few steps only: the nudged motion is nearer
     assert np.linalg.norm(fit.pulled(fit.start, 0.9)) < 0.5 * np.linalg.norm(fit.pulled(fit.start, 0.0))
+
+
+def test_many_more_values_are_fitted_by_products(scene, monkeypatch):
+    monkeypatch.setattr(many_values, "DENSE", 10)
+    (found,) = estimate(scene, None, Options("xpbd", xpbd.Settings(1, 3), most=3, model="L"))
+    assert found.rmse < 0.9 * found.few.rmse
 
 
 @pytest.mark.parametrize("bending", xpbd.BENDING)
