@@ -39,7 +39,7 @@ from clothfit.objective.objective import Objective
 from clothfit.objective.running_cost import running_cost
 from clothfit.optimise import momentum, trajectory
 from clothfit.optimise.gauss_newton import Model
-from clothfit.optimise.prior import variance
+from clothfit.optimise.priors.evidence import variance
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds

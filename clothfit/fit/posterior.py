@@ -23,14 +23,14 @@ from clothfit.fit.sandwich import Blocks
 from clothfit.fit.student import half_width
 from clothfit.optimise import bounded
 from clothfit.optimise.gauss_newton import Model
-from clothfit.optimise.prior import NARROWEST, Prior, inverse, none, variance
+from clothfit.optimise.priors.evidence import inverse, variance
+from clothfit.optimise.priors.prior import NARROWEST, Prior, none
 from clothfit.optimise.search import Search
 from clothfit.scene.fit_vector import at_lower, at_upper, bounds
 
 COVERAGE = 0.95
 
 VARIANCE_ROUNDS = 10  # of finding σ² and γ, which depend on each other
-PRIOR_ROUNDS = 4  # times that the prior learns its width
 NULL_EIGENVALUE = 1e-12
 """Eigenvalue of H with a unit diagonal, relative to the largest, below which it is rounding."""
 
@@ -170,9 +170,7 @@ def learned_prior(search: Search, model: Model, squares: float, count: int) -> P
     sigma2 = variance(squares, count, len(model.y))
     sums = [float(model.H[np.ix_(group, group)].sum()) for group in prior.groups]
     prior = replace(prior, narrowest=min([NARROWEST, *(0.1 * float(np.sqrt(sigma2 / s)) for s in sums if s > 0)]))
-    for _ in range(PRIOR_ROUNDS):
-        prior, _ = prior.learned(model.H, model.g, model.y, squares, count)
-    return prior
+    return prior.settled(model.H, model.g, model.y, squares, count)[0]
 
 
 def null_space(H: Array) -> Array:

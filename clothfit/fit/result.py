@@ -232,7 +232,7 @@ def scatter(search: Search) -> list[Scatter] | None:
         return None
     places = np.flatnonzero(search.fitted)
     found = []
-    for group, tau in zip(search.best.prior.groups, search.best.prior.tau, strict=True):
+    for group, tau in zip(search.best.prior.groups, search.best.prior.scatter, strict=True):
         if not np.isfinite(tau):
             return None
         (block,) = (b for b in search.objective.blocks if b.part.start <= places[group[0]] < b.part.stop)

@@ -24,7 +24,8 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.optimise import bounded
-from clothfit.optimise.prior import Prior, inverse
+from clothfit.optimise.priors.evidence import inverse
+from clothfit.optimise.priors.prior import Prior
 from clothfit.optimise.status import Status
 
 LEFT = 1e-2
@@ -116,19 +117,18 @@ def minimise(
         elif iteration - mark[0] >= patience.iterations:
             return model, prior, ended(model.cost > (1.0 - patience.flat) * last[1])
         learned, sigma2 = prior.learned(model.H, model.g, model.y, model.cost, problem.residuals)
-        if learning and (problem.is_noise is None or problem.is_noise(model.y)):
+        learns = learning > 0 and (problem.is_noise is None or problem.is_noise(model.y))
+        if learns:
             prior, learning = prior.between(learned), learning - 1
+        near = quadratic(problem, model, prior, sigma2)
+        saving = near.reduction(near.whole)
+        if learns and is_small(problem, model, near, sigma2, saving, last):
+            prior, sigma2 = prior.settled(model.H, model.g, model.y, model.cost, problem.residuals)
+            near = quadratic(problem, model, prior, sigma2)
+            saving = near.reduction(near.whole)
         if problem.believe:
             problem.believe(prior, sigma2)
-        A = prior.matrix(sigma2)
-        H, g = model.H + A, model.g + A @ (model.y - prior.centre)
-        lower, upper = problem.lower - model.y, problem.upper - model.y
-        near = Quadratic(model.y, H, g, lower, upper, scale_of(model, problem), problem.waiting)
-        saving = near.reduction(near.whole)
-        twice = max(saving / model.cost, last[0] / last[1]) if model.cost > 0 and last[1] < np.inf else np.inf
-        if saving <= max(LEFT * sigma2, problem.least * model.cost) or twice <= SMALL:
-            return model, prior, Status.CONVERGED
-        if saving <= MOST * model.cost and within_noise(problem, model, A, sigma2, saving):
+        if is_small(problem, model, near, sigma2, saving, last):
             return model, prior, Status.CONVERGED
         last = saving, model.cost
         value = model.cost + prior.value(model.y, sigma2)
@@ -142,11 +142,29 @@ def minimise(
     return model, prior, Status.LIMIT
 
 
-def within_noise(problem: Problem, model: Model, A: Array, sigma2: float, saving: float) -> bool:
-    """Whether what a step would save says nothing beside the noise; A (Q, Q) is the prior's matrix."""
+def quadratic(problem: Problem, model: Model, prior: Prior, sigma2: float) -> Quadratic:
+    """Cost and penalty near the point of a model."""
+    A = prior.matrix(sigma2)
+    H, g = model.H + A, model.g + A @ (model.y - prior.centre)
+    lower, upper = problem.lower - model.y, problem.upper - model.y
+    return Quadratic(model.y, H, g, lower, upper, scale_of(model, problem), problem.waiting)
+
+
+def is_small(
+    problem: Problem, model: Model, near: Quadratic, sigma2: float, saving: float, last: tuple[float, float]
+) -> bool:
+    """Whether what a step would save says nothing; `last`: what the one before would have saved, and its cost."""
+    twice = max(saving / model.cost, last[0] / last[1]) if model.cost > 0 and last[1] < np.inf else np.inf
+    if saving <= max(LEFT * sigma2, problem.least * model.cost) or twice <= SMALL:
+        return True
+    return saving <= MOST * model.cost and within_noise(problem, model, near, sigma2, saving)
+
+
+def within_noise(problem: Problem, model: Model, near: Quadratic, sigma2: float, saving: float) -> bool:
+    """Whether what a step would save says nothing beside the noise."""
     if problem.is_noise is None or not EACH * len(model.y) * sigma2 >= saving:
         return False
-    determined = float((model.H * inverse(model.H + A)).sum())
+    determined = float((model.H * inverse(near.H)).sum())
     return saving <= EACH * determined * sigma2 and problem.is_noise(model.y)
 
 

@@ -8,7 +8,6 @@ Saunders, LSMR: an iterative algorithm for sparse least-squares problems, SIAM J
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +16,8 @@ from clothfit.base.arrays import Array
 from clothfit.derivative import adjoint
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.running_cost import KeptStates, running_cost
-from clothfit.optimise.prior import Prior, variance
+from clothfit.optimise.priors.evidence import variance
+from clothfit.optimise.priors.prior import Prior
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import changes
@@ -84,12 +84,11 @@ class Residuals:
 
     def __init__(self, part: Trajectory, prior: Prior, y: Array) -> None:
         """`y` (Q,) is where the variance of the residuals is taken, which weighs the prior."""
-        self.part, self.prior = part, prior
+        self.part, self.prior = part, prior.alone(WIDTH)
         cost = part.cost(y)
         sigma = np.sqrt(variance(cost if np.isfinite(cost) else 0.0, part.residuals(), 0.0))
-        widths = tuple(WIDTH if prior.learns else tau for tau in prior.tau)
-        self.weights = [sigma / tau for tau in widths]
-        part.believe(replace(prior, tau=widths), float(sigma) ** 2)
+        self.weights = [sigma / tau for tau in self.prior.tau]
+        part.believe(self.prior, float(sigma) ** 2)
         self.worst, self.count, self.lowest = 0.0, 0, np.inf
 
     def __call__(self, y: Array) -> Array:

@@ -23,7 +23,8 @@ from clothfit.objective.running_cost import running_cost
 from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import gauss_newton
 from clothfit.optimise import normal_equations as normal
-from clothfit.optimise.prior import Prior, first
+from clothfit.optimise.priors.patterns import patterns
+from clothfit.optimise.priors.prior import Prior, first
 from clothfit.optimise.search import Search
 
 LARGEST = 3e12
@@ -193,14 +194,19 @@ class Trajectory:
         return needed <= self.objective.room
 
     def prior(self, centre: Array, tau: float | None) -> Prior:
-        """The belief that values scatter around the coordinates `centre` (Q,), by τ, which is learned where None."""
-        place = np.cumsum(self.fitted) - 1
-        groups = []
+        """The belief that values scatter around the coordinates `centre` (Q,), by τ, which is learned where None, and
+        then along the patterns of a fabric as well.
+        """
+        place, cloths = np.cumsum(self.fitted) - 1, self.objective.scene.cloths
+        groups, shared = [], list[tuple[Array, ...]]()
+        patterned = tau is None and self.operations() <= LARGEST
         for block in self.objective.blocks:
-            own = np.flatnonzero(self.fitted[block.part]) + block.start
-            if (block.mode == "L" and block.name in FABRIC) or tau is not None:
-                groups.append(place[own])
-        return first(centre, [group for group in groups if len(group)], tau)
+            own = np.flatnonzero(self.fitted[block.part])
+            if ((block.mode == "L" and block.name in FABRIC) or tau is not None) and len(own):
+                groups.append(place[own + block.start])
+                of = block.cloth if patterned else None
+                shared.append(() if of is None else patterns(cloths[of], block, own))
+        return first(centre, groups, tau, shared)
 
 
 def run_model(

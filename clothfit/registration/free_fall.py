@@ -24,8 +24,10 @@ from clothfit.scene.scene import Scene
 LIES_ACROSS = 0.2
 """|cos| of the angle between a spring and gravity below which a vertex falls far before the spring pulls."""
 
-FEWEST_EDGES, FEWEST_VERTICES, GROUPS = 3, 12, 3
-"""Edges from a held vertex from which on one counts as far, how many there must be, and groups of them that agree."""
+FEWEST_EDGES, FEWEST_VERTICES, ENOUGH, GROUPS = 3, 6, 12, 3
+"""Edges from a held vertex from which on one counts as far, how many there must be, how many of the farthest suffice,
+and groups of them that agree.
+"""
 
 FALL_FRAMES, MOST_FRAMES = 4, 16
 """Frames after the first that the regression takes."""
@@ -44,8 +46,8 @@ ALIKE = 0.01
 SMOOTH = 0.01
 """What the regression may leave, relative to the fall: more is not a free fall."""
 
-UNLIKELY = 10.0
-"""How much more than a free fall's own BDF2 may leave that made it."""
+UNLIKELY = 2.5
+"""How much more than a free fall's own BDF2 may leave that made it; of targets with noise both leave that."""
 
 RANGE = (0.05, 20.0)
 """Accelerations relative to gravity that another clock or gravity can mean."""
@@ -120,7 +122,7 @@ def far_groups(scene: Scene, cloth: Cloth, seen: Flags) -> tuple[list[Indices], 
     if far.sum() < FEWEST_VERTICES:
         return None
     order = np.flatnonzero(far)[np.argsort(-away[far], kind="stable")]
-    order = order[: max(len(order) // 2, FEWEST_VERTICES)]
+    order = order[: max(len(order) // 2, ENOUGH)]
     finite = away[order][np.isfinite(away[order])]
     depth = DEPTH * float(np.median(lengths)) * float(finite.min() if len(finite) else MOST_FRAMES)
     return np.array_split(order, GROUPS), depth
@@ -164,7 +166,9 @@ def measured(
     if abs(velocity) > abs(acceleration) * times[1]:  # it moves already
         return None
     own = [solve[1] @ fallen(positions[: last + 1], group, down)[1:] for group in groups]
-    values, errors = (np.array([each(a) for a in own]) for each in (np.mean, lambda a: a.std(ddof=1) / np.sqrt(len(a))))
+    values, spread = np.array([a.mean() for a in own]), np.array([a.std(ddof=1) for a in own])
+    pooled = np.sqrt(np.mean(spread**2))  # of a few vertices chance alone may show hardly any
+    errors = np.maximum(spread, pooled) / np.sqrt([len(a) for a in own])
     left = float(np.abs(columns @ (velocity, acceleration, damping) - u[1:]).max() / np.abs(u).max())
     interval = float(times[1])
     columns[:, 1] += ahead(times[1:], interval)

@@ -20,7 +20,8 @@ from clothfit.motion.divergence import Diverged
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.loss import Loss
 from clothfit.optimise.coordinates import Coordinates
-from clothfit.optimise.prior import WIDEST, inverse, variance
+from clothfit.optimise.priors.evidence import inverse, variance
+from clothfit.optimise.priors.prior import WIDEST
 from clothfit.registration.record import Registration
 from clothfit.registration.residuals import THETA, Around, Registered, Sums, around
 from clothfit.scene.fit_vector import parameters

@@ -14,7 +14,7 @@ from clothfit.base.arrays import Array
 from clothfit.objective.objective import Objective
 from clothfit.optimise import gauss_newton
 from clothfit.optimise.gauss_newton import Patience
-from clothfit.optimise.prior import none
+from clothfit.optimise.priors.prior import none
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.strategy.trajectory_fit import FIRST_WINDOW, is_long, loosened, window_lengths

@@ -21,7 +21,7 @@ from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import matrix_free, scipy_methods
 from clothfit.optimise.checkpoint import State
 from clothfit.optimise.gauss_newton import PATIENT, SMALL, Patience, minimise
-from clothfit.optimise.prior import Prior, none
+from clothfit.optimise.priors.prior import Prior, none
 from clothfit.optimise.search import SAME_POINT, Descent, Search
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import LARGEST, Trajectory
@@ -114,7 +114,7 @@ def resumed_prior(search: Search, state: State, tau: float | None) -> Prior:
     """
     every = Trajectory(search, search.objective)
     prior = every.prior(state.centre, tau)
-    if (len(state.centre), len(state.tau)) != (every.size, len(prior.groups)):
+    if (len(state.centre), len(state.tau)) != (every.size, len(prior.tau)):
         raise InvalidInput("the checkpoint is not what a fit has written; begin anew, without --resume")
     return replace(prior, tau=state.tau)
 
@@ -126,6 +126,7 @@ def by_stages(search: Search, descent: Descent, parts: Sequence[Stage], watched:
     best, y, prior, status = search.best, descent.y, descent.prior, Status.STALLED
     for stage in parts:
         part, whole = Trajectory(search, stage.objective), stage.objective is search.objective
+        prior = prior if descent.radius else prior.reopened()  # a stage that is resumed has begun with its own
         search.enter("gauss-newton", stage.objective)
         best.follow(descent._replace(prior=prior, y=y, window=stage.objective.frames))
         if not np.isfinite(part.cost(y)):

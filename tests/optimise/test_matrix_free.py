@@ -13,7 +13,7 @@ from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.optimise.matrix_free import FAR, Residuals
-from clothfit.optimise.prior import none
+from clothfit.optimise.priors.prior import none
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.optimise.trajectory import Trajectory

@@ -14,7 +14,7 @@ from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import residual_count
 from clothfit.objective.running_residuals import free_columns
-from clothfit.optimise.prior import FIRST_TAU, first
+from clothfit.optimise.priors.prior import FIRST_TAU, first
 from clothfit.optimise.search import Search
 from clothfit.optimise.trajectory import Trajectory
 from clothfit.scene.fit_vector import parameters, with_parameters
@@ -186,7 +186,7 @@ def test_the_prior_groups_what_scatters_around_a_fabric():
     sizes = [16, 16]  # stiffnesses and rest lengths of the first cloth; one value each does not scatter
     prior = part.prior(at(part), None)
     assert [len(group) for group in prior.groups] == sizes
-    assert prior.tau == (FIRST_TAU,) * 2
+    assert {own for own, *_ in prior.widths} == {FIRST_TAU}
     names = np.concatenate([[b.name] * b.count for b in part.objective.blocks])[part.fitted]
     assert [set(names[group]) for group in prior.groups] == [{"stiffness"}, {"rest"}]
     every = part.prior(at(part), 0.2)

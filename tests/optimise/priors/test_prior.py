@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from clothfit.optimise.prior import FIRST_TAU, NARROWEST, WIDEST, first, inverse, none, variance
+from clothfit.optimise.priors.evidence import inverse, variance
+from clothfit.optimise.priors.prior import FIRST_TAU, NARROWEST, WIDEST, first, none
 
 
 def linear(size, tau, noise, rows=None, seed=0):

@@ -1,0 +1,107 @@
+"""The widths of a prior that make the data most likely, from the quadratic model of a cost.
+
+Near a point y the cost is |Lᵀ (y' − y) + b|² + c, with H = L Lᵀ and L b = g. The true values y' therefore show as data
+d = Lᵀ (y' − y₀) with noise of the variance σ² of a residual. Where these values are X m + Σₖ Bₖ uₖ with free m and
+uₖ ~ N(0, τₖ²), the data have the covariance
+
+    S = σ² + Σₖ τₖ² Zₖ Zₖᵀ,   Zₖ = Lᵀ Bₖ
+
+beside the free part Lᵀ X m. With that integrated out (H. D. Patterson, R. Thompson, Recovery of inter-block information
+when block sizes are unequal, Biometrika 58, 1971) and P = S⁻¹ − S⁻¹ X (Xᵀ S⁻¹ X)⁻¹ Xᵀ S⁻¹, the most likely τₖ² satisfy
+|Zₖᵀ P d|² = tr Zₖᵀ P Zₖ; their ratio is a factor that leads there (D. J. C. MacKay, Bayesian interpolation, Neural
+Computation 4, 1992). σ² is what is left, divided by the number of residuals that the values do not take up.
+
+Q values, r directions that the data show, N residuals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from clothfit.base.arrays import Array
+from clothfit.base.eigen import pseudo_inverse
+
+ENOUGH = 0.02
+"""Relative change of the widths that ends the search for them."""
+
+RIDGE = 1e-14
+"""Added to a matrix, relative to its largest entry, so that what nothing determines does not stop its inversion."""
+
+UNSEEN = 1e-3
+"""What the data add to the precision of a value, relative to that of the widest prior, that is left out."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A quadratic model as data."""
+
+    L: Array  # (Q, r), H = L Lᵀ but for what the data hardly show
+    data: Array  # (r,), those of the way from the point of the model to the truth, Lᵀ (y' − y)
+    rest: float  # c
+
+    @classmethod
+    def of(cls, H: Array, g: Array, cost: float, precision: float) -> Seen | None:
+        """That of H (Q, Q), g (Q,) and a cost beside a prior of this precision, in units of the residuals, by a
+        Cholesky factorisation that takes what is best known first; None where nothing is.
+        """
+        from scipy.linalg import lapack, solve_triangular
+
+        least = max(UNSEEN * precision, RIDGE * len(H) * float(np.abs(H).max(initial=0.0)))
+        factor, pivots, rank, fault = lapack.dpstrf(H, tol=least, lower=1)
+        if fault < 0 or not rank:
+            return None
+        order, triangle = pivots - 1, np.tril(factor)[:, :rank]
+        L = np.empty((len(H), rank))
+        L[order] = triangle
+        b = solve_triangular(triangle[:rank], g[order[:rank]], lower=True)
+        return cls(L, -b, max(cost - float(b @ b), 0.0))
+
+
+def most_likely(
+    seen: Seen, effects: Sequence[Array], free: Array, count: int, tau: Array, sigma2: float,
+    ends: tuple[Array, float], doubts: Array, rounds: int,
+) -> tuple[Array, float]:  # fmt: skip
+    """The widths (K,) between their ends and σ², after so many rounds from those before. `effects` are Zₖ (r, ·),
+    `free` is Lᵀ X (r, ·), `count` is N; `doubts` (K,) in a pattern lower the logarithm of the likelihood by that times
+    log τₖ.
+    """
+    d, squares = seen.data, [Z @ Z.T for Z in effects]
+    for _ in range(rounds):
+        S = sigma2 * np.eye(len(d)) + sum(t**2 * G for t, G in zip(tau, squares, strict=True))
+        P = inverse(S)
+        along = P @ free
+        P = P - along @ inverse(free.T @ along) @ along.T
+        left = P @ d
+        found = np.array([float(((left @ Z) ** 2).sum()) for Z in effects])
+        expected = np.array([float((P * G).sum()) for G in squares])
+        before, ratio = tau, found / np.maximum(expected + doubts / tau**2, np.finfo(float).tiny)
+        tau = np.clip(tau * np.sqrt(ratio), *ends)
+        determined = len(d) - sigma2 * float(np.trace(P))
+        sigma2 = variance(seen.rest + sigma2**2 * float(left @ left), count, determined)
+        if np.allclose(before, tau, rtol=ENOUGH):
+            break
+    return tau, sigma2
+
+
+def inverse(matrix: Array) -> Array:
+    """Inverse of a symmetric matrix (Q, Q) that is positive semidefinite but for rounding; NaN where the matrix holds
+    what is not finite.
+    """
+    from scipy.linalg import lapack
+
+    if not len(matrix) or not np.isfinite(matrix).all():  # LAPACK writes about these to standard output
+        return np.full_like(matrix, np.nan)
+    ridge = RIDGE * len(matrix) * np.abs(matrix).max(initial=0.0)
+    lower, fault = lapack.dpotrf(matrix + ridge * np.eye(len(matrix)), lower=1)
+    if fault:
+        return pseudo_inverse(matrix)
+    half = np.tril(lapack.dpotri(lower, lower=1)[0])
+    return np.asarray(half + np.tril(half, -1).T)
+
+
+def variance(cost: float, count: int, determined: float) -> float:
+    """Variance σ² of a residual from the sum of squares that is left of `count` of them."""
+    return max(cost, 0.0) / max(count - determined, 1.0)

@@ -1,0 +1,188 @@
+"""What is believed of the parameters before the data: that a cloth is not far from one fabric, or from a few.
+
+In the coordinates y of a fit (log parameters), the values of one kind of one cloth scatter around their start:
+
+    y − y₀ = m 1 + Σₖ Bₖ uₖ + e,   uₖ ~ N(0, τₖ²),   e ~ N(0, τ²)
+
+with a common factor m that is free, τ the scatter of each value by itself, and patterns Bₖ in which the values of a
+fabric go together (`patterns`): a value for each family of springs, smooth maps. With B = (1, B₁, …) and
+T = diag(∞, τ₁², …) the penalty is
+
+    σ² (y − y₀)ᵀ A (y − y₀),   A = (1 − B (τ² T⁻¹ + BᵀB)⁻¹ Bᵀ) / τ²
+
+with σ² the variance of a residual. Where the data determine more than that, it does nothing; where they are noisy or
+determine nothing, it keeps values near what the others say of them. All τ are found from the data with the fit, as
+those that make the data most likely (`evidence`), so a pattern that the values do not follow costs little: its τₖ
+vanishes. A τ that the user gives is kept, and then there are no patterns, and the mean is held to the start as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from clothfit.base.arrays import Array, Indices
+from clothfit.optimise.priors.evidence import Seen, inverse, most_likely, variance
+
+FIRST_TAU = 0.3
+"""τ before the data have been asked, in log parameters: a third more or less."""
+
+NARROWEST, WIDEST = 1e-3, 3.0
+
+DOUBT = 2.0
+"""How much more likely the data must become by a pattern, in its logarithm for each factor e of the width: else chance
+alone lets values follow one, and those that scatter each by itself would come out worse than without patterns.
+"""
+
+ROUNDS, SETTLED = 12, 60
+"""Rounds of learning the widths from one quadratic model, on the way and at its end."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """The belief, and how sure it is."""
+
+    centre: Array  # y₀, (Q,)
+    groups: tuple[Indices, ...]  # coordinates that scatter together
+    tau: tuple[float, ...]  # for each group that of single values, then one for each of its patterns
+    learns: bool = True  # τ from the data, the mean free
+    narrowest: float = NARROWEST  # of what is learned of single values
+    patterns: tuple[tuple[Array, ...], ...] = ()  # Bₖ (n, ·) of each group, of mean square row sum 1; (): none at all
+
+    @cached_property
+    def widths(self) -> tuple[tuple[float, ...], ...]:
+        """The τ of each group."""
+        found, first = [], 0
+        for own in self._patterns:
+            found.append(self.tau[first : first + 1 + len(own)])
+            first += 1 + len(own)
+        return tuple(found)
+
+    @property
+    def scatter(self) -> tuple[float, ...]:
+        """The standard deviation of a value of each group: all that its τ add up to."""
+        return tuple(float(np.sqrt(np.sum(np.square(each)))) for each in self.widths)
+
+    @property
+    def _patterns(self) -> tuple[tuple[Array, ...], ...]:
+        return self.patterns or ((),) * len(self.groups)
+
+    def matrix(self, sigma2: float) -> Array:
+        """The penalty's matrix (Q, Q): penalty = (y − y₀)ᵀ A (y − y₀)."""
+        A = np.zeros((len(self.centre), len(self.centre)))
+        for group, (own, *_), (B, inner) in zip(self.groups, self.widths, self._shared, strict=True):
+            spread = np.eye(len(group)) - (1.0 / len(group) if self.learns else 0.0)
+            A[np.ix_(group, group)] += sigma2 / own**2 * (spread - symmetric(B @ inner @ B.T))
+        return A
+
+    def value(self, y: Array, sigma2: float) -> float:
+        """The penalty at y (Q,)."""
+        total = 0.0
+        for group, (own, *_), (B, inner) in zip(self.groups, self.widths, self._shared, strict=True):
+            away = self.deviation(y, group)
+            along = B.T @ away
+            total += sigma2 / own**2 * float(away @ away - along @ inner @ along)
+        return total
+
+    @cached_property
+    def _shared(self) -> tuple[tuple[Array, Array], ...]:
+        """B (n, M) without 1 and without its mean, and (τ² T⁻¹ + BᵀB)⁻¹ (M, M), of each group: with m integrated out, A
+        is (P − B (τ² T⁻¹ + BᵀB)⁻¹ Bᵀ) / τ², P the projection to what has no mean.
+        """
+        found = []
+        for group, (own, *more), patterns in zip(self.groups, self.widths, self._patterns, strict=True):
+            B = np.concatenate([np.zeros((len(group), 0)), *patterns], axis=1)
+            B = B - B.mean(axis=0)
+            ratio = np.repeat([(own / tau) ** 2 for tau in more], [each.shape[1] for each in patterns])
+            found.append((B, inverse(B.T @ B + np.diag(ratio))))
+        return tuple(found)
+
+    def deviation(self, y: Array, group: Indices) -> Array:
+        """y − y₀ of one group, without its mean where that is free."""
+        away = y[group] - self.centre[group]
+        return np.asarray(away - away.mean() if self.learns else away)
+
+    def alone(self, tau: float) -> Prior:
+        """The belief in the scatter of single values alone, of this width where it is learned."""
+        widths = tuple(tau if self.learns else each[0] for each in self.widths)
+        return replace(self, tau=widths, patterns=())
+
+    def reopened(self) -> Prior:
+        """The prior with widths that are at least those before the data were asked: where few frames are fitted values
+        seem to scatter less than they do, and with more of them so narrow a prior would bar the way.
+        """
+        return replace(self, tau=tuple(max(tau, FIRST_TAU) for tau in self.tau)) if self.learns else self
+
+    def between(self, other: Prior) -> Prior:
+        """This prior with a τ half the way, in its logarithm, to the other's: steps of full length can overshoot."""
+        return replace(self, tau=tuple(float(np.sqrt(a * b)) for a, b in zip(self.tau, other.tau, strict=True)))
+
+    def learned(
+        self, H: Array, g: Array, y: Array, cost: float, count: int, rounds: int = ROUNDS
+    ) -> tuple[Prior, float]:
+        """The prior with the τ that the data make most likely, and σ², both for the quadratic model (H, g) of the cost
+        at y with `count` residuals. They follow from the model alone: the search for them begins with wide ones.
+        """
+        sigma2 = variance(cost, count, len(y))
+        if not (len(y) and np.isfinite(H).all() and np.isfinite(g).all()):
+            return self, sigma2
+        if not (self.learns and self.groups):
+            return self, self._variance(H, g, y, cost, count)
+        seen = Seen.of(H, g, cost, sigma2 / WIDEST**2)
+        if seen is None:
+            return self, sigma2
+        others = np.setdiff1d(np.arange(len(y)), np.concatenate(self.groups))
+        free = np.zeros((len(y), len(self.groups) + len(others)))  # what no scatter holds: means, and all else
+        free[others, len(self.groups) :] = np.eye(len(others))
+        effects, least, doubts = [], list[float](), list[float]()
+        for i, (group, patterns) in enumerate(zip(self.groups, self._patterns, strict=True)):
+            free[group, i] = 1.0
+            effects += [seen.L[group].T, *(seen.L[group].T @ B for B in patterns)]
+            least += [self.narrowest, *[NARROWEST] * len(patterns)]
+            doubts += [0.0, *[DOUBT] * len(patterns)]
+        shown = replace(seen, data=seen.data + seen.L.T @ (y - self.centre))
+        ends, widths, along = (np.array(least), WIDEST), np.array(self.reopened().tau), seen.L.T @ free
+        tau, sigma2 = most_likely(shown, effects, along, count, widths, sigma2, ends, np.array(doubts), rounds)
+        return replace(self, tau=tuple(tau.tolist())), sigma2
+
+    def settled(self, H: Array, g: Array, y: Array, cost: float, count: int) -> tuple[Prior, float]:
+        """The same with widths that more rounds would not change."""
+        return self.learned(H, g, y, cost, count, SETTLED)
+
+    def _variance(self, H: Array, g: Array, y: Array, cost: float, count: int) -> float:
+        """σ² beside this prior."""
+        sigma2 = variance(cost, count, len(y))
+        for _ in range(1 + bool(self.groups)):
+            A = self.matrix(sigma2)
+            covariance = inverse(H + A)
+            step = -covariance @ (g + A @ (y - self.centre))
+            determined = float((H * covariance).sum())  # γ = tr(H (H + A)⁻¹)
+            sigma2 = variance(cost + float(2.0 * g @ step + step @ H @ step), count, determined)
+        return sigma2
+
+
+def symmetric(matrix: Array) -> Array:
+    """A matrix (n, n) that is symmetric but for rounding, to the last bit."""
+    return np.asarray((matrix + matrix.T) / 2.0)
+
+
+def none(count: int) -> Prior:
+    """No belief about `count` coordinates."""
+    return Prior(np.zeros(count), (), ())
+
+
+def first(
+    centre: Array, groups: Sequence[Indices], tau: float | None, patterns: Sequence[Sequence[Array]] = ()
+) -> Prior:
+    """Groups of coordinates around `centre`, with a fixed τ or (None) those that are learned, of single values and of
+    the `patterns` of each group.
+    """
+    own = patterns if patterns and tau is None else [()] * len(groups)
+    kept = [(group, tuple(each)) for group, each in zip(groups, own, strict=True) if len(group) > (tau is None)]
+    width = FIRST_TAU if tau is None else tau
+    widths = (width,) * sum(1 + len(each) for _, each in kept)
+    return Prior(np.array(centre), tuple(group for group, _ in kept), widths, tau is None,
+                 patterns=tuple(each for _, each in kept))  # fmt: skip
