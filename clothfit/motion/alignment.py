@@ -19,6 +19,9 @@ from clothfit.formats.markers import METRES_PER_UNIT
 DOUBTFUL_DISTANCE = 0.05
 """An RMS distance of this share of the scene's size is more than noise."""
 
+MISTAKEN = 0.25
+"""The share of the vertices that may be as far away without a word: markers that were mistaken for others."""
+
 MUCH_NEARER = 0.2
 """A change that leaves less than this share of the distance is worth trying."""
 
@@ -40,7 +43,8 @@ def alignment(points: Array, seen: Flags, start: Array, axes: Axes) -> Alignment
     if not len(points):
         return Alignment(np.nan, None, None)
     distance = apart(points, start)
-    if distance <= DOUBTFUL_DISTANCE * size(start):
+    most = float(np.quantile(np.linalg.norm(points - start, axis=1), 1.0 - MISTAKEN))
+    if min(distance, most) <= DOUBTFUL_DISTANCE * size(start):
         return Alignment(distance, None, None)
     doubt = f"its first frame is {metres(distance)} (RMS) away from where the scene begins"
     return Alignment(distance, doubt, advice(from_scene(points, axes), start, axes, MUCH_NEARER * distance))

@@ -35,19 +35,24 @@ FALL_FRAMES, MOST_FRAMES = 4, 16
 DEPTH = 0.2
 """Fall, relative to the distance from held vertices, up to which springs hardly pull."""
 
-OFF, AGREEMENT, SURE = 0.1, 0.06, 6.0
-"""Relative difference of an acceleration from gravity that is worth a word, the largest one between groups, and the
-least difference from gravity in standard errors.
+OFF, AGREEMENT, SURE, LIKELY = 0.135, 0.06, 6.0, 2.0
+"""Relative difference of an acceleration from gravity that is worth a word, the largest one between groups, the least
+difference from gravity in standard errors, and how many of these count for what else the target may mean.
 """
 
 ALIKE = 0.01
 """Relative error of an acceleration below which groups count alike."""
 
+LATER = 2
+"""Frames after the first from which on the start no longer counts: how a target was made then shows as a shift alone."""
+
 SMOOTH = 0.01
 """What the regression may leave, relative to the fall: more is not a free fall."""
 
-UNLIKELY = 2.5
-"""How much more than a free fall's own BDF2 may leave that made it; of targets with noise both leave that."""
+UNLIKELY, SHORT_UNLIKELY, LONG = 2.5, 10.0, 6
+"""How much more than a free fall's own another way to make it may leave that made it: in more frames than so many, and
+in fewer, where it shows less.
+"""
 
 RANGE = (0.05, 20.0)
 """Accelerations relative to gravity that another clock or gravity can mean."""
@@ -70,7 +75,7 @@ class Measured(NamedTuple):
 
     values: Array  # (G,), a, m/s²
     errors: Array  # (G,), their standard errors
-    factors: tuple[float, ...]  # of a, where the target was made with backward Euler or BDF2, a step for each frame
+    others: tuple[tuple[float, float], ...]  # what else may be meant, m/s², and its standard error
     left: float  # of the mean fall, relative to it
 
     @property
@@ -80,8 +85,8 @@ class Measured(NamedTuple):
 
     def differs(self, g: float) -> bool:
         """Whether all groups fall alike, and not by `g`, m/s², whatever made the target."""
-        possible = [self.values[0] * factor for factor in (1.0, *self.factors)]
-        apart = max(min(possible) - g, g - max(possible))
+        low, high = zip(*((a - LIKELY * error, a + LIKELY * error) for a, error in self.others), strict=True)
+        apart = max(min(self.values[0], *low) - g, g - max(self.values[0], *high))
         alike = np.ptp(self.values) <= AGREEMENT * abs(self.values[0]) and self.left <= SMOOTH
         sure = SURE * self.errors.max() <= apart and self.errors.max() <= AGREEMENT * abs(self.values[0])
         return bool(alike and sure and apart > OFF * g and RANGE[0] <= self.values[0] / g <= RANGE[1])
@@ -95,7 +100,7 @@ def other_fall(scene: Scene, motion: Motion) -> Fall | None:
     for i, cloth in enumerate(scene.cloths):
         throughout: Flags = np.asarray(motion.seen(i)[: FALL_FRAMES + 1].all(axis=0))
         groups = far_groups(scene, cloth, throughout)
-        found = None if groups is None else measured(motion, i, scene.gravity / g, *groups)
+        found = None if groups is None else measured(motion, i, scene.gravity / g, *groups, scene.delta)
         if found is not None and found.differs(g):
             return Fall(found.acceleration, g)
     return None
@@ -142,9 +147,11 @@ def graph_distance(cloth: Cloth) -> Array:
 
 
 def measured(
-    motion: Motion, cloth: int, down: Array, groups: list[Indices], depth: float
+    motion: Motion, cloth: int, down: Array, groups: list[Indices], depth: float, step: float
 ) -> Measured | None:
-    """How each group falls along `down`, at most `depth`, m; None where the target shows too little."""
+    """How each group falls along `down`, at most `depth`, m; None where the target shows too little. `step`, s, is one
+    that may have made it.
+    """
     positions, seen = motion.of(cloth)[: MOST_FRAMES + 1], motion.seen(cloth)[: MOST_FRAMES + 1]
     vertices = np.concatenate(groups)
     throughout: Flags = np.asarray(seen[:, vertices].all(axis=0))
@@ -155,8 +162,8 @@ def measured(
         return None
     whole = fallen(positions, vertices[throughout], down).mean(axis=1)
     deep = np.flatnonzero(np.abs(whole) > depth)
-    last = max(int(deep[0]) if len(deep) else len(whole) - 1, FALL_FRAMES)
-    if last >= len(whole):
+    last = int(deep[0]) if len(deep) else len(whole) - 1
+    if last < FALL_FRAMES:
         return None
     times, u = motion.times[: last + 1], whole[: last + 1]
     passed = np.concatenate([[0.0], np.cumsum(np.diff(times) * (u[1:] + u[:-1]) / 2.0)])
@@ -171,11 +178,20 @@ def measured(
     errors = np.maximum(spread, pooled) / np.sqrt([len(a) for a in own])
     left = float(np.abs(columns @ (velocity, acceleration, damping) - u[1:]).max() / np.abs(u).max())
     interval = float(times[1])
-    columns[:, 1] += ahead(times[1:], interval)
-    by_bdf2 = np.linalg.pinv(columns) @ u[1:]
-    as_well = np.abs(columns @ by_bdf2 - u[1:]).max() / np.abs(u).max() <= UNLIKELY * left
-    factors = (1.0 + 0.5 * damping * interval, *[float(by_bdf2[1]) / acceleration] * int(as_well))
-    return Measured(values, errors, factors, left)
+    others = [(float(values[0]) * (1.0 + 0.5 * damping * interval), 0.0)]
+    later = slice(LATER if len(times) - LATER > LONG else 0, None)
+    if not later.start and sum(map(len, groups)) < ENOUGH:
+        return None
+    unlikely = UNLIKELY if later.start else SHORT_UNLIKELY
+    made = [(columns + ahead(times[1:], h)[:, None] * (0.0, 1.0, 0.0), slice(None)) for h in (interval, step)]
+    if later.start:
+        made.append((np.concatenate([columns, np.ones((len(columns), 1))], axis=1)[later], later))
+    for design, part in made:
+        solve = np.linalg.pinv(design)
+        if np.abs(design @ (solve @ u[1:][part]) - u[1:][part]).max() <= unlikely * left * np.abs(u).max():
+            each = np.concatenate([solve[1] @ fallen(positions[: last + 1], group, down)[1:][part] for group in groups])
+            others.append((float(solve[1] @ u[1:][part]), float(each.std(ddof=1) / np.sqrt(len(each)))))
+    return Measured(values, errors, tuple(others), left)
 
 
 def ahead(times: Array, interval: float) -> Array:

@@ -172,6 +172,14 @@ def test_another_place_and_another_order_are_noticed(there):
     assert account(there, MOTION.positions + [5.0, 0, -2]).start.advice == "it is moved by (5, 0, -2) m"
     other = np.random.default_rng(0).permutation(16)
     assert account(there, MOTION.positions[:, other]).start.advice == "its vertices would fit in another order"
+
+
+def test_two_vertices_that_are_swapped_are_no_other_order(there):
+    swapped = MOTION.positions.copy()
+    swapped[:, [0, 15]] = swapped[:, [15, 0]]
+    found = account(there, swapped)
+    assert found.doubts == []
+    assert found.start.distance > 0.05  # of a sheet of a metre or so: the fit looks at that, and names them
     noise = np.random.default_rng(0).normal(size=MOTION.positions.shape)
     assert account(there, MOTION.positions + noise).start.advice is None
 
