@@ -44,7 +44,7 @@ ALIKE = 0.01
 """Relative error of an acceleration below which groups count alike."""
 
 LATER = 2
-"""Frames after the first from which on the start no longer counts: how a target was made then shows as a shift alone."""
+"""Frames after the first from which on the start no longer counts: how a target was made is a mere shift then."""
 
 SMOOTH = 0.01
 """What the regression may leave, relative to the fall: more is not a free fall."""
