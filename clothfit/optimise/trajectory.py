@@ -39,6 +39,8 @@ AIR = ("wind", "gusts")
 FABRIC = ("mass", "stiffness", "rest")
 """Kinds whose values scatter around a fabric's."""
 
+PATTERNED = 1200
+"""Values, at most, whose patterns are asked for: the widths of more take longer to learn than a model to compute."""
 
 MOSTLY = 0.5
 """Share of the squares that must be no noise for the width of the prior to be held."""
@@ -199,7 +201,7 @@ class Trajectory:
         """
         place, cloths = np.cumsum(self.fitted) - 1, self.objective.scene.cloths
         groups, shared = [], list[tuple[Array, ...]]()
-        patterned = tau is None and self.operations() <= LARGEST
+        patterned = tau is None and self.size <= PATTERNED
         for block in self.objective.blocks:
             own = np.flatnonzero(self.fitted[block.part])
             if ((block.mode == "L" and block.name in FABRIC) or tau is not None) and len(own):

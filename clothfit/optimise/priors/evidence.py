@@ -25,7 +25,7 @@ from clothfit.base.arrays import Array
 from clothfit.base.eigen import pseudo_inverse
 
 ENOUGH = 0.02
-"""Relative change of the widths that ends the search for them."""
+"""Relative change of the widths, and of σ², that ends the search for them."""
 
 RIDGE = 1e-14
 """Added to a matrix, relative to its largest entry, so that what nothing determines does not stop its inversion."""
@@ -43,21 +43,24 @@ class Seen:
     rest: float  # c
 
     @classmethod
-    def of(cls, H: Array, g: Array, cost: float, precision: float) -> Seen | None:
-        """That of H (Q, Q), g (Q,) and a cost beside a prior of this precision, in units of the residuals, by a
+    def of(cls, H: Array, g: Array, cost: float, count: int, widest: float) -> Seen | None:
+        """That of H (Q, Q), g (Q,) and a cost of `count` residuals beside values that scatter by `widest` at most, by a
         Cholesky factorisation that takes what is best known first; None where nothing is.
         """
         from scipy.linalg import lapack, solve_triangular
 
-        least = max(UNSEEN * precision, RIDGE * len(H) * float(np.abs(H).max(initial=0.0)))
+        least = RIDGE * len(H) * float(np.abs(H).max(initial=0.0))
         factor, pivots, rank, fault = lapack.dpstrf(H, tol=least, lower=1)
         if fault < 0 or not rank:
             return None
         order, triangle = pivots - 1, np.tril(factor)[:, :rank]
-        L = np.empty((len(H), rank))
-        L[order] = triangle
         b = solve_triangular(triangle[:rank], g[order[:rank]], lower=True)
-        return cls(L, -b, max(cost - float(b @ b), 0.0))
+        noise = variance(cost - float(b @ b), count, rank)
+        left = np.cumsum((triangle**2)[:, ::-1], axis=1)[:, ::-1].max(axis=0)  # of the diagonal, before each column
+        rank = max(int((left > UNSEEN * noise / widest**2).sum()), 1)
+        L = np.empty((len(H), rank))
+        L[order] = triangle[:, :rank]
+        return cls(L, -b[:rank], max(cost - float(b[:rank] @ b[:rank]), 0.0))
 
 
 def most_likely(
@@ -77,11 +80,11 @@ def most_likely(
         left = P @ d
         found = np.array([float(((left @ Z) ** 2).sum()) for Z in effects])
         expected = np.array([float((P * G).sum()) for G in squares])
-        before, ratio = tau, found / np.maximum(expected + doubts / tau**2, np.finfo(float).tiny)
+        before, ratio = (tau, sigma2), found / np.maximum(expected + doubts / tau**2, np.finfo(float).tiny)
         tau = np.clip(tau * np.sqrt(ratio), *ends)
         determined = len(d) - sigma2 * float(np.trace(P))
         sigma2 = variance(seen.rest + sigma2**2 * float(left @ left), count, determined)
-        if np.allclose(before, tau, rtol=ENOUGH):
+        if np.allclose(before[0], tau, rtol=ENOUGH) and np.isclose(before[1], sigma2, rtol=ENOUGH, atol=0.0):
             break
     return tau, sigma2
 

@@ -131,7 +131,7 @@ class Prior:
             return self, sigma2
         if not (self.learns and self.groups):
             return self, self._variance(H, g, y, cost, count)
-        seen = Seen.of(H, g, cost, sigma2 / WIDEST**2)
+        seen = Seen.of(H, g, cost, count, WIDEST)
         if seen is None:
             return self, sigma2
         others = np.setdiff1d(np.arange(len(y)), np.concatenate(self.groups))

@@ -28,7 +28,7 @@ def likelihood(J, r, patterns, tau, sigma2):
 
 def test_a_model_as_data_is_the_model():
     J, r, *_ = problem((0.3, 0.1, 0.2))
-    seen = Seen.of(J.T @ J, J.T @ r, float(r @ r), 1e-9)
+    seen = Seen.of(J.T @ J, J.T @ r, float(r @ r), len(r), 3.0)
     np.testing.assert_allclose(seen.L @ seen.L.T, J.T @ J, atol=1e-10 * np.abs(J.T @ J).max())  # rounding
     np.testing.assert_allclose(seen.L @ -seen.data, J.T @ r, atol=1e-9 * np.abs(J.T @ r).max())
     way = np.linalg.lstsq(J, -r, rcond=None)[0]
@@ -39,14 +39,15 @@ def test_a_model_as_data_is_the_model():
 def test_what_the_data_hardly_show_is_left_out():
     J, r, *_ = problem((0.3, 0.1, 0.2))
     J[:, :10] *= 1e-6
-    assert Seen.of(J.T @ J, J.T @ r, float(r @ r), 1e-3).L.shape == (60, 50)
-    assert Seen.of(np.zeros((4, 4)), np.zeros(4), 1.0, 1e-3) is None
+    seen = Seen.of(J.T @ J, J.T @ r, float(r @ r), len(r), 3.0)
+    assert seen.L.shape == (60, 50)
+    assert Seen.of(np.zeros((4, 4)), np.zeros(4), 1.0, 8, 3.0) is None
 
 
 @pytest.mark.parametrize("widths", [(0.3, 0.1, 0.2), (0.02, 0.4, 0.0), (0.2, 0.0, 0.0)])
 def test_the_widths_are_the_most_likely_ones(widths):
     J, r, patterns, _ = problem(widths)
-    seen = Seen.of(J.T @ J, J.T @ r, float(r @ r), 1e-9)
+    seen = Seen.of(J.T @ J, J.T @ r, float(r @ r), len(r), 3.0)
     effects, free = [seen.L.T @ B for B in patterns], seen.L.T @ np.ones((60, 1))
     ends, doubts = (np.full(3, 1e-4), 3.0), np.zeros(3)
     tau, sigma2 = most_likely(seen, effects, free, len(r), np.full(3, 0.3), 0.01, ends, doubts, 500)
