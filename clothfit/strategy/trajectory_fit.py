@@ -131,13 +131,14 @@ def by_stages(search: Search, descent: Descent, parts: Sequence[Stage], watched:
         best.follow(descent._replace(prior=prior, y=y, window=stage.objective.frames))
         if not np.isfinite(part.cost(y)):
             break
-        if best.descent and not descent.radius:  # a stage that is resumed began before its best point was found
+        resumed = descent.radius or descent.window == stage.objective.frames  # it began before its best point was found
+        if best.descent and not resumed:
             best.follow(best.descent._replace(before=best.p, before_cost=best.cost))
         if part.operations() <= LARGEST and part.fits():
             found, learned, status = by_dense_model(part, stage, y, prior, descent.radius or None)
             if whole or is_better(search, found, y):
                 y, prior = found, learned
-            descent = descent._replace(radius=0.0)
+            descent = descent._replace(radius=0.0, window=0)
             if not whole and stage.objective.steps == search.objective.steps and is_far(search):
                 break
             last = len(parts) < 2 or stage is parts[-2]
