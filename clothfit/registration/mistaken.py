@@ -9,7 +9,7 @@ Swapped later: two that change places from one frame to the next.
 
 False: away from its vertex at the start, and farther from the markers around it than the cloth between them reaches.
 
-Jumping: far from the middle of the frames before and after, which are near each other.
+Jumping: in one frame or two far from the way between the frames before and after, which are near each other.
 
 Each asks for a multiple of what all other markers show, and for a part of the way to the next marker, so that noise, a
 cloth that stretches, and one that whips are none of these.
@@ -62,6 +62,9 @@ SPIKE, BACK, VISIBLE = 12.0, 0.5, 0.2
 """How far from the middle of the frames around a marker jumps, relative to the median; how far it is from where it was,
 or would have gone, when it is back, relative to that; and the jump relative to the median length of springs.
 """
+
+SOON = 0.25
+"""How far a marker that jumps for two frames is from where it was, relative to the jump: a whip is farther."""
 
 LIKE = 0.2
 """Of the same, how much may be left where the jump explains the frames around."""
@@ -250,7 +253,7 @@ def jumping(scene: Scene, motion: Motion) -> list[Jump]:
     lengths = np.concatenate([cloth.lengths for cloth in scene.cloths] or [np.zeros(0)])
     if len(motion.positions) < 5 or not len(lengths):
         return []
-    least, found = VISIBLE * float(np.median(lengths)), dict[int, list[int]]()
+    least, found = VISIBLE * float(np.median(lengths)), dict[int, set[int]]()
     x, observed = motion.positions, motion.observed
     for k in range(1, len(x) - 1):
         away = np.linalg.norm(x[k] - 0.5 * (x[k - 1] + x[k + 1]), axis=1)
@@ -264,5 +267,24 @@ def jumping(scene: Scene, motion: Motion) -> list[Jump]:
         if 2 <= k < len(x) - 2:
             back |= alone(x[k - 2 : k + 3, wide])
         for vertex in wide[back]:
-            found.setdefault(int(vertex), []).append(k)
-    return [Jump(vertex, tuple(frames)) for vertex, frames in sorted(found.items())]
+            found.setdefault(int(vertex), set()).add(k)
+    for k in range(1, len(x) - 2):
+        for vertex in twice(x[k - 1 : k + 3], None if observed is None else observed[k - 1 : k + 3], least):
+            found.setdefault(int(vertex), set()).update((k, k + 1))
+    return [Jump(vertex, tuple(sorted(frames))) for vertex, frames in sorted(found.items())]
+
+
+def twice(x: Array, observed: Flags | None, least: float) -> NDArray[np.intp]:
+    """The markers that are off their way in the two frames amid four, x (4, k, 3), by `least`, m, or more, and then
+    back where they were but for a small part of that; not where many of them are.
+    """
+    away = np.stack([np.linalg.norm(x[i] - ((3 - i) * x[0] + i * x[3]) / 3.0, axis=1) for i in (1, 2)])
+    if observed is not None:
+        away[:, ~observed.all(axis=0)] = np.nan
+    nearest = away.min(axis=0)
+    if np.isfinite(nearest).sum() < FEWEST:
+        return np.zeros(0, np.intp)
+    wide = np.flatnonzero((nearest > least) & (away > SPIKE * np.nanmedian(away, axis=1)[:, None]).all(axis=0))
+    if len(wide) > MOST:
+        return np.zeros(0, np.intp)
+    return np.asarray(wide[np.linalg.norm(x[3, wide] - x[0, wide], axis=1) < SOON * nearest[wide]])

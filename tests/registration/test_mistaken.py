@@ -86,6 +86,16 @@ def test_a_marker_that_stands_elsewhere_and_one_that_jumps_are_left_out():
     assert np.flatnonzero(~left.seen()[:, b]).tolist() == [5, 11, 30]
 
 
+def test_a_jump_of_two_frames_is_left_out_and_one_that_stays_is_not():
+    motion, (a, b, *_) = capture()
+    wrong = motion.positions.copy()
+    wrong[[11, 12], a] += [[0.3, 0.1, 0.0], [-0.1, 0.2, 0.3]]
+    wrong[20:23, b] += [0.3, 0.1, 0.0]
+    found = mistaken(sheet(20.0), replace(motion, positions=wrong))
+    assert [each for each in found.jumps if each.vertex == a] == [Jump(a, (11, 12))]
+    assert not [each for each in found.jumps if each.vertex == b]
+
+
 def test_a_chain_that_ends_in_a_false_marker_leaves_its_vertex_without_one():
     motion, (a, b, *_) = capture()
     wrong = motion.positions.copy()
