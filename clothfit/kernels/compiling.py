@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from typing import Any
 
 import numba
-from numba.core import event
+from numba.core import event, types
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.sigutils import normalize_signature
 
@@ -31,7 +31,24 @@ def for_python(function: Callable[..., object], nogil: bool) -> Any:
 
 def for_kernels(function: Callable[..., object]) -> Any:
     """numba's function for calls from kernels."""
-    return _made(function, "inner", pipeline_class=ForKernels, no_cpython_wrapper=True)
+    made = _made(function, "inner", pipeline_class=ForKernels, no_cpython_wrapper=True)
+    made.get_call_template = _of_wide_types(made.get_call_template)
+    return made
+
+
+def _of_wide_types(template: Callable[..., object]) -> Callable[..., object]:
+    """The method by which numba finds, or compiles, what a kernel calls: the same code for True, False and a flag that
+    is known later, and for short and long integers. Each would be compiled apart, with all that it calls in turn.
+    """
+
+    def wide(own: Any) -> Any:
+        plain = types.unliteral(own) if isinstance(own, types.BooleanLiteral) else own
+        return types.int64 if plain == types.int32 else plain
+
+    def of_wide_types(args: tuple[Any, ...], kws: dict[str, Any]) -> object:
+        return template(tuple(map(wide, args)), {name: wide(own) for name, own in kws.items()})
+
+    return of_wide_types
 
 
 def _made(function: Callable[..., object], variant: str, **flags: Any) -> Any:

@@ -4,17 +4,28 @@ By default numba optimises each function as a whole, with all that it calls, and
 kernels are only called by kernels, into whose code they are linked and with which they are optimised again, at every
 level of calls anew. So of such a kernel only the code as numba writes it is kept, and all else is done once, for the
 function that Python calls. That is a third of the time of a compilation.
+
+A System has some thirty arrays. Wherever a kernel takes a part of one, numba counts references to all that this has, up
+and down again. Most kernels need not (`Borrowed`), and without it there is less to write and to optimise.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from llvmlite import binding
+from numba.core import ir
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult, compile_result
+from numba.core.compiler_machinery import FunctionPass, register_pass
 from numba.core.environment import lookup_environment
+from numba.core.typed_passes import NoPythonSupportedFeatureValidation
+
+NAMED = (ir.Var, ir.Arg, ir.Const, ir.Global, ir.FreeVar)
+PARTS = ("getattr", "static_getitem", "getitem", "build_tuple", "exhaust_iter", "getiter", "iternext", "pair_first",
+         "pair_second", "cast", "phi")  # fmt: skip
+"""Values and expressions that make no arrays, but name them, parts of them, or some together."""
 
 
 class Linked(JITCodeLibrary):
@@ -92,8 +103,61 @@ def rebuilt(context: Any, payload: tuple[Any, ...]) -> CompileResult:
     return made
 
 
+@register_pass(mutates_CFG=False, analysis_only=True)
+class Borrowed(FunctionPass):
+    """Count no references in a function that makes no arrays: all those that it has are parts of its arguments, which
+    its caller keeps.
+    """
+
+    _name = "borrowed"
+
+    def __init__(self) -> None:
+        super().__init__()  # numba's is abstract
+
+    def run_pass(self, state: Any) -> bool:
+        """Choose the context in which the code is written."""
+        if not any(_makes_arrays(state, kind, value) for kind, value in _computed(state)):
+            state.targetctx = state.targetctx.subtarget(enable_nrt=False)
+        return False
+
+
+def _computed(state: Any) -> Iterator[tuple[Any, Any]]:
+    """The types of all that a function computes, with the expressions; none of what it returns, and of arrays that it
+    writes into arrays, whose code makes words for shapes that differ.
+    """
+    yield state.return_type, None
+    for block in state.func_ir.blocks.values():
+        for line in block.body:
+            if isinstance(line, ir.Assign):
+                yield state.typemap[line.target.name], line.value
+            elif isinstance(line, ir.SetItem | ir.StaticSetItem):
+                yield state.typemap[line.value.name], None
+
+
+def _makes_arrays(state: Any, kind: Any, value: Any) -> bool:
+    """Whether a value may have arrays, or others whose references are counted, that no argument has."""
+    if not _counts(state, kind) or isinstance(value, NAMED):
+        return False
+    if not isinstance(value, ir.Expr) or value.op not in PARTS:
+        return True
+    return value.op == "getitem" and _counts(state, state.typemap[value.index.name])  # an index array: a new array
+
+
+def _counts(state: Any, kind: Any) -> bool:
+    return bool(state.targetctx.data_model_manager[kind].contains_nrt_meminfo())
+
+
 class _Pipeline(Compiler):
     kept: type[JITCodeLibrary]
+
+    def define_pipelines(self) -> list[Any]:
+        """numba's passes, with that of references before the code is written."""
+        (passes,) = super().define_pipelines()
+        if self.state.flags.force_pyobject:
+            return [passes]
+        passes.add_pass_after(Borrowed, NoPythonSupportedFeatureValidation)
+        passes.finalize()
+        return [passes]
 
     def compile_extra(self, function: Callable[..., object]) -> Any:
         """Compile a function."""

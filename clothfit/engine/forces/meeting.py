@@ -67,7 +67,7 @@ def note(colliders, met, t):
     """Write what step t met to met (T, N, C, n)."""
     if colliders is None:
         return
-    met[t] = colliders.met
+    copy_flags(colliders.met, met[t])
 
 
 @kernel
@@ -76,7 +76,16 @@ def recall(colliders, met, t):
     if colliders is None:
         return
     colliders.turn[0] = 0
-    colliders.met[:] = met[t]
+    copy_flags(met[t], colliders.met)
+
+
+@kernel
+def copy_flags(a, out):
+    """out = a, (N, C, n), as `vectors.copy` does it."""
+    for k in range(out.shape[0]):
+        for c in range(out.shape[1]):
+            for i in range(out.shape[2]):
+                out[k, c, i] = a[k, c, i]
 
 
 @kernel

@@ -118,7 +118,8 @@ def set_inputs(inputs, system, t):
         if len(inputs.force) > 0:
             copy(inputs.force[t], system.applied.force)
         if len(inputs.gain) > 0:
-            system.applied.gain[:] = inputs.gain[t]
+            for i in range(inputs.gain.shape[1]):  # see `copy`
+                system.applied.gain[i] = inputs.gain[t, i]
             copy(inputs.target[t], system.applied.place)
 
 
