@@ -34,14 +34,18 @@ from clothfit.kernels.lanes.operations import (
     add,
     div,
     fma,
+    index,
     load,
     load3,
+    load4,
     mul,
     pack,
+    prefetch,
     root,
     splat,
     store,
     store3,
+    store4,
     sub,
     sum4,
     where_less,
@@ -52,6 +56,14 @@ TOGETHER = 64
 """Springs whose lengths are computed together: roots and divisions take as long as all else that a spring needs, but
 four at a time, and not one after the other.
 """
+
+
+FEW = 10_000
+"""Springs whose blocks stay in the caches; those of more are fetched ahead of their turn."""
+
+ROWS = 13
+EE, LE, SE, WE, LS, REST, K, BENT, BY_K, CL, CS, CW, CE = range(ROWS)
+"""What `add_pullback` computes of springs: e·e, λ·e, s·e, w·e, λ·s, L₀, k, ρ̃, −∂φ/∂k and the factors of ∂φ/∂e."""
 
 
 class Springs(NamedTuple):
@@ -171,11 +183,13 @@ def add_step(springs, y, u, h, ahead, A, b):
     e, size = np.empty((TOGETHER, 4)), np.ones((3, TOGETHER))
     for begin in range(0, count, TOGETHER):
         end = min(begin + TOGETHER, count)
+        for i in range(end, min(end + TOGETHER, count) if count > FEW else end):
+            prefetch(A.upper, index(springs.slot, i))
         measure(springs, y, begin, end, e, size)
         for i in range(begin, end):
             j = i - begin
             k, stretch, hat = springs.stiffness[i], size[1, j], size[2, j]
-            d = mul(load(e, j, 0), splat(size[0, j]))
+            d = mul(load4(e, j), splat(size[0, j]))
             across = splat(h * h * k * (1.0 - hat))
             along = splat(h * k * (h * hat + springs.damping))
             low, high = outer(mul(along, d), d)
@@ -211,9 +225,9 @@ def measure(springs, y, begin, end, e, size):
     springs of zero length as `axis` does.
     """
     for i in range(begin, end):
-        e_i = difference(y, springs, i)
-        store(e_i, e, i - begin, 0)
-        size[0, i - begin], size[1, i - begin] = dot(e_i, e_i), springs.rest[i]
+        j, e_i = i - begin, difference(y, springs, i)
+        store4(e_i, e, j)
+        size[0, j], size[1, j] = dot(e_i, e_i), springs.rest[i]
     zero, cap, bend = splat(0.0), splat(springs.cap), splat(springs.bend)
     for j in range(0, end - begin, 4):
         length, rest = root(load(size, 0, j)), load(size, 1, j)
@@ -231,28 +245,72 @@ def measure(springs, y, begin, end, e, size):
 @kernel
 def add_pullback(springs, y, u, w, s, lam, h, grad, gy, gu):
     # φ = −h k ψ(e),  ψ = (L − L₀) λ·d + (1 − ρ̂) λ·s + ρ̂ (λ·d)(d·s) + β (λ·d)(d·w),  with λ = λ_a − λ_b held fixed.
-    # ∂ρ̂/∂e = −ρ̃ d/L and ∂(p·d)/∂e = (p − (p·d) d)/L for any fixed vector p.
-    beta = springs.damping
-    for i in range(len(springs.rest)):
-        length, inverse, d = axis(springs, y, i)
-        s_i, w_i, l_i = difference(s, springs, i), difference(w, springs, i), difference(lam, springs, i)
-        rho = springs.rest[i] * inverse
-        hat, bent = capped(springs, rho)
-        ld, sd, wd, ls = dot(l_i, d), dot(s_i, d), dot(w_i, d), dot(l_i, s_i)
-        turn = hat * sd + beta * wd
-        grad.stiffness[i] -= h * ((1.0 - rho) * length * ld + (1.0 - hat) * ls + ld * turn)
+    # ∂ρ̂/∂e = −ρ̃ d/L and ∂(p·d)/∂e = (p − (p·d) d)/L for any fixed vector p, so ∂φ/∂e = cl λ + cs s + cw w + ce e.
+    count = len(springs.rest)
+    rows, size = np.empty((4 * TOGETHER, 4)), np.ones((ROWS, TOGETHER))
+    for begin in range(0, count, TOGETHER):
+        end = min(begin + TOGETHER, count)
+        for i in range(begin, end):
+            j, a, b = i - begin, springs.ends[i, 0], springs.ends[i, 1]
+            e_i, s_i = sub(load3(y, a), load3(y, b)), sub(load3(s, a), load3(s, b))
+            w_i, l_i = sub(load3(w, a), load3(w, b)), sub(load3(lam, a), load3(lam, b))
+            store4(e_i, rows, 4 * j)
+            store4(s_i, rows, 4 * j + 1)
+            store4(w_i, rows, 4 * j + 2)
+            store4(l_i, rows, 4 * j + 3)
+            size[EE, j], size[LE, j] = dot(e_i, e_i), dot(l_i, e_i)
+            size[SE, j], size[WE, j] = dot(s_i, e_i), dot(w_i, e_i)
+            size[LS, j], size[REST, j], size[K, j] = dot(l_i, s_i), springs.rest[i], springs.stiffness[i]
+        by_lengths(springs, end - begin, h, size)
+        for i in range(begin, end):
+            j = i - begin
+            grad.stiffness[i] -= size[BY_K, j]
+            g = fma(splat(size[CW, j]), load4(rows, 4 * j + 2), mul(splat(size[CE, j]), load4(rows, 4 * j)))
+            g = fma(splat(size[CL, j]), load4(rows, 4 * j + 3), fma(splat(size[CS, j]), load4(rows, 4 * j + 1), g))
+            add_opposite(gy, springs, i, g)
         if len(grad.damping) > 0:  # β = α/2
-            grad.damping[0] -= 0.5 * h * springs.stiffness[i] * ld * wd
-        if len(grad.rest) > 0 and not pointlike(d):
-            grad.rest[i] += h * springs.stiffness[i] * (ld + (ls - ld * sd) * bent / springs.rest[i])
-        # ∂ψ/∂e = cl λ + cs s + cw w + cd d
-        hk = -h * springs.stiffness[i]
-        cl = hk * ((1.0 - rho) + turn * inverse)
-        cs = hk * (hat * ld * inverse)
-        cw = hk * (beta * ld * inverse)
-        cd = hk * ((bent * ls + rho * length * ld - ld * (turn + turn + bent * sd)) * inverse)
-        g = fma(splat(cl), l_i, fma(splat(cs), s_i, fma(splat(cw), w_i, mul(splat(cd), d))))
-        add_opposite(gy, springs, i, g)
+            for j in range(end - begin):
+                grad.damping[0] -= 0.5 * h * size[K, j] * size[LE, j] * size[WE, j]
+        if len(grad.rest) > 0:
+            for j in range(end - begin):
+                if size[EE, j] > 0.0:  # else it exerts nothing, whatever its rest length
+                    bent = (size[LS, j] - size[LE, j] * size[SE, j]) * size[BENT, j] / size[REST, j]
+                    grad.rest[begin + j] += h * size[K, j] * (size[LE, j] + bent)
+
+
+@kernel
+def by_lengths(springs, count, h, size):
+    """From the products of so many springs' vectors, in the rows of `size`, what depends on their lengths, four at a
+    time: the factors of ∂φ/∂e, what they add to the gradient, ρ̃, and λ·d, s·d, w·d for the products with e.
+    """
+    zero, one, two, three, four = splat(0.0), splat(1.0), splat(2.0), splat(3.0), splat(4.0)
+    cap, bend, beta, step = splat(springs.cap), splat(springs.bend), splat(springs.damping), splat(h)
+    for j in range(0, count, 4):
+        length, rest = root(load(size, EE, j)), load(size, REST, j)
+        inverse = div(one, where_less(zero, length, length, rest))
+        ld, sd = mul(load(size, LE, j), inverse), mul(load(size, SE, j), inverse)
+        wd, ls = mul(load(size, WE, j), inverse), load(size, LS, j)
+        hat = bent = rho = mul(rest, inverse)
+        if springs.bend > 0.0:  # as `capped`
+            left = sub(cap, rho)
+            t = mul(splat(1.0 / springs.bend), left)
+            hat = where_less(left, bend, sub(cap, mul(mul(left, t), sub(two, t))), rho)
+            bent = where_less(left, bend, mul(mul(rho, t), sub(four, mul(three, t))), rho)
+        hat, bent = where_less(cap, rho, cap, hat), where_less(cap, rho, zero, bent)
+        slack, pull = sub(one, rho), mul(length, ld)
+        turn = fma(beta, wd, mul(hat, sd))
+        store(mul(step, fma(mul(slack, length), ld, fma(sub(one, hat), ls, mul(ld, turn)))), size, BY_K, j)
+        hk = mul(sub(zero, step), load(size, K, j))
+        by_length = mul(hk, inverse)
+        store(fma(by_length, turn, mul(hk, slack)), size, CL, j)
+        store(mul(by_length, mul(hat, ld)), size, CS, j)
+        store(mul(by_length, mul(beta, ld)), size, CW, j)
+        along = sub(fma(rho, pull, mul(bent, ls)), mul(ld, fma(bent, sd, add(turn, turn))))
+        store(mul(mul(by_length, inverse), along), size, CE, j)
+        store(ld, size, LE, j)
+        store(sd, size, SE, j)
+        store(wd, size, WE, j)
+        store(bent, size, BENT, j)
 
 
 @kernel

@@ -3,7 +3,7 @@
 An aggregate is a vertex and its neighbours. The coarse values are those of the aggregates, and a vertex takes the mean
 of the values that it and its neighbours have: with P₀ the 0/1 matrix that says which vertex is in which aggregate and N
 the neighbours, a vertex itself among them, P = D_N⁻¹ N P₀. The coarse matrix is Pᵀ A P: sums of blocks, which stay
-symmetric, as the weights are numbers.
+symmetric, as the weights are numbers. Vertices of a level are counted in its order of sweep (`in_places`).
 
 Reference: P. Vaněk, J. Mandel, M. Brezina, Algebraic multigrid by smoothed aggregation for second and fourth order
 elliptic problems, Computing 56, 1996; here the smoothing follows the springs, not the matrix, and is done once.
@@ -19,7 +19,7 @@ from clothfit.base.arrays import Array, Indices
 from clothfit.engine.solve import sparse
 from clothfit.engine.solve.sparse import Pattern
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import fma, load, splat, store
+from clothfit.kernels.lanes.operations import fma8f, index, load8f, splat8f, store8f
 
 MOST_REACHED = 64
 """Coarse vertices that a row may reach before `project` takes more memory."""
@@ -28,45 +28,53 @@ NOTHING: Indices = np.empty(0, np.int32)
 
 
 class Coarsening(NamedTuple):
-    """How a level is made of the next finer one, of n vertices; W weights in all."""
+    """How a level is made of the next finer one, of m vertices; W weights in all."""
 
-    start: Indices  # (n + 1,), vertex i has the weights from start[i] to below start[i + 1]; a fixed one has none
+    start: Indices  # (m + 1,), vertex i has the weights from start[i] to below start[i + 1]
     aggregate: Indices  # (W,), coarse vertices, ascending for each vertex
-    weight: Array  # (W,), they add up to 1 for each free vertex
+    weight: Array  # (W,), they add up to 1 for each vertex
     reach: Indices  # (m,), how many coarse vertices d a row of the finer matrix reaches
     local: Indices  # which of these a weight of the row's own vertex or of a block's belongs to, in that order
     slot: Indices  # coarse slot of each of the row's own aggregates with each of these, −1 on the diagonal
+    begins: Indices  # (3, 2), where in `local` and `slot` each subdomain's rows begin
     pattern: Pattern  # of the coarse matrix
 
 
-def coarsen(pattern: Pattern, n: int) -> Coarsening:
-    """Join vertices, and find where the blocks of the coarse matrix come from."""
+def in_places(pattern: Pattern, n: int) -> Pattern:
+    """The pattern of a matrix of n vertices, of which those with a row are counted in the order of sweep."""
+    place = np.zeros(n, np.int32)
+    place[pattern.order] = np.arange(len(pattern.order))
+    return pattern._replace(order=np.arange(len(pattern.order), dtype=np.int32), column=place[pattern.column])
+
+
+def coarsen(pattern: Pattern) -> Coarsening:
+    """Join vertices, counted in the order of sweep, and find where the blocks of the coarse matrix come from."""
     from scipy.sparse import csr_array
 
+    m = len(pattern.order)
     row = np.repeat(pattern.order, np.diff(pattern.row))
     pairs = np.concatenate([np.stack([row, pattern.column]), np.stack([pattern.column, row])], axis=1)
     both = np.concatenate([pairs, np.stack([pattern.order, pattern.order])], axis=1)
-    near = csr_array((np.ones(both.shape[1]), (both[0], both[1])), shape=(n, n))
-    aggregate = np.full(n, -1, np.int32)
+    near = csr_array((np.ones(both.shape[1]), (both[0], both[1])), shape=(m, m))
+    aggregate = np.full(m, -1, np.int32)
     count = group(pattern.order, near.indptr, near.indices, aggregate)
-    own = np.sort(pattern.order)
-    alone = csr_array((np.ones(len(own)), (own, aggregate[own])), shape=(n, count))
-    P = csr_array(near @ alone)
-    P.sort_indices()
+    P = csr_array(near @ csr_array((np.ones(m), (pattern.order, aggregate)), shape=(m, count)))
     coarse = csr_array(P.T @ near @ P).tocoo()
     above = coarse.row < coarse.col
     ends = np.stack([coarse.row[above], coarse.col[above]], axis=1)
-    made, _ = sparse.pattern(ends, np.ones(count, bool), whole=True)
-    start, weight = P.indptr.astype(np.int32), P.data / np.repeat(np.maximum(near.sum(axis=1), 1.0), np.diff(P.indptr))
+    found, _ = sparse.pattern(ends, np.ones(count, bool), whole=True)
+    P = csr_array(P[:, found.order])
+    P.sort_indices()
+    made = in_places(found, count)
+    start, weight = P.indptr.astype(np.int32), P.data / np.repeat(near.sum(axis=1), np.diff(P.indptr))
     columns = P.indices.astype(np.int32)
-    place = np.zeros(count, np.int32)
-    place[made.order] = np.arange(count)
-    given = (pattern.order, pattern.row, pattern.column), (start, columns), (made.row, made.column, place)
-    reach, most = np.empty(len(pattern.order), np.int32), np.empty(int(start[-1]) + 1, np.int32)
-    found = fill_slots(*given, reach, most, NOTHING, NOTHING)
-    local, slot = np.empty(found[0], np.int32), np.empty(found[1], np.int32)
-    fill_slots(*given, reach, most, local, slot)
-    return Coarsening(start, columns, weight, reach, local, slot, made)
+    given = (pattern.row, pattern.column), (start, columns), (made.row, made.column)
+    reach, most, begins = np.empty(m, np.int32), np.empty(int(start[-1]) + 1, np.int32), np.zeros((m + 1, 2), np.int32)
+    fill_slots(*given, reach, most, NOTHING, NOTHING, begins)
+    local, slot = (np.empty(size, np.int32) for size in begins[-1])
+    fill_slots(*given, reach, most, local, slot, begins)
+    parts = np.ascontiguousarray(begins[np.minimum(pattern.subdomains[:, 0], m)])
+    return Coarsening(start, columns, weight, reach, local, slot, parts, made)
 
 
 @kernel
@@ -98,17 +106,18 @@ def group(order, start, neighbour, aggregate):
 
 
 @kernel
-def fill_slots(fine, P, coarse, reach, reached, local, slot):
-    """Fill `reach`, `local` and `slot`, the last two unless they are empty; returns their lengths. `reached` is memory
-    for the coarse vertices that a row reaches.
+def fill_slots(fine, P, coarse, reach, reached, local, slot, begins):
+    """Fill `reach`, `local` and `slot`, the last two unless they are empty, and where in them each row begins, and the
+    last one ends. `reached` is memory for the coarse vertices that a row reaches.
     """
-    order, row, column = fine
+    row, column = fine
     start, aggregate = P
     entries, places = 0, 0
-    for k in range(len(order)):
-        i, count = order[k], 0
-        for e in range(row[k] - 1, row[k + 1]):
-            j = i if e < row[k] else column[e]
+    for i in range(len(reach)):
+        begins[i, 0], begins[i, 1] = entries, places
+        count = 0
+        for e in range(row[i] - 1, row[i + 1]):
+            j = i if e < row[i] else column[e]
             for b in range(start[j], start[j + 1]):
                 at = 0
                 while at < count and reached[at] != aggregate[b]:
@@ -119,21 +128,21 @@ def fill_slots(fine, P, coarse, reach, reached, local, slot):
                 if len(local) > 0:
                     local[entries] = at
                 entries += 1
-        reach[k] = count
+        reach[i] = count
         for a in range(start[i], start[i + 1]):
             for at in range(count):
                 if len(slot) > 0:
                     slot[places] = slot_of(coarse, aggregate[a], reached[at])
                 places += 1
-    return entries, places
+    begins[len(reach), 0], begins[len(reach), 1] = entries, places
 
 
 @kernel
 def slot_of(coarse, c, d):
     """The slot of the coarse vertices c and d, −1 where they are one."""
-    row, column, place = coarse
-    first, last = (c, d) if place[c] < place[d] else (d, c)
-    for e in range(row[place[first]], row[place[first] + 1]):
+    row, column = coarse
+    first, last = min(c, d), max(c, d)
+    for e in range(row[first], row[first + 1]):
         if column[e] == last:
             return e
     return -1
@@ -142,52 +151,53 @@ def slot_of(coarse, c, d):
 @kernel
 def clear(blocks):
     """blocks = 0."""
-    zero = splat(0.0)
     for k in range(len(blocks)):
-        store(zero, blocks, k, 0)
-        store(zero, blocks, k, 4)
+        store8f(splat8f(0.0), blocks, k, 0)
 
 
 @kernel
-def project(A, coarsening, coarse):
-    """coarse = Pᵀ A P = S + Sᵀ, S = Pᵀ (U + ½ D) P with the blocks U above the diagonal D of A: row by row, first what
-    the row reaches, then that for each of its own aggregates.
+def join(blocks, others):
+    """blocks += others."""
+    for k in range(len(blocks)):
+        add_times(1.0, load8f(others, k, 0), blocks, k)
+
+
+@kernel
+def project(A, s, begin, end, coarsening, coarse):
+    """coarse += what the rows `begin` to below `end` of A, those of subdomain s, add to Pᵀ A P.
+
+    That is S + Sᵀ, S = Pᵀ (U + ½ D) P with the blocks U above the diagonal D of A: row by row, first what the row
+    reaches, then that for each of its own aggregates.
     """
-    start, aggregate, weight, reach, local, slot, _ = coarsening
-    clear(coarse.diagonal)
-    clear(coarse.upper)
-    rows = np.zeros((MOST_REACHED, sparse.BLOCK_SIZE))
-    entry, place = 0, 0
-    for k in range(len(A.order)):
-        i = A.order[k]
-        if reach[k] > len(rows):
-            rows = np.zeros((2 * reach[k], sparse.BLOCK_SIZE))
-        for at in range(reach[k]):
-            store(splat(0.0), rows, at, 0)
-            store(splat(0.0), rows, at, 4)
-        low, high = load(A.diagonal, i, 0), load(A.diagonal, i, 4)
-        for b in range(start[i], start[i + 1]):
-            add_times(0.5 * weight[b], low, high, rows, local[entry])
+    start, aggregate, weight, reach, local, slot, begins, _ = coarsening
+    reached = np.zeros((MOST_REACHED, sparse.BLOCK_SIZE), np.float32)
+    entry, place = begins[s, 0], begins[s, 1]
+    for i in range(begin, end):
+        if reach[i] > len(reached):
+            reached = np.zeros((2 * reach[i], sparse.BLOCK_SIZE), np.float32)
+        for at in range(reach[i]):
+            store8f(splat8f(0.0), reached, at, 0)
+        block = load8f(A.diagonal, i, 0)
+        for b in range(index(start, i), index(start, i + 1)):
+            add_times(0.5 * weight[b], block, reached, index(local, entry))
             entry += 1
-        for e in range(A.row[k], A.row[k + 1]):
-            j = A.column[e]
-            low, high = load(A.upper, e, 0), load(A.upper, e, 4)
-            for b in range(start[j], start[j + 1]):
-                add_times(weight[b], low, high, rows, local[entry])
+        for e in range(index(A.row, i), index(A.row, i + 1)):
+            j = index(A.column, e)
+            block = load8f(A.upper, e, 0)
+            for b in range(index(start, j), index(start, j + 1)):
+                add_times(weight[b], block, reached, index(local, entry))
                 entry += 1
-        for a in range(start[i], start[i + 1]):
-            for at in range(reach[k]):
-                low, high = load(rows, at, 0), load(rows, at, 4)
-                if slot[place] < 0:  # a block and its mirror image
-                    add_times(2.0 * weight[a], low, high, coarse.diagonal, aggregate[a])
+        for a in range(index(start, i), index(start, i + 1)):
+            for at in range(reach[i]):
+                block = load8f(reached, at, 0)
+                if index(slot, place) < 0:  # a block and its mirror image
+                    add_times(2.0 * weight[a], block, coarse.diagonal, index(aggregate, a))
                 else:
-                    add_times(weight[a], low, high, coarse.upper, slot[place])
+                    add_times(weight[a], block, coarse.upper, index(slot, place))
                 place += 1
 
 
 @kernel
-def add_times(factor, low, high, blocks, i):
+def add_times(factor, block, blocks, i):
     """Add a block, times a factor, to block i."""
-    times = splat(factor)
-    store(fma(times, low, load(blocks, i, 0)), blocks, i, 0)
-    store(fma(times, high, load(blocks, i, 4)), blocks, i, 4)
+    store8f(fma8f(splat8f(factor), block, load8f(blocks, i, 0)), blocks, i, 0)

@@ -15,7 +15,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array, aligned
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, fma, load, load3, store, store3, sub, sum3
+from clothfit.kernels.lanes.operations import add, fma, load3, load4, store3, store4, sub, sum3
 
 TERMS = 6
 """Differences that a guess may be the sum of: more gain little at tolerances of 1e-5 to 1e-10."""
@@ -43,9 +43,9 @@ def advance(past, count, x):
     terms = useful(past.sizes, count)
     n = len(x)
     for i in range(n):
-        total = load(past.differences, i, 0)
+        total = load4(past.differences, i)
         for k in range(1, terms):
-            total = add(total, load(past.differences, k * n + i, 0))
+            total = add(total, load4(past.differences, k * n + i))
         store3(total, x, i)
 
 
@@ -57,11 +57,11 @@ def update(past, x):
     for i in range(n):
         new = load3(x, i)
         for k in range(TERMS):
-            store(fma(new, new, load(sizes, k, 0)), sizes, k, 0)
-            old = load(differences, k * n + i, 0)
-            store(new, differences, k * n + i, 0)
+            store4(fma(new, new, load4(sizes, k)), sizes, k)
+            old = load4(differences, k * n + i)
+            store4(new, differences, k * n + i)
             new = sub(new, old)
-        store(fma(new, new, load(sizes, TERMS, 0)), sizes, TERMS, 0)
+        store4(fma(new, new, load4(sizes, TERMS)), sizes, TERMS)
 
 
 @kernel
@@ -73,7 +73,7 @@ def useful(sizes, count):
     known = min(count - 1, TERMS)
     best, least = 1, np.inf
     for k in range(1, known + 1):
-        size = sum3(load(sizes, k, 0))
+        size = sum3(load4(sizes, k))
         if size < least:
             best, least = k, size
     return count if best >= known and count <= TERMS else best

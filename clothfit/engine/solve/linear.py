@@ -43,14 +43,19 @@ class Workspace(NamedTuple):
 
 def workspace(A: BlockMatrix) -> Workspace:
     """Memory for systems with the matrix A, by its pattern."""
-    hierarchy = multigrid.hierarchy(A) if A.joined is None else None
-    return Workspace(cg.workspace(len(A.diagonal) - 1), cg_two_threads.second(A), hierarchy)
+    second = cg_two_threads.second(A)
+    hierarchy = multigrid.hierarchy(A) if second is not None else None
+    return Workspace(cg.workspace(len(A.diagonal) - 1), second, hierarchy)
 
 
 @contextmanager
 def served(A: BlockMatrix, work: Workspace) -> Iterator[None]:
     """Within the block a second thread, where there is one, serves solves with this matrix and workspace."""
-    with cg_two_threads.served(A, work.cg, work.second):
+    if work.hierarchy is not None and work.second is not None:
+        own = cg_multigrid.served(A, work.cg, work.second, work.hierarchy)
+    else:
+        own = cg_two_threads.served(A, work.cg, work.second)
+    with own:
         yield
 
 
@@ -63,7 +68,7 @@ def solve(A, b, tolerance, work, w, anyhow):
     limit = 300 + len(b) // 4  # about the price of a factorisation, from 500 to 10,000 vertices
     iterations, ended = iterate(A, b, tolerance, limit, work.cg, work.second, work.hierarchy, w)
     if ended == cg.INDEFINITE and anyhow:
-        more, ended = minimise(A, b, tolerance, work.cg, work.hierarchy, w)
+        more, ended = minimise(A, b, tolerance, work.cg, work.second, work.hierarchy, w)
         iterations += more
     if ended == cg.CONVERGED:
         return iterations, 0, True
@@ -76,12 +81,12 @@ def solve(A, b, tolerance, work, w, anyhow):
 
 
 @kernel
-def minimise(A, b, tolerance, work, hierarchy, w):
+def minimise(A, b, tolerance, work, second, hierarchy, w):
     """Solve A w = b, A not being positive definite, by minimal residuals where there is a hierarchy; returns what they
     do.
     """
     if hierarchy is not None:
-        return minres.solve(A, b, tolerance, work, hierarchy, w)
+        return minres.solve(A, b, tolerance, work, second.far, hierarchy, w)
     return 0, cg.INDEFINITE
 
 
@@ -92,7 +97,7 @@ def iterate(A, b, tolerance, limit, work, second, hierarchy, w):
     `second` and `hierarchy` are arguments because numba leaves out a branch only where an argument is None.
     """
     if hierarchy is not None:
-        return cg_multigrid.solve(A, b, tolerance, limit, work, hierarchy, w)
+        return cg_multigrid.solve(A, b, tolerance, limit, work, second, hierarchy, w)
     if second is not None:
         return cg_two_threads.solve(A, b, tolerance, limit, work, second, w)
     return cg.solve(A, b, tolerance, limit, work, w)

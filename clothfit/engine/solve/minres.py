@@ -20,12 +20,14 @@ from __future__ import annotations
 
 from math import sqrt
 
+import numpy as np
+
 from clothfit.engine.solve import multigrid, ssor
 from clothfit.engine.solve.cg import CHECK_WITHIN, CONVERGED, INDEFINITE, LIMIT
 from clothfit.engine.solve.cg_multigrid import follow
 from clothfit.engine.solve.sparse import times
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import fma, load, load3, mul, splat, store, sub, sum3
+from clothfit.kernels.lanes.operations import fma, load3, load4, mul, splat, store4, sub, sum3
 
 MOST = 500
 """Iterations: some hundred take as long as a factorisation of a cloth of 256² vertices, in a fifth of its memory."""
@@ -35,35 +37,35 @@ ROUNDING = 1e-14
 
 
 @kernel
-def solve(A, b, tolerance, work, hierarchy, w):
+def solve(A, b, tolerance, work, spare, hierarchy, w):
     """Improve the guess w (n, 3) until |b − A w| ≤ tolerance · |b|, or rounding; returns what `cg.solve` does:
-    INDEFINITE where the preconditioner is not positive definite.
+    INDEFINITE where the preconditioner is not positive definite. `spare` (n, 4) is memory.
     """
     x, r_before, r, product, v, w_old, w_new = work.x, work.r, work.q, work.t, work.p, work.z, work.own
-    whole, fine = A.subdomains[0], hierarchy.levels[0]
+    fine, whole = hierarchy.levels[0], np.array([0, len(A.order)])
     bb = ssor.enter(A, whole, b, w, x, w_new)
     rr = ssor.residual(A, whole, x, w_new, r)
     target = tolerance * tolerance * bb
     if ssor.is_solved(A, rr, bb, target, w):
         return 0, CONVERGED
-    if not multigrid.prepare(A, hierarchy.levels, hierarchy.coarsenings, True):
+    if not multigrid.prepare(A, hierarchy, True):
         return 0, INDEFINITE
     for vector in (r_before, v, w_old, w_new):
         clear(A, vector)
     size = sqrt(rr)
-    square = multigrid.precondition(hierarchy, r, size)
+    square = multigrid.precondition(A, hierarchy, r, size)
     if not square > 0.0:
         return 0, INDEFINITE
     beta, beta_before = sqrt(square), 1.0
     rest, ratio, within = beta, rr / square, CHECK_WITHIN  # of the residual in the norm of M⁻¹
     c, s, above, beyond = -1.0, 0.0, 0.0, 0.0
     for iteration in range(1, MOST + 1):
-        follow(A, size / beta, fine.z, 0.0, v, product)
+        follow(A, size / beta, fine.z, 0.0, v, product, spare)
         alpha = subtract(A, beta / beta_before if iteration > 1 else 0.0, r_before, product, v)
         rr = subtract(A, alpha / beta, r, product, product)
         r_before, r, product = r, product, r_before
         size = sqrt(rr)
-        square = multigrid.precondition(hierarchy, r, size) if rr > 0.0 else 0.0
+        square = multigrid.precondition(A, hierarchy, r, size) if rr > 0.0 else 0.0
         if not square >= 0.0:
             return iteration, INDEFINITE
         beta_before, beta = beta, sqrt(square)
@@ -77,7 +79,7 @@ def solve(A, b, tolerance, work, hierarchy, w):
         w_old, w_new = w_new, w_old
         rest *= s
         if rest * rest * ratio <= within * target or beta == 0.0:
-            rr, rounding = missing(A, b, x, fine.z, product)
+            rr, rounding = missing(A, b, x, fine.z, product, spare)
             if rr <= max(target, rounding):
                 ssor.leave(A, x, w)
                 return iteration, CONVERGED
@@ -91,7 +93,7 @@ def solve(A, b, tolerance, work, hierarchy, w):
 def clear(A, vector):
     """vector = 0."""
     for i in A.order:
-        store(splat(0.0), vector, i, 0)
+        store4(splat(0.0), vector, i)
 
 
 @kernel
@@ -99,9 +101,9 @@ def subtract(A, factor, r, out, other):
     """out −= factor · r; returns out·other, which may be out itself."""
     back, total = splat(-factor), splat(0.0)
     for i in A.order:
-        out_i = fma(back, load(r, i, 0), load(out, i, 0))
-        store(out_i, out, i, 0)
-        total = fma(out_i, load(other, i, 0), total)
+        out_i = fma(back, load4(r, i), load4(out, i))
+        store4(out_i, out, i)
+        total = fma(out_i, load4(other, i), total)
     return sum3(total)
 
 
@@ -110,19 +112,20 @@ def move(A, factors, v, w_old, w_new, phi, x):
     """w_old = f₀ v + f₁ w_old + f₂ w_new, the next direction, and x += φ times that."""
     f0, f1, f2, along = splat(factors[0]), splat(factors[1]), splat(factors[2]), splat(phi)
     for i in A.order:
-        d = fma(f0, load(v, i, 0), fma(f1, load(w_old, i, 0), mul(f2, load(w_new, i, 0))))
-        store(d, w_old, i, 0)
-        store(fma(along, d, load(x, i, 0)), x, i, 0)
+        d = fma(f0, load4(v, i), fma(f1, load4(w_old, i), mul(f2, load4(w_new, i))))
+        store4(d, w_old, i)
+        store4(fma(along, d, load4(x, i)), x, i)
 
 
 @kernel
-def missing(A, b, x, z, out):
-    """|b − A x|², and what of it rounding may be; z is any vector of numbers, `out` becomes A x."""
-    follow(A, 0.0, z, 1.0, x, out)
+def missing(A, b, x, z, out, spare):
+    """|b − A x|², and what of it rounding may be; z is any vector of numbers, `out` becomes A x,
+    `spare` is memory."""
+    follow(A, 0.0, z, 1.0, x, out, spare)
     total, zero, largest = splat(0.0), splat(0.0), splat(0.0)
     for i in A.order:
-        r_i = sub(load3(b, i), load(out, i, 0))
+        r_i = sub(load3(b, i), load4(out, i))
         total = fma(r_i, r_i, total)
-        d_i = times(A.diagonal, i, load(x, i, 0), zero)
+        d_i = times(A.diagonal, i, load4(x, i), zero)
         largest = fma(d_i, d_i, largest)
     return sum3(total), ROUNDING * ROUNDING * sum3(largest)

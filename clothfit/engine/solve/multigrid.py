@@ -3,14 +3,18 @@
 A sweep of Gauss–Seidel carries news from vertex to vertex, so the finer a cloth, the more sweeps; sums over groups of
 vertices carry it far at once. With P from a coarser level to a finer one (`coarsening`), A_c = Pᵀ A P, one cycle
 
-    z = (D + L)⁻¹ r,    z += P A_c⁻¹ Pᵀ (r − A z),    z += (D + Lᵀ)⁻¹ (r − A z)
+    z = (D + Lᵀ)⁻¹ r,    z += P A_c⁻¹ Pᵀ (r − A z),    z += (D + L)⁻¹ (r − A z)
 
 is symmetric and positive definite; A_c⁻¹ is again such a cycle, and on the last level some sweeps of Gauss–Seidel,
 which suffice there because the mass outweighs the springs ever more. For that A itself need not be positive definite,
 only its diagonal blocks: what a sweep leaves of S⁻¹ A, S = A + L D⁻¹ Lᵀ, has no eigenvalue above 1.
 
-All of it is kept in single precision, and computed in double: a cycle takes as long as reading its matrices takes, and
-rounding a preconditioner changes no solution. A right-hand side is scaled to length 1 first, lest it vanish.
+All of it is kept and computed in single precision: rounding a preconditioner changes no solution. A right-hand side is
+scaled to length 1 first, lest it vanish. Levels are in the order of sweep: row k is vertex k.
+
+The rows of the finest level are in subdomains (`sparse.Pattern`), and each function that is given one, s, does its part
+of them: 0 and 1, which two threads may do at once, the separator's before that as 2 and after it as AFTER. Subdomain 1
+adds to memory of its own. Sums are always made in the same order, whoever makes them.
 
 References: as in `coarsening`.
 """
@@ -23,11 +27,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Indices, staggered
-from clothfit.engine.solve import coarsening, sparse, ssor
-from clothfit.engine.solve.coarsening import Coarsening
-from clothfit.engine.solve.sparse import BlockMatrix, Pattern, times
+from clothfit.engine.solve import coarsening, smoothing, sparse
+from clothfit.engine.solve.coarsening import Coarsening, in_places
+from clothfit.engine.solve.sparse import BlockMatrix, Pattern
 from clothfit.kernels.kernel import kernel
-from clothfit.kernels.lanes.operations import add, clear3, fma, load, mul, splat, store, sub, sum3
+from clothfit.kernels.lanes.operations import column, fma, load4, mul, splat, store4, store_column, sum3
 
 LAST_SWEEPS = 4
 """Symmetric sweeps on the coarsest level."""
@@ -35,19 +39,21 @@ LAST_SWEEPS = 4
 KEPT = 2
 """Patterns whose coarsenings are kept: a fit makes workspaces for the same ones again and again."""
 
+AFTER = 3
+"""What of a pass the separator does when both subdomains are done."""
+
 Singles = NDArray[np.float32]
 
 
 class Level(NamedTuple):
-    """A level and the memory of its part of a cycle, (n, 4) each but for the last two, in single precision."""
+    """A level and the memory of its part of a cycle, (n, 4) each but for the last, in single precision."""
 
     A: BlockMatrix  # of single precision as well
     r: Singles
     z: Singles
-    own: Singles  # right-hand sides, which sweeps overwrite
     rest: Singles  # r − A z
+    far: Singles  # what subdomain 1 adds to `rest`, or to the `r` of a coarser level
     inverse: Singles  # (n + 1, 8), D⁻¹
-    whole: Indices  # (2,), all rows as one subdomain
 
 
 class Hierarchy(NamedTuple):
@@ -55,6 +61,7 @@ class Hierarchy(NamedTuple):
 
     levels: tuple[Level, Level, Level]
     coarsenings: tuple[Coarsening, Coarsening]
+    share: BlockMatrix  # of the middle level's matrix: that of subdomain 1
 
 
 _made: list[tuple[Indices, tuple[Coarsening, Coarsening]]] = []
@@ -64,26 +71,32 @@ def hierarchy(A: BlockMatrix) -> Hierarchy | None:
     """Two coarser levels for a matrix, by its pattern, and memory of cycles; None where it is small enough for SSOR."""
     if len(A.order) < sparse.MULTIGRID_FROM:
         return None
-    n = len(A.diagonal) - 1
-    pattern = Pattern(A.order, A.row, A.column, A.subdomains)
+    pattern = in_places(Pattern(A.order, A.row, A.column, A.subdomains), len(A.diagonal) - 1)
     both = next((found for column, found in _made if column is A.column), None)
     if both is None:
-        first = coarsening.coarsen(pattern, n)
-        both = first, coarsening.coarsen(first.pattern, len(first.pattern.order))
+        first = coarsening.coarsen(pattern)
+        both = first, coarsening.coarsen(first.pattern)
         _made.insert(0, (A.column, both))
         del _made[KEPT:]
-    middle, last = (level(each.pattern, len(each.pattern.order)) for each in both)
-    return Hierarchy((level(pattern, n), middle, last), both)
+    fine, middle, last = (level(each) for each in (pattern, both[0].pattern, both[1].pattern))
+    return Hierarchy((fine, middle, last), both, singles_matrix(both[0].pattern))
 
 
-def level(pattern: Pattern, n: int) -> Level:
-    """A level of this pattern for n vertices, and its memory."""
-    r, z, own, rest = (singles(each, n, 4) for each in staggered(4, n, 2))
-    blocks = [singles(each, len(each), sparse.BLOCK_SIZE) for each in (
-        *staggered(2, n + 1, sparse.BLOCK_SIZE // 2), *staggered(1, len(pattern.column) + 1, sparse.BLOCK_SIZE // 2)
-    )]  # fmt: skip
-    matrix: Any = BlockMatrix(*pattern, blocks[0], blocks[2])  # type: ignore[arg-type]
-    return Level(matrix, r, z, own, rest, blocks[1], np.array([0, len(pattern.order)], np.int32))
+def level(pattern: Pattern) -> Level:
+    """A level of this pattern, and its memory."""
+    n = len(pattern.order)
+    vectors = (singles(each, n, 4) for each in staggered(4, n, 2))
+    (inverse,) = staggered(1, n + 1, sparse.BLOCK_SIZE // 2)
+    return Level(singles_matrix(pattern), *vectors, singles(inverse, n + 1, sparse.BLOCK_SIZE))
+
+
+def singles_matrix(pattern: Pattern) -> BlockMatrix:
+    """A matrix of this pattern in single precision, all zero."""
+    blocks: list[Any] = []
+    for count in (len(pattern.order) + 1, len(pattern.column) + 1):
+        (memory,) = staggered(1, count, sparse.BLOCK_SIZE // 2)
+        blocks.append(singles(memory, count, sparse.BLOCK_SIZE))
+    return BlockMatrix(*pattern, *blocks)
 
 
 def singles(memory: Any, *shape: int) -> Singles:
@@ -92,40 +105,74 @@ def singles(memory: Any, *shape: int) -> Singles:
 
 
 @kernel
-def round_to(blocks, out):
-    """out = blocks."""
-    for k in range(len(blocks)):
-        store(load(blocks, k, 0), out, k, 0)
-        store(load(blocks, k, 4), out, k, 4)
+def rows(A, s):
+    """The first row of subdomain s, and the row behind its last."""
+    return A.subdomains[min(s, 2), 0], A.subdomains[min(s, 2), 1]
 
 
 @kernel
-def prepare(A, levels, coarsenings, anyhow):
+def prepare(A, hierarchy, anyhow):
     """Fill the levels from a matrix; False when a diagonal block is not positive definite. `anyhow`: such blocks are
     made so, on each level, by what is added to their diagonals.
     """
-    fine, middle, last = levels
-    round_to(A.diagonal, fine.A.diagonal)
-    round_to(A.upper, fine.A.upper)
-    if not invert(fine, anyhow):
-        return False
-    coarsening.project(fine.A, coarsenings[0], middle.A)
-    if not invert(middle, anyhow):
-        return False
-    coarsening.project(middle.A, coarsenings[1], last.A)
-    return invert(last, anyhow)
+    bad = 0.0
+    for s in (2, 0, 1):
+        bad += prepare_part(A, hierarchy, s, anyhow)
+    return bad == 0.0 and prepare_coarse(hierarchy, anyhow)
 
 
 @kernel
-def invert(at, anyhow):
-    """Fill the inverses of a level; see `prepare`."""
-    if sparse.invert_diagonal(at.A, 1.0, at.inverse):
-        return True
-    if anyhow:
-        for i in at.A.order:
-            lift(at.A.diagonal[i])
-        return sparse.invert_diagonal(at.A, 1.0, at.inverse)
-    return False
+def prepare_part(A, hierarchy, s, anyhow):
+    """The part of subdomain s: its rows on the finest level, and what they add to the next one. Returns how many of its
+    blocks are not positive definite.
+    """
+    fine, middle = hierarchy.levels[0].A, hierarchy.levels[1].A
+    begin, end = rows(A, s)
+    for k in range(begin, end):
+        round_block(A.diagonal, A.order[k], fine.diagonal, k)
+    for e in range(A.row[begin], A.row[end]):
+        round_block(A.upper, e, fine.upper, e)
+    bad = invert(hierarchy.levels[0], begin, end, anyhow)
+    to = hierarchy.share if s == 1 else middle
+    if s > 0:  # 2 comes before 0
+        coarsening.clear(to.diagonal)
+        coarsening.clear(to.upper)
+    coarsening.project(fine, s, begin, end, hierarchy.coarsenings[0], to)
+    return bad
+
+
+@kernel
+def round_block(blocks, i, out, k):
+    """Block k of `out` = block i."""
+    store_column(column(blocks, i, 0), out, k, 0)
+    store_column(column(blocks, i, 4), out, k, 4)
+
+
+@kernel
+def prepare_coarse(hierarchy, anyhow):
+    """The coarser levels, when the parts of all subdomains are there; returns what `prepare` does."""
+    middle, last, share = hierarchy.levels[1], hierarchy.levels[2], hierarchy.share
+    coarsening.join(middle.A.diagonal, share.diagonal)
+    coarsening.join(middle.A.upper, share.upper)
+    if invert(middle, 0, len(middle.A.order), anyhow) > 0.0:
+        return False
+    coarsening.clear(last.A.diagonal)
+    coarsening.clear(last.A.upper)
+    coarsening.project(middle.A, 0, 0, len(middle.A.order), hierarchy.coarsenings[1], last.A)
+    return invert(last, 0, len(last.A.order), anyhow) == 0.0
+
+
+@kernel
+def invert(at, begin, end, anyhow):
+    """Fill the inverses of rows of a level; see `prepare`. Returns how many blocks are not positive definite."""
+    bad = 0.0
+    for k in range(begin, end):
+        if not sparse.invert_block(at.A.diagonal, k, 1.0, at.inverse):
+            if anyhow:
+                lift(at.A.diagonal[k])
+            if not (anyhow and sparse.invert_block(at.A.diagonal, k, 1.0, at.inverse)):
+                bad += 1.0
+    return bad
 
 
 @kernel
@@ -133,10 +180,6 @@ def lift(block):
     """Add twice a bound of its eigenvalues to a block that is not positive definite."""
     xx, xy, xz = block[sparse.XX], block[sparse.XY], block[sparse.XZ]
     yy, yz, zz = block[sparse.YY], block[sparse.YZ], block[sparse.ZZ]
-    minor = xx * yy - xy * xy
-    determinant = xx * (yy * zz - yz * yz) + xy * (xz * yz - xy * zz) + xz * (xy * yz - xz * yy)
-    if xx > 0.0 and minor > 0.0 and determinant > 0.0:
-        return
     more = 2.0 * (abs(xx) + abs(yy) + abs(zz) + 2.0 * (abs(xy) + abs(xz) + abs(yz)))
     block[sparse.XX] += more
     block[sparse.YY] += more
@@ -144,111 +187,68 @@ def lift(block):
 
 
 @kernel
-def precondition(hierarchy, r, size):
+def precondition(A, hierarchy, r, size):
     """levels[0].z = M⁻¹ r / size for r (n, 4) of this length; returns r · M⁻¹ r."""
-    fine, factor, total = hierarchy.levels[0], splat(1.0 / size), splat(0.0)
-    for i in fine.A.order:
-        store(mul(factor, load(r, i, 0)), fine.r, i, 0)
-    cycle(hierarchy.levels, hierarchy.coarsenings)
-    for i in fine.A.order:
-        total = fma(load(r, i, 0), load(fine.z, i, 0), total)
-    return size * sum3(total)
+    for s in (2, 0, 1, AFTER):
+        descend_part(A, hierarchy, s, r, size)
+    coarse_cycle(hierarchy)
+    total = 0.0
+    for s in (2, 0, 1, AFTER):
+        total += ascend_part(A, hierarchy, s, r)
+    return size * total
 
 
 @kernel
-def cycle(levels, coarsenings):
-    """levels[0].z = M⁻¹ levels[0].r."""
-    fine, middle, last = levels
-    descend(fine)
-    restrict(fine, coarsenings[0], middle)
-    descend(middle)
-    restrict(middle, coarsenings[1], last)
-    relax(last)
-    prolong(last, coarsenings[1], middle)
-    ascend(middle)
-    prolong(middle, coarsenings[0], fine)
-    ascend(fine)
+def descend_part(A, hierarchy, s, r, size):
+    """The first sweep over subdomain s, and what it leaves to the middle level."""
+    fine, middle = hierarchy.levels[0], hierarchy.levels[1]
+    begin, end = rows(A, s)
+    if s != AFTER:
+        factor = splat(1.0 / size)
+        for k in range(begin, end):
+            store4(mul(factor, load4(r, A.order[k])), fine.r, k)
+        if s == 2:
+            smoothing.clear(begin, end, fine.far)
+        rest = fine.far if s == 1 else fine.rest
+        smoothing.descend(fine.A, fine.inverse, begin, end, fine.r, fine.z, rest)
+        if s != 2:
+            to = middle.far if s == 1 else middle.r
+            smoothing.clear(0, len(to), to)
+            smoothing.restrict(hierarchy.coarsenings[0], begin, end, rest, to)
+    else:
+        smoothing.gather(begin, end, fine.far, fine.rest)
+        smoothing.restrict(hierarchy.coarsenings[0], begin, end, fine.rest, middle.r)
+        smoothing.gather(0, len(middle.r), middle.far, middle.r)
 
 
 @kernel
-def descend(at):
-    """z = (D + L)⁻¹ r and rest = r − A z, which is −Lᵀ z."""
-    A, r, z, own, rest, inverse, whole = at
-    ssor.copy_rows(A, whole, r, own)
-    ssor.solve_lower(A, whole, inverse, own, z)
-    zero = splat(0.0)
-    for k in range(len(A.order)):
-        total = zero
-        for e in range(A.row[k], A.row[k + 1]):
-            total = times(A.upper, e, load(z, A.column[e], 0), total)
-        store(sub(zero, clear3(total)), rest, A.order[k], 0)
+def coarse_cycle(hierarchy):
+    """The z of the middle level by its r."""
+    _, middle, last = hierarchy.levels
+    count = len(middle.A.order)
+    smoothing.descend(middle.A, middle.inverse, 0, count, middle.r, middle.z, middle.rest)
+    smoothing.clear(0, len(last.r), last.r)
+    smoothing.restrict(hierarchy.coarsenings[1], 0, count, middle.rest, last.r)
+    smoothing.relax(last.A, last.inverse, LAST_SWEEPS, last.r, last.z, last.rest)
+    smoothing.prolong(hierarchy.coarsenings[1], 0, count, last.z, middle.r, middle.z, middle.rest)
+    smoothing.ascend(middle.A, middle.inverse, 0, count, middle.rest, middle.z)
 
 
 @kernel
-def ascend(at):
-    """z = (D + Lᵀ)⁻¹ (r − L z)."""
-    A, r, z, _, rest, inverse, whole = at
-    zero = splat(0.0)
-    ssor.copy_rows(A, whole, r, rest)
-    for k in range(len(A.order)):
-        ssor.push(A, A.row, k, sub(zero, load(z, A.order[k], 0)), rest)
-    for k in range(len(A.order) - 1, -1, -1):
-        i = A.order[k]
-        total = zero
-        for e in range(A.row[k + 1] - 1, A.row[k] - 1, -1):
-            total = times(A.upper, e, load(z, A.column[e], 0), total)
-        store(clear3(times(inverse, i, sub(load(rest, i, 0), total), zero)), z, i, 0)
-
-
-@kernel
-def restrict(fine, coarsening, coarse):
-    """r of the coarse level = Pᵀ rest."""
-    start, aggregate, weight = coarsening.start, coarsening.aggregate, coarsening.weight
-    zero = splat(0.0)
-    for i in range(len(coarse.r)):
-        store(zero, coarse.r, i, 0)
-    for i in fine.A.order:
-        rest = load(fine.rest, i, 0)
-        for a in range(start[i], start[i + 1]):
-            store(fma(splat(weight[a]), rest, load(coarse.r, aggregate[a], 0)), coarse.r, aggregate[a], 0)
-
-
-@kernel
-def prolong(coarse, coarsening, fine):
-    """z += P z of the coarse level."""
-    start, aggregate, weight = coarsening.start, coarsening.aggregate, coarsening.weight
-    for i in fine.A.order:
-        z_i = load(fine.z, i, 0)
-        for a in range(start[i], start[i + 1]):
-            z_i = fma(splat(weight[a]), load(coarse.z, aggregate[a], 0), z_i)
-        store(z_i, fine.z, i, 0)
-
-
-@kernel
-def relax(at):
-    """z = A⁻¹ r, nearly: the result of some symmetric sweeps of Gauss–Seidel from z = 0."""
-    A, r, z, own, rest, inverse, whole = at
-    descend(at)
-    ascend(at)
-    for _ in range(1, LAST_SWEEPS):
-        remainder(A, r, z, own)
-        ssor.solve_lower(A, whole, inverse, own, rest)
-        for i in A.order:
-            store(add(load(z, i, 0), load(rest, i, 0)), z, i, 0)
-        ascend(at)
-
-
-@kernel
-def remainder(A, r, z, out):
-    """out = r − A z."""
-    zero = splat(0.0)
-    for i in A.order:
-        store(load(r, i, 0), out, i, 0)
-    for k in range(len(A.order)):
-        i = A.order[k]
-        less = sub(zero, load(z, i, 0))
-        total = times(A.diagonal, i, less, load(out, i, 0))
-        for e in range(A.row[k], A.row[k + 1]):
-            total = times(A.upper, e, sub(zero, load(z, A.column[e], 0)), total)
-        store(clear3(total), out, i, 0)
-        ssor.push(A, A.row, k, less, out)
+def ascend_part(A, hierarchy, s, r):
+    """What the middle level found and the second sweep, over subdomain s; returns r · z there."""
+    fine, middle = hierarchy.levels[0], hierarchy.levels[1]
+    begin, end = rows(A, s)
+    rest = fine.far if s == 1 else fine.rest
+    if s == AFTER:
+        smoothing.gather(begin, end, fine.far, rest)
+    else:
+        smoothing.prolong(hierarchy.coarsenings[0], begin, end, middle.z, fine.r, fine.z, rest)
+        if s == 2:
+            smoothing.clear(begin, end, fine.far)
+            return 0.0
+    smoothing.ascend(fine.A, fine.inverse, begin, end, rest, fine.z)
+    total = splat(0.0)
+    for k in range(begin, end):
+        total = fma(load4(r, A.order[k]), load4(fine.z, k), total)
+    return sum3(total)

@@ -22,16 +22,17 @@ from clothfit.engine.solve import joined as pairs
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import (
     add,
+    column,
     fma,
-    load,
+    index,
     load3,
     mul,
     splat,
     spread0,
     spread1,
     spread2,
-    store,
     store3,
+    store_column,
     sub,
     xxxy,
     xyzz,
@@ -51,8 +52,8 @@ BLOCK_SIZE = 8
 TWO_THREADS_FROM = 1500
 """Free vertices from which two threads pay: a pass over the rows then takes longer than they need to meet."""
 
-MULTIGRID_FROM = 8000
-"""Free vertices from which multigrid, on one thread, beats SSOR, measured between grids of 64² and 128²."""
+MULTIGRID_FROM = 3000
+"""Free vertices from which multigrid beats SSOR, measured between grids of 40² and 64²."""
 
 
 class BlockMatrix(NamedTuple):
@@ -105,14 +106,14 @@ def sweep(ends: Indices, free: Flags, whole: bool = False) -> tuple[Indices, Ind
     """
     order = np.flatnonzero(free).astype(np.int32)
     m = len(order)
-    if m < TWO_THREADS_FROM:
+    if m < min(TWO_THREADS_FROM, MULTIGRID_FROM):
         return order, np.array([[0, m], [m, m], [m, m]], np.int32)
     place = np.full(len(free), -1)
     place[order] = np.arange(m)
     joined = place[ends[free[ends].all(axis=1)]]
     along = along_bandwidth(joined, m)
     order, joined = order[along], np.argsort(along)[joined]
-    if whole or m >= MULTIGRID_FROM:
+    if whole:
         return order, np.array([[0, m], [m, m], [m, m]], np.int32)
     first = (joined < m // 2).any(axis=1)
     between = np.zeros(m, bool)
@@ -148,11 +149,11 @@ def reset(A, mass):
     """A = the masses (n,) on the diagonal."""
     zero = splat(0.0)
     for e in range(len(A.upper)):
-        store(zero, A.upper, e, 0)
-        store(zero, A.upper, e, 4)
+        store_column(zero, A.upper, e, 0)
+        store_column(zero, A.upper, e, 4)
     for i in range(len(mass)):
-        store(zero, A.diagonal, i, 0)
-        store(zero, A.diagonal, i, 4)
+        store_column(zero, A.diagonal, i, 0)
+        store_column(zero, A.diagonal, i, 4)
         A.diagonal[i, XX] = A.diagonal[i, YY] = A.diagonal[i, ZZ] = mass[i]
     pairs.reset(A.joined)
 
@@ -160,15 +161,15 @@ def reset(A, mass):
 @kernel
 def add_block(blocks, i, low, high):
     """Add to block i its two halves."""
-    store(add(load(blocks, i, 0), low), blocks, i, 0)
-    store(add(load(blocks, i, 4), high), blocks, i, 4)
+    store_column(add(column(blocks, i, 0), low), blocks, i, 0)
+    store_column(add(column(blocks, i, 4), high), blocks, i, 4)
 
 
 @kernel
 def subtract_block(blocks, i, low, high):
     """Subtract from block i its two halves."""
-    store(sub(load(blocks, i, 0), low), blocks, i, 0)
-    store(sub(load(blocks, i, 4), high), blocks, i, 4)
+    store_column(sub(column(blocks, i, 0), low), blocks, i, 0)
+    store_column(sub(column(blocks, i, 4), high), blocks, i, 4)
 
 
 @kernel
@@ -180,9 +181,9 @@ def outer(p, q):
 @kernel
 def times_spread(blocks, i, x0, x1, x2, total):
     """total + B x for block i and a vector whose components fill x0, x1, x2; lane 3 is of no use."""
-    total = fma(load(blocks, i, 0), x0, total)
-    total = fma(load(blocks, i, 5), x1, total)
-    return fma(load(blocks, i, 2), x2, total)
+    total = fma(column(blocks, i, 0), x0, total)
+    total = fma(column(blocks, i, 5), x1, total)
+    return fma(column(blocks, i, 2), x2, total)
 
 
 @kernel
@@ -201,7 +202,7 @@ def multiply(A, x, out):
         x0, x1, x2 = spread0(x_i), spread1(x_i), spread2(x_i)
         total = times_spread(A.diagonal, i, x0, x1, x2, load3(out, i))
         for e in range(A.row[r], A.row[r + 1]):
-            j = A.column[e]
+            j = index(A.column, e)
             total = times(A.upper, e, load3(x, j), total)
             store3(times_spread(A.upper, e, x0, x1, x2, load3(out, j)), out, j)
         store3(total, out, i)
@@ -213,21 +214,26 @@ def invert_diagonal(A, scale, inverse):
     """scale · the inverses of the diagonal blocks (n + 1, 8); False when a block is not positive definite."""
     definite = True
     for r in range(len(A.order)):
-        i = A.order[r]
-        xx, xy, xz = A.diagonal[i, XX], A.diagonal[i, XY], A.diagonal[i, XZ]
-        yy, yz, zz = A.diagonal[i, YY], A.diagonal[i, YZ], A.diagonal[i, ZZ]
-        c0, c1, c2 = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
-        minor = xx * yy - xy * xy
-        determinant = xx * c0 + xy * c1 + xz * c2
-        definite = definite and xx > 0.0 and minor > 0.0 and determinant > 0.0
-        factor = scale / determinant
-        inverse[i, XX] = c0 * factor
-        inverse[i, XY] = inverse[i, XY + 4] = c1 * factor
-        inverse[i, XZ] = c2 * factor
-        inverse[i, YZ] = inverse[i, YZ + 4] = (xy * xz - xx * yz) * factor
-        inverse[i, ZZ] = minor * factor
-        inverse[i, YY] = (xx * zz - xz * xz) * factor
+        definite = invert_block(A.diagonal, A.order[r], scale, inverse) and definite
     return definite
+
+
+@kernel
+def invert_block(blocks, i, scale, inverse):
+    """Block i of `inverse` = scale · the inverse of block i; False when that is not positive definite."""
+    xx, xy, xz = float(blocks[i, XX]), float(blocks[i, XY]), float(blocks[i, XZ])
+    yy, yz, zz = float(blocks[i, YY]), float(blocks[i, YZ]), float(blocks[i, ZZ])
+    c0, c1, c2 = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    minor = xx * yy - xy * xy
+    determinant = xx * c0 + xy * c1 + xz * c2
+    factor = scale / determinant
+    inverse[i, XX] = c0 * factor
+    inverse[i, XY] = inverse[i, XY + 4] = c1 * factor
+    inverse[i, XZ] = c2 * factor
+    inverse[i, YZ] = inverse[i, YZ + 4] = (xy * xz - xx * yz) * factor
+    inverse[i, ZZ] = minor * factor
+    inverse[i, YY] = (xx * zz - xz * xz) * factor
+    return xx > 0.0 and minor > 0.0 and determinant > 0.0
 
 
 def to_scipy(

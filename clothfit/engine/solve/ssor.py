@@ -15,18 +15,20 @@ from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import (
     add,
     clear3,
+    column,
     fma,
+    index,
     lane0,
     lane2,
-    load,
     load3,
+    load4,
     mul,
     splat,
     spread0,
     spread1,
     spread2,
-    store,
     store3,
+    store4,
     sub,
     sum3,
 )
@@ -42,13 +44,13 @@ def omega(A):
     low, high = splat(0.0), splat(0.0)
     for k in range(len(A.order)):
         i = A.order[k]
-        low = add(low, load(A.diagonal, i, 0))
-        high = add(high, load(A.diagonal, i, 4))
+        low = add(low, column(A.diagonal, i, 0))
+        high = add(high, column(A.diagonal, i, 4))
     diagonal = lane0(low) + lane0(high) + lane2(high)
     low, high = splat(0.0), splat(0.0)
     for e in range(len(A.column)):
-        low = add(low, load(A.upper, e, 0))
-        high = add(high, load(A.upper, e, 4))
+        low = add(low, column(A.upper, e, 0))
+        high = add(high, column(A.upper, e, 4))
     q = 1.0 + 2.0 * (lane0(low) + lane0(high) + lane2(high)) / diagonal
     return 2.0 / (1.0 + min(max(q, 1e-5), 1.0) ** 0.2)
 
@@ -64,8 +66,8 @@ def push(A, row, k, y, out):
     """out_j += B y for all blocks B of row k."""
     y0, y1, y2 = spread0(y), spread1(y), spread2(y)
     for e in range(row[k], row[k + 1]):
-        j = A.column[e]
-        store(times_spread(A.upper, e, y0, y1, y2, load(out, j, 0)), out, j, 0)
+        j = index(A.column, e)
+        store4(times_spread(A.upper, e, y0, y1, y2, load4(out, j)), out, j)
 
 
 @kernel
@@ -75,8 +77,8 @@ def gather(A, subdomain, far, own):
     zero = splat(0.0)
     for k in range(len(order)):
         i = order[k]
-        store(add(load(own, i, 0), load(far, i, 0)), own, i, 0)
-        store(zero, far, i, 0)
+        store4(add(load4(own, i), load4(far, i)), own, i)
+        store4(zero, far, i)
 
 
 @kernel
@@ -85,7 +87,7 @@ def copy_rows(A, subdomain, x, out):
     order, _ = rows(A, subdomain)
     for k in range(len(order)):
         i = order[k]
-        store(load(x, i, 0), out, i, 0)
+        store4(load4(x, i), out, i)
 
 
 @kernel
@@ -97,8 +99,8 @@ def enter(A, subdomain, b, w, x, own):
         i = order[k]
         b_i = load3(b, i)
         bb = fma(b_i, b_i, bb)
-        store(b_i, own, i, 0)
-        store(load3(w, i), x, i, 0)
+        store4(b_i, own, i)
+        store4(load3(w, i), x, i)
     return sum3(bb)
 
 
@@ -118,7 +120,7 @@ def leave(A, x, w):
     """w (n, 3) = x."""
     for k in range(len(A.order)):
         i = A.order[k]
-        store3(load(x, i, 0), w, i)
+        store3(load4(x, i), w, i)
 
 
 @kernel
@@ -128,15 +130,15 @@ def residual(A, subdomain, x, own, r):
     rr, zero = splat(0.0), splat(0.0)
     for k in range(len(order)):
         i = order[k]
-        x_i = sub(zero, load(x, i, 0))
+        x_i = sub(zero, load4(x, i))
         x0, x1, x2 = spread0(x_i), spread1(x_i), spread2(x_i)
-        total = times_spread(A.diagonal, i, x0, x1, x2, load(own, i, 0))
+        total = times_spread(A.diagonal, i, x0, x1, x2, load4(own, i))
         for e in range(row[k], row[k + 1]):
-            j = A.column[e]
-            total = sub(total, times(A.upper, e, load(x, j, 0), zero))
-            store(times_spread(A.upper, e, x0, x1, x2, load(own, j, 0)), own, j, 0)
+            j = index(A.column, e)
+            total = sub(total, times(A.upper, e, load4(x, j), zero))
+            store4(times_spread(A.upper, e, x0, x1, x2, load4(own, j)), own, j)
         total = clear3(total)
-        store(total, r, i, 0)
+        store4(total, r, i)
         rr = fma(total, total, rr)
     return sum3(rr)
 
@@ -148,8 +150,8 @@ def solve_lower(A, subdomain, inverse, own, r):
     zero = splat(0.0)
     for k in range(len(order)):
         i = order[k]
-        y = clear3(times(inverse, i, load(own, i, 0), zero))
-        store(y, r, i, 0)
+        y = clear3(times(inverse, i, load4(own, i), zero))
+        store4(y, r, i)
         push(A, row, k, sub(zero, y), own)
 
 
@@ -160,9 +162,9 @@ def weigh(A, subdomain, scale, r, z):
     total, factor, zero = splat(0.0), splat(scale), splat(0.0)
     for k in range(len(order)):
         i = order[k]
-        r_i = load(r, i, 0)
+        r_i = load4(r, i)
         z_i = clear3(times(A.diagonal, i, mul(factor, r_i), zero))
-        store(z_i, z, i, 0)
+        store4(z_i, z, i)
         total = fma(r_i, z_i, total)
     return sum3(total)
 
@@ -174,14 +176,17 @@ def solve_upper(A, subdomain, inverse, kappa, beta, z, p, t, own):
     zero, growth, minus_kappa = splat(0.0), splat(beta), splat(-kappa)
     for k in range(len(order) - 1, -1, -1):
         i = order[k]
-        p_i = fma(growth, load(p, i, 0), load(z, i, 0))
-        store(p_i, p, i, 0)
-        total = zero
+        p_i = fma(growth, load4(p, i), load4(z, i))
+        store4(p_i, p, i)
+        a, b, c = zero, zero, zero  # three sums, since each product of one waits for the last
         for e in range(row[k + 1] - 1, row[k] - 1, -1):  # the nearest vertex, whose t is the newest, last
-            total = times(A.upper, e, load(t, A.column[e], 0), total)
-        t_i = clear3(times(inverse, i, sub(p_i, total), zero))
-        store(t_i, t, i, 0)
-        store(clear3(times(A.diagonal, i, mul(minus_kappa, t_i), p_i)), own, i, 0)
+            t_j = load4(t, index(A.column, e))
+            a = fma(column(A.upper, e, 0), spread0(t_j), a)
+            b = fma(column(A.upper, e, 5), spread1(t_j), b)
+            c = fma(column(A.upper, e, 2), spread2(t_j), c)
+        t_i = clear3(times(inverse, i, sub(p_i, add(add(a, b), c)), zero))
+        store4(t_i, t, i)
+        store4(clear3(times(A.diagonal, i, mul(minus_kappa, t_i), p_i)), own, i)
 
 
 @kernel
@@ -191,10 +196,10 @@ def apply_lower(A, subdomain, inverse, p, t, own, q):
     zero, total = splat(0.0), splat(0.0)
     for k in range(len(order)):
         i = order[k]
-        y = clear3(times(inverse, i, load(own, i, 0), zero))
-        q_i = add(load(t, i, 0), y)
-        store(q_i, q, i, 0)
-        total = fma(load(p, i, 0), q_i, total)
+        y = clear3(times(inverse, i, load4(own, i), zero))
+        q_i = add(load4(t, i), y)
+        store4(q_i, q, i)
+        total = fma(load4(p, i), q_i, total)
         push(A, row, k, sub(zero, y), own)
     return sum3(total)
 
@@ -206,11 +211,11 @@ def advance(A, subdomain, alpha, scale, t, q, x, r, z):
     total, step, back, factor, zero = splat(0.0), splat(alpha), splat(-alpha), splat(scale), splat(0.0)
     for k in range(len(order)):
         i = order[k]
-        store(fma(step, load(t, i, 0), load(x, i, 0)), x, i, 0)
-        r_i = fma(back, load(q, i, 0), load(r, i, 0))
-        store(r_i, r, i, 0)
+        store4(fma(step, load4(t, i), load4(x, i)), x, i)
+        r_i = fma(back, load4(q, i), load4(r, i))
+        store4(r_i, r, i)
         z_i = clear3(times(A.diagonal, i, mul(factor, r_i), zero))
-        store(z_i, z, i, 0)
+        store4(z_i, z, i)
         total = fma(r_i, z_i, total)
     return sum3(total)
 
@@ -222,8 +227,8 @@ def squared_residual(A, subdomain, scale, r, own):
     total, factor = splat(0.0), splat(scale)
     for k in range(len(order)):
         i = order[k]
-        r_i = load(r, i, 0)
-        sum_i = clear3(times(A.diagonal, i, mul(factor, r_i), load(own, i, 0)))
+        r_i = load4(r, i)
+        sum_i = clear3(times(A.diagonal, i, mul(factor, r_i), load4(own, i)))
         total = fma(sum_i, sum_i, total)
         push(A, row, k, r_i, own)
     return sum3(total)
@@ -235,4 +240,4 @@ def clear(A, subdomain, own):
     order, _ = rows(A, subdomain)
     zero = splat(0.0)
     for k in range(len(order)):
-        store(zero, own, order[k], 0)
+        store4(zero, own, order[k])

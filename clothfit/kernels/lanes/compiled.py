@@ -40,11 +40,13 @@ class LanesModel(models.PrimitiveModel):
         super().__init__(manager, kind, QUAD)
 
 
-def place(context: Any, builder: Any, kind: Any, array: Any, i: Any, j: Any) -> Any:
-    """Address of a[i, j] in an array (n, m) whose rows lie behind one another."""
+def place(context: Any, builder: Any, kind: Any, array: Any, i: Any, j: Any, columns: int | None = None) -> Any:
+    """Address of a[i, j] in an array (n, m) whose rows lie behind one another; `columns`, m where it is known, save a
+    multiplication.
+    """
     a = context.make_array(kind)(context, builder, array)
-    columns = cgutils.unpack_tuple(builder, a.shape)[1]
-    return builder.gep(a.data, [builder.add(builder.mul(i, columns), j)])
+    m = cgutils.unpack_tuple(builder, a.shape)[1] if columns is None else i.type(columns)
+    return builder.gep(a.data, [builder.add(builder.mul(i, m), j)])
 
 
 def read(builder: Any, address: Any, kind: Any) -> Any:
@@ -69,30 +71,64 @@ def is_single(kind: Any) -> bool:
     return bool(kind.dtype == types.float32)
 
 
-@intrinsic
-def load(_context: Any, a: Any, i: Any, j: Any) -> Code:
-    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        address = place(context, builder, signature.args[0], *values)
-        if is_single(signature.args[0]):
+def loads(columns: int | None = None, whole: bool = False) -> Any:
+    """A function that reads a[i, j …], where `whole` a[i], of an array with so many columns where they are given."""
+
+    def read_lanes(context: Any, builder: Any, kind: Any, values: Any) -> Any:
+        address = place(context, builder, kind, *values, columns)
+        if is_single(kind):
             singles = builder.load(builder.bitcast(address, SINGLES.as_pointer()), align=ALIGNED // 2)
             return builder.fpext(singles, QUAD)
         return read(builder, address, QUAD)
 
-    return LANES(a, types.intp, types.intp), code
+    @intrinsic
+    def load(_context: Any, a: Any, i: Any, j: Any) -> Code:
+        def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            return read_lanes(context, builder, signature.args[0], values)
+
+        return LANES(a, types.intp, types.intp), code
+
+    @intrinsic
+    def load_row(_context: Any, a: Any, i: Any) -> Code:
+        def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            return read_lanes(context, builder, signature.args[0], [*values, values[1].type(0)])
+
+        return LANES(a, types.intp), code
+
+    return load_row if whole else load
 
 
-@intrinsic
-def store(_context: Any, v: Any, a: Any, i: Any, j: Any) -> Code:
-    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        address = place(context, builder, signature.args[1], *values[1:])
-        if is_single(signature.args[1]):
-            singles = builder.fptrunc(values[0], SINGLES)
+def stores(columns: int | None = None, whole: bool = False) -> Any:
+    """A function that writes a[i, j …], where `whole` a[i]."""
+
+    def write_lanes(context: Any, builder: Any, kind: Any, v: Any, values: Any) -> Any:
+        address = place(context, builder, kind, *values, columns)
+        if is_single(kind):
+            singles = builder.fptrunc(v, SINGLES)
             builder.store(singles, builder.bitcast(address, SINGLES.as_pointer()), align=ALIGNED // 2)
         else:
-            write(builder, values[0], address)
+            write(builder, v, address)
         return context.get_dummy_value()
 
-    return types.void(LANES, a, types.intp, types.intp), code
+    @intrinsic
+    def store(_context: Any, v: Any, a: Any, i: Any, j: Any) -> Code:
+        def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            return write_lanes(context, builder, signature.args[1], values[0], values[1:])
+
+        return types.void(LANES, a, types.intp, types.intp), code
+
+    @intrinsic
+    def store_row(_context: Any, v: Any, a: Any, i: Any) -> Code:
+        def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            return write_lanes(context, builder, signature.args[1], values[0], [*values[1:], values[2].type(0)])
+
+        return types.void(LANES, a, types.intp), code
+
+    return store_row if whole else store
+
+
+load, load4, column = loads(), loads(4, whole=True), loads(8)
+store, store4, store_column = stores(), stores(4, whole=True), stores(8)
 
 
 @intrinsic
@@ -234,6 +270,29 @@ def clear3(_context: Any, v: Any) -> Code:
         return shuffled(builder, values[0], ir.Constant(QUAD, [0.0] * 4), [0, 1, 2, 7])
 
     return LANES(LANES), code
+
+
+@intrinsic
+def index(_context: Any, a: Any, i: Any) -> Code:
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        array, i = values
+        start = context.make_array(signature.args[0])(context, builder, array).data
+        return builder.sext(builder.load(builder.gep(start, [i])), i.type)
+
+    return types.intp(a, types.intp), code
+
+
+@intrinsic
+def prefetch(_context: Any, a: Any, i: Any) -> Code:
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        address = place(context, builder, signature.args[0], *values, values[1].type(0), 8)
+        byte = ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [byte, INDEX, INDEX, INDEX])
+        called = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        builder.call(called, [builder.bitcast(address, byte), INDEX(1), INDEX(3), INDEX(1)])  # to be written, soon; data
+        return context.get_dummy_value()
+
+    return types.void(a, types.intp), code
 
 
 @intrinsic

@@ -15,6 +15,17 @@ def store(v, a, i, j):
     a[i, j : j + 4] = v
 
 
+column, store_column = load, store
+
+
+def load4(a, i):
+    return load(a, i, 0)
+
+
+def store4(v, a, i):
+    store(v, a, i, 0)
+
+
 def load3(a, i):
     return np.array([a[i, 0], a[i, 1], a[i, 2], 0.0])
 
@@ -113,6 +124,14 @@ def zyyz(v):
 
 def zxyy(v):
     return v[[2, 0, 1, 1]]
+
+
+def index(a, i):
+    return int(a[i])
+
+
+def prefetch(a, i):
+    pass
 
 
 def read_shared(a, i):
