@@ -1,13 +1,14 @@
 """Print what the second thread of a solve gains in a fit: `python benchmarks/two_threads.py [SIDE …]`, else 40 64 88.
 
-Grids of SIDE² vertices (`grids.py`), between the 1,500 from which the rows of a solve are shared by two threads and the
-8,000 from which multigrid takes over. Each is fitted, one stiffness per spring, to its own motion, from stiffnesses a
-third too large, with a few evaluations: all of `estimate`, by `--method`. The default method also solves dense systems,
-whose time the second thread does not change; with l-bfgs-b nearly all is steps and gradients. The fit runs in turn with
-the second thread and without (NUMBA_NUM_THREADS=1, read at every solve) in one process on two cores, compiled
-beforehand. Seconds are medians over the rounds. `gain` is the time without over the time with, the median of the ratios
-within each round, and beside it the least and the largest; both results must be the same to the last bit. The load in
-the heading counts other programs: where it is above 0.5, the second core is not free and the gain comes out too low.
+Grids of SIDE² vertices (`grids.py`), of the 1,500 or more from which the rows of a solve are shared by two threads;
+from 3,000 on the solves are those of multigrid. Each is fitted, one stiffness per spring, to its own motion, from
+stiffnesses a third too large, with a few evaluations: all of `estimate`, by `--method`. The default method also solves
+dense systems, whose time the second thread does not change; with l-bfgs-b nearly all is steps and gradients. The fit
+runs in turn with the second thread and without (NUMBA_NUM_THREADS=1, read at every solve) in one process on two cores,
+compiled beforehand. Seconds are medians over the rounds. `gain` is the time without over the time with, the median of
+the ratios within each round, and beside it the least and the largest; both results must be the same to the last bit.
+The load in the heading counts other programs: where it is above 0.5, the second core is not free and the gain comes out
+too low.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Four, eight or sixteen numbers of single precision at once: each function is what its name says, compiled and with NumPy."""
+"""Several numbers of single precision at once: each function is what its name says, compiled and with NumPy."""
 
 from functools import cache
 

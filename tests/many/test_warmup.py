@@ -173,7 +173,7 @@ def test_a_strip_can_be_called_large_and_very_large():
         with called(large, very):
             work = implicit.workspace(build(strip_scene(), 0)).solver
         found.append((work.second is not None, work.hierarchy is not None))
-    assert found == [(False, False), (True, False), (False, True)]  # a very large cloth is one thread's work
+    assert found == [(False, False), (True, False), (True, True)]
     assert sparse.TWO_THREADS_FROM < sparse.MULTIGRID_FROM < NEVER  # as before
 
 

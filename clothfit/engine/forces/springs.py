@@ -57,7 +57,6 @@ TOGETHER = 64
 four at a time, and not one after the other.
 """
 
-
 FEW = 10_000
 """Springs whose blocks stay in the caches; those of more are fetched ahead of their turn."""
 

@@ -37,7 +37,7 @@ class Workspace(NamedTuple):
     """Memory of the solver. None is a type of its own, so small cloths need not compile what serves large ones."""
 
     cg: cg.Workspace
-    second: cg_two_threads.Second | None  # of large cloths
+    second: cg_two_threads.Second | None  # of large and very large cloths
     hierarchy: multigrid.Hierarchy | None  # of very large ones
 
 

@@ -120,7 +120,8 @@ def move(A, factors, v, w_old, w_new, phi, x):
 @kernel
 def missing(A, b, x, z, out, spare):
     """|b − A x|², and what of it rounding may be; z is any vector of numbers, `out` becomes A x,
-    `spare` is memory."""
+    `spare` is memory.
+    """
     follow(A, 0.0, z, 1.0, x, out, spare)
     total, zero, largest = splat(0.0), splat(0.0), splat(0.0)
     for i in A.order:

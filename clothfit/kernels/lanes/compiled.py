@@ -289,7 +289,8 @@ def prefetch(_context: Any, a: Any, i: Any) -> Code:
         byte = ir.IntType(8).as_pointer()
         kind = ir.FunctionType(ir.VoidType(), [byte, INDEX, INDEX, INDEX])
         called = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-        builder.call(called, [builder.bitcast(address, byte), INDEX(1), INDEX(3), INDEX(1)])  # to be written, soon; data
+        to_write, near, data = INDEX(1), INDEX(3), INDEX(1)
+        builder.call(called, [builder.bitcast(address, byte), to_write, near, data])
         return context.get_dummy_value()
 
     return types.void(a, types.intp), code
