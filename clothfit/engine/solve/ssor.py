@@ -178,13 +178,10 @@ def solve_upper(A, subdomain, inverse, kappa, beta, z, p, t, own):
         i = order[k]
         p_i = fma(growth, load4(p, i), load4(z, i))
         store4(p_i, p, i)
-        a, b, c = zero, zero, zero  # three sums, since each product of one waits for the last
+        total = zero
         for e in range(row[k + 1] - 1, row[k] - 1, -1):  # the nearest vertex, whose t is the newest, last
-            t_j = load4(t, index(A.column, e))
-            a = fma(column(A.upper, e, 0), spread0(t_j), a)
-            b = fma(column(A.upper, e, 5), spread1(t_j), b)
-            c = fma(column(A.upper, e, 2), spread2(t_j), c)
-        t_i = clear3(times(inverse, i, sub(p_i, add(add(a, b), c)), zero))
+            total = times(A.upper, e, load4(t, index(A.column, e)), total)
+        t_i = clear3(times(inverse, i, sub(p_i, total), zero))
         store4(t_i, t, i)
         store4(clear3(times(A.diagonal, i, mul(minus_kappa, t_i), p_i)), own, i)
 
