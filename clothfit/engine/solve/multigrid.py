@@ -85,9 +85,9 @@ def hierarchy(A: BlockMatrix) -> Hierarchy | None:
 def level(pattern: Pattern) -> Level:
     """A level of this pattern, and its memory."""
     n = len(pattern.order)
-    vectors = (singles(each, n, 4) for each in staggered(4, n, 2))
+    r, z, rest, far = (singles(each, n, 4) for each in staggered(4, n, 2))
     (inverse,) = staggered(1, n + 1, sparse.BLOCK_SIZE // 2)
-    return Level(singles_matrix(pattern), *vectors, singles(inverse, n + 1, sparse.BLOCK_SIZE))
+    return Level(singles_matrix(pattern), r, z, rest, far, singles(inverse, n + 1, sparse.BLOCK_SIZE))
 
 
 def singles_matrix(pattern: Pattern) -> BlockMatrix:

@@ -40,7 +40,7 @@ class LanesModel(models.PrimitiveModel):
         super().__init__(manager, kind, QUAD)
 
 
-def place(context: Any, builder: Any, kind: Any, array: Any, i: Any, j: Any, columns: int | None = None) -> Any:
+def place(context: Any, builder: Any, kind: Any, array: Any, i: Any, j: Any, *, columns: int | None = None) -> Any:
     """Address of a[i, j] in an array (n, m) whose rows lie behind one another; `columns`, m where it is known, save a
     multiplication.
     """
@@ -75,7 +75,7 @@ def loads(columns: int | None = None, whole: bool = False) -> Any:
     """A function that reads a[i, j …], where `whole` a[i], of an array with so many columns where they are given."""
 
     def read_lanes(context: Any, builder: Any, kind: Any, values: Any) -> Any:
-        address = place(context, builder, kind, *values, columns)
+        address = place(context, builder, kind, *values, columns=columns)
         if is_single(kind):
             singles = builder.load(builder.bitcast(address, SINGLES.as_pointer()), align=ALIGNED // 2)
             return builder.fpext(singles, QUAD)
@@ -102,7 +102,7 @@ def stores(columns: int | None = None, whole: bool = False) -> Any:
     """A function that writes a[i, j …], where `whole` a[i]."""
 
     def write_lanes(context: Any, builder: Any, kind: Any, v: Any, values: Any) -> Any:
-        address = place(context, builder, kind, *values, columns)
+        address = place(context, builder, kind, *values, columns=columns)
         if is_single(kind):
             singles = builder.fptrunc(v, SINGLES)
             builder.store(singles, builder.bitcast(address, SINGLES.as_pointer()), align=ALIGNED // 2)
@@ -285,7 +285,7 @@ def index(_context: Any, a: Any, i: Any) -> Code:
 @intrinsic
 def prefetch(_context: Any, a: Any, i: Any) -> Code:
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        address = place(context, builder, signature.args[0], *values, values[1].type(0), 8)
+        address = place(context, builder, signature.args[0], values[0], values[1], values[1].type(0), columns=8)
         byte = ir.IntType(8).as_pointer()
         kind = ir.FunctionType(ir.VoidType(), [byte, INDEX, INDEX, INDEX])
         called = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")

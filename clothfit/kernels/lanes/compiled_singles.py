@@ -48,7 +48,7 @@ def loads(width: int, columns: int | None = None) -> Any:
     @intrinsic
     def load(_context: Any, a: Any, i: Any, j: Any) -> Code:
         def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            address = place(context, builder, signature.args[0], *values, columns)
+            address = place(context, builder, signature.args[0], *values, columns=columns)
             return builder.load(builder.bitcast(address, vector(width).as_pointer()), align=ALIGNED)
 
         return kind(a, types.intp, types.intp), code
@@ -63,7 +63,7 @@ def stores(width: int, columns: int | None = None) -> Any:
     @intrinsic
     def store(_context: Any, v: Any, a: Any, i: Any, j: Any) -> Code:
         def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            address = place(context, builder, signature.args[1], *values[1:], columns)
+            address = place(context, builder, signature.args[1], *values[1:], columns=columns)
             builder.store(values[0], builder.bitcast(address, vector(width).as_pointer()), align=ALIGNED)
             return context.get_dummy_value()
 
@@ -79,7 +79,7 @@ def spreads(width: int, columns: int | None = None) -> Any:
     @intrinsic
     def spread(_context: Any, a: Any, i: Any, j: Any) -> Code:
         def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            address = place(context, builder, signature.args[0], *values, columns)
+            address = place(context, builder, signature.args[0], *values, columns=columns)
             return everywhere(builder, builder.load(address), width)
 
         return kind(a, types.intp, types.intp), code
