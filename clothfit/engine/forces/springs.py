@@ -305,7 +305,7 @@ def by_lengths(springs, count, h, size):
         store(mul(by_length, mul(hat, ld)), size, CS, j)
         store(mul(by_length, mul(beta, ld)), size, CW, j)
         along = sub(fma(rho, pull, mul(bent, ls)), mul(ld, fma(bent, sd, add(turn, turn))))
-        store(mul(mul(by_length, inverse), along), size, CE, j)
+        store(mul(by_length, mul(inverse, along)), size, CE, j)  # 1/L² of tiny scenes overflows
         store(ld, size, LE, j)
         store(sd, size, SE, j)
         store(wd, size, WE, j)
