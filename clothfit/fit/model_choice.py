@@ -25,7 +25,7 @@ from clothfit.optimise.search import Search
 from clothfit.optimise.status import Rung, Status, Stop
 from clothfit.scene.fit_vector import parameters, with_parameters
 from clothfit.strategy import ladder
-from clothfit.strategy.auto import is_explained
+from clothfit.strategy.trajectory_fit import is_explained
 
 KEPT_OUT = 0.25
 """Share of the frames that judges the models where the user keeps nothing out."""

@@ -19,7 +19,6 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.objective.objective import Objective
-from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import momentum
 from clothfit.optimise.checkpoint import State
 from clothfit.optimise.scan import is_large, scan, scannable
@@ -36,9 +35,11 @@ from clothfit.strategy.trajectory_fit import (
     by_gauss_newton,
     first_frames,
     go_on,
+    is_explained,
     is_far,
     is_long,
     is_near,
+    may_explain,
 )
 
 ACCURATE = 3e-4
@@ -75,7 +76,7 @@ def find(
     `wanted` it is known that no values reproduce the target, and which models are left to try.
     """
     if wanted is not None:
-        return by_ladder(search, tau, [], wanted)
+        return by_single_values(search, tau) or by_ladder(search, tau, [], wanted)
     early = first_frames(search.objective)
     exact = []
     if balances_can_hold(search, start, early):
@@ -142,23 +143,29 @@ def by_ladder(
         ladder.by_nudging(search, models[0])
     if not search.rungs:
         search.rungs.append(ladder.reached(search, models[0]))
-    if is_far(search) or (not is_near(search) and not is_explained(search)):
+    if is_far(search) or too_many(search) or (not is_near(search) and not is_explained(search)):
         if not search.is_settled:
             search(search.y)  # its gradient says whether this is a minimum
         return search.verdict()
     return by_gauss_newton(search, search.best.p, search.best.p, tau, windows=False)
 
 
-def is_explained(search: Search) -> bool:
-    """Whether what is left at the best point is noise."""
-    test = residual_test(search.objective, search.best.p)
-    return test is None or test.is_noise
+def by_single_values(search: Search, tau: float | None) -> Status | None:
+    """Fit single values at once where coarser ones leave more than noise and they may leave no more; None where they
+    cannot reproduce the target. Raises Stop.
+    """
+    if ladder.model_of(search.objective.scene) != "L" or too_many(search) or not may_explain(search, tau):
+        return None
+    try:
+        return by_gauss_newton(search, search.best.p, search.best.p, tau, watched=True)
+    except ModelDiffers:
+        return None
 
 
 def too_many(search: Search) -> bool:
-    """Whether so many values are fitted one by one that a long fit has no dense model."""
+    """Whether so many values are fitted one by one that their fit has no dense model."""
     operations = Trajectory(search, search.objective).operations()
-    return is_long(search) and operations > LARGEST and any(block.mode == "L" for block in search.objective.blocks)
+    return operations > LARGEST and any(block.mode == "L" for block in search.objective.blocks)
 
 
 def by_momentum(

@@ -34,7 +34,7 @@ from clothfit.strategy import first_windows, ladder
 from clothfit.strategy.auto import balances_can_hold
 from clothfit.strategy.few_values import FEW_VALUES
 from clothfit.strategy.time_step import ROUNDING, Step, frame_interval, step_error, with_substeps
-from clothfit.strategy.trajectory_fit import first_frames, is_near
+from clothfit.strategy.trajectory_fit import first_frames, is_near, may_explain
 
 HIDDEN = 0.3
 """Error of a step relative to that of the fit, below which twice the steps could lower that by 5 % at most."""
@@ -94,6 +94,7 @@ class Trial:
         self.looked, self.shows = False, False  # whether there is such a window, and the error of the step in it
         self.fitted = False  # whether all frames were
         self.ended = False  # by the user or the time
+        self.explains = False  # whether single values by this step may leave nothing but noise
         self.alone = False  # whether a trial of finer steps would take too long
 
     @property
@@ -125,6 +126,8 @@ class Trial:
         scene = window.scene.with_step(window.scene.delta, window.steps + 1)
         error = step_error(scene, self.p)
         self.shows = error > HIDDEN * self.early_rmse and not is_noise(window, self.p)
+        if not (self.count or self.alone) and ladder.model_of(scene) == "L":
+            self.explains = may_explain(self.search, None)
 
     def _takes_long(self) -> bool:
         """Whether a trial of finer steps would take too long, by the seconds of a simulation."""
@@ -209,7 +212,7 @@ class Trials:
         """The first step whose error does not show in the first window, or that half of it does not improve."""
         trial = self.begin(0, start)
         trial.look()
-        while self.left and trial.shows and not trial.alone:
+        while self.left and trial.shows and not (trial.alone or trial.explains):
             finer = self.begin(self.left.pop(0), trial.p)
             finer.look()
             pays = is_near(finer.search) or finer.early_rmse < (1.0 - PAYS) * trial.early_rmse
@@ -220,6 +223,8 @@ class Trials:
 
     def by_fits(self, best: Trial) -> Trial:
         """The step, from one that a look has found, after which finer ones do not pay for all frames either."""
+        if best.explains:
+            return best
         trial, before, gain = best, np.inf, ALLOWED if self.several else 0.0
         while True:
             if not (trial.fitted or trial.ended):
@@ -248,7 +253,7 @@ def chosen(
     return Stepped(
         best.objective, best.count, best.search.best.p, best.search.best.cost,
         tuple(each.step for each in trials.made), sum(each.search.budget.evaluations for each in trials.made),
-        is_enough(best.search), best.search.is_settled, best.fitted,
+        best.explains or is_enough(best.search), best.search.is_settled, best.fitted,
     )  # fmt: skip
 
 

@@ -3,6 +3,10 @@
 Near the start of a motion the cost is smooth in the parameters; later that of a windy cloth is chaotic. Stages before
 the last one solve the linear systems loosely and end early. Each stage uses the dense model where that is small enough,
 else the matrix-free method, else L-BFGS-B.
+
+Where what a window finds makes the whole motion worse, small differences grow along it: a compressed cloth buckles one
+way or the other, and its steps switch their form. Then springs pull the whole motion to its target, strongly, and then
+weakly (`pulls`): such a motion forgets what was wrong before, and hardly ever takes another form than the target's.
 """
 
 from __future__ import annotations
@@ -21,10 +25,11 @@ from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import matrix_free, scipy_methods
 from clothfit.optimise.checkpoint import State
 from clothfit.optimise.gauss_newton import PATIENT, SMALL, Patience, minimise
-from clothfit.optimise.priors.prior import Prior, none
+from clothfit.optimise.priors.prior import FIRST_TAU, Prior, none
 from clothfit.optimise.search import SAME_POINT, Descent, Search
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import LARGEST, Trajectory
+from clothfit.strategy.pulls import can_nudge, nudged
 
 NEAR_ERROR = 2e-3
 """Error relative to how far the target moves, below which all frames are fitted at once."""
@@ -60,6 +65,14 @@ LONG_POSITIONS = 100_000
 """Compared positions from which on a fit saves time: it tries the balances of momentum on a few frames before it solves
 those of all, has looser stages before the last one, and ends early where the motion stays far from its target.
 """
+
+PULLS, PULLED_ITERATIONS = (3.0, 0.3), 12
+"""ω of the springs that pull motions to their target, in radians per frame, one after the other; and the iterations of
+Gauss–Newton with each.
+"""
+
+LOOK_FRAMES = 30
+"""Steps after the first that shows something, in which a look finds whether single values may explain a target."""
 
 STAGE_PATIENCE = Patience(4, 1e-2, 1e-3)
 """Of a long fit before its last stage."""
@@ -119,12 +132,46 @@ def resumed_prior(search: Search, state: State, tau: float | None) -> Prior:
     return replace(prior, tau=state.tau)
 
 
+class Route(NamedTuple):
+    """Stages that are left, and where they begin."""
+
+    stages: list[Stage]
+    y: Array  # (Q,)
+    prior: Prior
+
+
 def by_stages(search: Search, descent: Descent, parts: Sequence[Stage], watched: bool = False) -> Status:
-    """Gauss–Newton through all stages; the best point of the search is never worse than before. Raises Stop, and
-    ModelDiffers where it is `watched`.
+    """Gauss–Newton through all stages, and where they go astray through motions that are pulled; the best point of the
+    search is never worse than before. Raises Stop, and ModelDiffers where it is `watched`.
     """
-    best, y, prior, status = search.best, descent.y, descent.prior, Status.STALLED
-    for stage in parts:
+    routes, status = [Route(list(parts), descent.y, descent.prior)], Status.STALLED
+    may_turn = bool(parts) and may_pull(search)
+    while routes:
+        route, before = routes.pop(0), search.best.p
+        ended, astray = along(search, descent, route, watched, may_turn)
+        descent = descent._replace(radius=0.0, window=0)
+        if search.best.p is not before or status == Status.STALLED:
+            status = ended
+        if astray is not None:
+            last, may_turn = [parts[-1]], False
+            found = pulled(search, descent.prior) if not watched or may_explain(search, None) else None
+            if watched and found is None:
+                raise ModelDiffers
+            routes = [*(Route(last, y, prior) for y, prior in found or []), *([astray] if astray.stages else [])]
+        elif routes and is_explained(search):
+            break
+    search.best.follow(None)
+    return Status.STALLED if status == Status.CONVERGED and search.on_plateau() else status
+
+
+def along(
+    search: Search, descent: Descent, route: Route, watched: bool, may_turn: bool
+) -> tuple[Status, Route | None]:
+    """The stages of a route; how the last one ended, and what is left of the route where it goes astray and `may_turn`:
+    the whole motion is worse with what a window finds, or more than noise is left. Raises as `by_stages`.
+    """
+    best, y, prior, status = search.best, route.y, route.prior, Status.STALLED
+    for number, stage in enumerate(route.stages):
         part, whole = Trajectory(search, stage.objective), stage.objective is search.objective
         prior = prior if descent.radius else prior.reopened()  # a stage that is resumed has begun with its own
         search.enter("gauss-newton", stage.objective)
@@ -134,27 +181,95 @@ def by_stages(search: Search, descent: Descent, parts: Sequence[Stage], watched:
         resumed = descent.radius or descent.window == stage.objective.frames  # it began before its best point was found
         if best.descent and not resumed:
             best.follow(best.descent._replace(before=best.p, before_cost=best.cost))
-        if part.operations() <= LARGEST and part.fits():
-            found, learned, status = by_dense_model(part, stage, y, prior, descent.radius or None)
-            if whole or is_better(search, found, y):
-                y, prior = found, learned
-            descent = descent._replace(radius=0.0, window=0)
-            if not whole and stage.objective.steps == search.objective.steps and is_far(search):
-                break
-            last = len(parts) < 2 or stage is parts[-2]
-            if watched and not whole and differs(stage, search.parameters(found), status, last):
-                raise ModelDiffers
-        elif matrix_free.fits(part):
-            search.enter("matrix-free", stage.objective)
-            y, status = matrix_free.minimise(part, y, prior, whole)
-        else:
-            search.warn("too little memory for the matrices of gauss-newton: l-bfgs-b took its place (--memory)")
-            prior = none(part.size)
-            status = scipy_methods.minimise(search, "l-bfgs-b") if whole else status
+        found, learned, status = fitted(part, stage, y, prior, descent.radius or None)
+        descent = descent._replace(radius=0.0, window=0)
+        better = whole or is_better(search, found, y)
+        if better:
+            y, prior = found, learned
+        if not whole and stage.objective.steps == search.objective.steps and is_far(search):
+            break
+        late = len(route.stages) < 2 or stage is route.stages[-2]
+        other = watched and not whole and has_model(part) and differs(stage, search.parameters(found), status, late)
         best.forget()
-    best.follow(None)
+        if may_turn and (other or not better or (whole and not is_near(search) and not is_explained(search))):
+            return status, Route(list(route.stages[number + 1 :]), y, prior)
+        if other:
+            raise ModelDiffers
     best.attribute(prior if np.allclose(search.y, y, rtol=SAME_POINT) else best.prior)
-    return Status.STALLED if status == Status.CONVERGED and search.on_plateau() else status
+    return status, None
+
+
+def fitted(
+    part: Trajectory, stage: Stage, y: Array, prior: Prior, radius: float | None = None
+) -> tuple[Array, Prior, Status]:
+    """One stage from y (Q,), by the method that it is small enough for: the last point, the prior that it learned, and
+    how it ended.
+    """
+    search, whole = part.search, part.objective is part.search.objective
+    if has_model(part):
+        return by_dense_model(part, stage, y, prior, radius)
+    if matrix_free.fits(part):
+        search.enter("matrix-free", stage.objective)
+        found, status = matrix_free.minimise(part, y, prior, whole)
+        return found, prior, status
+    search.warn("too little memory for the matrices of gauss-newton: l-bfgs-b took its place (--memory)")
+    status = scipy_methods.minimise(search, "l-bfgs-b") if whole else Status.STALLED
+    return (search.y if whole else y), none(part.size), status
+
+
+def has_model(part: Trajectory) -> bool:
+    """Whether a dense model of a trajectory is small enough."""
+    return part.operations() <= LARGEST and part.fits()
+
+
+def is_explained(search: Search) -> bool:
+    """Whether what is left at the best point is noise."""
+    test = residual_test(search.objective, search.best.p)
+    return test is None or test.is_noise
+
+
+def pulled(search: Search, prior: Prior) -> list[tuple[Array, Prior]] | None:
+    """Coordinates (Q,) that bring motions nearest to their target which springs pull there, more and more weakly, from
+    the centre of a prior on, with the priors that were learned; those first with which the whole motion costs least
+    without springs. None where more than noise is left with the strongest: the model cannot reproduce the target.
+    Raises Stop.
+    """
+    prior = replace(prior, tau=(FIRST_TAU,) * len(prior.tau)) if prior.learns else prior  # a resumed fit has another
+    y, ends = np.clip(prior.centre, *Trajectory(search, search.objective).bounds), list[tuple[float, Array, Prior]]()
+    for pull in PULLS:
+        part = Trajectory(search, nudged(search.objective, pull))
+        stage = Stage(part.objective, least_saving(search, part.objective), PULLED_ITERATIONS, PATIENT)
+        search.enter("nudging", stage.objective)
+        if not np.isfinite(part.cost(y)):  # explicit steps are unstable with the stiffest springs
+            continue
+        y, prior, status = fitted(part, stage, y, prior)
+        if not ends and differs(stage, search.parameters(y), status, True):
+            return None
+        ends.append((search.visit(search.parameters(y)), y, prior))
+    return [(y, prior) for _, y, prior in sorted(ends, key=lambda end: end[0])]
+
+
+def may_pull(search: Search) -> bool:
+    """Whether springs may pull the motions of a search to their target."""
+    return can_nudge(search.objective) and not is_long(search)
+
+
+def may_explain(search: Search, tau: float | None) -> bool:
+    """Whether what single values leave of the first frames may be noise, where springs pull these to their target: what
+    is wrong with a model shows there, what a motion makes of small differences does not. Raises Stop.
+    """
+    if not may_pull(search):
+        return False
+    frames = search.objective.first_step + LOOK_FRAMES
+    part = Trajectory(search, nudged(loosened(search.objective, frames), PULLS[0]))
+    stage = Stage(part.objective, least_saving(search, part.objective), WINDOW_ITERATIONS, PATIENT)
+    y = part.y(search.best.p)
+    if not (has_model(part) and np.isfinite(part.cost(y))):
+        return False
+    search.enter("nudging", part.objective)
+    found, _, _ = by_dense_model(part, stage, y, part.prior(y, tau), None)
+    test = residual_test(part.objective, search.parameters(found))
+    return test is not None and test.is_noise
 
 
 def by_dense_model(
