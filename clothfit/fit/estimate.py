@@ -61,7 +61,7 @@ from clothfit.strategy.auto import (
 )
 from clothfit.strategy.ladder import as_model
 from clothfit.strategy.start import FirstPoint, choose_start, first_point, other_starts, start_warnings
-from clothfit.strategy.trajectory_fit import by_gauss_newton, go_on, resumed_prior
+from clothfit.strategy.trajectory_fit import best_prior, by_gauss_newton, go_on
 
 GRACE = 0.5
 """Seconds for each look at a result whose time is up."""
@@ -419,8 +419,7 @@ def search_by(
     """Search by a method until it or the user ends it; returns the status. A fit that had ended is not repeated."""
     state = search.resumed
     if state is not None and state.status in (Status.CONVERGED, Status.STALLED):
-        if len(state.centre):
-            search.best.attribute(resumed_prior(search, state, options.prior_width()))
+        search.best.attribute(best_prior(search, state, options.prior_width()))
         return state.status
     try:
         with threads.single(), interrupts.heard():

@@ -36,7 +36,7 @@ from clothfit.optimise.status import Rung, Status
 from clothfit.scene.factors import FACTOR_MODES
 from clothfit.scene.scene import Scene, dumps
 
-FORMAT_LINE = b"clothfit checkpoint 4 "
+FORMAT_LINE = b"clothfit checkpoint 5 "
 SECRET = "#"  # before a digest, which says nothing to a reader
 
 EVERY = 1.0
@@ -68,6 +68,8 @@ class State(NamedTuple):
     model: str = ""  # that was chosen for the fit, a letter; none was where it is empty
     substeps: int = 0  # that were chosen, steps by BDF2 to a frame of the target; 0: the scene's own step
     rungs: Sequence[Rung] = ()  # the models that were fitted from coarse to fine, to their end
+    best_centre: Array = np.zeros(0)  # as `centre`, of the prior that the best point was found with
+    best_tau: tuple[float, ...] = ()
 
 
 @dataclass
@@ -200,23 +202,24 @@ def decoded(data: bytes, name: str) -> tuple[dict[str, str], State]:
 
 def _understood(values: Mapping[str, Any]) -> State:
     """A state from JSON. Raises one of several errors where the values are of other types."""
-    names = ("start", "best", "gradient", "centre", "y", "before")
-    start, best, gradient, centre, y, before = (np.array(values[name], float) for name in names)
+    names = ("start", "best", "gradient", "centre", "y", "before", "best_centre")
+    start, best, gradient, centre, y, before, best_centre = (np.array(values[name], float) for name in names)
     numbers = (float(values[name]) for name in ("cost", "before_cost", "radius", "seconds"))
     cost, before_cost, radius, seconds = numbers
-    tau, history = (tuple(float(value) for value in values[name]) for name in ("tau", "history"))
+    tau, best_tau, history = (tuple(map(float, values[name])) for name in ("tau", "best_tau", "history"))
     window, beside = (int(values[name]) for name in ("window", "beside"))
     warnings, status = [str(text) for text in values["warnings"]], values["status"]
     rungs = [Rung(str(m), int(n), float(e), np.array(p, float), float(s)) for m, n, e, p, s in values["rungs"]]
     return State(
         start, best, cost, gradient, centre, tau, y, radius, window, before, before_cost, history, beside, seconds,
         warnings, None if status is None else Status(status), str(values["model"]), int(values["substeps"]), rungs,
+        best_centre, best_tau,
     )  # fmt: skip
 
 
 def is_possible(state: State) -> bool:
     """Whether a fit can have come to a state."""
-    arrays = (state.start, state.best, state.gradient, state.centre, state.y, state.before)
+    arrays = (state.start, state.best, state.gradient, state.centre, state.y, state.before, state.best_centre)
     return (
         all(array.ndim == 1 and bool(np.isfinite(array).all()) for array in arrays)
         and len(state.start) == len(state.best) == len(state.gradient)
@@ -224,7 +227,7 @@ def is_possible(state: State) -> bool:
         and len(state.y) in (0, len(state.centre))
         and all(0 <= number < math.inf for number in (state.cost, state.radius, state.seconds))
         and state.before_cost >= 0
-        and all(width > 0 for width in state.tau)
+        and all(width > 0 for width in (*state.tau, *state.best_tau))
         and not any(math.isnan(cost) for cost in state.history)
         and all(text.isprintable() for text in state.warnings)
         and min(state.window, state.beside, state.substeps) >= 0

@@ -320,10 +320,11 @@ class Search:
         best, none = self.best, np.zeros(0)
         prior, y, radius, window, before, before_cost = best.descent or (best.prior, none, 0.0, 0, none, 0.0)
         centre, tau = (prior.centre, prior.tau) if prior else (none, ())
+        own = (best.prior.centre, best.prior.tau) if best.prior else (none, ())
         return State(
             self.start, best.p, best.cost, best.gradient, centre, tau, y, radius, window, before,
             before_cost, self.budget.history, self.budget.beside, self.progress.seconds, self.warnings,
-            None, self.model, self.substeps, self.rungs,
+            None, self.model, self.substeps, self.rungs, *own,
         )  # fmt: skip
 
     def take_over(self, model: str, substeps: int, evaluations: int, seconds: float, computing: float) -> None:

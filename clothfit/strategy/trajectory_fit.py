@@ -71,6 +71,9 @@ PULLS, PULLED_ITERATIONS = (3.0, 0.3), 12
 Gauss–Newton with each.
 """
 
+SAME_COST = 1e-3
+"""Relative difference of costs at one minimum."""
+
 LOOK_FRAMES = 30
 """Steps after the first that shows something, in which a look finds whether single values may explain a target."""
 
@@ -109,7 +112,7 @@ def go_on(search: Search, state: State, tau: float | None, watched: bool = False
     ModelDiffers where it is `watched`.
     """
     prior = resumed_prior(search, state, tau)
-    search.best.attribute(prior)
+    search.best.attribute(best_prior(search, state, tau))
     *found, last = stages(search, False, windows=True)
     last = last._replace(patience=last.patience._replace(flat=SMALL))  # it may begin where no step lowers the cost
     left = [stage for stage in found if stage.objective.frames >= state.window and not state.radius] + [last]
@@ -132,12 +135,21 @@ def resumed_prior(search: Search, state: State, tau: float | None) -> Prior:
     return replace(prior, tau=state.tau)
 
 
+def best_prior(search: Search, state: State, tau: float | None) -> Prior | None:
+    """The prior that the best point of a fit was found with, which may be of a stage before the one that was ended.
+    Raises as `resumed_prior`.
+    """
+    own = state._replace(centre=state.best_centre, tau=state.best_tau)
+    return resumed_prior(search, own, tau) if len(own.centre) else None
+
+
 class Route(NamedTuple):
     """Stages that are left, and where they begin."""
 
     stages: list[Stage]
     y: Array  # (Q,)
     prior: Prior
+    learned: bool = False  # whether its widths were learned from all frames
 
 
 def by_stages(search: Search, descent: Descent, parts: Sequence[Stage], watched: bool = False) -> Status:
@@ -147,8 +159,8 @@ def by_stages(search: Search, descent: Descent, parts: Sequence[Stage], watched:
     routes, status = [Route(list(parts), descent.y, descent.prior)], Status.STALLED
     may_turn = bool(parts) and may_pull(search)
     while routes:
-        route, before = routes.pop(0), search.best.p
-        ended, astray = along(search, descent, route, watched, may_turn)
+        route, before, known = routes.pop(0), search.best.p, search.best.cost
+        ended, y, astray = along(search, descent, route, watched, may_turn)
         descent = descent._replace(radius=0.0, window=0)
         if search.best.p is not before or status == Status.STALLED:
             status = ended
@@ -157,8 +169,9 @@ def by_stages(search: Search, descent: Descent, parts: Sequence[Stage], watched:
             found = pulled(search, descent.prior) if not watched or may_explain(search, None) else None
             if watched and found is None:
                 raise ModelDiffers
-            routes = [*(Route(last, y, prior) for y, prior in found or []), *([astray] if astray.stages else [])]
-        elif routes and is_explained(search):
+            routes = [Route(last, y, prior, learned=True) for y, prior in found or []]
+            routes += [astray] if astray.stages else []
+        elif routes and (is_same(search, y, known) or is_explained(search)):
             break
     search.best.follow(None)
     return Status.STALLED if status == Status.CONVERGED and search.on_plateau() else status
@@ -166,19 +179,22 @@ def by_stages(search: Search, descent: Descent, parts: Sequence[Stage], watched:
 
 def along(
     search: Search, descent: Descent, route: Route, watched: bool, may_turn: bool
-) -> tuple[Status, Route | None]:
-    """The stages of a route; how the last one ended, and what is left of the route where it goes astray and `may_turn`:
-    the whole motion is worse with what a window finds, or more than noise is left. Raises as `by_stages`.
+) -> tuple[Status, Array, Route | None]:
+    """The stages of a route; how the last one ended, where (Q,), and what is left of the route where it goes astray and
+    `may_turn`: the whole motion is worse with what a window finds, or more than noise is left. Raises as `by_stages`.
+
+    Each stage begins with a prior that is wide again, but for one that has learned from all frames: where steps switch
+    their form the residuals of the motion alone are no noise until it is near, so a wide one would not narrow.
     """
     best, y, prior, status = search.best, route.y, route.prior, Status.STALLED
     for number, stage in enumerate(route.stages):
         part, whole = Trajectory(search, stage.objective), stage.objective is search.objective
-        prior = prior if descent.radius else prior.reopened()  # a stage that is resumed has begun with its own
+        resumed = descent.radius or descent.window == stage.objective.frames  # it began before its best point was found
+        prior = prior if resumed or route.learned else prior.reopened()
         search.enter("gauss-newton", stage.objective)
         best.follow(descent._replace(prior=prior, y=y, window=stage.objective.frames))
         if not np.isfinite(part.cost(y)):
             break
-        resumed = descent.radius or descent.window == stage.objective.frames  # it began before its best point was found
         if best.descent and not resumed:
             best.follow(best.descent._replace(before=best.p, before_cost=best.cost))
         found, learned, status = fitted(part, stage, y, prior, descent.radius or None)
@@ -192,11 +208,11 @@ def along(
         other = watched and not whole and has_model(part) and differs(stage, search.parameters(found), status, late)
         best.forget()
         if may_turn and (other or not better or (whole and not is_near(search) and not is_explained(search))):
-            return status, Route(list(route.stages[number + 1 :]), y, prior)
+            return status, y, Route(list(route.stages[number + 1 :]), y, prior)
         if other:
             raise ModelDiffers
     best.attribute(prior if np.allclose(search.y, y, rtol=SAME_POINT) else best.prior)
-    return status, None
+    return status, y, None
 
 
 def fitted(
@@ -220,6 +236,12 @@ def fitted(
 def has_model(part: Trajectory) -> bool:
     """Whether a dense model of a trajectory is small enough."""
     return part.operations() <= LARGEST and part.fits()
+
+
+def is_same(search: Search, y: Array, known: float) -> bool:
+    """Whether coordinates (Q,) cost what was `known` as the best before: two routes have come to one minimum."""
+    cost = search.measure(search.parameters(y))
+    return bool(np.isfinite(cost) and np.isclose(cost, known, rtol=SAME_COST, atol=0.0))
 
 
 def is_explained(search: Search) -> bool:

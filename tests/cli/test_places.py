@@ -38,7 +38,7 @@ def files(tmp_path, monkeypatch, capsys):
     for name, content in exported(scene, "blender").items():
         (tmp_path / name).write_bytes(content)
     (tmp_path / "map.csv").write_text("marker,object,vertex\nm1,0,3\n")
-    (tmp_path / "f.checkpoint").write_bytes(b"clothfit checkpoint 4 damaged")
+    (tmp_path / "f.checkpoint").write_bytes(b"clothfit checkpoint 5 damaged")
     capsys.readouterr()
 
 

@@ -244,7 +244,7 @@ CHECKPOINTS = {
     "there is no such checkpoint to resume from": fit("--resume --checkpoint absent"),
     "is not a checkpoint that this clothfit can read; name another file": fit("--checkpoint good.npz"),
     "is damaged: its checksum is wrong; begin anew, without --resume": fit(
-        "--resume --checkpoint c", c=b"clothfit checkpoint 4 00\n{}\n"
+        "--resume --checkpoint c", c=b"clothfit checkpoint 5 00\n{}\n"
     ),
     "is not what a fit has written; begin anew, without --resume": fit(
         "--resume --checkpoint c", c=FORMAT_LINE + checksum(b"{}\n") + b"\n{}\n"

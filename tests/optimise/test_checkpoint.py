@@ -36,6 +36,7 @@ STATE = State(
     centre=np.zeros(2), tau=(0.3, np.inf), y=np.ones(2), radius=0.5, window=20, before=np.ones(3), before_cost=np.inf,
     history=(np.inf, 2.0), beside=2, seconds=12.5, warnings=["a word"], status=Status.LIMIT, model="R", substeps=4,
     rungs=[Rung("F", 2, 1.0 / 3.0, np.array([1.0, 2.0, 5e-324]), 1.5), Rung("R", 3, 0.1, np.ones(3), 0.0)],
+    best_centre=np.full(2, 0.1), best_tau=(0.2,),
 )  # fmt: skip
 SAME = {"scene": "#1", "method": "auto"}
 
@@ -146,6 +147,7 @@ IMPOSSIBLE = {
     "no number": {"start": np.array([1.0, np.nan, 1.0])},
     "no cost": {"cost": np.inf},
     "no width": {"tau": (0.0,)},
+    "no width of the best point": {"best_tau": (-1.0,)},
     "no history": {"history": [np.nan]},
     "no row": {"gradient": np.ones((3, 1))},
     "no count": {"beside": -1},
@@ -319,6 +321,15 @@ def test_a_spent_budget_can_be_raised(tmp_path, case):
     short = estimate(*given, max_evaluations=15, checkpoint=tmp_path / "c")
     assert (short.status, short.evaluations) == ("limit", 15)
     same_minimum(estimate(*given, max_evaluations=400, checkpoint=tmp_path / "c", resume=True), whole)
+
+
+@needs_compilation
+@pytest.mark.parametrize("budget", [30, 70])
+def test_a_budget_that_is_spent_gives_its_result_again(tmp_path, budget):
+    given = arguments("auto per spring")  # the best point is of a stage before the one that was ended
+    short = estimate(*given, max_evaluations=budget, checkpoint=tmp_path / "c", intervals=False)
+    assert short.status == "limit"
+    equal(estimate(*given, max_evaluations=budget, checkpoint=tmp_path / "c", resume=True, intervals=False), short)
 
 
 @needs_compilation
