@@ -314,7 +314,7 @@ def test_an_error_that_is_asked_for_is_not_replaced_by_the_rounding():
     made = load(trial("nL", 30))
     target = rounded(record_target(made), 4)
     floor, fine, rough = (estimate(made, target, start=10.0, rmse=asked) for asked in (None, 1e-9, 1e-3))
-    assert fine.evaluations > floor.evaluations  # it goes on below the rounding, where only the prior moves it
+    # below the rounding the prior moves what is left up or down
     assert max(fine.rmse, floor.rmse) <= Objective(made, target).rounding < rough.rmse <= 1e-3
     assert rough.evaluations <= floor.evaluations < fine.evaluations
 
