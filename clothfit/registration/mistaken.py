@@ -63,8 +63,10 @@ SPIKE, BACK, VISIBLE = 12.0, 0.5, 0.2
 or would have gone, when it is back, relative to that; and the jump relative to the median length of springs.
 """
 
-SOON = 0.25
-"""How far a marker that jumps for two frames is from where it was, relative to the jump: a whip is farther."""
+FARTHER, SOON = 1.0, 0.25
+"""How far a marker jumps for two frames, relative to the median length of springs: the shivers of a fine cloth are
+shorter; and how far it then is from where it was, relative to the jump: a whip is farther.
+"""
 
 LIKE = 0.2
 """Of the same, how much may be left where the jump explains the frames around."""
@@ -249,17 +251,17 @@ def alone(x: Array) -> Flags:
 
 
 def jumping(scene: Scene, motion: Motion) -> list[Jump]:
-    """The markers that are far from their way in single frames."""
+    """The markers that are far from their way in single frames, or farther in two."""
     lengths = np.concatenate([cloth.lengths for cloth in scene.cloths] or [np.zeros(0)])
     if len(motion.positions) < 5 or not len(lengths):
         return []
-    least, found = VISIBLE * float(np.median(lengths)), dict[int, set[int]]()
+    long, found = float(np.median(lengths)), dict[int, set[int]]()
     x, observed = motion.positions, motion.observed
     for k in range(1, len(x) - 1):
         away = np.linalg.norm(x[k] - 0.5 * (x[k - 1] + x[k + 1]), axis=1)
         if observed is not None:
             away[~(observed[k - 1] & observed[k] & observed[k + 1])] = np.nan
-        wide = np.flatnonzero(away > least)
+        wide = np.flatnonzero(away > VISIBLE * long)
         if not 1 <= len(wide) <= MOST or np.isfinite(away).sum() < FEWEST:
             continue
         wide = wide[away[wide] > SPIKE * np.nanmedian(away)]
@@ -269,7 +271,7 @@ def jumping(scene: Scene, motion: Motion) -> list[Jump]:
         for vertex in wide[back]:
             found.setdefault(int(vertex), set()).add(k)
     for k in range(1, len(x) - 2):
-        for vertex in twice(x[k - 1 : k + 3], None if observed is None else observed[k - 1 : k + 3], least):
+        for vertex in twice(x[k - 1 : k + 3], None if observed is None else observed[k - 1 : k + 3], FARTHER * long):
             found.setdefault(int(vertex), set()).update((k, k + 1))
     return [Jump(vertex, tuple(sorted(frames))) for vertex, frames in sorted(found.items())]
 

@@ -96,6 +96,13 @@ def test_a_jump_of_two_frames_is_left_out_and_one_that_stays_is_not():
     assert not [each for each in found.jumps if each.vertex == b]
 
 
+def test_a_shiver_of_two_frames_within_the_length_of_a_spring_is_no_jump():
+    motion, (a, *_) = capture()
+    scene, wrong = sheet(20.0), motion.positions.copy()
+    wrong[[11, 12], a, 1] += 0.6 * np.median(scene.cloths[0].lengths) * np.array([1.0, -1.0])
+    assert mistaken(scene, replace(motion, positions=wrong)).jumps == ()
+
+
 def test_a_chain_that_ends_in_a_false_marker_leaves_its_vertex_without_one():
     motion, (a, b, *_) = capture()
     wrong = motion.positions.copy()
