@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from clothfit.kernels.lanes.plain import add, mul, sub
+
 
 def load4f(a, i, j):
     return taken(a, i, j, 4)
@@ -56,20 +58,8 @@ def splat16(x):
     return np.full(16, x, np.float32)
 
 
-def add4f(a, b):
-    return a + b
-
-
-def sub4f(a, b):
-    return a - b
-
-
-def mul4f(a, b):
-    return a * b
-
-
-def add16(a, b):
-    return a + b
+add4f, sub4f, mul4f = add, sub, mul
+add16 = add
 
 
 def fma4f(a, b, c):
