@@ -17,7 +17,7 @@ namespace UnityEngine
 
     public class Object
     {
-        static readonly List<Object> Alive = new List<Object>();
+        internal static readonly List<Object> Alive = new List<Object>();
         bool destroyed;
         string own = "";
 
@@ -49,11 +49,6 @@ namespace UnityEngine
         public static void DestroyImmediate(Object it)
         {
             Destroy(it);
-        }
-
-        public static T[] FindObjectsOfType<T>() where T : Object
-        {
-            return Alive.OfType<T>().ToArray();
         }
 
         /// <summary>What is destroyed counts as null.</summary>
@@ -111,6 +106,11 @@ namespace UnityEngine
         {
             T own = GetComponent<T>();
             return own != null || transform.parent == null ? own : transform.parent.gameObject.GetComponentInParent<T>();
+        }
+
+        public T[] GetComponentsInChildren<T>() where T : Component
+        {
+            return Below<T>().ToArray();
         }
 
         internal IEnumerable<T> Below<T>() where T : Component
@@ -392,6 +392,30 @@ namespace UnityEngine
         public static bool Button(string text)
         {
             return false;
+        }
+    }
+}
+
+namespace UnityEngine.SceneManagement
+{
+    /// <summary>What is alive, as the only open scene.</summary>
+    public struct Scene
+    {
+        public bool isLoaded { get { return true; } }
+
+        public GameObject[] GetRootGameObjects()
+        {
+            return Object.Alive.OfType<GameObject>().Where(each => each.transform.parent == null).ToArray();
+        }
+    }
+
+    public static class SceneManager
+    {
+        public const int sceneCount = 1;
+
+        public static Scene GetSceneAt(int index)
+        {
+            return new Scene();
         }
     }
 }

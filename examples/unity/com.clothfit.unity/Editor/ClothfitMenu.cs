@@ -3,7 +3,7 @@ using System.IO;
 using System.Linq;
 using UnityEditor;
 using UnityEngine;
-using Object = UnityEngine.Object;
+using UnityEngine.SceneManagement;
 
 namespace Clothfit.Editing
 {
@@ -110,11 +110,10 @@ namespace Clothfit.Editing
             GameObject selected = Selection.activeGameObject;
             ClothfitScene settings = selected == null ? null : selected.GetComponentInParent<ClothfitScene>();
             if (settings != null) return settings;
-#if UNITY_2023_1_OR_NEWER
-            ClothfitScene[] all = Object.FindObjectsByType<ClothfitScene>(FindObjectsSortMode.None);
-#else
-            ClothfitScene[] all = Object.FindObjectsOfType<ClothfitScene>();
-#endif
+            // the searches of Object differ between versions of Unity
+            ClothfitScene[] all = Enumerable.Range(0, SceneManager.sceneCount).Select(SceneManager.GetSceneAt)
+                .Where(each => each.isLoaded).SelectMany(each => each.GetRootGameObjects())
+                .SelectMany(each => each.GetComponentsInChildren<ClothfitScene>()).ToArray();
             if (all.Length == 1) return all[0];
             throw new InvalidOperationException(all.Length == 0 ? "there is no Clothfit Scene; make one with Clothfit > New scene"
                 : "there are several Clothfit Scenes; select one");
