@@ -117,8 +117,8 @@ def nearby(scene: Scene, index: int, base: dict[str, Any], frames: int, frame: f
     still = np.zeros((frames, 3))
     return full._replace(
         inverse=1.0 / mass, members=members[kept], rest=rest[kept], compliance=soft,
-        time=np.maximum(np.where(bent, 0.0, damping * soft), LEAST_TIME),
-        damping=np.array([base["air_damping"] / (100.0 * TIME_UNIT * base["mass"])]),
+        relaxation=full.relaxation[kept], time=np.maximum(np.where(bent, 0.0, damping * soft), LEAST_TIME),
+        damping=np.full(len(mass), base["air_damping"] / (100.0 * TIME_UNIT * base["mass"])),
         faces=full.faces._replace(drag=0.0), radius=np.zeros(0), wind=still, gravity=still + scene.gravity,
         centre=np.zeros((frames, 0, 3)), path=np.zeros((frames, 0, 3)), pins=np.zeros(0, np.int32),
         h=frame, substeps=max(1, round(frame / steps_of(scene)[0])),

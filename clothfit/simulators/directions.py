@@ -1,14 +1,15 @@
 """Substeps of XPBD with the changes of a state along many directions at once: the whole derivative of a motion.
 
 A direction is a relative change of values: of compliances, times of damping and rest lengths, each of which may change
-along S directions, of a mass, or of the damping of the vertices. The changes lie side by side, (n, 3, D), so that one
+along S directions, of a mass, or of the damping of a vertex. The changes lie side by side, (n, 3, D), so that one
 pass over the constraints serves all of them. Of a constraint with the vertices' changes d, those p of the places before
 the substep, and ε of the multiplier, the correction changes by
 
     dΔ = a·d + (γ/b) ∇C·p − (α̃/b) ε + (the values' own),   b the denominator of Δ,
     a = −((1 + γ) ∇C + γ H (x − p) + 2 (1 + γ) Δ H W ∇C)/b
 
-and each vertex by wᵢ (Δ (H d)ᵢ + ∇ᵢC dΔ); see `projection`, whose derivative along one direction this is.
+ω Δ by ω dΔ + dω Δ, and each vertex by wᵢ (ω Δ (H d)ᵢ + ∇ᵢC d(ω Δ)); see
+`projection`, whose derivative along one direction this is.
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ class Seeds(NamedTuple):
     rest: Indices  # (K, S)
     share: Array  # (3, K, S), of the three
     mass: Indices  # (n,)
-    damping: Indices  # (1,)
+    damping: Indices  # (n,)
+    relaxation: Indices  # (K,)
+    drag: Indices  # (1,)
 
 
 class Many(NamedTuple):
@@ -63,8 +66,8 @@ def many(model: Model, directions: int) -> Many:
 def no_seeds(model: Model) -> Seeds:
     """Of no value."""
     none = np.full((len(model.rest), 1), -1, np.int32)
-    share = np.ones((3, *none.shape))
-    return Seeds(none, none, none, share, np.full(len(model.x0), -1, np.int32), np.array([-1], np.int32))
+    each = np.full(len(model.x0), -1, np.int32)
+    return Seeds(none, none, none, np.ones((3, *none.shape)), each, each.copy(), none[:, 0], each[:1].copy())
 
 
 class Sweep:
@@ -122,18 +125,18 @@ def push_predict(model, seeds, still, t, s, x, v, many, work):
     h = model.h / model.substeps
     many.start[:] = many.x
     if len(model.faces.corners) > 0 and model.faces.drag > 0.0:
-        push_air(model, still, x, v, h, many, work)
+        push_air(model, seeds, still, x, v, h, many, work)
     predict(model, t, s, x, v, work)
-    slow = 1.0 / (1.0 + h * model.damping[0])
     for i in range(len(x)):
         if not model.free[i]:
             continue
+        slow = 1.0 / (1.0 + h * model.damping[i])
         for j in range(3):
             pushed = h * model.inverse[i] * work.force[i, j]
             kept = v[i, j] - h * work.gravity[j] - pushed
             v_row, x_row = many.v[i, j], many.x[i, j]
-            if seeds.damping[0] >= 0:
-                v_row[seeds.damping[0]] -= h * model.damping[0] * kept
+            if seeds.damping[i] >= 0:
+                v_row[seeds.damping[i]] -= h * model.damping[i] * kept
             for k in range(len(v_row)):
                 v_row[k] *= slow
             if len(model.faces.corners) > 0 and model.faces.drag > 0.0:
@@ -145,13 +148,14 @@ def push_predict(model, seeds, still, t, s, x, v, many, work):
 
 
 @kernel
-def push_air(model, still, x, v, h, many, work):
+def push_air(model, seeds, still, x, v, h, many, work):
     """Write w h df, the change of the air's forces, to `start`, whose places are not asked for until `add_air`."""
     dx, dv, force = many.one[0], many.one[1], many.one[2]
     for k in range(many.x.shape[2]):
         for i in range(len(x)):
             for j in range(3):
                 dx[i, j], dv[i, j], force[i, j] = many.x[i, j, k], many.v[i, j, k], 0.0
+        still.drag[0] = model.faces.drag if seeds.drag[0] == k else 0.0
         wind.add_pushforward(model.faces, x, v, v, work.still, dx, dv, still, h, force)
         wind.add_damping(model.faces, x, v, h, dv, force)
         for i in range(len(x)):
@@ -192,6 +196,7 @@ def project(model, seeds, c, h, x, p, multiplier, many, local):
     gather(model, c, count, many)
     change_of(model, c, count, gamma / below, stiff / below, g, row, many)
     own_values(model, seeds, c, h, g, multiplier, change, below, slide, weight, many)
+    change = relaxed(model, seeds, c, change, many.change)
     if count == 2:
         spread_pair(model, c, g, change, many)
     else:
@@ -206,6 +211,18 @@ def project(model, seeds, c, h, x, p, multiplier, many, local):
     for q in range(len(total)):
         total[q] += many.change[q]
     return multiplier + change
+
+
+@kernel
+def relaxed(model, seeds, c, change, changes):
+    """ω Δ of constraint c; turns the changes of Δ into those of ω Δ."""
+    omega = model.relaxation[c]
+    if omega != 1.0:
+        for q in range(len(changes)):
+            changes[q] *= omega
+    if seeds.relaxation[c] >= 0:
+        changes[seeds.relaxation[c]] += omega * change
+    return omega * change
 
 
 @kernel

@@ -5,10 +5,11 @@ With the residuals r (`Fit.residuals`) and their derivative J by the logarithms 
 side by side (`directions`). Beyond, LSMR finds the step by products with J and Jᵀ, each as long as about two
 simulations.
 
-Far from the values that fit, the cost of a whole motion has many minima. So, up to DENSE values, a first descent is
-nudged: after each step the state goes a part of the way, one of PULLS after the other, to where the target is, so that
-an error counts for about 1/pull steps; see `strategy.nudging`. It goes on without a pull. Another descent has none, and
-may begin with other values; the better end counts.
+Far from the values that fit, the cost of a whole motion has many minima. So, up to SEARCHED values, descents are nudged
+after a first one that is not: after each step the state goes a part of the way, one of PULLS after the other, to where
+the target is, so that an error counts for about 1/pull steps; see `strategy.nudging`. They go on without a pull. One
+begins where the first does, one with the mapped values, and the last, of smaller parts, leaves the best minimum so far;
+the best end counts.
 
 The changes may be those of a model nearby, along the tool's own motion: then only that other descent is made, and a
 step of it counts where the tool itself comes nearer.
@@ -27,11 +28,14 @@ from clothfit.base.errors import InvalidInput
 from clothfit.objective.target import Target, sample
 from clothfit.simulators.values import FAR, WEAK, Fit
 
-DENSE = 1500
+DENSE = 3000
 """The most values whose JᵀJ is made."""
 
-PULLS, NUDGED = (0.9, 0.5, 0.2, 0.05), 15
-"""Parts of the way to the target, and the most steps of the fit with each."""
+SEARCHED = 800
+"""The most values for which there is more than one descent: each takes about as long as the first."""
+
+PULLS, LEAVING, NUDGED = (0.5, 0.2, 0.05), (0.05, 0.01), 12
+"""Parts of the way to the target, those with which a minimum is left, and the most steps of the fit with each."""
 
 PRODUCTS = 40
 """The most products with J in a step."""
@@ -47,8 +51,8 @@ TRIES = 10
 LONGEST = 1.0
 """Change of a logarithm in a step."""
 
-ENOUGH = 1e-3
-"""A descent ends where a step lowers the cost by less than this share of it."""
+ENOUGH, PASSING = 2e-3, 1e-2
+"""A descent ends where a step lowers the cost by less than this share of it; one that is nudged is only passed."""
 
 
 class Pull(NamedTuple):
@@ -84,10 +88,14 @@ class ManyFit(Fit):
         if len(self.start) > DENSE and self.tool.push is None:
             raise InvalidInput(f"{self.tool.name}: {len(self.start)} values, of at most {DENSE} that are fitted there; "
                                "use --model G")
-        y = self.start
-        self.descend(y if self.begin is None else np.clip(np.log(self.begin), self.lower, self.upper), most)
-        if len(y) <= DENSE and not self.tool.nearby:
-            for pull in PULLS:
+        begin = self.start if self.begin is None else np.clip(np.log(self.begin), self.lower, self.upper)
+        self.descend(begin, most)
+        if len(begin) > min(SEARCHED, DENSE) or self.tool.nearby:
+            return
+        for pulls, y in ((PULLS, begin), (PULLS, self.start), (LEAVING, None)):
+            if y is None:
+                y = begin if self.best is None else np.log(self.best[1])
+            for pull in pulls:
                 y = self.descend(y, min(most, NUDGED), pull)
             self.descend(y, most)
 
@@ -109,7 +117,7 @@ class ManyFit(Fit):
             gain = (cost - after @ after) / max(cost - predicted, 1e-300)
             mu = max(FALL * mu, LEAST) if gain > 0.75 else RISE * mu if gain < 0.25 else mu
             y, r = other, after
-            if after @ after > (1.0 - ENOUGH) * cost:
+            if after @ after > (1.0 - (PASSING if pull else ENOUGH)) * cost:
                 return y
         return y
 

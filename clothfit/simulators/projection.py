@@ -4,10 +4,12 @@ With C and ∇C at x, the multiplier λ, the inverse masses w, the places p befo
 
     α̃ = (compliance)/h²,  γ = τ/h,  τ the time of the constraint's damping (damping coefficient times compliance)
 
-    Δ = −(C + α̃ λ + γ ∇C·(x − p)) / ((1 + γ) Σ wᵢ |∇ᵢC|² + α̃),   λ⁺ = λ + Δ,   xᵢ⁺ = xᵢ + wᵢ ∇ᵢC Δ
+    Δ = −(C + α̃ λ + γ ∇C·(x − p)) / ((1 + γ) Σ wᵢ |∇ᵢC|² + α̃),   λ⁺ = λ + ω Δ,   xᵢ⁺ = xᵢ + wᵢ ∇ᵢC ω Δ
 
-(M. Macklin, M. Müller, N. Chentanez, *XPBD*, 2016, eq. 26). A sphere is a constraint |x − c| − r ≥ 0 of each vertex,
-whose multiplier stays at least 0. Derivatives stand under their values; H is symmetric.
+(M. Macklin, M. Müller, N. Chentanez, *XPBD*, 2016, eq. 26), with a relaxation ω between 0 and 2, as in successive
+over-relaxation: where the directions ∇C stay, the iterations end at the same place, sooner or later (D. Young,
+*Iterative solution of large linear systems*, 1971). Without one ω is 1. A sphere is a constraint |x − c| − r ≥ 0 of
+each vertex, whose multiplier stays at least 0. Derivatives stand under their values; H is symmetric.
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ def parts(model, c, h, x, p, multiplier, g):
 @kernel
 def project(model, c, h, x, p, multiplier, g):
     """Correct x by constraint c; returns λ⁺."""
-    change = parts(model, c, h, x, p, multiplier, g)[0]
+    change = model.relaxation[c] * parts(model, c, h, x, p, multiplier, g)[0]
     for k in range(size_of(model.members, c)):
         i = model.members[c, k]
         for j in range(3):
@@ -78,7 +80,9 @@ def push_project(model, direction, c, h, x, p, multiplier, dx, dp, dmultiplier, 
             dweight += g[k, j] * (direction.inverse[i] * g[k, j] + 2.0 * model.inverse[i] * dg[k, j])
     above = dvalue + dstiff * multiplier + stiff * dmultiplier + dgamma * slide + gamma * dslide
     dbelow = dgamma * weight + (1.0 + gamma) * dweight + dstiff
-    dchange = -(above + change * dbelow) / below
+    omega = model.relaxation[c]
+    dchange = direction.relaxation[c] * change - omega * (above + change * dbelow) / below
+    change *= omega
     for k in range(count):
         i = model.members[c, k]
         w, dw = model.inverse[i], direction.inverse[i]
@@ -98,16 +102,18 @@ def pull_project(model, c, h, x, p, multiplier, x_bar, p_bar, multiplier_bar, gr
     change, below, slide, weight = parts(model, c, h, x, p, multiplier, g)
     if below == 0.0:
         return multiplier_bar
-    count = size_of(model.members, c)
-    change_bar = multiplier_bar
+    count, omega = size_of(model.members, c), model.relaxation[c]
+    change_bar = multiplier_bar  # by ω Δ, then by Δ
     for k in range(count):
         i = model.members[c, k]
         along = 0.0
         for j in range(3):
             along += g[k, j] * x_bar[i, j]
-            g_bar[k, j] = model.inverse[i] * change * x_bar[i, j]
+            g_bar[k, j] = model.inverse[i] * omega * change * x_bar[i, j]
         change_bar += model.inverse[i] * along
-        grad.inverse[i] += change * along
+        grad.inverse[i] += omega * change * along
+    grad.relaxation[c] += change * change_bar
+    change_bar *= omega
     above_bar, below_bar = -change_bar / below, -change * change_bar / below
     grad.compliance[c] += (above_bar * multiplier + below_bar) / (h * h)
     grad.time[c] += (above_bar * slide + below_bar * weight) / h

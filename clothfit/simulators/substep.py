@@ -35,8 +35,9 @@ class Values(NamedTuple):
     time: Array  # (K,), s, of damping: the coefficient of damping times the compliance
     rest: Array  # (K,), m or rad
     inverse: Array  # (n,), 1/kg
-    damping: Array  # (1,), 1/s, of the vertices
+    damping: Array  # (n,), 1/s, of the vertices
     drag: Array  # (1,), kg/(m⁶ s), of the faces
+    relaxation: Array  # (K,)
     wind: Array = NO_NUMBERS  # never
 
 
@@ -51,7 +52,8 @@ class Model(NamedTuple):
     rest: Array  # (K,), m or rad
     compliance: Array  # (K,), m/N, of angles rad²/J
     time: Array  # (K,), s
-    damping: Array  # (1,), 1/s
+    relaxation: Array  # (K,), of corrections
+    damping: Array  # (n,), 1/s
     faces: wind.Faces  # that feel the air; its wind is that of the substep
     radius: Array  # (R,), m
     contact: float  # m/N, compliance of contacts
@@ -109,8 +111,9 @@ def history(model: Model) -> History:
 
 def zeros(model: Model) -> Values:
     """Zeros for all values of a model."""
-    many = np.zeros((3, len(model.rest)))
-    return Values(many[0], many[1], many[2], np.zeros_like(model.inverse), np.zeros(1), np.zeros(1))
+    many = np.zeros((4, len(model.rest)))
+    return Values(many[0], many[1], many[2], np.zeros_like(model.inverse), np.zeros_like(model.inverse), np.zeros(1),
+                  many[3])
 
 
 @kernel
@@ -132,8 +135,8 @@ def predict(model, t, s, x, v, work):
     part, h = set_world(model, t, s, work), model.h / model.substeps
     work.force[:] = 0.0
     wind.add_force(model.faces, x, v, work.force)
-    slow = 1.0 / (1.0 + h * model.damping[0])
     for i in range(len(x)):
+        slow = 1.0 / (1.0 + h * model.damping[i])
         for j in range(3):
             work.start[i, j] = x[i, j]
             if model.free[i]:
@@ -232,14 +235,14 @@ def push_predict(model, direction, t, s, x, v, dx, dv, work):
     wind.add_pushforward(model.faces, x, v, v, work.still, dx, dv, direction, h, work.lam)
     wind.add_damping(model.faces, x, v, h, dv, work.lam)
     predict(model, t, s, x, v, work)
-    slow = 1.0 / (1.0 + h * model.damping[0])
     for i in range(len(x)):
+        slow = 1.0 / (1.0 + h * model.damping[i])
         for j in range(3):
             work.change[i, j] = dx[i, j]
             if model.free[i]:
                 pushed = model.inverse[i] * work.lam[i, j] + h * direction.inverse[i] * work.force[i, j]
                 kept = v[i, j] - h * (work.gravity[j] + model.inverse[i] * work.force[i, j])
-                dv[i, j] = slow * (dv[i, j] - h * direction.damping[0] * kept) + pushed
+                dv[i, j] = slow * (dv[i, j] - h * direction.damping[i] * kept) + pushed
                 dx[i, j] += h * dv[i, j]
 
 
@@ -292,10 +295,10 @@ def pull_corrections(model, h, x, x_bar, grad, work, past):
 @kernel
 def pull_predict(model, h, x, v, x_bar, v_bar, grad, work):
     """Turn x_bar by y into the gradients by x and v before the substep, with that by x from the corrections."""
-    slow = 1.0 / (1.0 + h * model.damping[0])
     work.force[:] = 0.0
     wind.add_force(model.faces, x, v, work.force)
     for i in range(len(x)):
+        slow = 1.0 / (1.0 + h * model.damping[i])
         for j in range(3):
             if not model.free[i]:
                 work.lam[i, j] = 0.0
@@ -304,7 +307,7 @@ def pull_predict(model, h, x, v, x_bar, v_bar, grad, work):
             v_bar[i, j] = slow * by_v
             work.lam[i, j] = model.inverse[i] * by_v
             grad.inverse[i] += h * work.force[i, j] * by_v
-            grad.damping[0] -= h * slow * slow * v[i, j] * by_v
+            grad.damping[i] -= h * slow * slow * v[i, j] * by_v
             x_bar[i, j] += work.change[i, j]
     work.by_x[:] = 0.0
     work.by_v[:] = 0.0

@@ -13,6 +13,7 @@ from clothfit.export.blender import blender_files
 from clothfit.scene.scene import Scene
 from clothfit.simulators.estimate import Options
 from clothfit.simulators.values import Fitted
+from clothfit.simulators.xpbd import SOLVED, Settings
 
 FORMAT = "clothfit-simulator-1"
 
@@ -56,7 +57,7 @@ def files(scene: Scene, found: list[Fitted], options: Options) -> dict[str, byte
     made = {f"{options.simulator}-values.json": numbers.text(document, options.simulator).encode()}
     if options.simulator == "blender":
         return made | blender(scene, found)
-    return made | {"obi.json": compliances(scene, found)}
+    return made | {"obi.json": compliances(scene, found, options.settings)}
 
 
 def blender(scene: Scene, found: list[Fitted]) -> dict[str, bytes]:
@@ -75,8 +76,10 @@ def blender(scene: Scene, found: list[Fitted]) -> dict[str, bytes]:
     return blender_files(scene, objects)
 
 
-def compliances(scene: Scene, found: list[Fitted]) -> bytes:
-    """The file of the export to Obi, with the fitted compliances; bending is that of distances across edges."""
+def compliances(scene: Scene, found: list[Fitted], settings: Settings) -> bytes:
+    """The file of the export to Obi, with the fitted compliances, and how its solver is set; bending is that of
+    distances across edges.
+    """
     objects = []
     for number, each in enumerate(found):
         one, factor = obi.one(number, scene.cloths[number]), factors(scene, number, each)
@@ -90,8 +93,17 @@ def compliances(scene: Scene, found: list[Fitted]) -> bytes:
             masses(one["particles"], scene.cloths[number].fixed, each)
         mean(one["actor"], "stretchCompliance", one["distance"]["compliance"])
         mean(one["actor"], "bendCompliance", one["bend"]["compliance"])
+        one["solver"] = solver(each, settings)
         objects.append(one)
     return obi.document(objects)
+
+
+def solver(found: Fitted, settings: Settings) -> dict[str, Any]:
+    """How a solver is set for an object, by Obi's names."""
+    value = {each.name: float(own) for each, own in zip(found.tool.values, found.found, strict=True)}
+    kinds = {kind: {"iterations": settings.iterations, "SORFactor": value[f"{kind} relaxation"]}
+             for kind in SOLVED if f"{kind} relaxation" in value}
+    return {"substeps": settings.substeps, **kinds}
 
 
 def factors(scene: Scene, number: int, found: Fitted) -> Array:
@@ -122,7 +134,7 @@ def lengths(one: dict[str, Any], found: Fitted) -> None:
 
 def masses(particles: dict[str, Any], fixed: Flags, found: Fitted) -> None:
     """Set the masses of the free particles."""
-    _, _, _, fitted = found.kinds()[-1]
+    fitted = next(fitted for name, _, _, fitted in found.kinds() if name == "mass")
     for vertex, mass in zip(np.flatnonzero(~fixed), fitted, strict=True):
         particles["mass"][vertex], particles["inverseMass"][vertex] = float(mass), 1.0 / float(mass)
 

@@ -30,6 +30,9 @@ DISTANCE, ANGLE = "distance", "angle"
 BENDING = (DISTANCE, ANGLE)
 """What a bending spring becomes."""
 
+SOLVED = ("distance", "bending")
+"""Kinds of constraints of which a solver has its own settings."""
+
 STIFFEST, SOFTEST = 1e-12, 1e12
 """Compliances, m/N: a spring that is not, and one without stiffness."""
 
@@ -76,7 +79,8 @@ def model_of(scene: Scene, index: int, settings: Settings, frames: int) -> Model
         x0=system.x0.copy(), v0=system.v0.copy(), free=~cloth.fixed,
         inverse=np.where(cloth.fixed, 0.0, 1.0 / cloth.mass),
         members=members, rest=rest, compliance=compliance, time=np.full(len(rest), 0.5 * cloth.damping),
-        damping=np.array([cloth.damping]), faces=faces, radius=system.spheres.radius, contact=1.0 / STIFFNESS,
+        relaxation=np.ones(len(rest)), damping=np.full(len(cloth.mass), cloth.damping),
+        faces=faces, radius=system.spheres.radius, contact=1.0 / STIFFNESS,
         **world(system, frames), path=path, pins=pins,
         h=scene.delta, substeps=settings.substeps, iterations=settings.iterations,
     )  # fmt: skip

@@ -1,12 +1,16 @@
-"""The few values of XPBD: a factor on the compliances of each family, damping, and the air; or those of each constraint
-and vertex.
+"""The few values of XPBD: a factor on the compliances of each family, damping, relaxation, and the air; or with them
+those of each constraint and vertex.
+
+Values are those of rows of a field of the model, such as the compliances of all bending springs, or of one of them.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.scene.families import FAMILIES, families_of
 from clothfit.scene.scene import Scene
 from clothfit.simulators import sweeps, xpbd
@@ -21,9 +25,111 @@ SPREAD = np.log(4.0)
 logarithm.
 """
 
+RELAXED = np.log(1.95)
+"""How far a relaxation may go from 1, in its logarithm: solvers diverge from 2 on."""
+
 SHARE = 0.15
 """Of a substep: the least damping that a fit of each constraint starts with, s; a smaller one would not be felt."""
 
+
+class Part(NamedTuple):
+    """Values of one field of the model."""
+
+    values: list[Value]
+    field: str  # of `Values`
+    owner: Indices  # of each row of the field, the value that it has; −1: none
+    kind: str = "same"  # a row is the value, its "inverse", or "times" what it is in the mapping
+
+
+class Parts:
+    """All values of a tool, in the order of the parts."""
+
+    def __init__(self, model: Model, parts: list[Part]) -> None:
+        self.model, self.parts = model, parts
+        self.values = tuple(value for part in parts for value in part.values)
+        self.ends = np.cumsum([len(part.values) for part in parts])
+        seeds = no_seeds(model)
+        for part, end in zip(parts, self.ends, strict=True):
+            lane = np.where(part.owner < 0, -1, end - len(part.values) + part.owner).astype(np.int32)
+            name = "mass" if part.field == "inverse" else part.field
+            seeds = seeds._replace(**{name: lane.reshape(getattr(seeds, name).shape)})
+        self.seeds: Seeds = seeds
+
+    def at(self, numbers: Array) -> Model:
+        """The model with some values."""
+        made = self.model
+        for part, own in zip(self.parts, np.split(numbers, self.ends[:-1]), strict=True):
+            rows, chosen = field(made, part.field).copy(), part.owner >= 0
+            found = own[part.owner[chosen]]
+            rows[chosen] = rows[chosen] * found if part.kind == "times" else 1 / found if inverse(part) else found
+            made = made._replace(faces=made.faces._replace(drag=float(rows[0]))) if part.field == "drag" \
+                else made._replace(**{part.field: rows})
+        return made
+
+    def numbers(self, made: Model) -> Array:
+        """The values (V,) of a model whose rows are none times the mapped ones."""
+        found = []
+        for part in self.parts:
+            own, chosen = np.empty(len(part.values)), part.owner >= 0
+            own[part.owner[chosen]] = field(made, part.field)[chosen] ** (-1.0 if inverse(part) else 1.0)
+            found.append(own)
+        return np.concatenate(found)
+
+    def direction(self, made: Model, change: Array) -> Values:
+        """The change of a model along changes (V,) of the logarithms."""
+        found = zeros(made)
+        for part, own in zip(self.parts, np.split(change, self.ends[:-1]), strict=True):
+            chosen, sign = part.owner >= 0, -1.0 if inverse(part) else 1.0
+            getattr(found, part.field)[chosen] = sign * field(made, part.field)[chosen] * own[part.owner[chosen]]
+        return found
+
+    def gradient(self, made: Model, by: Values) -> Array:
+        """The gradient (V,) by the logarithms, from that by the model's values."""
+        found = []
+        for part in self.parts:
+            chosen, sign = part.owner >= 0, -1.0 if inverse(part) else 1.0
+            each = sign * field(made, part.field)[chosen] * getattr(by, part.field)[chosen]
+            found.append(np.bincount(part.owner[chosen], each, len(part.values)))
+        return np.concatenate(found)
+
+    def tool(self, frames: int) -> Tool:
+        """The tool that has these values."""
+
+        def sweep(numbers: Array, along: bool) -> Sweep:
+            made = self.at(numbers)
+            return Sweep(made, self.seeds, len(self.values)) if along else Sweep(made, no_seeds(made), 0)
+
+        def motion(numbers: Array) -> Array | None:
+            positions, good = sweeps.simulate(self.at(numbers), frames)
+            return positions if good == frames else None
+
+        def columns(numbers: Array) -> Array:
+            own, found = sweep(numbers, True), np.zeros((len(self.values), frames, *self.model.x0.shape))
+            for t in range(frames - 1):
+                own.advance(t)
+                found[:, t + 1] = np.moveaxis(own.dx, 2, 0)
+            return found
+
+        def push(numbers: Array, change: Array) -> Array:
+            made = self.at(numbers)
+            return sweeps.tangent(made, self.direction(made, change), frames)
+
+        def pull(numbers: Array, bars: Array) -> Array:
+            made = self.at(numbers)
+            return self.gradient(made, sweeps.gradient(made, len(bars), lambda positions: bars))
+
+        return Tool("xpbd", self.values, motion, columns, push=push, pull=pull, sweep=sweep)
+
+
+def inverse(part: Part) -> bool:
+    """Whether rows are the inverse of values."""
+    return part.kind == "inverse"
+
+
+def field(model: Model, name: str) -> Array:
+    """The rows of a field."""
+    rows: Array = np.array([model.faces.drag]) if name == "drag" else getattr(model, name)
+    return rows
 
 
 def groups_of(scene: Scene, index: int) -> Array:
@@ -37,122 +143,70 @@ def groups_of(scene: Scene, index: int) -> Array:
 def tool_of(scene: Scene, index: int, settings: xpbd.Settings, frames: int) -> Tool:
     """XPBD for one cloth."""
     model = xpbd.model_of(scene, index, settings, frames)
-    group = groups_of(scene, index)
-    there = [g for g in range(len(GROUPS)) if (group == g).any()]
+    return few_of(model, groups_of(scene, index)).tool(frames)
+
+
+def few_of(model: Model, group: Array) -> Parts:
+    """The few values of a model with such groups."""
     time, damping = float(model.time[0]) if len(model.time) else 0.0, float(model.damping[0])
-    values = [Value(f"{GROUPS[g]} compliance", "times the mapped one", 1.0, 1.0) for g in there]
-    values += [Value(f"{GROUPS[g]} damping", "s", max(time, LEAST_TIME), time) for g in there]
-    values.append(Value("air damping", "1/s", max(damping, LEAST_DAMPING), damping))
-    drag = float(model.faces.drag)
-    if drag > 0:
-        values.append(Value("air drag", "kg/(m^6 s)", drag, drag))
+    there = np.unique(group)
+    owner, air = np.searchsorted(there, group), np.where(model.free, 0, -1)
+    names = [GROUPS[g] for g in there]
+    return Parts(model, [
+        Part([Value(f"{name} compliance", "times the mapped one", 1.0, 1.0) for name in names], "compliance", owner,
+             "times"),
+        Part([Value(f"{name} damping", "s", max(time, LEAST_TIME), time) for name in names], "time", owner),
+        relaxations(group),
+        Part([Value("air damping", "1/s", max(damping, LEAST_DAMPING), damping)], "damping", air),
+        *drag(model),
+    ])  # fmt: skip
 
-    def at(numbers: Array) -> Model:
-        return with_values(model, group, there, numbers)
 
-    def motion(numbers: Array) -> Array | None:
-        positions, good = sweeps.simulate(at(numbers), frames)
-        return positions if good == frames else None
+def relaxations(group: Array) -> Part:
+    """That of each kind of constraints."""
+    there, owner = np.unique(group == GROUPS.index("bending"), return_inverse=True)
+    values = [Value(f"{xpbd.SOLVED[int(bends)]} relaxation", "", 1.0, 1.0, RELAXED) for bends in there]
+    return Part(values, "relaxation", owner)
 
-    def columns(numbers: Array) -> Array:
-        made = at(numbers)
-        return np.array([sweeps.tangent(made, each, frames) for each in directions(made, group, there)])
 
-    return Tool("xpbd", tuple(values), motion, columns)
+def drag(model: Model) -> list[Part]:
+    """That of the air, where the scene has some."""
+    own = float(model.faces.drag)
+    return [Part([Value("air drag", "kg/(m^6 s)", own, own)], "drag", np.zeros(1, np.int32))] if own > 0 else []
 
 
 def each_of(scene: Scene, index: int, settings: xpbd.Settings, frames: int, few: Array) -> tuple[Tool, Array]:
-    """XPBD with a compliance and a damping of each constraint, a rest length of each distance, and a mass of each free
-    vertex, which start at the mapped ones; and these values as the few have them. The air has those of the few.
+    """XPBD with a compliance and a damping of each constraint, a rest length of each distance, a mass and an air
+    damping of each free vertex, and the relaxations and the drag of the few values, which start at the mapped ones; and
+    these values as the few have them.
     """
     mapped, group = xpbd.model_of(scene, index, settings, frames), groups_of(scene, index)
-    there = [g for g in range(len(GROUPS)) if (group == g).any()]
-    first = with_values(mapped, group, there, few)
-    first = first._replace(time=np.maximum(first.time, LEAST_TIME))
+    first = few_of(mapped, group).at(few)
     felt = np.maximum(mapped.time, SHARE * mapped.h / mapped.substeps)
-    free = np.flatnonzero(mapped.free).astype(np.int32)
-    long = np.flatnonzero((mapped.members[:, 2] < 0) & (mapped.rest > 0)).astype(np.int32)
-    seeds = seeds_of(mapped, long, free)
-    count = 2 * len(mapped.rest) + len(long) + len(free)
-
-    def at(numbers: Array) -> Model:
-        compliance, time, rest, mass = parts(numbers, mapped, long)
-        lengths, inverse = mapped.rest.copy(), mapped.inverse.copy()
-        lengths[long], inverse[free] = rest, 1.0 / mass
-        return first._replace(compliance=compliance, time=time, rest=lengths, inverse=inverse)
-
-    def sweep(numbers: Array, along: bool) -> Sweep:
-        return Sweep(at(numbers), seeds, count) if along else Sweep(at(numbers), no_seeds(first), 0)
-
-    def motion(numbers: Array) -> Array | None:
-        positions, good = sweeps.simulate(at(numbers), frames)
-        return positions if good == frames else None
-
-    def push(numbers: Array, change: Array) -> Array:
-        made = at(numbers)
-        by_compliance, by_time, by_rest, by_mass = parts(change, made, long)
-        direction = zeros(made)._replace(compliance=made.compliance * by_compliance, time=made.time * by_time)
-        direction.rest[long] = made.rest[long] * by_rest
-        direction.inverse[free] = -made.inverse[free] * by_mass
-        return sweeps.tangent(made, direction, frames)
-
-    def pull(numbers: Array, bars: Array) -> Array:
-        made = at(numbers)
-        by = sweeps.gradient(made, len(bars), lambda positions: bars)
-        return np.concatenate(
-            [by.compliance * made.compliance, by.time * made.time, by.rest[long] * made.rest[long],
-             -by.inverse[free] * made.inverse[free]]
-        )  # fmt: skip
-
-    values = []
-    for name, unit, old, new, spread in (
-        ("compliance", "m/N", mapped.compliance, mapped.compliance, RANGE),
-        ("damping", "s", mapped.time, felt, RANGE),
-        ("rest length", "m", mapped.rest[long], mapped.rest[long], SPREAD),
-        ("mass", "kg", 1.0 / mapped.inverse[free], 1.0 / mapped.inverse[free], RANGE),
-    ):
-        values += [Value(name, unit, float(b), float(a), spread) for a, b in zip(old, new, strict=True)]
-    begin = np.concatenate([first.compliance, first.time, mapped.rest[long], 1.0 / mapped.inverse[free]])
-    return Tool("xpbd", tuple(values), motion, push=push, pull=pull, sweep=sweep), begin
+    every = np.ones(len(mapped.rest), bool)
+    long = (mapped.members[:, 2] < 0) & (mapped.rest > 0)
+    parts = [
+        rows("compliance", "m/N", "compliance", every, mapped.compliance),
+        rows("damping", "s", "time", every, mapped.time, felt),
+        rows("rest length", "m", "rest", long, mapped.rest, spread=SPREAD),
+        rows("mass", "kg", "inverse", mapped.free, mapped.inverse),
+        rows("air damping", "1/s", "damping", mapped.free, mapped.damping, np.maximum(mapped.damping, LEAST_DAMPING)),
+        relaxations(group), *drag(mapped),
+    ]
+    first = first._replace(time=np.maximum(first.time, LEAST_TIME), damping=np.maximum(first.damping, LEAST_DAMPING))
+    own = Parts(mapped, parts)
+    return own.tool(frames), own.numbers(first)
 
 
-def seeds_of(model: Model, long: Indices, free: Indices) -> Seeds:
-    """The directions of the values of each constraint and free vertex, in their order."""
-    count, seeds = len(model.rest), no_seeds(model)
-    first = np.arange(count, dtype=np.int32)[:, None]
-    rest = seeds.rest.copy()
-    rest[long, 0] = 2 * count + np.arange(len(long))
-    seeds.mass[free] = 2 * count + len(long) + np.arange(len(free))
-    return seeds._replace(compliance=first, time=first + np.int32(count), rest=rest)
+def rows(
+    name: str, unit: str, of: str, chosen: Flags, mapped: Array, start: Array | None = None, spread: float = RANGE
+) -> Part:
+    """A value of each row that is chosen."""
+    number = np.where(chosen, np.cumsum(chosen) - 1, -1).astype(np.int32)
+    turned = of == "inverse"
+    own = [(1.0 / a, 1.0 / b) if turned else (a, b)
+           for a, b in zip(mapped[chosen], (mapped if start is None else start)[chosen], strict=True)]
+    return Part([Value(name, unit, float(b), float(a), spread) for a, b in own], of, number,
+                "inverse" if turned else "same")
 
 
-def parts(numbers: Array, model: Model, long: Indices) -> list[Array]:
-    """What of a number for each constraint, again for each, for each distance, and for each free vertex, belongs to
-    which.
-    """
-    count = len(model.rest)
-    return np.split(numbers, [count, 2 * count, 2 * count + len(long)])
-
-
-def with_values(model: Model, group: Array, there: list[int], numbers: Array) -> Model:
-    """The model with other values, in the order of the tool's."""
-    count = len(there)
-    compliance, time = model.compliance.copy(), model.time.copy()
-    for k, g in enumerate(there):
-        compliance[group == g] *= numbers[k]
-        time[group == g] = numbers[count + k]
-    faces = model.faces._replace(drag=float(numbers[2 * count + 1])) if len(numbers) > 2 * count + 1 else model.faces
-    return model._replace(
-        compliance=compliance, time=time, damping=np.array([float(numbers[2 * count])]), faces=faces
-    )
-
-
-def directions(model: Model, group: Array, there: list[int]) -> list[Values]:
-    """The change of a model by the logarithm of each of its values."""
-    found = []
-    for name, own in (("compliance", model.compliance), ("time", model.time)):
-        found += [zeros(model)._replace(**{name: np.where(group == g, own, 0.0)}) for g in there]
-    found.append(zeros(model)._replace(damping=model.damping.copy()))
-    if model.faces.drag > 0:
-        found.append(zeros(model)._replace(drag=np.array([model.faces.drag])))
-    return found

@@ -38,7 +38,7 @@ def scene():
 def test_xpbd_finds_the_values_that_a_cloth_of_xpbd_moved_with(scene):
     settings = xpbd.Settings(2, 3)
     tool = xpbd_values.tool_of(scene, 0, settings, FRAMES)
-    truth = np.array([value.start for value in tool.values]) * [1.6, 0.7, 1.3, 2.0, 0.5, 0.8, 1.5, 0.6]
+    truth = np.array([value.start for value in tool.values]) * [1.6, 0.7, 1.3, 2.0, 0.5, 0.8, 1.2, 0.9, 1.5, 0.6]
     motion = Motion(tool.motion(truth), scene.delta * np.arange(FRAMES), scene.vertex_counts, None, "xpbd")
     (found,) = estimate(scene, motion, Options("xpbd", settings))
     assert found.mapped_rmse > 1e-3 * found.travel
@@ -77,9 +77,13 @@ def test_the_command_writes_the_values(scene, tmp_path, monkeypatch, capsys):
     assert one["rmse"] <= one["mapped_rmse"]
     kept = json.loads((tmp_path / "sheet-xpbd" / "xpbd-values.json").read_text())
     assert kept["objects"] == [one]
-    obi = json.loads((tmp_path / "sheet-xpbd" / "obi.json").read_text())["objects"][0]
+    document = json.loads((tmp_path / "sheet-xpbd" / "obi.json").read_text())
+    obi, solver = document["objects"][0], document["objects"][0]["solver"]
+    assert solver["substeps"] == 1
     factors = {value["name"]: value["fitted"] for value in one["values"]}
     (own,) = scene.cloths
+    for kind, name in (("distance", "distance"), ("bending", "bending")):
+        assert solver[kind] == {"iterations": 3, "SORFactor": factors[f"{name} relaxation"]}
     bent = obi["bend"]["spring"]
     wanted = factors["bending compliance"] / own.stiffness[bent]
     assert obi["bend"]["compliance"] == pytest.approx(wanted, rel=1e-12)
@@ -164,6 +168,7 @@ def test_rest_lengths_are_those_of_distances(scene, bending):
 
 def test_the_command_writes_the_values_of_each(scene, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(many_values, "SEARCHED", 0)
     clothfit.save(scene, "sheet.json")
     options = ["--simulator", "xpbd", "--iterations", "2", "--model", "L", "--json"]
     assert run(["estimate", "sheet.json", *options]) == 0
