@@ -6,7 +6,7 @@ Values are those of rows of a field of the model, such as the compliances of all
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -62,8 +62,7 @@ class Parts:
             rows, chosen = field(made, part.field).copy(), part.owner >= 0
             found = own[part.owner[chosen]]
             rows[chosen] = rows[chosen] * found if part.kind == "times" else 1 / found if inverse(part) else found
-            made = made._replace(faces=made.faces._replace(drag=float(rows[0]))) if part.field == "drag" \
-                else made._replace(**{part.field: rows})
+            made = with_rows(made, part.field, rows)
         return made
 
     def numbers(self, made: Model) -> Array:
@@ -132,6 +131,14 @@ def field(model: Model, name: str) -> Array:
     return rows
 
 
+def with_rows(model: Model, name: str, rows: Array) -> Model:
+    """A model with other rows of a field."""
+    if name == "drag":
+        return model._replace(faces=model.faces._replace(drag=float(rows[0])))
+    change: dict[str, Any] = {name: rows}
+    return model._replace(**change)
+
+
 def groups_of(scene: Scene, index: int) -> Array:
     """The group of each constraint, an index into GROUPS."""
     own = scene.cloths[index]
@@ -150,7 +157,7 @@ def few_of(model: Model, group: Array) -> Parts:
     """The few values of a model with such groups."""
     time, damping = float(model.time[0]) if len(model.time) else 0.0, float(model.damping[0])
     there = np.unique(group)
-    owner, air = np.searchsorted(there, group), np.where(model.free, 0, -1)
+    owner, air = (own.astype(np.int32) for own in (np.searchsorted(there, group), np.where(model.free, 0, -1)))
     names = [GROUPS[g] for g in there]
     return Parts(model, [
         Part([Value(f"{name} compliance", "times the mapped one", 1.0, 1.0) for name in names], "compliance", owner,
@@ -166,7 +173,7 @@ def relaxations(group: Array) -> Part:
     """That of each kind of constraints."""
     there, owner = np.unique(group == GROUPS.index("bending"), return_inverse=True)
     values = [Value(f"{xpbd.SOLVED[int(bends)]} relaxation", "", 1.0, 1.0, RELAXED) for bends in there]
-    return Part(values, "relaxation", owner)
+    return Part(values, "relaxation", owner.astype(np.int32))
 
 
 def drag(model: Model) -> list[Part]:
