@@ -49,6 +49,9 @@ NEGLIGIBLE_BYTES = 64_000_000
 """Bytes of matrices that are always allowed: the libraries of the program take as much."""
 
 
+WATCHED = 8
+"""Steps after which it is seen how much a motion has cost that may not cost more."""
+
 Compared: TypeAlias = str | Mapping[str, float] | OwnCost
 """What is compared: one objective by its name, several with their weights, or a cost of one's own."""
 
@@ -251,6 +254,26 @@ class Objective:
         except Diverged:
             return np.inf
         return value if np.isfinite(value) else np.inf
+
+    def cost_within(self, p: Array, limit: float) -> float:
+        """G(p), m², where it is at most `limit`, m². The motions of more end where they have cost as much, and what is
+        returned is above the limit: the more, the earlier they end. Infinite where a simulation diverges.
+        """
+        if self.joint or not self.plain:
+            return self.cost_or_infinity(p)
+        total, ahead, whole = 0.0, sum(run.steps for run in self.runs), sum(run.steps for run in self.runs)
+        for run in self.runs:
+            cost = running_cost(run.comparison)
+            tape = Tape(run.changed(p), run.steps, self.tolerance, Plan(min(max(run.steps, 1), WATCHED)))
+            for chunk in tape.forward():
+                cost.update(chunk)
+                ahead -= chunk.steps
+                if not total + cost.value <= limit:
+                    return limit * (1.0 + ahead / whole) if ahead else total + cost.value
+            if tape.good < run.steps:
+                return np.inf
+            total += cost.value
+        return total
 
     def cost_and_gradient(self, p: Array) -> tuple[float, Array]:
         """G(p), m², and its exact gradient ∂G/∂p (P,). Raises Diverged."""

@@ -141,6 +141,7 @@ def by_ladder(
     ladder.climb(search, models if wanted is None else wanted, starts)
     if wanted is not None and not wanted and ladder.is_astray(search):
         ladder.by_nudging(search, models[0])
+        ladder.by_wide_search(search, models[0])
     if not search.rungs:
         search.rungs.append(ladder.reached(search, models[0]))
     if is_far(search) or too_many(search) or (not is_near(search) and not is_explained(search)):

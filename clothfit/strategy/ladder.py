@@ -29,6 +29,7 @@ from clothfit.scene.scene import Scene
 from clothfit.strategy import gravity_direction, nudging, pulls, signals
 from clothfit.strategy.few_values import FEW_VALUES, beyond_steps, in_a_round, settled, to_the_minimum
 from clothfit.strategy.first_windows import through_windows, touches
+from clothfit.strategy.wide_search import is_quick, widely
 
 STARTED = 2.0
 """Times what the windows from one start took, that must be left for those from the next one."""
@@ -38,6 +39,9 @@ STAGE_TOLERANCE = 1e-7
 
 ASTRAY = 0.05
 """Error relative to how far the target moves, above which motions are nudged."""
+
+AFTERWARDS = 3.0
+"""Seconds of computing for the descent from what a wide search has found, at least."""
 
 MOMENT = 0.5
 """Seconds for the cost of what a stage has found that is ended."""
@@ -110,6 +114,8 @@ def rung(search: Search, model: str, starts: Sequence[Array] = ()) -> None:
     """Fit one model as `stage` does, and note what it has come to. Raises Stop."""
     began = time.monotonic()
     stage(search, model, starts)
+    if model == models(search.objective.scene)[0]:
+        by_wide_search(search, model)
     search.climbed(reached(search, model, time.monotonic() - began))
 
 
@@ -162,6 +168,22 @@ def by_nudging(search: Search, model: str) -> None:
             break
         own = part_of(search, model, as_whole(part, start, search.objective.scene))
         carried(search, own, through_windows_to_the_minimum)
+
+
+def by_wide_search(search: Search, model: str) -> None:
+    """Search widely by a model of few values where motions in wind end far from their target; what that takes does not
+    count as time of the fit, nor what little time the descent from there needs. Raises Stop.
+    """
+    part = part_of(search, model, search.best.p)
+    windy = any(block.name == "wind" and part.fitted[block.part].any() for block in part.objective.blocks)
+    if not (windy and is_astray(search) and part.fitted.sum() <= FEW_VALUES and is_quick(search)):
+        return
+    before, began = search.best.cost, search.progress.computing
+    part.longest = np.inf
+    carried(search, part, widely)
+    search.longest = max(search.longest, began) + search.progress.computing - began + AFTERWARDS
+    if search.best.cost < before:
+        carried(search, part_of(search, model, search.best.p), to_the_minimum)
 
 
 def through_windows_to_the_minimum(own: Search) -> None:

@@ -1,5 +1,6 @@
 """The whole gradient: Taylor ladder, central difference and dot products, over all forces, settings and schemes."""
 
+import json
 from dataclasses import replace
 
 import numba
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 from helpers import costs
 from helpers.physics import METHODS, TIGHT, ball, scene, thing, xyz
-from helpers.scenes import cloth
+from helpers.scenes import cloth, even, load_text
 
 from clothfit.base.errors import InvalidInput, InvalidMotion
 from clothfit.derivative.verify import DIFFERENCE, ORDER, PRODUCT, central_difference_error, check
@@ -310,3 +311,16 @@ def test_the_scene_makes_its_blocks_once(monkeypatch):
     made = replace(made)
     Objective(made, motion).cost_and_gradient(parameters(made))
     assert len(calls) == 1
+
+
+def test_a_cost_within_a_limit_is_exact_and_ends_sooner_the_more_it_exceeds_it():
+    truth = load_text(json.dumps(even("nG", 40)))
+    objective = Objective(truth, simulate(truth), 1e-10)
+    p = 2.0 * parameters(truth)
+    cost = objective.cost(p)
+    assert objective.cost_within(p, cost) == cost
+    assert objective.cost_within(p, np.inf) == cost
+    limits = cost * np.array([0.9, 0.1, 1e-3])
+    found = np.array([objective.cost_within(p, limit) / limit for limit in limits])
+    assert (found > 1.0).all()
+    assert (np.diff(found) > 0).all()

@@ -1,0 +1,78 @@
+"""The wide search: its coordinates, and that it comes nearer where a gradient leads nowhere."""
+
+import json
+
+import numpy as np
+import pytest
+from helpers.scenes import even, load_text
+
+from clothfit.fit.estimate import record_target
+from clothfit.objective.objective import Objective
+from clothfit.optimise.search import Search
+from clothfit.scene.fit_vector import parameters
+from clothfit.strategy import wide_search
+from clothfit.strategy.wide_search import Wide, widely
+
+WIND, FRAMES = {"x": 12.0, "y": 3.0, "z": 4.0}, 24
+
+
+@pytest.fixture(scope="module")
+def windy():
+    """The objective of a sheet in wind whose stiffness, damping, drag and wind are fitted, and its truth."""
+    text = even("nG", FRAMES, windVel=WIND, fit={"windVel": True})
+    text["objects"][0] |= {"fit": {"damping": "G", "dragCoefficient": "G"}, "damping": 0.3, "dragCoefficient": 0.4}
+    scene = load_text(json.dumps(text))
+    return Objective(scene, record_target(scene), 1e-10), parameters(scene)
+
+
+def searched(objective, p):
+    search = Search(objective, p, -1.0, 1000)  # which never ends by itself
+    search.visit(p)
+    return search
+
+
+def blocks(objective):
+    return {block.name: block.part for block in objective.blocks}
+
+
+def test_coordinates_and_parameters_are_each_others_inverse(windy):
+    objective, truth = windy
+    wide = Wide(searched(objective, truth))
+    x = wide.x(truth) + 0.3
+    np.testing.assert_allclose(wide.x(wide.parameters(x)), x, rtol=1e-12)
+    np.testing.assert_allclose(wide.parameters(wide.x(truth)), truth, rtol=1e-12)
+
+
+def test_another_drag_keeps_the_push_of_the_wind(windy):
+    objective, truth = windy
+    own, part = Wide(searched(objective, truth)), blocks(objective)
+    x = own.x(truth)
+    x[part["drag"]] += np.log(5.0)
+    p = own.parameters(x)
+    np.testing.assert_allclose(p[part["drag"]], 5.0 * truth[part["drag"]], rtol=1e-12)
+    np.testing.assert_allclose(p[part["wind"]], truth[part["wind"]] / 5.0, rtol=1e-12)
+    others = np.setdiff1d(np.arange(len(p)), [*range(part["wind"].start, part["wind"].stop), part["drag"].start])
+    np.testing.assert_allclose(p[others], truth[others], rtol=1e-12)
+
+
+def test_a_damping_of_nothing_has_a_place_beside_others(windy):
+    objective, truth = windy
+    part, p = blocks(objective), truth.copy()
+    p[part["damping"]] = 0.0
+    wide = Wide(searched(objective, p))
+    assert np.isfinite(wide.x(p)).all()
+    assert wide.parameters(wide.x(p))[part["damping"]] < 1e-5  # FLOOR of what is typical
+
+
+def test_it_comes_nearer_from_far_off_and_never_ends_farther(windy, monkeypatch):
+    monkeypatch.setattr(wide_search, "LEFT", 400)  # of 1000 evaluations
+    objective, truth = windy
+    part, p = blocks(objective), truth.copy()
+    p[part["stiffness"]] *= 8.0
+    p[part["wind"]] = [1.0, -4.0, -9.0]  # from the other side
+    search = searched(objective, p)
+    before = search.best.cost
+    widely(search)
+    # 600 points: a hundred times less squares is a tenth of the way from the start to the noise that there is not
+    assert search.best.cost < 1e-2 * before
+    assert search.best.cost == objective.cost(search.best.p)
