@@ -88,15 +88,15 @@ class Evolution:
 
 
 def minimise(
-    costs: Callable[[Array, float], Array], evolution: Evolution, is_over: Callable[[], bool], limit: float = np.inf
+    costs: Callable[[Array, float], Array], evolution: Evolution, is_over: Callable[[], bool]
 ) -> tuple[Array, float]:
     """The best point (n,) that is drawn until the distribution is narrow, or `is_over`, and its cost.
 
     `costs` gets some points (k, n) and a limit, and may return any larger number for a point that costs more than that:
-    only the better half of those that are drawn together counts. At first the limit is `limit`, then `SPARED` times
-    what half of those before have cost less than, but no more than what half of them cost less than already.
+    only the better half of those that are drawn together counts. The limit is what half of them cost less than already,
+    or `SPARED` times what half of those before did.
     """
-    best, least, half = evolution.mean, np.inf, len(evolution.weights)
+    best, least, limit, half = evolution.mean, np.inf, np.inf, len(evolution.weights)
     while not (evolution.is_narrow or is_over()):
         points, found = evolution.draw(), np.zeros(0)
         for first in range(0, len(points), TOGETHER):

@@ -19,6 +19,7 @@ import numpy as np
 from clothfit.base.arrays import Array
 from clothfit.engine.solve.two_threads import processors
 from clothfit.kernels.clock import computing
+from clothfit.objective.objective import Objective
 from clothfit.optimise.evolution import TOGETHER, Evolution, minimise
 from clothfit.optimise.search import Search
 
@@ -37,8 +38,9 @@ SHARE = 0.3
 FLOOR = 1e-6
 """The least value that has a logarithm, relative to what is typical."""
 
-FARTHER = 4.0
-"""Times the best cost that is known, above which motions of the first points end."""
+STAGES = ((0.35, 0.2), (0.65, 0.5), (1.0, 1.0))
+"""Shares of the frames, and of the time until the next ones: over short times the cost is smoother, and known sooner.
+"""
 
 LEFT = 100
 """Evaluations that are left to what comes after."""
@@ -98,25 +100,40 @@ def threads() -> int:
 
 
 def widely(own: Search, seed: int = 0) -> None:
-    """Search around the best point of a search. Raises Stop."""
-    wide = Wide(own)
-    own.enter("evolution")
-    ends = np.full(len(wide.widths), np.inf)
-    evolution = Evolution(wide.x(own.best.p), wide.widths, (-ends, ends), DRAWN, seed)
-    began, budget, count = computing(), own.budget, threads()
-
-    def is_over() -> bool:
-        return computing() - began > LONGEST * count or len(budget.history) + DRAWN + LEFT > budget.limit
-
+    """Search around the best point of a search, over the first frames, more, and all of them. Raises Stop."""
+    wide, whole, count, began = Wide(own), own.objective, threads(), computing()
+    used, allowed = len(own.budget.history), own.budget.limit - len(own.budget.history) - LEFT
+    free = np.full(len(wide.widths), np.inf)
+    evolution = Evolution(wide.x(own.best.p), wide.widths, (-free, free), DRAWN, seed)
     with ThreadPoolExecutor(count) as pool:
+        for frames, share in STAGES:
+            steps = int(frames * whole.steps)
+            part = whole if steps == whole.steps else whole.until(steps + 1, whole.tolerance)
+            own.enter("evolution", part)
+            is_over = partial(is_spent, own, began + share * LONGEST * count, used + share * allowed)
+            found = minimise(Costs(own, wide, part, pool if count > 1 else None), evolution, is_over)[0]
+            for x in (found, evolution.mean):
+                own.visit(wide.parameters(x))
 
-        def costs(points: Array, limit: float) -> Array:
-            given = [wide.parameters(x) for x in points]
-            within = partial(own.objective.cost_within, limit=limit)
-            found = list(pool.map(within, given) if count > 1 else map(within, given))
-            for p, cost in zip(given, found, strict=True):
-                own.count()
-                own.accept(p, cost)
-            return np.array(found)
 
-        minimise(costs, evolution, is_over, FARTHER * own.best.cost)
+def is_spent(own: Search, until: float, evaluations: float) -> bool:
+    """Whether the time is over, in seconds of computing, or the search has had so many evaluations."""
+    return computing() >= until or len(own.budget.history) + DRAWN > evaluations
+
+
+class Costs:
+    """The costs of points over the frames of an objective; those over all frames may be the best of a search."""
+
+    def __init__(self, own: Search, wide: Wide, part: Objective, pool: ThreadPoolExecutor | None) -> None:
+        self.own, self.wide, self.part, self.pool = own, wide, part, pool
+
+    def __call__(self, points: Array, limit: float) -> Array:
+        """The costs (k,) of points (k, Q), those above a limit by numbers above it. Raises Stop."""
+        given = [self.wide.parameters(x) for x in points]
+        within = partial(self.part.cost_within, limit=limit)
+        found = list(self.pool.map(within, given) if self.pool else map(within, given))
+        for p, cost in zip(given, found, strict=True):
+            self.own.count()
+            if self.part is self.own.objective:
+                self.own.accept(p, cost)
+        return np.array(found)

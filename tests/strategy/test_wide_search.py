@@ -10,7 +10,6 @@ from clothfit.fit.estimate import record_target
 from clothfit.objective.objective import Objective
 from clothfit.optimise.search import Search
 from clothfit.scene.fit_vector import parameters
-from clothfit.strategy import wide_search
 from clothfit.strategy.wide_search import Wide, widely
 
 WIND, FRAMES = {"x": 12.0, "y": 3.0, "z": 4.0}, 24
@@ -64,8 +63,7 @@ def test_a_damping_of_nothing_has_a_place_beside_others(windy):
     assert wide.parameters(wide.x(p))[part["damping"]] < 1e-5  # FLOOR of what is typical
 
 
-def test_it_comes_nearer_from_far_off_and_never_ends_farther(windy, monkeypatch):
-    monkeypatch.setattr(wide_search, "LEFT", 400)  # of 1000 evaluations
+def test_it_comes_nearer_from_far_off_and_never_ends_farther(windy):
     objective, truth = windy
     part, p = blocks(objective), truth.copy()
     p[part["stiffness"]] *= 8.0
@@ -73,6 +71,6 @@ def test_it_comes_nearer_from_far_off_and_never_ends_farther(windy, monkeypatch)
     search = searched(objective, p)
     before = search.best.cost
     widely(search)
-    # 600 points: a hundred times less squares is a tenth of the way from the start to the noise that there is not
-    assert search.best.cost < 1e-2 * before
+    # its 900 points lead other draws to errors of 1 to 13 % of this one; 10 % shows that it found the wind's side
+    assert search.best.cost < 0.1**2 * before
     assert search.best.cost == objective.cost(search.best.p)
