@@ -175,7 +175,8 @@ def by_wide_search(search: Search, model: str) -> None:
     count as time of the fit, nor what little time the descent from there needs. Raises Stop.
     """
     part = part_of(search, model, search.best.p)
-    windy = any(block.name == "wind" and part.fitted[block.part].any() for block in part.objective.blocks)
+    scene = part.objective.scene
+    windy = any(cloth.feels_air for cloth in scene.cloths) and bool(scene.wind.any() or scene.wind_keys)
     if not (windy and is_astray(search) and part.fitted.sum() <= FEW_VALUES and is_quick(search)):
         return
     before, began = search.best.cost, search.progress.computing
