@@ -17,6 +17,7 @@ from clothfit.base import memory
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.base.memory import human
+from clothfit.engine import prescribed
 from clothfit.engine.fallbacks import NO_FALLBACKS
 from clothfit.engine.inputs.tables import check_steps
 from clothfit.engine.rollout import STRETCH, Rollout, empty, fill, iterations_of, state_bytes
@@ -54,10 +55,13 @@ class Held(NamedTuple):
 class Tape:
     """T steps of one cloth from its start; linear systems are solved to `tolerance`, relative."""
 
-    def __init__(self, system: System, steps: int, tolerance: float, plan: Plan | None = None) -> None:
+    def __init__(
+        self, system: System, steps: int, tolerance: float, plan: Plan | None = None,
+        forms: prescribed.Forms | None = None,
+    ) -> None:  # fmt: skip
         """Without a plan the motion only goes forwards. Raises InvalidInput where its parts do not fit into memory."""
         check_steps(system.inputs, steps)
-        self.system, self.steps, self.tolerance = system, steps, tolerance
+        self.system, self.steps, self.tolerance, self.forms = system, steps, tolerance, forms
         iterations = iterations_of(system)
         self.plan = plan or Plan(min(max(steps, 1), max(SHORTEST_PART, STRETCH // (len(system.x0) * iterations))))
         needed = self.plan.length * state_bytes(system)
@@ -134,7 +138,10 @@ class Tape:
         part.x[0], part.budget[0] = at.x, at.budget
         self._held = None  # an interrupt may come
         work = self._work._replace(past=deepcopy(at.past))
-        good = fill(self.system, self.tolerance, work, part)
+        if self.forms is None:
+            good = fill(self.system, self.tolerance, work, part)
+        else:
+            good = prescribed.fill(self.system, self.forms, self.tolerance, work, part)
         self.good = max(self.good, at.step + good)
         if good < part.steps:
             self.fault, self.fault_velocity = part.x[good + 1].copy(), part.velocity(good + 1).copy()

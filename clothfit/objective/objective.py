@@ -9,6 +9,7 @@ the cost to about 1e-8; to 1e-14, as far as rounding allows.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from functools import cached_property, partial
 from typing import Any, TypeAlias
 
@@ -21,6 +22,7 @@ from clothfit.base.memory import budget
 from clothfit.derivative import adjoint
 from clothfit.derivative.adjoint import CostDerivative, Observer, TrajectoryMemory
 from clothfit.engine.fallbacks import NO_FALLBACKS, Fallbacks
+from clothfit.engine.prescribed import Forms, forms_from, forms_of
 from clothfit.engine.rollout import Rollout
 from clothfit.engine.snapshots import Plan
 from clothfit.engine.system import System, build
@@ -122,6 +124,24 @@ class Objective:
     def in_scenes(self, given: Sequence[Experiment], tolerance: float | None = None) -> Objective:
         """The same objective in other scenes of its experiments, solved to another tolerance."""
         return self.against(self.scene, given, self._ends, tolerance)
+
+    def with_forms(self, forms: Sequence[Forms]) -> Objective:
+        """The same objective of motions whose steps have these forms, of each run."""
+        other = copy(self)
+        other.runs = tuple(run._replace(forms=own) for run, own in zip(self.runs, forms, strict=True))
+        other._recent = Recent(other.runs, other.tolerance, other.memory)
+        return other
+
+    def forms(self, p: Array) -> list[Forms]:
+        """The forms that the steps of the motions of p (P,) take. Raises Diverged."""
+        return [forms_of(self.simulate(run, p)[1].forward()) for run in self.runs]
+
+    def forms_along(self, other: Objective, p: Array) -> list[Forms]:
+        """The forms that steps take from the states of the motions of p (P,) by another objective. Raises Diverged."""
+        return [
+            forms_from(run.changed(p), other.simulate(its, p)[1].forward(), self.tolerance)
+            for run, its in zip(self.runs, other.runs, strict=True)
+        ]
 
     def against(
         self, scene: Scene, given: Sequence[Experiment], frames: int | Sequence[int | None] | None,

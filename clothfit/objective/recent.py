@@ -46,7 +46,7 @@ class Recent:
         """
         if not self._small or (plan is not None and plan.snapshots is not None):
             system = run.changed(p)
-            tape = Tape(system, run.steps, self.tolerance, plan)
+            tape = Tape(system, run.steps, self.tolerance, plan, run.forms)
             shown(run, tape, observers)
             return system, tape
         kept, key = self._kept[run.cloth, run.experiment], key_of(p)
@@ -60,7 +60,7 @@ class Recent:
     def _begun(self, run: Run, p: Array) -> tuple[System, Tape]:
         """A tape that holds all states, and nothing yet."""
         system, steps = run.changed(p), max(run.steps, 1)
-        return system, Tape(system, run.steps, self.tolerance, Plan(steps, (steps,)))
+        return system, Tape(system, run.steps, self.tolerance, Plan(steps, (steps,)), run.forms)
 
 
 def key_of(p: Array) -> bytes:

@@ -12,6 +12,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.derivative.adjoint import Observer
 from clothfit.engine.inputs.moving_axes import Axes
 from clothfit.engine.inputs.sampling import axes
+from clothfit.engine.prescribed import Forms
 from clothfit.engine.rollout import empty
 from clothfit.engine.system import System, mobile, with_elements
 from clothfit.engine.tape import Tape
@@ -33,6 +34,7 @@ class Run(NamedTuple):
     system: System  # with the values of `scene`
     comparison: Comparison
     experiment: int  # counted from 0
+    forms: Forms | None = None  # of the steps, where they are given
 
     @property
     def steps(self) -> int:

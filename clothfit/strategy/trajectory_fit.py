@@ -19,6 +19,7 @@ import numpy as np
 
 from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
+from clothfit.motion.divergence import Diverged
 from clothfit.objective.comparison import WHOLE
 from clothfit.objective.objective import Objective
 from clothfit.objective.whiteness import residual_test
@@ -30,6 +31,7 @@ from clothfit.optimise.search import SAME_POINT, Descent, Search
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import LARGEST, Trajectory
 from clothfit.strategy.pulls import can_nudge, nudged
+from clothfit.strategy.step_forms import Held, through_forms
 
 NEAR_ERROR = 2e-3
 """Error relative to how far the target moves, below which all frames are fitted at once."""
@@ -258,6 +260,7 @@ def pulled(search: Search, prior: Prior) -> list[tuple[Array, Prior]] | None:
     """
     prior = replace(prior, tau=(FIRST_TAU,) * len(prior.tau)) if prior.learns else prior  # a resumed fit has another
     y, ends = np.clip(prior.centre, *Trajectory(search, search.objective).bounds), list[tuple[float, Array, Prior]]()
+    first = y, prior
     for pull in PULLS:
         part = Trajectory(search, nudged(search.objective, pull))
         stage = Stage(part.objective, least_saving(search, part.objective), PULLED_ITERATIONS, PATIENT)
@@ -268,7 +271,28 @@ def pulled(search: Search, prior: Prior) -> list[tuple[Array, Prior]] | None:
         if not ends and differs(stage, search.parameters(y), status, True):
             return None
         ends.append((search.visit(search.parameters(y)), y, prior))
+        held = with_forms(search, *first) if len(ends) == 1 else None
+        if held is not None:
+            ends.append((search.visit(search.parameters(held.y)), held.y, held.prior))
+            if is_explained(search):
+                return [(held.y, held.prior)]
     return [(y, prior) for _, y, prior in sorted(ends, key=lambda end: end[0])]
+
+
+def with_forms(search: Search, y: Array, prior: Prior) -> Held | None:
+    """Where a fit of motions whose steps have the forms that fit best comes to from y (Q,); None where all forms are
+    plain, or none of their motions stays finite. Raises Stop.
+    """
+
+    def by_stage(objective: Objective, y: Array, prior: Prior, iterations: int) -> tuple[Array, Prior]:
+        stage = Stage(objective, least_saving(search, objective), iterations, PATIENT)
+        found, learned, _ = fitted(Trajectory(search, objective), stage, y, prior)
+        return found, learned
+
+    try:
+        return through_forms(search, y, prior, by_stage)
+    except Diverged:
+        return None
 
 
 def may_pull(search: Search) -> bool:

@@ -1,0 +1,111 @@
+"""Steps whose forms are given, such as those of a motion near by.
+
+Which form a step takes depends on its state: one whose matrix is seen to be indefinite is clamped, one that would add
+energy is shortened, or, by BDF2, taken by implicit Euler. Where a form switches, the motion jumps. With the forms of
+one motion held, the motions of values around it change smoothly with them, and the one itself is the same to the bit.
+A step that is held plain is solved also where its matrix is indefinite.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from clothfit.base import interrupts
+from clothfit.base.arrays import Array, Flags
+from clothfit.engine import march, rollout
+from clothfit.engine.rollout import Rollout, Taken, advance, stretches
+from clothfit.engine.solve import guess, linear
+from clothfit.engine.step import implicit
+from clothfit.engine.system import BDF2, IMPLICIT, System
+
+
+class Forms(NamedTuple):
+    """How the T steps of a motion were taken; see `rollout.Rollout`."""
+
+    clamped: Flags  # (T,)
+    euler: Flags  # (T,)
+    early: Flags  # (T,)
+    theta: Array  # (T,)
+
+    @property
+    def plain(self) -> Flags:
+        """Which steps (T,) are whole and those of their method, but for the first one."""
+        return ~(self.clamped | self.early | self.euler) & (self.theta == 1.0)
+
+    def equals(self, other: Forms) -> bool:
+        """Whether all steps have the same forms."""
+        return all(np.array_equal(mine, its) for mine, its in zip(self, other, strict=True))
+
+
+def forms_of(parts: Iterable[Rollout]) -> Forms:
+    """The forms of the steps of a motion, in order."""
+    own = [(part.clamped.copy(), part.euler.copy(), part.early.copy(), part.theta.copy()) for part in parts]
+    return Forms(*(np.concatenate(each) for each in zip(*own, strict=True)))
+
+
+def forms_from(system: System, parts: Iterable[Rollout], tolerance: float) -> Forms:
+    """The forms that single steps of a system take from the states of another motion."""
+    found: list[Rollout] = []
+    for part in parts:
+        for t in range(part.steps):
+            own, ready = part.part(t, t), part.first + t > 0
+            if found:
+                ready = bool(found[-1].theta[0] == 1.0 and not found[-1].early[0])
+            step = rollout.empty(system, 1)._replace(
+                v=own.v, x_before=own.x_before, v_before=own.v_before, ready=ready, first=part.first + t
+            )
+            step.x[0] = part.x[t]
+            rollout.fill(system, tolerance, implicit.workspace(system), step)
+            found.append(step)
+    return forms_of(found)
+
+
+def fill(
+    system: System, forms: Forms, tolerance: float, work: implicit.Workspace, part: Rollout,
+    look: Callable[[], None] = interrupts.check,
+) -> int:  # fmt: skip
+    """What `rollout.fill` does, each step in the form that is given for it; of a cloth that does not touch itself."""
+    taken = Taken(system._replace(guarded=False))
+    given = Forms(*(each[part.first : part.first + part.steps] for each in forms))
+    plain = given.plain
+    with linear.served(work.A, work.solver):
+        for begin, end in stretches(part.steps, len(system.x0)):
+            t = begin
+            while t < end:
+                stop = t
+                while stop < end and plain[stop]:
+                    stop += 1
+                if stop > t:
+                    t, ended = advance(taken.own, tolerance, work, part, t, stop)
+                else:
+                    t, ended = one(taken, given, tolerance, work, part, t)
+                look()
+                if ended != march.DONE:
+                    return int(t)
+    return part.steps
+
+
+def one(
+    taken: Taken, given: Forms, tolerance: float, work: implicit.Workspace, part: Rollout, t: int
+) -> tuple[int, int]:
+    """Take step t of a part in its form; returns what `march.run` does."""
+    early, safe = bool(given.early[t]), bool(given.clamped[t])
+    form = taken.form(early, safe)
+    if safe:  # as for a step that was refused
+        work.solution[:] = part.velocity(t)
+        guess.advance(work.past, part.first + t, work.solution)
+        part.solves[t] = 0
+    if form.method == BDF2 and given.euler[t]:
+        done, ended = march.run(form._replace(method=IMPLICIT), tolerance, work, part, t, t + 1)
+        part.euler[t] = True
+    else:
+        done, ended = advance(form, tolerance, work, part, t, t + 1)
+    part.early[t] = early
+    if ended == march.DONE and given.theta[t] < 1.0:
+        part.theta[t] = given.theta[t]
+        part.w[t, part.used[t] - 1] *= given.theta[t]
+        part.x[t + 1] = part.x[t] + form.h * part.velocity(t + 1)
+    return done, ended
