@@ -3,5 +3,6 @@
 start (with coarse_search, and smooth_balances in wind) says where it begins. auto, the default method, tries the
 balances of momentum, a scan, the trajectory_fit (Gauss–Newton by windows of frames) and, where no values reproduce the
 target, the ladder of models from coarse to fine (first_windows, few_values, nudging and wide_search are its parts).
-step_choice (with time_step) chooses the time step. To add a way: a function of a `Search`, and a line in `auto.find`.
+Where windows lead the trajectory_fit astray it goes through pulls and step_forms. step_choice (with time_step) chooses
+the time step. To add a way: a function of a `Search`, and a line in `auto.find`.
 """
