@@ -16,6 +16,9 @@ from clothfit.export.blender import (
     DAMPING_SPREAD,
     FINER,
     FOLD,
+    GRAVITY,
+    MOST_PARTS,
+    SLOW,
     STIFFNESS_LIMIT,
     TIME_UNIT,
     bending_of,
@@ -245,7 +248,7 @@ def test_implicit_scenes_keep_their_step_and_others_get_a_finer_one():
         assert content(scene.with_step(0.01, method=method), "blender", "blender.json")["step"] == 0.01 / FINER
 
 
-@pytest.mark.parametrize("stiffness", [1.0, 3e6, 3e7])
+@pytest.mark.parametrize("stiffness", [1.0, 3e6, 1e7])
 def test_a_stiff_cloth_gets_the_fewest_parts_of_a_step_that_the_solver_bears(stiffness):
     made = cloth(4, 3, springStiffness=[stiffness] * 23, vertMass=[0.02] * 12, damping=0.0)
     scene = of(made).with_step(0.01, method="implicit")
@@ -260,6 +263,21 @@ def test_a_stiff_cloth_gets_the_fewest_parts_of_a_step_that_the_solver_bears(sti
     # implicit steps of h damp a long wave as springs of h k do: what shorter ones lose is added
     k = np.full(23, stiffness)
     assert damping_of(scene.cloths[0], k, step, parts) == pytest.approx((0.01 - step) * stiffness, rel=1e-12)
+
+
+def test_a_step_has_no_more_parts_however_stiff_a_cloth_is():
+    made = cloth(4, 3, springStiffness=[1e12] * 23, vertMass=[0.02] * 12)
+    assert steps_of(of(made).with_step(0.01, method="implicit")) == (0.01 / MOST_PARTS, MOST_PARTS)
+
+
+# A fall takes √(L/g); springs damped for as long as half of that slow it, and only they get more than h k.
+@pytest.mark.parametrize(("share", "times"), [(0.0, 0.75), (SLOW / 2, 1.75), (SLOW, 4.0), (9 * SLOW, 4.0)])
+def test_slow_cloths_get_more_damping_with_shorter_steps(share, times):
+    fall = (3.0 / GRAVITY) ** 0.5  # of a cloth of 3 m
+    own = of(cloth(4, 3, springStiffness=[1e9] * 23, vertMass=[1e-3] * 12, damping=2 * share * fall)).cloths[0]
+    assert np.ptp(own.positions, axis=0).max() == 3.0
+    h, k = 0.02, np.full(23, 1e9)
+    assert damping_of(own, k, h / 4, 4) == pytest.approx(times * h * 1e9, rel=1e-12)
 
 
 def test_damping_of_light_cloths_is_what_the_solver_bears():
