@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from clothfit.base.arrays import Array
 from clothfit.base.errors import InvalidInput
 from clothfit.fit.estimate import record_target
 from clothfit.motion.motion import Motion
@@ -16,7 +17,8 @@ from clothfit.objective.experiment import experiments
 from clothfit.objective.target import Target, target
 from clothfit.scene.scene import Scene
 from clothfit.simulators import xpbd
-from clothfit.simulators.values import Fit, Fitted
+from clothfit.simulators.many_values import ManyFit
+from clothfit.simulators.values import Fit, Fitted, Tool
 
 SIMULATORS = ("xpbd", "blender")
 FEW, EACH = "G", "L"
@@ -84,18 +86,26 @@ def fitted(scene: Scene, index: int, motion: Motion, options: Options, more: Any
 def each(
     scene: Scene, index: int, goal: Target, options: Options, few: Fitted, told: Callable[[float, int], None], more: Any
 ) -> Fitted:
-    """Fit the values of each constraint and vertex, from the few on."""
+    """Fit the values of each constraint and vertex, from the few on; in Blender, whose derivatives are those of a model
+    nearby, from the mapped ones too, and what ends nearer counts.
+    """
     from clothfit.simulators import blender, xpbd_values
-    from clothfit.simulators.many_values import ManyFit
 
-    if options.simulator == "blender":
-        tool, begin = blender.tool_of(scene, index, goal.last_step + 1, more, few.found), None
-    else:
+    def descent(tool: Tool, begin: Array | None, few: Fitted) -> Fitted:
+        fit = ManyFit(tool, goal, told)
+        fit.begin = begin
+        return replace(fit.run(options.most), few=few)
+
+    if options.simulator != "blender":
         tool, begin = xpbd_values.each_of(scene, index, options.settings, scene.frames, few.found)
-    fit = ManyFit(tool, goal, told)
-    fit.begin = begin
-    found = fit.run(options.most)
-    return replace(found, simulations=few.simulations + found.simulations, few=few)
+        found = [descent(tool, begin, few)]
+    else:
+        mapped = np.array([value.mapped for value in few.tool.values])
+        starts = [few] if (mapped == few.found).all() else [few, replace(few, found=mapped)]
+        tools = [blender.tool_of(scene, index, goal.last_step + 1, more, start.found) for start in starts]
+        found = [descent(tool, None, start) for tool, start in zip(tools, starts, strict=True)]
+    best = min(found, key=lambda each: each.rmse)
+    return replace(best, simulations=few.simulations + sum(each.simulations for each in found))
 
 
 def at_frames(goal: Target, every: int) -> Target:
