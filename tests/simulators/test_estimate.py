@@ -1,6 +1,8 @@
 """Fits of a tool's values: XPBD finds what XPBD moved with; the command writes them."""
 
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,8 +18,9 @@ from clothfit.objective.target import target
 from clothfit.simulators import blender_values, many_values, sweeps, xpbd, xpbd_values
 from clothfit.simulators.blender import left_out, values_of, with_values
 from clothfit.simulators.blender_process import program
-from clothfit.simulators.estimate import Options, estimate
+from clothfit.simulators.estimate import Options, each, estimate
 from clothfit.simulators.many_values import ManyFit
+from clothfit.simulators.values import Fitted, Tool, Value
 
 pytestmark = pytest.mark.slow  # compiles
 
@@ -270,3 +273,29 @@ def test_what_blenders_cloth_has_not_is_said(scene):
     windy = clothfit.new_scene(mesh, drag=0.1, wind=(1, 0, 0), spheres=[(0, -1, 0, 0.5)])
     assert left_out(windy) == ["the wind", "the drag of the air", "the spheres"]
     assert left_out(clothfit.new_scene(mesh, drag=0.0, wind=(1, 0, 0))) == []
+
+
+@pytest.mark.parametrize(("ends", "counts"), [((0.3, 0.2), 1.0), ((0.2, 0.3), 2.0)])
+def test_fits_of_each_vertex_in_blender_start_from_the_few_and_the_mapped_values(monkeypatch, ends, counts):
+    """The better end counts, with the few values that it started from; the runs of both are counted."""
+    few = Tool("blender", (Value("mass", "kg", 1.0, 1.0),), lambda numbers: None)
+    found, still = np.array([2.0]), np.zeros((2, 1, 3))
+    end = {2.0: ends[0], 1.0: ends[1]}  # by the value that a descent starts from
+
+    def tool_of(scene, index, frames, running, begin):
+        return replace(few, values=(Value("rest length", "", float(begin[0]), float(begin[0])),))
+
+    class Descent:
+        def __init__(self, tool, goal, told):
+            self.tool = tool
+
+        def run(self, most):
+            start = self.tool.values[0].start
+            return Fitted(self.tool, np.ones(1), 0.9, end[start], 1.0, 10, still)
+
+    monkeypatch.setattr("clothfit.simulators.blender.tool_of", tool_of)
+    monkeypatch.setattr("clothfit.simulators.estimate.ManyFit", Descent)
+    fitted = Fitted(few, found, 0.9, 0.5, 1.0, 7, still)
+    made = each(None, 0, SimpleNamespace(last_step=1), Options("blender", model="L"), fitted, lambda *_: None, None)
+    assert (made.rmse, made.simulations) == (0.2, 27)
+    assert (made.few.found.tolist(), made.few.rmse) == ([counts], 0.5)
