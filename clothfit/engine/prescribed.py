@@ -33,7 +33,12 @@ class Forms(NamedTuple):
     @property
     def plain(self) -> Flags:
         """Which steps (T,) are whole and those of their method, but for the first one."""
-        return ~(self.clamped | self.early | self.euler) & (self.theta == 1.0)
+        return np.asarray(~(self.clamped | self.early | self.euler) & (self.theta == 1.0))
+
+    def part(self, begin: int, end: int) -> Forms:
+        """Those of the steps from `begin` to below `end`."""
+        at = slice(begin, end)
+        return Forms(self.clamped[at], self.euler[at], self.early[at], self.theta[at])
 
     def equals(self, other: Forms) -> bool:
         """Whether all steps have the same forms."""
@@ -69,7 +74,7 @@ def fill(
 ) -> int:  # fmt: skip
     """What `rollout.fill` does, each step in the form that is given for it; of a cloth that does not touch itself."""
     taken = Taken(system._replace(guarded=False))
-    given = Forms(*(each[part.first : part.first + part.steps] for each in forms))
+    given = forms.part(part.first, part.first + part.steps)
     plain = given.plain
     with linear.served(work.A, work.solver):
         for begin, end in stretches(part.steps, len(system.x0)):

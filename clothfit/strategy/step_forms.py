@@ -186,13 +186,15 @@ def neighbours(forms: Forms) -> Iterator[Forms]:
     near = np.convolve(other, np.ones(2 * AROUND + 1), "same")[: len(other)] > 0.0
     for t in np.flatnonzero(near & (theta == 1.0) & ~forms.clamped):
         yield forms._replace(theta=changed(theta, t, 0.5))
-    for t in range(len(other)):
-        around = forms.clamped[max(t - 1, 0) : t + 2]
+    for place in range(len(other)):
+        around = forms.clamped[max(place - 1, 0) : place + 2]
         if around.any() and not around.all():
-            yield forms._replace(clamped=changed(forms.clamped, t, not forms.clamped[t]))
+            clamped = forms.clamped.copy()
+            clamped[place] = not clamped[place]
+            yield forms._replace(clamped=clamped)
 
 
-def changed(values: Array, t: int, value: float) -> Array:
+def changed(values: Array, t: np.intp, value: float) -> Array:
     """The values with another one at t."""
     found = values.copy()
     found[t] = value
