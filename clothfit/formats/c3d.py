@@ -21,7 +21,7 @@ from clothfit.formats.animation import Animation, rated, with_gaps
 from clothfit.formats.axes import UPS, Axes
 from clothfit.formats.c3d_parameters import BLOCK_BYTES, INTEGER, INTEL, KEY, REAL, TEXT, Parameters
 from clothfit.formats.files import check_room, content, name_of
-from clothfit.formats.markers import label, labels_of, marker_animation, scale_of, unit_of
+from clothfit.formats.markers import ends_early, label, labels_of, marker_animation, scale_of, unit_of
 
 LARGEST_WORD = 65535
 """The largest 16-bit number: of points, and of frames unless the group TRIAL counts them."""
@@ -36,7 +36,7 @@ def read(path: str | os.PathLike[str]) -> Animation:
     found = Parameters(content(path), name)
     notes: list[str] = []
     with np.errstate(all="ignore"):  # what is not a finite number is a gap
-        positions = _positions(found, path)
+        positions = _positions(found, path, notes)
     names = _labels(found, positions.shape[1])
     others = {label(each) for kind in OTHERS for each in found.texts("POINT", kind)}
     kept = [i for i, each in enumerate(names) if each not in others]
@@ -49,8 +49,10 @@ def read(path: str | os.PathLike[str]) -> Animation:
     return marker_animation(positions[:, kept], axes, times, [names[i] for i in kept], notes, name)
 
 
-def _positions(found: Parameters, path: str | os.PathLike[str]) -> Array:
-    """Positions (frames, points, 3), NaN where a point was not seen."""
+def _positions(found: Parameters, path: str | os.PathLike[str], notes: list[str]) -> Array:
+    """Positions (frames, points, 3), NaN where a point was not seen: of the frames that are whole, with a note where
+    these are fewer than the file promises.
+    """
     points = int(next(iter(found.values("POINT", "USED")), found.word(2)))
     scale = next(iter(found.values("POINT", "SCALE")), found.real(7))
     width = 4 if scale < 0 else 2  # bytes of a number
@@ -58,11 +60,11 @@ def _positions(found: Parameters, path: str | os.PathLike[str]) -> Array:
     start = (found.word(9) - 1) * BLOCK_BYTES
     there = max(len(found.data) - start, 0) // (width * row) if row and start > 0 else 0
     frames = _frames(found, there)
+    if frames > there:
+        notes.append(ends_early(frames, there))
+        frames = there
     if not points or frames < 1 or start <= 0:
         raise InvalidMotion(f"{name_of(path)}: there are no markers in it")
-    if frames > there:
-        short = f"it ends early: {frames} frames are promised, {there} are there; export it again"
-        raise InvalidMotion(f"{name_of(path)}: {short}")
     check_room(frames * row * 8 * 4, path)
     if width == 4:
         table: NDArray[np.float64] = found.reals(start, frames * row).astype(np.float64)

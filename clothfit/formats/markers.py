@@ -110,6 +110,11 @@ def marker_animation(
     return Animation(positions, axes, times, None, observed if gaps else None, tuple(map(label, names)), tuple(notes))
 
 
+def ends_early(promised: float, there: int) -> str:
+    """The note on a file that has fewer frames than it says."""
+    return f"it ends early: {promised:.0f} frames are promised, {there} are there"
+
+
 def scale_of(unit: str, notes: list[str], default: str = "mm") -> float:
     """m per unit, by the name that a file gives; where that is missing or unknown, `default` and a note on it."""
     if unit.lower() in METRES_PER_UNIT:

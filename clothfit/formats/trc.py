@@ -3,7 +3,8 @@
 Tabs separate the cells, or, as some programs write it, commas. The lines are: the file's type, the names of its facts
 (rate, unit, counts), the facts, the markers' names, X1 Y1 Z1 …, mostly an empty one, and then one for each frame: its
 number, its time in s, and the coordinates, which are empty where a marker was not seen. y is up and the axes are
-right-handed, as in OpenSim; the unit is among the facts. Numbers are written in full.
+right-handed, as in OpenSim; the unit is among the facts. Numbers are written in full. Of a file that ends early, as one
+whose recording was cut, the frames that are there are read, with a note; a last line without its end is none.
 """
 
 from __future__ import annotations
@@ -18,7 +19,16 @@ from clothfit.base.writing import Data
 from clothfit.formats.animation import Animation, rate_of, times_of, with_gaps
 from clothfit.formats.axes import Axes
 from clothfit.formats.files import name_of
-from clothfit.formats.markers import labels_of, marker_animation, number, number_table, scale_of, text_of, unit_of
+from clothfit.formats.markers import (
+    ends_early,
+    labels_of,
+    marker_animation,
+    number,
+    number_table,
+    scale_of,
+    text_of,
+    unit_of,
+)
 
 FILE_TYPE = "PathFileType"
 FACTS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame",
@@ -27,7 +37,8 @@ FACTS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigData
 
 def read(path: str | os.PathLike[str]) -> Animation:
     """The markers of a file, NaN where they were not seen. Raises InvalidMotion, with the line."""
-    name, lines = name_of(path), io.StringIO(text_of(path))
+    name, text = name_of(path), text_of(path)
+    lines = io.StringIO(text)
     first = next(lines, "")
     separator = "," if first.strip().startswith(f"{FILE_TYPE},") else "\t"
     head = [line.rstrip("\r\n").split(separator) for line in [first, *(next(lines, "") for _ in range(4))]]
@@ -39,14 +50,11 @@ def read(path: str | os.PathLike[str]) -> Animation:
     split = ((f"{name}: line {i}", line.rstrip("\r\n").split(separator)) for i, line in enumerate(lines, 6))
     rows = (_row(cells, place, width) for place, cells in split if any(map(str.strip, cells)))
     table = number_table(rows, width - 1)
+    promised, notes = number(facts.get("numframes", ""), f"{name}: line 3"), list[str]()
+    if len(table) < promised:  # never true for NaN, where the file promises nothing
+        table = table if text.endswith("\n") else table[:-1]  # its last number may be cut as well
+        notes.append(ends_early(promised, len(table)))
     frames = len(table)
-    promised = number(facts.get("numframes", ""), f"{name}: line 3")
-    if frames < promised:  # never true for NaN, where the file promises nothing
-        raise InvalidMotion(
-            f"{name}: it ends early: {promised:.0f} frames are promised, {frames} are there; export it again, or write "
-            f"{frames} for NumFrames in line 3"
-        )
-    notes: list[str] = []
     axes = Axes("y", "right", scale_of(facts.get("units", ""), notes))
     return marker_animation(table[:, 1:].reshape(frames, len(names), 3), axes, table[:, 0], names, notes, name)
 

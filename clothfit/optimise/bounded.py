@@ -6,6 +6,8 @@ H (Q, Q) may be singular: what it does not determine stays 0, the shortest solut
 steps: a coordinate that the derivative presses against its bound is held, the others are solved, and the bounds cut
 the step. Every step lowers the value, so even where the steps end early the result is no worse than δ = 0. They end
 where the same coordinates are held again and the value is no lower: H is singular, and rounding moves them in turn.
+Where the bounds cut away most of what a step promised and H hardly determines some direction, the rounding of g makes a
+long way along it: steps are then made shorter by more on the diagonal.
 The eigenvalues of a singular H are taken once, for the first step: they take twenty times as long as the factor of
 H + ridge, which is as good for a step that the bounds will cut. A sparse H always has a ridge.
 
@@ -57,6 +59,11 @@ EIGENVALUES = 3000
 SPARSE = 1500
 """Coordinates from which on a sparse H is factored as such."""
 
+KEPT, UNSURE, SHIFTS = 0.5, 1e-9, (1e-10, 1e-8, 1e-6)
+"""The least part of what a step promised that is left where the bounds cut it; else, where the reciprocal condition is
+below the second number, what is added to the diagonal, relative to its largest entry.
+"""
+
 PATIENCE = 2.0
 """Seconds after which `waiting` is called, between two steps."""
 
@@ -83,23 +90,29 @@ def solve(
     reached: dict[bytes, float] = {}  # the value where these were held
     least = RIDGE * float(H.diagonal().sum())
     ridge, told = least if len(g) > EIGENVALUES else 0.0, time.monotonic()
+    shift, shifts = 0.0, list(SHIFTS if isinstance(H, np.ndarray) else ())
     for _ in range(STEPS):
         interrupts.check()  # thousands of values take seconds a step
         if waiting and time.monotonic() - told >= PATIENCE:
             waiting()
             told = time.monotonic()
-        value = float(delta @ (H @ delta + 2.0 * g))
+        value = quadratic(H, g, delta)
         if value >= reached.get(held.tobytes(), np.inf) - ROUNDING * abs(value):
             break
         reached[held.tobytes()] = value
         free, rest = np.flatnonzero(~held), np.flatnonzero(held)
         target = delta.copy()
         if isinstance(H, np.ndarray):
-            target[free] = within(H[np.ix_(free, free)], g[free] + H[np.ix_(free, rest)] @ delta[rest], radius, ridge)
+            inner, right = H[np.ix_(free, free)], g[free] + H[np.ix_(free, rest)] @ delta[rest]
+            target[free] = within(inner, right, radius, ridge, shift)
         else:
             target[free] = unbounded(H[free][:, free], -g[free] - H[free][:, rest] @ delta[rest])
         inside = bool(((target >= lower) & (target <= upper)).all())
         new = target if inside else downwards(H, g, lower, upper, delta, target)
+        saved = value - (value if new is None else quadratic(H, g, new))
+        if shifts and not inside and saved < KEPT * (value - quadratic(H, g, target)) and (shift or is_unsure(inner)):
+            shift, new = shifts.pop(0) * float(H.diagonal().max()), delta if new is None else new
+            reached.clear()
         if new is None:
             break
         delta, held = new, pressed(H, g, lower, upper, new)
@@ -119,15 +132,20 @@ def downwards(H: Matrix, g: Array, lower: Array, upper: Array, delta: Array, tar
     """The best of the points on the way to `target`, cut by the bounds, among the halvings around the first that is
     lower; None where none is.
     """
-    way, value, best = target - delta, float(delta @ (H @ delta + 2.0 * g)), None
+    way, value, best = target - delta, quadratic(H, g, delta), None
     for k in range(HALVINGS):
         new = np.clip(delta + 0.5**k * way, lower, upper)
-        reached = float(new @ (H @ new + 2.0 * g))
+        reached = quadratic(H, g, new)
         if reached < value:
             value, best = reached, new
         elif best is not None:
             break
     return best
+
+
+def quadratic(H: Matrix, g: Array, delta: Array) -> float:
+    """δᵀ H δ + 2 gᵀ δ."""
+    return float(delta @ (H @ delta + 2.0 * g))
 
 
 def unbounded(H: Matrix, right: Array) -> Array:
@@ -153,11 +171,11 @@ def unbounded(H: Matrix, right: Array) -> Array:
     return np.asarray(scale * factor.solve(scale * right))
 
 
-def within(H: Array, g: Array, radius: float = np.inf, ridge: float = 0.0) -> Array:
-    """The minimum δ within a ball: (H + μ) δ = −g with the μ ≥ 0 that makes |δ| at most the radius, to 1 %. Where H is
-    singular μ is at least the `ridge`, or the directions that are rounding are left out, without one.
+def within(H: Array, g: Array, radius: float = np.inf, ridge: float = 0.0, shift: float = 0.0) -> Array:
+    """The minimum δ within a ball: (H + μ) δ = −g with the μ ≥ `shift` that makes |δ| at most the radius, to 1 %. Where
+    H is singular μ is at least the `ridge`, or the directions that are rounding are left out, without one.
     """
-    factor, shift = cholesky(H), 0.0
+    factor = factorised(with_diagonal(H, shift)) if shift else cholesky(H)
     if factor is None and 0.0 < ridge < np.inf:
         factor, shift = factorised(with_diagonal(H, ridge)), ridge
     if factor is None:
@@ -176,13 +194,21 @@ def within(H: Array, g: Array, radius: float = np.inf, ridge: float = 0.0) -> Ar
 
 def cholesky(H: Array) -> Array | None:
     """The Cholesky factor (Q, Q), lower; None where H is singular or not positive definite."""
+    lower = factorised(H)
+    return lower if lower is not None and reciprocal_condition(H, lower) > SINGULAR else None
+
+
+def reciprocal_condition(H: Array, lower: Array) -> float:
+    """That of H (Q, Q) by its Cholesky factor, roughly, in the norm of the largest column sum."""
     from scipy.linalg import lapack
 
+    return float(lapack.dpocon(lower, float(np.abs(H).sum(axis=0).max()), uplo="L")[0])
+
+
+def is_unsure(H: Array) -> bool:
+    """Whether H (Q, Q) hardly determines some direction."""
     lower = factorised(H)
-    if lower is None:
-        return None
-    condition, _ = lapack.dpocon(lower, float(np.abs(H).sum(axis=0).max()), uplo="L")
-    return lower if condition > SINGULAR else None
+    return lower is None or reciprocal_condition(H, lower) < UNSURE
 
 
 def factorised(H: Array) -> Array | None:

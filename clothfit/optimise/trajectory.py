@@ -40,7 +40,9 @@ FABRIC = ("mass", "stiffness", "rest")
 """Kinds whose values scatter around a fabric's."""
 
 PATTERNED = 1200
-"""Values, at most, whose patterns are asked for: the widths of more take longer to learn than a model to compute."""
+"""Values of one cloth, at most, whose patterns are asked for: the widths of more take longer to learn than a model to
+compute. Those of cloths that do not touch are learned apart.
+"""
 
 MOSTLY = 0.5
 """Share of the squares that must be no noise for the width of the prior to be held."""
@@ -195,13 +197,17 @@ class Trajectory:
             needed += 8 * CHUNKS * steps * wide + running_cost(run.comparison).residual_bytes
         return needed <= self.objective.room
 
+    def largest(self) -> int:
+        """The most values that act in one run."""
+        return max((int((self.acts(run) & self.fitted).sum()) for run in self.objective.runs), default=0)
+
     def prior(self, centre: Array, tau: float | None) -> Prior:
         """The belief that values scatter around the coordinates `centre` (Q,), by τ, which is learned where None, and
         then along the patterns of a fabric as well.
         """
         place, cloths = np.cumsum(self.fitted) - 1, self.objective.scene.cloths
         groups, shared = [], list[tuple[Array, ...]]()
-        patterned = tau is None and self.size <= PATTERNED
+        patterned = tau is None and self.largest() <= PATTERNED
         for block in self.objective.blocks:
             own = np.flatnonzero(self.fitted[block.part])
             if ((block.mode == "L" and block.name in FABRIC) or tau is not None) and len(own):

@@ -30,7 +30,7 @@ class Swap(NamedTuple):
 
 
 class Jump(NamedTuple):
-    """A marker that is far from its way in single frames."""
+    """A marker that is far from its way in single frames, or in two in a row."""
 
     vertex: int
     frames: tuple[int, ...]
@@ -93,8 +93,8 @@ class Markers:
         if self.jumps:
             alone = len(self.jumps) == 1
             frames = counted(sum(len(each.frames) for each in self.jumps), "frame", "frames")
-            text = f"{many([each.vertex for each in self.jumps], counts)} {'jumps' if alone else 'jump'} away in single"
-            found.append(("false_markers", f"{text} frames; {frames} of {'it' if alone else 'them'} left out"))
+            text = f"{many([each.vertex for each in self.jumps], counts)} {'jumps' if alone else 'jump'} away and back"
+            found.append(("false_markers", f"{text}; {frames} of {'it' if alone else 'them'} left out"))
         return found
 
 

@@ -104,3 +104,10 @@ def test_more_frames_than_16_bits_can_tell(read):
     own = motion(frames=70_000, points=1, gaps=False)
     found = read(written(own))
     np.testing.assert_array_equal(found.positions, own.positions.astype(np.float32))
+
+
+def test_of_a_file_that_ends_early_the_whole_frames_are_read(read):
+    every = np.arange(27.0).reshape(9, 1, 3)
+    found = read(made.c3d(every)[:-20])  # of 16 bytes a frame: two are lost
+    np.testing.assert_array_equal(found.positions, every[:7])
+    assert "it ends early: 9 frames are promised, 7 are there" in found.notes

@@ -155,6 +155,21 @@ def test_steps_do_not_go_in_circles_where_the_matrix_is_singular(monkeypatch, se
     assert np.sum((J @ found + b) ** 2) <= 2.0 * best + 1e-9 * b @ b
 
 
+def test_a_way_of_rounding_that_leads_out_of_the_bounds_costs_nothing_of_the_others():
+    """Masses and stiffnesses with one common factor, of which g has a rounding: its way is 1000 times as long as the
+    bounds are wide, and H does not count as singular.
+    """
+    rng = np.random.default_rng(0)
+    axes = np.linalg.qr(np.column_stack([np.ones(40), rng.normal(size=(40, 39))]))[0]
+    values = np.concatenate([[1e-11], np.geomspace(1e-4, 1.0, 39)])
+    along = np.concatenate([[1e-8 * np.sqrt(40)], values[1:] * rng.normal(size=39)])
+    H, g = (axes * values) @ axes.T, axes @ along
+    assert bounded.cholesky(H) is not None
+    found = bounded.solve(H, g, np.full(40, -5.0), np.full(40, 5.0))
+    least = -np.sum(along[1:] ** 2 / values[1:])  # without that way, and inside the bounds
+    assert bounded.quadratic(H, g, found) <= 0.999 * least  # a shift of 1e-6 takes a hundredth off what 1e-4 adds
+
+
 def test_an_end_of_the_time_is_heard_between_two_steps():
     J, r, lower, upper = problem(40, 0)
     with interrupts.limited(0.0), pytest.raises(interrupts.OutOfTime):

@@ -18,14 +18,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Indices
 from clothfit.base.eigen import pseudo_inverse
 
 ENOUGH = 0.02
 """Relative change of the widths, and of σ², that ends the search for them."""
+
+WIDE = 3
+"""A pattern of more than this part of as many coordinates as there are data is taken by its ZₖZₖᵀ."""
 
 RIDGE = 1e-14
 """Added to a matrix, relative to its largest entry, so that what nothing determines does not stop its inversion."""
@@ -71,22 +75,80 @@ def most_likely(
     `free` is Lᵀ X (r, ·), `count` is N; `doubts` (K,) in a pattern lower the logarithm of the likelihood by that times
     log τₖ.
     """
-    d, squares = seen.data, [Z @ Z.T for Z in effects]
+    parts = separate(seen.data, effects, free)
     for _ in range(rounds):
-        S = sigma2 * np.eye(len(d)) + sum(t**2 * G for t, G in zip(tau, squares, strict=True))
-        P = inverse(S)
-        along = P @ free
-        P = P - along @ inverse(free.T @ along) @ along.T
-        left = P @ d
-        found = np.array([float(((left @ Z) ** 2).sum()) for Z in effects])
-        expected = np.array([float((P * G).sum()) for G in squares])
+        found, expected, determined, left = np.zeros(len(tau)), np.zeros(len(tau)), 0.0, seen.rest
+        for part in parts:
+            own = part.sums(tau, sigma2)
+            found[part.which] += own.found
+            expected[part.which] += own.expected
+            determined, left = determined + own.determined, left + own.left
         before, ratio = (tau, sigma2), found / np.maximum(expected + doubts / tau**2, np.finfo(float).tiny)
         tau = np.clip(tau * np.sqrt(ratio), *ends)
-        determined = len(d) - sigma2 * float(np.trace(P))
-        sigma2 = variance(seen.rest + sigma2**2 * float(left @ left), count, determined)
+        sigma2 = variance(left, count, determined)
         if np.allclose(before[0], tau, rtol=ENOUGH) and np.isclose(before[1], sigma2, rtol=ENOUGH, atol=0.0):
             break
     return tau, sigma2
+
+
+class Round(NamedTuple):
+    """What some of the data say of the widths."""
+
+    found: Array  # (K,), |Zₖᵀ P d|²
+    expected: Array  # (K,), tr Zₖᵀ P Zₖ
+    determined: float  # directions that the values take up
+    left: float  # |σ² P d|²
+
+
+class Part:
+    """Data that share no value and no width with others, as those of cloths that do not touch."""
+
+    def __init__(self, data: Array, which: Indices, effects: Sequence[Array], free: Array) -> None:
+        """`data` (r,), `which` (K,) of all widths, their Zₖ (r, ·), and Lᵀ X (r, ·)."""
+        self.data, self.which, self.free = data, which, free
+        wide = [Z.shape[1] * WIDE > len(data) for Z in effects]
+        self.wide, self.narrow = np.flatnonzero(wide), np.flatnonzero(np.logical_not(wide))
+        self.squares = [effects[k] @ effects[k].T for k in self.wide]
+        self.beside = np.concatenate([np.zeros((len(data), 0)), *(effects[k] for k in self.narrow)], axis=1)
+        self.of = np.repeat(self.narrow, [effects[k].shape[1] for k in self.narrow])
+        self.whole = [effects[k] for k in self.wide]
+
+    def sums(self, tau: Array, sigma2: float) -> Round:
+        """With widths, of all, and σ²."""
+        tau, d = tau[self.which], self.data
+        shared = self.beside * tau[self.of]
+        S = shared @ shared.T
+        for k, G in zip(self.wide, self.squares, strict=True):
+            S += tau[k] ** 2 * G
+        S.flat[:: len(d) + 1] += sigma2
+        P = inverse(S)
+        along = P @ self.free
+        P -= along @ inverse(self.free.T @ along) @ along.T
+        left, found, expected = P @ d, np.zeros(len(tau)), np.zeros(len(tau))
+        np.add.at(found, self.of, (left @ self.beside) ** 2)
+        np.add.at(expected, self.of, ((P @ self.beside) * self.beside).sum(axis=0))
+        for k, Z, G in zip(self.wide, self.whole, self.squares, strict=True):
+            found[k], expected[k] = ((left @ Z) ** 2).sum(), np.vdot(P, G)
+        return Round(found, expected, len(d) - sigma2 * float(np.trace(P)), sigma2**2 * float(left @ left))
+
+
+def separate(data: Array, effects: Sequence[Array], free: Array) -> list[Part]:
+    """Data (r,) with their Zₖ (r, ·) and Lᵀ X (r, ·), apart where they share nothing."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    r, K = len(data), len(effects)
+    acts = np.column_stack([np.zeros((r, 0)), *((Z != 0).any(axis=1) for Z in effects), free != 0]).astype(bool)
+    rows, columns = np.nonzero(acts)
+    graph = coo_array((np.ones(len(rows)), (rows, r + columns)), shape=(r + acts.shape[1],) * 2)
+    count, label = connected_components(graph, directed=False)
+    parts = []
+    for i in range(count):
+        own = np.flatnonzero(label[:r] == i)
+        if len(own):
+            which, beside = np.flatnonzero(label[r : r + K] == i), np.flatnonzero(label[r + K :] == i)
+            parts.append(Part(data[own], which, [effects[k][own] for k in which], free[np.ix_(own, beside)]))
+    return parts
 
 
 def inverse(matrix: Array) -> Array:

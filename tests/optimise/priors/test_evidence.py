@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clothfit.optimise.priors.evidence import Seen, most_likely
+from clothfit.optimise.priors.evidence import Seen, most_likely, separate
 
 NOISE = 0.05
 
@@ -58,3 +58,29 @@ def test_the_widths_are_the_most_likely_ones(widths):
             other[i] *= factor
             assert likelihood(J, r, patterns, other, sigma2) < best + 1e-3  # of a width that vanishes nothing depends
     assert sigma2 == pytest.approx(NOISE**2, rel=0.8)  # of some 30 residuals: sqrt(2 / 30) = 26 %; 3 sigma
+
+
+def test_cloths_that_do_not_touch_are_learned_apart_as_together():
+    """Two cloths with one noise, in any order of their values; a touch of rounding's size makes them one again."""
+    (J, r, patterns, _), (K, s, others, _) = problem((0.3, 0.1, 0.2)), problem((0.2, 0.3, 0.05), seed=1, size=40)
+    order = np.random.default_rng(2).permutation(100)
+    H = np.block([[J.T @ J, zeros(60, 40)], [zeros(40, 60), K.T @ K]])[np.ix_(order, order)]
+    g, cost = np.concatenate([J.T @ r, K.T @ s])[order], float(r @ r + s @ s)
+    B = [np.vstack([each, zeros(40, each.shape[1])])[order] for each in patterns]
+    B += [np.vstack([zeros(60, each.shape[1]), each])[order] for each in others]
+    free = np.column_stack([np.arange(100) < 60, np.arange(100) >= 60])[order].astype(float)
+    seen = Seen.of(H, g, cost, 180, 3.0)
+    effects = [seen.L.T @ each for each in B]
+    given = (180, np.full(6, 0.3), 0.01, (np.full(6, 1e-4), 3.0), np.zeros(6), 12)
+    assert len(separate(seen.data, effects, seen.L.T @ free)) == 2
+    apart = most_likely(seen, effects, seen.L.T @ free, *given)
+    touching = [each + 1e-14 for each in effects]
+    assert len(separate(seen.data, touching, seen.L.T @ free)) == 1
+    together = most_likely(seen, touching, seen.L.T @ free, *given)
+    np.testing.assert_allclose(apart[0], together[0], rtol=1e-7)  # rounding and the touch, in 12 rounds
+    assert apart[1] == pytest.approx(together[1], rel=1e-7)
+
+
+def zeros(*shape):
+    """Nothing between two cloths."""
+    return np.zeros(shape)
