@@ -23,7 +23,7 @@ from clothfit.optimise.coordinates import Coordinates
 from clothfit.optimise.priors.evidence import inverse, variance
 from clothfit.optimise.priors.prior import WIDEST
 from clothfit.registration.record import Registration
-from clothfit.registration.residuals import THETA, Around, Registered, Sums, around
+from clothfit.registration.residuals import RATE, THETA, Around, Registered, Sums, around
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import Scene
 
@@ -48,6 +48,7 @@ class Joint(NamedTuple):
 
     known: list[Registration]  # as they were, with intervals
     moved: list[Registration] | None  # where the step leads; None where that says nothing beside the noise
+    steady: list[Registration] | None  # with clocks of rate 1; None where these have it, or the data show another
 
 
 def joint(
@@ -79,15 +80,28 @@ def joint(
     if not sigma > 0:
         return None
     covariance, step = solved(scene, sums, np.tile(free, len(given)), sigma, taus)
-    found, moved, far = [], [], False
+    found, moved, steady, far, shown = [], [], [], False, False
     for k, (each, near) in enumerate(zip(known, where, strict=True)):
         own = slice(len(p) + THETA * k, len(p) + THETA * (k + 1))
         J = by_coordinates(near)
         width, away = NORMAL * sigma * np.sqrt(np.diag(J @ covariance[own, own] @ J.T)), np.abs(J @ step[own])
         found.append(replace(each, within=width + away))
         moved.append(near.at(step[own]))
+        steady.append(with_rate_1(near, step[own], covariance[own, own], J))
         far |= bool((away > SETTLED * width).any())
-    return Joint(found, moved if far else None)
+        shown |= bool(abs(each.rate - 1.0) > (width + away)[RATE])
+    other = bool(free[RATE]) and any(each.rate != 1.0 for each in known)
+    return Joint(found, moved if far else None, steady if other and not shown else None)
+
+
+def with_rate_1(near: Around, step: Array, covariance: Array, J: Array) -> Registration:
+    """The most likely registration with a clock of rate 1, from the `step` (9,) to the most likely one, their
+    covariance (9, 9) and the derivative J (9, 9) of its numbers.
+    """
+    if not covariance[RATE, RATE] > 0:
+        return replace(near.at(step), rate=1.0)
+    way = (1.0 - near.at(np.zeros(THETA)).rate) / J[RATE, RATE] - step[RATE]
+    return replace(near.at(step + covariance[:, RATE] / covariance[RATE, RATE] * way), rate=1.0)
 
 
 def solved(

@@ -201,7 +201,7 @@ def along(
             best.follow(best.descent._replace(before=best.p, before_cost=best.cost))
         found, learned, status = fitted(part, stage, y, prior, descent.radius or None)
         descent = descent._replace(radius=0.0, window=0)
-        better = whole or is_better(search, found, y)
+        better = whole or is_better(search, found, y, route.stages[number + 1].objective)
         if better:
             y, prior = found, learned
         if not whole and stage.objective.steps == search.objective.steps and is_far(search):
@@ -329,13 +329,14 @@ def by_dense_model(
     return model.y, prior, status
 
 
-def is_better(search: Search, found: Array, before: Array) -> bool:
-    """Whether coordinates (Q,) that a part of the frames has `found` cost no more over all of them than those
-    `before`, which otherwise stay.
+def is_better(search: Search, found: Array, before: Array, longer: Objective) -> bool:
+    """Whether coordinates (Q,) that a part of the frames has `found` cost no more over the `longer` part that comes
+    next than those `before`, which otherwise stay: of thousands of values few frames do not show how all go on.
     """
     search.enter("gauss-newton")
-    known = search.measure(search.parameters(before))
-    return not search.visit(search.parameters(found)) > known
+    search.visit(search.parameters(found))
+    part = Trajectory(search, longer)
+    return not part.cost(found) > part.cost(before)
 
 
 def differs(stage: Stage, p: Array, status: Status, last: bool) -> bool:

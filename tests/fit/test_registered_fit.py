@@ -76,6 +76,18 @@ def test_clock_and_place_are_found_beside_all_stiffnesses_and_their_intervals_ho
     assert low < known.offset < high
 
 
+def test_a_clock_that_keeps_time_as_far_as_noise_shows_has_the_rate_1():
+    truth = degrade(simulate(sheet(20.0), tolerance=1e-10), 1e-3, seed=1)
+    (late,) = clothfit.estimate(sheet(50.0), stranger(truth, 1.0, 0.03), fit_time=True).registration
+    assert late.rate == 1.0
+    ends = late.intervals()
+    assert ends["rate"][0] < 1.0 < ends["rate"][1]
+    assert ends["offset"][0] < 0.03 < ends["offset"][1]
+    (slow,) = clothfit.estimate(sheet(50.0), stranger(truth, 1.05, 0.03), fit_time=True).registration
+    assert slow.rate == pytest.approx(1.05, abs=0.01)  # five of its standard errors away from 1
+    assert slow.intervals()["rate"][0] > 1.0
+
+
 def test_the_place_is_found_with_the_clock_where_the_model_differs():
     other = simulate(sheet(20.0, frames=157, delta=0.005), tolerance=1e-10)  # steps four times finer
     every = replace(other, times=other.times[::4], positions=np.ascontiguousarray(other.positions[::4]))

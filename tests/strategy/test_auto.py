@@ -216,11 +216,11 @@ def test_a_window_ends_where_its_steps_save_what_noise_gives_away():
         assert part.least == pytest.approx(np.clip(share, WINDOW_SAVING, NOISE_SAVING))
 
 
-def test_what_a_window_finds_is_kept_only_if_all_frames_cost_less():
+def test_what_a_window_finds_is_kept_only_if_longer_ones_cost_less():
     search, start = searching("nL", 40, 1e-3)
     true, far = (search.coordinates.y(p) for p in (parameters(search.objective.scene), start))
-    assert is_better(search, true[search.fitted], far[search.fitted])
-    assert not is_better(search, far[search.fitted], true[search.fitted])
+    assert is_better(search, true[search.fitted], far[search.fitted], search.objective)
+    assert not is_better(search, far[search.fitted], true[search.fitted], search.objective)
 
 
 def test_near_is_by_how_far_the_target_moves():
