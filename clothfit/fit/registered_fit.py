@@ -2,8 +2,7 @@
 
 The registration is sought before the fit, which then compares with the registered target. Where the fitted values leave
 room for a better registration, few of them (`search.better`) or all (`registration.joint`), the fit is done again with
-that, and kept unless its error is larger. So it is with clocks of rate 1 where the data show no other: cameras keep
-time, and a rate that only noise moves would move the stiffnesses with it.
+that, and kept unless its error is larger. With all of them clocks have the rate 1 where the data show no other.
 
 Before all else markers are looked at (`registration.mistaken`): those that are swapped are exchanged, and what shows no
 vertex is left out.
@@ -92,15 +91,10 @@ def registered_fit(scene: Scene, target: Targets | None, options: FitOptions, fi
         if not other.rmse < ALIKE * found.rmse:
             break
         best, found = next_best, replace(other, hints=[*(hint for hint in found.hints if hint.early), *other.hints])
-    known = look.intervals(found, best, options)
-    if known is not None and known.steady and found.verdict is not None and not found.verdict.differs:
-        other = fitted(scene, given, known.steady, replace(again, seconds=rest(left, began)), fit)
-        if other.rmse < ALIKE * found.rmse:
-            early = [hint for hint in found.hints if hint.early]
-            best, found = known.steady, replace(other, hints=[*early, *other.hints])
-            known = look.intervals(found, best, options)
-    if options.intervals and known is not None:
-        found = replace(found, registration=known.known)
+    if options.intervals and found.status not in (Status.INTERRUPTED, Status.DIVERGED):
+        with interrupts.deferred():
+            known = look.joint(found, best)
+        found = found if known is None else replace(found, registration=known.known)
     if options.fit_time and scene.mode("gravity") != "n":
         found = replace(found, warnings=[*found.warnings, SAME_FALL])
     return found
@@ -130,13 +124,6 @@ class Look:
             return by_few
         by_all = self.joint(found, known)
         return None if by_all is None else by_all.moved
-
-    def intervals(self, found: Fit, known: list[Registration], options: FitOptions) -> Joint | None:
-        """The registrations at the end of the fit, where their intervals are asked for, or a clock was sought."""
-        if found.status in (Status.INTERRUPTED, Status.DIVERGED) or not (options.intervals or options.fit_time):
-            return None
-        with interrupts.deferred():
-            return self.joint(found, known)
 
     def joint(self, found: Fit, known: list[Registration]) -> Joint | None:
         """The registrations beside all values of the fit; None where that takes longer than the fit."""

@@ -42,13 +42,17 @@ STEP = 1e-5
 SETTLED = 0.5
 """Step relative to the half width of the interval up to which it is not worth another fit."""
 
+STEADY = 0.1
+"""Distance of a rate from 1, relative to the same, that is worth another fit where the data show no other rate than 1:
+cameras keep time, and a rate that only noise moves would move the stiffnesses with it.
+"""
+
 
 class Joint(NamedTuple):
     """What is known of the registrations of a fit."""
 
     known: list[Registration]  # as they were, with intervals
     moved: list[Registration] | None  # where the step leads; None where that says nothing beside the noise
-    steady: list[Registration] | None  # with clocks of rate 1; None where these have it, or the data show another
 
 
 def joint(
@@ -80,18 +84,18 @@ def joint(
     if not sigma > 0:
         return None
     covariance, step = solved(scene, sums, np.tile(free, len(given)), sigma, taus)
-    found, moved, steady, far, shown = [], [], [], False, False
+    found, moved, far = [], [], False
     for k, (each, near) in enumerate(zip(known, where, strict=True)):
         own = slice(len(p) + THETA * k, len(p) + THETA * (k + 1))
-        J = by_coordinates(near)
-        width, away = NORMAL * sigma * np.sqrt(np.diag(J @ covariance[own, own] @ J.T)), np.abs(J @ step[own])
+        J, by = by_coordinates(near), step[own]
+        width, away = NORMAL * sigma * np.sqrt(np.diag(J @ covariance[own, own] @ J.T)), np.abs(J @ by)
         found.append(replace(each, within=width + away))
-        moved.append(near.at(step[own]))
-        steady.append(with_rate_1(near, step[own], covariance[own, own], J))
-        far |= bool((away > SETTLED * width).any())
-        shown |= bool(abs(each.rate - 1.0) > (width + away)[RATE])
-    other = bool(free[RATE]) and any(each.rate != 1.0 for each in known)
-    return Joint(found, moved if far else None, steady if other and not shown else None)
+        most_likely = near.at(by)
+        keeps_time = free[RATE] and abs(most_likely.rate - 1.0) <= width[RATE]
+        moved.append(with_rate_1(near, by, covariance[own, own], J) if keeps_time else most_likely)
+        far |= bool((np.abs(moved[-1].numbers - each.numbers) > SETTLED * width).any())
+        far |= bool(keeps_time and abs(each.rate - 1.0) > STEADY * width[RATE])
+    return Joint(found, moved if far else None)
 
 
 def with_rate_1(near: Around, step: Array, covariance: Array, J: Array) -> Registration:

@@ -4,9 +4,9 @@ Near the start of a motion the cost is smooth in the parameters; later that of a
 the last one solve the linear systems loosely and end early. Each stage uses the dense model where that is small enough,
 else the matrix-free method, else L-BFGS-B.
 
-Where what a window finds makes the whole motion worse, small differences grow along it: a compressed cloth buckles one
-way or the other, and its steps switch their form. Then springs pull the whole motion to its target, strongly, and then
-weakly (`pulls`): such a motion forgets what was wrong before, and hardly ever takes another form than the target's.
+Where what a window finds makes the next longer one worse, small differences grow along it: a compressed cloth buckles
+one way or the other, and its steps switch their form. Then springs pull the whole motion to its target, strongly, and
+then weakly (`pulls`): such a motion forgets what was wrong before, and hardly ever takes another form than the target's.
 """
 
 from __future__ import annotations
@@ -183,7 +183,7 @@ def along(
     search: Search, descent: Descent, route: Route, watched: bool, may_turn: bool
 ) -> tuple[Status, Array, Route | None]:
     """The stages of a route; how the last one ended, where (Q,), and what is left of the route where it goes astray and
-    `may_turn`: the whole motion is worse with what a window finds, or more than noise is left. Raises as `by_stages`.
+    `may_turn`: the next window is worse with what one finds, or more than noise is left. Raises as `by_stages`.
 
     Each stage begins with a prior that is wide again, but for one that has learned from all frames: where steps switch
     their form the residuals of the motion alone are no noise until it is near, so a wide one would not narrow.
