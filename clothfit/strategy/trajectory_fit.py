@@ -6,7 +6,7 @@ else the matrix-free method, else L-BFGS-B.
 
 Where what a window finds makes the next longer one worse, small differences grow along it: a compressed cloth buckles
 one way or the other, and its steps switch their form. Then springs pull the whole motion to its target, strongly, and
-then weakly (`pulls`): such a motion forgets what was wrong before, and hardly ever takes another form than the target's.
+then weakly (`pulls`): such a motion forgets what was wrong before, and hardly ever takes another form than its target.
 """
 
 from __future__ import annotations
