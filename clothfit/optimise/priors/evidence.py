@@ -21,8 +21,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from clothfit.base.arrays import Array, Indices
+from clothfit.base.arrays import Array
 from clothfit.base.eigen import pseudo_inverse
 
 ENOUGH = 0.02
@@ -103,14 +104,14 @@ class Round(NamedTuple):
 class Part:
     """Data that share no value and no width with others, as those of cloths that do not touch."""
 
-    def __init__(self, data: Array, which: Indices, effects: Sequence[Array], free: Array) -> None:
+    def __init__(self, data: Array, which: NDArray[np.intp], effects: Sequence[Array], free: Array) -> None:
         """`data` (r,), `which` (K,) of all widths, their Zₖ (r, ·), and Lᵀ X (r, ·)."""
         self.data, self.which, self.free = data, which, free
-        wide = [Z.shape[1] * WIDE > len(data) for Z in effects]
-        self.wide, self.narrow = np.flatnonzero(wide), np.flatnonzero(np.logical_not(wide))
+        self.wide = [k for k, Z in enumerate(effects) if Z.shape[1] * WIDE > len(data)]
+        narrow = [k for k in range(len(effects)) if k not in self.wide]
         self.squares = [effects[k] @ effects[k].T for k in self.wide]
-        self.beside = np.concatenate([np.zeros((len(data), 0)), *(effects[k] for k in self.narrow)], axis=1)
-        self.of = np.repeat(self.narrow, [effects[k].shape[1] for k in self.narrow])
+        self.beside = np.concatenate([np.zeros((len(data), 0)), *(effects[k] for k in narrow)], axis=1)
+        self.of = np.repeat(np.array(narrow, int), [effects[k].shape[1] for k in narrow])
         self.whole = [effects[k] for k in self.wide]
 
     def sums(self, tau: Array, sigma2: float) -> Round:
@@ -147,7 +148,7 @@ def separate(data: Array, effects: Sequence[Array], free: Array) -> list[Part]:
         own = np.flatnonzero(label[:r] == i)
         if len(own):
             which, beside = np.flatnonzero(label[r : r + K] == i), np.flatnonzero(label[r + K :] == i)
-            parts.append(Part(data[own], which, [effects[k][own] for k in which], free[np.ix_(own, beside)]))
+            parts.append(Part(data[own], which, [effects[int(k)][own] for k in which], free[np.ix_(own, beside)]))
     return parts
 
 
