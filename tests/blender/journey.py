@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 
 ARCHIVE, FOLDER, PROGRAM = sys.argv[1:]
-LONG = "--start 1 --rmse 0 --max-evaluations 1000000 --method l-bfgs-b --prior none --keep-step"
+LONG = "--start 1 --rmse 0 --max-evaluations 1000000 --method l-bfgs-b --prior none --substeps 50"
 LIMIT = 300  # s
 
 
