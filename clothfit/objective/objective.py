@@ -281,7 +281,8 @@ class Objective:
         """
         if self.joint or not self.plain:
             return self.cost_or_infinity(p)
-        total, ahead, whole = 0.0, sum(run.steps for run in self.runs), sum(run.steps for run in self.runs)
+        total, whole = 0.0, sum(run.steps for run in self.runs)
+        ahead = whole
         for run in self.runs:
             cost = running_cost(run.comparison)
             tape = Tape(run.changed(p), run.steps, self.tolerance, Plan(min(max(run.steps, 1), WATCHED)))
