@@ -286,7 +286,7 @@ def searched(
     longest = LONGEST if objective.scene.mode("gusts") == "n" else LONGEST_OVER_TIME
     search.longest = longest if options.seconds is None else np.inf
     search.warn(*warnings)
-    others = partial(other_starts, objective, p, hidden) if start is None and plan.p is None else None
+    others = partial(other_starts, objective, p, hidden, start is not None) if plan.p is None else None
     as_it_is = np.inf if start is not None or hidden else cost_of_pattern(objective)
     status = search_by(search, options, p, others, plan.wanted)
     flattened = status != Status.DIVERGED and as_it_is < search.best.cost

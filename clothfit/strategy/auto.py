@@ -39,7 +39,6 @@ from clothfit.strategy.trajectory_fit import (
     is_far,
     is_long,
     is_near,
-    may_explain,
 )
 
 ACCURATE = 3e-4
@@ -49,6 +48,9 @@ EXACT = 1e-5
 """The same below which a fit of thousands of values ends: the values of 100 × 100 vertices are then right to 1e-8, and
 steps of minutes would only follow how a cloth that buckles makes more of that.
 """
+
+FINE = "ML"
+"""Models of a ladder with so many values that they follow noise."""
 
 TRIED = momentum.TREATMENTS[:2]
 """The momentum fits that are worth their time beside a trajectory fit; and, where masses and stiffnesses are fitted,
@@ -76,7 +78,7 @@ def find(
     `wanted` it is known that no values reproduce the target, and which models are left to try.
     """
     if wanted is not None:
-        return by_single_values(search, tau) or by_ladder(search, tau, [], wanted)
+        return by_ladder(search, tau, [], wanted)
     early = first_frames(search.objective)
     exact = []
     if balances_can_hold(search, start, early):
@@ -116,7 +118,7 @@ def resumed(search: Search, state: State, start: Array, tau: float | None) -> St
     try:
         return go_on(search, state, tau, watched=True)
     except ModelDiffers:
-        return by_ladder(search, tau, [start])
+        return by_ladder(search, tau, [start], models_left(search, state) if state.rungs else None)
 
 
 def models_left(search: Search, state: State) -> list[str]:
@@ -133,13 +135,22 @@ def by_ladder(
 ) -> Status:
     """Fit from coarse to fine, from `starts` (P,), all models or those that are `wanted`; where that comes to the noise
     of the target, Gauss–Newton goes on to the minimum.
+
+    Single values are tried at once after the models of few: by a prior they may reproduce a target that windows from a
+    far start have not come to, where those of the ladder, without one, would follow its noise.
     """
     search.best.forget()
     search.best.follow(None)
     search.visit(search.start)
     models = ladder.models(search.objective.scene)
-    ladder.climb(search, models if wanted is None else wanted, starts)
-    if wanted is not None and not wanted and ladder.is_astray(search):
+    left = models if wanted is None else wanted
+    coarse = [model for model in left if model not in FINE]
+    ladder.climb(search, coarse, starts)
+    status = by_single_values(search, tau) if left else None
+    if status is not None:
+        return status
+    ladder.climb(search, left[len(coarse):], [search.best.p] if coarse else starts)
+    if not left and ladder.is_astray(search):
         ladder.by_nudging(search, models[0])
         ladder.by_wide_search(search, models[0])
     if not search.rungs:
@@ -148,17 +159,22 @@ def by_ladder(
         if not search.is_settled:
             search(search.y)  # its gradient says whether this is a minimum
         return search.verdict()
-    return by_gauss_newton(search, search.best.p, search.best.p, tau, windows=False)
+    return by_gauss_newton(search, search.best.p, centre_of(search), tau, windows=False)
+
+
+def centre_of(search: Search) -> Array:
+    """The values (P,) of the coarsest model that a ladder has fitted, which follow no noise; else the best point."""
+    return search.rungs[0].p if search.rungs else search.best.p
 
 
 def by_single_values(search: Search, tau: float | None) -> Status | None:
-    """Fit single values at once where coarser ones leave more than noise and they may leave no more; None where they
-    cannot reproduce the target. Raises Stop.
+    """Fit single values from the best point of coarser models, by a prior around the coarsest; None where there are
+    none, or where they cannot reproduce the target. Raises Stop.
     """
-    if ladder.model_of(search.objective.scene) != "L" or too_many(search) or not may_explain(search, tau):
+    if ladder.model_of(search.objective.scene) != "L" or too_many(search) or search.is_late:
         return None
     try:
-        return by_gauss_newton(search, search.best.p, search.best.p, tau, watched=True)
+        return by_gauss_newton(search, search.best.p, centre_of(search), tau, watched=True)
     except ModelDiffers:
         return None
 

@@ -131,11 +131,14 @@ def neutral_start(objective: Objective) -> Array:
     return best_scales(objective, (fabric(objective.scene), neutral(objective.scene)))[0]
 
 
-def other_starts(objective: Objective, start: Array, hidden: bool) -> list[Array]:
+def other_starts(objective: Objective, start: Array, hidden: bool, given: bool = False) -> list[Array]:
     """Values (P,) to try beside the `start` (P,), best first: in the proportions of a fabric, equal ones, and, where
-    the scene's values are not `hidden`, in those of the start, with the start's values of the other kinds.
+    the scene's values are not `hidden`, in those of the start, with the start's values of the other kinds; of a start
+    that the user has `given` only in its own.
     """
     scene = objective.scene
+    if given:
+        return best_scales(objective, [start])
     patterns = [fabric(scene), neutral(scene)]
     if not hidden:
         patterns = [start, *(np.where(lettered(scene), p, start) for p in patterns)]
