@@ -104,9 +104,8 @@ def find(
         return by_gauss_newton(search, search.best.p, centre, tau)
     if search.fitted.sum() <= FEW_VALUES and all(block.mode in "FGR" for block in search.objective.blocks):
         return by_ladder(search, tau, [start] if centre is start else [start, centre])
-    try:
-        status = by_gauss_newton(search, centre, centre, tau, watched=True)
-    except ModelDiffers:
+    status = singly(search, centre, centre, tau)
+    if status is None:
         return by_ladder(search, tau, [start])
     if exact and np.array_equal(search.best.p, exact[-1]):  # noisy as it is, it costs less
         return by_gauss_newton(search, search.best.p, centre, tau)
@@ -173,9 +172,18 @@ def by_single_values(search: Search, tau: float | None) -> Status | None:
     """
     if ladder.model_of(search.objective.scene) != "L" or too_many(search) or search.is_late:
         return None
+    return singly(search, search.best.p, centre_of(search), tau)
+
+
+def singly(search: Search, p: Array, centre: Array, tau: float | None) -> Status | None:
+    """Gauss–Newton from p (P,), by a prior around `centre` (P,); None where the model cannot reproduce the target, and
+    then what that took does not count as time of a ladder. Raises Stop.
+    """
+    began = search.progress.computing
     try:
-        return by_gauss_newton(search, search.best.p, centre_of(search), tau, watched=True)
+        return by_gauss_newton(search, p, centre, tau, watched=True)
     except ModelDiffers:
+        search.longest += search.progress.computing - began
         return None
 
 

@@ -25,7 +25,7 @@ from clothfit.objective.objective import Objective
 from clothfit.objective.whiteness import residual_test
 from clothfit.optimise import matrix_free, scipy_methods
 from clothfit.optimise.checkpoint import State
-from clothfit.optimise.gauss_newton import PATIENT, SMALL, Patience, minimise
+from clothfit.optimise.gauss_newton import PATIENT, SMALL, Model, Patience, minimise
 from clothfit.optimise.priors.prior import FIRST_TAU, Prior, none
 from clothfit.optimise.search import SAME_POINT, Descent, Search
 from clothfit.optimise.status import Status
@@ -79,6 +79,11 @@ SAME_COST = 1e-3
 LOOK_FRAMES = 30
 """Steps after the first that shows something, in which a look finds whether single values may explain a target."""
 
+LOOK_SECONDS = 8.0
+"""Seconds of computing that it may take. Where a model is right, Gauss–Newton comes to the noise of so few frames in a
+few steps.
+"""
+
 STAGE_PATIENCE = Patience(4, 1e-2, 1e-3)
 """Of a long fit before its last stage."""
 
@@ -90,6 +95,10 @@ class Stage(NamedTuple):
     least: float  # relative saving that ends it
     iterations: int
     patience: Patience
+
+
+class TooLong(Exception):
+    """Ends a look."""
 
 
 class ModelDiffers(Exception):
@@ -302,19 +311,29 @@ def may_pull(search: Search) -> bool:
 
 def may_explain(search: Search, tau: float | None) -> bool:
     """Whether what single values leave of the first frames may be noise, where springs pull these to their target: what
-    is wrong with a model shows there, what a motion makes of small differences does not. Raises Stop.
+    is wrong with a model shows there, what a motion makes of small differences does not. One that takes too long says
+    no. Raises Stop.
     """
     if not may_pull(search):
         return False
     frames = search.objective.first_step + LOOK_FRAMES
     part = Trajectory(search, nudged(loosened(search.objective, frames), PULLS[0]))
-    stage = Stage(part.objective, least_saving(search, part.objective), WINDOW_ITERATIONS, PATIENT)
-    y = part.y(search.best.p)
+    problem, y = part.problem(least_saving(search, part.objective)), part.y(search.best.p)
     if not (has_model(part) and np.isfinite(part.cost(y))):
         return False
     search.enter("nudging", part.objective)
-    found, _, _ = by_dense_model(part, stage, y, part.prior(y, tau), None)
-    test = residual_test(part.objective, search.parameters(found))
+    began = search.progress.computing
+
+    def accepted(prior: Prior, model: Model, radius: float) -> None:
+        part.passed(prior, model, radius)
+        if search.progress.computing - began > LOOK_SECONDS:
+            raise TooLong
+
+    try:
+        model, _, _ = minimise(problem, y, part.prior(y, tau), accepted, WINDOW_ITERATIONS)
+    except TooLong:
+        return False
+    test = residual_test(part.objective, search.parameters(model.y))
     return test is not None and test.is_noise
 
 
