@@ -104,12 +104,12 @@ def find(
         return by_gauss_newton(search, search.best.p, centre, tau)
     if search.fitted.sum() <= FEW_VALUES and all(block.mode in "FGR" for block in search.objective.blocks):
         return by_ladder(search, tau, [start] if centre is start else [start, centre])
-    status = singly(search, centre, centre, tau)
-    if status is None:
+    found = singly(search, centre, centre, tau)
+    if found is None:
         return by_ladder(search, tau, [start])
     if exact and np.array_equal(search.best.p, exact[-1]):  # noisy as it is, it costs less
         return by_gauss_newton(search, search.best.p, centre, tau)
-    return status
+    return found
 
 
 def resumed(search: Search, state: State, start: Array, tau: float | None) -> Status:
