@@ -27,6 +27,7 @@ from clothfit.motion.motion import at_frames
 from clothfit.motion.rounding import rounding
 from clothfit.objective.experiment import Experiment, Targets, experiments
 from clothfit.objective.loss import loss_named
+from clothfit.optimise.progress import Progress
 from clothfit.optimise.status import Status
 from clothfit.registration.joint import Joint, joint
 from clothfit.registration.mistaken import mistaken
@@ -76,6 +77,7 @@ def registered_fit(scene: Scene, target: Targets | None, options: FitOptions, fi
     first = [Registration(offset=float(each.motion.times[0]) if options.fit_time else 0.0) for each in given]
     best = in_time(partial(find, scene, cut(given, first), wanted), left) or [Registration()] * len(given)
     plain = replace(options, fit_time=False, fit_placement=False, fit_scale=False)
+    fit = Fits(fit)
     found = fitted(scene, given, best, replace(plain, seconds=rest(left, began)), fit)
     again = replace(plain, foreseen=None, hinted=None, found=None, checkpoint=None, resume=False)
     look = Look(scene, given, wanted, left, began)
@@ -97,7 +99,34 @@ def registered_fit(scene: Scene, target: Targets | None, options: FitOptions, fi
         found = found if known is None else replace(found, registration=known.known)
     if options.fit_time and scene.mode("gravity") != "n":
         found = replace(found, warnings=[*found.warnings, SAME_FALL])
-    return found
+    return replace(found, evaluations=fit.evaluations, seconds=fit.seconds)
+
+
+class Fits:
+    """Fits one after the other, whose progress goes on from that of those before."""
+
+    def __init__(self, fit: FitOf) -> None:
+        """None yet, each by `fit`."""
+        self.fit, self.evaluations, self.seconds, self.iterations = fit, 0, 0.0, 0
+        self.cost = self.rmse = np.inf  # of the best of them
+
+    def __call__(self, scene: Scene, target: Targets, options: FitOptions) -> Fit:
+        """The next one."""
+        show, evaluations, seconds, iterations = options.report, self.evaluations, self.seconds, self.iterations
+
+        def report(progress: Progress) -> None:
+            self.iterations = iterations + progress.iteration
+            if progress.cost < self.cost:
+                self.cost, self.rmse = progress.cost, progress.rmse
+            if show is not None:
+                show(replace(
+                    progress, evaluations=evaluations + progress.evaluations, budget=evaluations + progress.budget,
+                    seconds=seconds + progress.seconds, iteration=self.iterations, cost=self.cost, rmse=self.rmse,
+                ))  # fmt: skip
+
+        found = self.fit(scene, target, options if show is None else replace(options, report=report))
+        self.evaluations, self.seconds = evaluations + found.evaluations, seconds + found.seconds
+        return found
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ checked, as far as it is known, and from the motions themselves.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clothfit.base.messages import metres
+from clothfit.base.messages import counted, metres
 from clothfit.registration.markers import named
 from clothfit.report.log import number
 from clothfit.report.packing import packed
@@ -77,8 +78,9 @@ def table_rows(show: Shown, summary: Mapping[str, Any]) -> list[list[Any]]:
         share = float(seen.mean())
         lengths = [[metres(x), x] if np.isfinite(x) else "–" for x in (float(rmse[i]), float(most[i]))]
         weight = [] if show.weights is None else [[f"{mean:.3g}", mean]]
+        name = named(int(own[i]), show.vertex_counts)
         rows.append([
-            named(int(own[i]), show.vertex_counts), said.get(int(own[i]), ""), *lengths,
+            name if len(show.vertex_counts) > 1 else str(own[i]), said.get(int(own[i]), ""), *lengths,
             [f"{when:.3g} s", when] if np.isfinite(when) else "–", [f"{100 * share:.3g} %", share], *weight,
         ])  # fmt: skip
     return rows
@@ -87,7 +89,7 @@ def table_rows(show: Shown, summary: Mapping[str, Any]) -> list[list[Any]]:
 def heads(show: Shown) -> list[str]:
     """Those of the table."""
     weight = [] if show.weights is None else ["weight"]
-    return ["marker of", "remark", "RMS", "largest", "at", "seen", *weight]
+    return ["marker of" if len(show.vertex_counts) > 1 else "vertex", "remark", "RMS", "largest", "at", "seen", *weight]
 
 
 def remarks(show: Shown, summary: Mapping[str, Any]) -> dict[int, str]:
@@ -101,8 +103,8 @@ def said_of(counts: Sequence[int], summary: Mapping[str, Any]) -> Iterator[tuple
     found = known[0] if isinstance(known, list) and known and isinstance(known[0], Mapping) else {}
     for each in records(found, "jumps"):
         frames = each.get("frames")
-        count = len(frames) if isinstance(frames, list) else 0
-        yield from ((v, f"jumped, {count} frames left out") for v in vertices(counts, each, [each.get("vertex")]))
+        lost = counted(len(frames) if isinstance(frames, list) else 0, "frame", "frames")
+        yield from ((v, f"jumped, {lost} left out") for v in vertices(counts, each, [each.get("vertex")]))
     for each in records(found, "false"):
         yield from ((v, "false, left out") for v in vertices(counts, each, [each.get("vertex")]))
     for each in records(found, "swapped"):
@@ -144,12 +146,18 @@ def row(value: Any, ends: Any, title: str, unit: str) -> list[str] | None:
     """A number of a registration, or three, and half of their intervals; None where they say nothing."""
     values = value if isinstance(value, list) else [value]
     pairs = ends if isinstance(value, list) else [ends]
-    parts, half = [number(each) for each in values], list[str]()
+    parts, half = [number(each) for each in values], list[float]()
     if None in parts or (not any(parts) if unit else parts == [1.0]):
         return None
     for pair in pairs if isinstance(pairs, list) else []:
         low, high = (number(end) for end in pair) if isinstance(pair, list) and len(pair) == 2 else (None, None)
-        half += [] if low is None or high is None else [f"{(high - low) / 2:.2g}"]
-    shown = [f"{part:.5g}" for part in parts if part is not None]
-    text, known = (", ".join(each) if len(shown) == 1 else f"({', '.join(each)})" for each in (shown, half))
-    return [title, f"{text}{f' ± {known}' if len(half) == len(shown) and any(map(float, half)) else ''}{unit}"]
+        half += [] if low is None or high is None else [(high - low) / 2]
+    known = half if len(half) == len(parts) and any(half) else [0.0] * len(parts)
+    shown = [(significant(part or 0.0, each), significant(each, each)) for part, each in zip(parts, known, strict=True)]
+    text, ends = (", ".join(each) if len(shown) == 1 else f"({', '.join(each)})" for each in zip(*shown, strict=True))
+    return [title, f"{text}{f' ± {ends}' if any(known) else ''}{unit}"]
+
+
+def significant(value: float, within: float) -> str:
+    """A value with the digits that half its interval leaves two of; five where it has none."""
+    return f"{value:.{max(0, 1 - math.floor(math.log10(within)))}f}" if within > 0 else f"{value:.5g}"

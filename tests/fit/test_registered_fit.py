@@ -8,8 +8,11 @@ from helpers.strangers import sheet, stranger
 
 import clothfit
 from clothfit.base.errors import InvalidInput
+from clothfit.fit.options import FitOptions
+from clothfit.fit.registered_fit import Fits
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
+from clothfit.optimise.progress import Progress
 from clothfit.registration.record import Registration, rotation
 from clothfit.scene.fit_vector import parameters, with_parameters
 
@@ -140,3 +143,22 @@ def test_gravity_beside_the_clock_is_warned_of():
 def test_without_a_target_there_is_no_clock():
     with pytest.raises(InvalidInput, match="give a target"):
         clothfit.estimate(sheet(), fit_time=True)
+
+
+def test_the_progress_of_several_fits_goes_on_and_its_best_never_gets_worse():
+    seen, found = [], clothfit.estimate(sheet(20.0), simulate(sheet(20.0)), intervals=False)
+
+    def fit(scene, target, options):
+        for k, cost in enumerate(target):
+            options.report(Progress(k + 1, 100, cost, np.sqrt(cost), 0.5 * (k + 1), k))
+        return replace(found, evaluations=len(target), seconds=0.5 * len(target))
+
+    fits = Fits(fit)
+    for costs in ([4.0, 1.0], [9.0, 0.25, 0.25]):
+        fits(sheet(20.0), costs, FitOptions(report=seen.append))
+    assert [(each.evaluations, each.seconds, each.iteration) for each in seen] == [
+        (1, 0.5, 0), (2, 1.0, 1), (3, 1.5, 1), (4, 2.0, 2), (5, 2.5, 3),
+    ]  # fmt: skip
+    assert [each.cost for each in seen] == [4.0, 1.0, 1.0, 0.25, 0.25]
+    assert [each.rmse for each in seen] == [2.0, 1.0, 1.0, 0.5, 0.5]
+    assert (fits.evaluations, fits.seconds) == (5, 2.5)
