@@ -44,6 +44,7 @@ class State:
 
 
 _state = State()
+_here = threading.local()
 
 
 def handle(handler: Callable[[int, object], object]) -> None:
@@ -96,9 +97,22 @@ def now() -> float:
 
 
 def check_request() -> None:
-    """Raise KeyboardInterrupt when there was a request that is not answered yet."""
-    if _state.requested is not None and not _state.answered:
+    """Raise KeyboardInterrupt when there was a request that is not answered yet, and in a thread whose result nobody
+    waits for any more.
+    """
+    over: threading.Event | None = getattr(_here, "over", None)
+    if (_state.requested is not None and not _state.answered) or (over is not None and over.is_set()):
         raise KeyboardInterrupt
+
+
+@contextmanager
+def abandoned_by(over: threading.Event) -> Iterator[None]:
+    """Let `check` raise KeyboardInterrupt in this thread once it is `over`."""
+    _here.over = over
+    try:
+        yield
+    finally:
+        _here.over = None
 
 
 def hold() -> None:

@@ -12,12 +12,12 @@ of one dense matrix grows as n⁶. A. George, J. W. H. Liu, Computer Solution of
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from clothfit.base import lapack
 from clothfit.base.arrays import Array
 
 if TYPE_CHECKING:
@@ -70,65 +70,58 @@ def is_cheaper(blocks: Blocks, columns: int) -> bool:
     return blocks.operations(columns) < SMALL_MATRICES * (size**3 + 2.0 * size**2 * columns)
 
 
-def solver(matrix: csc_array, blocks: Blocks) -> Callable[[Array], Array] | None:
-    """Factorise a matrix (N, N); returns a function that solves for right-hand sides (N, Q), or None where the matrix
-    is not positive definite.
+class Cut:
+    """Where the numbers of matrices of one pattern are in their blocks D_k and E_k."""
+
+    def __init__(self, matrix: csc_array, blocks: Blocks, source: NDArray[np.intp] | None = None) -> None:
+        """`source`: where the entries of the matrix stand in what they are taken from, by default one after the other.
+        """
+        ends = np.array(blocks.ends)
+        row = blocks.back[np.repeat(np.arange(len(blocks.order)), np.diff(matrix.indptr))]
+        column = blocks.back[matrix.indices]
+        block = np.searchsorted(ends, np.arange(len(blocks.order)), side="right") - 1
+        own, other = block[row], block[column]
+        kept = (own == other) | (own == other + 1)
+        begin, size = ends[:-1], np.diff(ends)
+        self.shapes = [(m, n) for m, n in zip(size, size, strict=True)]
+        self.shapes += [(m, n) for m, n in zip(size, np.append(0, size[:-1]), strict=True)]
+        self.starts = np.append(0, np.cumsum([m * n for m, n in self.shapes]))
+        which = own + np.where(own == other, 0, len(size))
+        within = row - begin[own] + size[own] * (column - begin[other])  # column by column
+        self.place = (self.starts[which] + within)[kept]
+        self.source = (np.arange(len(row)) if source is None else source)[kept]
+
+    def __call__(self, numbers: Array) -> tuple[list[Array], list[Array]]:
+        """All D_k and E_k, in the order of Fortran; the first E is empty."""
+        made = np.zeros(self.starts[-1])
+        made[self.place] = numbers[self.source]
+        ends = zip(self.starts[:-1], self.starts[1:], self.shapes, strict=True)
+        parts = [made[begin:end].reshape(shape, order="F") for begin, end, shape in ends]
+        return parts[: len(parts) // 2], parts[len(parts) // 2 :]
+
+
+def factorise(diagonal: list[Array], below: list[Array]) -> tuple[list[Array], list[Array]] | None:
+    """All L_k and C_k (the first is empty) in the place of D_k and E_k; None where the matrix is not positive definite.
     """
-    factor = factorise(matrix, blocks)
-    return None if factor is None else lambda right: solve(*factor, blocks, right)
-
-
-def factorise(matrix: csc_array, blocks: Blocks) -> tuple[list[Array], list[Array]] | None:
-    """All L_k and C_k (the first is empty), in the order of Fortran; None where the matrix is not positive definite."""
-    from scipy.linalg import blas, lapack
-
-    diagonal, below = cut(matrix, blocks)
     for k, D in enumerate(diagonal):
         if k:
-            below[k] = blas.dtrsm(1.0, diagonal[k - 1], below[k], side=1, lower=1, trans_a=1, overwrite_b=1)
-            D = blas.dsyrk(-1.0, below[k], beta=1.0, c=D, lower=1, overwrite_c=1)
-        diagonal[k], fault = lapack.dpotrf(D, lower=1, clean=0, overwrite_a=1)
-        if fault:
+            lapack.solve_right(diagonal[k - 1], below[k], transposed=True)
+            lapack.subtract_square(below[k], D)
+        if not lapack.factorise(D):
             return None
-    return diagonal, below
-
-
-def cut(matrix: csc_array, blocks: Blocks) -> tuple[list[Array], list[Array]]:
-    """All D_k and E_k of a matrix; the first E is empty."""
-    ends = np.array(blocks.ends)
-    entry_row = blocks.back[np.repeat(np.arange(len(blocks.order)), np.diff(matrix.indptr))]
-    entry_column = blocks.back[matrix.indices]
-    block = np.searchsorted(ends, np.arange(len(blocks.order)), side="right") - 1
-    row_block, column_block = block[entry_row], block[entry_column]
-    diagonal, below = [], []
-    order = np.argsort(row_block, kind="stable")
-    starts = np.searchsorted(row_block[order], np.arange(len(ends)))
-    for k, (begin, end) in enumerate(zip(blocks.ends[:-1], blocks.ends[1:], strict=True)):
-        own = order[starts[k] : starts[k + 1]]
-        D = np.zeros((end - begin, end - begin), order="F")
-        inside = own[column_block[own] == k]
-        D[entry_row[inside] - begin, entry_column[inside] - begin] = matrix.data[inside]
-        last = blocks.ends[k - 1] if k else 0
-        E = np.zeros((end - begin, begin - last), order="F")
-        before = own[column_block[own] == k - 1]
-        E[entry_row[before] - begin, entry_column[before] - last] = matrix.data[before]
-        diagonal.append(D)
-        below.append(E)
     return diagonal, below
 
 
 def solve(diagonal: list[Array], below: list[Array], blocks: Blocks, right: Array) -> Array:
     """The solution (N, Q) for right-hand sides (N, Q)."""
-    from scipy.linalg import blas
-
     x = right[blocks.order]  # a copy; its rows transposed are columns in the order of Fortran, solved in place
     parts = [x[begin:end].T for begin, end in zip(blocks.ends[:-1], blocks.ends[1:], strict=True)]
     for k, part in enumerate(parts):
         if k:
-            blas.dgemm(-1.0, parts[k - 1], below[k], beta=1.0, c=part, trans_b=1, overwrite_c=1)
-        blas.dtrsm(1.0, diagonal[k], part, side=1, lower=1, trans_a=1, overwrite_b=1)
+            lapack.subtract_product(parts[k - 1], below[k], part, transposed=True)
+        lapack.solve_right(diagonal[k], part, transposed=True)
     for k in reversed(range(len(parts))):
         if k + 1 < len(parts):
-            blas.dgemm(-1.0, parts[k + 1], below[k + 1], beta=1.0, c=parts[k], overwrite_c=1)
-        blas.dtrsm(1.0, diagonal[k], parts[k], side=1, lower=1, overwrite_b=1)
+            lapack.subtract_product(parts[k + 1], below[k + 1], parts[k], transposed=False)
+        lapack.solve_right(diagonal[k], parts[k], transposed=False)
     return np.asarray(x[blocks.back])

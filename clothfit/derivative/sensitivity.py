@@ -284,19 +284,33 @@ class Solver:
         """`columns`: of each B."""
         self.columns = columns
         self.blocks: block_cholesky.Blocks | None = None
+        self.cut: block_cholesky.Cut | None = None
 
     def __call__(self, A: sparse.BlockMatrix, right: Array) -> Array:
         """dW for B = `right` (3 f, Q), which stays as it is."""
         if not len(right):  # nothing is free
             return right.copy()
-        matrix = sparse.to_scipy(*A)
         if self.blocks is None or A.joined is not None:  # whose pattern is another one at each step
-            self.blocks = block_cholesky.blocks_of(matrix)
+            self.blocks = block_cholesky.blocks_of(sparse.to_scipy(*A))
+            self.cut = None
         if block_cholesky.is_cheaper(self.blocks, self.columns):
-            found = block_cholesky.solver(matrix, self.blocks)
-            if found is not None:
-                return found(right)
-        return whole_solver(matrix)(right)
+            factor = block_cholesky.factorise(*self.parts(A, self.blocks))
+            if factor is not None:
+                return block_cholesky.solve(*factor, self.blocks, right)
+        return whole_solver(sparse.to_scipy(*A))(right)
+
+    def parts(self, A: sparse.BlockMatrix, blocks: block_cholesky.Blocks) -> tuple[list[Array], list[Array]]:
+        """The blocks of A."""
+        if A.joined is not None:
+            matrix = sparse.to_scipy(*A)
+            return block_cholesky.Cut(matrix, blocks)(matrix.data)
+        if self.cut is None:  # by the places of the numbers in the arrays of A
+            size = A.diagonal.size
+            places = np.arange(float(size + A.upper.size))
+            numbered = A._replace(diagonal=places[:size].reshape(-1, 8), upper=places[size:].reshape(-1, 8))
+            matrix = sparse.to_scipy(*numbered)
+            self.cut = block_cholesky.Cut(matrix, blocks, matrix.data.astype(np.intp))
+        return self.cut(np.concatenate([A.diagonal, A.upper]).reshape(-1))
 
 
 def whole_solver(matrix: csc_array) -> Callable[[Array], Array]:
@@ -318,25 +332,45 @@ def whole_solver(matrix: csc_array) -> Callable[[Array], Array]:
     return lambda right: blas.dsymm(1.0, inverse, right.T, side=1, lower=1).T
 
 
-@kernel
+@kernel(nogil=True)
 def add_product(near, place, blocks, x, out):
     """out += B x for the block matrix B on the stencil, x and out (3 f, Q) with row 3 place[i] + c for vertex i."""
     for i in range(len(place)):
-        if place[i] >= 0:
-            o0, o1, o2 = out[3 * place[i]], out[3 * place[i] + 1], out[3 * place[i] + 2]
-            for e in range(near.start[i], near.start[i + 1]):
-                j = place[near.neighbour[e]]
-                if j >= 0:
-                    b = blocks[e]
-                    x0, x1, x2 = x[3 * j], x[3 * j + 1], x[3 * j + 2]
-                    for q in range(len(o0)):
-                        y0, y1, y2 = x0[q], x1[q], x2[q]
-                        o0[q] += b[0, 0] * y0 + b[0, 1] * y1 + b[0, 2] * y2
-                        o1[q] += b[1, 0] * y0 + b[1, 1] * y1 + b[1, 2] * y2
-                        o2[q] += b[2, 0] * y0 + b[2, 1] * y1 + b[2, 2] * y2
+        if place[i] < 0:
+            continue
+        o0, o1, o2 = out[3 * place[i]], out[3 * place[i] + 1], out[3 * place[i] + 2]
+        e, end = following(near, place, near.start[i] - 1, i), near.start[i + 1]
+        while e < end:  # two blocks at a time: a row of `out` is read and written half as often
+            a, j = blocks[e], place[near.neighbour[e]]
+            x0, x1, x2 = x[3 * j], x[3 * j + 1], x[3 * j + 2]
+            e = following(near, place, e, i)
+            if e == end:
+                for q in range(len(o0)):
+                    y0, y1, y2 = x0[q], x1[q], x2[q]
+                    o0[q] += a[0, 0] * y0 + a[0, 1] * y1 + a[0, 2] * y2
+                    o1[q] += a[1, 0] * y0 + a[1, 1] * y1 + a[1, 2] * y2
+                    o2[q] += a[2, 0] * y0 + a[2, 1] * y1 + a[2, 2] * y2
+                break
+            b, k = blocks[e], place[near.neighbour[e]]
+            z0, z1, z2 = x[3 * k], x[3 * k + 1], x[3 * k + 2]
+            for q in range(len(o0)):
+                y0, y1, y2, w0, w1, w2 = x0[q], x1[q], x2[q], z0[q], z1[q], z2[q]
+                o0[q] += a[0, 0] * y0 + a[0, 1] * y1 + a[0, 2] * y2 + (b[0, 0] * w0 + b[0, 1] * w1 + b[0, 2] * w2)
+                o1[q] += a[1, 0] * y0 + a[1, 1] * y1 + a[1, 2] * y2 + (b[1, 0] * w0 + b[1, 1] * w1 + b[1, 2] * w2)
+                o2[q] += a[2, 0] * y0 + a[2, 1] * y1 + a[2, 2] * y2 + (b[2, 0] * w0 + b[2, 1] * w1 + b[2, 2] * w2)
+            e = following(near, place, e, i)
 
 
 @kernel
+def following(near, place, e, i):
+    """The next entry after e of vertex i whose neighbour moves; the end of its entries where there is none."""
+    e += 1
+    while e < near.start[i + 1] and place[near.neighbour[e]] < 0:
+        e += 1
+    return e
+
+
+@kernel(nogil=True)
 def add_vertex_columns(place, by_element, share, out):
     """out += C for a kind that acts on its own vertex, `by_element` (n, 3)."""
     for i in range(len(share.start) - 1):
@@ -347,7 +381,7 @@ def add_vertex_columns(place, by_element, share, out):
                     out[3 * place[i] + c, q] += share.factor[e] * by_element[i, c]
 
 
-@kernel
+@kernel(nogil=True)
 def add_spring_columns(place, ends, by_element, share, out):
     """out += C for a kind that acts on the two ends of its spring, `by_element` (S, 2, 3)."""
     for i in range(len(share.start) - 1):

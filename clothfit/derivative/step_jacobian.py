@@ -49,7 +49,7 @@ def jacobian(system: System, stencil: Stencil, rest: bool = False) -> Jacobian:
     )
 
 
-@kernel
+@kernel(nogil=True)
 def differentiate(system, stencil, x, v, w, u, later, work, out):
     """Fill `out` with the derivative of an iteration from u to w, the first or a `later` one, and work.A with its
     matrix.

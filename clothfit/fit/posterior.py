@@ -21,7 +21,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.eigen import eigen
 from clothfit.fit.sandwich import Blocks
 from clothfit.fit.student import half_width
-from clothfit.optimise import bounded
+from clothfit.optimise import ball
 from clothfit.optimise.gauss_newton import Model
 from clothfit.optimise.priors.evidence import inverse, variance
 from clothfit.optimise.priors.prior import NARROWEST, Prior, none
@@ -189,7 +189,7 @@ def null_space(H: Array) -> Array:
 def is_regular(unit: Array) -> bool:
     """Whether no eigenvalue of a symmetric matrix (F, F) is near the rounding of the largest; faster than these."""
     largest = float(np.abs(unit).sum(axis=0).max(initial=0.0))  # at least
-    return bounded.factorised(bounded.with_diagonal(unit, -2.0 * NULL_EIGENVALUE * largest)) is not None
+    return ball.factorised(ball.with_diagonal(unit, -2.0 * NULL_EIGENVALUE * largest)) is not None
 
 
 def inverse_beside(H: Array, null: Array) -> Array:

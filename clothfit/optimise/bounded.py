@@ -7,7 +7,7 @@ steps: a coordinate that the derivative presses against its bound is held, the o
 the step. Every step lowers the value, so even where the steps end early the result is no worse than δ = 0. They end
 where the same coordinates are held again and the value is no lower: H is singular, and rounding moves them in turn.
 Where the bounds cut away most of what a step promised and H hardly determines some direction, the rounding of g makes a
-long way along it: steps are then made shorter by more on the diagonal.
+long way along it: steps are then made shorter by more on the diagonal. `ball` solves for each step.
 The eigenvalues of a singular H are taken once, for the first step: they take twenty times as long as the factor of
 H + ridge, which is as good for a step that the bounds will cut. A sparse H always has a ridge.
 
@@ -27,7 +27,7 @@ import numpy as np
 
 from clothfit.base import interrupts
 from clothfit.base.arrays import Array, Flags
-from clothfit.base.eigen import eigen
+from clothfit.optimise import ball
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -41,14 +41,8 @@ STEPS = 100
 HALVINGS = 40
 """Halvings of a step that the bounds cut, until it lowers the value."""
 
-RADIUS_ROUNDS = 20
-"""Rounds of Newton's iteration for the radius."""
-
 ROUNDING = 1e-12
 """Relative decrease of the value below which the same coordinates are not held a second time: steps go in circles."""
-
-SINGULAR = 1e-13
-"""Reciprocal condition below which H counts as singular."""
 
 RIDGE = 1e-12
 """Added to the diagonal of a singular H, relative to its trace: above the rounding of H, and below what it shows."""
@@ -59,9 +53,9 @@ EIGENVALUES = 3000
 SPARSE = 1500
 """Coordinates from which on a sparse H is factored as such."""
 
-KEPT, UNSURE, SHIFTS = 0.5, 1e-9, (1e-10, 1e-8, 1e-6)
-"""The least part of what a step promised that is left where the bounds cut it; else, where the reciprocal condition is
-below the second number, what is added to the diagonal, relative to its largest entry.
+KEPT, SHIFTS = 0.5, (1e-10, 1e-8, 1e-6)
+"""The least part of what a step promised that is left where the bounds cut it; else, where H hardly determines some
+direction, what is added to the diagonal, relative to its largest entry.
 """
 
 PATIENCE = 2.0
@@ -103,14 +97,14 @@ def solve(
         free, rest = np.flatnonzero(~held), np.flatnonzero(held)
         target = delta.copy()
         if isinstance(H, np.ndarray):
-            inner, right = H[np.ix_(free, free)], g[free] + H[np.ix_(free, rest)] @ delta[rest]
-            target[free] = within(inner, right, radius, ridge, shift)
+            inner = ball.Quadratic(H[np.ix_(free, free)], g[free] + H[np.ix_(free, rest)] @ delta[rest])
+            target[free] = ball.within(inner, radius, ridge, shift)
         else:
             target[free] = unbounded(H[free][:, free], -g[free] - H[free][:, rest] @ delta[rest])
         inside = bool(((target >= lower) & (target <= upper)).all())
         new = target if inside else downwards(H, g, lower, upper, delta, target)
         saved = value - (value if new is None else quadratic(H, g, new))
-        if shifts and not inside and saved < KEPT * (value - quadratic(H, g, target)) and (shift or is_unsure(inner)):
+        if shifts and not inside and saved < KEPT * (value - quadratic(H, g, target)) and (shift or inner.is_unsure):
             shift, new = shifts.pop(0) * float(H.diagonal().max()), delta if new is None else new
             reached.clear()
         if new is None:
@@ -154,7 +148,8 @@ def unbounded(H: Matrix, right: Array) -> Array:
     """
     if isinstance(H, np.ndarray):
         tiny = RIDGE * float(H.diagonal().max(initial=0.0)) + np.finfo(float).tiny
-        return substitute(shifted(H, tiny), right)
+        lower = ball.factorised(ball.with_diagonal(H, tiny))
+        return np.zeros(len(right)) if lower is None else ball.substitute(lower, right)
     from scipy.sparse import diags_array
     from scipy.sparse.linalg import splu
 
@@ -169,92 +164,3 @@ def unbounded(H: Matrix, right: Array) -> Array:
     except RuntimeError:  # rounding of entries that differ by many orders of magnitude: exactly singular
         return np.zeros(len(right))
     return np.asarray(scale * factor.solve(scale * right))
-
-
-def within(H: Array, g: Array, radius: float = np.inf, ridge: float = 0.0, shift: float = 0.0) -> Array:
-    """The minimum δ within a ball: (H + μ) δ = −g with the μ ≥ `shift` that makes |δ| at most the radius, to 1 %. Where
-    H is singular μ is at least the `ridge`, or the directions that are rounding are left out, without one.
-    """
-    factor = factorised(with_diagonal(H, shift)) if shift else cholesky(H)
-    if factor is None and 0.0 < ridge < np.inf:
-        factor, shift = factorised(with_diagonal(H, ridge)), ridge
-    if factor is None:
-        return within_singular(H, g, radius)
-    delta = -substitute(factor, g)
-    for _ in range(RADIUS_ROUNDS):  # Newton's iteration on 1/|δ|, which is nearly linear in μ
-        length = float(np.linalg.norm(delta))
-        if length <= 1.01 * radius:
-            break
-        change = -substitute(factor, delta)
-        shift += length**2 / -float(delta @ change) * (length - radius) / radius
-        factor = shifted(H, shift)
-        delta = -substitute(factor, g)
-    return delta
-
-
-def cholesky(H: Array) -> Array | None:
-    """The Cholesky factor (Q, Q), lower; None where H is singular or not positive definite."""
-    lower = factorised(H)
-    return lower if lower is not None and reciprocal_condition(H, lower) > SINGULAR else None
-
-
-def reciprocal_condition(H: Array, lower: Array) -> float:
-    """That of H (Q, Q) by its Cholesky factor, roughly, in the norm of the largest column sum."""
-    from scipy.linalg import lapack
-
-    return float(lapack.dpocon(lower, float(np.abs(H).sum(axis=0).max()), uplo="L")[0])
-
-
-def is_unsure(H: Array) -> bool:
-    """Whether H (Q, Q) hardly determines some direction."""
-    lower = factorised(H)
-    return lower is None or reciprocal_condition(H, lower) < UNSURE
-
-
-def factorised(H: Array) -> Array | None:
-    """The Cholesky factor (Q, Q), lower, of any condition; None where there is none."""
-    from scipy.linalg import lapack
-
-    if not len(H) or not np.isfinite(H).all():  # LAPACK writes about these to standard output
-        return None
-    lower, fault = lapack.dpotrf(H, lower=1, clean=1)
-    return None if fault else np.asarray(lower)
-
-
-def shifted(H: Array, shift: float) -> Array:
-    """The Cholesky factor of H + shift, which is positive definite where H is."""
-    from scipy.linalg import lapack
-
-    return np.asarray(lapack.dpotrf(with_diagonal(H, shift), lower=1, clean=1)[0])
-
-
-def with_diagonal(H: Array, shift: float) -> Array:
-    """H + shift (Q, Q)."""
-    other = H.copy()
-    np.fill_diagonal(other, H.diagonal() + shift)
-    return other
-
-
-def substitute(factor: Array, g: Array) -> Array:
-    """(L Lᵀ)⁻¹ g."""
-    from scipy.linalg import lapack
-
-    return np.asarray(lapack.dpotrs(factor, g, lower=1)[0]) if len(g) else np.zeros(0)
-
-
-def within_singular(H: Array, g: Array, radius: float) -> Array:
-    """As `within`, for an H that does not determine everything: by its eigenvalues, without those that are rounding."""
-    found = eigen(H)
-    if not len(H) or found is None:
-        return np.zeros(len(H))
-    values, vectors = found
-    seen = values > SINGULAR * values[-1]
-    values, vectors = values[seen], vectors[:, seen]
-    along = vectors.T @ g
-    if np.linalg.norm(along / values) <= radius:
-        return np.asarray(-vectors @ (along / values))
-    low, high = 0.0, float(np.linalg.norm(g)) / radius
-    while high > 1.01 * low:
-        shift = np.sqrt(low * high) if low > 0 else 1e-3 * high
-        low, high = (shift, high) if np.linalg.norm(along / (values + shift)) > radius else (low, shift)
-    return np.asarray(-vectors @ (along / (values + high)))

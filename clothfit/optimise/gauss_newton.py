@@ -10,13 +10,14 @@ hundredth of the variance of one residual, a tenth of a standard error over all 
 are noise, below the same for each of the combinations that the data determine (D. M. Bates, D. G. Watts, A relative
 offset orthogonality convergence criterion for nonlinear least squares, Technometrics 23, 1981). Where a model
 that cannot reproduce the target leaves large residuals, of which neighbours are alike, the last digits come slowly and
-say nothing: it also ends where two steps in a row would save less than 1e-5 of the cost.
+say nothing: it also ends where two steps in a row would save less than 1e-5 of the cost. A problem that asks for no
+more than a `least` saving ends as soon as the model of the last step says that no more is left.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -122,23 +123,29 @@ def minimise(
             prior, learning = prior.between(learned), learning - 1
         near = quadratic(problem, model, prior, sigma2)
         saving = near.reduction(near.whole)
-        if learns and is_small(problem, model, near, sigma2, saving, last):
+        small = is_small(problem, model, near, sigma2, saving, last)
+        if small and learns and not problem.least:
             prior, sigma2 = prior.settled(model.H, model.g, model.y, model.cost, problem.residuals)
             near = quadratic(problem, model, prior, sigma2)
             saving = near.reduction(near.whole)
+            small = is_small(problem, model, near, sigma2, saving, last)
         if problem.believe:
             problem.believe(prior, sigma2)
-        if is_small(problem, model, near, sigma2, saving, last):
+        if small:
             return model, prior, Status.CONVERGED
         last = saving, model.cost
         value = model.cost + prior.value(model.y, sigma2)
         total = partial(penalised, problem, prior, sigma2)
-        step, radius, good = descend(total, value, near, radius)
-        if not good:
+        step, radius, new = descend(total, value, near, radius)
+        if new is None:
             return model, prior, ended(saving <= patience.flat * model.cost)
-        model = problem.model(model.y + step)
+        foretold = problem.least > 0 and near.is_whole(step) and is_foretold(problem, near, step, value, new)
+        y = model.y + step
+        model = replace(model, y=y, cost=new - prior.value(y, sigma2)) if foretold else problem.model(y)
         if accepted:
             accepted(prior, model, radius)
+        if foretold:
+            return model, prior, Status.CONVERGED
     return model, prior, Status.LIMIT
 
 
@@ -158,6 +165,13 @@ def is_small(
     if saving <= max(LEFT * sigma2, problem.least * model.cost) or twice <= SMALL:
         return True
     return saving <= MOST * model.cost and within_noise(problem, model, near, sigma2, saving)
+
+
+def is_foretold(problem: Problem, near: Quadratic, step: Array, value: float, new: float) -> bool:
+    """Whether a whole step has led from a `value` so nearly to where its model has the minimum that a new model would
+    save too little to be asked for: it differs from this one by about as much as the cost from what was foretold.
+    """
+    return abs(value - near.reduction(step) - new) <= problem.least * new
 
 
 def within_noise(problem: Problem, model: Model, near: Quadratic, sigma2: float, saving: float) -> bool:
@@ -220,6 +234,10 @@ class Quadratic:
         """How long a step is."""
         return float(np.linalg.norm(step if self.scale is None else self.scale * step))
 
+    def is_whole(self, step: Array) -> bool:
+        """Whether a step is that to the minimum."""
+        return step is self.whole
+
     def reduction(self, step: Array) -> float:
         """By how much a step lowers the model."""
         return -float(2 * self.g @ step + step @ self.H @ step)
@@ -231,8 +249,8 @@ class Quadratic:
 
 def descend(
     total: Callable[[Array], float], value: float, model: Quadratic, radius: float
-) -> tuple[Array, float, bool]:
-    """A step that lowers `total` from `value`, the new radius, and whether there is one."""
+) -> tuple[Array, float, float | None]:
+    """A step that lowers `total` from `value`, the new radius, and what it leads to; None where there is none."""
     while radius > SMALLEST * np.sqrt(len(model.y)):
         step = model.within(radius)
         new, predicted = total(model.at(step)), model.reduction(step)
@@ -240,13 +258,13 @@ def descend(
             break
         radius = POOR * min(radius, model.length(step))
     else:
-        return np.zeros(len(model.y)), radius, False
+        return np.zeros(len(model.y)), radius, None
     if value - new < POOR * predicted:
-        return step, 0.5 * radius, True
+        return step, 0.5 * radius, new
     while value - new > GOOD * model.reduction(step) and model.length(step) < model.length(model.whole):
         wider = model.within(2.0 * radius)
         beyond = total(model.at(wider))
         if not beyond < new:
             break
         step, new, radius = wider, beyond, 2.0 * radius
-    return step, radius, True
+    return step, radius, new

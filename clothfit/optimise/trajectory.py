@@ -16,6 +16,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.columns import columns
 from clothfit.derivative.sensitivity import DENSE_UNKNOWNS, at_start, one_by_one, sweep, tangents
 from clothfit.engine.system import mobile
+from clothfit.kernels.parallel import together
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run, residual_count
@@ -157,16 +158,16 @@ class Trajectory:
         p = self.parameters(y)
         column, factor = self.columns(p)
         H, g, cost = np.zeros((self.size, self.size)), np.zeros(self.size), 0.0
+        parts, places = list[Callable[[], tuple[Array, Array, float]]](), list[Indices]()
         for run in self.objective.runs:
             acting = np.where(self.acts(run), column, -1)
             own, place = np.unique(acting[acting >= 0], return_inverse=True)
-            if not len(own):
-                cost += self.objective.cost_of_run(run, p)
-                continue
             local = np.full(len(p), -1, np.int32)
             local[acting >= 0] = place
-            scores = keep and keep(own)
-            part, derivative, value = run_model(run, self.objective, p, local, factor, self.tolerance, scores)
+            scores = keep(own) if keep and len(own) else None
+            parts.append(partial(run_model, run, self.objective, p, local, factor, self.tolerance, scores))
+            places.append(own)
+        for own, (part, derivative, value) in zip(places, together(parts), strict=True):
             H[np.ix_(own, own)] += part
             g[own] += derivative
             cost += value
@@ -227,6 +228,8 @@ def run_model(
     cost = running_cost(run.comparison)
     system, tape = objective.simulate(run, p, cost.update, plan=objective.plan(run))
     count = int(column.max(initial=-1)) + 1
+    if not count:
+        return np.zeros((0, 0)), np.zeros(0), cost.value
     blocks = [block for block in objective.blocks if block.cloth in (run.cloth, None)]
     wanted = columns(system, blocks, p, column, factor, count)
     few = partial(tangents, system, tape, wanted, tolerance)

@@ -17,7 +17,7 @@ from clothfit.base.arrays import Flags
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.experiment import Experiment
 from clothfit.objective.loss import Loss
-from clothfit.optimise import bounded
+from clothfit.optimise import ball
 from clothfit.optimise.gauss_newton import Model
 from clothfit.registration.record import Registration
 from clothfit.registration.residuals import OFFSET, PLACE, RATE, THETA, summed
@@ -73,7 +73,7 @@ def saving(model: Model, free: Flags) -> float:
     """What the best step of some coordinates saves of a cost."""
     H, g = model.H[np.ix_(free, free)], model.g[free]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(H), np.finfo(float).tiny))
-    step = scale * bounded.within(H * np.outer(scale, scale), g * scale)
+    step = scale * ball.within(ball.Quadratic(H * np.outer(scale, scale), g * scale))
     return -float(2.0 * g @ step + step @ H @ step)
 
 

@@ -17,8 +17,8 @@ from functools import partial
 import numpy as np
 
 from clothfit.base.arrays import Array
-from clothfit.engine.solve.two_threads import processors
 from clothfit.kernels.clock import computing
+from clothfit.kernels.parallel import processors
 from clothfit.objective.objective import Objective
 from clothfit.optimise.evolution import TOGETHER, Evolution, minimise
 from clothfit.optimise.search import Search

@@ -6,7 +6,7 @@ from scipy.optimize import lsq_linear
 from scipy.sparse import csr_array
 
 from clothfit.base import interrupts
-from clothfit.optimise import bounded
+from clothfit.optimise import ball, bounded
 
 SIZES = [1, 2, 7, 40]
 
@@ -131,13 +131,13 @@ def test_one_point_and_no_coordinates():
 def test_the_factor_is_that_of_the_matrix():
     J, r, *_ = problem(6, 7)
     H = J.T @ J
-    L = bounded.cholesky(H)
-    np.testing.assert_allclose(L @ L.T, H, atol=1e-13 * np.abs(H).max())  # rounding
-    np.testing.assert_allclose(H @ bounded.substitute(L, J.T @ r), J.T @ r, rtol=1e-10)
-    shifted = bounded.shifted(H, 0.5)
+    L = ball.cholesky(H)
+    np.testing.assert_allclose(np.tril(L) @ np.tril(L).T, H, atol=1e-13 * np.abs(H).max())  # rounding
+    np.testing.assert_allclose(H @ ball.substitute(L, J.T @ r), J.T @ r, rtol=1e-10)
+    shifted = np.tril(ball.factorised(ball.with_diagonal(H, 0.5)))
     np.testing.assert_allclose(shifted @ shifted.T, H + 0.5 * np.eye(6), atol=1e-13 * np.abs(H).max())
-    assert bounded.cholesky(np.diag([1.0, -1.0])) is None
-    assert bounded.cholesky(np.diag([1.0, 1e-14])) is None
+    assert ball.cholesky(np.diag([1.0, -1.0])) is None
+    assert ball.cholesky(np.diag([1.0, 1e-14])) is None
 
 
 @pytest.mark.parametrize(("seed", "width"), [(4, 1.0), (0, 10.0), (4, 10.0)])
@@ -147,8 +147,8 @@ def test_steps_do_not_go_in_circles_where_the_matrix_is_singular(monkeypatch, se
     J = rng.normal(size=(30, 200)) * np.exp(2.0 * rng.normal(size=200))
     b = 10.0 * rng.normal(size=30)
     lower, upper = -width * rng.uniform(size=200), width * rng.uniform(size=200)
-    solved, within = [], bounded.within
-    monkeypatch.setattr(bounded, "within", lambda *problem: solved.append(1) or within(*problem))
+    solved, within = [], ball.within
+    monkeypatch.setattr(ball, "within", lambda *problem: solved.append(1) or within(*problem))
     found = bounded.solve(J.T @ J, J.T @ b, lower, upper)
     assert len(solved) <= 10
     best = lsq_linear(J, -b, (lower, upper), tol=1e-14).cost  # half of |J δ + b|²
@@ -164,7 +164,7 @@ def test_a_way_of_rounding_that_leads_out_of_the_bounds_costs_nothing_of_the_oth
     values = np.concatenate([[1e-11], np.geomspace(1e-4, 1.0, 39)])
     along = np.concatenate([[1e-8 * np.sqrt(40)], values[1:] * rng.normal(size=39)])
     H, g = (axes * values) @ axes.T, axes @ along
-    assert bounded.cholesky(H) is not None
+    assert ball.cholesky(H) is not None
     found = bounded.solve(H, g, np.full(40, -5.0), np.full(40, 5.0))
     least = -np.sum(along[1:] ** 2 / values[1:])  # without that way, and inside the bounds
     assert bounded.quadratic(H, g, found) <= 0.999 * least  # a shift of 1e-6 takes a hundredth off what 1e-4 adds
@@ -180,7 +180,7 @@ def test_an_end_of_the_time_is_heard_between_two_steps():
 def test_nothing_is_printed_about_matrices_that_cannot_be_factorised(capfd, H):
     size, wide = len(H), np.full(len(H), np.inf)
     np.testing.assert_array_equal(bounded.solve(H, np.ones(size), -wide, wide), np.zeros(size))
-    assert bounded.cholesky(H) is None
+    assert ball.cholesky(H) is None
     assert capfd.readouterr() == ("", "")
 
 
@@ -190,9 +190,9 @@ def test_of_a_singular_matrix_the_eigenvalues_are_taken_once(seed, monkeypatch):
     rng = np.random.default_rng(seed)
     J, b = rng.normal(size=(30, 200)), 10.0 * rng.normal(size=30)
     lower, upper = -rng.uniform(size=200), rng.uniform(size=200)
-    taken, solved, within_singular, within = [], [], bounded.within_singular, bounded.within
-    monkeypatch.setattr(bounded, "within_singular", lambda *given: taken.append(1) or within_singular(*given))
-    monkeypatch.setattr(bounded, "within", lambda *given: solved.append(1) or within(*given))
+    taken, solved, within_singular, within = [], [], ball.within_singular, ball.within
+    monkeypatch.setattr(ball, "within_singular", lambda *given: taken.append(1) or within_singular(*given))
+    monkeypatch.setattr(ball, "within", lambda *given: solved.append(1) or within(*given))
     found = bounded.solve(J.T @ J, J.T @ b, lower, upper)
     assert len(taken) == 1 < len(solved)
     best = lsq_linear(J, -b, (lower, upper), tol=1e-14).cost  # half of |J δ + b|²
@@ -203,7 +203,7 @@ def test_a_large_singular_matrix_needs_no_eigenvalues(monkeypatch):
     J, r, lower, upper = problem(60, 0, rows=30)
     exact = bounded.solve(J.T @ J, J.T @ r, 10.0 * lower, 10.0 * upper)
     monkeypatch.setattr(bounded, "EIGENVALUES", 59)
-    monkeypatch.setattr(bounded, "within_singular", None)
+    monkeypatch.setattr(ball, "within_singular", None)
     found = bounded.solve(J.T @ J, J.T @ r, 10.0 * lower, 10.0 * upper)
     assert np.sum((J @ found + r) ** 2) <= np.sum((J @ exact + r) ** 2) + 1e-9 * r @ r  # as above
 

@@ -6,12 +6,11 @@ phase is posted, takes its part, and says when that is done. A part that it does
 Who takes a part never changes the arithmetic: each is computed in one order and their sums are added in one order, so
 results are the same to the last bit with one thread or two.
 
-There is a second thread where there is a second processor, unless NUMBA_NUM_THREADS or OMP_NUM_THREADS is 1.
+There is a second thread where there is a second processor to be had (`kernels.parallel`).
 """
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -22,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothfit.base.arrays import Array, aligned
-from clothfit.kernels.kernel import interpreted, kernel
+from clothfit.kernels.kernel import kernel
 from clothfit.kernels.lanes.operations import exchange, pause, read_shared, write_shared
+from clothfit.kernels.parallel import processors
 
 SERVES, POSTED, CLAIMED, DONE = 0, 8, 16, 24
 """Places of the flags, a cache line apart: 1 while a second thread serves; how many phases were posted so far; of how
@@ -114,15 +114,3 @@ def serving(worker: Worker, serve: Callable[[], None]) -> Iterator[None]:
         worker.flags[POSTED] += 1
         thread.join()
         worker.flags[:] = 0
-
-
-def processors() -> int:
-    """Processors that may be used."""
-    if interpreted():
-        return 1  # the interpreter runs one thread at a time
-    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"):
-        if os.environ.get(name, "").strip() == "1":
-            return 1
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

@@ -18,13 +18,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from clothfit.base import lapack
 from clothfit.base.arrays import Array
 from clothfit.base.eigen import pseudo_inverse
+from clothfit.kernels.kernel import kernel
+from clothfit.kernels.parallel import together
 
 ENOUGH = 0.02
 """Relative change of the widths, and of σ², that ends the search for them."""
@@ -34,6 +38,12 @@ WIDE = 3
 
 RIDGE = 1e-14
 """Added to a matrix, relative to its largest entry, so that what nothing determines does not stop its inversion."""
+
+LARGE = 200
+"""Data from which on parts are taken on two threads."""
+
+TILE = 32
+"""Columns that are mirrored together."""
 
 UNSEEN = 1e-3
 """What the data add to the precision of a value, relative to that of the widest prior, that is left out."""
@@ -52,10 +62,11 @@ class Seen:
         """That of H (Q, Q), g (Q,) and a cost of `count` residuals beside values that scatter by `widest` at most, by a
         Cholesky factorisation that takes what is best known first; None where nothing is.
         """
-        from scipy.linalg import lapack, solve_triangular
+        from scipy.linalg import solve_triangular
+        from scipy.linalg.lapack import dpstrf
 
         least = RIDGE * len(H) * float(np.abs(H).max(initial=0.0))
-        factor, pivots, rank, fault = lapack.dpstrf(H, tol=least, lower=1)
+        factor, pivots, rank, fault = dpstrf(H, tol=least, lower=1)
         if fault < 0 or not rank:
             return None
         order, triangle = pivots - 1, np.tril(factor)[:, :rank]
@@ -79,8 +90,9 @@ def most_likely(
     parts = separate(seen.data, effects, free)
     for _ in range(rounds):
         found, expected, determined, left = np.zeros(len(tau)), np.zeros(len(tau)), 0.0, seen.rest
-        for part in parts:
-            own = part.sums(tau, sigma2)
+        rounds_of = [partial(part.sums, tau, sigma2) for part in parts]
+        sums = together(rounds_of) if len(seen.data) >= LARGE else [each() for each in rounds_of]
+        for part, own in zip(parts, sums, strict=True):
             found[part.which] += own.found
             expected[part.which] += own.expected
             determined, left = determined + own.determined, left + own.left
@@ -156,16 +168,25 @@ def inverse(matrix: Array) -> Array:
     """Inverse of a symmetric matrix (Q, Q) that is positive semidefinite but for rounding; NaN where the matrix holds
     what is not finite.
     """
-    from scipy.linalg import lapack
-
-    if not len(matrix) or not np.isfinite(matrix).all():  # LAPACK writes about these to standard output
+    size = float(max(matrix.max(initial=0.0), -matrix.min(initial=0.0)))
+    if not len(matrix) or not np.isfinite(size):
         return np.full_like(matrix, np.nan)
-    ridge = RIDGE * len(matrix) * np.abs(matrix).max(initial=0.0)
-    lower, fault = lapack.dpotrf(matrix + ridge * np.eye(len(matrix)), lower=1)
-    if fault:
+    lower = np.array(matrix, order="F")
+    lower.flat[:: len(matrix) + 1] += RIDGE * len(matrix) * size
+    if not lapack.factorise(lower):
         return pseudo_inverse(matrix)
-    half = np.tril(lapack.dpotri(lower, lower=1)[0])
-    return np.asarray(half + np.tril(half, -1).T)
+    lapack.invert(lower)
+    mirror(lower)
+    return lower
+
+
+@kernel(nogil=True)
+def mirror(matrix):
+    """Copy the lower triangle of a matrix (Q, Q), column by column, to the upper one."""
+    for begin in range(0, len(matrix), TILE):  # a few columns at a time, so that both stay in the cache
+        for i in range(begin, len(matrix)):
+            for j in range(begin, min(begin + TILE, i)):
+                matrix[j, i] = matrix[i, j]
 
 
 def variance(cost: float, count: int, determined: float) -> float:
