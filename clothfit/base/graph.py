@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from clothfit.base.arrays import Array
+
 
 def connected_components(pairs: npt.NDArray[np.integer], n: int) -> npt.NDArray[np.intp]:
     """The number (n,) of the piece of each of n nodes that pairs (P, 2) connect; pieces are numbered by their first
@@ -24,3 +26,17 @@ def connected_components(pairs: npt.NDArray[np.integer], n: int) -> npt.NDArray[
         np.minimum.at(lowest, np.maximum(left, right), np.minimum(left, right))
         while not np.array_equal(further := lowest[lowest], lowest):
             lowest = further
+
+
+def independent(H: Array) -> list[npt.NDArray[np.intp]]:
+    """The coordinates of the parts of a symmetric H (Q, Q) between which it is 0; at least one part."""
+    left, found = np.ones(len(H), bool), list[npt.NDArray[np.intp]]()
+    while left.any() or not found:
+        own = np.zeros(len(H), bool)
+        new = np.flatnonzero(left)[:1]
+        while len(new):
+            own[new] = True
+            new = np.flatnonzero((H[new] != 0).any(axis=0) & ~own)
+        found.append(np.flatnonzero(own))
+        left &= ~own
+    return found

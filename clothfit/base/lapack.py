@@ -62,7 +62,8 @@ def invert(L: Array) -> None:
 def solve_right(L: Array, B: Array, transposed: bool) -> None:
     """Write B L⁻¹, or B L⁻ᵀ, over B (m, n) for a lower triangle L (n, n)."""
     if B.size:
-        call("dtrsm", "R", "L", "T" if transposed else "N", "N", *B.shape, 1.0, laid_out(L), len(L), laid_out(B), len(B))
+        form = "R", "L", "T" if transposed else "N", "N"
+        call("dtrsm", *form, *B.shape, 1.0, laid_out(L), len(L), laid_out(B), len(B))
 
 
 def subtract_product(A: Array, B: Array, C: Array, transposed: bool) -> None:

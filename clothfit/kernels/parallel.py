@@ -67,14 +67,14 @@ class Shared(Generic[T]):
         self.faults: dict[int, BaseException] = {}
         self.over = threading.Event()  # nobody waits for the results any more
 
-    def work(self, here: bool = True) -> None:
+    def work(self, caught: type[BaseException] = Exception) -> None:
         """Take parts while there are any. In the thread that waits for them an interrupt ends that at once."""
         _here.busy = True
         try:
             while (i := self._next()) is not None:
                 try:
                     self.results[i] = self.parts[i]()
-                except (Exception if here else BaseException) as fault:  # noqa: BLE001  parts before it may fail as well
+                except caught as fault:  # parts before it may fail as well
                     self.faults[i] = fault
         finally:
             _here.busy = False
@@ -82,7 +82,7 @@ class Shared(Generic[T]):
     def beside(self) -> None:
         """The same in a thread of its own."""
         with interrupts.abandoned_by(self.over):
-            self.work(here=False)
+            self.work(BaseException)
 
     def _next(self) -> int | None:
         with self.lock:
@@ -93,3 +93,16 @@ class Shared(Generic[T]):
         for i in sorted(self.faults):
             raise self.faults[i]
         return [self.results[i] for i in range(len(self.parts))]
+
+
+def only_here(function: Callable[[], None] | None) -> Callable[[], None] | None:
+    """A function that does nothing in other threads than this one, as to report is for the thread that began."""
+    if function is None:
+        return None
+    mine, call = threading.get_ident(), function
+
+    def heard() -> None:
+        if threading.get_ident() == mine:
+            call()
+
+    return heard

@@ -13,11 +13,11 @@ from functools import cached_property, partial
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from clothfit.base import lapack
 from clothfit.base.arrays import Array
 from clothfit.base.eigen import eigen
+from clothfit.base.graph import independent
 from clothfit.kernels.parallel import together
 
 T = TypeVar("T")
@@ -80,20 +80,6 @@ class Quadratic:
         """(L Lᵀ)⁻¹ times the parts of a vector; None where a factor is missing."""
         found = [substitute(each, own) for each, own in zip(factors, right, strict=True) if each is not None]
         return found if len(found) == len(right) else None
-
-
-def independent(H: Array) -> list[NDArray[np.intp]]:
-    """The coordinates of the parts of a symmetric H (Q, Q) between which it is 0; at least one part."""
-    left, found = np.ones(len(H), bool), list[NDArray[np.intp]]()
-    while left.any() or not found:
-        own = np.zeros(len(H), bool)
-        new = np.flatnonzero(left)[:1]
-        while len(new):
-            own[new] = True
-            new = np.flatnonzero((H[new] != 0).any(axis=0) & ~own)
-        found.append(np.flatnonzero(own))
-        left &= ~own
-    return found
 
 
 def within(of: Quadratic, radius: float = np.inf, ridge: float = 0.0, shift: float = 0.0) -> Array:

@@ -20,6 +20,7 @@ out (`balances.trimming`).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -28,6 +29,7 @@ from clothfit.base.arrays import Array, Flags, Indices
 from clothfit.derivative.columns import columns
 from clothfit.derivative.sensitivity import Columns
 from clothfit.engine.system import EXPLICIT
+from clothfit.kernels.parallel import only_here, together
 from clothfit.objective.objective import Objective
 from clothfit.objective.run import Run
 from clothfit.optimise import bounded
@@ -90,19 +92,25 @@ def fit(
     What no complete balance determines stays as well: everything, where the target shows no three successive steps.
     """
     lower, upper = bounds(objective.scene)
-    found = p.copy()
-    for cloth in objective.cloths:
+    found, heard = p.copy(), only_here(waiting)
+
+    def fitted_one(cloth: int) -> tuple[Indices, Array]:
         own = [block for block in objective.blocks if block.cloth == cloth and is_linear(block)]
         places = np.concatenate([np.arange(b.start, b.start + b.count) for b in own] or [np.zeros(0, int)])
         places = places[fitted[places]]
         if not len(places):
-            continue
+            return places, p[places]
         column = np.full(len(p), -1, np.int32)
         column[places] = np.arange(len(places))
         parts = [rows_of(objective, run, p, own, column, treatment) for run in objective.runs if run.cloth == cloth]
         equations = Equations([part for part, _ in parts], treatment.anchored)
         within = lower[places], upper[places]
-        found[places] = solve(equations, p[places], *within, None if treatment.summed else parts, waiting)
+        return places, solve(equations, p[places], *within, None if treatment.summed else parts, heard)
+
+    made = [partial(fitted_one, cloth) for cloth in objective.cloths]
+    at_once = sum(needed(objective)) <= objective.room
+    for places, values in together(made) if at_once else (each() for each in made):
+        found[places] = values
     return found
 
 
@@ -119,12 +127,17 @@ def is_linear(block: Block) -> bool:
 
 
 def fits(objective: Objective) -> bool:
-    """Whether the balances fit into what an objective may hold."""
-    sizes = (
+    """Whether the balances of each cloth fit into what an objective may hold."""
+    return max(needed(objective), default=0) <= objective.room
+
+
+def needed(objective: Objective) -> list[int]:
+    """The bytes that the balances of each cloth take."""
+    sizes = [
         (run.steps * (3 * len(run.system.x0) + 6 * len(run.system.springs.rest)) for run in group)
         for group in ([run for run in objective.runs if run.cloth == cloth] for cloth in objective.cloths)
-    )
-    return ENTRY * max((sum(each) for each in sizes), default=0) <= objective.room
+    ]
+    return [ENTRY * sum(each) for each in sizes]
 
 
 def information(objective: Objective, p: Array, fitted: Flags, factor: Array) -> tuple[Array, Array, float, int] | None:

@@ -183,7 +183,7 @@ def touched_rows(surface: Surface, x: Array, steps: int) -> Flags:
     return np.asarray(near[:-1] | near[1:])
 
 
-@kernel
+@kernel(nogil=True)
 def fill(system, inner, two, near, x, v, after, steps, work, step, out):
     """Write the rows of K steps (K,) to the velocities `after` (K, n, 3): with `two` of BDF2's `forms`, all but the
     first step of the inner one.

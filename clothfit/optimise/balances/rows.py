@@ -188,7 +188,7 @@ def left(pattern, i, own, count, c, known, q):
     return known
 
 
-@kernel
+@kernel(nogil=True)
 def add_squares(pattern, mass, stiffness, kept, weight, out):
     """Add CᵀC of a step's kept rows (n,) to the entries of the normal matrix."""
     own = np.zeros((most(pattern), 3))
@@ -202,7 +202,7 @@ def add_squares(pattern, mass, stiffness, kept, weight, out):
                 at += 1
 
 
-@kernel
+@kernel(nogil=True)
 def measure(pattern, residual, mass, stiffness, kept, weight, q, p, squares, terms):
     """Add the squares of the kept residuals r − C q (T, n) for q (M,) to those of each step, and those of Σ |C p|."""
     own = np.zeros((most(pattern), 3))
@@ -219,7 +219,7 @@ def measure(pattern, residual, mass, stiffness, kept, weight, q, p, squares, ter
                 terms[t] += size * size
 
 
-@kernel
+@kernel(nogil=True)
 def add_right(pattern, residual, mass, stiffness, kept, weight, q, out):
     """Add Cᵀ(r − C q) of the kept rows (T, n) for q (M,) to `out` (M,)."""
     own = np.zeros((most(pattern), 3))

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from clothfit.base import lapack
 from clothfit.base.arrays import Array
 from clothfit.base.eigen import pseudo_inverse
+from clothfit.base.graph import independent
 from clothfit.kernels.kernel import kernel
 from clothfit.kernels.parallel import together
 
@@ -66,17 +67,24 @@ class Seen:
         from scipy.linalg.lapack import dpstrf
 
         least = RIDGE * len(H) * float(np.abs(H).max(initial=0.0))
-        factor, pivots, rank, fault = dpstrf(H, tol=least, lower=1)
-        if fault < 0 or not rank:
+        parts = list[tuple[NDArray[np.intp], Array, Array]]()
+        for own in independent(H):
+            factor, pivots, rank, fault = dpstrf(H[np.ix_(own, own)], tol=least, lower=1)
+            if fault >= 0 and rank:
+                order, triangle = own[pivots - 1], np.tril(factor)[:, :rank]
+                parts.append((order, triangle, solve_triangular(triangle[:rank], g[order[:rank]], lower=True)))
+        if not parts:
             return None
-        order, triangle = pivots - 1, np.tril(factor)[:, :rank]
-        b = solve_triangular(triangle[:rank], g[order[:rank]], lower=True)
-        noise = variance(cost - float(b @ b), count, rank)
-        left = np.cumsum((triangle**2)[:, ::-1], axis=1)[:, ::-1].max(axis=0)  # of the diagonal, before each column
-        rank = max(int((left > UNSEEN * noise / widest**2).sum()), 1)
-        L = np.empty((len(H), rank))
-        L[order] = triangle[:, :rank]
-        return cls(L, -b[:rank], max(cost - float(b[:rank] @ b[:rank]), 0.0))
+        b = np.concatenate([own for _, _, own in parts])
+        noise, columns, data = variance(cost - float(b @ b), count, len(b)), list[Array](), list[Array]()
+        for order, triangle, own in parts:
+            left = np.cumsum((triangle**2)[:, ::-1], axis=1)[:, ::-1].max(axis=0)  # of the diagonal, before each column
+            rank = max(int((left > UNSEEN * noise / widest**2).sum()), 1)
+            columns.append(np.zeros((len(H), rank)))
+            columns[-1][order] = triangle[:, :rank]
+            data.append(-own[:rank])
+        known = np.concatenate(data)
+        return cls(np.concatenate(columns, axis=1), known, max(cost - float(known @ known), 0.0))
 
 
 def most_likely(
@@ -171,8 +179,20 @@ def inverse(matrix: Array) -> Array:
     size = float(max(matrix.max(initial=0.0), -matrix.min(initial=0.0)))
     if not len(matrix) or not np.isfinite(size):
         return np.full_like(matrix, np.nan)
+    ridge, parts = RIDGE * len(matrix) * size, independent(matrix)
+    if len(parts) == 1:
+        return inverse_of_part(matrix, ridge)
+    made = [partial(inverse_of_part, matrix[np.ix_(own, own)], ridge) for own in parts]
+    found = np.zeros_like(matrix)
+    for own, part in zip(parts, together(made) if len(matrix) >= LARGE else [each() for each in made], strict=True):
+        found[np.ix_(own, own)] = part
+    return found
+
+
+def inverse_of_part(matrix: Array, ridge: float) -> Array:
+    """The same of what is finite, with so much more on its diagonal."""
     lower = np.array(matrix, order="F")
-    lower.flat[:: len(matrix) + 1] += RIDGE * len(matrix) * size
+    lower.flat[:: len(matrix) + 1] += ridge
     if not lapack.factorise(lower):
         return pseudo_inverse(matrix)
     lapack.invert(lower)
