@@ -44,8 +44,8 @@ def call(name: str, *arguments: str | int | float | Array) -> None:
 
 
 def factorise(A: Array) -> bool:
-    """Write the Cholesky factor of A (n, n) into its lower triangle; False where A is not positive definite. Raises
-    ValueError for what LAPACK cannot take: other arrays than those of Fortran.
+    """Write the Cholesky factor of A (n, n), of finite numbers, into its lower triangle; False where A is not positive
+    definite. Raises ValueError for other arrays than those of Fortran.
     """
     fault = np.zeros(1, np.int32)
     if len(A):

@@ -37,5 +37,20 @@ def test_no_values_have_no_eigenvalues():
     assert (values.shape, vectors.shape) == ((0,), (0, 0))
 
 
+def test_parts_that_share_nothing_have_the_eigenvalues_of_the_whole():
+    """In any order of the coordinates, with zeros between them."""
+    rng = np.random.default_rng(0)
+    H = np.zeros((9, 9))
+    for first, end in ((0, 4), (4, 5), (5, 8)):  # the last coordinate is in no part
+        J = rng.normal(size=(7, end - first))
+        H[first:end, first:end] = J.T @ J
+    order = rng.permutation(9)
+    H = H[np.ix_(order, order)]
+    values, vectors = eigen(H)
+    np.testing.assert_allclose(values, np.linalg.eigvalsh(H), rtol=0, atol=1e-14 * values[-1])  # rounding
+    np.testing.assert_allclose(vectors * values @ vectors.T, H, rtol=0, atol=1e-13 * values[-1])
+    np.testing.assert_allclose(vectors.T @ vectors, np.eye(9), atol=1e-14)
+
+
 def test_the_pseudo_inverse_leaves_out_what_is_zero():
     np.testing.assert_allclose(pseudo_inverse(np.diag([2.0, 0.0])), np.diag([0.5, 0.0]), atol=1e-15)

@@ -6,6 +6,7 @@ from scipy.optimize import lsq_linear
 from scipy.sparse import csr_array
 
 from clothfit.base import interrupts
+from clothfit.kernels import parallel
 from clothfit.optimise import ball, bounded
 
 SIZES = [1, 2, 7, 40]
@@ -126,6 +127,24 @@ def test_one_point_and_no_coordinates():
     np.testing.assert_array_equal(bounded.solve(J.T @ J, J.T @ r, point, point), 0.0)
     none = np.zeros(0)
     assert bounded.solve(np.zeros((0, 0)), none, none, none).shape == (0,)
+
+
+@pytest.mark.parametrize("singular", [False, True])
+@pytest.mark.parametrize("radius", [np.inf, 0.05])
+def test_parts_that_share_nothing_are_solved_as_the_whole(singular, radius, monkeypatch):
+    """Two problems of different sizes and scales within one ball, their coordinates mixed, on two threads."""
+    monkeypatch.setattr(parallel, "processors", lambda: 2)
+    monkeypatch.setattr(ball, "LARGE", 1)
+    (J, r, *_), (K, s, *_) = problem(8, 2, rows=5 if singular else 24), problem(5, 3)
+    order = np.random.default_rng(1).permutation(13)
+    H = np.block([[J.T @ J, np.zeros((8, 5))], [np.zeros((5, 8)), 9.0 * K.T @ K]])[np.ix_(order, order)]
+    of = ball.Quadratic(H, np.concatenate([J.T @ r, K.T @ s])[order])
+    assert sorted(map(len, of.places)) == [5, 8]
+    delta = ball.within(of, radius)
+    monkeypatch.setattr(ball, "independent", lambda H: [np.arange(len(H))])
+    whole = ball.within(ball.Quadratic(H, of.g), radius)
+    # rounding times the condition; within a ball both are right to 1 %, in the same rounds
+    np.testing.assert_allclose(delta, whole, rtol=0, atol=1e-8 * np.abs(whole).max())
 
 
 def test_the_factor_is_that_of_the_matrix():

@@ -324,7 +324,7 @@ def test_a_spent_budget_can_be_raised(tmp_path, case):
 
 
 @needs_compilation
-@pytest.mark.parametrize("budget", [30, 70])
+@pytest.mark.parametrize("budget", [30, 50])
 def test_a_budget_that_is_spent_gives_its_result_again(tmp_path, budget):
     given = arguments("auto per spring")  # the best point is of a stage before the one that was ended
     short = estimate(*given, max_evaluations=budget, checkpoint=tmp_path / "c", intervals=False)

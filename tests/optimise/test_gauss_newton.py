@@ -317,3 +317,22 @@ def test_a_step_within_the_noise_of_each_combination_ends_it_where_residuals_are
     assert status == "converged"
     assert np.array_equal(model.y, begin) == ends
     assert ends or abs(model.y[0] - 1.0) < 0.1  # where less than 0.01 is left
+
+
+def test_a_problem_that_asks_for_little_ends_where_its_last_model_says_that_no_more_is_left():
+    """The residuals are linear: what one model foretells is so, and a second one is not asked for."""
+    rng = np.random.default_rng(5)
+    J, b = rng.normal(size=(30, 2)), rng.normal(size=30)
+    made = Synthetic(lambda y: J @ y - b, lambda y: J)
+    wide = 1e3  # the radius
+    models = []
+    for least in (0.0, 1e-3):
+        made.models.clear()
+        problem = replace(made.problem, least=least)
+        found, _, status = minimise(problem, np.array([3.0, -4.0]), none(2), radius=wide)
+        models.append(len(made.models))
+        assert status == "converged"
+        best = np.linalg.lstsq(J, b, rcond=None)[0]
+        np.testing.assert_allclose(found.y, best, rtol=1e-9)
+        assert found.cost == pytest.approx(np.sum((J @ best - b) ** 2), rel=1e-9)
+    assert models == [2, 1]

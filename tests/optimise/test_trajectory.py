@@ -8,6 +8,7 @@ from helpers.physics import METHODS, TIGHT, scene, xyz
 from helpers.scenes import cloth, even, trial
 
 from clothfit.derivative import sensitivity
+from clothfit.kernels import parallel
 from clothfit.motion.degrade import degrade
 from clothfit.motion.divergence import Diverged
 from clothfit.motion.simulate import simulate
@@ -197,3 +198,15 @@ def test_the_prior_groups_what_scatters_around_a_fabric():
 def test_operations_grow_with_what_is_asked():
     few, many = trajectory("one").operations(), trajectory("LL").operations()
     assert 0 < few < many
+
+
+@pytest.mark.parametrize("method", ["implicit", "bdf2"])
+def test_with_two_threads_a_model_is_the_same_to_the_last_bit(method, monkeypatch):
+    found = []
+    for count in (1, 2):
+        monkeypatch.setattr(parallel, "processors", lambda count=count: count)
+        part = trajectory("several", method=method)
+        found.append(part.model(part.y(part.search.start)))
+    assert found[0].cost == found[1].cost
+    np.testing.assert_array_equal(found[0].H, found[1].H)
+    np.testing.assert_array_equal(found[0].g, found[1].g)

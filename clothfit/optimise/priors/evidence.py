@@ -28,7 +28,6 @@ from clothfit.base import lapack
 from clothfit.base.arrays import Array
 from clothfit.base.eigen import pseudo_inverse
 from clothfit.base.graph import independent
-from clothfit.kernels.kernel import kernel
 from clothfit.kernels.parallel import together
 
 ENOUGH = 0.02
@@ -42,9 +41,6 @@ RIDGE = 1e-14
 
 LARGE = 200
 """Data from which on parts are taken on two threads."""
-
-TILE = 32
-"""Columns that are mirrored together."""
 
 UNSEEN = 1e-3
 """What the data add to the precision of a value, relative to that of the widest prior, that is left out."""
@@ -196,17 +192,9 @@ def inverse_of_part(matrix: Array, ridge: float) -> Array:
     if not lapack.factorise(lower):
         return pseudo_inverse(matrix)
     lapack.invert(lower)
-    mirror(lower)
-    return lower
-
-
-@kernel(nogil=True)
-def mirror(matrix):
-    """Copy the lower triangle of a matrix (Q, Q), column by column, to the upper one."""
-    for begin in range(0, len(matrix), TILE):  # a few columns at a time, so that both stay in the cache
-        for i in range(begin, len(matrix)):
-            for j in range(begin, min(begin + TILE, i)):
-                matrix[j, i] = matrix[i, j]
+    half = np.tril(lower)
+    half += np.tril(half, -1).T
+    return half
 
 
 def variance(cost: float, count: int, determined: float) -> float:
