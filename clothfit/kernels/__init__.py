@@ -2,6 +2,6 @@
 
 linking (what is kept of a kernel's code) → cache (on disk) → once (one process compiles, others wait) → kernel (the
 decorator) → lanes/ (vectors of 4 numbers) → vectors (3-vectors). raster: pixels of pictures. clock: seconds of
-computing, without compilation.
+computing, without compilation. parallel: independent parts on several threads.
 To write a kernel: decorate it with `kernel.kernel`, use explicit loops and scalars, and allocate outside the loops.
 """
