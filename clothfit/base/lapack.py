@@ -13,7 +13,7 @@ from functools import cache
 
 import numpy as np
 
-from clothfit.base.arrays import Array
+from clothfit.base.arrays import Array, Indices
 
 
 @cache
@@ -30,7 +30,7 @@ def routine(name: str) -> Callable[..., None]:
     return ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * count)(address_of(capsule, signature))  # lets the lock go
 
 
-def call(name: str, *arguments: str | int | float | Array) -> None:
+def call(name: str, *arguments: str | int | float | Array | Indices) -> None:
     """Call a routine with letters, sizes, numbers and arrays, which it may write into."""
     given: list[object] = []
     for each in arguments:

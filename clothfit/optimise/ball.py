@@ -86,7 +86,9 @@ def within(of: Quadratic, radius: float = np.inf, ridge: float = 0.0, shift: flo
     """The minimum δ within a ball: (H + μ) δ = −g with the μ ≥ `shift` that makes |δ| at most the radius, to 1 %. Where
     H is singular μ is at least the `ridge`, or the directions that are rounding are left out, without one.
     """
-    factors = of.shifted(shift) if shift else of.factors if of.condition > SINGULAR else [None] * len(of.parts)
+    factors: list[Array | None] = [None] * len(of.parts)
+    if shift or of.condition > SINGULAR:
+        factors = of.shifted(shift) if shift else of.factors
     if 0.0 < ridge < np.inf and any(each is None for each in factors):
         factors, shift = of.shifted(ridge), ridge
     delta = of.solved(factors, of.parts)

@@ -73,12 +73,12 @@ class Seen:
             return None
         b = np.concatenate([own for _, _, own in parts])
         noise, columns, data = variance(cost - float(b @ b), count, len(b)), list[Array](), list[Array]()
-        for order, triangle, own in parts:
+        for order, triangle, shown in parts:
             left = np.cumsum((triangle**2)[:, ::-1], axis=1)[:, ::-1].max(axis=0)  # of the diagonal, before each column
             rank = max(int((left > UNSEEN * noise / widest**2).sum()), 1)
             columns.append(np.zeros((len(H), rank)))
             columns[-1][order] = triangle[:, :rank]
-            data.append(-own[:rank])
+            data.append(-shown[:rank])
         known = np.concatenate(data)
         return cls(np.concatenate(columns, axis=1), known, max(cost - float(known @ known), 0.0))
 
