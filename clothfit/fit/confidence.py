@@ -16,8 +16,9 @@ they do not show is one that the motion does not show, and they are found in a t
 is no noise but the error of the linear systems, so an interval is the bound that its size sets.
 
 Where the residuals are no noise at all, as the model differs, the covariance comes from blocks of them (`sandwich`), or
-there are no intervals. Where the motion is chaotic, its sensitivities grow so far that all but one direction look like
-rounding beside that: nothing is said of what the motion shows.
+there are no intervals. Of too many values for a matrix they come from samples (`sampled`). Where the motion is chaotic,
+its sensitivities grow so far that all but one direction look like rounding beside that: nothing is said of what the
+motion shows.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.base.eigen import eigen
 from clothfit.engine.system import mobile
 from clothfit.fit.posterior import Local, Posterior, learned_prior, posterior
+from clothfit.fit.sampled import Samples, sampled
 from clothfit.fit.sandwich import CHAOS, Kept
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.correlation import Correlation, strongest
@@ -78,6 +80,7 @@ class Confidence:
     sigma: float  # standard deviation of a residual; m where positions are compared
     warning: str | None = None  # why there are no intervals
     correlations: tuple[Correlation, ...] = ()  # of what is hard to tell apart, strongest first
+    samples: Samples | None = None  # that the intervals are by; None: by the matrix
 
 
 @dataclass(frozen=True)
@@ -98,10 +101,10 @@ def confidence(search: Search, differs: bool) -> Confidence | None:
     problem = Trajectory(search.aside(budget=100), search.objective, loose)
     quick = balances(search) if is_exact(search, search.best.cost) else None
     expensive = quick is None and (problem.operations() > trajectory.LARGEST or not problem.fits())
-    if not np.isfinite(search.best.cost) or expensive:
+    if not np.isfinite(search.best.cost):
         return None
     try:
-        return found_with(problem, quick, differs)
+        return found_by_samples(search, differs) if expensive else found_with(problem, quick, differs)
     except (Diverged, np.linalg.LinAlgError):
         return None
 
@@ -127,6 +130,23 @@ def found_with(problem: Trajectory, quick: tuple[Model, float, int] | None, diff
         return replace(found, low=nothing, high=nothing, warning=UNTRUSTED)
     found = replace(found, correlations=correlated(known, hidden))
     return replace(found, warning=DISAGREEING) if wrong and np.isnan(low).all() else found
+
+
+def found_by_samples(search: Search, differs: bool) -> Confidence | None:
+    """The confidence by samples, without combinations of values; None where they are of no use. Raises Diverged."""
+    if differs or is_exact(search, search.best.cost):
+        return None
+    found = sampled(search, *residual_squares(search.objective, search.best.p))
+    if found is None:
+        return None
+    ends = np.full((2, len(search.fitted)), np.nan)
+    for end, y in zip(ends, (search.y - found.down, search.y + found.up), strict=True):
+        end[search.fitted] = search.parameters(y)[search.fitted]
+    ends[:, search.fitted] = np.where(np.isnan(found.down), np.nan, ends[:, search.fitted])
+    hidden = np.zeros(len(search.fitted), bool)
+    hidden[search.fitted] = found.hidden
+    best, (low, high) = search.best, ends
+    return Confidence(best.p, best.cost, low, high, hidden, None, found.sigma, samples=found.samples)
 
 
 def correlated(known: Posterior, hidden: Hidden) -> tuple[Correlation, ...]:

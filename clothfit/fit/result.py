@@ -14,6 +14,7 @@ from clothfit.fit.confidence import Confidence
 from clothfit.fit.hints import Hint
 from clothfit.fit.holdout import HeldOut
 from clothfit.fit.model_choice import Judged
+from clothfit.fit.sampled import Samples
 from clothfit.fit.verdict import ADEQUATE, Judgement, Verdict, position_rmse, reproduced, verdict
 from clothfit.motion.divergence import Diverged
 from clothfit.objective.correlation import Correlation
@@ -93,6 +94,7 @@ class Fit:
     start: Scene | None = None  # where the fit began
     objective: dict[str, float] = field(default_factory=dict)  # what is compared, with the weights
     correlations: tuple[Correlation, ...] = ()  # of what is hard to tell apart, strongest first
+    samples: Samples | None = None  # that the intervals are by; None: they are by the matrix, or there are none
     remedies: Fallbacks = NO_FALLBACKS  # its motion's steps that were solved directly, clamped, shortened or taken anew
 
     def __repr__(self) -> str:
@@ -144,6 +146,7 @@ def result(
         objective=dict(search.objective.weights),
         start=with_parameters(search.objective.scene, search.origin),
         correlations=() if known is None else known.correlations,
+        samples=None if known is None else known.samples,
     )
 
 

@@ -1,48 +1,61 @@
-"""The trajectory fit of many parameters on a large cloth, where no matrix of the fit is ever formed.
+"""Gauss–Newton of many parameters on a large cloth, where no matrix of the fit is ever formed.
 
-SciPy's trust-region reflective method (`least_squares`) asks for products of the Jacobian with vectors: J z is a
-tangent sweep along the motion, Jᵀ r an adjoint sweep, each about as expensive as a simulation. Its inner solver, LSMR,
-takes some dozens of them for a step. The prior keeps one width here, since learning it needs the matrix. D. Fong, M.
-Saunders, LSMR: an iterative algorithm for sparse least-squares problems, SIAM Journal on Scientific Computing 33, 2011.
+Each iteration solves for the step from products with J and Jᵀ (`products`), some dozens of sweeps along the motion. Two
+samples of the posterior go along (`sampling`): the directions that they ask for are good for the step as well, and they
+say how many combinations γ of the n values of a group the data determine, from which its width follows (D. MacKay,
+Bayesian interpolation, Neural Computation 4, 1992):
+
+    τ² = |P (y − y₀)|² / γ,    γ = n − 1 − tr P C / τ²,    P the projection to what has no mean
+
+A step that is too long for its trust region is the best one of the space that its solution has spanned. It ends as
+`gauss_newton` does, where another step would save little beside the noise.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
-from clothfit.base.arrays import Array
-from clothfit.derivative import adjoint
+from clothfit.base.arrays import Array, Flags
 from clothfit.motion.divergence import Diverged
-from clothfit.objective.running_cost import KeptStates, running_cost
+from clothfit.optimise.gauss_newton import EACH, ENOUGH, FIRST_RADIUS, GOOD, LEFT, MOST, POOR, SMALL, SMALLEST
 from clothfit.optimise.priors.evidence import variance
-from clothfit.optimise.priors.prior import Prior
+from clothfit.optimise.priors.prior import FIRST_TAU, NARROWEST, WIDEST, Prior
+from clothfit.optimise.products import Products
+from clothfit.optimise.sampling import Sampling
 from clothfit.optimise.status import Status
 from clothfit.optimise.trajectory import Trajectory
-from clothfit.scene.fit_vector import changes
 
-if TYPE_CHECKING:
-    from scipy.sparse.linalg import LinearOperator
+SAMPLES = 2
+"""Samples beside each step."""
 
-WIDTH = 1.0
-"""τ of a prior that would be learned: a factor e."""
+ITERATIONS, ROUGH_ITERATIONS = 40, 8
+"""Steps at most, of all frames and of a part of them."""
 
-RESTARTS = 3
-"""Restarts with the variance of the residuals that is left."""
+ROUNDS, FEWEST_ROUNDS = 60, 5
+"""Rounds of the solution of a step."""
 
-EVALUATIONS = 40
-"""Evaluations of the residuals in each round."""
+FEW = 3 * ROUNDS
+"""Values up to which the step is solved whole."""
 
-RESTART_SAVING = 1e-4
-"""Relative reduction of the cost by a round that ends the fit."""
+SAVED, FINELY = 0.05, 0.002
+"""Share of what a step saves that another round must add: at first, and near the end, where a step saves less than a
+fiftieth of the cost.
+"""
 
-LEAST, ROUGH = 1e-10, 1e-3
-"""The same by a step that ends a round; and where only a part of the frames is fitted."""
+TOLERANCE = 1e-7
+"""Of the linear systems of products, relative."""
 
-FAR = 1e6
-"""Residual where the simulation diverges, relative to the largest met: the step is taken back."""
+SLOW, ROUGH = 1e-4, 1e-3
+"""Saving relative to the cost that ends a fit; and one of a part."""
 
+LATE = 0.01
+"""Saving relative to the cost that ends a fit which is late."""
+
+WIDER = 2.0
+"""Factor by which a width changes at most from one step to the next, and the radius."""
 
 VECTORS = 12
 """Arrays of the size of the residuals that the method works with."""
@@ -52,104 +65,81 @@ def fits(part: Trajectory) -> bool:
     """Whether the method fits into what the objective may hold."""
     matrices = sum(run.comparison.jacobian_bytes for run in part.objective.runs)
     moves = sum((run.steps + 1) * run.system.x0.nbytes for run in part.objective.runs)
-    return 8 * VECTORS * part.residuals() + matrices + 3 * moves <= part.objective.room
+    spanned = 16 * (SAMPLES + 1) * ROUNDS * part.size
+    return 8 * VECTORS * part.residuals() + matrices + 3 * moves + spanned <= part.objective.room
 
 
-def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Array, Status]:
-    """Go down from y (Q,); returns the last point and how it ended."""
-    from scipy.optimize import least_squares
-
-    solve: Any = least_squares
-    bounds = (part.problem().lower, part.problem().upper)
-    status = Status.LIMIT
-    for _ in range(RESTARTS if whole else 1):
-        residuals = Residuals(part, prior, y)
-        before = float(residuals(y) @ residuals(y))
-        found = solve(
-            residuals, np.clip(y, *bounds), residuals.jacobian, bounds=bounds, method="trf", tr_solver="lsmr",
-            max_nfev=EVALUATIONS if whole else EVALUATIONS // 4,
-            ftol=LEAST if whole else ROUGH, xtol=1e-10, gtol=None,
-        )  # fmt: skip
-        y = found.x
-        if whole:
-            part.search.visit(part.search.parameters(y))
-        status = Status.CONVERGED if found.status > 0 else Status.LIMIT
-        if 2.0 * found.cost > (1.0 - RESTART_SAVING) * before:
-            break
-    return y, status
-
-
-class Residuals:
-    """The residuals of a trajectory, those of the prior below them, and products with their derivative."""
-
-    def __init__(self, part: Trajectory, prior: Prior, y: Array) -> None:
-        """`y` (Q,) is where the variance of the residuals is taken, which weighs the prior."""
-        self.part, self.prior = part, prior.alone(WIDTH)
-        cost = part.cost(y)
-        sigma = np.sqrt(variance(cost if np.isfinite(cost) else 0.0, part.residuals(), 0.0))
-        self.weights = [sigma / tau for tau in self.prior.tau]
-        part.believe(self.prior, float(sigma) ** 2)
-        self.worst, self.count, self.lowest = 0.0, 0, np.inf
-
-    def __call__(self, y: Array) -> Array:
-        """r (N + …,) at y (Q,)."""
-        self.part.search.count()
-        p = self.part.search.parameters(y)
-        objective = self.part.objective
+def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Array, Prior, Status]:
+    """Go down from y (Q,); returns the last point, the prior that it learned and how it ended. Raises Stop."""
+    prior, radius = prior.alone(FIRST_TAU), FIRST_RADIUS * np.sqrt(max(part.size, 1))
+    generator, cost, last = np.random.default_rng(part.size), part.cost(y), np.inf
+    determined = 0.5 * part.size
+    tolerance = max(TOLERANCE, part.objective.tolerance)
+    for _ in range(ITERATIONS if whole else ROUGH_ITERATIONS):
+        sigma2 = variance(cost, part.residuals(), determined)
+        part.believe(prior, sigma2)
+        part.search.count()
         try:
-            observers = [(run, running_cost(run.comparison), KeptStates(run.comparison)) for run in objective.runs]
-            for run, cost, at in observers:
-                objective.simulate(run, p, cost.update, at.update)
+            products = Products(part, y, tolerance)
         except Diverged:
-            return np.full(self.count, FAR * self.worst)
-        self.part.remember(p, sum(cost.value for _, cost, _ in observers))
-        self.part.search.report()
-        parts = [run.comparison.residual_of(at.states) for run, _, at in observers]
-        below = [w * self.prior.deviation(y, g) for w, g in zip(self.weights, self.prior.groups, strict=True)]
-        r = np.concatenate([*parts, *below])
-        self.count, self.worst = len(r), max(self.worst, float(np.abs(r).max(initial=0.0)))
-        best, squares = self.part.search.best, float(r @ r)
-        if squares < self.lowest and best.descent is not None:  # a resumed fit begins there
-            self.lowest = squares
-            best.follow(best.descent._replace(y=y.copy()))
-        return r
+            return y, prior, Status.STALLED
+        ends = at_ends(y, *part.bounds)
+        sampling = Sampling(products, prior, y, sigma2, SAMPLES, generator, ends, wide=False)
+        saving = rounds(sampling, float(np.clip(0.1 * last, FINELY, SAVED)), part.search.report)
+        determined = min(max(sampling.determined, 1.0), float(part.size))
+        least = max(LEFT * sigma2, min(EACH * determined * sigma2, MOST * cost), (SLOW if whole else ROUGH) * cost)
+        if saving <= least or max(saving / max(cost, np.finfo(float).tiny), last) <= SMALL:
+            return y, prior, Status.CONVERGED
+        last = saving / cost
+        total = cost + prior.value(y, sigma2)
+        while radius > SMALLEST * np.sqrt(part.size):
+            step, predicted = sampling.within(radius)
+            new = np.clip(y + step, *part.bounds)
+            found = part.cost(new)
+            saved = total - found - prior.value(new, sigma2)
+            if saved >= ENOUGH * predicted:
+                break
+            radius = POOR * min(radius, float(np.linalg.norm(step)))
+        else:
+            return y, prior, Status.STALLED
+        radius = WIDER * radius if saved > GOOD * predicted else radius / WIDER if saved < POOR * predicted else radius
+        slow = found > (1.0 - LATE) * cost and part.search.is_late
+        y, cost = new, found
+        prior = widened(prior, y, sampling) if prior.learns else prior
+        if whole:
+            part.search.advance(part.parameters(y))
+        part.search.report()
+        if slow:
+            return y, prior, Status.STALLED
+    return y, prior, Status.LIMIT
 
-    def jacobian(self, y: Array) -> LinearOperator:
-        """∂r/∂y at y (Q,), as an operator."""
-        from scipy.sparse.linalg import LinearOperator
 
-        part, search = self.part, self.part.search
-        p, objective = search.parameters(y), part.objective
-        factor = search.coordinates.derivative(p)
-        observed = [(run, KeptStates(run.comparison)) for run in objective.runs]
-        simulated = [(run, *objective.simulate(run, p, at.update, plan=objective.plan(run))) for run, at in observed]
-        by_position = [run.comparison.jacobian_of(at.states) for run, at in observed]
-        groups = list(zip(self.weights, self.prior.groups, strict=True))
+def rounds(sampling: Sampling, least: float, waiting: Callable[[], None]) -> float:
+    """Solve for the step until another round adds less than the share `least`; returns what it saves of the model.
+    `waiting` is called after each round.
+    """
+    saved, size = 0.0, len(sampling.gradient)
+    fewest = ROUNDS if size <= FEW else FEWEST_ROUNDS
+    for number in range(ROUNDS):
+        changed = sampling.round()
+        waiting()
+        before, saved = saved, -float(sampling.gradient @ sampling.step)
+        if changed == 0.0 or (number + 1 >= fewest and saved - before <= least * saved):
+            break
+    return saved
 
-        def forward(z: Array) -> Array:
-            direction = np.zeros(len(p))
-            direction[part.fitted] = z.reshape(-1)
-            direction *= factor
-            above = []
-            for (run, system, memory), B in zip(simulated, by_position, strict=True):
-                along = changes(run.scene, run.cloth, p, direction)
-                above.append(B @ adjoint.tangent(system, memory, along, objective.tolerance).reshape(-1))
-            return np.concatenate([*above, *(w * self.spread(z.reshape(-1)[g]) for w, g in groups)])
 
-        def back(r: Array) -> Array:
-            gradient, out, start = np.zeros(len(p)), np.zeros(part.size), 0
-            for (run, system, memory), B in zip(simulated, by_position, strict=True):
-                weight = (B.T @ r[start : start + B.shape[0]]).reshape(-1, *system.x0.shape)
-                start += B.shape[0]
-                objective.add_pullback(run, p, system, memory, weight, gradient)
-            out += (gradient * factor)[part.fitted]
-            for w, g in groups:
-                out[g] += w * self.spread(r[start : start + len(g)])
-                start += len(g)
-            return out
+def at_ends(y: Array, lower: Array, upper: Array) -> tuple[Flags, Flags]:
+    """Which coordinates (Q,) are at their ends."""
+    return y <= lower, y >= upper
 
-        return LinearOperator((self.count, part.size), matvec=forward, rmatvec=back, dtype=np.float64)
 
-    def spread(self, z: Array) -> Array:
-        """P z of one group of the prior."""
-        return np.asarray(z - z.mean() if self.prior.learns else z)
+def widened(prior: Prior, y: Array, sampling: Sampling) -> Prior:
+    """The prior with the widths that follow from the values y (Q,) and from samples."""
+    found = list[float]()
+    for group, tau in zip(prior.groups, prior.tau, strict=True):
+        away, left = prior.deviation(y, group), sampling.samples[group] - sampling.samples[group].mean(axis=0)
+        determined = len(group) - 1 - float((left**2).sum()) / sampling.count / tau**2
+        new = np.sqrt(float(away @ away) / max(determined, 1.0))
+        found.append(float(np.clip(new, max(tau / WIDER, NARROWEST), min(tau * WIDER, WIDEST))))
+    return replace(prior, tau=tuple(found))

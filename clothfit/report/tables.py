@@ -57,7 +57,16 @@ def values_table(truth: Scene, fitted: Scene, log: Log, trial: bool) -> list[Tab
     rows = [row for block in truth.blocks for row in value_rows(block, truth, fitted, start, log, trial)]
     heads = ["value", *(["start"] if start else []), "fitted", *(["truth", "off by"] if trial else []),
              "95 % interval", "unit"]  # fmt: skip
-    return table("values", "Start, fitted" + (", truth" if trial else ""), heads, rows)
+    return table("values", "Start, fitted" + (", truth" if trial else ""), heads, rows, by_samples(log.summary))
+
+
+def by_samples(summary: Mapping[str, Any]) -> str:
+    """That the intervals are by samples, and how accurate they are; empty where they are not."""
+    given = summary.get("samples")
+    found = [number(given.get(key)) for key in ("count", "accuracy")] if isinstance(given, Mapping) else [None]
+    if None in found:
+        return ""
+    return "the intervals are by {:.0f} samples of the posterior, to {:.0%}".format(*found)
 
 
 def value_rows(

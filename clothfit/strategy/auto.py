@@ -13,6 +13,7 @@ the search, so the result is never worse than the best of them.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -148,7 +149,13 @@ def by_ladder(
     status = by_single_values(search, tau) if left else None
     if status is not None:
         return status
-    ladder.climb(search, left[len(coarse):], [search.best.p] if coarse else starts)
+    fine, begin = left[len(coarse):], [search.best.p] if coarse else starts
+    if too_many(search) and fine:
+        ladder.climb(search, fine[:-1], begin)
+        if np.isfinite(search.best.cost) and not is_far(search):
+            return by_products(search, tau)
+        fine, begin = fine[-1:], [search.best.p]
+    ladder.climb(search, fine, begin)
     if not left and ladder.is_astray(search):
         ladder.by_nudging(search, models[0])
         ladder.by_wide_search(search, models[0])
@@ -164,6 +171,16 @@ def by_ladder(
 def centre_of(search: Search) -> Array:
     """The values (P,) of the coarsest model that a ladder has fitted, which follow no noise; else the best point."""
     return search.rungs[0].p if search.rungs else search.best.p
+
+
+def by_products(search: Search, tau: float | None) -> Status:
+    """Fit single values from the best point of coarser models, by products alone, and note what that has come to. The
+    values scatter around those of the coarser ones. Raises Stop.
+    """
+    began, p = time.monotonic(), search.best.p
+    status = by_gauss_newton(search, p, p, tau, windows=False)
+    search.climbed(ladder.reached(search, "L", time.monotonic() - began))
+    return status
 
 
 def by_single_values(search: Search, tau: float | None) -> Status | None:

@@ -237,8 +237,7 @@ def fitted(
         return by_dense_model(part, stage, y, prior, radius)
     if matrix_free.fits(part):
         search.enter("matrix-free", stage.objective)
-        found, status = matrix_free.minimise(part, y, prior, whole)
-        return found, prior, status
+        return matrix_free.minimise(part, y, prior, whole)
     search.warn("too little memory for the matrices of gauss-newton: l-bfgs-b took its place (--memory)")
     status = scipy_methods.minimise(search, "l-bfgs-b") if whole else Status.STALLED
     return (search.y if whole else y), none(part.size), status

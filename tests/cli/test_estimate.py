@@ -30,6 +30,7 @@ pytestmark = [
 KEYS = {"schema_version", "command", "scene", "status", "method", "cost", "rmse", "frames", "evaluations", "seconds"}
 KEYS |= {"ladder", "step", "parameters", "output", "warnings", "rank", "sigma", "prior", "holdout", "memory"}
 KEYS |= {"windows"}
+KEYS |= {"samples"}
 KEYS |= {"objective", "correlations", "travel", "relative_rmse", "verdict", "hints", "registration", "markers"}
 PARAMETER_KEYS = {"object", "name", "mode", "count", "at_bound", "unidentifiable", "unmoved", "interval"}
 PARAMETER_KEYS |= {"groups", "modes", "values", "bounds", "start"}

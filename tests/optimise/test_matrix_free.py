@@ -12,8 +12,7 @@ from clothfit.fit.estimate import record_target
 from clothfit.motion.degrade import degrade
 from clothfit.motion.simulate import simulate
 from clothfit.objective.objective import Objective
-from clothfit.optimise.matrix_free import FAR, Residuals
-from clothfit.optimise.priors.prior import none
+from clothfit.optimise.products import Products
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.optimise.trajectory import Trajectory
@@ -40,41 +39,25 @@ def trajectory(frames=10, noise=0.0, rmse=0.0, heavier=1.0, **options):
     return Trajectory(Search(aim, p, rmse, 10**6), aim)
 
 
-@pytest.mark.parametrize("tau", [None, 0.5, np.inf])
 @pytest.mark.parametrize("objective", ["position", {"edge-length": 2.0, "velocity": 0.1}], ids=str)
-def test_products_are_those_of_the_residuals_derivative(objective, tau):
+def test_products_are_those_of_the_residuals_derivative(objective):
     part = trajectory(objective=objective)
-    y = part.y(part.search.best.p)
-    residuals = Residuals(part, part.prior(y - 0.1, tau), y)
-    r, J, t = residuals(y), residuals.jacobian(y), 1e-5
+    y, t = part.y(part.search.best.p), 1e-5
+    here = Products(part, y, TIGHT)
     rng = np.random.default_rng(1)
-    z, weight = rng.normal(size=part.size), rng.normal(size=len(r))
-    measured = (residuals(y + t * z) - residuals(y - t * z)) / (2 * t)
+    z, weight = rng.normal(size=part.size), rng.normal(size=len(here.r))
+    measured = (Products(part, y + t * z, TIGHT).r - Products(part, y - t * z, TIGHT).r) / (2 * t)
     # rounding of positions, 1e-15 / 1e-5, against changes of 1e-2; error t²
-    np.testing.assert_allclose(J @ z, measured, atol=1e-6 * np.abs(measured).max())
-    forward = weight @ (J @ z)
-    assert z @ (J.T @ weight) == pytest.approx(forward, rel=1e-11)  # solves to 1e-14
+    np.testing.assert_allclose(here.forward(z), measured, atol=1e-6 * np.abs(measured).max())
+    assert z @ here.back(weight) == pytest.approx(weight @ here.forward(z), rel=1e-11)  # solves to 1e-14
 
 
-def test_without_a_prior_its_squares_are_the_cost():
+def test_its_squares_are_the_cost_and_its_gradient_that_of_the_matrix():
     part = trajectory()
     y = part.y(part.search.best.p)
-    residuals = Residuals(part, none(part.size), y)
-    r = residuals(y)
-    assert r @ r == pytest.approx(part.cost(y), rel=1e-12)  # the same motion
-    model = part.model(y)
-    np.testing.assert_allclose(residuals.jacobian(y).T @ r, model.g, atol=1e-10 * np.abs(model.g).max())
-
-
-def test_where_the_simulation_diverges_the_residuals_are_huge_and_finite():
-    made = load(even("nG", 60, integrationMethod=0, delta=0.004))
-    aim = Objective(made, simulate(made), 1e-10)
-    part = Trajectory(Search(aim, np.array([20.0]), 0.0, 100), aim)
-    y = part.y(np.array([20.0]))
-    residuals = Residuals(part, none(1), y)
-    near, far = residuals(y), residuals(part.y(np.array([1e4])))
-    assert near.shape == far.shape
-    assert (far == FAR * np.abs(near).max()).all()
+    here, model = Products(part, y, TIGHT), part.model(y)
+    assert here.r @ here.r == pytest.approx(part.cost(y), rel=1e-12)  # the same motion
+    np.testing.assert_allclose(here.back(here.r), model.g, atol=1e-10 * np.abs(model.g).max())
 
 
 def test_it_finds_the_truth_as_with_a_matrix(monkeypatch):

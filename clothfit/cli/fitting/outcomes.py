@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from clothfit.cli.fitting.recording import FitLog
     from clothfit.fit.model_choice import Judged
     from clothfit.fit.result import Fit, FittedBlock
+    from clothfit.fit.sampled import Samples
     from clothfit.optimise.progress import Progress
     from clothfit.report.log import Point
     from clothfit.scene.scene import Scene
@@ -96,7 +97,7 @@ def describe(found: Fit, out: Output, console: Console) -> None:
             console.warn(f"{place}: {at_bound(block)}")
         if times := factors(block):
             console.say(f"{place}: {times}")
-        if known := certainty(block):
+        if known := certainty(block, found.samples):
             console.say(f"{place}: {known}")
 
 
@@ -181,16 +182,23 @@ def at_bound(block: FittedBlock) -> str:
     return f"{len(block.at_bound)} of {block.count} at a bound, {ends}{unit} (--bounds){which}"
 
 
-def certainty(block: FittedBlock) -> str:
-    """What is known of the values of a block, and what is not; empty where neither was looked for."""
+def certainty(block: FittedBlock, samples: Samples | None = None) -> str:
+    """What is known of the values of a block, and what is not; empty where neither was looked for. `samples`: those
+    that the intervals are by.
+    """
     parts = [f"{counted(block.count, 'value', 'values')}"]
     if any(block.interval):
-        parts.append(f"{accuracy(block)} ({'median ' if block.count > 1 else ''}95 % interval)")
+        parts.append(f"{accuracy(block)} ({'median ' if block.count > 1 else ''}95 % interval{by_samples(samples)})")
     if block.unidentifiable:
         parts.append(f"{len(block.unidentifiable)} not shown by the motion: {indices(block.unidentifiable)}")
     if block.unmoved:
         parts.append(f"{len(block.unmoved)} did not move: {indices(block.unmoved)}")
     return ", ".join(parts) if len(parts) > 1 else ""
+
+
+def by_samples(samples: Samples | None) -> str:
+    """That intervals are by samples, and how accurate they are, as the end of a sentence."""
+    return f", by {samples.count} samples, to {percent(samples.accuracy)}" if samples else ""
 
 
 def accuracy(block: FittedBlock) -> str:
@@ -230,6 +238,7 @@ def summary(scene: Scene, found: Fit, out: Output) -> dict[str, Any]:
         "markers": found.markers and [each.summary(scene.vertex_counts) for each in found.markers],
         "parameters": [asdict(block) for block in found.parameters],
         "correlations": [asdict(each) for each in found.correlations],
+        "samples": found.samples and asdict(found.samples),
         "warnings": found.warnings,
         "output": out.path,
     }

@@ -100,6 +100,34 @@ class Prior:
             found.append((B, inverse(B.T @ B + np.diag(ratio))))
         return tuple(found)
 
+    def times(self, z: Array) -> Array:
+        """A z (Q,), with A that of `matrix` for σ² = 1, which is not formed."""
+        out = np.zeros(len(z))
+        for group, (own, *_), (B, inner) in zip(self.groups, self.widths, self._shared, strict=True):
+            away = z[group] - (z[group].mean() if self.learns else 0.0)
+            out[group] = (away - B @ (inner @ (B.T @ away))) / own**2
+        return out
+
+    def drawn(self, generator: np.random.Generator) -> Array:
+        """A deviation (Q,) from the centre as the belief expects it, without what is free."""
+        z = np.zeros(len(self.centre))
+        for group, (own, *more), patterns in zip(self.groups, self.widths, self._patterns, strict=True):
+            if not np.isfinite(own):  # nothing is believed
+                continue
+            z[group] = own * generator.standard_normal(len(group))
+            for tau, B in zip(more, patterns, strict=True):
+                z[group] += tau * (B @ generator.standard_normal(B.shape[1]))
+            z[group] -= z[group].mean() if self.learns else 0.0
+        return z
+
+    @property
+    def believed(self) -> Array:
+        """The reciprocal squares (Q,) of the widths of single values; 0 of values that nothing is believed of."""
+        out = np.zeros(len(self.centre))
+        for group, (own, *_) in zip(self.groups, self.widths, strict=True):
+            out[group] = 1.0 / own**2
+        return out
+
     def deviation(self, y: Array, group: Indices) -> Array:
         """y − y₀ of one group, without its mean where that is free."""
         away = y[group] - self.centre[group]

@@ -1,5 +1,7 @@
 """The belief about how values scatter: its penalty, and the width that it learns."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -172,3 +174,30 @@ def test_nothing_is_printed_about_matrices_that_have_no_inverse(capfd, matrix):
     learned, _ = prior.learned(matrix, np.zeros(size), np.zeros(size), 1.0, 10)
     assert learned.tau == prior.tau
     assert capfd.readouterr() == ("", "")
+
+
+def patterned(learns):
+    """A prior of two groups, of which one has patterns where they are learned, and a coordinate beside them."""
+    rng = np.random.default_rng(4)
+    groups = [np.array([0, 2, 4, 6, 8]), np.array([1, 3, 5])]
+    shapes = [(rng.normal(size=(5, 2)), rng.normal(size=(5, 1))), ()]
+    prior = first(rng.normal(size=10), groups, None if learns else 0.4, shapes)
+    return replace(prior, tau=(0.5, 0.8, 0.3, 0.2)) if learns else prior
+
+
+@pytest.mark.parametrize("learns", [True, False])
+def test_products_with_its_matrix_need_no_matrix(learns):
+    prior, z = patterned(learns), np.random.default_rng(5).normal(size=10)
+    np.testing.assert_allclose(prior.times(z), prior.matrix(1.0) @ z, atol=1e-12)
+    own = np.isin(np.arange(10), np.concatenate(prior.groups))
+    assert ((prior.believed > 0) == own).all()
+
+
+@pytest.mark.parametrize("learns", [True, False])
+def test_draws_scatter_as_it_says(learns):
+    prior, rng, count = patterned(learns), np.random.default_rng(6), 20_000
+    draws = np.stack([prior.drawn(rng) for _ in range(count)], axis=1)
+    A = prior.matrix(1.0)
+    found = A @ (draws @ draws.T / count) @ A  # A Σ A = A where Σ is its inverse but for what is free
+    # entries of a sample covariance are good to sqrt(2 / 20,000) = 1 % of their size; five of these
+    np.testing.assert_allclose(found, A, atol=0.05 * np.abs(A).max())
