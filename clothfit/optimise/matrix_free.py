@@ -2,10 +2,11 @@
 
 Each iteration solves for the step from products with J and Jᵀ (`products`), some dozens of sweeps along the motion. Two
 samples of the posterior go along (`sampling`): the directions that they ask for are good for the step as well, and they
-say how many combinations γ of the n values of a group the data determine, from which its width follows (D. MacKay,
-Bayesian interpolation, Neural Computation 4, 1992):
+say how many of the n values of an effect u (`priors.prior`) the data determine, from which its width follows:
 
-    τ² = |P (y − y₀)|² / γ,    γ = n − 1 − tr P C / τ²,    P the projection to what has no mean
+    τ² = |u|² / γ,    γ = n − tr C / τ²,    C the covariance of u in the posterior
+
+D. J. C. MacKay, Bayesian interpolation, Neural Computation 4, 1992.
 
 A step that is too long for its trust region is the best one of the space that its solution has spanned. It ends as
 `gauss_newton` does, where another step would save little beside the noise.
@@ -14,7 +15,6 @@ A step that is too long for its trust region is the best one of the space that i
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from clothfit.base.arrays import Array, Flags
 from clothfit.motion.divergence import Diverged
 from clothfit.optimise.gauss_newton import EACH, ENOUGH, FIRST_RADIUS, GOOD, LEFT, MOST, POOR, SMALL, SMALLEST
 from clothfit.optimise.priors.evidence import variance
-from clothfit.optimise.priors.prior import FIRST_TAU, NARROWEST, WIDEST, Prior
+from clothfit.optimise.priors.prior import Prior
 from clothfit.optimise.products import Products
 from clothfit.optimise.sampling import Sampling
 from clothfit.optimise.status import Status
@@ -71,7 +71,7 @@ def fits(part: Trajectory) -> bool:
 
 def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Array, Prior, Status]:
     """Go down from y (Q,); returns the last point, the prior that it learned and how it ended. Raises Stop."""
-    prior, radius = prior.alone(FIRST_TAU), FIRST_RADIUS * np.sqrt(max(part.size, 1))
+    prior, radius = prior.reopened(), FIRST_RADIUS * np.sqrt(max(part.size, 1))
     generator, cost, last = np.random.default_rng(part.size), part.cost(y), np.inf
     determined = 0.5 * part.size
     tolerance = max(TOLERANCE, part.objective.tolerance)
@@ -105,7 +105,8 @@ def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Arr
         radius = WIDER * radius if saved > GOOD * predicted else radius / WIDER if saved < POOR * predicted else radius
         slow = found > (1.0 - LATE) * cost and part.search.is_late
         y, cost = new, found
-        prior = widened(prior, y, sampling) if prior.learns else prior
+        if prior.learns:
+            prior = prior.rescaled(y - prior.centre, list(sampling.samples.T), 1.0 / WIDER, WIDER)
         if whole:
             part.search.advance(part.parameters(y))
         part.search.report()
@@ -132,14 +133,3 @@ def rounds(sampling: Sampling, least: float, waiting: Callable[[], None]) -> flo
 def at_ends(y: Array, lower: Array, upper: Array) -> tuple[Flags, Flags]:
     """Which coordinates (Q,) are at their ends."""
     return y <= lower, y >= upper
-
-
-def widened(prior: Prior, y: Array, sampling: Sampling) -> Prior:
-    """The prior with the widths that follow from the values y (Q,) and from samples."""
-    found = list[float]()
-    for group, tau in zip(prior.groups, prior.tau, strict=True):
-        away, left = prior.deviation(y, group), sampling.samples[group] - sampling.samples[group].mean(axis=0)
-        determined = len(group) - 1 - float((left**2).sum()) / sampling.count / tau**2
-        new = np.sqrt(float(away @ away) / max(determined, 1.0))
-        found.append(float(np.clip(new, max(tau / WIDER, NARROWEST), min(tau * WIDER, WIDEST))))
-    return replace(prior, tau=tuple(found))

@@ -41,8 +41,8 @@ FABRIC = ("mass", "stiffness", "rest")
 """Kinds whose values scatter around a fabric's."""
 
 PATTERNED = 1200
-"""Values of one cloth, at most, whose patterns are asked for: the widths of more take longer to learn than a model to
-compute. Those of cloths that do not touch are learned apart.
+"""Values of one cloth, at most, whose patterns are asked for where there is a dense model: the widths of more take
+longer to learn than a model to compute. Those of cloths that do not touch are learned apart.
 """
 
 MOSTLY = 0.5
@@ -208,7 +208,7 @@ class Trajectory:
         """
         place, cloths = np.cumsum(self.fitted) - 1, self.objective.scene.cloths
         groups, shared = [], list[tuple[Array, ...]]()
-        patterned = tau is None and self.largest() <= PATTERNED
+        patterned = tau is None and (self.largest() <= PATTERNED or self.operations() > LARGEST)
         for block in self.objective.blocks:
             own = np.flatnonzero(self.fitted[block.part])
             if ((block.mode == "L" and block.name in FABRIC) or tau is not None) and len(own):

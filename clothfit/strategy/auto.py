@@ -174,11 +174,11 @@ def centre_of(search: Search) -> Array:
 
 
 def by_products(search: Search, tau: float | None) -> Status:
-    """Fit single values from the best point of coarser models, by products alone, and note what that has come to. The
-    values scatter around those of the coarser ones. Raises Stop.
+    """Fit single values from the best point of coarser models, by products alone, and note what that has come to.
+    Raises Stop.
     """
-    began, p = time.monotonic(), search.best.p
-    status = by_gauss_newton(search, p, p, tau, windows=False)
+    began = time.monotonic()
+    status = by_gauss_newton(search, search.best.p, centre_of(search), tau, windows=False)
     search.climbed(ladder.reached(search, "L", time.monotonic() - began))
     return status
 

@@ -14,12 +14,13 @@ from clothfit.motion.motion import Motion, as_motion
 from clothfit.motion.simulate import simulate
 from clothfit.objective.identifiability import identifiable
 from clothfit.objective.objective import Objective
+from clothfit.optimise import trajectory
 from clothfit.optimise.momentum import TREATMENTS
 from clothfit.optimise.search import Search
 from clothfit.optimise.status import Stop
 from clothfit.scene.fit_vector import parameters
 from clothfit.scene.scene import load
-from clothfit.strategy import trajectory_fit
+from clothfit.strategy import auto, trajectory_fit
 from clothfit.strategy.auto import SolvedLooser, balances_can_hold, by_momentum, check_tolerance, find
 from clothfit.strategy.trajectory_fit import (
     FAR_ERROR,
@@ -332,3 +333,23 @@ def test_an_exact_momentum_fit_ends_a_long_fit_of_many_values(monkeypatch):
     np.testing.assert_allclose(parameters(fit.scene)[known], parameters(made)[known], rtol=1e-5)
     noisy = estimate(made, degrade(target, noise=1e-3), start=7.0, max_evaluations=12)
     assert noisy.evaluations > 4
+
+
+def test_too_many_values_for_a_matrix_go_on_from_smooth_maps_by_products(monkeypatch):
+    noise, made = 1e-3, load(trial("nL", 40))
+    for module in (trajectory, trajectory_fit, auto):
+        monkeypatch.setattr(module, "LARGEST", 0.0)
+    stages = []
+    found = estimate(made, degrade(record_target(made), noise, seed=1), start=10.0,
+                     on_progress=lambda progress: stages.append(progress.stage))  # fmt: skip
+    assert found.status == "converged"
+    assert "matrix-free" in stages
+    assert "gauss-newton" not in stages[stages.index("matrix-free") :]
+    assert [rung.model for rung in found.ladder][-1] == "L"
+    assert found.ladder[-1].rmse == pytest.approx(found.rmse, rel=1e-9)  # nothing comes after it
+    # 40 × 14 × 3 numbers, 33 fitted: the mean of so many squares scatters by 3.5 %
+    assert noise * np.sqrt(3) * 0.9 < found.rmse < noise * np.sqrt(3) * 1.1
+    assert found.samples is not None
+    ends = np.array([pair or (-np.inf, np.inf) for pair in found.parameters[0].interval])
+    true = parameters(made)
+    assert np.mean((ends[:, 0] <= true) & (true <= ends[:, 1])) > 0.8  # 95 % of 33, that depend on each other

@@ -120,6 +120,24 @@ class Prior:
             z[group] -= z[group].mean() if self.learns else 0.0
         return z
 
+    def rescaled(self, z: Array, scatter: Sequence[Array], least: float, most: float) -> Prior:
+        """The widths that follow from a deviation z (Q,) from the centre and samples of it, as `scatter` around that:
+        each τₖ² = |uₖ|² / γₖ, of the expected uₖ of z and γₖ of its values that the data determine (MacKay's rule). A
+        width changes by a factor from `least` to `most`.
+        """
+        found, A, means = list[float](), self.times(z), [self.times(x) for x in scatter]
+        for group, widths, patterns, (B, inner) in zip(
+            self.groups, self.widths, self._patterns, self._shared, strict=True
+        ):
+            for tau, pattern in zip(widths, (None, *patterns), strict=True):
+                size, seen = effect(pattern, A[group]), [effect(pattern, each[group]) for each in means]
+                rest = trace(pattern, B, inner, len(group), self.learns) / widths[0] ** 2
+                count = len(size) - (pattern is None and self.learns)
+                left = count - tau**2 * rest + tau**2 * float(np.mean([each @ each for each in seen]))
+                new = tau**2 * float(np.linalg.norm(size)) / np.sqrt(max(count - left, 1.0))
+                found.append(float(np.clip(new, max(tau * least, NARROWEST), min(tau * most, WIDEST))))
+        return replace(self, tau=tuple(found))
+
     @property
     def believed(self) -> Array:
         """The reciprocal squares (Q,) of the widths of single values; 0 of values that nothing is believed of."""
@@ -190,6 +208,20 @@ class Prior:
             determined = float((H * covariance).sum())  # γ = tr(H (H + A)⁻¹)
             sigma2 = variance(cost + float(2.0 * g @ step + step @ H @ step), count, determined)
         return sigma2
+
+
+def effect(pattern: Array | None, z: Array) -> Array:
+    """Bᵀ z of a pattern B (n, ·), or of single values."""
+    return z if pattern is None else np.asarray(pattern.T @ z)
+
+
+def trace(pattern: Array | None, B: Array, inner: Array, count: int, learns: bool) -> float:
+    """tr Bₖᵀ (P − B inner Bᵀ) Bₖ of a pattern Bₖ (n, ·), or of single values."""
+    if pattern is None:
+        return float(count - learns - np.vdot(inner, B.T @ B))
+    own = pattern - pattern.mean(axis=0) * learns
+    along = B.T @ own
+    return float(np.vdot(own, own) - np.vdot(along, inner @ along))
 
 
 def symmetric(matrix: Array) -> Array:

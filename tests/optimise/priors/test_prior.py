@@ -201,3 +201,36 @@ def test_draws_scatter_as_it_says(learns):
     found = A @ (draws @ draws.T / count) @ A  # A Σ A = A where Σ is its inverse but for what is free
     # entries of a sample covariance are good to sqrt(2 / 20,000) = 1 % of their size; five of these
     np.testing.assert_allclose(found, A, atol=0.05 * np.abs(A).max())
+
+
+def test_widths_follow_from_samples_as_from_the_whole_posterior():
+    prior, rng, sigma2 = patterned(True), np.random.default_rng(7), 0.01
+    J = rng.normal(size=(12, 10))
+    H, y = J.T @ J, prior.centre + rng.normal(size=10)
+    covariance = sigma2 * np.linalg.inv(H + prior.matrix(sigma2))
+    scatter = rng.multivariate_normal(np.zeros(10), covariance, size=40_000)
+    found = prior.rescaled(y - prior.centre, list(scatter), 1e-9, 1e9).tau
+    # all effects at once: y − y₀ = E u + what is free, with their own precision
+    effects, expected = [], []
+    for group, widths, shapes in zip(prior.groups, prior.widths, [*prior.patterns], strict=True):
+        for tau, B in zip(widths, (np.eye(len(group)), *shapes), strict=True):
+            wide = np.zeros((10, B.shape[1]))
+            wide[group] = B
+            effects.append((wide, tau))
+    free = np.zeros((10, 4))
+    for i, group in enumerate(prior.groups):
+        free[group, i] = 1.0
+    free[7, 2], free[9, 3] = 1.0, 1.0
+    E = np.concatenate([*(wide for wide, _ in effects), free], axis=1)
+    precision = np.concatenate([*(np.full(wide.shape[1], tau**-2.0) for wide, tau in effects), np.zeros(4)])
+    C = np.linalg.pinv(E.T @ H @ E / sigma2 + np.diag(precision))
+    A = prior.matrix(1.0)
+    start = 0
+    for wide, tau in effects:
+        own, size = np.diag(C)[start : start + wide.shape[1]], tau**2 * wide.T @ A @ (y - prior.centre)
+        expected.append(np.linalg.norm(size) / np.sqrt(max(wide.shape[1] - own.sum() / tau**2, 1.0)))
+        start += wide.shape[1]
+    # |u|² of samples is good to sqrt(2 / 40,000) = 0.7 % of n at most, and γ, 1 or more, is n less it, n up to 5
+    assert len(found) == len(expected) == 5 - 1
+    for mine, theirs in zip(found, expected, strict=True):
+        assert mine == pytest.approx(theirs, rel=0.05)
