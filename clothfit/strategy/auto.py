@@ -150,7 +150,7 @@ def by_ladder(
     if status is not None:
         return status
     fine, begin = left[len(coarse):], [search.best.p] if coarse else starts
-    if too_many(search) and fine:
+    if too_many(search) and "L" in fine:
         ladder.climb(search, fine[:-1], begin)
         if np.isfinite(search.best.cost) and not is_far(search):
             return by_products(search, tau)
