@@ -41,7 +41,7 @@ where the time is up.
 SHARE, LEAST = 1.0, 30.0
 """Seconds that they may take, relative to those of the fit; and at least."""
 
-ROUNDS = 100
+ROUNDS = 60
 
 COPIES = 3
 """Arrays of all directions that a round works with."""
@@ -122,5 +122,5 @@ def held(search: Search) -> tuple[Flags, Flags]:
 
 
 def fits(part: Trajectory) -> bool:
-    """Whether a hundred directions for each sample fit into what the objective may hold."""
-    return 8 * COPIES * 2 * part.size * SAMPLES * ROUNDS // 2 <= part.objective.room
+    """Whether all directions fit into what the objective may hold."""
+    return 8 * COPIES * part.size * (SAMPLES + 1) * ROUNDS <= part.objective.room

@@ -40,9 +40,9 @@ ROUNDS, FEWEST_ROUNDS = 60, 5
 FEW = 3 * ROUNDS
 """Values up to which the step is solved whole."""
 
-SAVED, FINELY = 0.05, 0.002
-"""Share of what a step saves that another round must add: at first, and near the end, where a step saves less than a
-fiftieth of the cost.
+SAVED, FINELY = 0.05, 0.01
+"""Share of what a step saves that another round must add: at first, and near the end, where the step before saved less
+than a tenth of the cost.
 """
 
 TOLERANCE = 1e-7

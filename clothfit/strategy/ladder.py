@@ -98,15 +98,15 @@ def count(scene: Scene) -> int:
     return sum(block.count for block in scene.blocks)
 
 
-def climb(search: Search, wanted: Sequence[str], starts: Sequence[Array] = ()) -> None:
+def climb(search: Search, wanted: Sequence[str], starts: Sequence[Array] = (), more: bool = False) -> None:
     """Fit models of a search one after the other, each from the best point before; the windows of the first go from
-    `starts` (P,), where there are any. Raises Stop.
+    `starts` (P,), where there are any. Warns where it is late, unless `more` is fitted after them. Raises Stop.
     """
     for number, model in enumerate(wanted):
         if number and search.is_late:
             break
         rung(search, model, [search.best.p] if number else starts)
-    if search.is_late:
+    if search.is_late and not more:
         search.warn(f"the fit ended after {search.longest:g} s, short of the target; --budget gives it more")
 
 
