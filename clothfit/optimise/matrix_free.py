@@ -52,7 +52,7 @@ SLOW, ROUGH = 1e-4, 1e-3
 """Saving relative to the cost that ends a fit; and one of a part."""
 
 LATE = 0.01
-"""Saving relative to the cost that ends a fit which is late."""
+"""Saving relative to the cost that ends a fit which is late, where it leaves more than noise."""
 
 WIDER = 2.0
 """Factor by which a width changes at most from one step to the next, and the radius."""
@@ -110,7 +110,7 @@ def minimise(part: Trajectory, y: Array, prior: Prior, whole: bool) -> tuple[Arr
         if whole:
             part.search.advance(part.parameters(y))
         part.search.report()
-        if slow:
+        if slow and not part.is_noise(y):
             return y, prior, Status.STALLED
     return y, prior, Status.LIMIT
 
